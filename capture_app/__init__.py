@@ -1,0 +1,3 @@
+"""Take pictures of the same instant with many ordinary cameras."""
+
+__version__ = "0.1.0"

@@ -1,0 +1,1 @@
+"""Camera drivers behind one interface; a backend is imported when it is asked for."""

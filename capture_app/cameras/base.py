@@ -1,0 +1,107 @@
+"""What a camera is to a node: a stream of timestamped frames, and at best a way to move its phase."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Protocol
+
+from capture_app.sync.commands import CameraCommand
+
+
+class TimestampSource(StrEnum):
+    """The moment of a frame that the driver stamps."""
+
+    START_OF_EXPOSURE = "start-of-exposure"
+    END_OF_FRAME = "end-of-frame"
+    UNKNOWN = "unknown"
+
+
+class PhaseControl(StrEnum):
+    """How the phase of a stream can be moved."""
+
+    INJECTION = "injection"
+    RESET = "reset"
+    NONE = "none"
+
+
+@dataclass(frozen=True, slots=True)
+class CameraInfo:
+    """What a camera is and what it can do; fixed while it streams."""
+
+    kind: str
+    model: str
+    width: int
+    height: int
+    pixel_format: str
+    period_ns: int
+    timestamp_source: TimestampSource
+    phase_control: PhaseControl
+    row_time_ns: int | None = None
+    """Readout time of one row, in ns; None where it is not known."""
+    exposure_ns: int | None = None
+    min_exposure_ns: int | None = None
+    max_exposure_ns: int | None = None
+
+
+class FramePayload(Protocol):
+    """The picture of a frame, developed only when it is saved."""
+
+    def encode(self) -> bytes:
+        """Return the image file's bytes (JPEG). May take a second: call it off the event loop."""
+
+
+class GroundTruth(Protocol):
+    """What a simulated frame knows about itself that a real one does not."""
+
+    true_ns: int
+    """True start of the first row's exposure, in the host's monotonic clock."""
+
+    def encode(self) -> bytes:
+        """Return the bytes of an .npz with `depth_m` (float32 HxW), `objects` (uint8), `movers` (bool)."""
+
+
+@dataclass(frozen=True, slots=True)
+class CapturedFrame:
+    """One frame as the driver delivered it; times in ns of the node's own clock."""
+
+    sequence: int
+    """The driver's frame number since the stream started; a gap is a dropped frame."""
+    stream: int
+    """Counts the stream's starts: sequence numbers compare only within one stream."""
+    timestamp_ns: int
+    payload: FramePayload
+    exposure_ns: int | None = None
+    gain: float | None = None
+    white_balance: tuple[float, float] | None = None
+    """Red and blue gains over green."""
+    truth: GroundTruth | None = None
+
+
+OnFrame = Callable[[CapturedFrame], None]
+OnFailure = Callable[[Exception], None]
+
+
+class Camera(ABC):
+    """A camera driver. All methods are called on the event loop and must not block it."""
+
+    @property
+    @abstractmethod
+    def info(self) -> CameraInfo:
+        """What this camera can do, known once it is open."""
+
+    @abstractmethod
+    async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
+        """Start streaming; `on_frame` is called on the event loop for each frame in order.
+
+        `on_failure` is called once if the device goes away while streaming.
+        Raises CameraError where the device is missing, busy or refuses its settings.
+        """
+
+    @abstractmethod
+    async def apply(self, command: CameraCommand) -> None:
+        """Carry out a phase command; returns when the device has taken it, not when it took effect."""
+
+    @abstractmethod
+    async def stop(self) -> None:
+        """Stop streaming and let go of the device. Calling it twice is harmless."""

@@ -1,0 +1,61 @@
+"""Every mistake a user can make ends here: one clear line and one exit code."""
+
+from enum import IntEnum
+
+
+class ExitCode(IntEnum):
+    """Exit codes of both commands."""
+
+    OK = 0
+    FAILURE = 1
+    USAGE = 2
+    BAD_INPUT = 3
+    NO_CAMERA = 4
+    NETWORK = 5
+    NOT_AVAILABLE = 6
+    INCOMPLETE = 7
+    INTERRUPTED = 130
+
+
+class SimulshotError(Exception):
+    """An error that a user can act on: what is wrong and where, and what to do next."""
+
+    exit_code = ExitCode.FAILURE
+
+    def __init__(self, what: str, *, hint: str = "") -> None:
+        super().__init__(what)
+        self.what = what
+        self.hint = hint
+
+    def __str__(self) -> str:
+        return f"{self.what} ({self.hint})" if self.hint else self.what
+
+
+class BadInputError(SimulshotError):
+    """A file, folder, session or value that cannot be used as it is."""
+
+    exit_code = ExitCode.BAD_INPUT
+
+
+class CameraError(SimulshotError):
+    """A camera that is missing, busy, or cannot do what was asked."""
+
+    exit_code = ExitCode.NO_CAMERA
+
+
+class NetworkError(SimulshotError):
+    """A port in use, a leader that does not answer, a broken transfer."""
+
+    exit_code = ExitCode.NETWORK
+
+
+class NotAvailableError(SimulshotError):
+    """Something this machine or installation does not have."""
+
+    exit_code = ExitCode.NOT_AVAILABLE
+
+
+class IncompleteError(SimulshotError):
+    """A burst or a session that lacks images."""
+
+    exit_code = ExitCode.INCOMPLETE

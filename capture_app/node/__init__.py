@@ -1,0 +1,1 @@
+"""Leader and client as running things: an engine, a camera, a network, a status."""

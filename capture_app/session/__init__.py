@@ -1,0 +1,1 @@
+"""The session on disk: the only bridge between capture and everything after it."""

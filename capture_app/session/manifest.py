@@ -1,0 +1,123 @@
+"""The manifest of a session, `session.json`: one burst of one rig, with the error bar of every image."""
+
+from typing import Annotated
+
+from msgspec import Meta, Struct
+
+SCHEMA_VERSION = 1
+MANIFEST = "session.json"
+JOURNAL = "journal.ndjson"
+EVENTS = "events.ndjson"
+CALIBRATION = "calibration.json"
+GROUND_TRUTH = "ground_truth"
+RIG = "rig1"
+
+Count = Annotated[int, Meta(ge=0)]
+Positive = Annotated[int, Meta(gt=0)]
+Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
+"""Names of cameras and sessions become folder names: nothing that could leave the session."""
+Sha256 = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}$")]
+
+
+class _Record(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Base of all parts of the manifest."""
+
+
+class ClockRecord(_Record):
+    """A camera's clock against the leader's when the burst was taken."""
+
+    epoch_local_ns: int
+    offset_ns: int
+    skew_ppm: float
+    uncertainty_ns: Count
+    hard_bound_ns: Count
+    round_trip_ns: Count
+    samples: Count
+
+
+class PhaseRecord(_Record):
+    """How a camera's stream was moved onto the rig's grid of instants."""
+
+    control: str
+    residual_ns: int
+    period_ns: Positive
+    drift_ppm: float
+    corrections: Count
+    uncertainty_ns: Count | None = None
+
+
+class CameraRecord(_Record):
+    """One camera of the rig; `row_time_ns` is the readout time of one row."""
+
+    name: Name
+    kind: str
+    model: str
+    width: Positive
+    height: Positive
+    period_ns: Positive
+    timestamp_source: str
+    row_time_ns: Count | None = None
+    clock: ClockRecord | None = None
+    phase: PhaseRecord | None = None
+
+
+class BurstRecord(_Record):
+    """The instants of the burst, in ns of the leader's clock, and what was asked for."""
+
+    instants_ns: tuple[int, ...]
+    period_ns: Positive
+    """Spacing of the rig's grid; instants are whole multiples of it apart."""
+    requested_ns: int | None = None
+
+
+class ImageRecord(_Record):
+    """One image: whose, of which instant, when by both clocks, how sure, and its bytes' checksum."""
+
+    camera: Name
+    instant: Count
+    path: str
+    leader_ns: int
+    bytes: Positive
+    sha256: Sha256
+    local_ns: int | None = None
+    residual_ns: int = 0
+    """leader_ns minus the instant's time."""
+    uncertainty_ns: Count | None = None
+    hard_bound_ns: Count | None = None
+    exposure_ns: Count | None = None
+    gain: float | None = None
+    white_balance: tuple[float, float] | None = None
+    sequence: Count | None = None
+    dropped: bool = False
+    """The frame nearest to the instant was dropped by the camera; this is the next best one."""
+
+
+class MissingImage(_Record):
+    """An image that was asked for and never came, and why."""
+
+    camera: Name
+    instant: Count
+    reason: str
+
+
+class Manifest(_Record):
+    """`session.json`: written last, so that its presence means that the session is complete."""
+
+    name: Name
+    created: str
+    """RFC 3339, UTC."""
+    origin: str
+    """captured, simulated or imported."""
+    software: str
+    cameras: tuple[CameraRecord, ...]
+    burst: BurstRecord
+    images: tuple[ImageRecord, ...]
+    missing: tuple[MissingImage, ...] = ()
+    rig: Name = RIG
+    schema_version: int = SCHEMA_VERSION
+    note: str = ""
+
+
+def image_path(camera: str, instant: int, suffix: str = ".jpg") -> str:
+    """Path of an image inside its session: the same file name is the same instant (COLMAP's rigs)."""
+    return f"images/{RIG}/{camera}/{instant:06d}{suffix}"

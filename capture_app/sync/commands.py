@@ -1,0 +1,20 @@
+"""What the engine asks of a camera."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class InjectFrame:
+    """Take one frame with this longer exposure, then go on as before (frame injection)."""
+
+    exposure_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class RestartStream:
+    """Stop the stream, wait, and start it again (reset sampling)."""
+
+    delay_ns: int
+
+
+CameraCommand = InjectFrame | RestartStream

@@ -1,0 +1,59 @@
+"""The map from a node's own clock to the leader's, with its error bars."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class TimeMap:
+    """Leader time as a line over local time: leader = local + offset + skew * (local - epoch).
+
+    `uncertainty_ns` (95 %) and `hard_bound_ns` hold at `epoch_local_ns`; both grow away from it, by
+    `skew_uncertainty` and `skew_bound` (dimensionless, ns per ns) times the distance.
+    """
+
+    epoch_local_ns: int
+    offset_ns: int
+    skew: float
+    uncertainty_ns: float
+    hard_bound_ns: float
+    skew_uncertainty: float
+    skew_bound: float
+    samples: int
+    round_trip_ns: int
+
+    def leader_from_local(self, local_ns: int) -> int:
+        """Leader time in ns of a local time in ns."""
+        return local_ns + self.offset_ns + round(self.skew * (local_ns - self.epoch_local_ns))
+
+    def local_from_leader(self, leader_ns: int) -> int:
+        """Local time in ns of a leader time in ns, the inverse of `leader_from_local` to 1 ns."""
+        since_epoch = leader_ns - self.offset_ns - self.epoch_local_ns
+        return self.epoch_local_ns + round(since_epoch - since_epoch * self.skew / (1.0 + self.skew))
+
+    def uncertainty_at(self, local_ns: int) -> float:
+        """Estimated 95 % error of `leader_from_local(local_ns)`, in ns."""
+        return self.uncertainty_ns + self.skew_uncertainty * abs(local_ns - self.epoch_local_ns)
+
+    def hard_bound_at(self, local_ns: int) -> float:
+        """The most that `leader_from_local(local_ns)` can be wrong, in ns, link asymmetry included."""
+        return self.hard_bound_ns + self.skew_bound * abs(local_ns - self.epoch_local_ns)
+
+
+@dataclass(frozen=True, slots=True)
+class Goal:
+    """The grid of instants all cameras are moved onto: anchor + k * period, in leader time."""
+
+    anchor_leader_ns: int
+    period_ns: int
+
+    def index_of(self, leader_ns: int) -> int:
+        """Number of the grid instant nearest to a leader time."""
+        return (leader_ns - self.anchor_leader_ns + self.period_ns // 2) // self.period_ns
+
+    def instant(self, index: int) -> int:
+        """Leader time in ns of the grid instant of that number."""
+        return self.anchor_leader_ns + index * self.period_ns
+
+    def phase_error(self, leader_ns: int) -> int:
+        """Distance in ns from the nearest grid instant, in [-period/2, period/2)."""
+        return leader_ns - self.instant(self.index_of(leader_ns))

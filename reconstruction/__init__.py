@@ -1,0 +1,1 @@
+"""Reconstruct recorded sessions and compare synchronized with offset frames."""

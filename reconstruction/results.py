@@ -7,7 +7,7 @@ class _Result(Struct, frozen=True, kw_only=True):
     """Base of all results."""
 
 
-class DepthScores(_Result):
+class DepthScores(_Result, frozen=True, kw_only=True):
     """Stereo depth in one condition; shares are of all pixels of that kind, empty ones counted as wrong.
 
     Movers are pixels of moving things, static ones the rest. `*_within_2pct` need ground truth.
@@ -26,7 +26,7 @@ class DepthScores(_Result):
     instants: int = 0
 
 
-class Picture(_Result):
+class Picture(_Result, frozen=True, kw_only=True):
     """One picture of the comparison: paths relative to the output folder."""
 
     key: str
@@ -36,7 +36,7 @@ class Picture(_Result):
     caption: str = ""
 
 
-class StereoResult(_Result):
+class StereoResult(_Result, frozen=True, kw_only=True):
     """Depth from a rectified pair, synchronized and offset."""
 
     reference: str
@@ -46,7 +46,7 @@ class StereoResult(_Result):
     per_instant: tuple[dict[str, float | int | None], ...] = ()
 
 
-class StitchScores(_Result):
+class StitchScores(_Result, frozen=True, kw_only=True):
     """A panorama in one condition, judged in the overlap before blending."""
 
     overlap_flow_p95_px: float
@@ -56,7 +56,7 @@ class StitchScores(_Result):
     instants: int = 0
 
 
-class StitchResult(_Result):
+class StitchResult(_Result, frozen=True, kw_only=True):
     """A panorama registered once and composed for each condition."""
 
     cameras: tuple[str, ...]
@@ -64,7 +64,7 @@ class StitchResult(_Result):
     offset: StitchScores
 
 
-class CompareResult(_Result):
+class CompareResult(_Result, frozen=True, kw_only=True):
     """Everything `reconstruct compare` found; written as `metrics.json` and printed by --json."""
 
     session: str

@@ -23,7 +23,7 @@ class _Record(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Base of all parts of the manifest."""
 
 
-class ClockRecord(_Record):
+class ClockRecord(_Record, frozen=True, kw_only=True):
     """A camera's clock against the leader's when the burst was taken."""
 
     epoch_local_ns: int
@@ -35,7 +35,7 @@ class ClockRecord(_Record):
     samples: Count
 
 
-class PhaseRecord(_Record):
+class PhaseRecord(_Record, frozen=True, kw_only=True):
     """How a camera's stream was moved onto the rig's grid of instants."""
 
     control: str
@@ -46,7 +46,7 @@ class PhaseRecord(_Record):
     uncertainty_ns: Count | None = None
 
 
-class CameraRecord(_Record):
+class CameraRecord(_Record, frozen=True, kw_only=True):
     """One camera of the rig; `row_time_ns` is the readout time of one row."""
 
     name: Name
@@ -61,7 +61,7 @@ class CameraRecord(_Record):
     phase: PhaseRecord | None = None
 
 
-class BurstRecord(_Record):
+class BurstRecord(_Record, frozen=True, kw_only=True):
     """The instants of the burst, in ns of the leader's clock, and what was asked for."""
 
     instants_ns: tuple[int, ...]
@@ -70,7 +70,7 @@ class BurstRecord(_Record):
     requested_ns: int | None = None
 
 
-class ImageRecord(_Record):
+class ImageRecord(_Record, frozen=True, kw_only=True):
     """One image: whose, of which instant, when by both clocks, how sure, and its bytes' checksum."""
 
     camera: Name
@@ -92,7 +92,7 @@ class ImageRecord(_Record):
     """The frame nearest to the instant was dropped by the camera; this is the next best one."""
 
 
-class MissingImage(_Record):
+class MissingImage(_Record, frozen=True, kw_only=True):
     """An image that was asked for and never came, and why."""
 
     camera: Name
@@ -100,7 +100,7 @@ class MissingImage(_Record):
     reason: str
 
 
-class Manifest(_Record):
+class Manifest(_Record, frozen=True, kw_only=True):
     """`session.json`: written last, so that its presence means that the session is complete."""
 
     name: Name

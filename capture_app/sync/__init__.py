@@ -1,1 +1,1 @@
-"""The sync engine, sans-IO: bytes, frame timestamps and `now_ns` in; bytes, camera commands and events out."""
+"""The sync engine, sans-IO: bytes, timestamps and `now_ns` in; bytes, commands and events out."""

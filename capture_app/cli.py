@@ -1,0 +1,6 @@
+"""The command `capture-app`."""
+
+
+def main() -> None:
+    """Run the command line."""
+    raise SystemExit("not built yet")

@@ -1,0 +1,119 @@
+"""The clocks of nodes: the host's own, or a simulated one that is hours off and runs a little fast or slow.
+
+True time (`true_ns`) is the host's CLOCK_MONOTONIC, which all processes of one machine share, so that the
+error of an estimate made between simulated nodes is known. Only `now_ns` reads a clock.
+"""
+
+import random
+import time
+from dataclasses import dataclass
+from typing import Protocol
+
+from capture_app.errors import BadInputError
+
+MAX_SKEW_PPM = 1000.0
+MAX_OFFSET_S = 10.0 * 365 * 86400
+SEEDED_SKEW_PPM = 50.0
+SEEDED_OFFSET_S = (3600.0, 36000.0)
+_UNIT = 10**12
+_HINT = "use host, sim, or sim:offset_s=7200,skew_ppm=12.5"
+
+
+class NodeClock(Protocol):
+    """A node's own clock, with the map to true time that only a simulation knows."""
+
+    def local_from_true(self, true_ns: int) -> int:
+        """Reading of this clock in ns at a true time in ns."""
+
+    def true_from_local(self, local_ns: int) -> int:
+        """True time in ns of a reading in ns, the inverse of `local_from_true` to 1 ns."""
+
+    def now_ns(self) -> int:
+        """Reading of this clock now, in ns."""
+
+
+@dataclass(frozen=True, slots=True)
+class HostClock:
+    """The host's monotonic clock, unchanged."""
+
+    def local_from_true(self, true_ns: int) -> int:
+        """The same time, in ns."""
+        return true_ns
+
+    def true_from_local(self, local_ns: int) -> int:
+        """The same time, in ns."""
+        return local_ns
+
+    def now_ns(self) -> int:
+        """CLOCK_MONOTONIC now, in ns."""
+        return time.monotonic_ns()
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedClock:
+    """A clock that shows true + offset + skew * (true - epoch); skew in parts per million, exact to 1e-6."""
+
+    offset_ns: int
+    skew_ppm: float = 0.0
+    epoch_true_ns: int = 0
+
+    def __post_init__(self) -> None:
+        """Raise BadInputError for an offset or a skew that no clock has."""
+        if not abs(self.skew_ppm) <= MAX_SKEW_PPM:
+            raise BadInputError(f"clock skew of {self.skew_ppm:g} ppm", hint=f"at most {MAX_SKEW_PPM:g} ppm")
+
+    def local_from_true(self, true_ns: int) -> int:
+        """Reading of this clock in ns at a true time in ns."""
+        elapsed_true_ns = true_ns - self.epoch_true_ns
+        return true_ns + self.offset_ns + _divide(elapsed_true_ns * self._skew_units, _UNIT)
+
+    def true_from_local(self, local_ns: int) -> int:
+        """True time in ns of a reading in ns, the inverse of `local_from_true` to 1 ns."""
+        elapsed_local_ns = local_ns - self.offset_ns - self.epoch_true_ns
+        return self.epoch_true_ns + _divide(elapsed_local_ns * _UNIT, _UNIT + self._skew_units)
+
+    def now_ns(self) -> int:
+        """Reading of this clock now, in ns."""
+        return self.local_from_true(time.monotonic_ns())
+
+    @property
+    def _skew_units(self) -> int:
+        return round(self.skew_ppm * (_UNIT // 10**6))
+
+
+def seeded_clock(node: str) -> SimulatedClock:
+    """The clock of a node of that name: hours of offset, up to 50 ppm of skew, the same in every run."""
+    rng = random.Random(f"clock of {node}")
+    offset_ns = round(rng.uniform(*SEEDED_OFFSET_S) * 1e9)
+    return SimulatedClock(offset_ns, rng.uniform(-SEEDED_SKEW_PPM, SEEDED_SKEW_PPM))
+
+
+def parse_clock(text: str, *, node: str) -> NodeClock:
+    """Read the option `--clock`: `host`, `sim` (seeded by the node's name) or `sim:offset_s=…,skew_ppm=…`.
+
+    What is left out after `sim:` is zero. Raises BadInputError.
+    """
+    kind, colon, rest = text.strip().partition(":")
+    if kind == "host" and not colon:
+        return HostClock()
+    if kind != "sim":
+        raise BadInputError(f"unknown clock {text!r}", hint=_HINT)
+    if not colon:
+        return seeded_clock(node)
+    values = {"offset_s": 0.0, "skew_ppm": 0.0}
+    for part in rest.split(","):
+        key, equals, value = (piece.strip() for piece in part.partition("="))
+        if key not in values or not equals:
+            raise BadInputError(f"unknown clock option {part!r} in {text!r}", hint=_HINT)
+        try:
+            values[key] = float(value)
+        except ValueError:
+            raise BadInputError(f"{key} of clock {text!r} is not a number: {value!r}", hint=_HINT) from None
+    if not abs(values["offset_s"]) <= MAX_OFFSET_S:
+        raise BadInputError(f"clock offset of {values['offset_s']:g} s", hint="at most ten years")
+    return SimulatedClock(round(values["offset_s"] * 1e9), values["skew_ppm"])
+
+
+def _divide(numerator: int, denominator: int) -> int:
+    """Quotient rounded to the nearest integer; floats would lose nanoseconds after hours."""
+    return (2 * numerator + denominator) // (2 * denominator)

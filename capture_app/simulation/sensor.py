@@ -1,0 +1,224 @@
+"""A rolling-shutter image sensor in virtual time: whole rows, injected long frames, latency, noise, drops.
+
+Pure: true times in ns go in and come out, all randomness comes from the generator passed in. Frame length =
+max(frame_length_rows, floor(exposure / row_time) + margin_rows) rows, and the length of a long frame is held
+for `injection_gain` frames, as measured on real sensors.
+"""
+
+import random
+from dataclasses import dataclass
+from typing import Literal
+
+from capture_app.errors import BadInputError, CameraError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorProfile:
+    """What all devices of one model share; times in ns, lengths in rows, shares of frames in [0, 1]."""
+
+    name: str
+    model: str
+    phase_control: Literal["injection", "reset"]
+    row_time_ns: int
+    frame_length_rows: int
+    """Frame length at short exposures, blanking included: the period in rows."""
+    margin_rows: int
+    """Rows that a frame is longer than its exposure; the overhead of an injection."""
+    injection_gain: int = 1
+    """Frames that the length of a long frame is held for."""
+    image_width: int = 640
+    image_rows: int = 480
+    exposure_ns: int = 4_000_000
+    min_exposure_ns: int = 100_000
+    max_exposure_ns: int = 200_000_000
+    command_latency_frames: tuple[int, int] = (2, 4)
+    """Fewest and most frames from the one exposed when a command comes to the one that obeys it."""
+    start_latency_ns: tuple[int, int] = (0, 0)
+    """Mean and standard deviation of the time from the start command to the first frame."""
+    timestamp_noise_ns: int = 0
+    """Standard deviation of the timestamps."""
+    outlier_share: float = 0.0
+    outlier_ns: int = 1_000_000
+    """An outlier is late by up to this."""
+    drop_share: float = 0.0
+    period_error_ppm: float = 0.0
+    """Crystals of this model are off by up to this, each device by its own."""
+
+    def __post_init__(self) -> None:
+        """Raise BadInputError for values that no sensor can have."""
+        if self.injection_gain not in (1, 2, 3):
+            raise BadInputError(f"injection gain of {self.injection_gain}", hint="1, 2 or 3")
+        for share in (self.drop_share, self.outlier_share):
+            if not 0.0 <= share <= 1.0:
+                raise BadInputError(f"share of frames of {share:g}", hint="between 0 and 1")
+        if self.timestamp_noise_ns < 0 or not abs(self.period_error_ppm) <= 10_000:
+            raise BadInputError("timestamp noise below zero, or a period error above 10000 ppm")
+        longest_ns = (self.frame_length_rows - self.margin_rows) * self.row_time_ns
+        if not self.min_exposure_ns <= self.exposure_ns <= longest_ns:
+            raise BadInputError(
+                f"exposure of {self.exposure_ns / 1e6:g} ms does not fit a frame of camera model {self.name}",
+                hint=f"between {self.min_exposure_ns / 1e6:g} and {longest_ns / 1e6:g} ms",
+            )
+
+    @property
+    def period_ns(self) -> int:
+        """Nominal period of the stream."""
+        return self.frame_length_rows * self.row_time_ns
+
+    @property
+    def neutral_rows(self) -> int:
+        """Longest exposure, in rows, that does not stretch a frame (c in the shift's formula)."""
+        return self.frame_length_rows - self.margin_rows
+
+    @property
+    def overhead_ns(self) -> int:
+        """Time that a frame is longer than its exposure."""
+        return self.margin_rows * self.row_time_ns
+
+    @property
+    def readout_ns(self) -> int:
+        """Time from the first row's readout to the last row's."""
+        return self.image_rows * self.row_time_ns
+
+    def whole_rows(self, exposure_ns: int) -> int:
+        """Exposure in rows that the sensor makes of one in ns, inside its limits."""
+        return min(max(exposure_ns, self.min_exposure_ns), self.max_exposure_ns) // self.row_time_ns
+
+    def shift_ns(self, exposure_ns: int) -> int:
+        """Delay of all frames after one injected exposure E: gain * row_time * (floor(E / row_time) - c)."""
+        stretch_rows = max(0, self.whole_rows(exposure_ns) - self.neutral_rows)
+        return self.injection_gain * self.row_time_ns * stretch_rows
+
+
+@dataclass(frozen=True, slots=True)
+class SensorFrame:
+    """One frame: its true times, and the timestamp that the driver would give it; ns of true time."""
+
+    sequence: int
+    """Number since the stream started; dropped frames count."""
+    stream: int
+    """Counts the starts from 0."""
+    start_true_ns: int
+    """Start of the first row's exposure."""
+    timestamp_true_ns: int
+    """The start as stamped: with noise, sometimes an outlier."""
+    readout_end_true_ns: int
+    """The last row is read out: no driver can deliver the frame earlier."""
+    exposure_ns: int
+    dropped: bool
+    """The driver never delivers it; only the gap in the sequence shows."""
+
+
+class Sensor:
+    """One device: frames come from `next_frame` in order, commands change those that were not asked for yet.
+
+    The same generator state and the same calls give the same frames. `period_error_ppm` fixes this device's
+    crystal, else it is drawn from the profile's range.
+    """
+
+    def __init__(
+        self, profile: SensorProfile, rng: random.Random, *, period_error_ppm: float | None = None
+    ) -> None:
+        self.profile = profile
+        # Apart, so that a command changes neither the noise nor the drops of the frames that follow.
+        self._frame_rng = random.Random(rng.getrandbits(64))
+        self._command_rng = random.Random(rng.getrandbits(64))
+        self._start_rng = random.Random(rng.getrandbits(64))
+        drawn_ppm = rng.uniform(-profile.period_error_ppm, profile.period_error_ppm)
+        self.period_error_ppm = drawn_ppm if period_error_ppm is None else period_error_ppm
+        self._error_ppb = round(self.period_error_ppm * 1000)
+        self._streaming = False
+        self._stream = -1
+        self._stream_start_true_ns = 0
+        self._rows = 0
+        self._sequence = 0
+        self._exposure_rows: dict[int, int] = {}
+        self._length_rows: dict[int, int] = {}
+
+    @property
+    def streaming(self) -> bool:
+        """Whether frames come."""
+        return self._streaming
+
+    @property
+    def true_period_ns(self) -> float:
+        """Period of this device's stream in true time, its crystal's error included."""
+        return self.profile.period_ns * (1.0 + self._error_ppb * 1e-9)
+
+    def start(self, true_ns: int) -> None:
+        """Start a stream; its first frame comes after the start latency. Raises CameraError if it runs."""
+        if self._streaming:
+            raise CameraError("the simulated sensor streams already")
+        mean_ns, sd_ns = self.profile.start_latency_ns
+        self._stream_start_true_ns = true_ns + max(0, round(self._start_rng.gauss(mean_ns, sd_ns)))
+        self._stream += 1
+        self._streaming = True
+        self._rows = self._sequence = 0
+        self._exposure_rows.clear()
+        self._length_rows.clear()
+
+    def stop(self) -> None:
+        """End the stream and forget the commands under way. Calling it twice is harmless."""
+        self._streaming = False
+
+    def restart(self, true_ns: int) -> None:
+        """Stop, and start again at that time: a new stream, sequence numbers from 0."""
+        self.stop()
+        self.start(true_ns)
+
+    def inject(self, exposure_ns: int, true_ns: int) -> None:
+        """Give one coming frame this longer exposure; the command arrives at `true_ns`.
+
+        The exposure is clamped to the profile's limits and cut to whole rows. Commands obey in their order,
+        one frame each. Raises CameraError where the sensor cannot inject or does not stream.
+        """
+        if self.profile.phase_control != "injection":
+            raise CameraError(
+                f"a simulated {self.profile.name} cannot inject frames", hint="restart its stream"
+            )
+        if not self._streaming:
+            raise CameraError("the simulated sensor does not stream")
+        latency = self._command_rng.randint(*self.profile.command_latency_frames)
+        after_last = max(self._exposure_rows, default=-1) + 1
+        obeying = max(self._exposed_at(true_ns) + latency, self._sequence, after_last)
+        rows = self.profile.whole_rows(exposure_ns)
+        self._exposure_rows[obeying] = rows
+        length = rows + self.profile.margin_rows
+        for sequence in range(obeying, obeying + self.profile.injection_gain):
+            self._length_rows[sequence] = max(length, self._length_rows.get(sequence, 0))
+
+    def next_frame(self) -> SensorFrame:
+        """The stream's next frame, dropped or not. Raises CameraError if there is no stream."""
+        if not self._streaming:
+            raise CameraError("the simulated sensor does not stream")
+        profile, rng, sequence = self.profile, self._frame_rng, self._sequence
+        # The same number of draws for every frame, whatever the shares: one frame's fate moves no other's.
+        noise_ns, late_ns = (
+            rng.gauss(0.0, 1.0) * profile.timestamp_noise_ns,
+            rng.random() * profile.outlier_ns,
+        )
+        outlier, dropped = rng.random() < profile.outlier_share, rng.random() < profile.drop_share
+        start_true_ns = self._start_of(self._rows)
+        rows = self._exposure_rows.pop(sequence, profile.exposure_ns // profile.row_time_ns)
+        self._sequence += 1
+        self._rows += max(profile.frame_length_rows, self._length_rows.pop(sequence, 0))
+        exposure_ns = rows * profile.row_time_ns
+        return SensorFrame(
+            sequence=sequence,
+            stream=self._stream,
+            start_true_ns=start_true_ns,
+            timestamp_true_ns=start_true_ns + round(noise_ns + (late_ns if outlier else 0.0)),
+            readout_end_true_ns=start_true_ns + exposure_ns + profile.readout_ns,
+            exposure_ns=exposure_ns,
+            dropped=dropped,
+        )
+
+    def _start_of(self, rows: int) -> int:
+        """True start in ns of the frame that many rows into the stream; integers, so that nothing adds up."""
+        nominal_ns = rows * self.profile.row_time_ns
+        return self._stream_start_true_ns + nominal_ns + nominal_ns * self._error_ppb // 10**9
+
+    def _exposed_at(self, true_ns: int) -> int:
+        """Sequence number of the frame under way at a time near the last frame asked for."""
+        next_start_true_ns = self._start_of(self._rows)
+        return self._sequence + (true_ns - next_start_true_ns) // self.profile.period_ns

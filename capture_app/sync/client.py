@@ -1,0 +1,382 @@
+"""The client's state machine: join, synchronize the clock, align the stream, save bursts; for ever."""
+
+import random
+from collections import deque
+from dataclasses import dataclass, field
+from typing import Generic, TypeVar
+
+from capture_app.sync.aligner import Aligner
+from capture_app.sync.clock import ClockFilter, ClockSample
+from capture_app.sync.commands import CameraCommand
+from capture_app.sync.events import (
+    BurstReady,
+    CannotAlign,
+    ClientEvent,
+    ClockStepped,
+    ClockSynced,
+    FramesDropped,
+    Joined,
+    JoinRefused,
+    LeaderLost,
+    PhaseCorrected,
+)
+from capture_app.sync.messages import (
+    CameraDescription,
+    Control,
+    Goodbye,
+    Heartbeat,
+    HeartbeatAck,
+    Hello,
+    Refused,
+    Report,
+    TimeReply,
+    TimeRequest,
+    Trigger,
+    TriggerAck,
+    Unknown,
+    Welcome,
+    WireError,
+    decode,
+    encode,
+)
+from capture_app.sync.phase import FrameStamp, PhaseEstimate
+from capture_app.sync.ring_buffer import RingBuffer
+from capture_app.sync.state import NodeState
+from capture_app.sync.timebase import Goal, TimeMap
+from capture_app.sync.trigger import MAX_FRAMES, pick_frames
+
+F = TypeVar("F")
+
+_MS = 1_000_000
+HELLO_EVERY_NS = 500 * _MS
+HEARTBEAT_EVERY_NS = 500 * _MS
+LEADER_SILENT_NS = 2500 * _MS
+FIRST_SAMPLES = 300
+"""K of the paper: samples taken in quick succession before the clock counts as synchronized."""
+FIRST_PACE_NS = 3 * _MS
+PACE_NS = 25 * _MS
+OUTSTANDING = 512
+MAP_EVERY_NS = 100 * _MS
+HOLD_BEFORE_BURST_NS = 1000 * _MS
+"""No correction of the phase is begun this long before a burst: its long frame would be in the burst."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClientConfig:
+    """What a client is; times in ns."""
+
+    name: str
+    instance: int
+    camera: CameraDescription
+    tolerance_ns: int
+    ring_frames: int
+
+
+@dataclass(slots=True)
+class _Membership:
+    """What the leader told this client when it joined, and when it was last heard, local ns."""
+
+    leader: int
+    client: int
+    goal: Goal
+    heard_ns: int
+    synced: bool = False
+    outstanding: dict[int, int] = field(default_factory=dict)
+
+
+class Client(Generic[F]):
+    """One camera's side of the protocol; `F` is whatever the node keeps of a frame.
+
+    Feed it datagrams, frames and time (`now_ns`, the node's own clock); take datagrams, camera commands
+    and events out. It never raises on what the network brings.
+    """
+
+    def __init__(self, config: ClientConfig, rng: random.Random) -> None:
+        camera = config.camera
+        self.config = config
+        self.clock = ClockFilter()
+        self.aligner = Aligner(
+            control=camera.phase_control,
+            period_ns=camera.period_ns,
+            tolerance_ns=config.tolerance_ns,
+            row_time_ns=camera.row_time_ns,
+            exposure_ns=camera.exposure_ns,
+            min_exposure_ns=camera.min_exposure_ns,
+            max_exposure_ns=camera.max_exposure_ns,
+            rng=rng,
+        )
+        self.ring: RingBuffer[F] = RingBuffer(config.ring_frames)
+        self.malformed = 0
+        self.failure = ""
+        self._member: _Membership | None = None
+        self._leader_of_clock: int | None = None
+        self._why_joining = ""
+        self._time_map: TimeMap | None = None
+        self._map_due_ns = 0
+        self._sequence = rng.getrandbits(32)
+        self._hello_due_ns = 0
+        self._heartbeat_due_ns = 0
+        self._request_due_ns = 0
+        self._reported_problem = ""
+        self._triggers: dict[int, Trigger] = {}
+        self._done_bursts: deque[int] = deque(maxlen=64)
+        self._outbox: deque[Control] = deque()
+        self._request_time = False
+        self._commands: deque[CameraCommand] = deque()
+        self._events: deque[ClientEvent[F]] = deque()
+
+    # What the outside sees
+
+    @property
+    def state(self) -> NodeState:
+        """Where this client is on its way to taking pictures in step."""
+        if self.failure:
+            return NodeState.FAILED
+        if self._member is None:
+            return NodeState.JOINING
+        if not self._member.synced:
+            return NodeState.SYNCING
+        ready = self.aligner.aligned or (self.aligner.settled and self.config.camera.phase_control == "none")
+        return NodeState.READY if ready else NodeState.ALIGNING
+
+    @property
+    def time_map(self) -> TimeMap | None:
+        """The newest estimate of the leader's clock."""
+        return self._time_map
+
+    def phase(self, local_ns: int) -> PhaseEstimate | None:
+        """The stream's distance from the rig's grid at a local time in ns."""
+        if self._member is None or self._time_map is None:
+            return None
+        at_leader_ns = self._time_map.leader_from_local(local_ns)
+        return self.aligner.estimate(self._time_map, self._member.goal, at_leader_ns)
+
+    def report(self, now_ns: int) -> Report:
+        """What this client tells the leader about itself."""
+        time_map, phase = self._time_map, self.phase(now_ns)
+        message = self.failure or self.aligner.problem or self._why_joining
+        return Report(
+            state=self.state,
+            message=message[:200],
+            offset_ns=time_map and time_map.leader_from_local(now_ns) - now_ns,
+            skew_ppm=time_map and time_map.skew * 1e6,
+            uncertainty_ns=time_map and round(time_map.uncertainty_at(now_ns)),
+            hard_bound_ns=time_map and round(time_map.hard_bound_at(now_ns)),
+            round_trip_ns=time_map and time_map.round_trip_ns,
+            samples=self.clock.samples,
+            phase_error_ns=phase and phase.error_ns,
+            period_ns=phase and phase.period_ns,
+            drift_ppm=phase and phase.drift_ppm,
+            corrections=self.aligner.corrections,
+            frames=self.aligner.frames,
+            drops=self.aligner.drops,
+        )
+
+    # In
+
+    def receive_datagram(self, data: bytes, now_ns: int) -> None:
+        """Take in a datagram that arrived at `now_ns`; stamp it as near to the socket as can be."""
+        try:
+            message = decode(data)
+        except WireError:
+            self.malformed += 1
+            return
+        member = self._member
+        match message:
+            case TimeReply() if member is not None and message.client == member.client:
+                self._take_time(member, message, now_ns)
+            case Welcome() if member is None and message.instance == self.config.instance:
+                self._join(message, now_ns)
+            case Refused() if member is None and message.instance == self.config.instance:
+                if message.reason != self._why_joining:
+                    self._why_joining = message.reason
+                    self._events.append(JoinRefused(message.reason))
+            case HeartbeatAck() if member is not None and message.client == member.client:
+                member.heard_ns = now_ns
+            case Unknown() if member is not None and message.client == member.client:
+                self._leave("the leader was restarted", now_ns)
+            case Trigger() if member is not None and message.client == member.client:
+                member.heard_ns = now_ns
+                self._take_trigger(member, message)
+            case _:
+                pass
+
+    def frame_arrived(self, stamp: FrameStamp, frame: F, now_ns: int) -> None:
+        """Take in a frame in the order of the stream."""
+        self.ring.add(stamp.timestamp_ns, frame)
+        dropped = self.aligner.frame(stamp)
+        if dropped:
+            self._events.append(FramesDropped(dropped, stamp.sequence))
+        self._finish_bursts(now_ns)
+        self._align(now_ns)
+
+    def stream_started(self, now_ns: int) -> None:
+        """The camera was told to start at `now_ns`: at first, and after each RestartStream."""
+        self.aligner.stream_started(now_ns)
+
+    def fail(self, reason: str) -> None:
+        """The camera failed; an empty reason means that it works again."""
+        if bool(reason) != bool(self.failure):
+            self._heartbeat_due_ns = 0
+        self.failure = reason
+
+    def leave(self) -> None:
+        """Say goodbye: this client is about to stop."""
+        if self._member is not None:
+            self._outbox.append(Goodbye(self._member.client))
+            self._member = None
+
+    def handle_timer(self, now_ns: int) -> None:
+        """Do what is due; call it at `next_timer`, or any time."""
+        member = self._member
+        if member is None:
+            if now_ns >= self._hello_due_ns:
+                self._hello_due_ns = now_ns + HELLO_EVERY_NS
+                self._outbox.append(Hello(self.config.name, self.config.instance, self.config.camera))
+            return
+        if now_ns - member.heard_ns >= LEADER_SILENT_NS:
+            self._leave("the leader is silent", now_ns)
+            return
+        if now_ns >= self._map_due_ns:
+            self._update_map(member, now_ns)
+        if now_ns >= self._request_due_ns:
+            pace_ns = PACE_NS if member.synced else FIRST_PACE_NS
+            # The pace is kept on a grid, so that a late timer does not slow it down, but never in bursts.
+            self._request_due_ns = max(self._request_due_ns + pace_ns, now_ns + pace_ns // 2)
+            self._request_time = True
+        if now_ns >= self._heartbeat_due_ns:
+            self._heartbeat_due_ns = now_ns + HEARTBEAT_EVERY_NS
+            self._outbox.append(Heartbeat(member.client, self.report(now_ns)))
+        self._finish_bursts(now_ns)
+
+    # Out
+
+    def next_timer(self) -> int:
+        """Local time in ns at which `handle_timer` wants to be called."""
+        member = self._member
+        if member is None:
+            return self._hello_due_ns
+        silent_ns = member.heard_ns + LEADER_SILENT_NS
+        return min(silent_ns, self._map_due_ns, self._request_due_ns, self._heartbeat_due_ns)
+
+    def datagrams_to_send(self, now_ns: int) -> list[bytes]:
+        """Return the datagrams for the leader; a time request carries `now_ns`, so send them at once."""
+        datagrams = []
+        if self._request_time and self._member is not None:
+            self._request_time = False
+            member = self._member
+            self._sequence = (self._sequence + 1) & 0xFFFFFFFF
+            member.outstanding[self._sequence] = now_ns
+            if len(member.outstanding) > OUTSTANDING:
+                del member.outstanding[next(iter(member.outstanding))]
+            datagrams.append(encode(TimeRequest(member.client, self._sequence, now_ns)))
+        while self._outbox:
+            datagrams.append(encode(self._outbox.popleft()))
+        return datagrams
+
+    def next_command(self) -> CameraCommand | None:
+        """Return the next command for the camera, None where there is none."""
+        return self._commands.popleft() if self._commands else None
+
+    def next_event(self) -> "ClientEvent[F] | None":
+        """Return the next thing that happened, None where there is none."""
+        return self._events.popleft() if self._events else None
+
+    # The parts
+
+    def _join(self, welcome: Welcome, now_ns: int) -> None:
+        if welcome.period_ns <= 0:
+            self.malformed += 1
+            return
+        if welcome.leader != self._leader_of_clock:
+            self.clock.reset()
+            self._time_map = None
+            self._done_bursts.clear()
+            self._leader_of_clock = welcome.leader
+        goal = Goal(welcome.anchor_leader_ns, welcome.period_ns)
+        self._member = _Membership(welcome.leader, welcome.client, goal, heard_ns=now_ns)
+        self._why_joining = ""
+        self._heartbeat_due_ns = self._request_due_ns = self._map_due_ns = now_ns
+        self._events.append(Joined(welcome.transfer_port))
+
+    def _leave(self, reason: str, now_ns: int) -> None:
+        self._member = None
+        self._triggers.clear()
+        self._request_time = False
+        self._why_joining = reason
+        self._hello_due_ns = now_ns
+        self._events.append(LeaderLost(reason))
+
+    def _take_time(self, member: _Membership, reply: TimeReply, now_ns: int) -> None:
+        t0_ns = member.outstanding.pop(reply.sequence, None)
+        if t0_ns is None or t0_ns != reply.t0_ns:
+            return
+        member.heard_ns = now_ns
+        if not self.clock.add(ClockSample(t0_ns, reply.t1_ns, reply.t2_ns, now_ns)):
+            member.synced = False
+            self._time_map = None
+            self._events.append(ClockStepped())
+        if not member.synced and self.clock.samples >= FIRST_SAMPLES:
+            self._update_map(member, now_ns)
+
+    def _update_map(self, member: _Membership, now_ns: int) -> None:
+        self._map_due_ns = now_ns + MAP_EVERY_NS
+        time_map = self.clock.time_map(now_ns)
+        if time_map is None:
+            return
+        self._time_map = time_map
+        if not member.synced and self.clock.samples >= FIRST_SAMPLES:
+            member.synced = True
+            self._heartbeat_due_ns = now_ns
+            self._events.append(ClockSynced(time_map))
+
+    def _align(self, now_ns: int) -> None:
+        member, time_map = self._member, self._time_map
+        if member is None or time_map is None or not member.synced:
+            return
+        was_ready = self.state is NodeState.READY
+        before = self.phase(now_ns)
+        command = self.aligner.step(time_map, member.goal, now_ns, hold=self._burst_is_near(now_ns, time_map))
+        if command is not None:
+            self._commands.append(command)
+            self._events.append(PhaseCorrected(command, before))
+        if self.aligner.problem != self._reported_problem:
+            self._reported_problem = self.aligner.problem
+            if self._reported_problem:
+                self._events.append(CannotAlign(self._reported_problem))
+        if was_ready is not (self.state is NodeState.READY):
+            self._heartbeat_due_ns = now_ns
+
+    def _burst_is_near(self, now_ns: int, time_map: TimeMap) -> bool:
+        near_leader_ns = time_map.leader_from_local(now_ns + HOLD_BEFORE_BURST_NS)
+        return any(trigger.first_leader_ns <= near_leader_ns for trigger in self._triggers.values())
+
+    def _take_trigger(self, member: _Membership, trigger: Trigger) -> None:
+        refusal = ""
+        if self.failure:
+            refusal = self.failure
+        elif not member.synced:
+            refusal = "its clock is not synchronized yet"
+        elif not 0 < trigger.count <= MAX_FRAMES or trigger.step_ns <= 0:
+            refusal = f"a burst of {trigger.count} frames every {trigger.step_ns} ns is not possible"
+        elif trigger.burst not in self._done_bursts:
+            self._triggers[trigger.burst] = trigger
+        self._outbox.append(TriggerAck(member.client, trigger.burst, refusal))
+
+    def _finish_bursts(self, now_ns: int) -> None:
+        member, time_map = self._member, self._time_map
+        if member is None or time_map is None:
+            return
+        period_ns = member.goal.period_ns
+        for trigger in list(self._triggers.values()):
+            last_leader_ns = trigger.first_leader_ns + (trigger.count - 1) * trigger.step_ns
+            last_local_ns = time_map.local_from_leader(last_leader_ns)
+            newest_ns = self.ring.newest_local_ns
+            seen = newest_ns is not None and newest_ns > last_local_ns + period_ns // 2
+            if not seen and now_ns < last_local_ns + 30 * period_ns:
+                continue
+            del self._triggers[trigger.burst]
+            self._done_bursts.append(trigger.burst)
+            instants_ns = tuple(trigger.first_leader_ns + k * trigger.step_ns for k in range(trigger.count))
+            picks, gaps = pick_frames(self.ring, time_map, instants_ns, period_ns)
+            self._events.append(BurstReady(trigger.burst, picks, gaps, time_map, self.phase(last_local_ns)))

@@ -1,0 +1,133 @@
+"""What the engine tells the node around it; each a fact that has happened."""
+
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from capture_app.sync.commands import CameraCommand
+from capture_app.sync.phase import PhaseEstimate
+from capture_app.sync.timebase import TimeMap
+from capture_app.sync.trigger import Gap, Pick
+
+F = TypeVar("F")
+
+
+@dataclass(frozen=True, slots=True)
+class Joined:
+    """The leader took this client in; images go to that TCP port of it."""
+
+    transfer_port: int
+
+
+@dataclass(frozen=True, slots=True)
+class JoinRefused:
+    """The leader did not take this client in; it keeps asking."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class LeaderLost:
+    """The leader fell silent or forgot this client; it keeps asking to join."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class ClockSynced:
+    """Enough samples for a first estimate of the leader's clock."""
+
+    time_map: TimeMap
+
+
+@dataclass(frozen=True, slots=True)
+class ClockStepped:
+    """One of the clocks jumped; the estimate starts anew."""
+
+
+@dataclass(frozen=True, slots=True)
+class FramesDropped:
+    """The camera lost frames just before this sequence number."""
+
+    count: int
+    sequence: int
+
+
+@dataclass(frozen=True, slots=True)
+class PhaseCorrected:
+    """A command to move the phase went out; `before` is the estimate it answers."""
+
+    command: CameraCommand
+    before: PhaseEstimate | None
+
+
+@dataclass(frozen=True, slots=True)
+class CannotAlign:
+    """The stream cannot be held on the rig's grid."""
+
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class BurstReady(Generic[F]):
+    """The frames of a burst are picked: save and send them."""
+
+    burst: int
+    picks: tuple[Pick[F], ...]
+    gaps: tuple[Gap, ...]
+    time_map: TimeMap
+    phase: PhaseEstimate | None
+
+
+ClientEvent = (
+    Joined
+    | JoinRefused
+    | LeaderLost
+    | ClockSynced
+    | ClockStepped
+    | FramesDropped
+    | PhaseCorrected
+    | CannotAlign
+    | BurstReady[F]
+)
+
+
+@dataclass(frozen=True, slots=True)
+class NodeJoined:
+    """A client joined."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class NodeReturned:
+    """A client that was lost or restarted joined again."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class NodeLost:
+    """A client fell silent, or left of its own will."""
+
+    name: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class BurstAccepted:
+    """A client will save the burst."""
+
+    name: str
+    burst: int
+
+
+@dataclass(frozen=True, slots=True)
+class BurstRefused:
+    """A client will not save the burst, or never answered."""
+
+    name: str
+    burst: int
+    reason: str
+
+
+LeaderEvent = NodeJoined | NodeReturned | NodeLost | BurstAccepted | BurstRefused

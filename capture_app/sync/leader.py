@@ -1,0 +1,273 @@
+"""The leader's state machine: take clients in, answer their time requests, order bursts, notice losses."""
+
+import random
+from collections import deque
+from dataclasses import dataclass, field
+
+from capture_app.errors import BadInputError, IncompleteError
+from capture_app.sync.events import (
+    BurstAccepted,
+    BurstRefused,
+    LeaderEvent,
+    NodeJoined,
+    NodeLost,
+    NodeReturned,
+)
+from capture_app.sync.messages import (
+    CameraDescription,
+    Control,
+    Goodbye,
+    Heartbeat,
+    HeartbeatAck,
+    Hello,
+    Refused,
+    Report,
+    TimeReply,
+    TimeRequest,
+    Trigger,
+    TriggerAck,
+    Unknown,
+    Welcome,
+    WireError,
+    decode,
+    encode,
+)
+from capture_app.sync.state import NodeState
+from capture_app.sync.timebase import Goal
+from capture_app.sync.trigger import MAX_FRAMES, Burst, burst_instants
+
+Address = tuple[str, int]
+
+_MS = 1_000_000
+CLIENT_SILENT_NS = 2000 * _MS
+TRIGGER_LEAD_NS = 500 * _MS
+"""A burst that is asked for now begins this much later, so that every client hears of it before."""
+TRIGGER_AGAIN_NS = 50 * _MS
+TRIGGER_GIVE_UP_NS = 5000 * _MS
+MAX_CLIENTS = 10_000
+
+
+@dataclass(frozen=True, slots=True)
+class LeaderConfig:
+    """What a leader is; without `period_ns` the first camera sets the rig's frame period."""
+
+    instance: int
+    transfer_port: int
+    period_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class ClientView:
+    """A client as the leader sees it; `age_ns` is the time since it was last heard."""
+
+    name: str
+    address: Address
+    camera: CameraDescription
+    report: Report
+    age_ns: int
+
+
+@dataclass(slots=True)
+class _Member:
+    """A client that is or was here, lost or alive."""
+
+    name: str
+    instance: int
+    number: int
+    address: Address
+    camera: CameraDescription
+    report: Report
+    heard_ns: int
+    lost: str = ""
+
+
+@dataclass(slots=True)
+class _Order:
+    """A trigger that a client has not answered yet."""
+
+    member: _Member
+    trigger: Trigger
+    give_up_ns: int
+    due_ns: int = field(default=0)
+
+
+class Leader:
+    """The leader's side of the protocol; `now_ns` is the leader's clock, which is the rig's time."""
+
+    def __init__(self, config: LeaderConfig, rng: random.Random) -> None:
+        self.config = config
+        self.goal: Goal | None = None
+        self.malformed = 0
+        self._rng = rng
+        self._members: dict[str, _Member] = {}
+        self._by_number: dict[int, _Member] = {}
+        self._orders: list[_Order] = []
+        self._bursts = 0
+        self._times: deque[tuple[TimeRequest, int, Address]] = deque()
+        self._outbox: deque[tuple[Control, Address]] = deque()
+        self._events: deque[LeaderEvent] = deque()
+
+    # In
+
+    def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
+        """Take in a datagram that arrived at `now_ns`; stamp it as near to the socket as can be."""
+        try:
+            message = decode(data)
+        except WireError:
+            self.malformed += 1
+            return
+        if isinstance(message, Hello):
+            self._take_hello(message, address, now_ns)
+            return
+        if not isinstance(message, TimeRequest | Heartbeat | TriggerAck | Goodbye):
+            return
+        member = self._by_number.get(message.client)
+        if member is None or member.lost:
+            if isinstance(message, Heartbeat):
+                self._outbox.append((Unknown(message.client), address))
+            return
+        member.address = address
+        member.heard_ns = now_ns
+        match message:
+            case TimeRequest():
+                self._times.append((message, now_ns, address))
+            case Heartbeat():
+                member.report = message.report
+                self._outbox.append((HeartbeatAck(member.number), address))
+            case TriggerAck():
+                self._take_ack(member, message)
+            case Goodbye():
+                self._lose(member, "it left")
+
+    def handle_timer(self, now_ns: int) -> None:
+        """Do what is due; call it at `next_timer`, or any time."""
+        for member in self._members.values():
+            if not member.lost and now_ns - member.heard_ns >= CLIENT_SILENT_NS:
+                self._lose(member, "silent for 2 s")
+        for order in list(self._orders):
+            if order.member.lost or now_ns >= order.give_up_ns:
+                self._orders.remove(order)
+                reason = order.member.lost or "it does not answer"
+                self._events.append(BurstRefused(order.member.name, order.trigger.burst, reason))
+            elif now_ns >= order.due_ns:
+                order.due_ns = now_ns + TRIGGER_AGAIN_NS
+                self._outbox.append((order.trigger, order.member.address))
+
+    # Out
+
+    def next_timer(self) -> int | None:
+        """Leader time in ns at which `handle_timer` wants to be called, None for never."""
+        silent = [m.heard_ns + CLIENT_SILENT_NS for m in self._members.values() if not m.lost]
+        return min(silent + [order.due_ns for order in self._orders], default=None)
+
+    def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
+        """Return datagrams and where to; time replies carry `now_ns`, so send them at once."""
+        datagrams = []
+        while self._times:
+            request, received_ns, address = self._times.popleft()
+            reply = TimeReply(request.client, request.sequence, request.t0_ns, received_ns, now_ns)
+            datagrams.append((encode(reply), address))
+        while self._outbox:
+            message, address = self._outbox.popleft()
+            datagrams.append((encode(message), address))
+        return datagrams
+
+    def next_event(self) -> LeaderEvent | None:
+        """Return the next thing that happened, None where there is none."""
+        return self._events.popleft() if self._events else None
+
+    def clients(self, now_ns: int) -> tuple[ClientView, ...]:
+        """Return all clients that are or were here, by name; lost ones say so in their report."""
+        return tuple(
+            ClientView(member.name, member.address, member.camera, member.report, now_ns - member.heard_ns)
+            for _, member in sorted(self._members.items())
+        )
+
+    # Bursts
+
+    def trigger(
+        self, now_ns: int, *, frames: int, spacing: int = 1, at_leader_ns: int | None = None
+    ) -> Burst:
+        """Order a burst of `frames` instants, every `spacing` periods, snapped to the rig's grid.
+
+        `at_leader_ns` may lie in the past, as far back as the clients' ring buffers reach; the default is
+        half a second from now. Raises BadInputError for an impossible burst, IncompleteError where no
+        client is there to take it.
+        """
+        if not 0 < frames <= MAX_FRAMES or spacing < 1:
+            raise BadInputError(
+                f"a burst of {frames} frames, every {spacing} periods, is not possible",
+                hint=f"1 to {MAX_FRAMES} frames, spacing 1 or more",
+            )
+        present = [member for _, member in sorted(self._members.items()) if not member.lost]
+        if not present or self.goal is None:
+            raise IncompleteError(
+                "no camera has joined", hint="start nodes with `capture-app node --leader HOST:PORT`"
+            )
+        requested_ns = now_ns + TRIGGER_LEAD_NS if at_leader_ns is None else at_leader_ns
+        instants_ns = burst_instants(self.goal, requested_ns, frames, spacing)
+        self._bursts += 1
+        step_ns = spacing * self.goal.period_ns
+        for member in present:
+            trigger = Trigger(member.number, self._bursts, instants_ns[0], step_ns, frames)
+            self._orders.append(_Order(member, trigger, now_ns + TRIGGER_GIVE_UP_NS))
+        names = tuple(member.name for member in present)
+        return Burst(self._bursts, instants_ns, self.goal.period_ns, requested_ns, names)
+
+    # The parts
+
+    def _take_hello(self, hello: Hello, address: Address, now_ns: int) -> None:
+        known = self._members.get(hello.name)
+        if known is not None and not known.lost and known.instance != hello.instance:
+            reason = f"another camera named {hello.name} is here"
+            self._outbox.append((Refused(hello.instance, reason), address))
+            return
+        if known is None and len(self._members) >= MAX_CLIENTS:
+            self._outbox.append((Refused(hello.instance, "the rig is full"), address))
+            return
+        if hello.camera.period_ns <= 0:
+            self._outbox.append((Refused(hello.instance, "its frame period is not positive"), address))
+            return
+        if self.goal is None:
+            self.goal = Goal(now_ns, self.config.period_ns or hello.camera.period_ns)
+        if known is None or known.lost or known.instance != hello.instance:
+            if known is not None:
+                self._by_number.pop(known.number, None)
+            self._events.append(NodeJoined(hello.name) if known is None else NodeReturned(hello.name))
+            number = self._free_number()
+            report = Report(state=NodeState.JOINING)
+            known = _Member(hello.name, hello.instance, number, address, hello.camera, report, now_ns)
+            self._members[hello.name] = self._by_number[number] = known
+        known.heard_ns = now_ns
+        welcome = Welcome(
+            hello.instance,
+            self.config.instance,
+            known.number,
+            self.config.transfer_port,
+            self.goal.anchor_leader_ns,
+            self.goal.period_ns,
+        )
+        self._outbox.append((welcome, address))
+
+    def _free_number(self) -> int:
+        while True:
+            number = self._rng.getrandbits(32)
+            if number not in self._by_number:
+                return number
+
+    def _take_ack(self, member: _Member, ack: TriggerAck) -> None:
+        for order in self._orders:
+            if order.member is member and order.trigger.burst == ack.burst:
+                self._orders.remove(order)
+                if ack.refusal:
+                    self._events.append(BurstRefused(member.name, ack.burst, ack.refusal))
+                else:
+                    self._events.append(BurstAccepted(member.name, ack.burst))
+                return
+
+    def _lose(self, member: _Member, reason: str) -> None:
+        member.lost = reason
+        member.report = Report(
+            state=NodeState.LOST, message=reason, frames=member.report.frames, drops=member.report.drops
+        )
+        self._events.append(NodeLost(member.name, reason))

@@ -1,0 +1,199 @@
+"""Messages on the wire: a fixed layout for time, tagged msgpack for the rest, one version in front.
+
+Every datagram begins with the magic `sS`, the version and the kind. A time reply is never larger than
+its request, and no control message is larger than MAX_DATAGRAM.
+"""
+
+import struct
+from dataclasses import dataclass
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta, Struct
+
+from capture_app.sync.state import NodeState
+
+MAGIC = b"sS"
+VERSION = 1
+MAX_DATAGRAM = 1200
+"""In bytes; fits every link without fragments."""
+
+_KIND_TIME_REQUEST = 1
+_KIND_TIME_REPLY = 2
+_KIND_CONTROL = 3
+_HEADER = struct.Struct(">2sBB")
+_TIME = struct.Struct(">2sBBIIqqq")
+
+
+Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
+"""Names of cameras become folder names on the leader's disk."""
+Text = Annotated[str, Meta(max_length=200)]
+
+
+class WireError(ValueError):
+    """A datagram that is not one of ours, cut, or of another version."""
+
+
+@dataclass(frozen=True, slots=True)
+class TimeRequest:
+    """A client asks for the leader's time; `t0_ns` is its own when it sent this."""
+
+    client: int
+    sequence: int
+    t0_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class TimeReply:
+    """The leader's answer: request received at `t1_ns` and answered at `t2_ns`, leader time."""
+
+    client: int
+    sequence: int
+    t0_ns: int
+    t1_ns: int
+    t2_ns: int
+
+
+class CameraDescription(Struct, frozen=True, kw_only=True, array_like=True):
+    """What a client's camera is and can do; times in ns."""
+
+    kind: Text
+    model: Text
+    width: int
+    height: int
+    period_ns: int
+    phase_control: Text
+    timestamp_source: Text
+    row_time_ns: int | None = None
+    exposure_ns: int | None = None
+    min_exposure_ns: int | None = None
+    max_exposure_ns: int | None = None
+
+
+class Hello(Struct, frozen=True, tag="hello"):
+    """A client wants to join; `instance` tells one run of it from the next."""
+
+    name: Name
+    instance: int
+    camera: CameraDescription
+
+
+class Welcome(Struct, frozen=True, tag="welcome"):
+    """The leader took a client in: its number, the images' TCP port, and the rig's grid of instants."""
+
+    instance: int
+    leader: int
+    client: int
+    transfer_port: int
+    anchor_leader_ns: int
+    period_ns: int
+
+
+class Refused(Struct, frozen=True, tag="refused"):
+    """The leader did not take a client in, and why; the client may ask again."""
+
+    instance: int
+    reason: Text
+
+
+class Report(Struct, frozen=True, kw_only=True):
+    """A client's own view of itself, sent with each heartbeat; times in ns."""
+
+    state: NodeState
+    message: Text = ""
+    offset_ns: int | None = None
+    skew_ppm: float | None = None
+    uncertainty_ns: int | None = None
+    hard_bound_ns: int | None = None
+    round_trip_ns: int | None = None
+    samples: int = 0
+    phase_error_ns: int | None = None
+    period_ns: int | None = None
+    drift_ppm: float | None = None
+    corrections: int = 0
+    frames: int = 0
+    drops: int = 0
+
+
+class Heartbeat(Struct, frozen=True, tag="heartbeat"):
+    """A client is alive and well, or not so well."""
+
+    client: int
+    report: Report
+
+
+class HeartbeatAck(Struct, frozen=True, tag="alive"):
+    """The leader is alive and knows the client."""
+
+    client: int
+
+
+class Unknown(Struct, frozen=True, tag="unknown"):
+    """The leader does not know this client (it was restarted, or had given it up): join again."""
+
+    client: int
+
+
+class Trigger(Struct, frozen=True, tag="trigger"):
+    """Save the frames nearest to first + k * step, k < count, leader time; past or future."""
+
+    client: int
+    burst: int
+    first_leader_ns: int
+    step_ns: int
+    count: int
+
+
+class TriggerAck(Struct, frozen=True, tag="triggered"):
+    """A client will save the burst, or says why it cannot."""
+
+    client: int
+    burst: int
+    refusal: Text = ""
+
+
+class Goodbye(Struct, frozen=True, tag="goodbye"):
+    """A client leaves of its own will."""
+
+    client: int
+
+
+Control = Hello | Welcome | Refused | Heartbeat | HeartbeatAck | Unknown | Trigger | TriggerAck | Goodbye
+Message = TimeRequest | TimeReply | Control
+
+_encoder = msgspec.msgpack.Encoder()
+_decoder = msgspec.msgpack.Decoder(Control)
+
+
+def encode(message: Message) -> bytes:
+    """Return the datagram of a message. Raises WireError where it would be larger than MAX_DATAGRAM."""
+    if isinstance(message, TimeRequest):
+        head = (MAGIC, VERSION, _KIND_TIME_REQUEST, message.client, message.sequence)
+        return _TIME.pack(*head, message.t0_ns, 0, 0)
+    if isinstance(message, TimeReply):
+        head = (MAGIC, VERSION, _KIND_TIME_REPLY, message.client, message.sequence)
+        return _TIME.pack(*head, message.t0_ns, message.t1_ns, message.t2_ns)
+    data = _HEADER.pack(MAGIC, VERSION, _KIND_CONTROL) + _encoder.encode(message)
+    if len(data) > MAX_DATAGRAM:
+        raise WireError(f"a {type(message).__name__} of {len(data)} bytes is over {MAX_DATAGRAM}")
+    return data
+
+
+def decode(data: bytes) -> Message:
+    """Return the message of a datagram. Raises WireError where it is not a message of this version."""
+    if len(data) < _HEADER.size or data[:2] != MAGIC:
+        raise WireError("not a simulshot datagram")
+    version, kind = data[2], data[3]
+    if version != VERSION:
+        raise WireError(f"protocol version {version}, this is version {VERSION}")
+    if kind == _KIND_CONTROL:
+        try:
+            return _decoder.decode(data[_HEADER.size :])
+        except (msgspec.DecodeError, msgspec.ValidationError, UnicodeDecodeError) as error:
+            raise WireError(f"malformed control message: {error}") from error
+    if kind not in (_KIND_TIME_REQUEST, _KIND_TIME_REPLY) or len(data) != _TIME.size:
+        raise WireError(f"unknown message kind {kind} of {len(data)} bytes")
+    client, sequence, t0_ns, t1_ns, t2_ns = _TIME.unpack(data)[3:]
+    if kind == _KIND_TIME_REQUEST:
+        return TimeRequest(client, sequence, t0_ns)
+    return TimeReply(client, sequence, t0_ns, t1_ns, t2_ns)

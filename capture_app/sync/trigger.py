@@ -1,0 +1,78 @@
+"""A burst's instants in leader time, and the frames a client picks for them."""
+
+from dataclasses import dataclass
+from typing import Generic, TypeVar
+
+from capture_app.sync.ring_buffer import RingBuffer
+from capture_app.sync.timebase import Goal, TimeMap
+
+F = TypeVar("F")
+
+MAX_FRAMES = 1000
+"""The longest burst a leader asks for; a client's ring buffer sets its own limit on the past."""
+
+
+@dataclass(frozen=True, slots=True)
+class Burst:
+    """A burst as the leader ordered it: instants in leader time, ns, on the rig's grid."""
+
+    number: int
+    instants_ns: tuple[int, ...]
+    period_ns: int
+    requested_ns: int
+    clients: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Pick(Generic[F]):
+    """The frame picked for an instant; times in ns, the error bars those of its leader time."""
+
+    instant: int
+    local_ns: int
+    leader_ns: int
+    residual_ns: int
+    uncertainty_ns: int
+    hard_bound_ns: int
+    frame: F
+
+
+@dataclass(frozen=True, slots=True)
+class Gap:
+    """An instant without a frame, and why."""
+
+    instant: int
+    reason: str
+
+
+def burst_instants(goal: Goal, at_leader_ns: int, frames: int, spacing: int) -> tuple[int, ...]:
+    """Snap a moment to the rig's grid and return the burst's instants from there, in leader ns."""
+    first = goal.index_of(at_leader_ns)
+    return tuple(goal.instant(first + k * spacing) for k in range(frames))
+
+
+def pick_frames(
+    ring: RingBuffer[F], time_map: TimeMap, instants_ns: tuple[int, ...], period_ns: int
+) -> tuple[tuple[Pick[F], ...], tuple[Gap, ...]]:
+    """Return the frame nearest to each instant, and the instants that have none within half a period."""
+    picks: list[Pick[F]] = []
+    gaps: list[Gap] = []
+    for instant, leader_ns in enumerate(instants_ns):
+        wanted_local_ns = time_map.local_from_leader(leader_ns)
+        nearest = ring.nearest(wanted_local_ns)
+        if nearest is None:
+            gaps.append(Gap(instant, "the camera gave no frames"))
+            continue
+        local_ns, frame = nearest
+        frame_leader_ns = time_map.leader_from_local(local_ns)
+        residual_ns = frame_leader_ns - leader_ns
+        if abs(residual_ns) > period_ns // 2:
+            late = local_ns == ring.oldest_local_ns and local_ns > wanted_local_ns
+            reason = "it had left the ring buffer" if late else "the camera dropped the frame"
+            gaps.append(Gap(instant, reason))
+            continue
+        uncertainty_ns = round(time_map.uncertainty_at(local_ns))
+        hard_bound_ns = round(time_map.hard_bound_at(local_ns))
+        picks.append(
+            Pick(instant, local_ns, frame_leader_ns, residual_ns, uncertainty_ns, hard_bound_ns, frame)
+        )
+    return tuple(picks), tuple(gaps)

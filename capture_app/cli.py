@@ -1,6 +1,99 @@
-"""The command `capture-app`."""
+"""The command `capture-app`: each subcommand is imported when it runs, so that scripting stays quick."""
+
+import importlib
+import os
+import sys
+from collections.abc import Sequence
+
+import click
+
+from capture_app import __version__
+from capture_app.errors import ExitCode, SimulshotError
+
+COMMANDS = {
+    "leader": "Run a leader: nodes join it, bursts are taken and saved here.",
+    "node": "Run one camera and join a leader.",
+    "status": "Show the nodes of a running leader.",
+    "burst": "Take a burst with a running leader.",
+    "cameras": "List the cameras of this machine.",
+    "sessions": "List, show, verify and import sessions.",
+    "demo": "Simulated cameras, one burst, one comparison: the whole path at once.",
+}
+
+
+class LazyGroup(click.Group):
+    """A group whose commands live in `capture_app.commands`, one module each, named as the command."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Return the names in the order of the table above."""
+        return list(COMMANDS)
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """Import the module of a command."""
+        if cmd_name not in COMMANDS:
+            return None
+        module = importlib.import_module(f"capture_app.commands.{cmd_name}")
+        command = getattr(module, cmd_name)
+        assert isinstance(command, click.Command)
+        return command
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the table without importing anything."""
+        with formatter.section("Commands"):
+            formatter.write_dl(list(COMMANDS.items()))
+
+
+@click.group(
+    cls=LazyGroup,
+    invoke_without_command=True,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+)
+@click.version_option(__version__, prog_name="capture-app")
+@click.pass_context
+def app(ctx: click.Context) -> None:
+    """Take pictures of the same instant with many ordinary cameras.
+
+    Without a command the terminal UI opens, with a leader that nodes can join.
+    """
+    if ctx.invoked_subcommand is None:
+        from capture_app.commands.screen import open_screen
+
+        open_screen()
+
+
+def run(arguments: Sequence[str]) -> int:
+    """Run one command line and return its exit code; a mistake is one line on stderr."""
+    try:
+        app.main(args=list(arguments), prog_name="capture-app", standalone_mode=False)
+    except SimulshotError as error:
+        return _fail(str(error), error.exit_code)
+    except click.exceptions.Exit as stop:
+        return stop.exit_code
+    except click.UsageError as error:
+        where = error.ctx.command_path if error.ctx is not None else "capture-app"
+        return _fail(f"{error.format_message()} (see {where} --help)", ExitCode.USAGE)
+    except click.ClickException as error:
+        return _fail(error.format_message(), error.exit_code)
+    except (KeyboardInterrupt, click.Abort):
+        return ExitCode.INTERRUPTED
+    except BrokenPipeError:
+        # The reader of stdout has left, as `head` does; the interpreter must not complain at its end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return ExitCode.FAILURE
+    except OSError as error:
+        return _fail(str(error), ExitCode.FAILURE)
+    return ExitCode.OK
 
 
 def main() -> None:
-    """Run the command line."""
-    raise SystemExit("not built yet")
+    """Run the command line of this process."""
+    sys.exit(run(sys.argv[1:]))
+
+
+def _fail(message: str, code: int) -> int:
+    click.echo(f"capture-app: error: {' '.join(message.split())}", err=True)
+    return int(code)
+
+
+if __name__ == "__main__":
+    main()

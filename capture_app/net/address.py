@@ -1,0 +1,51 @@
+"""Where a leader listens: `HOST:PORT`, with IPv6 hosts in brackets."""
+
+import asyncio
+import re
+import socket
+from typing import NamedTuple
+
+from capture_app.errors import NetworkError
+
+DEFAULT_PORT = 47010
+
+_BRACKETED = re.compile(r"\[(?P<host>[^\[\]]+)\](?::(?P<port>\d+))?")
+_PLAIN = re.compile(r"(?P<host>[^:\[\]\s]+)(?::(?P<port>\d+))?")
+
+
+class Address(NamedTuple):
+    """A host, by name or number, and a port that serves both UDP and TCP."""
+
+    host: str
+    port: int
+
+    def __str__(self) -> str:
+        return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
+
+
+def parse_address(text: str) -> Address:
+    """Read `HOST`, `HOST:PORT`, `[IPV6]` or `[IPV6]:PORT`; raises ValueError with the reason."""
+    found = _BRACKETED.fullmatch(text) or _PLAIN.fullmatch(text)
+    if found is None:
+        hint = f", or did you mean [{text}]?" if text.count(":") > 1 and "[" not in text else ""
+        raise ValueError(f"{text!r} is not HOST:PORT{hint}")
+    port = int(found["port"]) if found["port"] else DEFAULT_PORT
+    if not 0 < port < 65536:
+        raise ValueError(f"port {port} in {text!r} is not between 1 and 65535")
+    return Address(found["host"], port)
+
+
+async def resolve(address: Address) -> tuple[socket.AddressFamily, Address]:
+    """Return the family and numeric address of a host; raises NetworkError where it has none."""
+    try:
+        found = await asyncio.get_running_loop().getaddrinfo(
+            address.host, address.port, type=socket.SOCK_DGRAM, proto=socket.IPPROTO_UDP
+        )
+    except (OSError, UnicodeError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise NetworkError(
+            f"cannot resolve host {address.host!r}: {reason}", hint="check the name, or give its IP address"
+        ) from error
+    # Most leaders listen on IPv4 only, so it goes first where a name has both.
+    family, _, _, _, where = min(found, key=lambda entry: entry[0] != socket.AF_INET)
+    return family, Address(str(where[0]), int(where[1]))

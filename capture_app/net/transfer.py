@@ -1,0 +1,218 @@
+"""Transfer streams: messages with a raw payload over TCP, on the same port number as the leader's UDP.
+
+    4 bytes   b"SSH1", so that a stranger on the port is noticed at once
+    4 bytes   length of the header, big-endian
+    8 bytes   length of the payload, big-endian
+    header    one message, tagged JSON
+    payload   an image and what belongs to it
+"""
+
+import asyncio
+import contextlib
+import socket
+import struct
+from collections.abc import Awaitable, Callable
+from typing import Any, Generic, Self, TypeVar
+
+import msgspec
+
+from capture_app.errors import NetworkError
+from capture_app.net.address import Address
+
+MAGIC = b"SSH1"
+MAX_HEADER_BYTES = 1 << 20
+MAX_PAYLOAD_BYTES = 64 << 20
+CONNECT_TIMEOUT_S = 5.0
+
+_PREFIX = struct.Struct(">4sIQ")
+_ENCODER = msgspec.json.Encoder()
+
+M = TypeVar("M")
+
+
+class Channel(Generic[M]):
+    """One open stream of messages; `M` is the union of messages that may arrive."""
+
+    def __init__(
+        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, decoder: msgspec.json.Decoder[M]
+    ) -> None:
+        self._reader = reader
+        self._writer = writer
+        self._decoder = decoder
+
+    @property
+    def peer(self) -> Address:
+        """Where the other end is."""
+        where = self._writer.get_extra_info("peername") or ("?", 0)
+        return Address(str(where[0]), int(where[1]))
+
+    async def receive(self) -> tuple[M, bytes] | None:
+        """Read one message and its payload; None where the peer has closed the stream between messages.
+
+        Raises NetworkError for a stream that breaks off, is too large, or is no transfer stream at all.
+        """
+        try:
+            prefix = await self._reader.readexactly(_PREFIX.size)
+        except asyncio.IncompleteReadError as error:
+            if error.partial:
+                raise NetworkError("the transfer broke off in the middle of a message") from error
+            return None
+        except OSError as error:
+            raise NetworkError(f"the transfer broke off: {error}") from error
+        magic, header_bytes, payload_bytes = _PREFIX.unpack(prefix)
+        if magic != MAGIC:
+            raise NetworkError("the peer does not speak the transfer protocol", hint="check host and port")
+        if header_bytes > MAX_HEADER_BYTES or payload_bytes > MAX_PAYLOAD_BYTES:
+            raise NetworkError(
+                f"a message of {header_bytes} + {payload_bytes} bytes is over the limit of "
+                f"{MAX_HEADER_BYTES} + {MAX_PAYLOAD_BYTES}"
+            )
+        try:
+            header = await self._reader.readexactly(header_bytes)
+            payload = await self._reader.readexactly(payload_bytes)
+        except (asyncio.IncompleteReadError, OSError) as error:
+            raise NetworkError("the transfer broke off in the middle of a message") from error
+        try:
+            return self._decoder.decode(header), payload
+        except msgspec.MsgspecError as error:
+            raise NetworkError(
+                f"unreadable message: {error}", hint="do both ends run the same version?"
+            ) from error
+
+    async def send(self, message: msgspec.Struct, *payloads: bytes) -> None:
+        """Write one message and its payload, and wait until the peer keeps up.
+
+        Raises NetworkError where the stream has broken off or the message is too large.
+        """
+        header = _ENCODER.encode(message)
+        payload_bytes = sum(map(len, payloads))
+        if len(header) > MAX_HEADER_BYTES or payload_bytes > MAX_PAYLOAD_BYTES:
+            raise NetworkError(f"a message of {len(header)} + {payload_bytes} bytes is too large to send")
+        try:
+            self._writer.write(_PREFIX.pack(MAGIC, len(header), payload_bytes) + header)
+            for payload in payloads:
+                self._writer.write(payload)
+            await self._writer.drain()
+        except OSError as error:
+            raise NetworkError(f"the transfer broke off: {error}") from error
+
+    async def close(self) -> None:
+        """Close the stream; harmless where it has broken already."""
+        self._writer.close()
+        with contextlib.suppress(OSError):
+            await self._writer.wait_closed()
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.close()
+
+
+async def connect(address: Address, messages: Any, *, timeout_s: float = CONNECT_TIMEOUT_S) -> Channel[Any]:
+    """Open a stream to a leader; `messages` is the union that may arrive. Raises NetworkError."""
+    try:
+        async with asyncio.timeout(timeout_s):
+            reader, writer = await asyncio.open_connection(address.host, address.port)
+    except socket.gaierror as error:
+        raise NetworkError(
+            f"cannot resolve host {address.host!r}: {error.strerror}",
+            hint="check the name, or give its IP address",
+        ) from error
+    except TimeoutError as error:
+        raise NetworkError(
+            f"no answer from a leader at {address} within {timeout_s:g} s", hint="check address and firewall"
+        ) from error
+    except (OSError, UnicodeError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise NetworkError(
+            f"no leader at {address}: {reason}", hint="start one with: capture-app leader"
+        ) from error
+    return Channel(reader, writer, msgspec.json.Decoder(messages))
+
+
+class TransferServer(Generic[M]):
+    """Accepts streams on a bound socket and hands each to `serve` until it returns.
+
+    A peer that breaks the protocol loses its own stream and nothing else.
+    """
+
+    def __init__(self, messages: Any, serve: Callable[[Channel[M]], Awaitable[None]]) -> None:
+        self._decoder: msgspec.json.Decoder[M] = msgspec.json.Decoder(messages)
+        self._serve = serve
+        self._server: asyncio.Server | None = None
+        self._streams: set[asyncio.Task[None]] = set()
+
+    async def start(self, listening: socket.socket) -> None:
+        """Accept streams from now on."""
+        self._server = await asyncio.start_server(self._accept, sock=listening)
+
+    async def stop(self) -> None:
+        """Close the port and every stream."""
+        if self._server is not None:
+            self._server.close()
+        streams = tuple(self._streams)
+        for stream in streams:
+            stream.cancel()
+        await asyncio.gather(*streams, return_exceptions=True)
+
+    async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.current_task()
+        assert task is not None
+        self._streams.add(task)
+        try:
+            async with Channel(reader, writer, self._decoder) as channel:
+                await self._serve(channel)
+        except (NetworkError, asyncio.CancelledError):
+            # asyncio's own callback on this task would print a cancellation as an error.
+            pass
+        finally:
+            self._streams.discard(task)
+
+
+def bind(host: str, port: int) -> tuple[socket.socket, socket.socket]:
+    """Return a UDP and a listening TCP socket on one port number; port 0 takes any that is free for both.
+
+    Raises NetworkError where the port is in use or the host is not this machine's.
+    """
+    for _ in range(20):
+        try:
+            stream = _bound(host, port, socket.SOCK_STREAM)
+        except OSError as error:
+            raise _cannot_listen(host, port, error) from error
+        try:
+            number = stream.getsockname()[1]
+            datagrams = _bound(host, number, socket.SOCK_DGRAM)
+        except OSError as error:
+            stream.close()
+            if port:
+                raise _cannot_listen(host, port, error) from error
+            continue
+        return datagrams, stream
+    raise NetworkError(f"found no port on {host} that is free for both UDP and TCP")
+
+
+def _bound(host: str, port: int, kind: socket.SocketKind) -> socket.socket:
+    found = socket.getaddrinfo(host or None, port, type=kind, flags=socket.AI_PASSIVE)
+    family, _, protocol, _, where = min(found, key=lambda entry: entry[0] != socket.AF_INET)
+    sock = socket.socket(family, kind, protocol)
+    try:
+        if kind == socket.SOCK_STREAM:
+            # A leader that is started again must not wait for the old one's streams to time out.
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        sock.setblocking(False)
+        sock.bind(where)
+        if kind == socket.SOCK_STREAM:
+            sock.listen()
+    except OSError:
+        sock.close()
+        raise
+    return sock
+
+
+def _cannot_listen(host: str, port: int, error: OSError) -> NetworkError:
+    address = Address(host, port)
+    if isinstance(error, socket.gaierror):
+        return NetworkError(f"cannot listen on {address}: {error.strerror}", hint="check the host's name")
+    hint = "another leader? choose another with --port" if "in use" in str(error) else ""
+    return NetworkError(f"cannot listen on {address}: {error.strerror or error}", hint=hint)

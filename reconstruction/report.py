@@ -1,0 +1,180 @@
+"""The report of a comparison: one self-contained HTML page for somebody who knows nothing of cameras."""
+
+import base64
+from contextlib import suppress
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+
+from capture_app.errors import BadInputError
+from capture_app.session.durable import PART, write_whole
+from reconstruction import wording
+from reconstruction.report_tables import claims, depth_table, panorama_table
+from reconstruction.results import CompareResult, Picture
+
+REPORT = "report.html"
+
+_KINDS = {b"\x89PNG\r\n\x1a\n": "image/png", b"\xff\xd8\xff": "image/jpeg"}
+
+
+def write_report(result: CompareResult, out: Path) -> Path:
+    """Write `report.html` into the folder `out`, whole or not at all, and return its path.
+
+    Pictures are read from `out` by the paths in `result.pictures` and embedded unchanged. Raises
+    BadInputError where a picture is missing or is no PNG or JPEG, or where the page cannot be written.
+    """
+    page = _page(result, out)
+    target = out / REPORT
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        write_whole(target, page.encode("utf-8", "replace"))
+    except OSError as error:
+        with suppress(OSError):
+            target.with_name(target.name + PART).unlink()
+        raise BadInputError(
+            f"cannot write the report {target}: {error.strerror or error}",
+            hint="choose another folder with --out",
+        ) from error
+    return target
+
+
+def _page(result: CompareResult, out: Path) -> str:
+    folder = files("reconstruction") / "report_page"
+    headline, lead = wording.headline(result.verdict)
+    name = Path(result.session).name or result.session
+    return Template((folder / "page.html").read_text("utf-8")).substitute(
+        title=escape(f"{name}: synchronized against {wording.lateness(result.actual_offset_ms)}"),
+        css=(folder / "page.css").read_text("utf-8"),
+        script=(folder / "page.js").read_text("utf-8"),
+        session=escape(name),
+        headline=escape(headline),
+        lead=f'<p class="lead">{escape(lead)}</p>' if lead else "",
+        claims=claims(result),
+        why=_why(result),
+        pictures=_pictures(result, out),
+        measures=_measures(result),
+        making=_making(result),
+    )
+
+
+def _why(result: CompareResult) -> str:
+    depth = """
+<p>Two cameras see the world from two places, as two eyes do. The further a thing shifts from one picture to
+the other, the nearer it is: that shift is how distance is measured, point by point.</p>
+<p>A camera that fires late spoils this. Meanwhile a moving thing has moved by itself, and nothing in the
+pictures tells the one shift from the other: its distance comes out wrong, or not at all. Things at rest
+come out right either way."""
+    panorama = """
+<p>A panorama joins pictures where they overlap. What moves between one picture and the next no longer fits
+there: it shows up twice, cut apart, or in the wrong place."""
+    words = panorama if result.stitch and not result.stereo else depth
+    folder = files("reconstruction") / "report_page"
+    diagram = (folder / "diagram.svg").read_text("utf-8") if words is depth else ""
+    walk = escape(wording.walk(result.actual_offset_ms))
+    return f"""<section class="why" aria-labelledby="why">
+<div><h2 id="why">Why the instant matters</h2>{words} {walk}</p></div>
+{diagram}</section>"""
+
+
+def _pictures(result: CompareResult, out: Path) -> str:
+    if not result.pictures:
+        return ""
+    figures = "\n".join(_figure(picture, out, result.actual_offset_ms) for picture in result.pictures)
+    return f"""<section aria-labelledby="pictures">
+<h2 id="pictures">See the difference</h2>
+<fieldset class="view"><legend>Show the two</legend>
+<label><input type="radio" name="view" value="over" checked> over each other, with a slider</label>
+<label><input type="radio" name="view" value="beside"> side by side</label></fieldset>
+{figures}
+</section>"""
+
+
+def _figure(picture: Picture, out: Path, offset_ms: float) -> str:
+    title = escape(picture.title)
+    synced, (wide, high) = _embed(out / picture.synced)
+    offset, _ = _embed(out / picture.offset)
+    late = escape(wording.lateness(offset_ms))
+    caption = f"<figcaption>{escape(picture.caption)}</figcaption>" if picture.caption else ""
+    return f"""<h3 class="picture">{title}</h3>
+<figure aria-label="{title}">
+<div class="pair" style="--shape: {wide / high:.4f}; --wide: {wide}">
+<div class="side synced"><span class="tag">Synchronized</span>
+<img alt="{title}, synchronized" width="{wide}" height="{high}" src="{synced}"></div>
+<div class="side offset"><span class="tag">{late}</span>
+<img alt="{title}, {late}" width="{wide}" height="{high}" src="{offset}"></div>
+<input class="wipe" type="range" min="0" max="100" value="50" data-left="synchronized"
+ aria-label="{title}: how much of the synchronized picture to show"><span class="handle"></span>
+</div>
+{caption}</figure>"""
+
+
+def _embed(path: Path) -> tuple[str, tuple[int, int]]:
+    import cv2
+    import numpy as np
+
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise BadInputError(
+            f"the report lacks the picture {path}: {error.strerror or error}",
+            hint="compare the session again",
+        ) from error
+    kind = next((kind for magic, kind in _KINDS.items() if data.startswith(magic)), None)
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if kind else None
+    if image is None:
+        raise BadInputError(
+            f"the picture {path} is not a readable PNG or JPEG", hint="compare the session again"
+        )
+    return f"data:{kind};base64,{base64.b64encode(data).decode()}", (image.shape[1], image.shape[0])
+
+
+def _measures(result: CompareResult) -> str:
+    parts = [
+        depth_table(result.stereo, result.actual_offset_ms)
+        if result.stereo
+        else _skipped("Depth was not measured", result.stereo_skipped),
+        panorama_table(result.stitch, result.actual_offset_ms)
+        if result.stitch
+        else _skipped("No panorama was made", result.stitch_skipped),
+    ]
+    verdict = wording.control(result)
+    return f"""<section aria-labelledby="measures">
+<h2 id="measures">The measurements</h2>
+<p>The same cameras, the same calibration, the same method: only the instant of one picture differs.
+{escape(verdict)}</p>
+{"".join(parts)}
+</section>"""
+
+
+def _skipped(what: str, why: str) -> str:
+    reason = f": {escape(why)}" if why else ""
+    return f'<p class="note"><b>{what}</b>{reason}</p>'
+
+
+def _making(result: CompareResult) -> str:
+    rows = [("Session", f"<code>{escape(result.session)}</code>")]
+    if result.stereo:
+        pair = f"{result.stereo.reference} and {result.stereo.other}"
+        instants = wording.count(result.stereo.synced.instants, "instant")
+        rows.append(("Depth", escape(f"cameras {pair}, {instants}")))
+    if result.stitch:
+        instants = wording.count(result.stitch.synced.instants, "instant")
+        rows.append(("Panorama", escape(f"cameras {' and '.join(result.stitch.cameras)}, {instants}")))
+    asked, actual = (wording.milliseconds(ms) for ms in (result.offset_ms, result.actual_offset_ms))
+    frames = wording.count(result.offset_frames, "frame")
+    rows.append(("Offset", escape(f"{asked} asked for; {actual} given, which is {frames}")))
+    rows.append(("Calibration", escape(result.calibration)))
+    if sync := wording.synchronization(result.sync_residual_us, result.sync_bound_us):
+        rows.append(("Synchronization", escape(sync)))
+    rows.append(("Time taken", escape(wording.seconds(result.seconds))))
+    if result.versions:
+        versions = ", ".join(f"{name} {version}" for name, version in result.versions.items())
+        rows.append(("Software", escape(versions)))
+    entries = "\n".join(f"<dt>{name}</dt><dd>{words}</dd>" for name, words in rows)
+    return f"""<section aria-labelledby="making">
+<h2 id="making">How it was made</h2>
+<dl class="making">
+{entries}
+</dl>
+</section>"""

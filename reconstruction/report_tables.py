@@ -1,0 +1,165 @@
+"""The numbers of a report: two large ones, and the tables that back them."""
+
+import math
+from collections.abc import Callable
+from html import escape
+
+from reconstruction import wording
+from reconstruction.results import CompareResult, DepthScores, StereoResult, StitchResult
+
+_Format = Callable[[float | None], str]
+
+
+def claims(result: CompareResult) -> str:
+    """Two numbers, synchronized and offset, that say it all; nothing where there are none."""
+    late = wording.lateness(result.actual_offset_ms)
+    stereo, stitch = result.stereo, result.stitch
+    shown: tuple[tuple[str, str, float | None], ...]
+    if stereo and None not in (stereo.synced.mover_within_2pct, stereo.offset.mover_within_2pct):
+        what = "of the moving surface measured correctly"
+        shown = _shares(stereo.synced.mover_within_2pct, stereo.offset.mover_within_2pct, what)
+    elif stereo and None not in (stereo.synced.mover_coverage, stereo.offset.mover_coverage):
+        what = "of the moving surface given a distance"
+        shown = _shares(stereo.synced.mover_coverage, stereo.offset.mover_coverage, what)
+    elif stitch:
+        pair = (stitch.synced.overlap_flow_p95_px, stitch.offset.overlap_flow_p95_px)
+        words = "of misfit where the two pictures of the panorama overlap"
+        most = max(*pair, 1e-9)
+        shown = tuple((wording.quantity(value, "px"), words, value / most) for value in pair)
+    else:
+        return ""
+    whens = ("when both pictures show the same instant", f"when one picture is {late}")
+    sides = zip(("synced", "offset"), shown, whens, strict=True)
+    return '<div class="claims">' + "".join(_claim(*side) for side in sides) + "</div>"
+
+
+def _shares(
+    synced: float | None, offset: float | None, what: str
+) -> tuple[tuple[str, str, float | None], ...]:
+    return tuple((wording.share(value, decimals=0), what, value) for value in (synced, offset))
+
+
+def _claim(side: str, shown: tuple[str, str, float | None], when: str) -> str:
+    value, what, fraction = shown
+    return (
+        f'<p class="claim {side}"><strong>{escape(value)}</strong>{_meter(fraction)} {escape(what)} '
+        f'<span class="which">{escape(when)}</span></p>'
+    )
+
+
+def _meter(fraction: float | None) -> str:
+    if fraction is None or math.isnan(fraction):
+        return ""
+    return f'<span class="meter" style="--share: {min(max(fraction, 0.0), 1.0):.4f}"></span>'
+
+
+_DEPTH_ROWS: tuple[tuple[str, str, str, _Format], ...] = (
+    (
+        "within_2pct",
+        "Measured correctly",
+        "Share whose distance is within 2 % of the truth; holes count as wrong. More is better.",
+        wording.share,
+    ),
+    (
+        "coverage",
+        "Given a distance",
+        "Share for which the two pictures could be matched at all, rightly or wrongly. More is better.",
+        wording.share,
+    ),
+    (
+        "epipolar_px",
+        "Up-and-down mismatch",
+        "A point should lie in the same row of both pictures; this is how far off it is. Less is better.",
+        lambda value: wording.quantity(value, "px"),
+    ),
+    (
+        "photometric",
+        "Brightness mismatch",
+        "One picture is laid over the other by the distances found; this is how far the brightness differs, "
+        "of 255. Less is better.",
+        wording.quantity,
+    ),
+)
+
+
+def depth_table(stereo: StereoResult, offset_ms: float) -> str:
+    """Movers beside the static control, synchronized and offset; measures nobody took are left out."""
+    rows = []
+    for key, name, text, show in _DEPTH_ROWS:
+        moving, resting = (
+            [_score(scores, f"{kind}_{key}") for scores in (stereo.synced, stereo.offset)]
+            for kind in ("mover", "static")
+        )
+        if all(value is None for value in (*moving, *resting)):
+            continue
+        bars = show is wording.share
+        rows.append(
+            _row(
+                name,
+                text,
+                [(v, show(v), "", bars) for v in moving] + [(v, show(v), "control", bars) for v in resting],
+            )
+        )
+    heads = _heads(offset_ms)
+    return f"""<table style="--columns: 4">
+<caption>Depth from cameras {escape(stereo.reference)} and {escape(stereo.other)}</caption>
+<thead><tr><td></td><th scope="colgroup" colspan="2">Moving things</th>
+<th scope="colgroup" colspan="2">Things at rest (control)</th></tr>
+<tr><td></td>{heads}{heads}</tr></thead>
+<tbody>
+{"".join(rows)}</tbody></table>"""
+
+
+def panorama_table(stitch: StitchResult, offset_ms: float) -> str:
+    """The overlap of a panorama before blending, synchronized and offset."""
+    pair = (stitch.synced, stitch.offset)
+    rows = [
+        _row(
+            "Misfit in the overlap",
+            "How far apart the two pictures show the same thing; 5 % of the overlap is worse. Less is better.",
+            [(s.overlap_flow_p95_px, wording.quantity(s.overlap_flow_p95_px, "px"), "", False) for s in pair],
+        )
+    ]
+    if any(s.mover_overlap_mad is not None for s in pair):
+        rows.append(
+            _row(
+                "Brightness difference of moving things",
+                "On average, of 255. Less is better.",
+                [(s.mover_overlap_mad, wording.quantity(s.mover_overlap_mad), "", False) for s in pair],
+            )
+        )
+    rows.append(
+        _row(
+            "Brightness difference of things at rest (control)",
+            "On average, of 255; it should not depend on timing.",
+            [(s.static_overlap_mad, wording.quantity(s.static_overlap_mad), "control", False) for s in pair],
+        )
+    )
+    return f"""<table style="--columns: 2">
+<caption>Panorama of cameras {escape(" and ".join(stitch.cameras))}</caption>
+<thead><tr><td></td>{_heads(offset_ms)}</tr></thead>
+<tbody>
+{"".join(rows)}</tbody></table>"""
+
+
+def _score(scores: DepthScores, name: str) -> float | None:
+    value: float | None = getattr(scores, name)
+    return value
+
+
+def _heads(offset_ms: float) -> str:
+    late = wording.lateness(offset_ms)
+    late = late[0].upper() + late[1:]
+    return (
+        '<th scope="col" class="synced"><span class="dot"></span>Synchronized</th>'
+        f'<th scope="col" class="offset"><span class="dot"></span>{escape(late)}</th>'
+    )
+
+
+def _row(name: str, text: str, cells: list[tuple[float | None, str, str, bool]]) -> str:
+    tones = ("synced", "offset") * 2
+    shown = "".join(
+        f'<td class="{f"{tone} {kind}".strip()}">{escape(words)}{_meter(value) if bar else ""}</td>'
+        for (value, words, kind, bar), tone in zip(cells, tones, strict=False)
+    )
+    return f'<tr><th scope="row">{escape(name)}<small>{escape(text)}</small></th>{shown}</tr>\n'

@@ -1,0 +1,74 @@
+# make demo   capture a synchronized burst with five simulated cameras and compare it with offset frames
+# make test   the tests            make check   lint, types, architecture
+# make test-v4l2   the rig on real camera drivers in a virtual machine (slow)
+# make help   all targets
+
+PYTHON ?= python3
+VENV ?= .venv
+BIN := $(VENV)/bin
+OUT ?= demo
+
+# What Open3D's wheel loads from the system: library and the Debian package that has it.
+LIBRARIES := libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
+	libusb-1.0.so.0:libusb-1.0-0 libudev.so.1:libudev1 libidn2.so.0:libidn2-0
+
+.PHONY: help install demo test test-v4l2 check format system clean
+.DEFAULT_GOAL := help
+
+help:
+	@sed -n 's/^# make /make /p' Makefile
+
+install: $(VENV)/.installed
+
+demo: $(VENV)/.installed
+	$(BIN)/capture-app demo --out $(OUT)
+
+test: $(VENV)/.installed-dev
+	$(BIN)/pytest
+
+test-v4l2: $(VENV)/.installed-dev
+	$(BIN)/pytest -m v4l2 tests/end_to_end
+
+check: $(VENV)/.installed-dev
+	$(BIN)/ruff check .
+	$(BIN)/ruff format --check .
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+
+format: $(VENV)/.installed-dev
+	$(BIN)/ruff check --fix .
+	$(BIN)/ruff format .
+
+clean:
+	rm -rf $(VENV) build dist .mypy_cache .pytest_cache .ruff_cache .import_linter_cache .hypothesis
+
+$(VENV)/.installed: pyproject.toml constraints.txt | system
+	@echo "installing into $(VENV) (once, some minutes) ..." >&2
+	$(PYTHON) -m venv $(VENV)
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	@touch $@
+
+$(VENV)/.installed-dev: $(VENV)/.installed
+	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev]'
+	@touch $@
+
+system:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
+	  echo "simulshot needs Python 3.11 or newer; $(PYTHON) is $$($(PYTHON) --version 2>&1)." \
+	       "Name another: make PYTHON=python3.12 ..." >&2; exit 1; }
+	@missing=""; \
+	$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || missing="$$missing python3-venv"; \
+	if [ "$$(uname -sm)" = "Linux x86_64" ]; then \
+	  for pair in $(LIBRARIES); do \
+	    PATH="$$PATH:/sbin:/usr/sbin" ldconfig -p | grep -q "$${pair%%:*}" || missing="$$missing $${pair##*:}"; \
+	  done; \
+	fi; \
+	[ -z "$$missing" ] && exit 0; \
+	if ! command -v apt-get >/dev/null; then \
+	  echo "Install these system libraries first (Debian's names):$$missing" >&2; exit 1; \
+	elif [ "$$(id -u)" != 0 ]; then \
+	  echo "Some system libraries are missing. Type this, then make again:" >&2; \
+	  echo "  sudo apt-get update && sudo apt-get install -y --no-install-recommends$$missing" >&2; exit 1; \
+	fi; \
+	echo "installing system libraries:$$missing" >&2; \
+	apt-get update -qq && DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends $$missing >/dev/null

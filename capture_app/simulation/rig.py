@@ -1,0 +1,220 @@
+"""A rig in virtual time: the engine's own leader and clients, simulated clocks, sensors and links.
+
+Nothing waits: events are taken from a heap in the order of their true times, so that minutes pass in
+moments, and the same seed gives the same run.
+"""
+
+import heapq
+import random
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+
+from capture_app.simulation.clock import SimulatedClock
+from capture_app.simulation.link import PAPER_LINK, Link
+from capture_app.simulation.sensor import Sensor, SensorFrame, SensorProfile
+from capture_app.sync.client import Client, ClientConfig
+from capture_app.sync.commands import InjectFrame, RestartStream
+from capture_app.sync.events import BurstReady, ClientEvent, LeaderEvent
+from capture_app.sync.leader import Leader, LeaderConfig
+from capture_app.sync.messages import CameraDescription
+from capture_app.sync.phase import FrameStamp
+from capture_app.sync.state import NodeState
+from capture_app.sync.trigger import Burst
+
+_DELIVERY_NS = 5_000_000
+"""From a frame's last row to the driver's callback."""
+
+
+def describe(profile: SensorProfile) -> CameraDescription:
+    """What a client tells about a simulated camera; gain and overhead are not for it to know."""
+    return CameraDescription(
+        kind="simulated",
+        model=profile.model,
+        width=profile.image_width,
+        height=profile.image_rows,
+        period_ns=profile.period_ns,
+        phase_control=profile.phase_control,
+        timestamp_source="start-of-exposure",
+        row_time_ns=profile.row_time_ns,
+        exposure_ns=profile.exposure_ns,
+        min_exposure_ns=profile.min_exposure_ns,
+        max_exposure_ns=profile.max_exposure_ns,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class NodeSpec:
+    """One camera node of a virtual rig."""
+
+    name: str
+    profile: SensorProfile
+    clock: SimulatedClock
+    link: Link = PAPER_LINK
+    tolerance_ns: int = 60_000
+    start_true_ns: int = 0
+
+
+@dataclass(slots=True)
+class VirtualNode:
+    """A node that runs: its engine, its device, and all that happened."""
+
+    spec: NodeSpec
+    sensor: Sensor
+    client: Client[SensorFrame]
+    alive: bool = True
+    timer_true_ns: int = -1
+    events: list[ClientEvent[SensorFrame]] = field(default_factory=list)
+    bursts: dict[int, BurstReady[SensorFrame]] = field(default_factory=dict)
+
+
+class VirtualRig:
+    """One leader and its clients; the leader's clock is the true time."""
+
+    def __init__(self, specs: Sequence[NodeSpec], *, seed: int, period_ns: int | None = None) -> None:
+        self.now_true_ns = 0
+        self.nodes: dict[str, VirtualNode] = {}
+        self.leader_events: list[LeaderEvent] = []
+        self._rng = random.Random(seed)
+        self._heap: list[tuple[int, int, Callable[[], None]]] = []
+        self._scheduled = 0
+        self._leader_timer_ns = -1
+        self._period_ns = period_ns
+        self.leader = self._new_leader()
+        for spec in specs:
+            self._at(spec.start_true_ns, lambda spec=spec: self.start(spec))  # type: ignore[misc]
+
+    def _new_leader(self) -> Leader:
+        config = LeaderConfig(self._rng.getrandbits(32), 0, self._period_ns)
+        return Leader(config, random.Random(self._rng.getrandbits(64)))
+
+    # What a test or an experiment does to it
+
+    def start(self, spec: NodeSpec) -> VirtualNode:
+        """Start a node, or start it again after `kill`."""
+        rng = random.Random(self._rng.getrandbits(64))
+        config = ClientConfig(
+            spec.name, rng.getrandbits(32), describe(spec.profile), spec.tolerance_ns, ring_frames=60
+        )
+        client: Client[SensorFrame] = Client(config, rng)
+        node = VirtualNode(spec, Sensor(spec.profile, rng), client)
+        self.nodes[spec.name] = node
+        self._start_stream(node)
+        self._pump(node)
+        return node
+
+    def kill(self, name: str) -> None:
+        """End a node without a word."""
+        self.nodes[name].alive = False
+
+    def restart_leader(self) -> None:
+        """End the leader without a word; another takes its place at the same address."""
+        self.leader = self._new_leader()
+
+    def trigger(self, *, frames: int, spacing: int = 1, at_leader_ns: int | None = None) -> Burst:
+        """Order a burst as `Leader.trigger` does."""
+        burst = self.leader.trigger(
+            self.now_true_ns, frames=frames, spacing=spacing, at_leader_ns=at_leader_ns
+        )
+        self._pump_leader()
+        return burst
+
+    def run_for(self, duration_ns: int) -> None:
+        """Let that much time pass."""
+        self.run_until(lambda: False, limit_ns=duration_ns)
+
+    def run_until(self, done: Callable[[], bool], *, limit_ns: int) -> bool:
+        """Let time pass until `done()`, at most `limit_ns`; return whether it came true."""
+        end_true_ns = self.now_true_ns + limit_ns
+        while self._heap and self._heap[0][0] <= end_true_ns:
+            self.now_true_ns, _, action = heapq.heappop(self._heap)
+            action()
+            if done():
+                return True
+        self.now_true_ns = end_true_ns
+        return done()
+
+    def all_ready(self) -> bool:
+        """Whether the leader sees every node as ready."""
+        clients = self.leader.clients(self.now_true_ns)
+        return len(clients) == len(self.nodes) and all(c.report.state is NodeState.READY for c in clients)
+
+    # The world
+
+    def _at(self, true_ns: int, action: Callable[[], None]) -> None:
+        self._scheduled += 1
+        heapq.heappush(self._heap, (true_ns, self._scheduled, action))
+
+    def _start_stream(self, node: VirtualNode) -> None:
+        if not node.alive:
+            return
+        node.sensor.restart(self.now_true_ns)
+        node.client.stream_started(self._local(node))
+        self._expect_frame(node)
+
+    def _expect_frame(self, node: VirtualNode) -> None:
+        frame = node.sensor.next_frame()
+        arrival_true_ns = frame.readout_end_true_ns + _DELIVERY_NS
+
+        def arrive() -> None:
+            if not node.alive or not node.sensor.streaming or node.sensor.stream != frame.stream:
+                return
+            self._expect_frame(node)
+            if not frame.dropped:
+                timestamp_ns = node.spec.clock.local_from_true(frame.timestamp_true_ns)
+                stamp = FrameStamp(frame.sequence, frame.stream, timestamp_ns)
+                node.client.frame_arrived(stamp, frame, self._local(node))
+            self._pump(node)
+
+        self._at(arrival_true_ns, arrive)
+
+    def _pump(self, node: VirtualNode) -> None:
+        client = node.client
+        if not node.alive:
+            return
+        if self._local(node) >= client.next_timer():
+            client.handle_timer(self._local(node))
+        for data in client.datagrams_to_send(self._local(node)):
+            for delay_ns in node.spec.link.deliveries(node.spec.link.to_leader, self._rng):
+                self._at(self.now_true_ns + delay_ns, lambda d=data: self._to_leader(d, node))  # type: ignore[misc]
+        while (command := client.next_command()) is not None:
+            match command:
+                case InjectFrame(exposure_ns):
+                    node.sensor.inject(exposure_ns, self.now_true_ns)
+                case RestartStream(delay_ns):
+                    node.sensor.stop()
+                    self._at(self.now_true_ns + delay_ns, lambda: self._start_stream(node))
+        while (event := client.next_event()) is not None:
+            node.events.append(event)
+            if isinstance(event, BurstReady):
+                node.bursts[event.burst] = event
+        timer_true_ns = max(node.spec.clock.true_from_local(client.next_timer()), self.now_true_ns) + 1
+        if not self.now_true_ns < node.timer_true_ns <= timer_true_ns:
+            node.timer_true_ns = timer_true_ns
+            self._at(timer_true_ns, lambda: self._pump(node))
+
+    def _to_leader(self, data: bytes, node: VirtualNode) -> None:
+        self.leader.receive_datagram(data, (node.spec.name, 0), self.now_true_ns)
+        self._pump_leader()
+
+    def _to_client(self, data: bytes, node: VirtualNode) -> None:
+        if node.alive:
+            node.client.receive_datagram(data, self._local(node))
+            self._pump(node)
+
+    def _pump_leader(self) -> None:
+        due_ns = self.leader.next_timer()
+        if due_ns is not None and self.now_true_ns >= due_ns:
+            self.leader.handle_timer(self.now_true_ns)
+        for data, (name, _) in self.leader.datagrams_to_send(self.now_true_ns):
+            node = self.nodes[name]
+            for delay_ns in node.spec.link.deliveries(node.spec.link.to_client, self._rng):
+                self._at(self.now_true_ns + delay_ns, lambda d=data, n=node: self._to_client(d, n))  # type: ignore[misc]
+        while (event := self.leader.next_event()) is not None:
+            self.leader_events.append(event)
+        due_ns = self.leader.next_timer()
+        if due_ns is not None and not self.now_true_ns < self._leader_timer_ns <= due_ns:
+            self._leader_timer_ns = max(due_ns, self.now_true_ns + 1)
+            self._at(self._leader_timer_ns, self._pump_leader)
+
+    def _local(self, node: VirtualNode) -> int:
+        return node.spec.clock.local_from_true(self.now_true_ns)

@@ -1,0 +1,237 @@
+"""Which mode of a V4L2 camera to use, what it offers, and its errors in a user's words."""
+
+import errno
+import os
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from fractions import Fraction
+
+from capture_app.cameras.v4l2_ioctl import VideoDevice
+from capture_app.cameras.v4l2_layout import (
+    CAP_META_CAPTURE,
+    CAP_STREAMING,
+    CAP_VIDEO_CAPTURE,
+    CAP_VIDEO_CAPTURE_MPLANE,
+    Capability,
+    FrameInterval,
+    PixelFormat,
+)
+from capture_app.errors import BadInputError, CameraError
+
+USABLE_FORMATS = ("MJPG", "JPEG", "YUYV", "NV12", "GREY")
+"""The pixel formats that can be saved, the best first: a camera's own JPEG is the smallest on the bus."""
+
+DEFAULT_SIZE = (640, 480)
+DEFAULT_PERIOD = Fraction(1, 30)
+_OPTIONS = ("width", "height", "fps", "format")
+_LISTED_MODES = 8
+_RATE_TOLERANCE = 0.01
+"""Drivers round a frame rate: 29.97 and 30 fps are the same mode to a user."""
+
+
+@dataclass(frozen=True, slots=True)
+class WantedMode:
+    """What a user asked for; None where the camera's best will do. Pixels, seconds."""
+
+    width: int | None = None
+    height: int | None = None
+    period: Fraction | None = None
+    fourcc: str | None = None
+
+    @property
+    def near_size(self) -> tuple[int, int]:
+        """The size to look for, in pixels, with the usual shape where only one side is given."""
+        width, height = self.width, self.height
+        if width is not None:
+            return width, height if height is not None else round(width * 3 / 4)
+        return (round(height * 4 / 3), height) if height is not None else DEFAULT_SIZE
+
+
+@dataclass(frozen=True, slots=True)
+class Mode:
+    """A format and size that a camera offers, with its frame periods; none where it does not say."""
+
+    fourcc: str
+    width: int
+    height: int
+    intervals: tuple[FrameInterval, ...] = ()
+
+    def nearest_period(self, wanted: Fraction) -> Fraction:
+        """The offered frame period in seconds nearest to the one wanted."""
+        offered = (interval.nearest(wanted) for interval in self.intervals)
+        return min(offered, key=lambda period: abs(period - wanted), default=wanted)
+
+    def __str__(self) -> str:
+        rates = ", ".join(_rates(interval) for interval in self.intervals)
+        return f"{self.fourcc} {self.width}x{self.height}" + (f" at {rates} fps" if rates else "")
+
+
+def parse_options(options: Mapping[str, str]) -> WantedMode:
+    """Read the options width, height (pixels), fps and format. Raises BadInputError, naming the wrong one."""
+    for name in options:
+        if name not in _OPTIONS:
+            raise BadInputError(
+                f"a V4L2 camera has no option {name!r}", hint=f"there are {', '.join(_OPTIONS)}"
+            )
+    fps, fourcc = options.get("fps"), options.get("format")
+    return WantedMode(
+        width=_pixels("width", options.get("width")),
+        height=_pixels("height", options.get("height")),
+        period=None if fps is None else 1 / _rate(fps),
+        fourcc=None if fourcc is None else fourcc.upper(),
+    )
+
+
+def check_capture(path: str, capability: Capability) -> None:
+    """Raise CameraError where a device node does not deliver pictures that can be used."""
+    flags = capability.flags
+    if flags & CAP_VIDEO_CAPTURE and flags & CAP_STREAMING:
+        return
+    if flags & CAP_META_CAPTURE:
+        why = "carries metadata, not pictures"
+    elif flags & CAP_VIDEO_CAPTURE_MPLANE:
+        why = "delivers pictures in several planes, which is not supported"
+    else:
+        why = "is not a capture device"
+    raise CameraError(
+        f"{path} ({capability.card}) {why}", hint="`capture-app cameras` lists the cameras there are"
+    )
+
+
+def offered_modes(device: VideoDevice, near_size: tuple[int, int] = DEFAULT_SIZE) -> tuple[Mode, ...]:
+    """The usable modes of a camera; of a range of sizes only the one nearest to `near_size` (pixels)."""
+    modes: dict[Mode, None] = {}
+    for fourcc in device.formats():
+        if fourcc not in USABLE_FORMATS:
+            continue
+        for size in device.sizes(fourcc):
+            width, height = size.nearest(*near_size)
+            modes[Mode(fourcc, width, height, device.intervals(fourcc, width, height))] = None
+    return tuple(modes)
+
+
+def choose_mode(path: str, modes: Iterable[Mode], wanted: WantedMode) -> tuple[Mode, Fraction]:
+    """The best mode that is all that was asked for, and its frame period in seconds.
+
+    Without wishes: MJPG before raw formats, near 640x480, near 30 fps. Raises CameraError that lists
+    what the camera offers where it has no such mode.
+    """
+    period = wanted.period or DEFAULT_PERIOD
+    width, height = wanted.near_size
+    offered = tuple(modes)
+    if not offered:
+        raise CameraError(
+            f"{path} offers no format that can be saved",
+            hint=f"formats that can be: {', '.join(USABLE_FORMATS)}",
+        )
+    fitting = [
+        mode
+        for mode in offered
+        if wanted.fourcc in (None, mode.fourcc)
+        and wanted.width in (None, mode.width)
+        and wanted.height in (None, mode.height)
+        and (wanted.period is None or same_period(mode.nearest_period(wanted.period), wanted.period))
+    ]
+    if not fitting:
+        raise refused(path, wanted, offered)
+    best = min(
+        fitting,
+        key=lambda mode: (
+            USABLE_FORMATS.index(mode.fourcc),
+            abs(mode.width * mode.height - width * height),
+            abs(mode.nearest_period(period) - period),
+        ),
+    )
+    return best, best.nearest_period(period)
+
+
+def configure(device: VideoDevice, wanted: WantedMode) -> tuple[PixelFormat, Fraction]:
+    """Set a camera to the best mode that was asked for; returns it and its frame period in seconds.
+
+    Raises CameraError where the camera does not offer it or takes another, OSError from the driver.
+    """
+    modes = offered_modes(device, wanted.near_size)
+    mode, period = choose_mode(device.path, modes, wanted)
+    taken = device.set_format(mode.fourcc, mode.width, mode.height)
+    if (taken.fourcc, taken.width, taken.height) != (mode.fourcc, mode.width, mode.height):
+        raise refused(device.path, wanted, modes)
+    actual = device.set_period(period)
+    if actual is None:
+        if wanted.period is not None:
+            raise CameraError(f"{device.path} does not say at which rate it runs", hint="leave out fps")
+        return taken, period
+    if wanted.period is not None and not same_period(actual, wanted.period):
+        raise refused(device.path, wanted, modes)
+    return taken, actual
+
+
+def same_period(one: Fraction, other: Fraction) -> bool:
+    """Whether two frame periods are one mode to a user: they differ by less than 1 %."""
+    return abs(one - other) < _RATE_TOLERANCE * other
+
+
+def refused(path: str, wanted: WantedMode, offered: tuple[Mode, ...]) -> CameraError:
+    """The error for a mode that the camera does not have, with those that it has."""
+    asked = [wanted.fourcc or ""]
+    if wanted.width is not None or wanted.height is not None:
+        asked.append(f"{wanted.width or 'any'}x{wanted.height or 'any'}")
+    if wanted.period is not None:
+        asked.append(f"at {_fps(wanted.period)} fps")
+    like = [mode for mode in offered if mode.fourcc == wanted.fourcc] or list(offered)
+    listed = "; ".join(str(mode) for mode in like[:_LISTED_MODES])
+    more = f"; and {len(like) - _LISTED_MODES} more" if len(like) > _LISTED_MODES else ""
+    return CameraError(
+        f"{path} has no mode {' '.join(filter(None, asked))}".rstrip(), hint=f"it offers {listed}{more}"
+    )
+
+
+def explain(path: str, error: OSError) -> CameraError:
+    """The driver's error in words that say what to do."""
+    match error.errno:
+        case errno.ENOENT:
+            what, hint = f"there is no camera {path}", "`capture-app cameras` lists those there are"
+        case errno.EACCES | errno.EPERM:
+            what = f"no permission to use {path}"
+            hint = "add yourself to the group `video`: sudo usermod -aG video $USER, then log in again"
+        case errno.EBUSY:
+            what = f"{path} is in use by another program"
+            hint = f"close it; `fuser -v {path}` names it"
+        case errno.ENOTTY | errno.EISDIR | errno.ENXIO:
+            what, hint = f"{path} is not a camera", "`capture-app cameras` lists the cameras there are"
+        case errno.ENOSPC:
+            what = f"{path} cannot start: the USB bus has no bandwidth left for it"
+            hint = "choose format=MJPG, a smaller size or rate, or another USB port"
+        case errno.ENODEV | errno.EIO | errno.ESHUTDOWN | errno.EPROTO | errno.ETIMEDOUT:
+            what, hint = f"{path} does not answer any more", "check its plug and cable, then start it again"
+        case _:
+            reason = os.strerror(error.errno) if error.errno else str(error)
+            what, hint = f"{path} failed: {reason}", "the kernel log (`dmesg`) may say more"
+    return CameraError(what, hint=hint)
+
+
+def _pixels(name: str, text: str | None) -> int | None:
+    if text is None:
+        return None
+    if not (text.isascii() and text.isdecimal() and 0 < int(text) < 1 << 16):
+        raise BadInputError(f"{name}={text} is not a number of pixels", hint=f"for example {name}=640")
+    return int(text)
+
+
+def _rate(text: str) -> Fraction:
+    try:
+        rate = Fraction(text)
+    except (ValueError, ZeroDivisionError):
+        rate = Fraction(0)
+    if not Fraction(1, 1000) <= rate <= 10_000:
+        raise BadInputError(f"fps={text} is not a frame rate", hint="for example fps=30 or fps=29.97")
+    return rate.limit_denominator(1001)
+
+
+def _rates(interval: FrameInterval) -> str:
+    if interval.shortest == interval.longest:
+        return _fps(interval.shortest)
+    return f"{_fps(interval.longest)} to {_fps(interval.shortest)}"
+
+
+def _fps(period: Fraction) -> str:
+    return f"{float(1 / period):.4g}" if period else "any"

@@ -1,0 +1,266 @@
+"""The stream of a V4L2 camera: driver timestamps, sequence numbers, restarts, unplugging.
+
+Timestamps are the driver's own, in CLOCK_MONOTONIC of the host, and are kept as stamped: `info` says which
+moment of a frame they mean. With uvcvideo that is the arrival of a frame's first bytes.
+"""
+
+import asyncio
+import logging
+import mmap
+import threading
+import time
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+
+from capture_app.cameras.base import (
+    Camera,
+    CameraInfo,
+    CapturedFrame,
+    OnFailure,
+    OnFrame,
+    PhaseControl,
+    TimestampSource,
+)
+from capture_app.cameras.v4l2_ioctl import VideoDevice
+from capture_app.cameras.v4l2_layout import (
+    BUF_FLAG_ERROR,
+    BUF_FLAG_SOURCE_END_OF_FRAME,
+    BUF_FLAG_SOURCE_MASK,
+    BUF_FLAG_SOURCE_START_OF_EXPOSURE,
+    BUF_FLAG_TIMESTAMP_MASK,
+    BUF_FLAG_TIMESTAMP_MONOTONIC,
+    CID_AUTOGAIN,
+    CID_EXPOSURE_ABSOLUTE,
+    CID_EXPOSURE_AUTO,
+    CID_EXPOSURE_AUTO_PRIORITY,
+    CID_GAIN,
+    EXPOSURE_MANUAL,
+    Buffer,
+    PixelFormat,
+)
+from capture_app.cameras.v4l2_modes import explain
+from capture_app.cameras.v4l2_payload import payload_of
+from capture_app.errors import CameraError
+from capture_app.sync.commands import CameraCommand, InjectFrame
+
+_log = logging.getLogger(__name__)
+
+_BUFFERS = 6
+_EXPOSURE_UNIT_NS = 100_000
+_FOREIGN_CLOCK_NS = 60_000_000_000
+"""A stamp this far from now is not of this process's monotonic clock."""
+_SOURCES = {
+    BUF_FLAG_SOURCE_START_OF_EXPOSURE: TimestampSource.START_OF_EXPOSURE,
+    BUF_FLAG_SOURCE_END_OF_FRAME: TimestampSource.END_OF_FRAME,
+}
+
+
+class V4L2Camera(Camera):
+    """A V4L2 camera that streams into mapped buffers; `open_v4l2` makes one."""
+
+    def __init__(self, device: VideoDevice, layout: PixelFormat, period_ns: int) -> None:
+        """Take over a configured device. Raises CameraError for an unusable clock, OSError of the driver."""
+        self._device = device
+        self._layout = layout
+        # Slow ioctls have a thread of their own, so that a busy default executor never delays a restart.
+        self._worker = ThreadPoolExecutor(max_workers=1, thread_name_prefix="v4l2")
+        self._command_lock = asyncio.Lock()
+        self._closing = threading.Event()
+        self._streaming = False
+        self._stream = 0
+        self._clock_checked = False
+        self._on_frame: OnFrame | None = None
+        self._on_failure: OnFailure | None = None
+        self._exposure_ns, self._gain = _read_exposure(device)
+        count = device.request_buffers(_BUFFERS)
+        buffers = [device.query_buffer(index) for index in range(count)]
+        self._memory: list[mmap.mmap] = [device.map(buffer) for buffer in buffers]
+        limits = device.control_range(CID_EXPOSURE_ABSOLUTE)
+        self._info = CameraInfo(
+            kind="v4l2",
+            model=device.capability().card,
+            width=layout.width,
+            height=layout.height,
+            pixel_format=layout.fourcc,
+            period_ns=period_ns,
+            timestamp_source=_timestamp_source(device.path, buffers[0].flags),
+            phase_control=PhaseControl.RESET,
+            exposure_ns=self._exposure_ns,
+            min_exposure_ns=limits[0] * _EXPOSURE_UNIT_NS if limits else None,
+            max_exposure_ns=limits[1] * _EXPOSURE_UNIT_NS if limits else None,
+        )
+        self._auto_priority = _keep_rate_constant(device)
+
+    @property
+    def info(self) -> CameraInfo:
+        """What this camera can do."""
+        return self._info
+
+    async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
+        """Start streaming. Raises CameraError where the device is gone, busy, or out of USB bandwidth."""
+        if self._streaming or self._closing.is_set():
+            raise CameraError(f"{self._device.path} was started already", hint="open it again")
+        self._on_frame, self._on_failure = on_frame, on_failure
+        async with self._command_lock:
+            try:
+                await self._in_worker(self._begin_stream)
+            except OSError as error:
+                raise explain(self._device.path, error) from error
+            if not self._closing.is_set():
+                self._streaming = True
+                self._listen()
+
+    async def apply(self, command: CameraCommand) -> None:
+        """Restart the stream; the delay counts from this call.
+
+        Where stopping takes longer than the delay, whole frame periods are added, so that the start keeps
+        its place in the period. A device that goes away meanwhile is reported through `on_failure`.
+        Raises CameraError for InjectFrame, or without a stream.
+        """
+        asked_ns = time.monotonic_ns()
+        if isinstance(command, InjectFrame):
+            raise CameraError(
+                f"{self._device.path} cannot take a single longer frame", hint="restart its stream instead"
+            )
+        async with self._command_lock:
+            if not self._streaming:
+                raise CameraError(f"{self._device.path} does not stream")
+            asyncio.get_running_loop().remove_reader(self._device.fd)
+            try:
+                await self._in_worker(self._restart, asked_ns + command.delay_ns)
+            except OSError as error:
+                self._fail(explain(self._device.path, error))
+            if self._streaming:
+                self._listen()
+
+    async def stop(self) -> None:
+        """Stop streaming and let go of the device. Calling it twice is harmless."""
+        if self._closing.is_set():
+            return
+        self._closing.set()
+        if self._streaming:
+            self._streaming = False
+            asyncio.get_running_loop().remove_reader(self._device.fd)
+        await self._in_worker(self._release)
+
+    def _release(self) -> None:
+        with suppress(OSError):
+            self._device.stream_off()
+        for memory in self._memory:
+            memory.close()
+        self._memory = []
+        if self._auto_priority is not None:
+            with suppress(OSError):
+                self._device.set_control(CID_EXPOSURE_AUTO_PRIORITY, self._auto_priority)
+        self._device.close()
+        self._worker.shutdown(wait=False)
+
+    def _begin_stream(self) -> None:
+        self._exposure_ns, self._gain = _read_exposure(self._device)
+        for index in range(len(self._memory)):
+            self._device.queue(index)
+        self._device.stream_on()
+
+    def _restart(self, start_ns: int) -> None:
+        """In the worker: stop, wait until `start_ns` of the monotonic clock, start."""
+        self._device.stream_off()
+        self._exposure_ns, self._gain = _read_exposure(self._device)
+        for index in range(len(self._memory)):
+            self._device.queue(index)
+        late_ns = time.monotonic_ns() - start_ns
+        if late_ns > 0:
+            start_ns += -(-late_ns // self._info.period_ns) * self._info.period_ns
+        if not self._closing.wait((start_ns - time.monotonic_ns()) / 1e9):
+            self._device.stream_on()
+
+    def _listen(self) -> None:
+        self._stream += 1
+        self._clock_checked = False
+        asyncio.get_running_loop().add_reader(self._device.fd, self._drain)
+
+    def _drain(self) -> None:
+        """Take what the driver has filled, at most one round of buffers."""
+        for _ in self._memory:
+            try:
+                buffer = self._device.dequeue()
+                data = self._memory[buffer.index][: buffer.bytes_used]
+                self._device.queue(buffer.index)
+            except BlockingIOError:
+                return
+            except OSError as error:
+                self._fail(explain(self._device.path, error))
+                return
+            self._deliver(buffer, data)
+            if not self._streaming:
+                return
+
+    def _deliver(self, buffer: Buffer, data: bytes) -> None:
+        payload = None if buffer.flags & BUF_FLAG_ERROR else payload_of(data, self._layout)
+        if payload is None:
+            # Its sequence number is missing from the stream: a dropped frame like any other.
+            _log.debug("%s: frame %d came damaged", self._device.path, buffer.sequence)
+            return
+        if not self._clock_checked:
+            if abs(buffer.timestamp_ns - time.monotonic_ns()) > _FOREIGN_CLOCK_NS:
+                self._fail(_foreign_clock(self._device.path))
+                return
+            self._clock_checked = True
+        assert self._on_frame is not None
+        self._on_frame(
+            CapturedFrame(
+                sequence=buffer.sequence,
+                stream=self._stream,
+                timestamp_ns=buffer.timestamp_ns,
+                payload=payload,
+                exposure_ns=self._exposure_ns,
+                gain=self._gain,
+            )
+        )
+
+    def _fail(self, error: CameraError) -> None:
+        if not self._streaming:
+            return
+        self._streaming = False
+        asyncio.get_running_loop().remove_reader(self._device.fd)
+        assert self._on_failure is not None
+        self._on_failure(error)
+
+    def _in_worker(self, work: Callable[..., None], *arguments: int) -> asyncio.Future[None]:
+        return asyncio.get_running_loop().run_in_executor(self._worker, work, *arguments)
+
+
+def _timestamp_source(path: str, flags: int) -> TimestampSource:
+    """The moment that a driver's buffers are stamped at. Raises CameraError for another clock."""
+    if flags & BUF_FLAG_TIMESTAMP_MASK != BUF_FLAG_TIMESTAMP_MONOTONIC:
+        raise _foreign_clock(path)
+    return _SOURCES.get(flags & BUF_FLAG_SOURCE_MASK, TimestampSource.UNKNOWN)
+
+
+def _foreign_clock(path: str) -> CameraError:
+    return CameraError(
+        f"{path} does not stamp its frames in this machine's monotonic clock",
+        hint="for a USB camera: echo CLOCK_MONOTONIC | sudo tee /sys/module/uvcvideo/parameters/clock",
+    )
+
+
+def _read_exposure(device: VideoDevice) -> tuple[int | None, float | None]:
+    """Exposure in ns and gain in the device's unit, None where the camera chooses them frame by frame."""
+    automatic = device.control(CID_EXPOSURE_AUTO)
+    if automatic not in (None, EXPOSURE_MANUAL):
+        return None, None
+    exposure, gain = device.control(CID_EXPOSURE_ABSOLUTE), device.control(CID_GAIN)
+    return (
+        None if exposure is None else exposure * _EXPOSURE_UNIT_NS,
+        None if gain is None or device.control(CID_AUTOGAIN) else float(gain),
+    )
+
+
+def _keep_rate_constant(device: VideoDevice) -> int | None:
+    """Forbid longer frames in the dark; returns the setting to restore, None where there is nothing to."""
+    before = device.control(CID_EXPOSURE_AUTO_PRIORITY)
+    if not before:
+        return None
+    with suppress(OSError):
+        device.set_control(CID_EXPOSURE_AUTO_PRIORITY, 0)
+    return before

@@ -84,7 +84,7 @@ def _pictures(result: CompareResult, out: Path) -> str:
     return f"""<section aria-labelledby="pictures">
 <h2 id="pictures">See the difference</h2>
 <fieldset class="view"><legend>Show the two</legend>
-<label><input type="radio" name="view" value="over" checked> over each other, with a slider</label>
+<label><input type="radio" name="view" value="over" checked> over each other (drag, or arrow keys)</label>
 <label><input type="radio" name="view" value="beside"> side by side</label></fieldset>
 {figures}
 </section>"""
@@ -138,11 +138,11 @@ def _measures(result: CompareResult) -> str:
         if result.stitch
         else _skipped("No panorama was made", result.stitch_skipped),
     ]
-    verdict = wording.control(result)
+    fair = "The same cameras, the same calibration, the same method: only the instant of one picture differs."
+    words = f"<p>{fair} {escape(wording.control(result))}</p>" if result.stereo or result.stitch else ""
     return f"""<section aria-labelledby="measures">
 <h2 id="measures">The measurements</h2>
-<p>The same cameras, the same calibration, the same method: only the instant of one picture differs.
-{escape(verdict)}</p>
+{words}
 {"".join(parts)}
 </section>"""
 

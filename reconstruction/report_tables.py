@@ -14,12 +14,16 @@ def claims(result: CompareResult) -> str:
     """Two numbers, synchronized and offset, that say it all; nothing where there are none."""
     late = wording.lateness(result.actual_offset_ms)
     stereo, stitch = result.stereo, result.stitch
+    note = ""
     shown: tuple[tuple[str, str, float | None], ...]
     if stereo and None not in (stereo.synced.mover_within_2pct, stereo.offset.mover_within_2pct):
         what = "of the moving surface measured correctly"
         shown = _shares(stereo.synced.mover_within_2pct, stereo.offset.mover_within_2pct, what)
     elif stereo and None not in (stereo.synced.mover_coverage, stereo.offset.mover_coverage):
         what = "of the moving surface given a distance"
+        note = (
+            "Nobody knows the true distances here, so this counts where the pictures could be matched at all."
+        )
         shown = _shares(stereo.synced.mover_coverage, stereo.offset.mover_coverage, what)
     elif stitch:
         pair = (stitch.synced.overlap_flow_p95_px, stitch.offset.overlap_flow_p95_px)
@@ -30,7 +34,8 @@ def claims(result: CompareResult) -> str:
         return ""
     whens = ("when both pictures show the same instant", f"when one picture is {late}")
     sides = zip(("synced", "offset"), shown, whens, strict=True)
-    return '<div class="claims">' + "".join(_claim(*side) for side in sides) + "</div>"
+    cards = '<div class="claims">' + "".join(_claim(*side) for side in sides) + "</div>"
+    return cards + (f'<p class="quiet">{note}</p>' if note else "")
 
 
 def _shares(
@@ -116,7 +121,7 @@ def panorama_table(stitch: StitchResult, offset_ms: float) -> str:
     rows = [
         _row(
             "Misfit in the overlap",
-            "How far apart the two pictures show the same thing; 5 % of the overlap is worse. Less is better.",
+            "How far apart both pictures show the same thing; 5 % of the overlap is worse. Less is better.",
             [(s.overlap_flow_p95_px, wording.quantity(s.overlap_flow_p95_px, "px"), "", False) for s in pair],
         )
     ]
@@ -151,7 +156,7 @@ def _heads(offset_ms: float) -> str:
     late = wording.lateness(offset_ms)
     late = late[0].upper() + late[1:]
     return (
-        '<th scope="col" class="synced"><span class="dot"></span>Synchronized</th>'
+        '<th scope="col" class="synced"><span class="dot"></span>Synced</th>'
         f'<th scope="col" class="offset"><span class="dot"></span>{escape(late)}</th>'
     )
 

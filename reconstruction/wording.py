@@ -1,6 +1,7 @@
 """Numbers and comparisons in words that need no knowledge of cameras."""
 
 import math
+import re
 
 from reconstruction.results import CompareResult
 
@@ -73,7 +74,8 @@ def walk(offset_ms: float) -> str:
 
 
 def headline(verdict: str) -> tuple[str, str]:
-    """The first sentence of a verdict, and the rest."""
+    """The first sentence of a verdict, and the rest; numbers stay with their units."""
+    verdict = re.sub(r"(?<=\d) (?=([mµ]?s|px|[cm]?m)\b|%)", GAP, verdict)
     end = verdict.find(". ")
     return (verdict, "") if end < 0 else (verdict[: end + 1], verdict[end + 2 :].strip())
 

@@ -1,0 +1,324 @@
+"""The report: whole, self-contained, escaped, and honest about what was not measured."""
+
+import base64
+import re
+from dataclasses import dataclass, field
+from html.parser import HTMLParser
+from pathlib import Path
+
+import cv2
+import msgspec
+import numpy as np
+import pytest
+
+from capture_app.errors import BadInputError
+from reconstruction import wording
+from reconstruction.report import write_report
+from reconstruction.results import (
+    CompareResult,
+    DepthScores,
+    Picture,
+    StereoResult,
+    StitchResult,
+    StitchScores,
+)
+
+NASTY = "jump <script>alert('x')</script> & \"pinwheel\" $css {x}"
+VOID = {"meta", "link", "img", "input", "br", "circle", "path"}
+
+
+@dataclass
+class Page(HTMLParser):
+    """What a browser would see: elements with their attributes, text, and whether they nest."""
+
+    elements: list[tuple[str, dict[str, str]]] = field(default_factory=list)
+    text: str = ""
+    stack: list[str] = field(default_factory=list)
+
+    @classmethod
+    def read(cls, path: Path) -> "Page":
+        page = cls()
+        HTMLParser.__init__(page)
+        page.feed(path.read_text("utf-8"))
+        page.close()
+        assert page.stack == []
+        return page
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.append((tag, {key: value or "" for key, value in attrs}))
+        if tag not in VOID:
+            self.stack.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.elements.append((tag, {key: value or "" for key, value in attrs}))
+
+    def handle_endtag(self, tag):
+        if tag not in VOID:
+            assert self.stack.pop() == tag
+
+    def handle_data(self, data):
+        if not {"script", "style"} & set(self.stack):
+            self.text += data.replace(wording.GAP, " ").replace("\n", " ")
+
+    def all(self, tag: str) -> list[dict[str, str]]:
+        return [attributes for name, attributes in self.elements if name == tag]
+
+
+def depth(**changes: float | None) -> DepthScores:
+    scores = DepthScores(
+        mover_coverage=0.999,
+        static_coverage=0.745,
+        mover_within_2pct=0.981,
+        static_within_2pct=0.673,
+        mover_epipolar_px=0.26,
+        instants=5,
+    )
+    return msgspec.structs.replace(scores, **changes)
+
+
+STEREO = StereoResult(
+    reference="cam2",
+    other="cam3",
+    synced=depth(),
+    offset=depth(
+        mover_coverage=0.405, static_coverage=0.733, mover_within_2pct=0.0112, mover_epipolar_px=17.7
+    ),
+)
+STITCH = StitchResult(
+    cameras=("cam0", "cam4"),
+    synced=StitchScores(overlap_flow_p95_px=1.31, static_overlap_mad=4.2, mover_overlap_mad=6.1, instants=5),
+    offset=StitchScores(overlap_flow_p95_px=23.4, static_overlap_mad=4.3, mover_overlap_mad=31.7, instants=5),
+)
+RESULT = CompareResult(
+    session=NASTY,
+    offset_ms=66,
+    offset_frames=2,
+    actual_offset_ms=66.6,
+    verdict="Synchronized cameras measure moving things. Late ones <do not>.",
+    calibration="the session's own (calibration.json)",
+    stereo=STEREO,
+    stitch=STITCH,
+    sync_residual_us=85.2,
+    sync_bound_us=1912,
+    seconds=14.24,
+    versions={"opencv": "5.0.0"},
+)
+
+
+@pytest.fixture
+def pictured(tmp_path: Path) -> CompareResult:
+    """The result with three pictures on disk: ordinary, very wide and upright."""
+    random = np.random.default_rng(1)
+    (tmp_path / "pictures").mkdir()
+    pictures = []
+    for key, shape, suffix in (
+        ("depth", (48, 64), "png"), ("pano", (40, 300), "jpg"), ("crop", (90, 30), "png")
+    ):  # fmt: skip
+        names = [f"pictures/{key}_{side}.{suffix}" for side in ("synced", "offset")]
+        for name in names:
+            assert cv2.imwrite(str(tmp_path / name), random.integers(0, 255, (*shape, 3), np.uint8))
+        pictures.append(
+            Picture(key=key, title=f'{key} "seen"', synced=names[0], offset=names[1], caption="a<b")
+        )
+    return msgspec.structs.replace(RESULT, pictures=tuple(pictures))
+
+
+def test_the_page_starts_with_the_verdict_and_its_two_numbers(tmp_path, pictured):
+    page = Page.read(write_report(pictured, tmp_path))
+
+    assert len(page.all("h1")) == 1
+    start = page.text.index("Synchronized cameras measure moving things.")
+    first, second = page.text.index("98 %"), page.text.index("1 %")
+    assert start < first < second < page.text.index("Why the instant matters")
+    assert "of the moving surface measured correctly" in page.text
+    assert "66.6 ms late" in page.text
+
+
+def test_everything_is_in_the_one_file(tmp_path, pictured):
+    path = write_report(pictured, tmp_path)
+    page = Page.read(path)
+
+    assert path == tmp_path / "report.html"
+    images = page.all("img")
+    assert len(images) == 6
+    for image, name in zip(images, [p for q in pictured.pictures for p in (q.synced, q.offset)], strict=True):
+        head, data = image["src"].split(",", 1)
+        assert head == f"data:image/{'jpeg' if name.endswith('jpg') else 'png'};base64"
+        assert base64.b64decode(data) == (tmp_path / name).read_bytes()
+    assert {(i["width"], i["height"]) for i in images} == {("64", "48"), ("300", "40"), ("30", "90")}
+    for _, attributes in page.elements:
+        for key in ("src", "href", "action"):
+            assert attributes.get(key, "data:").startswith("data:")
+    text = path.read_text("utf-8")
+    assert not re.search(r"https?://|@import|url\(", re.sub(r"base64,[^\"]+", "", text))
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["pictures", "report.html"]
+
+
+def test_every_picture_can_be_read_and_wiped_without_a_mouse(tmp_path, pictured):
+    page = Page.read(write_report(pictured, tmp_path))
+
+    assert all(len(image["alt"]) > 10 for image in page.all("img"))
+    sliders = [i for i in page.all("input") if i["type"] == "range"]
+    assert len(sliders) == len(pictured.pictures)
+    assert all(slider["aria-label"] and "tabindex" not in slider for slider in sliders)
+    assert len(page.all("figcaption")) == len(pictured.pictures)
+    ids = [attributes["id"] for _, attributes in page.elements if "id" in attributes]
+    assert len(ids) == len(set(ids))
+    for _, attributes in page.elements:
+        assert attributes.get("aria-labelledby", "why") in ids
+
+
+def test_words_of_the_user_stay_words(tmp_path, pictured):
+    path = write_report(pictured, tmp_path)
+    page = Page.read(path)
+
+    assert NASTY.rpartition("/")[2] in page.text
+    assert NASTY in page.text
+    assert len(page.all("script")) == 1
+    assert not page.all("do")
+    assert "<do not>" in page.text
+
+
+def test_movers_stand_beside_the_static_control(tmp_path):
+    page = Page.read(write_report(RESULT, tmp_path))
+
+    row = page.text[page.text.index("Given a distance") :]
+    assert re.match(r".*?99\.9 %\D*40\.5 %\D*74\.5 %\D*73\.3 %", row)
+    assert "comes from timing alone" in page.text
+    row = page.text[page.text.index("Up-and-down mismatch") :]
+    assert re.match(r".*?0\.26 px\s*17\.7 px\s*n/a\s*n/a", row)
+    assert "Brightness mismatch" not in page.text
+
+
+def test_a_control_that_moves_is_admitted(tmp_path):
+    shaky = msgspec.structs.replace(STEREO, offset=depth(static_within_2pct=0.6))
+    page = Page.read(write_report(msgspec.structs.replace(RESULT, stereo=shaky), tmp_path))
+
+    assert "comes from timing alone" not in page.text
+    assert "not all of the difference comes from timing" in page.text
+
+
+def test_without_ground_truth_nothing_is_called_correct(tmp_path):
+    blind = {"mover_within_2pct": None, "static_within_2pct": None}
+    stereo = msgspec.structs.replace(
+        STEREO, synced=depth(**blind), offset=depth(**blind, mover_coverage=0.118, static_coverage=0.744)
+    )
+    page = Page.read(write_report(msgspec.structs.replace(RESULT, stereo=stereo), tmp_path))
+
+    assert "orrectly" not in page.text
+    assert "12 % of the moving surface given a distance" in page.text
+    assert "Nobody knows the true distances" in page.text
+
+
+def test_a_panorama_alone_speaks_of_its_overlap(tmp_path):
+    only = msgspec.structs.replace(RESULT, stereo=None, stereo_skipped="only one camera <looks> that way")
+    page = Page.read(write_report(only, tmp_path))
+
+    assert "1.31 px of misfit" in page.text
+    assert "23.4 px of misfit" in page.text
+    assert "Depth was not measured: only one camera <looks> that way" in page.text
+    assert not page.all("svg")
+
+
+def test_depth_alone_says_why_there_is_no_panorama(tmp_path):
+    only = msgspec.structs.replace(RESULT, stitch=None, stitch_skipped="the pictures do not overlap")
+    page = Page.read(write_report(only, tmp_path))
+
+    assert "No panorama was made: the pictures do not overlap" in page.text
+    assert len(page.all("table")) == 1
+
+
+def test_with_nothing_measured_the_page_says_so_and_claims_nothing(tmp_path):
+    nothing = msgspec.structs.replace(
+        RESULT, stereo=None, stitch=None, sync_residual_us=None, sync_bound_us=None, versions={}
+    )
+    page = Page.read(write_report(nothing, tmp_path))
+
+    assert "Depth was not measured" in page.text
+    assert "No panorama was made" in page.text
+    assert not page.all("table")
+    assert "claim" not in {attributes.get("class", "").split(" ")[0] for _, attributes in page.elements}
+    assert "None" not in page.text
+
+
+def test_how_it_was_made_names_what_decides_the_numbers(tmp_path):
+    page = Page.read(write_report(RESULT, tmp_path))
+
+    for words in (
+        "66 ms asked for; 66.6 ms given, which is 2 frames",
+        "the session's own (calibration.json)",
+        "every synchronized picture within 85 µs of its instant",
+        "the clocks agree to 1.91 ms at the very worst",
+        "cameras cam2 and cam3, 5 instants",
+        "14.2 s",
+        "opencv 5.0.0",
+    ):
+        assert words in page.text
+
+
+@pytest.mark.parametrize("broken", ["missing", "text", "cut"])
+def test_a_picture_that_cannot_be_shown_leaves_the_old_report_alone(tmp_path, pictured, broken):
+    before = write_report(RESULT, tmp_path).read_bytes()
+    victim = tmp_path / pictured.pictures[0].offset
+    if broken == "missing":
+        victim.unlink()
+    else:
+        victim.write_bytes(b"not a picture" if broken == "text" else victim.read_bytes()[:12])
+
+    with pytest.raises(BadInputError, match=r"depth_offset\.png"):
+        write_report(pictured, tmp_path)
+
+    assert (tmp_path / "report.html").read_bytes() == before
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["pictures", "report.html"]
+
+
+def test_a_folder_that_cannot_be_written_is_one_clear_error(tmp_path):
+    (tmp_path / "report.html").mkdir()
+
+    with pytest.raises(BadInputError, match=r"cannot write the report .*--out"):
+        write_report(RESULT, tmp_path)
+
+    assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        (None, "n/a"),
+        (float("nan"), "n/a"),
+        (0.0, "0 %"),
+        (0.0004, "under 0.1 %"),
+        (0.004, "0.4 %"),
+        (0.0112, "1 %"),
+        (0.981, "98 %"),
+        (0.9999, "99.9 %"),
+        (1.0, "100 %"),
+    ],
+)
+def test_shares_never_round_up_to_all_or_down_to_nothing(value, words):
+    assert wording.share(value, decimals=0).replace(wording.GAP, " ") == words
+
+
+@pytest.mark.parametrize(
+    ("shown", "words"),
+    [
+        (wording.milliseconds(66.0), "66 ms"),
+        (wording.milliseconds(66.64), "66.6 ms"),
+        (wording.lateness(-33.3), "33.3 ms early"),
+        (wording.microseconds(None), "n/a"),
+        (wording.microseconds(999.4), "999 µs"),
+        (wording.microseconds(1912), "1.91 ms"),
+        (wording.quantity(9.996), "10.0"),
+        (wording.quantity(0.256, "px"), "0.26 px"),
+        (wording.quantity(170.4), "170"),
+        (wording.seconds(119.96), "120.0 s"),
+        (
+            " | ".join(wording.headline("It is 98.1 % right. At 66 ms not. So.")),
+            "It is 98.1 % right. | At 66 ms not. So.",
+        ),
+        (wording.seconds(185), "3 min 5 s"),
+        (wording.count(1, "frame"), "1 frame"),
+    ],
+)
+def test_numbers_read_well(shown, words):
+    assert shown.replace(wording.GAP, " ") == words

@@ -54,8 +54,9 @@ class FramePayload(Protocol):
 class GroundTruth(Protocol):
     """What a simulated frame knows about itself that a real one does not."""
 
-    true_ns: int
-    """True start of the first row's exposure, in the host's monotonic clock."""
+    @property
+    def true_ns(self) -> int:
+        """True start of the first row's exposure, in the host's monotonic clock."""
 
     def encode(self) -> bytes:
         """Return the bytes of an .npz with `depth_m` (float32 HxW), `objects` (uint8), `movers` (bool)."""

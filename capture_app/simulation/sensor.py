@@ -141,6 +141,11 @@ class Sensor:
         return self._streaming
 
     @property
+    def stream(self) -> int:
+        """Number of the stream under way or just ended; -1 before the first."""
+        return self._stream
+
+    @property
     def true_period_ns(self) -> float:
         """Period of this device's stream in true time, its crystal's error included."""
         return self.profile.period_ns * (1.0 + self._error_ppb * 1e-9)

@@ -1,0 +1,62 @@
+"""The picture and the truth of a simulated frame, rendered when they are saved."""
+
+import hashlib
+import io
+from dataclasses import dataclass
+
+from capture_app.errors import CameraError
+from capture_app.simulation.pictures import PictureSource
+from capture_app.simulation.sensor import SensorFrame
+
+JPEG_QUALITY = 95
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedPayload:
+    """A picture that is rendered when it is saved."""
+
+    source: PictureSource
+    frame: SensorFrame
+    seed: int
+
+    def encode(self) -> bytes:
+        """Render the frame and return it as JPEG bytes; the same frame gives the same bytes."""
+        import cv2
+
+        image = self.source.render(self.frame, seed=self.seed)
+        encoded, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+        if not encoded:
+            raise CameraError(f"a picture of {image.shape} cannot be written as JPEG")
+        return data.tobytes()
+
+
+@dataclass(frozen=True, slots=True)
+class SimulatedTruth:
+    """What the simulator knows of a frame."""
+
+    source: PictureSource
+    frame: SensorFrame
+
+    @property
+    def true_ns(self) -> int:
+        """True start of the first row's exposure, in the host's monotonic clock."""
+        return self.frame.start_true_ns
+
+    def encode(self) -> bytes:
+        """Return an .npz with `depth_m` (float32 HxW, 0 = none), `objects` (uint8), `movers` (bool)."""
+        import numpy as np
+
+        depth_m, objects, movers = self.source.ground_truth(self.frame)
+        buffer = io.BytesIO()
+        np.savez_compressed(buffer, depth_m=depth_m, objects=objects, movers=movers)
+        return buffer.getvalue()
+
+
+def frame_seed(camera_seed: int, stream: int, sequence: int) -> int:
+    """The seed of one frame's noise, 0 to 2**63 - 1: the same frame looks the same in every run."""
+    return seed_of(f"{camera_seed}/{stream}/{sequence}")
+
+
+def seed_of(text: str) -> int:
+    """A seed, 0 to 2**63 - 1, that is the same for the same text in every run."""
+    return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=8).digest()) >> 1

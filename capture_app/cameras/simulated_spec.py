@@ -1,0 +1,103 @@
+"""From the words of a spec, `sim:PROFILE,key=value…`, to a simulated camera."""
+
+import math
+import random
+from collections.abc import Mapping
+from dataclasses import replace
+
+from capture_app.cameras.simulated import SimulatedCamera
+from capture_app.cameras.simulated_frame import seed_of
+from capture_app.errors import BadInputError
+from capture_app.simulation.clock import NodeClock
+from capture_app.simulation.pictures import TEST_CARD, open_picture_source
+from capture_app.simulation.profiles import find_profile
+from capture_app.simulation.sensor import Sensor, SensorProfile
+
+OPTIONS = {
+    "scene": f"what it sees: a scene's name, or {TEST_CARD}, a test card (default)",
+    "view": "the scene's view; default: the one named like the node",
+    "seed": "whole number; with the node's name it chooses crystal, noise and drops",
+    "exposure_ms": "exposure of every frame",
+    "ppm": "error of this device's crystal",
+    "noise_us": "standard deviation of the timestamps",
+    "outliers": "share of timestamps that are late, 0 to 1",
+    "drops": "share of frames that never arrive, 0 to 1",
+    "start_ms": "time from the start command to the first frame, without its scatter",
+    "fail_after_s": "the camera goes away this long after its start",
+}
+
+
+def open_simulated(
+    profile: str, options: Mapping[str, str], *, clock: NodeClock, name: str
+) -> SimulatedCamera:
+    """Open a simulated camera of a profile of `simulation.profiles` for the node `name`; see OPTIONS.
+
+    Raises BadInputError for an unknown profile, scene, view, option or value, and NotAvailableError where
+    this machine cannot render scenes.
+    """
+    for key in options:
+        if key not in OPTIONS:
+            raise BadInputError(
+                f"a simulated camera has no option {key!r}", hint=f"there are {', '.join(OPTIONS)}"
+            )
+    model = _adjusted(find_profile(profile), options)
+    camera_seed = seed_of(f"{name}/{_seed(options)}")
+    source = open_picture_source(
+        options.get("scene", TEST_CARD),
+        options.get("view", ""),
+        camera=name,
+        width=model.image_width,
+        height=model.image_rows,
+        row_time_ns=model.row_time_ns,
+    )
+    sensor = Sensor(
+        replace(model, image_rows=source.height),
+        random.Random(camera_seed),
+        period_error_ppm=_number(options, "ppm", least=-1000, most=1000),
+    )
+    fail_after_s = _number(options, "fail_after_s", least=0, most=1e6)
+    fail_after_ns = None if fail_after_s is None else round(fail_after_s * 1e9)
+    return SimulatedCamera(sensor, source, clock, seed=camera_seed, fail_after_ns=fail_after_ns)
+
+
+def _adjusted(profile: SensorProfile, options: Mapping[str, str]) -> SensorProfile:
+    """The profile with what the options change of it; the profile judges the exposure."""
+    exposure_ms = _number(options, "exposure_ms", least=0, most=1e3)
+    if exposure_ms is not None:
+        profile = replace(profile, exposure_ns=round(exposure_ms * 1e6))
+    noise_us = _number(options, "noise_us", least=0, most=1e4)
+    if noise_us is not None:
+        profile = replace(profile, timestamp_noise_ns=round(noise_us * 1e3))
+    outliers = _number(options, "outliers", least=0, most=1)
+    if outliers is not None:
+        profile = replace(profile, outlier_share=outliers)
+    drops = _number(options, "drops", least=0, most=1)
+    if drops is not None:
+        profile = replace(profile, drop_share=drops)
+    start_ms = _number(options, "start_ms", least=0, most=1e4)
+    if start_ms is not None:
+        profile = replace(profile, start_latency_ns=(round(start_ms * 1e6), 0))
+    return profile
+
+
+def _number(options: Mapping[str, str], key: str, *, least: float, most: float) -> float | None:
+    text = options.get(key)
+    if text is None:
+        return None
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not least <= value <= most:
+        raise BadInputError(
+            f"{key}={text} of a simulated camera", hint=f"a number from {least:g} to {most:g} is needed"
+        )
+    return value
+
+
+def _seed(options: Mapping[str, str]) -> int:
+    text = options.get("seed", "0")
+    try:
+        return int(text)
+    except ValueError:
+        raise BadInputError(f"seed={text} of a simulated camera", hint="a whole number is needed") from None

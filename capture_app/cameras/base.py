@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol
 
+from capture_app.session.calibration import CameraCalibration
 from capture_app.sync.commands import CameraCommand
 
 
@@ -90,6 +91,11 @@ class Camera(ABC):
     @abstractmethod
     def info(self) -> CameraInfo:
         """What this camera can do, known once it is open."""
+
+    @property
+    def calibration(self) -> CameraCalibration | None:
+        """Intrinsics and pose where they are known by construction, as those of a rendered view are."""
+        return None
 
     @abstractmethod
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 from capture_app.cameras.base import Camera, CameraInfo, CapturedFrame, OnFailure, OnFrame
+from capture_app.session.calibration import CameraCalibration
 from capture_app.simulation.clock import NodeClock
 from capture_app.sync.commands import CameraCommand
 
@@ -18,6 +19,11 @@ class ReclockedCamera(Camera):
     def info(self) -> CameraInfo:
         """What the camera behind it can do."""
         return self._camera.info
+
+    @property
+    def calibration(self) -> CameraCalibration | None:
+        """That of the camera behind it."""
+        return self._camera.calibration
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
         """Start the camera behind it. Raises what that camera raises."""

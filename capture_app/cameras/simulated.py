@@ -14,6 +14,7 @@ from capture_app.cameras.base import (
 )
 from capture_app.cameras.simulated_frame import SimulatedPayload, SimulatedTruth, frame_seed
 from capture_app.errors import CameraError
+from capture_app.session.calibration import CameraCalibration
 from capture_app.simulation.clock import NodeClock
 from capture_app.simulation.pictures import PictureSource
 from capture_app.simulation.sensor import Sensor, SensorFrame
@@ -70,6 +71,11 @@ class SimulatedCamera(Camera):
     def info(self) -> CameraInfo:
         """What this camera can do."""
         return self._info
+
+    @property
+    def calibration(self) -> CameraCalibration | None:
+        """The rendered view's own; None for the test card."""
+        return self._source.calibration
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
         """Start streaming. Raises CameraError if it streams already."""

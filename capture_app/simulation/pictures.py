@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
 from capture_app.errors import BadInputError, NotAvailableError
+from capture_app.session.calibration import CameraCalibration
 from capture_app.simulation.sensor import SensorFrame
 
 if TYPE_CHECKING:
@@ -31,6 +32,10 @@ class PictureSource(Protocol):
     def height(self) -> int:
         """Height in pixels."""
 
+    @property
+    def calibration(self) -> CameraCalibration | None:
+        """Intrinsics and pose of the view; None where there is nothing to measure."""
+
     def render(self, frame: SensorFrame, *, seed: int) -> NDArray[np.uint8]:
         """Return the picture, BGR uint8 of height x width x 3."""
 
@@ -45,6 +50,11 @@ class ColourBars:
     camera: str
     width: int
     height: int
+
+    @property
+    def calibration(self) -> CameraCalibration | None:
+        """None: a card has no depth."""
+        return None
 
     def render(self, frame: SensorFrame, *, seed: int) -> NDArray[np.uint8]:
         """Return the card, BGR uint8 of height x width x 3; `seed` moves its faint grain."""
@@ -100,6 +110,11 @@ class SceneView:
     width: int
     height: int
     row_time_ns: int
+
+    @property
+    def calibration(self) -> CameraCalibration | None:
+        """Intrinsics and pose of the view."""
+        return self.scene.calibration().cameras[self.view]
 
     def render(self, frame: SensorFrame, *, seed: int) -> NDArray[np.uint8]:
         """Return the rendered view, BGR uint8 of height x width x 3."""

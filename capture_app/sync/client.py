@@ -297,7 +297,7 @@ class Client(Generic[F]):
         self._member = _Membership(welcome.leader, welcome.client, goal, heard_ns=now_ns)
         self._why_joining = ""
         self._heartbeat_due_ns = self._request_due_ns = self._map_due_ns = now_ns
-        self._events.append(Joined(welcome.transfer_port))
+        self._events.append(Joined(welcome.transfer_port, welcome.leader))
 
     def _leave(self, reason: str, now_ns: int) -> None:
         self._member = None

@@ -13,9 +13,10 @@ F = TypeVar("F")
 
 @dataclass(frozen=True, slots=True)
 class Joined:
-    """The leader took this client in; images go to that TCP port of it."""
+    """The leader of that instance took this client in; images go to that TCP port of it."""
 
     transfer_port: int
+    leader: int
 
 
 @dataclass(frozen=True, slots=True)

@@ -49,3 +49,17 @@ async def resolve(address: Address) -> tuple[socket.AddressFamily, Address]:
     # Most leaders listen on IPv4 only, so it goes first where a name has both.
     family, _, _, _, where = min(found, key=lambda entry: entry[0] != socket.AF_INET)
     return family, Address(str(where[0]), int(where[1]))
+
+
+def reachable_host(host: str, family: socket.AddressFamily) -> str:
+    """Return the host that nodes should be told; for `any`, the address of the route to the outside."""
+    if host not in ("", "0.0.0.0", "::"):  # noqa: S104
+        return host
+    outside = ("10.255.255.255", 9) if family == socket.AF_INET else ("2001:db8::1", 9)
+    with socket.socket(family, socket.SOCK_DGRAM) as probe:
+        try:
+            # Connecting a datagram socket sends nothing: it only asks for the route.
+            probe.connect(outside)
+            return str(probe.getsockname()[0])
+        except OSError:
+            return "127.0.0.1" if family == socket.AF_INET else "::1"

@@ -1,10 +1,10 @@
 """Transfer streams: messages with a raw payload over TCP, on the same port number as the leader's UDP.
 
-    4 bytes   b"SSH1", so that a stranger on the port is noticed at once
-    4 bytes   length of the header, big-endian
-    8 bytes   length of the payload, big-endian
-    header    one message, tagged JSON
-    payload   an image and what belongs to it
+4 bytes   b"SSH1", so that a stranger on the port is noticed at once
+4 bytes   length of the header, big-endian
+8 bytes   length of the payload, big-endian
+header    one message, tagged JSON
+payload   an image and what belongs to it
 """
 
 import asyncio

@@ -1,0 +1,219 @@
+"""One camera node: the camera, the engine on a socket, and the way of its images to the leader."""
+
+import asyncio
+import random
+import secrets
+import socket
+from collections import deque
+from collections.abc import Callable
+
+from capture_app.cameras.base import Camera, CameraInfo, CapturedFrame
+from capture_app.errors import CameraError, SimulshotError
+from capture_app.net.address import Address, resolve
+from capture_app.net.udp import Pump, ToPeer, client_socket, start_pump
+from capture_app.node.messages import CameraReport, JsonValue
+from capture_app.node.records import camera_record, description, event_line, true_clock
+from capture_app.node.uploader import BurstWork, Uploader
+from capture_app.session.manifest import MissingImage
+from capture_app.simulation.clock import HostClock, NodeClock
+from capture_app.sync.client import Client, ClientConfig
+from capture_app.sync.commands import CameraCommand, RestartStream
+from capture_app.sync.events import (
+    BurstReady,
+    CannotAlign,
+    ClientEvent,
+    Joined,
+    JoinRefused,
+    LeaderLost,
+)
+from capture_app.sync.phase import FrameStamp
+from capture_app.sync.state import NodeState
+
+RING_FRAMES = 90
+CAMERA_RETRY_S = 2.0
+EVENTS_KEPT = 200
+DEFAULT_TOLERANCE_NS = 100_000
+
+
+class ClientNode:
+    """A camera that joins a leader, stays in step, and never gives up when the leader goes away."""
+
+    def __init__(
+        self,
+        *,
+        name: str,
+        open_camera: Callable[[], Camera],
+        leader: Address,
+        clock: NodeClock | None = None,
+        tolerance_ns: int = DEFAULT_TOLERANCE_NS,
+        ring_frames: int = RING_FRAMES,
+        talk: Callable[[str], None] | None = None,
+    ) -> None:
+        """`open_camera` is called again after each failure of the device; `talk` gets what a user may see."""
+        self.name = name
+        self._open_camera = open_camera
+        self._leader = leader
+        self._clock: NodeClock = clock or HostClock()
+        self._tolerance_ns = tolerance_ns
+        self._ring_frames = ring_frames
+        self._talk = talk or (lambda _: None)
+        self._camera: Camera
+        self._info: CameraInfo
+        self._engine: Client[CapturedFrame] | None = None
+        self._pump: Pump | None = None
+        self._uploader = Uploader(self._talk)
+        self._commands: asyncio.Queue[CameraCommand] = asyncio.Queue()
+        self._leader_instance = 0
+        self._events: deque[dict[str, JsonValue]] = deque(maxlen=EVENTS_KEPT)
+        self._last_state: NodeState | None = None
+
+    async def run(self) -> None:
+        """Open the camera, join, and take pictures until cancelled.
+
+        Raises NetworkError where the leader's host has no address, CameraError where the camera cannot be
+        opened at the start; later failures of either are waited out.
+        """
+        family, peer = await resolve(self._leader)
+        self._camera = self._open_camera()
+        started_ns = self._clock.now_ns()
+        failed = await self._start_camera()
+        try:
+            await self._run_with_camera(failed, started_ns, client_socket(family), peer)
+        finally:
+            await self._camera.stop()
+
+    async def _run_with_camera(
+        self, failed: "asyncio.Future[Exception]", started_ns: int, sock: socket.socket, peer: Address
+    ) -> None:
+        config = ClientConfig(
+            name=self.name,
+            instance=secrets.randbits(32),
+            camera=description(self._info),
+            tolerance_ns=self._tolerance_ns,
+            ring_frames=self._ring_frames,
+        )
+        self._engine = Client(config, random.Random(secrets.randbits(64)))
+        self._engine.stream_started(started_ns)
+        self._pump = Pump(ToPeer(self._engine, peer), self._clock.now_ns, self._drain)
+        await start_pump(self._pump, sock)
+        try:
+            async with asyncio.TaskGroup() as tasks:
+                tasks.create_task(self._keep_camera(failed))
+                tasks.create_task(self._command_camera())
+                tasks.create_task(self._uploader.run())
+        finally:
+            self._engine.leave()
+            self._pump.turn()
+            self._pump.close()
+
+    # The camera
+
+    async def _start_camera(self) -> "asyncio.Future[Exception]":
+        """Start the stream; the future tells when the device goes away."""
+        failed: asyncio.Future[Exception] = asyncio.get_running_loop().create_future()
+
+        def on_failure(error: Exception) -> None:
+            if not failed.done():
+                failed.set_result(error)
+
+        await self._camera.start(self._frame_arrived, on_failure)
+        self._info = self._camera.info
+        return failed
+
+    async def _keep_camera(self, failed: "asyncio.Future[Exception] | None") -> None:
+        """Wait for the device to fail, and then try to open it again and again."""
+        assert self._engine is not None
+        while True:
+            if failed is not None:
+                error = await failed
+                self._talk(f"camera failed: {error}")
+                self._tell_failure(str(error))
+                await self._camera.stop()
+                failed = None
+            await asyncio.sleep(CAMERA_RETRY_S)
+            info = self._info
+            try:
+                self._camera = self._open_camera()
+                started_ns = self._clock.now_ns()
+                failed = await self._start_camera()
+            except SimulshotError as reason:
+                await self._camera.stop()
+                self._tell_failure(str(reason))
+                continue
+            if self._info != info:
+                raise CameraError(
+                    f"another camera is there now: {self._info.model}", hint="start the node again"
+                )
+            self._engine.stream_started(started_ns)
+            self._talk("camera is back")
+            self._tell_failure("")
+
+    def _tell_failure(self, reason: str) -> None:
+        assert self._engine is not None
+        assert self._pump is not None
+        self._engine.fail(reason)
+        self._pump.turn()
+
+    def _frame_arrived(self, frame: CapturedFrame) -> None:
+        if self._engine is None or self._pump is None:
+            return
+        stamp = FrameStamp(sequence=frame.sequence, stream=frame.stream, timestamp_ns=frame.timestamp_ns)
+        self._engine.frame_arrived(stamp, frame, self._clock.now_ns())
+        self._pump.turn()
+
+    async def _command_camera(self) -> None:
+        assert self._engine is not None
+        while True:
+            command = await self._commands.get()
+            given_ns = self._clock.now_ns()
+            try:
+                await self._camera.apply(command)
+            except CameraError as error:
+                self._talk(f"camera refused a command: {error}")
+                continue
+            if isinstance(command, RestartStream):
+                # Cameras keep to this moment, or to whole periods after it, however late this loop is.
+                self._engine.stream_started(given_ns + command.delay_ns)
+
+    # The engine
+
+    def _drain(self) -> None:
+        assert self._engine is not None
+        while (command := self._engine.next_command()) is not None:
+            self._commands.put_nowait(command)
+        while (event := self._engine.next_event()) is not None:
+            self._take_event(event)
+        state = self._engine.state
+        if state is not self._last_state:
+            self._last_state = state
+            self._talk(str(state))
+
+    def _take_event(self, event: ClientEvent[CapturedFrame]) -> None:
+        now_ns = self._clock.now_ns()
+        if isinstance(event, BurstReady):
+            self._uploader.add(self._work_of(event))
+            return
+        if isinstance(event, Joined):
+            self._leader_instance = event.leader
+            self._uploader.leader_found(Address(self._leader.host, event.transfer_port))
+        line = {"local_ns": now_ns, **event_line(event)}
+        self._events.append(line)
+        if isinstance(event, LeaderLost | JoinRefused | CannotAlign):
+            self._talk(f"{line['event']}: {event.reason}")
+
+    def _work_of(self, ready: BurstReady[CapturedFrame]) -> BurstWork:
+        assert self._engine is not None
+        report = CameraReport(
+            leader=self._leader_instance,
+            burst=ready.burst,
+            camera=camera_record(self.name, self._info, ready, self._engine.aligner.corrections),
+            instants=tuple(pick.instant for pick in ready.picks),
+            missing=tuple(
+                MissingImage(camera=self.name, instant=gap.instant, reason=gap.reason) for gap in ready.gaps
+            ),
+            calibration=self._camera.calibration,
+            true_clock=true_clock(self._clock, self._info),
+            events=tuple(self._events),
+        )
+        self._events.clear()
+        return BurstWork(report, deque(ready.picks))

@@ -1,0 +1,296 @@
+"""The leader of a rig: the engine on a socket, the images' server, and the sessions it saves."""
+
+import asyncio
+import contextlib
+import random
+import secrets
+from collections.abc import AsyncGenerator, AsyncIterator, Callable, Coroutine
+from pathlib import Path
+from typing import Any, Self
+
+from capture_app.errors import BadInputError, IncompleteError, SimulshotError
+from capture_app.net.address import DEFAULT_PORT, Address, reachable_host
+from capture_app.net.transfer import TransferServer, bind
+from capture_app.net.udp import Pump, start_pump
+from capture_app.node.bursts import BurstSession, create_numbered
+from capture_app.node.messages import BurstRequest, CameraReport, ImageUpload, ToLeader
+from capture_app.node.service import Service
+from capture_app.node.status import BurstStatus, NodeStatus, RigStatus
+from capture_app.session.store import SessionWriter
+from capture_app.simulation.clock import HostClock, NodeClock
+from capture_app.sync.events import BurstRefused, LeaderEvent
+from capture_app.sync.leader import ClientView, Leader, LeaderConfig
+from capture_app.sync.state import NodeState
+from capture_app.sync.trigger import Burst
+
+SNAPSHOT_EVERY_S = 0.25
+HOUSEKEEPING_EVERY_S = 0.25
+MAX_OPEN_BURSTS = 16
+
+News = LeaderEvent | BurstStatus
+"""What a leader tells about: nodes that come and go, and bursts that make progress."""
+
+
+class LeaderNode:
+    """A running leader; `async with LeaderNode(...)` binds its port and serves until the block ends."""
+
+    def __init__(
+        self,
+        *,
+        sessions: Path,
+        host: str = "0.0.0.0",  # noqa: S104 - cameras are other machines
+        port: int = DEFAULT_PORT,
+        period_ns: int | None = None,
+        clock: NodeClock | None = None,
+        on_news: Callable[[News], None] | None = None,
+    ) -> None:
+        self.sessions = sessions
+        self.address = Address(host, port)
+        self._host = host
+        self._port = port
+        self._period_ns = period_ns
+        self._clock: NodeClock = clock or HostClock()
+        self._on_news = on_news or (lambda _: None)
+        self._bursts: dict[int, BurstSession] = {}
+        self._last_burst: BurstSession | None = None
+        self._saved: list[str] = []
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._engine: Leader
+        self._pump: Pump
+        self._server: TransferServer[ToLeader]
+        self._instance = 0
+
+    async def __aenter__(self) -> Self:
+        await self.start()
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.stop()
+
+    async def start(self) -> None:
+        """Bind and serve. Raises NetworkError where the port is in use or the host is not this machine's."""
+        datagrams, listening = bind(self._host, self._port)
+        port = listening.getsockname()[1]
+        self.address = Address(reachable_host(self._host, listening.family), port)
+        self._instance = secrets.randbits(32)
+        config = LeaderConfig(instance=self._instance, transfer_port=port, period_ns=self._period_ns)
+        self._engine = Leader(config, random.Random(secrets.randbits(64)))
+        self._server = TransferServer(ToLeader, Service(self).serve)
+        self._pump = Pump(self._engine, self._clock.now_ns, self._drain)
+        await self._server.start(listening)
+        await start_pump(self._pump, datagrams)
+        self._spawn(self._keep_house())
+
+    async def stop(self) -> None:
+        """Close the port; bursts under way are saved with what has come."""
+        self._pump.close()
+        await self._server.stop()
+        for task in tuple(self._tasks):
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        for burst in self._bursts.values():
+            if not burst.finished.is_set():
+                await burst.stop("the leader was stopped")
+                self._note_finished(burst)
+
+    def status(self) -> RigStatus:
+        """The whole rig at this moment."""
+        now_ns = self._clock.now_ns()
+        goal = self._engine.goal
+        return RigStatus(
+            leader=str(self.address),
+            now_ns=now_ns,
+            period_ns=None if goal is None else goal.period_ns,
+            nodes=tuple(_node_status(view) for view in self._engine.clients(now_ns)),
+            burst=None if self._last_burst is None else self._last_burst.status,
+            sessions=tuple(self._saved),
+        )
+
+    async def snapshots(self, interval_s: float = SNAPSHOT_EVERY_S) -> AsyncIterator[RigStatus]:
+        """Yield the rig's status again and again, for a screen to show."""
+        while True:
+            yield self.status()
+            await asyncio.sleep(interval_s)
+
+    async def trigger(self, *, frames: int, spacing: int = 1, at_leader_ns: int | None = None) -> BurstStatus:
+        """Order a burst of all nodes that are here, and begin its session.
+
+        Raises BadInputError for an impossible burst or a folder that cannot be written, IncompleteError
+        where no node is here.
+        """
+        if sum(not burst.finished.is_set() for burst in self._bursts.values()) >= MAX_OPEN_BURSTS:
+            raise IncompleteError(
+                f"{MAX_OPEN_BURSTS} bursts are still being saved", hint="wait until they are there"
+            )
+        self._check_somebody_is_here()
+        writer = await asyncio.to_thread(create_numbered, self.sessions)
+        try:
+            burst = self._engine.trigger(
+                self._clock.now_ns(), frames=frames, spacing=spacing, at_leader_ns=at_leader_ns
+            )
+        except SimulshotError:
+            await asyncio.to_thread(writer.discard)
+            raise
+        session = self._begin(burst, writer)
+        self._pump.turn()
+        return session.status
+
+    async def finished(self, burst: int) -> BurstStatus:
+        """Wait until a burst is saved or given up, and return its last status."""
+        session = self._bursts[burst]
+        await session.finished.wait()
+        return session.status
+
+    async def wait_until_ready(self, timeout_s: float, *, nodes: int = 1) -> None:
+        """Wait until at least that many nodes are here and all of them are ready.
+
+        Raises IncompleteError that names those that are not, when the time is over.
+        """
+        try:
+            async with asyncio.timeout(timeout_s):
+                # States change with a node's report, which is no event.
+                while self._waiting_for(nodes):  # noqa: ASYNC110
+                    await asyncio.sleep(0.05)
+        except TimeoutError:
+            raise IncompleteError(
+                f"not ready after {timeout_s:g} s: {self._waiting_for(nodes)}",
+                hint="capture-app status shows each node's state",
+            ) from None
+
+    async def take_burst(self, request: BurstRequest) -> AsyncGenerator[BurstStatus, None]:
+        """Wait for the nodes as asked, take a burst, and yield its progress until it is done."""
+        waiting = asyncio.ensure_future(self.wait_until_ready(request.wait_ready_s))
+        try:
+            while request.wait_ready_s and not waiting.done():
+                yield BurstStatus(
+                    burst=0,
+                    name="",
+                    cameras=0,
+                    instants=request.frames,
+                    received=0,
+                    expected=0,
+                    message=f"waiting for {self._waiting_for(1)}",
+                )
+                await asyncio.wait((waiting,), timeout=1.0)
+            if request.wait_ready_s:
+                waiting.result()
+        finally:
+            waiting.cancel()
+            with contextlib.suppress(asyncio.CancelledError, SimulshotError):
+                await waiting
+        status = await self.trigger(
+            frames=request.frames, spacing=request.spacing, at_leader_ns=request.at_leader_ns
+        )
+        session = self._bursts[status.burst]
+        while not session.finished.is_set():
+            yield session.status
+            with contextlib.suppress(TimeoutError):
+                async with asyncio.timeout(SNAPSHOT_EVERY_S):
+                    await session.finished.wait()
+        yield session.status
+
+    def session_of(self, message: CameraReport | ImageUpload) -> BurstSession:
+        """Return the burst of an upload. Raises BadInputError where this run has no such burst."""
+        session = self._bursts.get(message.burst)
+        if session is None or message.leader != self._instance:
+            raise BadInputError(f"burst {message.burst} is not of this leader")
+        return session
+
+    def image_stored(self, session: BurstSession) -> None:
+        """Tell how far a burst is."""
+        self._on_news(session.status)
+
+    def now_ns(self) -> int:
+        """Return the rig's time in ns: this leader's clock."""
+        return self._clock.now_ns()
+
+    # The parts
+
+    def _waiting_for(self, nodes: int) -> str:
+        """Say what keeps the rig from being ready; empty when it is."""
+        views = [
+            v for v in self._engine.clients(self._clock.now_ns()) if v.report.state is not NodeState.LOST
+        ]
+        late = [
+            f"{view.name} is {view.report.state}"
+            for view in views
+            if view.report.state is not NodeState.READY
+        ]
+        if len(views) < nodes:
+            late.append(f"{len(views)} of {nodes} nodes are here")
+        return ", ".join(late)
+
+    def _check_somebody_is_here(self) -> None:
+        views = self._engine.clients(self._clock.now_ns())
+        if all(view.report.state is NodeState.LOST for view in views):
+            raise IncompleteError(
+                "no node is here", hint=f"start one with: capture-app node --leader {self.address}"
+            )
+
+    def _begin(self, burst: Burst, writer: SessionWriter) -> BurstSession:
+        views = self._engine.clients(self._clock.now_ns())
+        session = BurstSession(burst, {view.name: view.camera for view in views}, writer)
+        self._bursts[burst.number] = self._last_burst = session
+        self._spawn(self._follow(session))
+        return session
+
+    async def _follow(self, session: BurstSession) -> None:
+        self._on_news(session.status)
+        await session.finished.wait()
+        self._note_finished(session)
+
+    def _note_finished(self, session: BurstSession) -> None:
+        path = session.status.session
+        if path is not None and path not in self._saved:
+            self._saved.append(path)
+        self._on_news(session.status)
+
+    async def _keep_house(self) -> None:
+        while True:
+            await asyncio.sleep(HOUSEKEEPING_EVERY_S)
+            now_ns = self._clock.now_ns()
+            lost = {
+                view.name: f"lost: {view.report.message}"
+                for view in self._engine.clients(now_ns)
+                if view.report.state is NodeState.LOST
+            }
+            for session in tuple(self._bursts.values()):
+                if not session.finished.is_set():
+                    await session.give_up_silent(lost, now_ns)
+
+    def _drain(self) -> None:
+        while (event := self._engine.next_event()) is not None:
+            if isinstance(event, BurstRefused) and event.burst in self._bursts:
+                self._spawn(self._bursts[event.burst].give_up(event.name, event.reason))
+            self._on_news(event)
+
+    def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.ensure_future(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+
+def _node_status(view: ClientView) -> NodeStatus:
+    report = view.report
+    return NodeStatus(
+        name=view.name,
+        address=str(Address(*view.address)),
+        state=report.state,
+        kind=view.camera.kind,
+        model=view.camera.model,
+        phase_control=view.camera.phase_control,
+        offset_ns=report.offset_ns,
+        hard_bound_ns=report.hard_bound_ns,
+        uncertainty_ns=report.uncertainty_ns,
+        round_trip_ns=report.round_trip_ns,
+        skew_ppm=report.skew_ppm,
+        samples=report.samples,
+        phase_error_ns=report.phase_error_ns,
+        period_ns=report.period_ns,
+        drift_ppm=report.drift_ppm,
+        corrections=report.corrections,
+        frames=report.frames,
+        drops=report.drops,
+        last_seen_ns=view.age_ns,
+        message=report.message,
+    )

@@ -1,0 +1,118 @@
+"""A node's facts in the forms that the wire, the manifest and the event log want them in."""
+
+import msgspec
+
+from capture_app.cameras.base import CameraInfo, CapturedFrame
+from capture_app.node.messages import JsonValue, TrueClock
+from capture_app.session.manifest import CameraRecord, ClockRecord, PhaseRecord
+from capture_app.simulation.clock import NodeClock, SimulatedClock
+from capture_app.sync.events import (
+    BurstReady,
+    CannotAlign,
+    ClientEvent,
+    ClockStepped,
+    ClockSynced,
+    FramesDropped,
+    Joined,
+    JoinRefused,
+    LeaderLost,
+    PhaseCorrected,
+)
+from capture_app.sync.messages import CameraDescription
+
+SIMULATED = "sim"
+"""The kind of simulated cameras."""
+
+
+def camera_record(
+    name: str, info: CameraInfo, ready: BurstReady[CapturedFrame], corrections: int
+) -> CameraRecord:
+    """The manifest's record of a camera at a burst; `corrections` counts those of the phase until then."""
+    time_map, phase = ready.time_map, ready.phase
+    return CameraRecord(
+        name=name,
+        kind=info.kind,
+        model=info.model,
+        width=info.width,
+        height=info.height,
+        period_ns=info.period_ns,
+        timestamp_source=str(info.timestamp_source),
+        row_time_ns=info.row_time_ns,
+        clock=ClockRecord(
+            epoch_local_ns=time_map.epoch_local_ns,
+            offset_ns=time_map.offset_ns,
+            skew_ppm=time_map.skew * 1e6,
+            uncertainty_ns=round(time_map.uncertainty_ns),
+            hard_bound_ns=round(time_map.hard_bound_ns),
+            round_trip_ns=time_map.round_trip_ns,
+            samples=time_map.samples,
+        ),
+        phase=None
+        if phase is None
+        else PhaseRecord(
+            control=str(info.phase_control),
+            residual_ns=phase.error_ns,
+            period_ns=phase.period_ns,
+            drift_ppm=phase.drift_ppm,
+            corrections=corrections,
+            uncertainty_ns=round(phase.uncertainty_ns),
+        ),
+    )
+
+
+def description(info: CameraInfo) -> CameraDescription:
+    """What the engine needs to know of a camera."""
+    return CameraDescription(
+        kind=info.kind,
+        model=info.model,
+        width=info.width,
+        height=info.height,
+        period_ns=info.period_ns,
+        phase_control=str(info.phase_control),
+        timestamp_source=str(info.timestamp_source),
+        row_time_ns=info.row_time_ns,
+        exposure_ns=info.exposure_ns,
+        min_exposure_ns=info.min_exposure_ns,
+        max_exposure_ns=info.max_exposure_ns,
+    )
+
+
+def true_clock(clock: NodeClock, info: CameraInfo) -> TrueClock | None:
+    """The truth about a node's clock, where the simulator knows it."""
+    if isinstance(clock, SimulatedClock):
+        return TrueClock(
+            offset_ns=clock.offset_ns, skew_ppm=clock.skew_ppm, epoch_true_ns=clock.epoch_true_ns
+        )
+    return TrueClock(offset_ns=0, skew_ppm=0.0, epoch_true_ns=0) if info.kind == SIMULATED else None
+
+
+def event_line(event: ClientEvent[CapturedFrame]) -> dict[str, JsonValue]:
+    """An event as a flat line of JSON."""
+    match event:
+        case Joined():
+            return {"event": "joined", "leader": event.leader}
+        case JoinRefused():
+            return {"event": "join-refused", "reason": event.reason}
+        case LeaderLost():
+            return {"event": "leader-lost", "reason": event.reason}
+        case ClockSynced():
+            return {
+                "event": "clock-synced",
+                "offset_ns": event.time_map.offset_ns,
+                "hard_bound_ns": round(event.time_map.hard_bound_ns),
+            }
+        case ClockStepped():
+            return {"event": "clock-stepped"}
+        case FramesDropped():
+            return {"event": "frames-dropped", "count": event.count, "sequence": event.sequence}
+        case PhaseCorrected():
+            before = event.before
+            return {
+                "event": "phase-corrected",
+                "command": type(event.command).__name__,
+                **msgspec.to_builtins(event.command),
+                "phase_error_ns": None if before is None else before.error_ns,
+            }
+        case CannotAlign():
+            return {"event": "cannot-align", "reason": event.reason}
+    return {"event": type(event).__name__}

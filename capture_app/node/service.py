@@ -1,0 +1,92 @@
+"""What a leader does for the streams that nodes and the command line open to it."""
+
+import contextlib
+from collections.abc import AsyncGenerator
+from typing import Protocol
+
+from capture_app.errors import NetworkError, SimulshotError
+from capture_app.net.transfer import Channel
+from capture_app.node.bursts import BurstSession
+from capture_app.node.messages import (
+    BurstAnswer,
+    BurstRequest,
+    CameraReport,
+    ImageUpload,
+    Noted,
+    Refusal,
+    StatusAnswer,
+    StatusRequest,
+    Stored,
+    ToLeader,
+)
+from capture_app.node.status import BurstStatus, RigStatus
+
+
+class Rig(Protocol):
+    """What the service needs of a leader."""
+
+    def now_ns(self) -> int:
+        """Return the rig's time in ns."""
+
+    def status(self) -> RigStatus:
+        """Return the rig at this moment."""
+
+    def take_burst(self, request: BurstRequest) -> AsyncGenerator[BurstStatus, None]:
+        """Take a burst and yield its progress."""
+
+    def session_of(self, message: CameraReport | ImageUpload) -> BurstSession:
+        """Return the burst of an upload."""
+
+    def image_stored(self, session: BurstSession) -> None:
+        """Tell how far a burst is."""
+
+
+class Service:
+    """Serves one stream after another, or many at a time, for one leader."""
+
+    def __init__(self, rig: Rig) -> None:
+        self._rig = rig
+
+    async def serve(self, channel: Channel[ToLeader]) -> None:
+        """Answer a stream until its peer closes it; the user's mistakes are told, not raised."""
+        working_on: dict[int, tuple[BurstSession, str]] = {}
+        try:
+            while (received := await channel.receive()) is not None:
+                try:
+                    await self._answer(channel, *received, working_on)
+                except NetworkError:
+                    raise
+                except SimulshotError as error:
+                    await channel.send(
+                        Refusal(what=error.what, hint=error.hint, exit_code=int(error.exit_code))
+                    )
+        finally:
+            for session, camera in working_on.values():
+                session.stream_closed(camera, self._rig.now_ns())
+
+    async def _answer(
+        self,
+        channel: Channel[ToLeader],
+        message: ToLeader,
+        payload: bytes,
+        working_on: dict[int, tuple[BurstSession, str]],
+    ) -> None:
+        match message:
+            case StatusRequest():
+                await channel.send(StatusAnswer(rig=self._rig.status()))
+            case BurstRequest():
+                async with contextlib.aclosing(self._rig.take_burst(message)) as progress:
+                    async for status in progress:
+                        await channel.send(BurstAnswer(burst=status))
+            case CameraReport():
+                session = self._rig.session_of(message)
+                if message.burst not in working_on:
+                    session.stream_opened(message.camera.name)
+                    working_on[message.burst] = session, message.camera.name
+                await session.take_report(message, self._rig.now_ns())
+                await channel.send(Noted())
+            case ImageUpload():
+                session = self._rig.session_of(message)
+                sha256 = await session.take_image(message, payload, self._rig.now_ns())
+                self._rig.image_stored(session)
+                await channel.send(Stored(sha256=sha256))

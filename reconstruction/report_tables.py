@@ -21,9 +21,7 @@ def claims(result: CompareResult) -> str:
         shown = _shares(stereo.synced.mover_within_2pct, stereo.offset.mover_within_2pct, what)
     elif stereo and None not in (stereo.synced.mover_coverage, stereo.offset.mover_coverage):
         what = "of the moving surface given a distance"
-        note = (
-            "Nobody knows the true distances here, so this counts where the pictures could be matched at all."
-        )
+        note = "Nobody knows the true distances here, so this counts where the two pictures agree on one."
         shown = _shares(stereo.synced.mover_coverage, stereo.offset.mover_coverage, what)
     elif stitch:
         pair = (stitch.synced.overlap_flow_p95_px, stitch.offset.overlap_flow_p95_px)
@@ -68,7 +66,7 @@ _DEPTH_ROWS: tuple[tuple[str, str, str, _Format], ...] = (
     (
         "coverage",
         "Given a distance",
-        "Share for which the two pictures could be matched at all, rightly or wrongly. More is better.",
+        "Share for which the two pictures agree on a distance; it may still be wrong. More is better.",
         wording.share,
     ),
     (

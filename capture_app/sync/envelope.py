@@ -1,0 +1,46 @@
+"""What a second of one-sided bounds leaves behind: the few that can ever matter."""
+
+BLOCK_NS = 1_000_000_000
+RUNNERS_UP = 5
+"""Tightest bounds kept per direction, to see how sharp the edge of the delays is."""
+
+Bound = tuple[int, int]
+"""Local time and bound, both in ns; bounds from below are kept with their sign turned."""
+
+
+class Edge:
+    """The bounds of one direction in one block: those near the tightest, and its runners-up."""
+
+    __slots__ = ("_steepest", "points", "tightest")
+
+    def __init__(self, steepest: float) -> None:
+        self._steepest = steepest
+        self.points: list[Bound] = []
+        self.tightest: list[tuple[float, Bound]] = []
+
+    def add(self, t_ns: int, value_ns: int, skew: float) -> None:
+        """Keep a bound if it can matter; `skew`, as known so far, ranks the runners-up."""
+        steepest = self._steepest
+        # A bound is superfluous if no clock could drift fast enough to get past another one to it.
+        if all(value + steepest * abs(t_ns - t) > value_ns for t, value in self.points):
+            self.points = [(t, v) for t, v in self.points if value_ns + steepest * abs(t_ns - t) > v]
+            self.points.append((t_ns, value_ns))
+        level = value_ns - skew * (t_ns % BLOCK_NS)
+        if len(self.tightest) < RUNNERS_UP or level < self.tightest[-1][0]:
+            if any(bound == (t_ns, value_ns) for _, bound in self.tightest):
+                return  # a duplicate would make the edge look sharp
+            self.tightest.append((level, (t_ns, value_ns)))
+            self.tightest.sort()
+            del self.tightest[RUNNERS_UP:]
+
+
+class Block:
+    """One second of samples."""
+
+    __slots__ = ("lower", "round_trip_ns", "upper")
+
+    def __init__(self, steepest: float) -> None:
+        self.upper = Edge(steepest)
+        self.lower = Edge(steepest)
+        self.round_trip_ns: int | None = None
+        """The least, in ns."""

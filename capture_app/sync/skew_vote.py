@@ -1,0 +1,131 @@
+"""The most credible line between bounds from above and from below: every possible skew has a vote."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from math import exp, sqrt
+
+VOTES = 33
+WIDTH = 0.4
+"""Share of the runners-up's spread that counts as one e-fold of likelihood; 0.2 to 0.8 do equally well."""
+DULLNESS = 0.7
+"""One sigma of the error of the two tightest bounds, as a share of the spread of their runners-up."""
+ASYMMETRY_SHARE = 0.05
+"""One sigma of half the difference of the two least delays, as a share of half the least round trip."""
+
+Point = tuple[float, float]
+"""Time since the reference and bound, in ns; bounds from below with their sign turned."""
+
+
+@dataclass(frozen=True, slots=True)
+class VotedLine:
+    """Offset (ns) at the reference and skew (dimensionless), with the spread of the votes."""
+
+    offset: float
+    skew: float
+    variance: float
+    covariance: float
+    skew_variance: float
+    floor: float
+    """One sigma in ns that no skew explains: dull edges and asymmetry."""
+
+    def sigma_at(self, t: float) -> float:
+        """One sigma of the line in ns, t ns after the reference."""
+        spread = self.variance + 2.0 * self.covariance * t + self.skew_variance * t * t
+        return sqrt(max(0.0, spread) + self.floor**2)
+
+
+def vote(
+    uppers: Sequence[Point],
+    lowers: Sequence[Point],
+    runners_up: tuple[Sequence[Point], Sequence[Point]],
+    *,
+    steepest: float,
+    count: int,
+) -> VotedLine:
+    """Weigh each skew up to `steepest` by the room it leaves between the two directions.
+
+    For one skew, the tightest bound of each direction gives the offset, and the gap between the two is the
+    log-likelihood of exponential delays (Moon et al. 1999 take its maximum, a linear program). The gap is
+    measured in units of the spread of the `count` tightest `runners_up` of each direction. The mean over
+    all skews is steadier than the maximum, and its spread says how well the skew is known.
+    """
+    above_hull, below_hull = _hull(uppers), _hull(lowers)
+
+    def room(skew: float) -> tuple[float, float]:
+        above = min([v - skew * t for t, v in above_hull])
+        below = min([v + skew * t for t, v in below_hull])
+        return above + below, (above - below) / 2.0
+
+    if min(len(runners_up[0]), len(runners_up[1])) < count:
+        gap, offset = room(0.0)
+        return VotedLine(offset, 0.0, 0.0, 0.0, steepest**2, abs(gap))
+    best = _highest(lambda skew: room(skew)[0], -steepest, steepest)
+    gap, _ = room(best)
+    above = sorted(v - best * t for t, v in runners_up[0])[:count]
+    below = sorted(v + best * t for t, v in runners_up[1])[:count]
+    spread = (above[-1] - above[0] + below[-1] - below[0]) / 2.0
+    width = max(WIDTH * spread, 1.0)
+
+    def lacks(skew: float) -> bool:
+        return room(skew)[0] < gap - 8.0 * width
+
+    first, last = _last_before(lacks, best, -steepest), _last_before(lacks, best, steepest)
+    votes: list[tuple[float, float, float]] = []
+    for i in range(VOTES):
+        skew = first + (last - first) * i / (VOTES - 1)
+        space, offset = room(skew)
+        votes.append((exp(min(0.0, (space - gap) / width)), offset, skew))
+    total = sum(w for w, _, _ in votes)
+    mean = sum(w * offset for w, offset, _ in votes) / total
+    mean_skew = sum(w * skew for w, _, skew in votes) / total
+    return VotedLine(
+        offset=mean,
+        skew=mean_skew,
+        variance=sum(w * (offset - mean) ** 2 for w, offset, _ in votes) / total,
+        covariance=sum(w * (offset - mean) * (skew - mean_skew) for w, offset, skew in votes) / total,
+        skew_variance=sum(w * (skew - mean_skew) ** 2 for w, _, skew in votes) / total,
+        floor=sqrt((DULLNESS * spread) ** 2 + (ASYMMETRY_SHARE * gap / 2.0) ** 2),
+    )
+
+
+def _hull(points: Sequence[Point]) -> list[Point]:
+    """Lower convex hull, by time."""
+    hull: list[Point] = []
+    for t, v in sorted(points):
+        while len(hull) >= 2:
+            (t1, v1), (t2, v2) = hull[-2], hull[-1]
+            if (v2 - v1) * (t - t1) < (v - v1) * (t2 - t1):
+                break
+            hull.pop()
+        hull.append((t, v))
+    return hull
+
+
+def _highest(concave: Callable[[float], float], low: float, high: float) -> float:
+    """Where a concave function is highest, by golden section."""
+    ratio = (sqrt(5.0) - 1.0) / 2.0
+    a, b = high - ratio * (high - low), low + ratio * (high - low)
+    at_a, at_b = concave(a), concave(b)
+    for _ in range(28):
+        if at_a < at_b:
+            low, a, at_a = a, b, at_b
+            b = low + ratio * (high - low)
+            at_b = concave(b)
+        else:
+            high, b, at_b = b, a, at_a
+            a = high - ratio * (high - low)
+            at_a = concave(a)
+    return (low + high) / 2.0
+
+
+def _last_before(lacks: Callable[[float], bool], inside: float, outside: float) -> float:
+    """The furthest skew from inside towards outside that does not lack room, by bisection."""
+    if not lacks(outside):
+        return outside
+    for _ in range(14):
+        middle = (inside + outside) / 2.0
+        if lacks(middle):
+            outside = middle
+        else:
+            inside = middle
+    return outside

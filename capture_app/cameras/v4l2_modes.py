@@ -173,8 +173,10 @@ def same_period(one: Fraction, other: Fraction) -> bool:
 def refused(path: str, wanted: WantedMode, offered: tuple[Mode, ...]) -> CameraError:
     """The error for a mode that the camera does not have, with those that it has."""
     asked = [wanted.fourcc or ""]
-    if wanted.width is not None or wanted.height is not None:
-        asked.append(f"{wanted.width or 'any'}x{wanted.height or 'any'}")
+    if wanted.width is not None and wanted.height is not None:
+        asked.append(f"{wanted.width}x{wanted.height}")
+    elif wanted.width is not None or wanted.height is not None:
+        asked.append(f"of width {wanted.width}" if wanted.width else f"of height {wanted.height}")
     if wanted.period is not None:
         asked.append(f"at {_fps(wanted.period)} fps")
     like = [mode for mode in offered if mode.fourcc == wanted.fourcc] or list(offered)

@@ -1,0 +1,221 @@
+"""The structs against the C compiler's rules for the kernel's own declarations, here in ctypes."""
+
+import ctypes as c
+import struct
+
+import pytest
+
+from capture_app.cameras import v4l2_layout as layout
+from capture_app.cameras.v4l2_ioctl import check_layout
+from capture_app.errors import NotAvailableError
+
+U32, S32 = c.c_uint32, c.c_int32
+
+
+class Fract(c.Structure):
+    _fields_ = [("numerator", U32), ("denominator", U32)]
+
+
+class Capability(c.Structure):
+    _fields_ = [
+        ("driver", c.c_char * 16),
+        ("card", c.c_char * 32),
+        ("bus_info", c.c_char * 32),
+        ("version", U32),
+        ("capabilities", U32),
+        ("device_caps", U32),
+        ("reserved", U32 * 3),
+    ]
+
+
+class FormatDescription(c.Structure):
+    _fields_ = [
+        ("index", U32),
+        ("type", U32),
+        ("flags", U32),
+        ("description", c.c_char * 32),
+        ("pixelformat", c.c_char * 4),
+        ("mbus_code", U32),
+        ("reserved", U32 * 3),
+    ]
+
+
+class FrameSize(c.Structure):
+    _fields_ = [
+        ("index", U32),
+        ("pixel_format", c.c_char * 4),
+        ("type", U32),
+        ("stepwise", U32 * 6),
+        ("reserved", U32 * 2),
+    ]
+
+
+class FrameInterval(c.Structure):
+    _fields_ = [
+        ("index", U32),
+        ("pixel_format", c.c_char * 4),
+        ("width", U32),
+        ("height", U32),
+        ("type", U32),
+        ("stepwise", Fract * 3),
+        ("reserved", U32 * 2),
+    ]
+
+
+class Format(c.Structure):
+    class Fmt(c.Union):
+        # struct v4l2_window holds pointers, which align the union to 8 bytes.
+        _fields_ = [("pix", U32 * 12), ("window", c.c_void_p * 4), ("raw_data", c.c_uint8 * 200)]
+
+    _fields_ = [("type", U32), ("fmt", Fmt)]
+
+
+class CaptureParameters(c.Structure):
+    _fields_ = [("capability", U32), ("capturemode", U32), ("timeperframe", Fract), ("rest", U32 * 6)]
+
+
+class StreamParameters(c.Structure):
+    class Parm(c.Union):
+        _fields_ = [("capture", CaptureParameters), ("raw_data", c.c_uint8 * 200)]
+
+    _fields_ = [("type", U32), ("parm", Parm)]
+
+
+class RequestBuffers(c.Structure):
+    _fields_ = [
+        ("count", U32),
+        ("type", U32),
+        ("memory", U32),
+        ("capabilities", U32),
+        ("flags", c.c_uint8),
+        ("reserved", c.c_uint8 * 3),
+    ]
+
+
+class Buffer(c.Structure):
+    class Timeval(c.Structure):
+        _fields_ = [("tv_sec", c.c_long), ("tv_usec", c.c_long)]
+
+    class Timecode(c.Structure):
+        _fields_ = [("type", U32), ("flags", U32), ("digits", c.c_uint8 * 8)]
+
+    class M(c.Union):
+        _fields_ = [("offset", U32), ("userptr", c.c_ulong), ("planes", c.c_void_p), ("fd", S32)]
+
+    _fields_ = [
+        ("index", U32),
+        ("type", U32),
+        ("bytesused", U32),
+        ("flags", U32),
+        ("field", U32),
+        ("timestamp", Timeval),
+        ("timecode", Timecode),
+        ("sequence", U32),
+        ("memory", U32),
+        ("m", M),
+        ("length", U32),
+        ("reserved2", U32),
+        ("request_fd", S32),
+    ]
+
+
+class QueryControl(c.Structure):
+    _fields_ = [
+        ("id", U32),
+        ("type", U32),
+        ("name", c.c_char * 32),
+        ("minimum", S32),
+        ("maximum", S32),
+        ("step", S32),
+        ("default_value", S32),
+        ("flags", U32),
+        ("reserved", U32 * 2),
+    ]
+
+
+@pytest.mark.parametrize(
+    ("ours", "kernels"),
+    [
+        (layout.CAPABILITY, Capability),
+        (layout.FORMAT_DESCRIPTION, FormatDescription),
+        (layout.FRAME_SIZE, FrameSize),
+        (layout.FRAME_INTERVAL, FrameInterval),
+        (layout.FORMAT, Format),
+        (layout.STREAM_PARAMETERS, StreamParameters),
+        (layout.REQUEST_BUFFERS, RequestBuffers),
+        (layout.BUFFER, Buffer),
+        (layout.QUERY_CONTROL, QueryControl),
+    ],
+)
+def test_sizes_are_the_kernels(ours, kernels):
+    assert ours.size == c.sizeof(kernels)
+
+
+def test_buffer_fields_lie_where_the_kernel_puts_them():
+    packed = layout.BUFFER.pack(1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11)
+    buffer = Buffer.from_buffer_copy(packed)
+    assert (buffer.index, buffer.type, buffer.bytesused, buffer.flags, buffer.field) == (1, 2, 3, 4, 5)
+    assert (buffer.timestamp.tv_sec, buffer.timestamp.tv_usec) == (6, 7)
+    assert (buffer.sequence, buffer.memory, buffer.m.offset, buffer.length) == (8, 9, 10, 11)
+
+
+def test_format_fields_lie_where_the_kernel_puts_them():
+    packed = Format.from_buffer_copy(layout.FORMAT.pack(1, 640, 480, b"MJPG", 2, 1280, 614400))
+    mjpg = struct.unpack("<I", b"MJPG")[0]
+    assert packed.type == 1
+    assert list(packed.fmt.pix)[:6] == [640, 480, mjpg, 2, 1280, 614400]
+    assert not any(list(packed.fmt.pix)[6:])
+
+
+def test_stream_parameters_lie_where_the_kernel_puts_them():
+    packed = StreamParameters.from_buffer_copy(layout.STREAM_PARAMETERS.pack(1, 0x1000, 0, 1, 30))
+    capture = packed.parm.capture
+    assert (packed.type, capture.capability, capture.capturemode) == (1, 0x1000, 0)
+    assert (capture.timeperframe.numerator, capture.timeperframe.denominator) == (1, 30)
+
+
+def test_enumerated_ranges_lie_where_the_kernel_puts_them():
+    interval = FrameInterval(index=3, width=640, height=480, type=3)
+    interval.pixel_format = b"YUYV"
+    interval.stepwise[0] = Fract(1, 60)
+    interval.stepwise[1] = Fract(1, 5)
+    index, fourcc, width, height, kind, *numbers = layout.FRAME_INTERVAL.unpack(bytes(interval))
+    assert (index, fourcc, width, height, kind) == (3, b"YUYV", 640, 480, 3)
+    assert numbers[:4] == [1, 60, 1, 5]
+
+
+@pytest.mark.parametrize(
+    ("name", "number"),
+    [
+        ("VIDIOC_QUERYCAP", 0x80685600),
+        ("VIDIOC_ENUM_FMT", 0xC0405602),
+        ("VIDIOC_S_FMT", 0xC0D05605),
+        ("VIDIOC_REQBUFS", 0xC0145608),
+        ("VIDIOC_QUERYBUF", 0xC0585609),
+        ("VIDIOC_QBUF", 0xC058560F),
+        ("VIDIOC_DQBUF", 0xC0585611),
+        ("VIDIOC_STREAMON", 0x40045612),
+        ("VIDIOC_STREAMOFF", 0x40045613),
+        ("VIDIOC_G_PARM", 0xC0CC5615),
+        ("VIDIOC_S_PARM", 0xC0CC5616),
+        ("VIDIOC_G_CTRL", 0xC008561B),
+        ("VIDIOC_S_CTRL", 0xC008561C),
+        ("VIDIOC_QUERYCTRL", 0xC0445624),
+        ("VIDIOC_ENUM_FRAMESIZES", 0xC02C564A),
+        ("VIDIOC_ENUM_FRAMEINTERVALS", 0xC034564B),
+    ],
+)
+def test_request_numbers_are_what_a_c_compiler_prints(name, number):
+    assert getattr(layout, name) == number
+
+
+def test_a_32_bit_system_is_refused_in_words(monkeypatch):
+    monkeypatch.setattr("capture_app.cameras.v4l2_ioctl.struct.calcsize", lambda _format: 4)
+    with pytest.raises(NotAvailableError, match="64-bit"):
+        check_layout()
+
+
+def test_sizes_in_steps_are_rounded_to_the_nearest_one():
+    size = layout.FrameSize(16, 1920, 16, 16, 1080, 8)
+    assert size.nearest(641, 477) == (640, 480)
+    assert size.nearest(9999, 1) == (1920, 16)

@@ -1,0 +1,150 @@
+"""Which mode is chosen, and what a user reads when it cannot be."""
+
+import errno
+from fractions import Fraction
+from pathlib import Path
+
+import pytest
+
+from capture_app.cameras import v4l2
+from capture_app.cameras.v4l2_layout import (
+    CAP_META_CAPTURE,
+    CAP_STREAMING,
+    CAP_VIDEO_CAPTURE,
+    CAP_VIDEO_CAPTURE_MPLANE,
+    Capability,
+    FrameInterval,
+)
+from capture_app.cameras.v4l2_modes import Mode, check_capture, choose_mode, explain, parse_options
+from capture_app.errors import BadInputError, CameraError
+
+
+def rates(*fps: int) -> tuple[FrameInterval, ...]:
+    return tuple(FrameInterval(Fraction(1, rate), Fraction(1, rate)) for rate in fps)
+
+
+WEBCAM = (
+    Mode("YUYV", 640, 480, rates(30, 15)),
+    Mode("YUYV", 1280, 720, rates(10)),
+    Mode("MJPG", 1920, 1080, rates(30)),
+    Mode("MJPG", 640, 480, rates(30, 15)),
+    Mode("MJPG", 320, 240, rates(60, 30)),
+)
+THERMAL = (Mode("GREY", 160, 120, rates(9)),)
+
+
+def chosen(modes: tuple[Mode, ...], **options: str) -> tuple[str, int, int, Fraction]:
+    mode, period = choose_mode("/dev/video0", modes, parse_options(options))
+    return mode.fourcc, mode.width, mode.height, 1 / period
+
+
+@pytest.mark.parametrize(
+    ("modes", "options", "expected"),
+    [
+        (WEBCAM, {}, ("MJPG", 640, 480, 30)),
+        (WEBCAM, {"format": "yuyv"}, ("YUYV", 640, 480, 30)),
+        (WEBCAM, {"fps": "60"}, ("MJPG", 320, 240, 60)),
+        (WEBCAM, {"width": "1280"}, ("YUYV", 1280, 720, 10)),
+        (WEBCAM, {"height": "1080"}, ("MJPG", 1920, 1080, 30)),
+        (WEBCAM, {"fps": "29.97"}, ("MJPG", 640, 480, 30)),
+        (THERMAL, {}, ("GREY", 160, 120, 9)),
+    ],
+)
+def test_the_best_mode_with_all_wishes_is_chosen(modes, options, expected):
+    assert chosen(modes, **options) == expected
+
+
+def test_a_range_of_rates_is_clamped_only_without_a_wish():
+    modes = (Mode("YUYV", 640, 480, (FrameInterval(Fraction(1, 25), Fraction(1, 5)),)),)
+    assert chosen(modes) == ("YUYV", 640, 480, 25)
+    assert chosen(modes, fps="12") == ("YUYV", 640, 480, 12)
+    with pytest.raises(CameraError, match=r"no mode at 30 fps \(it offers YUYV 640x480 at 5 to 25 fps\)"):
+        chosen(modes, fps="30")
+
+
+@pytest.mark.parametrize("options", [{"width": "800"}, {"fps": "120"}, {"format": "GREY"}, {"height": "1"}])
+def test_a_mode_that_is_not_offered_is_refused_with_those_that_are(options):
+    with pytest.raises(
+        CameraError, match=r"/dev/video0 has no mode .*it offers .*MJPG 640x480 at 30, 15 fps"
+    ):
+        chosen(WEBCAM, **options)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"width": "wide"},
+        {"width": "0"},
+        {"height": "-480"},
+        {"fps": "fast"},
+        {"fps": "1/0"},
+        {"fps": "0"},
+        {"zoom": "2"},
+    ],
+)
+def test_an_unreadable_option_is_named(options):
+    with pytest.raises(BadInputError, match=next(iter(options))):
+        parse_options(options)
+
+
+@pytest.mark.parametrize(
+    ("flags", "word"),
+    [
+        (CAP_META_CAPTURE | CAP_STREAMING, "metadata"),
+        (CAP_VIDEO_CAPTURE_MPLANE | CAP_STREAMING, "planes"),
+        (CAP_STREAMING, "not a capture device"),
+        (CAP_VIDEO_CAPTURE, "not a capture device"),
+    ],
+)
+def test_nodes_without_pictures_are_refused(flags, word):
+    with pytest.raises(CameraError, match=word):
+        check_capture("/dev/video1", Capability("uvcvideo", "Webcam", "usb-1", flags))
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        (errno.ENOENT, "there is no camera"),
+        (errno.EACCES, "group `video`"),
+        (errno.EBUSY, "in use"),
+        (errno.ENOTTY, "not a camera"),
+        (errno.ENOSPC, "USB"),
+        (errno.ENODEV, "does not answer"),
+        (errno.EIO, "does not answer"),
+        (errno.ENOMEM, "Cannot allocate memory"),
+    ],
+)
+def test_the_kernels_errors_say_what_to_do(code, words):
+    error = explain("/dev/video0", OSError(code, "x"))
+    assert words in str(error)
+    assert "/dev/video0" in error.what
+    assert error.hint
+
+
+@pytest.mark.parametrize(
+    ("path", "words"),
+    [("/dev/video-none", "no camera"), ("/dev/null", "not a camera"), ("/dev", "not a camera")],
+)
+def test_opening_what_is_no_camera_fails_in_words(path, words):
+    with pytest.raises(CameraError, match=words):
+        v4l2.open_v4l2(path, {})
+
+
+def test_a_regular_file_is_not_opened(tmp_path):
+    note = tmp_path / "video0"
+    note.write_text("no camera")
+    with pytest.raises(CameraError, match="not a camera"):
+        v4l2.open_v4l2(str(note), {})
+    assert v4l2.list_devices(tmp_path) == ()
+
+
+def test_a_camera_that_may_not_be_opened_is_listed_with_the_reason(tmp_path, monkeypatch):
+    def denied(_path: str) -> None:
+        raise PermissionError(errno.EACCES, "Permission denied")
+
+    monkeypatch.setattr(v4l2, "_open_video_node", denied)
+    for name in ("video10", "video2", "videox"):
+        Path(tmp_path, name).touch()
+    found = v4l2.list_devices(tmp_path)
+    assert [Path(info.path).name for info in found] == ["video2", "video10"]
+    assert all("group `video`" in info.problem and info.modes == () for info in found)

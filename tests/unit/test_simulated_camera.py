@@ -2,7 +2,8 @@ import asyncio
 import io
 from collections.abc import Callable, Coroutine
 from itertools import pairwise
-from typing import Any
+from types import SimpleNamespace
+from typing import Any, ClassVar
 
 import cv2
 import numpy as np
@@ -11,7 +12,9 @@ import pytest
 from capture_app.cameras.base import Camera, CapturedFrame, PhaseControl, TimestampSource
 from capture_app.cameras.catalog import open_camera
 from capture_app.errors import BadInputError, CameraError, NotAvailableError, SimulshotError
+from capture_app.session.calibration import Calibration, CameraCalibration
 from capture_app.simulation import pictures
+from capture_app.simulation.clock import SimulatedClock
 from capture_app.sync.commands import InjectFrame, RestartStream
 
 PERIOD_NS = 33_333_000
@@ -332,3 +335,77 @@ def test_a_scene_without_open3d_is_refused_in_plain_words(monkeypatch: pytest.Mo
         sim("sim:pi,scene=plaza")
     assert isinstance(error.value, SimulshotError)
     sim("sim:pi,scene=bars")
+
+
+class StripedScene:
+    """Stands in for a rendered scene and remembers what it was asked to render."""
+
+    views: ClassVar = {"left": None, "right": None}
+
+    def __init__(self) -> None:
+        self.asked: list[tuple[Any, ...]] = []
+
+    def render(self, *args: Any, seed: int) -> Any:
+        self.asked.append((*args, seed))
+        return np.full((90, 160, 3), 128, np.uint8)
+
+    def ground_truth(self, *args: Any) -> Any:
+        self.asked.append(args)
+        return np.ones((90, 160), np.float32), np.ones((90, 160), np.uint8), np.ones((90, 160), np.bool_)
+
+    def calibration(self) -> Calibration:
+        identity = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+        view = CameraCalibration(
+            width=160, height=90, fx=1, fy=1, cx=0, cy=0, rotation=identity, translation=(0.0, 0.0, 0.0)
+        )
+        return Calibration(cameras=dict.fromkeys(self.views, view))
+
+
+@pytest.fixture
+def striped(monkeypatch: pytest.MonkeyPatch) -> StripedScene:
+    scene = StripedScene()
+    module = SimpleNamespace(load=lambda name: scene)
+    monkeypatch.setattr(pictures.importlib, "import_module", lambda name: module)
+    return scene
+
+
+def test_a_scene_is_rendered_at_the_frames_true_start_when_it_is_saved(striped: StripedScene) -> None:
+    async def scenario() -> None:
+        camera = sim("sim:pi,scene=striped,view=right,drops=0")
+        assert (camera.info.width, camera.info.height) == (160, 90)
+        recorder = Recorder()
+        frame, later = (await recorder.record(camera, 1.0))[:2]
+        await camera.stop()
+        assert striped.asked == []
+        assert frame.truth is not None
+        frame.payload.encode()
+        frame.truth.encode()
+        frame.payload.encode()
+        later.payload.encode()
+        (view, start_ns, exposure_ns, row_time_ns, seed), truth, again, other = striped.asked
+        assert (view, start_ns, exposure_ns, row_time_ns) == truth
+        assert truth == ("right", frame.truth.true_ns, frame.exposure_ns, 11_111)
+        assert again[-1] == seed != other[-1]
+        # 90 rows are read out in 1 ms.
+        assert frame.exposure_ns is not None
+        late_ns = recorder.arrivals_true_ns[0] - start_ns - frame.exposure_ns
+        assert 2_999_000 <= late_ns <= 5_001_000
+
+    run(scenario)
+
+
+def test_the_view_is_the_one_named_like_the_node(striped: StripedScene) -> None:
+    sim("sim:pi,scene=striped", "left")
+    with pytest.raises(BadInputError, match=r"no view 'cam00'.*left, right"):
+        sim("sim:pi,scene=striped")
+
+
+async def test_in_real_time_timestamps_are_in_the_nodes_clock() -> None:
+    clock = SimulatedClock(5 * HOUR_NS, -40.0)
+    camera = open_camera("sim:perfect", clock=clock, name="a")
+    arrived: asyncio.Future[tuple[CapturedFrame, int]] = asyncio.get_running_loop().create_future()
+    before_ns = clock.now_ns()
+    await camera.start(lambda f: arrived.done() or arrived.set_result((f, clock.now_ns())), print)
+    frame, now_ns = await arrived
+    await camera.stop()
+    assert before_ns <= frame.timestamp_ns < now_ns

@@ -1,0 +1,203 @@
+"""The terminal UI: one screen that shows the rig and takes bursts."""
+
+from pathlib import Path
+from typing import ClassVar
+
+from rich.text import Text
+from textual import work
+from textual.app import App, ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Container, Horizontal, Vertical
+from textual.widgets import Footer, Label, ProgressBar, RichLog, Static
+
+from capture_app.errors import SimulshotError
+from capture_app.node.status import RigStatus
+from capture_app.session.reader import Session
+from capture_app.sync.state import NodeState
+from capture_app.tui.source import Comparison, Progress, Rig
+from capture_app.tui.widgets.nodes import NodesTable
+from capture_app.tui.widgets.sessions import SessionsTable, describe
+
+REFRESH_S = 0.25
+BURST_FRAMES = 5
+SIMULATED_CAMERAS = 5
+
+
+class RigApp(App[None]):
+    """Renders snapshots of a rig and asks it for bursts; all it knows is in the snapshot."""
+
+    TITLE = "simulshot"
+    CSS_PATH = "app.tcss"
+    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (110, "-wide")]  # noqa: RUF012 - Textual's own name and type
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("b", "burst", "Burst"),
+        Binding("c", "compare", "Compare"),
+        Binding("o", "open_report", "Open report"),
+        Binding("s", "simulate", "Simulated cameras"),
+        Binding("q", "quit", "Quit"),
+    ]
+
+    def __init__(self, rig: Rig) -> None:
+        super().__init__()
+        self._rig = rig
+        self._known_sessions: set[str] = set()
+        self._reports: dict[Path, Path] = {}
+        self._busy = ""
+
+    def compose(self) -> ComposeResult:
+        """Lay the screen out."""
+        yield Static(id="headline")
+        with Vertical(id="cameras") as cameras:
+            cameras.border_title = "Cameras"
+            yield Static(id="empty")
+            yield NodesTable(id="nodes")
+        with Container(id="lower"):
+            with Vertical(id="saved") as saved:
+                saved.border_title = "Sessions"
+                yield SessionsTable(id="sessions")
+            with Vertical(id="news") as news:
+                news.border_title = "What happened"
+                yield RichLog(id="log", wrap=True, min_width=0, markup=False, max_lines=500)
+        with Horizontal(id="doing", classes="idle"):
+            yield Label(id="message")
+            yield ProgressBar(id="progress", show_eta=False)
+        yield Footer()
+
+    def on_mount(self) -> None:
+        """Begin to show the rig."""
+        self._rig.on_news(self._tell)
+        self.query_one(SessionsTable).focus()
+        self._refresh_rig()
+        self.set_interval(REFRESH_S, self._refresh_rig)
+
+    # Showing
+
+    def _refresh_rig(self) -> None:
+        status = self._rig.status()
+        self.query_one("#headline", Static).update(_headline(status))
+        empty = self.query_one("#empty", Static)
+        table = self.query_one(NodesTable)
+        empty.display = not status.nodes
+        table.display = bool(status.nodes)
+        if not status.nodes:
+            empty.update(_how_to_join(status))
+        table.show(status.nodes, wide=self.size.width >= 110)
+        for path in status.sessions:
+            if path not in self._known_sessions:
+                self._known_sessions.add(path)
+                self._show_session(Path(path))
+
+    @work(thread=True)
+    def _show_session(self, path: Path) -> None:
+        try:
+            images, sync = describe(Session.open(path).manifest)
+        except SimulshotError as error:
+            self.call_from_thread(self._tell, str(error))
+            return
+        self.call_from_thread(self.query_one(SessionsTable).add_session, path, images, sync)
+
+    def _tell(self, line: str) -> None:
+        self.query_one(RichLog).write(line)
+
+    def _say(self, text: str, *, error: bool = False, progress: Progress | None = None) -> None:
+        self.query_one("#message", Label).update(Text(text, style="red" if error else ""))
+        bar = self.query_one(ProgressBar)
+        if progress is not None:
+            bar.update(total=progress.total, progress=progress.done)
+        self.query_one("#doing").set_class(progress is None, "idle")
+
+    # Doing
+
+    def _begin(self, what: str) -> bool:
+        if self._busy:
+            self._say(f"still busy: {self._busy}")
+            return False
+        self._busy = what
+        self._say(f"{what} …")
+        return True
+
+    @work
+    async def action_burst(self) -> None:
+        """Take a burst with all cameras."""
+        if not self._begin("taking a burst"):
+            return
+        try:
+            burst = await self._rig.burst(BURST_FRAMES)
+            self._say(burst.message or f"saved {burst.name}: {burst.received} of {burst.expected} images")
+        except SimulshotError as error:
+            self._say(str(error), error=True)
+        finally:
+            self._busy = ""
+
+    @work
+    async def action_simulate(self) -> None:
+        """Start simulated cameras on this machine."""
+        if not self._begin("starting simulated cameras"):
+            return
+        try:
+            await self._rig.add_simulated(SIMULATED_CAMERAS)
+            self._say(f"started {SIMULATED_CAMERAS} simulated cameras; they need some seconds to get in step")
+        except SimulshotError as error:
+            self._say(str(error), error=True)
+        finally:
+            self._busy = ""
+
+    @work
+    async def action_compare(self) -> None:
+        """Compare synchronized with offset frames of the chosen session."""
+        sessions = self.query_one(SessionsTable)
+        session = sessions.chosen
+        if session is None:
+            self._say("no session yet: press b to take a burst")
+            return
+        if not self._begin(f"comparing {session.name}"):
+            return
+        try:
+            async for step in self._rig.compare(session):
+                if isinstance(step, Comparison):
+                    self._reports[session] = step.report
+                    sessions.note(session, "press o for the report", "green")
+                    self._tell(step.verdict)
+                    self._say(f"report: {step.report}")
+                else:
+                    sessions.note(session, f"{step.done} of {step.total}", "yellow")
+                    self._say(step.text, progress=step)
+        except SimulshotError as error:
+            sessions.note(session, "failed", "red")
+            self._say(str(error), error=True)
+        finally:
+            self._busy = ""
+
+    def action_open_report(self) -> None:
+        """Open the chosen session's report in the browser."""
+        session = self.query_one(SessionsTable).chosen
+        report = None if session is None else self._reports.get(session)
+        if report is None:
+            self._say("no report yet: press c to compare the chosen session")
+            return
+        self._say(f"report: {report}")
+        self.open_url(report.resolve().as_uri())
+
+
+def _headline(status: RigStatus) -> Text:
+    text = Text("simulshot", style="bold")
+    text.append(f"   leader {status.leader}", style="not bold")
+    if status.period_ns:
+        text.append(f"   {1e9 / status.period_ns:.1f} fps", style="not bold")
+    here = [node for node in status.nodes if node.state is not NodeState.LOST]
+    ready = sum(node.state is NodeState.READY for node in here)
+    if here:
+        done = ready == len(here)
+        text.append(f"   {ready} of {len(here)} ready", style="bold green" if done else "bold yellow")
+        if done:
+            text.append("   press b for a burst", style="not bold")
+    return text
+
+
+def _how_to_join(status: RigStatus) -> Text:
+    text = Text("No camera has joined yet. On each camera's computer, type:\n\n")
+    text.append(f"  capture-app node --leader {status.leader} --camera v4l2:/dev/video0\n\n", style="bold")
+    text.append("Or press ")
+    text.append("s", style="bold")
+    text.append(f" for {SIMULATED_CAMERAS} simulated cameras on this machine.")
+    return text

@@ -1,0 +1,44 @@
+"""What the screen needs of a rig: snapshots to show, and the few things a user can ask for."""
+
+from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from capture_app.node.status import BurstStatus, RigStatus
+
+
+@dataclass(frozen=True, slots=True)
+class Progress:
+    """A comparison under way: step `done` of `total`, and what it does now."""
+
+    done: int
+    total: int
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """A finished comparison: its verdict in words, and the report's file."""
+
+    verdict: str
+    report: Path
+
+
+class Rig(Protocol):
+    """A leader and its cameras, as the screen knows them; errors are SimulshotErrors."""
+
+    def status(self) -> RigStatus:
+        """Return the whole rig at this moment."""
+
+    def on_news(self, tell: Callable[[str], None]) -> None:
+        """Set who is told, in a line each, what happens."""
+
+    async def burst(self, frames: int) -> BurstStatus:
+        """Take a burst of that many instants and return when it is on disk."""
+
+    async def add_simulated(self, cameras: int) -> None:
+        """Start that many simulated cameras on this machine."""
+
+    def compare(self, session: Path) -> AsyncIterator[Progress | Comparison]:
+        """Compare synchronized with offset frames; the last thing it yields is the Comparison."""

@@ -1,0 +1,65 @@
+"""The table of cameras: state, clock and phase of each, live."""
+
+from rich.text import Text
+from textual.widgets import DataTable
+
+from capture_app.node.status import NodeStatus
+from capture_app.sync.state import NodeState
+from capture_app.tui.formats import clock_offset, gauge, short_time
+
+STATE_STYLES = {
+    NodeState.JOINING: "dim",
+    NodeState.SYNCING: "yellow",
+    NodeState.ALIGNING: "yellow",
+    NodeState.READY: "green",
+    NodeState.LOST: "red",
+    NodeState.FAILED: "red",
+}
+NARROW = ("camera", "state", "offset", "±bound", "trip", "phase", "drops")
+WIDE = ("camera", "state", "model", "offset", "±bound", "round trip", "phase", "", "drops")
+GAUGE_WIDTH = 15
+NUMBERS = {"offset", "±bound", "trip", "round trip", "phase", "drops"}
+
+
+class NodesTable(DataTable[Text]):
+    """One row a camera; the columns depend on the room there is."""
+
+    def __init__(self, *, id: str) -> None:
+        super().__init__(id=id, cursor_type="none", zebra_stripes=True, cell_padding=1)
+        self._shown: tuple[NodeStatus, ...] = ()
+        self._wide: bool | None = None
+
+    def show(self, nodes: tuple[NodeStatus, ...], *, wide: bool) -> None:
+        """Show these cameras, changing only the cells that differ."""
+        if wide is not self._wide or [n.name for n in nodes] != [n.name for n in self._shown]:
+            self.clear(columns=True)
+            for label in WIDE if wide else NARROW:
+                self.add_column(Text(label, justify="right" if label in NUMBERS else "left"), key=label)
+            for node in nodes:
+                self.add_row(*_cells(node, wide=wide), key=node.name)
+        else:
+            labels = WIDE if wide else NARROW
+            for node in nodes:
+                for label, cell in zip(labels, _cells(node, wide=wide), strict=True):
+                    if self.get_cell(node.name, label) != cell:
+                        self.update_cell(node.name, label, cell, update_width=True)
+        self._shown, self._wide = nodes, wide
+
+
+def _cells(node: NodeStatus, *, wide: bool) -> list[Text]:
+    style = STATE_STYLES[node.state]
+    gone = node.state in (NodeState.LOST, NodeState.FAILED)
+    plain = "dim" if gone else ""
+    phase_style = plain or ("green" if node.state is NodeState.READY else "yellow")
+    name = Text(node.name, style="bold " + plain)
+    state = Text(f"● {node.state.value}", style=style)
+    offset = Text(clock_offset(node.offset_ns), style=plain, justify="right")
+    bound = Text(short_time(node.hard_bound_ns), style=plain, justify="right")
+    trip = Text(short_time(node.round_trip_ns), style=plain, justify="right")
+    phase = Text(short_time(node.phase_error_ns, signed=True), style=phase_style, justify="right")
+    drops = Text(str(node.drops), style=plain or ("yellow" if node.drops else ""), justify="right")
+    if not wide:
+        return [name, state, offset, bound, trip, phase, drops]
+    model = Text(node.model, style="dim")
+    mark = Text(gauge(None if gone else node.phase_error_ns, GAUGE_WIDTH), style=phase_style)
+    return [name, state, model, offset, bound, trip, phase, mark, drops]

@@ -1,0 +1,142 @@
+"""The screen as a user drives it: keys in, requests to the rig and words on the screen out."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from textual.widgets import Label, RichLog, Static
+
+from capture_app.session.manifest import BurstRecord, CameraRecord
+from capture_app.session.store import SessionWriter
+from capture_app.sync.state import NodeState
+from capture_app.tui.app import RigApp
+from capture_app.tui.widgets.nodes import NodesTable
+from capture_app.tui.widgets.sessions import SessionsTable
+from tests.tui.fake_rig import FakeRig, node
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Path:
+    writer = SessionWriter.create(tmp_path, "burst-001")
+    camera = CameraRecord(
+        name="cam00",
+        kind="simulated",
+        model="test",
+        width=4,
+        height=4,
+        period_ns=33_333_000,
+        timestamp_source="unknown",
+    )
+    writer.add_image(
+        b"picture",
+        camera="cam00",
+        instant=0,
+        leader_ns=1_000_012_000,
+        residual_ns=12_000,
+        hard_bound_ns=61_000,
+    )
+    burst = BurstRecord(instants_ns=(1_000_000_000,), period_ns=33_333_000)
+    writer.finish(cameras=(camera,), burst=burst, missing=(), origin="simulated")
+    return tmp_path / "burst-001"
+
+
+def rig_of_five(session: Path | None = None) -> FakeRig:
+    rig = FakeRig(session)
+    rig.nodes = (
+        node("cam00"),
+        node("cam01", phase_error_ns=-8_000),
+        node("cam02", NodeState.ALIGNING, 7_310_000),
+        node("cam03", NodeState.SYNCING, None),
+        node("cam04", NodeState.LOST, 40_000, drops=3),
+    )
+    return rig
+
+
+def words(app: RigApp) -> str:
+    return str(app.query_one("#message", Label).render())
+
+
+async def settle(app: RigApp, pilot: Any) -> None:
+    await app.workers.wait_for_complete()
+    app._refresh_rig()
+    await app.workers.wait_for_complete()
+    await pilot.pause()
+
+
+async def test_an_empty_rig_says_how_to_join() -> None:
+    app = RigApp(FakeRig())
+    async with app.run_test(size=(80, 24)):
+        text = str(app.query_one("#empty", Static).render())
+        assert "capture-app node --leader 192.168.1.5:47010" in text
+        assert not app.query_one(NodesTable).display
+
+
+async def test_simulated_cameras_are_one_key_away() -> None:
+    rig = FakeRig()
+    app = RigApp(rig)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.press("s")
+        await settle(app, pilot)
+        assert rig.simulated == 5
+        assert app.query_one(NodesTable).row_count == 5
+
+
+async def test_a_burst_appears_among_the_sessions_and_is_compared(session: Path) -> None:
+    rig = rig_of_five(session)
+    app = RigApp(rig)
+    async with app.run_test(size=(120, 40)) as pilot:
+        await pilot.press("b")
+        await settle(app, pilot)
+        assert rig.bursts == 1
+        assert words(app) == "saved burst-001: 25 of 25 images"
+        sessions = app.query_one(SessionsTable)
+        assert sessions.chosen == session
+        row = [str(cell) for cell in sessions.get_row_at(0)]
+        assert row == ["burst-001", "1/1", "12 µs ±61 µs", "press c"]
+        await pilot.press("c")
+        await settle(app, pilot)
+        assert rig.compared == [session]
+        assert words(app) == "report: report.html"
+        log = "\n".join(line.text for line in app.query_one(RichLog).lines)
+        assert "burst-001 saved" in log
+        assert "98 %" in log
+
+
+async def test_an_error_is_a_line_on_the_screen_not_a_crash() -> None:
+    app = RigApp(FakeRig())
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.press("b")
+        await settle(app, pilot)
+        assert words(app) == "no node is here (start one with: capture-app node)"
+        await pilot.press("c")
+        await settle(app, pilot)
+        assert words(app) == "no session yet: press b to take a burst"
+
+
+async def test_cells_follow_the_rig_and_the_width() -> None:
+    rig = rig_of_five()
+    app = RigApp(rig)
+    async with app.run_test(size=(80, 24)) as pilot:
+        table = app.query_one(NodesTable)
+        await pilot.pause()
+        assert [str(column.label) for column in table.ordered_columns][-2:] == ["phase", "drops"]
+        assert str(table.get_cell("cam02", "phase")) == "+7.3 ms"
+        rig.nodes = (*rig.nodes[:2], node("cam02", phase_error_ns=900), *rig.nodes[3:])
+        app._refresh_rig()
+        assert str(table.get_cell("cam02", "phase")) == "+900 ns"
+        await pilot.resize_terminal(120, 40)
+        app._refresh_rig()
+        assert "model" in [str(column.label) for column in table.ordered_columns]
+
+
+@pytest.mark.parametrize("size", [(80, 24), (120, 40)])
+def test_the_screen_looks_as_it_did(snap_compare: Any, size: tuple[int, int], session: Path) -> None:
+    rig = rig_of_five(session)
+    rig.sessions = (str(session),)
+
+    async def before(pilot: Any) -> None:
+        await settle(pilot.app, pilot)
+        for line in ("cam00 joined", "cam04 lost: silent for 2 s", "burst-001: 25 of 25 images"):
+            pilot.app._tell(line)
+
+    assert snap_compare(RigApp(rig), terminal_size=size, run_before=before)

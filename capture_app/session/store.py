@@ -51,7 +51,12 @@ class SessionWriter:
         self._mutex = threading.RLock()
         self._open = True
         self._lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-        fcntl.flock(self._lock, fcntl.LOCK_EX)  # the folder is new: only a passing reader can hold it
+        try:
+            # A reader asks for the lock only once there is a journal, so nothing but a writer can hold it.
+            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(self._lock)
+            raise BadInputError(f"{folder} is being written by another process") from None
         self._journal = AppendOnly(folder / JOURNAL)
         self._events = AppendOnly(folder / EVENTS)
         sync_folder(folder)
@@ -129,6 +134,10 @@ class SessionWriter:
             self._journal.append(line, durable=True)
             self._images[camera, instant] = record
         return record
+
+    def has_image(self, camera: str, instant: int) -> bool:
+        """Whether the image of a camera at an instant is saved already."""
+        return (camera, instant) in self._images
 
     def add_event(self, event: Mapping[str, Any]) -> None:
         """Append what the engine saw or did to events.ndjson."""

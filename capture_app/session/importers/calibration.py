@@ -1,0 +1,176 @@
+"""Calibrations of other programs, brought to this project's one convention."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture_app.errors import BadInputError
+from capture_app.session.calibration import Calibration, CameraCalibration, Matrix3, Vector3
+from capture_app.session.importers.timing import match_name
+
+METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+Array = NDArray[np.float64]
+
+
+class Fit(StrEnum):
+    """What to do where images are not of the size that their camera was calibrated at."""
+
+    EXACT = "exact"
+    """Refuse, unless the aspect is the same: then scale."""
+    CROP = "crop"
+    """The images are the calibrated ones with their right or bottom cut off or extended."""
+    SCALE = "scale"
+    """The images are the calibrated ones stretched, each axis by itself."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class View:
+    """One camera as a file gives it: 3x3 matrix in pixels, OpenCV distortion, and x_cam = R x_rig + t.
+
+    `rotation` is 3x3, `translation` (3,) in the file's unit; `size` is (width, height) in pixels, None
+    where the file does not say. The first pixel's centre is (0, 0).
+    """
+
+    matrix: Array
+    distortion: Array
+    rotation: Array
+    translation: Array
+    size: tuple[int, int] | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Views:
+    """All cameras of a file by the file's own labels; `unit` is what the format fixes, else None."""
+
+    cameras: Mapping[str, View]
+    source: str
+    unit: str | None = None
+
+
+def read_views(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views:
+    """Read calibration files, each with the camera it is of (or ''), for cameras in the rig's order.
+
+    One file of Caliscope (TOML) or Qualisys (.qca.txt), or OpenCV's (.npz, .yml, .yaml, .xml): one of
+    each camera and one of the pair, or a folder of them. Raises BadInputError for anything else.
+    """
+    for _, path in paths:
+        if not path.exists():
+            raise BadInputError(f"no calibration at {path}")
+    first = paths[0][1]
+    if first.suffix.lower() == ".toml" or _is_qualisys(first):
+        if len(paths) > 1:
+            raise BadInputError(f"{first} holds all cameras", hint="give that one file only")
+        if first.suffix.lower() == ".toml":
+            from capture_app.session.importers.caliscope import read_caliscope
+
+            return read_caliscope(first)
+        from capture_app.session.importers.qualisys import read_qualisys
+
+        return read_qualisys(first)
+    from capture_app.session.importers.opencv_files import read_opencv
+
+    return read_opencv(paths, cameras)
+
+
+def fit_calibration(
+    views: Views, sizes: Mapping[str, tuple[int, int]], *, unit: str | None = None, fit: Fit = Fit.EXACT
+) -> Calibration:
+    """The calibration of a recording's cameras, given their image sizes (width, height) in pixels.
+
+    Lengths are converted to metres from the file's own unit, else from `unit` (default m); a unit that
+    is not known (such as a board's square) is kept and named. Raises BadInputError where a camera has no
+    calibration, where its numbers cannot be a camera's, or where the size does not fit.
+    """
+    if unit is not None and views.unit is not None and unit != views.unit:
+        raise BadInputError(f"{views.source} is in {views.unit}, not in {unit}", hint="leave --unit away")
+    given = views.unit or unit or "m"
+    labels = {match_name(label, list(sizes)): label for label in views.cameras}
+    lacking = [name for name in sizes if name not in labels]
+    if lacking:
+        of = ", ".join(views.cameras)
+        raise BadInputError(
+            f"{views.source} calibrates {of}: nothing for {', '.join(lacking)} of the recording"
+        )
+    scale = METRES.get(given, 1.0)
+    cameras = {
+        name: _camera(f"{views.source}: camera {name}", views.cameras[labels[name]], size, scale, fit)
+        for name, size in sizes.items()
+    }
+    return Calibration(cameras=cameras, unit="m" if given in METRES else given, source=views.source)
+
+
+def from_rodrigues(vector: Array) -> Array:
+    """Rotation matrix (3x3) of a Rodrigues vector (3,), in radians."""
+    import cv2
+
+    return np.asarray(cv2.Rodrigues(vector.reshape(3, 1))[0], np.float64)
+
+
+def _camera(where: str, view: View, size: tuple[int, int], metres: float, fit: Fit) -> CameraCalibration:
+    matrix, rotation, distortion = view.matrix, view.rotation, np.ravel(view.distortion)
+    every = np.concatenate([matrix.ravel(), rotation.ravel(), view.translation.ravel(), distortion])
+    if not np.isfinite(every).all():
+        raise BadInputError(f"{where} has numbers that are not finite")
+    if matrix[0, 0] <= 0 or matrix[1, 1] <= 0 or abs(matrix[2] - [0, 0, 1]).max() > 1e-6:
+        raise BadInputError(f"{where} has no camera matrix with positive focal lengths")
+    if abs(matrix[0, 1]) > 0.01:
+        raise BadInputError(f"{where} has a skew of {matrix[0, 1]:.3g} pixels; only a skew of 0 is supported")
+    if abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0:
+        raise BadInputError(f"{where} has a rotation that is none")
+    if distortion[5:].any():
+        hint = "calibrate with k1, k2, p1, p2, k3"
+        raise BadInputError(
+            f"{where} has {len(distortion)} distortion coefficients; 5 are supported", hint=hint
+        )
+    x, y = _factors(where, view.size, size, fit)
+    left, _, right = np.linalg.svd(rotation)
+    return CameraCalibration(
+        width=size[0],
+        height=size[1],
+        fx=float(matrix[0, 0] * x),
+        fy=float(matrix[1, 1] * y),
+        cx=float((matrix[0, 2] + 0.5) * x - 0.5),
+        cy=float((matrix[1, 2] + 0.5) * y - 0.5),
+        rotation=_rows(left @ right),
+        translation=_vector(view.translation.ravel() * metres),
+        distortion=tuple(float(k) for k in np.pad(distortion[:5], (0, max(0, 5 - len(distortion))))),
+    )
+
+
+def _factors(
+    where: str, calibrated: tuple[int, int] | None, size: tuple[int, int], fit: Fit
+) -> tuple[float, float]:
+    if calibrated is None or calibrated == size:
+        return 1.0, 1.0
+    x, y = size[0] / calibrated[0], size[1] / calibrated[1]
+    if fit is Fit.CROP:
+        return 1.0, 1.0
+    if fit is Fit.SCALE or abs(x / y - 1) < 1e-3:
+        return x, y
+    taken = f"{size[0]}x{size[1]}"
+    turned = "; are they turned by 90 degrees?" if calibrated == size[::-1] else ""
+    raise BadInputError(
+        f"{where} is calibrated for {calibrated[0]}x{calibrated[1]} pixels, its images are {taken}{turned}",
+        hint="--fit crop if their right or bottom is cut off, --fit scale if they are stretched",
+    )
+
+
+def _rows(matrix: Array) -> Matrix3:
+    first, second, third = matrix
+    return _vector(first), _vector(second), _vector(third)
+
+
+def _vector(vector: Array) -> Vector3:
+    x, y, z = vector
+    return float(x), float(y), float(z)
+
+
+def _is_qualisys(path: Path) -> bool:
+    if path.is_dir() or path.suffix.lower() not in (".txt", ".xml"):
+        return False
+    with path.open("rb") as file:
+        return b"<calibration" in file.read(4096)

@@ -1,0 +1,176 @@
+"""OpenCV's calibrations, as people save them: .npz, or YAML and XML of cv2.FileStorage."""
+
+import re
+import zipfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from capture_app.errors import BadInputError
+from capture_app.session.importers.calibration import Array, View, Views, from_rodrigues
+
+_MATRIX = ("mtx", "k", "m", "camera_matrix", "cameramatrix", "intrinsic_matrix", "intrinsics")
+_DISTORTION = ("dist", "d", "distortion_coefficients", "distcoeffs", "dist_coeffs", "distortion")
+_ROTATION, _TRANSLATION = ("r", "rvec", "rotation"), ("t", "tvec", "translation")
+_SUFFIXES = (".npz", ".yml", ".yaml", ".xml")
+
+Content = Mapping[str, Array]
+
+
+def read_opencv(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views:
+    """Read OpenCV calibration files, each with the camera it is of, or '' for the file of the pair.
+
+    A camera's file has its matrix (mtx, K, camera_matrix, ...) and distortion, and may have its pose
+    (R or rvec, T or tvec; x_cam = R x_rig + T). The pair's file has the R and T of cv2.stereoCalibrate,
+    x_second = R x_first + T, and may have the matrices too (K1 D1 K2 D2). A folder is searched for files
+    whose names begin with the cameras'. Raises BadInputError for what is missing or broken.
+    """
+    own, pair = _assign(paths, cameras)
+    contents = {name: _load(path) for name, path in own.items()}
+    if pair is not None:
+        contents.update(_split_pair(_load(pair), pair, cameras, contents))
+    elif len(contents) > 1 and not any(
+        _find(content, _ROTATION) is not None for content in contents.values()
+    ):
+        raise BadInputError(
+            "these calibrations have no R and T", hint="give the stereo calibration's file too"
+        )
+    if len(contents) == 1 and len(cameras) == 1:
+        contents = {name: {**_IDENTITY, **content} for name, content in contents.items()}
+    views = {
+        name: _view(f"{own.get(name, pair)}: camera {name}", content) for name, content in contents.items()
+    }
+    files = [*own.values(), *([pair] if pair else [])]
+    return Views(views, ", ".join(dict.fromkeys(path.name for path in files)))
+
+
+_IDENTITY: Content = {"r": np.eye(3), "t": np.zeros(3)}
+
+
+def _assign(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> tuple[dict[str, Path], Path | None]:
+    own: dict[str, Path] = {}
+    rest: list[Path] = []
+    for name, path in paths:
+        if name and name not in cameras:
+            hint = f"it has {', '.join(cameras)}"
+            raise BadInputError(f"{path} is said to be of {name}, which the recording lacks", hint=hint)
+        if name:
+            own[name] = path
+        elif path.is_dir():
+            found, others = _search(path, cameras)
+            own.update(found)
+            rest.extend(others)
+        else:
+            rest.append(path)
+    if len(rest) > 1:
+        files = ", ".join(path.name for path in rest)
+        raise BadInputError(f"of which cameras are {files}?", hint="say so: --calibration NAME=FILE")
+    return own, rest[0] if rest else None
+
+
+def _search(folder: Path, cameras: Sequence[str]) -> tuple[dict[str, Path], list[Path]]:
+    files = sorted(path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES)
+    own: dict[str, Path] = {}
+    for name in cameras:
+        start = re.escape(name)
+        # The whole word first, so that cam1 does not take cam10's file; then L takes left.npz.
+        for pattern in (rf"{start}(?![A-Za-z0-9])", start):
+            alike = [file for file in files if re.match(pattern, file.stem, re.IGNORECASE)]
+            if len(alike) == 1:
+                own[name] = alike[0]
+                break
+        else:
+            have = ", ".join(file.name for file in files) or "no OpenCV file"
+            raise BadInputError(
+                f"no single file in {folder} begins with {name!r}; it has {have}",
+                hint="say which is whose: --calibration NAME=FILE",
+            )
+    return own, [file for file in files if file not in own.values()]
+
+
+def _load(path: Path) -> Content:
+    if path.suffix.lower() not in _SUFFIXES:
+        hint = "known: OpenCV .npz .yml .yaml .xml, Caliscope .toml, Qualisys .qca.txt"
+        raise BadInputError(f"{path} is no calibration file that is known", hint=hint)
+    return _load_npz(path) if path.suffix.lower() == ".npz" else _load_storage(path)
+
+
+def _load_npz(path: Path) -> Content:
+    try:
+        with np.load(path, allow_pickle=False) as file:
+            arrays = {key.lower(): file[key] for key in file.files}
+    except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
+        raise BadInputError(f"cannot read the calibration {path}: {error}") from error
+    return {
+        key: value.astype(np.float64)
+        for key, value in arrays.items()
+        if np.issubdtype(value.dtype, np.number)
+    }
+
+
+def _load_storage(path: Path) -> Content:
+    import cv2
+
+    before = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+    try:
+        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
+        content = {}
+        for key in storage.root().keys():  # noqa: SIM118 - a FileNode is no dict
+            node = storage.getNode(key)
+            if node.isMap():
+                content[key.lower()] = np.asarray(node.mat(), np.float64)
+            elif node.isReal() or node.isInt():
+                content[key.lower()] = np.array([node.real()])
+        storage.release()
+    except (cv2.error, SystemError, TypeError, ValueError) as error:
+        reason = str(error).strip().splitlines()[-1] if str(error).strip() else "not OpenCV's format"
+        raise BadInputError(f"cannot read the calibration {path}: {reason}") from error
+    finally:
+        cv2.utils.logging.setLogLevel(before)
+    return content
+
+
+def _split_pair(
+    content: Content, path: Path, cameras: Sequence[str], own: Mapping[str, Content]
+) -> dict[str, Content]:
+    rotation, translation = _find(content, _ROTATION), _find(content, _TRANSLATION)
+    if rotation is None or translation is None:
+        raise BadInputError(f"{path} has no R and T; it has {', '.join(content) or 'nothing'}")
+    if len(cameras) != 2:
+        hint = "give one file a camera, each with its R and T"
+        raise BadInputError(f"{path} is of a pair, the recording has {len(cameras)} cameras", hint=hint)
+    poses = (_IDENTITY, {"r": rotation, "t": translation})
+    split: dict[str, Content] = {}
+    for number, (name, pose) in enumerate(zip(cameras, poses, strict=True), 1):
+        numbered = {
+            key.rstrip("12").rstrip("_"): value for key, value in content.items() if key.endswith(str(number))
+        }
+        sizes = {key: content[key] for key in ("image_width", "image_height") if key in content}
+        split[name] = {**sizes, **numbered, **own.get(name, {}), **pose}
+    return split
+
+
+def _view(where: str, content: Content) -> View:
+    matrix, distortion = _find(content, _MATRIX), _find(content, _DISTORTION)
+    rotation, translation = _find(content, _ROTATION), _find(content, _TRANSLATION)
+    if matrix is None or matrix.shape != (3, 3):
+        raise BadInputError(f"{where} has no 3x3 camera matrix", hint=f"looked for {', '.join(_MATRIX)}")
+    if rotation is None or translation is None:
+        raise BadInputError(f"{where} has no R and T")
+    if rotation.size not in (3, 9) or translation.size != 3:
+        shapes = f"{rotation.shape} and {translation.shape}"
+        raise BadInputError(f"{where}: R and T of shapes {shapes} are no pose")
+    sizes = [content.get(key) for key in ("image_width", "image_height")]
+    size = None if any(n is None for n in sizes) else tuple(int(n.ravel()[0]) for n in sizes if n is not None)
+    return View(
+        matrix=matrix,
+        distortion=np.zeros(5) if distortion is None else distortion.ravel(),
+        rotation=from_rodrigues(rotation) if rotation.size == 3 else rotation.reshape(3, 3),
+        translation=translation.ravel(),
+        size=(size[0], size[1]) if size else None,
+    )
+
+
+def _find(content: Content, keys: Sequence[str]) -> Array | None:
+    return next((content[key] for key in keys if key in content), None)

@@ -1,0 +1,155 @@
+"""Recordings of other programs become sessions: frames matched in time, bytes kept as they are."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from capture_app.errors import BadInputError
+from capture_app.session.importers.calibration import Fit, fit_calibration, read_views
+from capture_app.session.importers.sources import Source, Video, open_sources, split_name
+from capture_app.session.importers.timing import (
+    Instant,
+    TimedFrame,
+    Timeline,
+    timeline_by_rate,
+    timeline_by_table,
+)
+from capture_app.session.manifest import BurstRecord, CameraRecord, MissingImage
+from capture_app.session.store import Session, SessionWriter
+
+Progress = Callable[[int, int], None]
+"""Told after each frame: how many are done, and of how many."""
+
+_NO_FRAME = "the recording has no frame of it"
+
+
+@dataclass(frozen=True, kw_only=True)
+class ImportOptions:
+    """How a recording is read: its rate or its table of times, which instants, and its calibration."""
+
+    fps: float | None = None
+    timestamps: Path | None = None
+    start: int = 0
+    """The first instant that is taken, counted from 0."""
+    count: int | None = None
+    every: int = 1
+    png: bool = False
+    """Keep a video's frames as PNG instead of JPEG (quality 95)."""
+    uncertainty_ms: float | None = None
+    calibration: Sequence[str] = field(default_factory=tuple)
+    """PATH or NAME=PATH, see `read_views`."""
+    unit: str | None = None
+    fit: Fit = Fit.EXACT
+    note: str = ""
+
+
+def import_recording(
+    paths: Sequence[str],
+    root: Path,
+    name: str,
+    options: ImportOptions,
+    progress: Progress = lambda done, total: None,
+) -> Session:
+    """Write the session root/name from `NAME=PATH` cameras or one folder of them.
+
+    Raises BadInputError for anything that cannot be used; no session is left behind then.
+    """
+    sources = open_sources(paths, png=options.png)
+    timeline = _timeline(sources, options)
+    instants = _chosen(timeline, options)
+    names = [source.name for source in sources]
+    places = [split_name(text) for text in options.calibration]
+    views = read_views(places, names) if places else None
+    writer = SessionWriter.create(root, name)
+    try:
+        sizes = _write_images(writer, sources, instants, options, progress)
+        cameras = [
+            CameraRecord(
+                name=source.name,
+                kind="imported",
+                model=source.kind,
+                width=sizes[source.name][0],
+                height=sizes[source.name][1],
+                period_ns=timeline.camera_periods_ns[source.name],
+                timestamp_source="unknown",
+            )
+            for source in sources
+        ]
+        if views is not None:
+            writer.set_calibration(fit_calibration(views, sizes, unit=options.unit, fit=options.fit))
+        times_ns = tuple(instant.leader_ns for instant in instants)
+        burst = BurstRecord(instants_ns=times_ns, period_ns=timeline.period_ns)
+        return writer.finish(cameras, burst, _missing(writer, names, instants), "imported", options.note)
+    except BaseException:
+        writer.discard()
+        raise
+
+
+def _timeline(sources: Sequence[Source], options: ImportOptions) -> Timeline:
+    if options.timestamps is not None and options.fps is None:
+        return timeline_by_table(sources, options.timestamps)
+    if options.fps is not None and options.timestamps is None:
+        return timeline_by_rate(sources, options.fps)
+    said = next((f"{s.path.name} says --fps {s.fps:g}" for s in sources if isinstance(s, Video)), "")
+    raise BadInputError("give either the rate, --fps, or a table of times, --timestamps", hint=said)
+
+
+def _chosen(timeline: Timeline, options: ImportOptions) -> Sequence[Instant]:
+    total = len(timeline.instants)
+    if options.start < 0 or options.every < 1 or (options.count is not None and options.count < 1):
+        raise BadInputError("--start counts from 0, --count and --every from 1")
+    chosen = timeline.instants[options.start :: options.every][: options.count]
+    if not chosen:
+        raise BadInputError(f"the recording has {total} instants, none from {options.start} on")
+    return chosen
+
+
+def _write_images(
+    writer: SessionWriter,
+    sources: Sequence[Source],
+    instants: Sequence[Instant],
+    options: ImportOptions,
+    progress: Progress,
+) -> dict[str, tuple[int, int]]:
+    """Save the frames of all instants; width and height in pixels by camera."""
+    ms = options.uncertainty_ms
+    uncertainty_ns = None if ms is None else round(ms * 1e6)
+    total, done = sum(len(instant.frames) for instant in instants), 0
+    sizes: dict[str, tuple[int, int]] = {}
+    for source in sources:
+        wanted: dict[int, tuple[int, TimedFrame]] = {
+            instant.frames[source.name].index: (number, instant.frames[source.name])
+            for number, instant in enumerate(instants)
+            if source.name in instant.frames
+        }
+        for index, data, size in source.frames(sorted(wanted)):
+            if sizes.setdefault(source.name, size) != size:
+                raise BadInputError(f"{source.path} has images of {sizes[source.name]} and of {size} pixels")
+            number, frame = wanted[index]
+            writer.add_image(
+                data,
+                camera=source.name,
+                instant=number,
+                suffix=source.suffix,
+                leader_ns=frame.leader_ns,
+                residual_ns=frame.leader_ns - instants[number].leader_ns,
+                uncertainty_ns=uncertainty_ns,
+                sequence=index,
+            )
+            done += 1
+            progress(done, total)
+        if source.name not in sizes:
+            raise BadInputError(f"{source.path} has no frame at any of the {len(instants)} instants")
+    return sizes
+
+
+def _missing(writer: SessionWriter, names: Sequence[str], instants: Sequence[Instant]) -> list[MissingImage]:
+    missing = []
+    for number, instant in enumerate(instants):
+        for name in names:
+            if writer.has_image(name, number):
+                continue
+            unreadable = "the frame could not be decoded" if name in instant.frames else _NO_FRAME
+            reason = instant.why_missing.get(name, unreadable)
+            missing.append(MissingImage(camera=name, instant=number, reason=reason))
+    return missing

@@ -1,0 +1,240 @@
+"""Which frames of a recording belong together: by the rate, or by a table of times."""
+
+import csv
+import re
+import statistics
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from decimal import Decimal, InvalidOperation
+from fractions import Fraction
+from itertools import pairwise
+from pathlib import Path
+
+from capture_app.errors import BadInputError
+from capture_app.session.importers.sources import Source
+
+_CAMERA = ("camera", "cam_id", "cam", "port", "camera_id")
+_FRAME = ("frame", "frame_index", "frame_number")
+_GROUP = ("sync_index", "instant")
+_TIMES = {"time": 9, "frame_time": 9, "timestamp": 9, "time_s": 9, "time_ms": 6, "time_us": 3, "time_ns": 0}
+"""Column names of a time and the power of ten of its unit in ns."""
+
+
+@dataclass(frozen=True, slots=True)
+class TimedFrame:
+    """A frame of a source and when it was taken, in ns of the recording's one clock."""
+
+    index: int
+    leader_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class Instant:
+    """Frames by camera that belong together, and the time in ns they are taken to be of."""
+
+    leader_ns: int
+    frames: Mapping[str, TimedFrame]
+    why_missing: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Timeline:
+    """All instants in order; periods in ns, of the grid and of each camera."""
+
+    instants: Sequence[Instant]
+    period_ns: int
+    camera_periods_ns: Mapping[str, int]
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    camera: str
+    frame: int | None
+    group: str | None
+    leader_ns: int | None
+
+
+def timeline_by_rate(sources: Sequence[Source], fps: float) -> Timeline:
+    """Frames of the same number are of one instant, numbers are 1/fps apart; the lowest is at 0 ns.
+
+    Raises BadInputError for a rate that is none, or where no two cameras share a number.
+    """
+    if not 0.001 <= fps <= 1e6:
+        raise BadInputError(f"a rate of {fps} frames a second cannot be", hint="for example --fps 60")
+    period = 1_000_000_000 / Fraction(str(fps))
+    own = all(source.numbered for source in sources)
+    numbers = {source.name: (source.numbers if own else range(len(source.numbers))) for source in sources}
+    indices = {name: {number: index for index, number in enumerate(of)} for name, of in numbers.items()}
+    every = sorted(set().union(*indices.values()))
+    shared = [number for number in every if sum(number in of for of in indices.values()) > 1]
+    if len(sources) > 1 and not shared:
+        hint = "frames of one instant need the same number in their file names; else use --timestamps"
+        raise BadInputError("no two cameras share a frame number", hint=hint)
+    instants = []
+    for number in every:
+        at_ns = round((number - every[0]) * period)
+        frames = {name: TimedFrame(of[number], at_ns) for name, of in indices.items() if number in of}
+        instants.append(Instant(at_ns, frames))
+    period_ns = round(period)
+    return Timeline(instants, period_ns, {source.name: period_ns for source in sources})
+
+
+def timeline_by_table(sources: Sequence[Source], path: Path) -> Timeline:
+    """Frames matched by a CSV: columns camera, time and a frame number or a sync_index.
+
+    Rows of one sync_index are one instant, and the rows of a camera are its frames in order; without
+    a sync_index, frames less than half a period apart are one instant. An empty time is a dropped frame.
+    Raises BadInputError, with the line, for a table that does not fit itself or the recording.
+    """
+    rows = _read_table(path, [source.name for source in sources])
+    counts = {source.name: len(source.numbers) for source in sources}
+    timed = {name: _number_rows(path, name, rows, count) for name, count in counts.items()}
+    times = {name: sorted(frame.leader_ns for _, frame in of) for name, of in timed.items()}
+    periods = {name: _period(path, name, of) for name, of in times.items()}
+    period_ns = round(statistics.median(periods.values()))
+    if all(row.group is not None for row in rows):
+        instants = _by_group(path, rows, timed)
+    else:
+        instants = _by_time(timed, period_ns)
+    for before, after in pairwise(instants):
+        if after.leader_ns <= before.leader_ns:
+            raise BadInputError(f"{path}: two instants are at the same time, {after.leader_ns} ns")
+    return Timeline(instants, period_ns, periods)
+
+
+def match_name(label: str, names: Sequence[str]) -> str | None:
+    """The camera that a label of a file means: the same name, else the only one with its number.
+
+    `0` and `port_0` both mean `cam_0` where no other camera ends in 0.
+    """
+    for name in names:
+        if name.casefold() == label.casefold():
+            return name
+    number = _number(label)
+    alike = [name for name in names if number is not None and _number(name) == number]
+    return alike[0] if len(alike) == 1 else None
+
+
+def _number(text: str) -> int | None:
+    found = re.search(r"(\d+)$", text)
+    return int(found[1]) if found else None
+
+
+def _read_table(path: Path, names: Sequence[str]) -> list[_Row]:
+    try:
+        text = path.read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInputError(f"cannot read the table of times {path}: {error}") from error
+    header = text.partition("\n")[0]
+    delimiter = next((mark for mark in ",;\t" if mark in header), ",")
+    reader = csv.DictReader(text.splitlines(), delimiter=delimiter, skipinitialspace=True)
+    columns = {str(name).strip().lower(): str(name) for name in reader.fieldnames or ()}
+    camera, time = _column(columns, _CAMERA), _column(columns, _TIMES)
+    frame, group = _column(columns, _FRAME), _column(columns, _GROUP)
+    if camera is None or time is None or (frame is None and group is None):
+        hint = f"it needs {_CAMERA[0]}, {_FRAME[0]} or {_GROUP[0]}, and one of {', '.join(_TIMES)}"
+        raise BadInputError(f"{path} has the columns {', '.join(columns) or '(none)'}", hint=hint)
+    power = _TIMES[time.strip().lower()]
+    rows = []
+    for line in reader:
+        name = match_name((line[camera] or "").strip(), names)
+        if name is None:
+            continue
+        where = f"{path}, line {reader.line_num}"
+        rows.append(
+            _Row(
+                camera=name,
+                frame=_whole(where, line[frame]) if frame else None,
+                group=(line[group] or "").strip() if group else None,
+                leader_ns=_nanoseconds(where, line[time], power),
+            )
+        )
+    for name in names:
+        if not any(row.camera == name and row.leader_ns is not None for row in rows):
+            raise BadInputError(f"{path} has no times of camera {name}")
+    return rows
+
+
+def _column(columns: Mapping[str, str], known: Iterable[str]) -> str | None:
+    return next((columns[name] for name in known if name in columns), None)
+
+
+def _whole(where: str, text: str | None) -> int | None:
+    if not (text or "").strip():
+        return None
+    try:
+        return int(str(text))
+    except ValueError:
+        raise BadInputError(f"{where}: {text!r} is not a frame number") from None
+
+
+def _nanoseconds(where: str, text: str | None, power: int) -> int | None:
+    if not (text or "").strip():
+        return None
+    try:
+        return int((Decimal(str(text).strip()) * 10**power).to_integral_value())
+    except (InvalidOperation, OverflowError, ValueError):
+        raise BadInputError(f"{where}: {text!r} is not a time") from None
+
+
+def _number_rows(path: Path, name: str, rows: Sequence[_Row], count: int) -> list[tuple[_Row, TimedFrame]]:
+    """The rows of a camera that have a frame, each with that frame's index in the source."""
+    own = [row for row in rows if row.camera == name and row.leader_ns is not None]
+    if any(row.frame is None for row in own):
+        own.sort(key=lambda row: row.leader_ns or 0)
+        if len(own) != count:
+            raise BadInputError(f"{path} has {len(own)} times of camera {name}, which has {count} frames")
+        return [(row, TimedFrame(index, row.leader_ns or 0)) for index, row in enumerate(own)]
+    timed = []
+    for row in own:
+        if row.frame is None or not 0 <= row.frame < count:
+            raise BadInputError(f"{path} names frame {row.frame} of camera {name}, which has {count} frames")
+        timed.append((row, TimedFrame(row.frame, row.leader_ns or 0)))
+    if len({frame.index for _, frame in timed}) < len(timed):
+        raise BadInputError(f"{path} names a frame of camera {name} twice")
+    return timed
+
+
+def _period(path: Path, name: str, times_ns: Sequence[int]) -> int:
+    steps = [after - before for before, after in pairwise(times_ns)]
+    if not steps or min(steps) <= 0:
+        reason = "has only one time" if not steps else "has a time twice"
+        raise BadInputError(f"{path}: camera {name} {reason}")
+    return round(statistics.median(steps))
+
+
+def _by_group(
+    path: Path, rows: Sequence[_Row], timed: Mapping[str, list[tuple[_Row, TimedFrame]]]
+) -> list[Instant]:
+    groups: dict[str, dict[str, TimedFrame]] = {}
+    for name, of in timed.items():
+        for row, frame in of:
+            if groups.setdefault(str(row.group), {}).setdefault(name, frame) is not frame:
+                raise BadInputError(f"{path} has instant {row.group} of camera {name} twice")
+    dropped = {(row.group, row.camera) for row in rows if row.leader_ns is None}
+    reason = "dropped by the camera: the table gives no time"
+    instants = [
+        Instant(_middle(frames), frames, {name: reason for name in timed if (group, name) in dropped})
+        for group, frames in groups.items()
+    ]
+    return sorted(instants, key=lambda instant: instant.leader_ns)
+
+
+def _by_time(timed: Mapping[str, list[tuple[_Row, TimedFrame]]], period_ns: int) -> list[Instant]:
+    every = sorted((frame.leader_ns, name, frame) for name, of in timed.items() for _, frame in of)
+    groups: list[dict[str, TimedFrame]] = []
+    first_ns = 0
+    for at_ns, name, frame in every:
+        if not groups or name in groups[-1] or at_ns - first_ns >= period_ns / 2:
+            groups.append({})
+            first_ns = at_ns
+        groups[-1][name] = frame
+    reason = "no frame within half a period"
+    return [
+        Instant(_middle(frames), frames, {name: reason for name in timed if name not in frames})
+        for frames in groups
+    ]
+
+
+def _middle(frames: Mapping[str, TimedFrame]) -> int:
+    return round(statistics.median(frame.leader_ns for frame in frames.values()))

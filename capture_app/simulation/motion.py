@@ -1,0 +1,135 @@
+"""How the studio's figure and pinwheel move: poses as smooth periodic functions of time, for ever.
+
+The hop's two still instants, its top and its lowest point, are those of the fastest sideways sway, so
+that the figure never stands still: two pictures some tens of ms apart always show two places.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Series = NDArray[np.float64]
+
+CYCLE_NS = 97_500_000_000
+"""All motion repeats after this time: whole numbers of hops, sways, turns of the body and the wheel."""
+
+HOP_S = 0.65
+CONTACT_S = 0.12
+TAKE_OFF_M_S = 9.81 * (HOP_S - CONTACT_S) / 2
+"""2.6 m/s: what gravity turns round within the flight."""
+SWAY_M = 0.13
+TURN_S = 3.9
+WHEEL_TURNS_PER_S = 1.2
+
+FIGURE_AT = (-0.40, 2.42)
+"""x and z in m of the middle of the sway."""
+WHEEL_HUB = (0.40, 0.14, 2.26)
+FLOOR_Y = 1.0
+
+THIGH_M = SHIN_M = 0.26
+ANKLE_M = 0.065
+LEG_M = 0.505
+"""Hip to ankle when the feet leave the floor: knees a little bent."""
+HIP_HALF_M = 0.064
+SHOULDER = (0.132, -0.335)
+UPPER_ARM_M = 0.19
+NECK_Y = -0.395
+
+
+class Poses(NamedTuple):
+    """Poses at n times: x_world = rotation (n, 3, 3) x_part + translation (n, 3) in m."""
+
+    rotation: Series
+    translation: Series
+
+    def point(self, x: float, y: float, z: float) -> Series:
+        """World positions (n, 3) of a point of the part, in m."""
+        return self.rotation @ np.array([x, y, z]) + self.translation
+
+
+def _turn(axis: int, angle: Series) -> Series:
+    out = np.zeros((len(angle), 3, 3))
+    a, b = (axis + 1) % 3, (axis + 2) % 3
+    out[:, axis, axis] = 1.0
+    out[:, a, a] = out[:, b, b] = np.cos(angle)
+    out[:, b, a] = np.sin(angle)
+    out[:, a, b] = -out[:, b, a]
+    return out
+
+
+def _joint(parent: Poses, at: tuple[float, float, float], rotation: Series) -> Poses:
+    return Poses(parent.rotation @ rotation, parent.point(*at))
+
+
+def seconds_of(times_ns: NDArray[np.int64]) -> Series:
+    """Seconds within the cycle, exact to a ns wherever in 64 bits the times lie."""
+    return (times_ns % CYCLE_NS).astype(np.float64) / 1e9
+
+
+def hop_height(time_s: Series) -> Series:
+    """Height in m of the hips over their place at take-off: a flight, then a springy landing."""
+    phase = time_s % HOP_S
+    flight = phase - CONTACT_S
+    landing = -TAKE_OFF_M_S * phase * (1 - phase / CONTACT_S)
+    return np.where(flight < 0, landing, TAKE_OFF_M_S * flight - 9.81 / 2 * flight**2)
+
+
+def figure(time_s: Series) -> dict[str, Poses]:
+    """Poses of the jumping child's parts at the times (n), by the part's name."""
+    height = hop_height(time_s)
+    airborne = np.sin(np.pi * np.clip((time_s % HOP_S - CONTACT_S) / (HOP_S - CONTACT_S), 0, 1)) ** 2
+    # Fastest at the middle of the landing and of the flight, still in between.
+    sway = np.pi * (time_s - CONTACT_S / 2) / HOP_S + np.pi / 4
+    yaw = 0.42 * np.sin(2 * np.pi * time_s / TURN_S)
+    roll = 0.09 * np.cos(sway)
+
+    leg = LEG_M + np.minimum(height, 0.0) - 0.085 * airborne
+    hips = Poses(
+        _turn(1, yaw) @ _turn(2, roll),
+        np.stack(
+            [
+                FIGURE_AT[0] + SWAY_M * np.sin(sway),
+                FLOOR_Y - ANKLE_M - LEG_M - height,
+                FIGURE_AT[1] + 0.05 * np.cos(sway),
+            ],
+            axis=1,
+        ),
+    )
+    lean = 0.10 + 0.10 * np.cos(2 * np.pi * (time_s - CONTACT_S / 2) / HOP_S)
+    torso = _joint(hips, (0.0, 0.02, 0.0), _turn(0, -lean * -1.0))
+    parts = {
+        "hips": hips,
+        "torso": torso,
+        "head": _joint(torso, (0.0, NECK_Y, -0.005), _turn(1, -0.45 * yaw) @ _turn(0, -0.9 * lean + 0.05)),
+    }
+    for side, name in ((-1.0, "left"), (1.0, "right")):
+        spread = side * (0.06 + 0.42 * airborne)
+        knee = np.arccos(np.clip(leg / (THIGH_M + SHIN_M), -1, 1))
+        thigh = _joint(hips, (side * HIP_HALF_M, 0.045, 0.0), _turn(2, -spread) @ _turn(0, -knee))
+        shin = _joint(thigh, (0.0, THIGH_M, 0.0), _turn(0, 2 * knee))
+        level = _turn(1, -side * 0.22 + 0 * yaw) @ _turn(0, 0.55 * airborne)
+        parts[f"{name}_thigh"] = thigh
+        parts[f"{name}_shin"] = shin
+        parts[f"{name}_shoe"] = Poses(hips.rotation @ level, shin.point(0.0, SHIN_M, 0.0))
+
+        beat = np.cos(2 * np.pi * (time_s - CONTACT_S / 2 + side * 0.02) / HOP_S)
+        raised = 1.28 - 0.72 * beat + side * 0.16 * np.sin(2 * np.pi * time_s / TURN_S)
+        bent = 0.55 - 0.30 * beat
+        upper = _joint(
+            torso,
+            (side * SHOULDER[0], SHOULDER[1], 0.0),
+            _turn(2, -side * raised) @ _turn(0, -0.25 + 0 * beat),
+        )
+        parts[f"{name}_arm"] = upper
+        parts[f"{name}_forearm"] = _joint(
+            upper, (0.0, UPPER_ARM_M, 0.0), _turn(2, -side * bent) @ _turn(0, -0.3 * bent)
+        )
+    return parts
+
+
+def pinwheel(time_s: Series) -> dict[str, Poses]:
+    """Poses of the pinwheel's blades, which face the cameras with a slight slant."""
+    slant = _turn(1, np.full_like(time_s, 0.16)) @ _turn(0, np.full_like(time_s, 0.07))
+    turning = _turn(2, 2 * np.pi * WHEEL_TURNS_PER_S * time_s)
+    return {"wheel": Poses(slant @ turning, np.broadcast_to(np.array(WHEEL_HUB), (len(time_s), 3)))}

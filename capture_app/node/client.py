@@ -101,6 +101,8 @@ class ClientNode:
                 tasks.create_task(self._keep_camera(failed))
                 tasks.create_task(self._command_camera())
                 tasks.create_task(self._uploader.run())
+        except* SimulshotError as group:
+            raise group.exceptions[0] from None
         finally:
             self._engine.leave()
             self._pump.turn()

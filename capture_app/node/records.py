@@ -52,10 +52,10 @@ def camera_record(
         else PhaseRecord(
             control=str(info.phase_control),
             residual_ns=phase.error_ns,
-            period_ns=phase.period_ns,
+            period_ns=round(phase.period_ns),
             drift_ppm=phase.drift_ppm,
             corrections=corrections,
-            uncertainty_ns=round(phase.uncertainty_ns),
+            uncertainty_ns=round(1.96 * phase.sigma_ns),
         ),
     )
 

@@ -1,0 +1,70 @@
+"""`capture-app burst`: make a running leader take a burst, and wait for its session."""
+
+import asyncio
+from typing import TYPE_CHECKING
+
+import click
+
+from capture_app.commands.options import json_option, leader_option, print_json, talk
+from capture_app.net.address import Address
+
+if TYPE_CHECKING:
+    from capture_app.node.messages import BurstRequest
+    from capture_app.node.status import BurstStatus
+
+
+@click.command()
+@leader_option
+@click.option(
+    "--frames", type=click.IntRange(1, 1000), default=5, show_default=True, help="Instants in the burst."
+)
+@click.option(
+    "--spacing",
+    type=click.IntRange(1, 10_000),
+    default=1,
+    show_default=True,
+    help="Frame periods from one instant to the next.",
+)
+@click.option(
+    "--at-ns", type=int, help="First instant in ns of the leader's clock, past or future; default: at once."
+)
+@click.option(
+    "--wait-ready",
+    type=click.FloatRange(0.0, 3600.0),
+    default=0.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="Wait up to this long for all nodes to be ready.",
+)
+@json_option
+def burst(
+    leader: Address, frames: int, spacing: int, at_ns: int | None, wait_ready: float, as_json: bool
+) -> None:
+    """Take a burst and print the path of its session (on the leader's machine)."""
+    from capture_app.errors import IncompleteError
+    from capture_app.node.messages import BurstRequest
+
+    request = BurstRequest(frames=frames, spacing=spacing, at_leader_ns=at_ns, wait_ready_s=wait_ready)
+    done = asyncio.run(_take(leader, request))
+    if as_json:
+        print_json(done)
+    elif done.session is not None:
+        click.echo(done.session)
+    if done.session is None or done.received < done.expected:
+        raise IncompleteError(f"burst {done.burst} is incomplete: {done.message}")
+
+
+async def _take(leader: Address, request: "BurstRequest") -> "BurstStatus":
+    from capture_app.commands.leader import burst_in_words
+    from capture_app.errors import NetworkError
+    from capture_app.node.control import ask_burst
+
+    last, said = None, ""
+    async for last in ask_burst(leader, request):
+        line = burst_in_words(last)
+        if line != said:
+            said = line
+            talk(line)
+    if last is None:
+        raise NetworkError(f"the leader at {leader} took no burst")
+    return last

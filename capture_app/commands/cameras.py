@@ -1,0 +1,20 @@
+"""`capture-app cameras`: what can be given to `--camera`."""
+
+import click
+
+from capture_app.commands.options import json_option, print_json, print_table
+
+
+@click.command()
+@json_option
+def cameras(as_json: bool) -> None:
+    """List the cameras of this machine, and the simulated ones."""
+    from capture_app.cameras.catalog import list_cameras
+
+    found = list_cameras()
+    if as_json:
+        print_json({"cameras": found})
+    else:
+        print_table(
+            ("spec", "model", "detail"), [(camera.spec, camera.model, camera.detail) for camera in found]
+        )

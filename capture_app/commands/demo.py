@@ -1,0 +1,67 @@
+"""`capture-app demo`: the whole path without a screen."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from capture_app.commands.options import json_option, print_json, print_table, run_until_stopped, talk
+
+if TYPE_CHECKING:
+    from capture_app.demo import DemoResult
+
+
+@click.command()
+@click.option(
+    "--cameras", type=click.IntRange(2, 7), default=5, show_default=True, help="Simulated cameras, 2 to 7."
+)
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("demo"),
+    show_default=True,
+    metavar="DIR",
+    help="Folder for the session and the comparison.",
+)
+@json_option
+def demo(cameras: int, out: Path, as_json: bool) -> None:
+    """Synchronize simulated cameras, take one burst, and compare synced with offset pictures.
+
+    Every camera is a process with a clock of its own, hours off; they talk over this machine's network.
+    """
+    from capture_app.demo import run_demo
+
+    results: list[DemoResult] = []
+
+    async def work() -> None:
+        results.append(await run_demo(out, cameras, talk))
+
+    run_until_stopped(work())
+    if as_json:
+        print_json(results[0])
+    else:
+        _print(results[0])
+
+
+def _print(result: "DemoResult") -> None:
+    head = ("camera", "clock error us", "phase error us", "total error us", "hard bound us")
+    rows = [
+        (
+            node.name,
+            *(
+                f"{value / 1000:.1f}"
+                for value in (
+                    node.clock_error_ns,
+                    node.phase_error_ns,
+                    node.total_error_ns,
+                    node.hard_bound_ns,
+                )
+            ),
+        )
+        for node in result.sync.nodes
+    ]
+    print_table(head, rows)
+    click.echo(f"\n{result.compare.get('verdict', '')}\n")
+    click.echo(f"session  {result.session}")
+    click.echo(f"report   {result.report}")
+    talk(f"done in {result.seconds:.0f} s")

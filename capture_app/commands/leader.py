@@ -1,0 +1,136 @@
+"""`capture-app leader`: wait for nodes, take bursts that are asked for, save sessions."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from capture_app.commands.options import json_option, print_json_line, run_until_stopped, talk
+from capture_app.net.address import DEFAULT_PORT
+
+if TYPE_CHECKING:
+    from capture_app.node.leader import LeaderNode, News
+    from capture_app.node.status import BurstStatus
+
+
+@click.command()
+@click.option(
+    "--host",
+    default="0.0.0.0",  # noqa: S104 - cameras are other machines
+    show_default=True,
+    help="Address to listen on; 127.0.0.1 for this machine only.",
+)
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=DEFAULT_PORT,
+    show_default=True,
+    help="Port for UDP and TCP; 0 takes a free one.",
+)
+@click.option(
+    "--sessions",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=Path("sessions"),
+    show_default=True,
+    metavar="DIR",
+    help="Folder that sessions are saved in.",
+)
+@click.option(
+    "--fps",
+    type=click.FloatRange(0.1, 1000.0),
+    help="Frames per second of the rig; without it the first camera's rate.",
+)
+@click.option(
+    "--camera", "cameras", multiple=True, metavar="SPEC", help="A camera of this machine too (repeatable)."
+)
+@json_option
+def leader(
+    host: str, port: int, sessions: Path, fps: float | None, cameras: tuple[str, ...], as_json: bool
+) -> None:
+    """Run a leader until Ctrl-C: nodes join it, and `capture-app burst` makes it take bursts.
+
+    Joins, losses and bursts are told on stderr, and with --json on stdout as one JSON object a line.
+    """
+    period_ns = None if fps is None else round(1e9 / fps)
+    run_until_stopped(_lead(host, port, sessions, period_ns, cameras, as_json))
+
+
+async def _lead(
+    host: str, port: int, sessions: Path, period_ns: int | None, cameras: tuple[str, ...], as_json: bool
+) -> None:
+    import asyncio
+
+    from capture_app.node.leader import LeaderNode
+
+    def on_news(news: "News") -> None:
+        line = in_words(news)
+        if line:
+            talk(line)
+        if as_json:
+            print_json_line(_as_line(news))
+
+    node = LeaderNode(host=host, port=port, sessions=sessions, period_ns=period_ns, on_news=on_news)
+    async with node, asyncio.TaskGroup() as tasks:
+        talk(f"leader at {node.address}, sessions go to {sessions}")
+        talk(f"join with: capture-app node --leader {node.address} --camera SPEC")
+        if as_json:
+            address = {"leader": str(node.address), "port": node.address.port}
+            print_json_line({"event": "listening", **address, "sessions": str(sessions)})
+        for number, spec in enumerate(cameras, start=1):
+            tasks.create_task(_run_camera(node, f"local{number}", spec))
+        await asyncio.Event().wait()
+
+
+async def _run_camera(node: "LeaderNode", name: str, spec: str) -> None:
+    from capture_app.cameras.catalog import open_camera
+    from capture_app.node.client import ClientNode
+    from capture_app.simulation.clock import HostClock
+
+    clock = HostClock()
+    camera = ClientNode(
+        name=name,
+        open_camera=lambda: open_camera(spec, clock=clock, name=name),
+        leader=node.address,
+        clock=clock,
+        talk=lambda line: talk(f"{name}: {line}"),
+    )
+    await camera.run()
+
+
+def in_words(news: "News") -> str:
+    """A line about what happened, for a person; empty where it is nothing to tell."""
+    from capture_app.node.status import BurstStatus
+    from capture_app.sync.events import BurstRefused, NodeJoined, NodeLost, NodeReturned
+
+    match news:
+        case NodeJoined():
+            return f"{news.name} joined"
+        case NodeReturned():
+            return f"{news.name} is back"
+        case NodeLost():
+            return f"{news.name} is lost: {news.reason}"
+        case BurstRefused():
+            return f"burst {news.burst}: {news.name} takes no part: {news.reason}"
+        case BurstStatus():
+            return burst_in_words(news)
+    return ""
+
+
+def burst_in_words(burst: "BurstStatus") -> str:
+    """A line about how far a burst is."""
+    if not burst.burst:
+        return burst.message
+    so_far = f"burst {burst.burst}: {burst.received} of {burst.expected} images"
+    if not burst.done:
+        return so_far
+    where = f", saved as {burst.session}" if burst.session else ", no session"
+    return so_far + where + (f"; {burst.message}" if burst.message else "")
+
+
+def _as_line(news: "News") -> dict[str, object]:
+    import re
+
+    import msgspec
+
+    name = re.sub(r"(?<!^)(?=[A-Z])", "-", type(news).__name__).lower()
+    return {"event": name, **msgspec.to_builtins(news)}

@@ -1,0 +1,70 @@
+"""`capture-app node`: one camera that joins a leader and stays in step with the others."""
+
+import re
+import socket
+
+import click
+
+from capture_app.commands.options import leader_option, run_until_stopped, talk
+from capture_app.net.address import Address
+
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+
+
+def _host_name() -> str:
+    name = re.sub(r"[^A-Za-z0-9_.-]+", "-", socket.gethostname().split(".")[0]).lstrip("_.-")
+    return name[:64] or "node"
+
+
+def _check_name(ctx: click.Context, param: click.Parameter, value: str) -> str:
+    if not _NAME.fullmatch(value):
+        raise click.BadParameter(
+            f"{value!r} is no name for a camera: letters, digits, '_', '.' and '-', at most 64, a letter or "
+            "digit first"
+        )
+    return value
+
+
+@click.command()
+@click.option(
+    "--name", default=_host_name, callback=_check_name, help="Name of this node.  [default: this host's name]"
+)
+@click.option(
+    "--camera", "spec", required=True, metavar="SPEC", help="The camera, as `capture-app cameras` lists it."
+)
+@leader_option
+@click.option(
+    "--clock",
+    "clock_text",
+    default="host",
+    show_default=True,
+    metavar="CLOCK",
+    help="host, or sim[:offset_s=…,skew_ppm=…] for a clock that is hours off.",
+)
+@click.option(
+    "--tolerance-us",
+    type=click.FloatRange(1.0, 100_000.0),
+    default=100.0,
+    show_default=True,
+    help="Largest phase error that is left alone, in microseconds.",
+)
+@click.option("--until-eof", is_flag=True, hidden=True, help="Stop when stdin closes: the parent is gone.")
+def node(
+    name: str, spec: str, leader: Address, clock_text: str, tolerance_us: float, until_eof: bool
+) -> None:
+    """Run one camera until Ctrl-C; a leader that is not there yet, or goes away, is waited for."""
+    from capture_app.cameras.catalog import open_camera, parse_spec
+    from capture_app.node.client import ClientNode
+    from capture_app.simulation.clock import parse_clock
+
+    parse_spec(spec)
+    clock = parse_clock(clock_text, node=name)
+    client = ClientNode(
+        name=name,
+        open_camera=lambda: open_camera(spec, clock=clock, name=name),
+        leader=leader,
+        clock=clock,
+        tolerance_ns=round(tolerance_us * 1000),
+        talk=lambda line: talk(f"{name}: {line}"),
+    )
+    run_until_stopped(client.run(), until_eof=until_eof)

@@ -1,0 +1,96 @@
+"""Options and output that several commands share."""
+
+import asyncio
+import contextlib
+import os
+import signal
+import sys
+from collections.abc import Coroutine
+from typing import Any
+
+import click
+import msgspec
+
+from capture_app.net.address import DEFAULT_PORT, Address, parse_address
+
+
+class AddressType(click.ParamType[Address]):
+    """An option that is HOST:PORT."""
+
+    name = "host:port"
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Address:
+        """Read the text; a mistake is a usage error."""
+        if isinstance(value, Address):
+            return value
+        try:
+            return parse_address(str(value))
+        except ValueError as error:
+            self.fail(str(error), param, ctx)
+
+
+leader_option = click.option(
+    "--leader",
+    type=AddressType(),
+    default=Address("127.0.0.1", DEFAULT_PORT),
+    show_default=True,
+    metavar="HOST:PORT",
+    help="Where the leader listens.",
+)
+json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON on stdout.")
+
+
+def talk(line: str) -> None:
+    """Say something to the user, on stderr."""
+    click.echo(line, err=True)
+
+
+def print_json(value: Any) -> None:
+    """Print one JSON object on stdout, for a reader that may be a person."""
+    click.echo(msgspec.json.format(msgspec.json.encode(value), indent=2))
+
+
+def print_json_line(value: Any) -> None:
+    """Print one JSON object on one line of stdout, at once."""
+    click.echo(msgspec.json.encode(value))
+
+
+def print_table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
+    """Print a table on stdout; the first column is a name, columns of numbers go to the right."""
+    widths = [max(len(row[column]) for row in (head, *rows)) for column in range(len(head))]
+    numeric = [
+        bool(rows) and all(row[column][:1] in "-+0123456789" for row in rows) for column in range(len(head))
+    ]
+    for row in (head, *rows):
+        cells = (
+            cell.rjust(width) if right else cell.ljust(width)
+            for cell, width, right in zip(row, widths, numeric, strict=True)
+        )
+        click.echo("  ".join(cells).rstrip())
+
+
+def run_until_stopped(work: Coroutine[Any, Any, None], *, until_eof: bool = False) -> None:
+    """Run until it is done, or until SIGINT or SIGTERM, after which everything is put away in order.
+
+    `until_eof` stops it also when stdin, a pipe, closes: whoever started this process has ended.
+    """
+
+    async def stoppable() -> None:
+        task = asyncio.ensure_future(work)
+        loop = asyncio.get_running_loop()
+        with contextlib.suppress(NotImplementedError):
+            loop.add_signal_handler(signal.SIGTERM, task.cancel)
+        if until_eof:
+            loop.add_reader(sys.stdin.fileno(), _stop_at_eof, loop, task)
+        await task
+
+    try:
+        asyncio.run(stoppable())
+    except asyncio.CancelledError:
+        raise KeyboardInterrupt from None
+
+
+def _stop_at_eof(loop: asyncio.AbstractEventLoop, task: "asyncio.Future[None]") -> None:
+    if not os.read(sys.stdin.fileno(), 4096):
+        loop.remove_reader(sys.stdin.fileno())
+        task.cancel()

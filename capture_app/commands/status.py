@@ -1,0 +1,52 @@
+"""`capture-app status`: the rig of a running leader, once."""
+
+import asyncio
+from typing import TYPE_CHECKING
+
+import click
+
+from capture_app.commands.options import json_option, leader_option, print_json, print_table
+from capture_app.net.address import Address
+
+if TYPE_CHECKING:
+    from capture_app.node.status import NodeStatus
+
+
+@click.command()
+@leader_option
+@json_option
+def status(leader: Address, as_json: bool) -> None:
+    """Show the nodes of a running leader: state, clock, phase and drops."""
+    from capture_app.node.control import ask_status
+
+    rig = asyncio.run(ask_status(leader))
+    if as_json:
+        print_json(rig)
+        return
+    click.echo(f"leader {rig.leader}, {len(rig.nodes)} nodes, {_period(rig.period_ns)}")
+    if rig.nodes:
+        head = ("node", "state", "clock bound us", "round trip us", "phase error us", "drops", "camera", "")
+        print_table(head, [_row(node) for node in rig.nodes])
+    for path in rig.sessions:
+        click.echo(f"saved {path}")
+
+
+def _row(node: "NodeStatus") -> tuple[str, ...]:
+    return (
+        node.name,
+        str(node.state),
+        _us(node.hard_bound_ns),
+        _us(node.round_trip_ns),
+        _us(node.phase_error_ns),
+        str(node.drops),
+        node.model,
+        node.message,
+    )
+
+
+def _us(time_ns: int | None) -> str:
+    return "-" if time_ns is None else f"{time_ns / 1000:.1f}"
+
+
+def _period(period_ns: int | None) -> str:
+    return "no frame rate yet" if period_ns is None else f"{1e9 / period_ns:.3f} frames/s"

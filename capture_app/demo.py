@@ -1,0 +1,295 @@
+"""The whole path at once: simulated cameras in processes of their own, a burst, and what it was good for."""
+
+import asyncio
+import os
+import signal
+import sys
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Self
+
+import msgspec
+from msgspec import Struct
+
+from capture_app.errors import BadInputError, ExitCode, IncompleteError, SimulshotError
+from capture_app.net.address import Address
+from capture_app.node.leader import LeaderNode, News
+from capture_app.node.status import BurstStatus
+from capture_app.session.store import Session
+from capture_app.simulation.clock import SimulatedClock
+from capture_app.sync.events import NodeLost
+
+VIEWS = ("cam00", "cam01", "cam02", "cam03", "cam04", "wide00", "wide01")
+FRAMES = 5
+OFFSET_MS = 66
+READY_TIMEOUT_S = 90.0
+PATIENCE_S = 5.0
+
+Talk = Callable[[str], None]
+
+
+class NodeErrors(Struct, frozen=True, kw_only=True):
+    """One node's errors against the simulator's truth, at the instant where the total is worst; in ns."""
+
+    name: str
+    clock_error_ns: int
+    """Leader time of the frame's timestamp as estimated, minus what it truly was."""
+    phase_error_ns: int
+    """The frame's leader time as recorded, minus its instant."""
+    total_error_ns: int
+    """True start of the frame minus the instant."""
+    hard_bound_ns: int
+
+
+class SyncErrors(Struct, frozen=True, kw_only=True):
+    """How well a simulated rig took its pictures at the same time."""
+
+    nodes: tuple[NodeErrors, ...]
+    max_total_error_ns: int
+
+
+class DemoResult(Struct, frozen=True, kw_only=True):
+    """What `capture-app demo --json` prints; `compare` is the comparison's `metrics.json`."""
+
+    session: str
+    report: str
+    seconds: float
+    sync: SyncErrors
+    compare: dict[str, Any]
+
+
+@dataclass(slots=True)
+class Child:
+    """A process of ours, in a group of its own, and the last it said on stderr."""
+
+    name: str
+    process: asyncio.subprocess.Process
+    said: deque[str] = field(default_factory=lambda: deque(maxlen=20))
+    listening: asyncio.Task[None] | None = None
+
+    @classmethod
+    async def start(cls, name: str, arguments: Sequence[str], *, on_line: Talk | None = None) -> Self:
+        """Start a module of this installation; it ends with us, even if we are killed."""
+        process = await asyncio.create_subprocess_exec(
+            sys.executable,
+            "-m",
+            *arguments,
+            stdin=asyncio.subprocess.PIPE,
+            stdout=asyncio.subprocess.PIPE,
+            stderr=asyncio.subprocess.PIPE,
+            start_new_session=True,
+        )
+        child = cls(name, process)
+        child.listening = asyncio.create_task(child._listen(on_line))
+        return child
+
+    async def _listen(self, on_line: Talk | None) -> None:
+        assert self.process.stderr is not None
+        async for raw in self.process.stderr:
+            line = raw.decode(errors="replace").rstrip()
+            self.said.append(line)
+            if on_line is not None:
+                on_line(line)
+
+    async def failure(self) -> SimulshotError:
+        """The error of a process that has ended when it should not have: its own last words."""
+        if self.listening is not None:
+            await asyncio.wait((self.listening,), timeout=1.0)
+        last = next((line for line in reversed(self.said) if line), "it said nothing")
+        error = SimulshotError(f"{self.name} ended with code {self.process.returncode}: {last}")
+        if self.process.returncode in tuple(ExitCode):
+            error.exit_code = ExitCode(self.process.returncode)
+        return error
+
+    async def stop(self) -> None:
+        """End the process and all that it started: kindly first, then at once."""
+        for kind in (signal.SIGTERM, signal.SIGKILL):
+            try:
+                os.killpg(self.process.pid, kind)
+                async with asyncio.timeout(PATIENCE_S):
+                    await self.process.wait()
+            except ProcessLookupError:
+                break
+            except TimeoutError:
+                continue
+            break
+        await self.process.wait()
+        if self.listening is not None:
+            self.listening.cancel()
+
+
+class SimulatedNodes:
+    """Node processes with simulated cameras and clocks of their own; stopped when the block ends."""
+
+    def __init__(self, leader: Address, cameras: int, *, scene: str = "studio") -> None:
+        """`cameras` of the scene's views, 2 to 7; raises BadInputError for another number."""
+        if not 2 <= cameras <= len(VIEWS):
+            raise BadInputError(f"{cameras} cameras are not possible here", hint=f"2 to {len(VIEWS)}")
+        self.views = VIEWS[:cameras]
+        self._leader = leader
+        self._scene = scene
+        self._children: list[Child] = []
+
+    async def __aenter__(self) -> Self:
+        try:
+            for number, view in enumerate(self.views):
+                model = "phone-a" if number < 2 else "phone-b"
+                camera = f"sim:{model},scene={self._scene}"
+                if self._scene != "bars":
+                    camera += f",view={view}"
+                node = ("capture_app.cli", "node", "--name", view, "--camera", camera, "--clock", "sim")
+                arguments = (*node, "--leader", str(self._leader), "--until-eof")
+                self._children.append(await Child.start(f"node {view}", arguments))
+        except BaseException:
+            await self.stop()
+            raise
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.stop()
+
+    async def stop(self) -> None:
+        """End all nodes."""
+        await asyncio.gather(*(child.stop() for child in self._children))
+        self._children.clear()
+
+    async def ended(self) -> SimulshotError:
+        """Wait until a node ends, which none should, and return its error."""
+        waits = [asyncio.create_task(child.process.wait()) for child in self._children]
+        try:
+            await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)
+            ended = next(child for child in self._children if child.process.returncode is not None)
+            return await ended.failure()
+        finally:
+            for wait in waits:
+                wait.cancel()
+
+
+async def run_demo(out: Path, cameras: int, talk: Talk, *, scene: str = "studio") -> DemoResult:
+    """Take a burst of `cameras` simulated cameras into a session in `out`, and compare it.
+
+    Raises SimulshotError where a part of it fails; what is saved by then stays.
+    """
+    began_s = time.monotonic()
+    session = await capture(out, cameras, talk, scene=scene)
+    report = free_folder(out, "compare")
+    compared = await compare(session.folder, report, talk)
+    return DemoResult(
+        session=str(session.folder),
+        report=str(report / "report.html"),
+        seconds=round(time.monotonic() - began_s, 2),
+        sync=sync_errors(session),
+        compare=compared,
+    )
+
+
+async def capture(out: Path, cameras: int, talk: Talk, *, scene: str = "studio") -> Session:
+    """Start a leader and simulated nodes, take one burst when all are ready, and return its session."""
+    said: set[str] = set()
+
+    def on_news(news: News) -> None:
+        if isinstance(news, NodeLost):
+            talk(f"{news.name} is lost: {news.reason}")
+        if isinstance(news, BurstStatus) and news.received:
+            line = f"{news.received} of {news.expected} images are on disk"
+            if line not in said:
+                said.add(line)
+                talk(line)
+
+    async with LeaderNode(sessions=out, host="127.0.0.1", port=0, on_news=on_news) as leader:
+        talk(f"starting {cameras} simulated cameras, each a process with a clock of its own")
+        async with SimulatedNodes(leader.address, cameras, scene=scene) as nodes:
+            watch = asyncio.create_task(nodes.ended())
+            burst = asyncio.create_task(_take(leader, cameras, talk))
+            try:
+                await asyncio.wait((watch, burst), return_when=asyncio.FIRST_COMPLETED)
+                if not burst.done():
+                    raise watch.result()
+                saved = burst.result()
+            finally:
+                watch.cancel()
+                burst.cancel()
+                await asyncio.gather(watch, burst, return_exceptions=True)
+    if saved.session is None:
+        raise IncompleteError(saved.message)
+    if saved.message:
+        talk(saved.message)
+    return Session.open(Path(saved.session))
+
+
+async def _take(leader: LeaderNode, cameras: int, talk: Talk) -> BurstStatus:
+    waiting = asyncio.create_task(leader.wait_until_ready(READY_TIMEOUT_S, nodes=cameras))
+    try:
+        said = ""
+        while not waiting.done():
+            await asyncio.wait((waiting,), timeout=0.5)
+            states = [str(node.state) for node in leader.status().nodes]
+            counts = ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
+            if counts and counts != said:
+                said = counts
+                talk(counts)
+        waiting.result()
+    finally:
+        waiting.cancel()
+    talk(f"taking a burst of {FRAMES} instants; the pictures are rendered as they are saved")
+    burst = await leader.trigger(frames=FRAMES)
+    return await leader.finished(burst.burst)
+
+
+async def compare(session: Path, out: Path, talk: Talk) -> dict[str, Any]:
+    """Run `reconstruct compare` in a process of its own, pass its progress on, and return its metrics."""
+    arguments = ("compare", str(session), "--offset-ms", str(OFFSET_MS), "--out", str(out), "--json")
+    child = await Child.start("reconstruct compare", ("reconstruction.cli", *arguments), on_line=talk)
+    try:
+        assert child.process.stdout is not None
+        printed = await child.process.stdout.read()
+        if await child.process.wait():
+            raise await child.failure()
+    finally:
+        await child.stop()
+    try:
+        metrics: dict[str, Any] = msgspec.json.decode(printed, type=dict[str, Any])
+    except msgspec.DecodeError as error:
+        raise SimulshotError(f"reconstruct compare printed no JSON: {error}") from error
+    return metrics
+
+
+def sync_errors(session: Session) -> SyncErrors:
+    """Hold a simulated session against its own truth; the leader's clock is the host's, which is true time.
+
+    Raises BadInputError where the session has no ground truth.
+    """
+    truth = session.true_times()
+    if truth is None or not truth.clocks:
+        raise BadInputError(f"{session.folder} knows no true times", hint="only simulated sessions do")
+    true_ns = {(time.camera, time.instant): time.true_ns for time in truth.images}
+    worst: dict[str, NodeErrors] = {}
+    for image in session.manifest.images:
+        clock = truth.clocks[image.camera]
+        local = SimulatedClock(int(clock["offset_ns"]), float(clock["skew_ppm"]), int(clock["epoch_true_ns"]))
+        instant_ns = session.manifest.burst.instants_ns[image.instant]
+        assert image.local_ns is not None
+        errors = NodeErrors(
+            name=image.camera,
+            clock_error_ns=image.leader_ns - local.true_from_local(image.local_ns),
+            phase_error_ns=image.leader_ns - instant_ns,
+            total_error_ns=true_ns[image.camera, image.instant] - instant_ns,
+            hard_bound_ns=image.hard_bound_ns or 0,
+        )
+        known = worst.get(image.camera)
+        if known is None or abs(errors.total_error_ns) > abs(known.total_error_ns):
+            worst[image.camera] = errors
+    nodes = tuple(worst[name] for name in sorted(worst))
+    return SyncErrors(nodes=nodes, max_total_error_ns=max(abs(node.total_error_ns) for node in nodes))
+
+
+def free_folder(parent: Path, name: str) -> Path:
+    """A folder that is not there yet: parent/name, else parent/name-002 and so on."""
+    number, folder = 1, parent / name
+    while folder.exists():
+        number += 1
+        folder = parent / f"{name}-{number:03d}"
+    return folder

@@ -1,0 +1,228 @@
+"""Keeps one camera's frames on the rig's grid: when to move the phase, how far, and when to let it be."""
+
+import random
+from dataclasses import dataclass
+
+from capture_app.sync.commands import CameraCommand, InjectFrame, RestartStream
+from capture_app.sync.injection import InjectionController, InjectionProfile
+from capture_app.sync.phase import FrameStamp, PhaseEstimate, PhaseEstimator
+from capture_app.sync.phase_controller import Move, Moved, PhaseController
+from capture_app.sync.reset import ResetController
+from capture_app.sync.timebase import Goal, TimeMap
+
+WARM_FRAMES = (30, 90)
+"""A period is judged after that many frames if they are quiet, after that many in any case."""
+SETTLED_FRAMES = (5, 60)
+HOPELESS_PPM = 1000.0
+INJECTION_LEAD_FRAMES = 9
+"""From the command until the phase is known again: 2-4 frames of latency, the long ones, five calm ones."""
+INJECTION_TIMEOUT_NS = 5_000_000_000
+RESET_LEAD_NS = 1_000_000_000
+RESET_TIMEOUT_NS = 15_000_000_000
+DEFAULT_HOLD_NS = {"injection": 2_000_000_000, "reset": 10_000_000_000, "none": 2_000_000_000}
+LARGEST_AIM = 0.6
+"""Most that drift is met half-way, as a share of the tolerance."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Outstanding:
+    """A command under way."""
+
+    command: CameraCommand
+    issued_local_ns: int
+    stream: int
+
+
+class Aligner:
+    """Watches one stream and gives at most one phase command at a time.
+
+    `control` is "injection", "reset" or "none"; `hold_ns` is how long a phase should last between two
+    corrections: the aim is set so that the drift over it is centred. Times in ns.
+    """
+
+    def __init__(
+        self,
+        *,
+        control: str,
+        period_ns: int,
+        tolerance_ns: int,
+        row_time_ns: int | None = None,
+        exposure_ns: int | None = None,
+        min_exposure_ns: int | None = None,
+        max_exposure_ns: int | None = None,
+        rng: random.Random,
+        hold_ns: int | None = None,
+        profile: InjectionProfile | None = None,
+        aimed: bool = True,
+    ) -> None:
+        self._tolerance_ns = tolerance_ns
+        self._hold_ns = DEFAULT_HOLD_NS[control] if hold_ns is None else hold_ns
+        self._phase = PhaseEstimator(period_ns=period_ns)
+        self._injection: InjectionController | None = None
+        self._reset: ResetController | None = None
+        if control == "injection":
+            self._injection = InjectionController(
+                period_ns=period_ns,
+                row_time_ns=row_time_ns,
+                min_exposure_ns=max(min_exposure_ns or 0, exposure_ns or 0),
+                max_exposure_ns=max_exposure_ns,
+                profile=profile,
+            )
+        elif control == "reset":
+            self._reset = ResetController(rng=rng, aimed=aimed)
+        self._controller: PhaseController | None = self._injection or self._reset
+        self._outstanding: _Outstanding | None = None
+        self._stream = -1
+        self._start_seen = True
+        self._started_ns = 0
+        self.aligned = False
+        """Whether the frames were within the tolerance at the last step."""
+        self.corrections = 0
+        self.problem = ""
+        """Why this camera can never be held in step, in plain words; empty if it can."""
+
+    @property
+    def settled(self) -> bool:
+        """Whether period and phase are known well enough to act on, and nothing is on the move."""
+        phase = self._phase
+        if self._outstanding is not None or phase.disturbed:
+            return False
+        if phase.frames < WARM_FRAMES[1]:
+            blur_ns = phase.period_sigma_ns / phase.period_ns * self._hold_ns
+            if phase.frames < WARM_FRAMES[0] or blur_ns > self._tolerance_ns / 4:
+                return False
+        return self._run_settled
+
+    @property
+    def frames(self) -> int:
+        """Frames seen in all."""
+        return self._phase.frames
+
+    @property
+    def drops(self) -> int:
+        """Frames dropped in all."""
+        return self._phase.drops
+
+    @property
+    def injection_profile(self) -> InjectionProfile | None:
+        """What the injections have shown about this device."""
+        return self._injection.profile if self._injection else None
+
+    def frame(self, stamp: FrameStamp) -> int:
+        """Take a frame in; return how many were dropped just before it."""
+        dropped = self._phase.add(stamp)
+        if stamp.stream > self._stream:
+            self._stream, self._start_seen = stamp.stream, False
+            self._started_ns = stamp.timestamp_ns
+        return dropped
+
+    def stream_started(self, local_ns: int) -> None:
+        """The stream was started, or restarted, at a local time; its next frame shows the latency."""
+        if self._reset is not None:
+            self._reset.started(local_ns, self._phase.period_ns)
+
+    def estimate(self, time_map: TimeMap, goal: Goal, at_leader_ns: int) -> PhaseEstimate | None:
+        """The stream's error at an instant of leader time; None while nobody can tell."""
+        phase = self._phase
+        if phase.run_frames < SETTLED_FRAMES[0] or not phase.known:
+            return None
+        frame_local_ns = phase.nearest(time_map.local_from_leader(at_leader_ns))
+        period_ns = phase.period_ns * (1.0 + time_map.skew)
+        return PhaseEstimate(
+            error_ns=goal.phase_error(time_map.leader_from_local(frame_local_ns)),
+            period_ns=round(period_ns),
+            drift_ppm=(period_ns / goal.period_ns - 1.0) * 1e6,
+            sigma_ns=phase.sigma_at(frame_local_ns),
+            frames=phase.run_frames,
+            at_leader_ns=at_leader_ns,
+        )
+
+    def step(
+        self, time_map: TimeMap, goal: Goal, now_local_ns: int, *, hold: bool = False
+    ) -> CameraCommand | None:
+        """Judge the stream now, and return the command to carry out at once, if one is needed.
+
+        `hold=True` begins no correction: a burst is due.
+        """
+        self._finish(now_local_ns)
+        now = self.estimate(time_map, goal, time_map.leader_from_local(now_local_ns))
+        if now is None or not self.settled:
+            self.aligned = False
+            return None
+        self.problem = self._find_problem(now, goal)
+        # A phase at the very edge must not flicker in and out with its noise.
+        grace_ns = min(2.0 * now.sigma_ns, self._tolerance_ns / 2) if self.aligned else 0.0
+        self.aligned = not self.problem and abs(now.error_ns) <= self._tolerance_ns + grace_ns
+        if self.problem or self._controller is None or hold:
+            return None
+        landing_local_ns = now_local_ns + self._lead_ns()
+        error_ns = now.error_ns + now.drift_ppm * 1e-6 * self._lead_ns()
+        leaving = abs(error_ns) > self._tolerance_ns + grace_ns
+        if not (leaving if self._injection else not self.aligned):
+            return None
+        half_drift_ns = now.drift_ppm * 1e-6 * self._hold_ns / 2
+        furthest_ns = LARGEST_AIM * self._tolerance_ns
+        aim_ns = min(max(-half_drift_ns, -furthest_ns), furthest_ns)
+        shift_ns = round((aim_ns - error_ns) % self._phase.period_ns)
+        move = Move(
+            now_local_ns=now_local_ns,
+            wanted_local_ns=self._wanted(time_map, goal, landing_local_ns) + round(aim_ns),
+            shift_ns=shift_ns,
+            period_ns=self._phase.period_ns,
+            tolerance_ns=self._tolerance_ns,
+        )
+        command = self._controller.command(move)
+        if command is not None:
+            self._outstanding = _Outstanding(command, now_local_ns, self._stream)
+            self.corrections += 1
+            self.aligned = False
+            if isinstance(command, InjectFrame):
+                self._phase.mark_disturbance()
+        return command
+
+    @property
+    def _run_settled(self) -> bool:
+        frames = self._phase.run_frames
+        if frames < SETTLED_FRAMES[0]:
+            return False
+        sigma_ns = self._phase.sigma_at(self._phase.last_ns)
+        return frames >= SETTLED_FRAMES[1] or sigma_ns < self._tolerance_ns / 4
+
+    def _lead_ns(self) -> float:
+        return INJECTION_LEAD_FRAMES * self._phase.period_ns if self._injection else RESET_LEAD_NS
+
+    def _wanted(self, time_map: TimeMap, goal: Goal, local_ns: float) -> int:
+        """Local time of the goal's instant nearest to a local time."""
+        leader_ns = time_map.leader_from_local(round(local_ns))
+        return time_map.local_from_leader(goal.instant(goal.index_of(leader_ns)))
+
+    def _finish(self, now_local_ns: int) -> None:
+        """See whether the command under way is done, and learn from what it did."""
+        under_way = self._outstanding
+        if under_way is not None:
+            waited_ns = now_local_ns - under_way.issued_local_ns
+            if isinstance(under_way.command, RestartStream):
+                done = self._stream > under_way.stream and self._run_settled
+                late = waited_ns > RESET_TIMEOUT_NS + under_way.command.delay_ns
+            else:
+                done, late = not self._phase.disturbed, waited_ns > INJECTION_TIMEOUT_NS
+            if not done and not late:
+                return
+            self._outstanding = None
+            if late:
+                return
+            if self._injection is not None:
+                shift_ns = self._phase.last_shift_ns
+                self._injection.learn(Moved(self._phase.last_ns, shift_ns, self._phase.noise_ns))
+        if self._reset is not None and not self._start_seen and self._run_settled:
+            self._start_seen = True
+            self._reset.learn(Moved(self._phase.nearest(self._started_ns), None, self._phase.noise_ns))
+
+    def _find_problem(self, now: PhaseEstimate, goal: Goal) -> str:
+        doubt_ppm = 3e6 * self._phase.period_sigma_ns / self._phase.period_ns
+        if abs(now.drift_ppm) - doubt_ppm > HOPELESS_PPM:
+            return (
+                f"this camera runs at {1e9 / now.period_ns:.3f} frames a second and the rig at"
+                f" {1e9 / goal.period_ns:.3f}: it cannot be held in step"
+            )
+        return self._controller.problem if self._controller else ""

@@ -1,0 +1,277 @@
+"""When the frames of a stream start: period and phase from many timestamps, and the drops among them.
+
+Frames are counted along one line time = height + period * index. A restart or an injected frame gives the
+line a new height (a new run) but keeps the period, which belongs to the camera's crystal.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from itertools import pairwise
+from math import isfinite, sqrt
+from statistics import median
+
+from capture_app.sync.robust import shared_slope, sigma
+
+FIRST_LOOK = 8
+"""Intervals whose median gives the first period."""
+REFIT_FRAMES = 10
+CALM_FRAMES = 5
+PHASE_FRAMES = 10
+MEDIAN_FACTOR = 1.25
+"""A median of normal noise is this much noisier than a mean."""
+FINEST_PHASE = 1e-4
+"""More frames than PHASE_FRAMES are used until the phase is known to this share of a period."""
+
+
+@dataclass(frozen=True, slots=True)
+class FrameStamp:
+    """The driver's number and timestamp of one frame; the time in ns of the node's local clock.
+
+    `stream` counts the stream's starts: sequence numbers compare only within one stream.
+    """
+
+    sequence: int
+    stream: int
+    timestamp_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class PhaseEstimate:
+    """How far a stream is off its goal at one instant of leader time."""
+
+    error_ns: int
+    """Signed distance of the nearest frame from the nearest goal instant, in [-period/2, period/2)."""
+    period_ns: int
+    """Of the camera, in leader time; the drift says it more finely."""
+    drift_ppm: float
+    """Change of the error, in us per second."""
+    sigma_ns: float
+    """One standard deviation of the error from the timestamps' noise; the clock's comes on top."""
+    frames: int
+    """Frames since the phase last moved."""
+    at_leader_ns: int
+
+
+class PhaseEstimator:
+    """Period and phase of a stream of frames, robust to outliers, drops and moved phases."""
+
+    def __init__(self, *, period_ns: int, window_frames: int = 300) -> None:
+        self._window = window_frames
+        self._nominal = float(period_ns)
+        self.frames = 0
+        self.drops = 0
+        self.noise_ns = 0.0
+        """Standard deviation of one timestamp, in ns."""
+        self.last_shift_ns: int | None = None
+        """How far the last disturbance moved the phase, unwrapped, in ns; None if nobody can tell."""
+        self._stream: int | None = None
+        self._sequence = self._time_ns = self._origin_ns = self._index = 0
+        self._period = float(period_ns)
+        self._period_sigma = float("inf")
+        self._runs: deque[list[tuple[int, int]]] = deque([[]])
+        """Points (index, time since the stream's origin in ns); the last run is under way."""
+        self._first_look: list[float] | None = []
+        self._begin_run()
+
+    @property
+    def period_ns(self) -> float:
+        """Period in ns of local time."""
+        return self._period
+
+    @property
+    def period_sigma_ns(self) -> float:
+        """One standard deviation of the period, in ns; infinite before the first fit."""
+        return self._period_sigma
+
+    @property
+    def known(self) -> bool:
+        """Whether the period has been fitted to this stream's own frames."""
+        return isfinite(self._period_sigma)
+
+    @property
+    def run_frames(self) -> int:
+        """Frames since the phase last moved."""
+        return 0 if self._disturbed else len(self._runs[-1])
+
+    @property
+    def last_ns(self) -> int:
+        """Timestamp of the newest frame, in ns of local time."""
+        return self._time_ns
+
+    @property
+    def disturbed(self) -> bool:
+        """Whether the phase is on the move, or expected to."""
+        return self._disturbed
+
+    def add(self, stamp: FrameStamp) -> int:
+        """Take a frame in and return how many were dropped just before it.
+
+        Frames of older streams, repeated ones and ones that go back in time are passed over.
+        """
+        if self._stream is None or stamp.stream > self._stream:
+            self._start_stream(stamp)
+            self.frames += 1
+            return 0
+        steps = stamp.sequence - self._sequence
+        interval = stamp.timestamp_ns - self._time_ns
+        if stamp.stream < self._stream or steps <= 0 or interval <= 0:
+            return 0
+        by_time = max(1, round(interval / self._period))
+        # Only a disturbance explains a long interval without a jump in the numbers.
+        advance = steps if self._disturbed or self._first_look is not None else by_time
+        dropped = steps - 1 if steps > 1 or self._disturbed else advance - 1
+        self._sequence, self._time_ns = stamp.sequence, stamp.timestamp_ns
+        self._index += advance
+        self.frames += 1
+        self.drops += dropped
+        if self._first_look is not None:
+            self._look(interval / steps)
+        self._file()
+        return dropped
+
+    def time_of(self, sequence: int) -> int:
+        """Local time in ns of the frame of that number in the current stream, past or to come."""
+        return round(self._time_at(self._index + sequence - self._sequence))
+
+    def nearest(self, local_ns: int) -> int:
+        """Local time in ns of the frame nearest to a local time."""
+        return round(self._time_at(self.index_near(local_ns)))
+
+    def index_near(self, local_ns: int) -> int:
+        """Index of the frame nearest to a local time in ns."""
+        return self._index + round((local_ns - self._time_at(self._index)) / self._period)
+
+    def sigma_at(self, local_ns: int) -> float:
+        """One standard deviation in ns of a predicted frame time near a local time."""
+        used = min(self._phase_frames(), max(1, self.run_frames))
+        ahead = (local_ns - self._time_ns) / self._period + used / 2
+        drift = self._period_sigma * abs(ahead) if self._period_sigma < self._period else 0.0
+        return sqrt((MEDIAN_FACTOR * self.noise_ns) ** 2 / used + drift**2)
+
+    def mark_disturbance(self, *, timeout_frames: int = 12) -> None:
+        """Expect the phase to move within so many frames; `last_shift_ns` tells afterwards how far."""
+        if self._stream is None:
+            return
+        self._disturbed = True
+        self.last_shift_ns = None
+        self._pending.clear()
+        self._timeout_frames = timeout_frames
+        self._height_before = self._height
+
+    def _begin_run(self) -> None:
+        self._disturbed = False
+        self._pending: list[tuple[int, int]] = []
+        self._timeout_frames = 0
+        self._height_before = self._height = 0.0
+        self._since_fit = 0
+
+    def _start_stream(self, stamp: FrameStamp) -> None:
+        self._stream, self._sequence, self._time_ns = stamp.stream, stamp.sequence, stamp.timestamp_ns
+        self.last_shift_ns = None
+        if self._runs[-1]:
+            self._runs.append([])
+        self._begin_run()
+        self._index, self._origin_ns = 0, stamp.timestamp_ns
+        self._file()
+
+    def _look(self, period: float) -> None:
+        """Learn the first period: the camera's may differ from the one it was asked for."""
+        assert self._first_look is not None
+        self._first_look.append(period)
+        if len(self._first_look) < FIRST_LOOK:
+            return
+        self._period = median(self._first_look)
+        self._first_look = None
+        # Now that a period is known, drops that the numbers did not tell show in the times.
+        for run in self._runs:
+            index = 0
+            for i, (_, time_ns) in enumerate(run):
+                index += max(1, round((time_ns - run[i - 1][1]) / self._period)) if i else 0
+                run[i] = (index, time_ns)
+        run = self._runs[-1]
+        self._index = run[-1][0] + max(
+            1, round((self._time_ns - self._origin_ns - run[-1][1]) / self._period)
+        )
+
+    def _file(self) -> None:
+        point = (self._index, self._time_ns - self._origin_ns)
+        if self._disturbed:
+            self._pending.append(point)
+            self._settle()
+            return
+        run = self._runs[-1]
+        run.append(point)
+        self._trim()
+        self._since_fit += 1
+        if self._first_look is None and (self._since_fit >= REFIT_FRAMES or not self.known):
+            self._fit()
+        self._measure()
+        if self._first_look is None:
+            self._notice_jump()
+
+    def _trim(self) -> None:
+        while sum(map(len, self._runs)) > self._window:
+            oldest = self._runs[0]
+            del oldest[: max(1, len(oldest) // 8)]
+            if not oldest and len(self._runs) > 1:
+                self._runs.popleft()
+
+    def _fit(self) -> None:
+        self._since_fit = 0
+        period, spread, self.noise_ns = shared_slope(self._runs, self._period)
+        if spread < 0.01 * self._nominal:
+            self._period, self._period_sigma = period, spread
+
+    def _phase_frames(self) -> int:
+        finest = FINEST_PHASE * self._period
+        return max(PHASE_FRAMES, min(self._window, round((MEDIAN_FACTOR * self.noise_ns / finest) ** 2)))
+
+    def _measure(self) -> None:
+        last = self._runs[-1][-self._phase_frames() :]
+        self._height = median([t - self._period * index for index, t in last])
+
+    def _time_at(self, index: int) -> float:
+        return self._origin_ns + self._height + self._period * index
+
+    def _tolerance(self) -> float:
+        return max(8.0 * self.noise_ns, 2_000.0)
+
+    def _settle(self) -> None:
+        """End a disturbance once the last few frames lie on a line again, moved or too long the same."""
+        last = self._pending[-CALM_FRAMES:]
+        if len(last) < CALM_FRAMES:
+            return
+        heights = [t - self._period * index for index, t in last]
+        shift = median(heights) - self._height_before
+        calm = max(heights) - min(heights) < self._tolerance()
+        moved = abs(shift) > max(4.0 * self.noise_ns, 2_000.0)
+        if not (calm and moved) and len(self._pending) < self._timeout_frames:
+            return
+        if not calm and len(self._pending) < 2 * self._timeout_frames:
+            return
+        self._runs.append(last)
+        self._begin_run()
+        self.last_shift_ns = round(shift)
+        self._measure()
+
+    def _notice_jump(self) -> None:
+        """Start a new run where the last frames all left the line: the camera moved by itself."""
+        run = self._runs[-1]
+        if len(run) < 2 * CALM_FRAMES:
+            return
+        older = run[-CALM_FRAMES - PHASE_FRAMES : -CALM_FRAMES]
+        before = median([t - self._period * index for index, t in older])
+        off = [t - self._period * index - before for index, t in run[-CALM_FRAMES:]]
+        limit = max(8.0 * self.noise_ns, 20_000.0)
+        if not (min(off) > limit or max(off) < -limit):
+            return
+        last = run[-CALM_FRAMES:]
+        del run[-CALM_FRAMES:]
+        steps = [(b[1] - a[1]) / (b[0] - a[0]) for a, b in pairwise(last)]
+        if abs(median(steps) / self._period - 1.0) > 0.02 and sigma(steps) < 0.02 * self._period:
+            # Another frame rate altogether (a webcam in the dark): learn it anew.
+            self._runs.clear()
+            self._period, self._period_sigma = median(steps), float("inf")
+        self._runs.append(last)
+        self.last_shift_ns = None
+        self._measure()

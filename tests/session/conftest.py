@@ -1,0 +1,102 @@
+"""A small session to read, break and verify."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from capture_app.session.manifest import BurstRecord, CameraRecord, ClockRecord, MissingImage
+from capture_app.session.store import Session, SessionWriter
+
+WIDTH, HEIGHT = 16, 12
+INSTANTS = (1_000_000_000, 1_033_000_000, 1_066_000_000)
+CLOCK = ClockRecord(
+    epoch_local_ns=500_000_000,
+    offset_ns=-7_200_000_000_123,
+    skew_ppm=23.5,
+    uncertainty_ns=30_000,
+    hard_bound_ns=250_000,
+    round_trip_ns=500_000,
+    samples=300,
+)
+
+
+def jpeg(seed: int, width: int = WIDTH, height: int = HEIGHT, suffix: str = ".jpg") -> bytes:
+    """A small picture of noise."""
+    pixels = np.random.default_rng(seed).integers(0, 255, (height, width, 3), np.uint8)
+    return bytes(cv2.imencode(suffix, pixels)[1].tobytes())
+
+
+def camera_record(name: str) -> CameraRecord:
+    """A camera with a clock far from the leader's."""
+    return CameraRecord(
+        name=name,
+        kind="sim",
+        model="test",
+        width=WIDTH,
+        height=HEIGHT,
+        period_ns=33_000_000,
+        timestamp_source="start-of-exposure",
+        clock=CLOCK,
+    )
+
+
+def local_from_leader(leader_ns: int) -> int:
+    """Inverse of the clock record above, to 1 ns."""
+    since_epoch = leader_ns - CLOCK.offset_ns - CLOCK.epoch_local_ns
+    skew = CLOCK.skew_ppm * 1e-6
+    return CLOCK.epoch_local_ns + round(since_epoch - since_epoch * skew / (1 + skew))
+
+
+def fill(writer: SessionWriter) -> Session:
+    """Two cameras, three instants, one image missing, ground truth of one."""
+    for number, instant_ns in enumerate(INSTANTS):
+        for camera, residual_ns in (("left", 4_000), ("right", -9_000)):
+            if (camera, number) == ("right", 2):
+                continue
+            leader_ns = instant_ns + residual_ns
+            writer.add_image(
+                jpeg(number),
+                camera=camera,
+                instant=number,
+                leader_ns=leader_ns,
+                local_ns=local_from_leader(leader_ns),
+                residual_ns=residual_ns,
+                uncertainty_ns=20_000,
+                hard_bound_ns=250_000,
+                exposure_ns=100_000,
+                gain=1.5,
+                white_balance=(1.9, 1.4),
+                sequence=number,
+            )
+    writer.add_event({"event": "aligned", "camera": "left", "phase_ns": 12})
+    writer.add_ground_truth("left", 0, b"npz", 77)
+    writer.set_ground_truth_clocks({"left": {"offset_ns": 5}})
+    return writer.finish(
+        [camera_record("left"), camera_record("right")],
+        BurstRecord(instants_ns=INSTANTS, period_ns=33_000_000, requested_ns=INSTANTS[0] - 5),
+        [MissingImage(camera="right", instant=2, reason="the node left")],
+        origin="simulated",
+    )
+
+
+@pytest.fixture
+def session(tmp_path: Path) -> Session:
+    """A complete small session."""
+    return fill(SessionWriter.create(tmp_path, "small"))
+
+
+@pytest.fixture
+def make_images(tmp_path: Path) -> Callable[..., Path]:
+    """Make a folder of images with the names given."""
+
+    def make(camera: str, names: list[str], width: int = WIDTH, height: int = HEIGHT) -> Path:
+        folder = tmp_path / "recording" / camera
+        folder.mkdir(parents=True)
+        for seed, name in enumerate(names):
+            (folder / name).write_bytes(jpeg(seed, width, height, Path(name).suffix))
+        return folder
+
+    return make

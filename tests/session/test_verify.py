@@ -1,0 +1,190 @@
+"""Every lie that a session can tell is found, and the schema that is published is the one that is used."""
+
+import hashlib
+import json
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import jsonschema
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from capture_app.session.manifest import CALIBRATION, JOURNAL, MANIFEST, ImageRecord, Manifest
+from capture_app.session.schema import session_schema, session_schema_text
+from capture_app.session.store import Session
+from capture_app.session.verify import ProblemKind, verify
+
+from .conftest import jpeg
+
+SCHEMA = Path(__file__).resolve().parents[2] / "docs" / "session.schema.json"
+FIRST = "images/rig1/left/000000.jpg"
+
+
+def rewrite(session: Session, change: Callable[[dict[str, Any]], None], journal: bool = True) -> None:
+    """Change the manifest, and the journal with it, so that only the change itself is a lie."""
+    path = session.folder / MANIFEST
+    manifest = json.loads(path.read_text())
+    change(manifest)
+    path.write_text(json.dumps(manifest))
+    if journal:
+        images = {(image["camera"], image["instant"]): image for image in manifest["images"]}
+        lines = [json.dumps(image) for image in images.values()]
+        (session.folder / JOURNAL).write_text("".join(line + "\n" for line in lines))
+
+
+def first(**changes: object) -> Callable[[Session], None]:
+    return lambda session: rewrite(session, lambda manifest: manifest["images"][0].update(changes))
+
+
+def replace_first(data: bytes) -> Callable[[Session], None]:
+    """Put another file in place of an image, and its checksum in the manifest."""
+
+    def replace(session: Session) -> None:
+        (session.folder / FIRST).write_bytes(data)
+        first(bytes=len(data), sha256=hashlib.sha256(data).hexdigest())(session)
+
+    return replace
+
+
+def flip(session: Session) -> None:
+    path = session.folder / FIRST
+    data = bytearray(path.read_bytes())
+    data[-20] ^= 1
+    path.write_bytes(data)
+
+
+def swap_instants(session: Session) -> None:
+    def swap(manifest: dict[str, Any]) -> None:
+        times = manifest["burst"]["instants_ns"]
+        times[1], times[2] = times[2], times[1]
+
+    rewrite(session, swap)
+
+
+def calibrate(name: str, width: int) -> Callable[[Session], None]:
+    identity = [[1, 0, 0], [0, 1, 0], [0, 0, 1]]
+    camera = {"width": width, "height": 12, "fx": 1, "fy": 1, "cx": 1, "cy": 1,
+              "rotation": identity, "translation": [0, 0, 0]}  # fmt: skip
+    content = json.dumps({"cameras": {name: camera}})
+    return lambda session: (session.folder / CALIBRATION).write_text(content) and None
+
+
+LIES: dict[str, tuple[Callable[[Session], Any], ProblemKind, str]] = {
+    "image gone": (lambda s: (s.folder / FIRST).unlink(), ProblemKind.MISSING, FIRST),
+    "image cut": (lambda s: (s.folder / FIRST).write_bytes(b"x"), ProblemKind.CHANGED, "1 bytes long"),
+    "bit flipped": (flip, ProblemKind.CHANGED, "sha256"),
+    "no image": (replace_first(b"not an image"), ProblemKind.UNREADABLE, "decoded"),
+    "other size": (replace_first(jpeg(0, 20, 12)), ProblemKind.CONTRADICTORY, "20x12 pixels"),
+    "folder for image": (
+        lambda s: ((s.folder / FIRST).unlink(), (s.folder / FIRST).mkdir()), ProblemKind.UNREADABLE, FIRST,
+    ),
+    "residual": (first(residual_ns=4_001), ProblemKind.CONTRADICTORY, "residual_ns is 4001"),
+    "local time": (first(local_ns=1), ProblemKind.CONTRADICTORY, "clock record"),
+    "instants": (swap_instants, ProblemKind.CONTRADICTORY, "instant 2 is not after"),
+    "doubled": (
+        lambda s: rewrite(s, lambda m: m["images"].append(m["images"][0])),
+        ProblemKind.CONTRADICTORY, "2 images",
+    ),
+    "hole": (lambda s: rewrite(s, lambda m: m["missing"].clear()), ProblemKind.CONTRADICTORY, "nor why"),
+    "there and missing": (
+        lambda s: rewrite(s, lambda m: m["missing"].append({"camera": "left", "instant": 0, "reason": "?"})),
+        ProblemKind.CONTRADICTORY, "there and missing",
+    ),
+    "stray image": (
+        lambda s: (s.folder / "images/rig1/left/000009.jpg").write_bytes(b"x"),
+        ProblemKind.UNEXPECTED, "000009",
+    ),
+    "left over": (
+        lambda s: (s.folder / f"{FIRST}.part").write_bytes(b"x"), ProblemKind.UNEXPECTED, "broken write",
+    ),
+    "no journal": (lambda s: (s.folder / JOURNAL).unlink(), ProblemKind.MISSING, "journal"),
+    "torn journal": (
+        lambda s: (s.folder / JOURNAL).write_bytes((s.folder / JOURNAL).read_bytes() + b'{"cam'), ProblemKind.UNREADABLE, "line 6",
+    ),
+    "journal differs": (
+        lambda s: rewrite(s, lambda m: m["images"][0].update(gain=9.0), journal=False),
+        ProblemKind.CONTRADICTORY, f"otherwise of {FIRST}",
+    ),
+    "journal has more": (
+        lambda s: rewrite(s, lambda m: m["images"].pop(0), journal=False),
+        ProblemKind.CONTRADICTORY, f"lacks {FIRST}",
+    ),
+    "calibration of another": (calibrate("top", 16), ProblemKind.CONTRADICTORY, "top"),
+    "calibration of another size": (calibrate("left", 99), ProblemKind.CONTRADICTORY, "99x12"),
+    "calibration broken": (
+        lambda s: (s.folder / CALIBRATION).write_text("{"), ProblemKind.UNREADABLE, "calibration.json",
+    ),
+    "no ground truth": (
+        lambda s: (s.folder / "ground_truth/left/000000.npz").unlink(), ProblemKind.MISSING, "ground truth",
+    ),
+    "ground truth broken": (
+        lambda s: (s.folder / "ground_truth/times.json").write_text("[]"),
+        ProblemKind.UNREADABLE, "times.json",
+    ),
+}  # fmt: skip
+
+
+def test_an_honest_session_has_no_problems(session: Session) -> None:
+    assert verify(session) == []
+    calibrate("left", 16)(session)
+    assert verify(session) == []
+
+
+@pytest.mark.parametrize("lie", LIES)
+def test_every_lie_is_found(session: Session, lie: str) -> None:
+    tell, kind, what = LIES[lie]
+    tell(session)
+    problems = verify(Session.open(session.folder))
+    assert any(problem.kind is kind and what in str(problem) for problem in problems), problems
+
+
+def test_a_time_within_its_error_bar_is_no_lie(session: Session) -> None:
+    local_ns = session.manifest.images[0].local_ns
+    assert local_ns is not None
+    first(local_ns=local_ns + 20_900)(session)
+    assert verify(Session.open(session.folder)) == []
+    first(local_ns=local_ns + 21_100)(session)
+    assert len(verify(Session.open(session.folder))) == 1
+
+
+def test_the_published_schema_is_the_one_in_use() -> None:
+    assert SCHEMA.read_text() == session_schema_text()
+
+
+def test_a_written_session_fits_the_published_schema(session: Session) -> None:
+    schema = json.loads(SCHEMA.read_text())
+    jsonschema.Draft202012Validator.check_schema(schema)
+    validator = jsonschema.Draft202012Validator(schema)
+    manifest = json.loads((session.folder / MANIFEST).read_text())
+    validator.validate(manifest)
+    manifest["images"][0]["camera"] = "../up"
+    assert not validator.is_valid(manifest)
+
+
+names = st.from_regex(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}", fullmatch=True)
+times = st.integers(-(2**63), 2**63 - 1)
+images = st.builds(
+    ImageRecord,
+    camera=names,
+    instant=st.integers(0, 10**9),
+    path=st.text(),
+    leader_ns=times,
+    bytes=st.integers(1, 2**40),
+    sha256=st.from_regex(r"[0-9a-f]{64}", fullmatch=True),
+    local_ns=st.none() | times,
+    gain=st.none() | st.floats(allow_nan=False, allow_infinity=False),
+    dropped=st.booleans(),
+)
+
+
+@given(st.lists(images, max_size=3), st.text(), st.lists(times, max_size=4))
+def test_any_manifest_survives_the_disk(of: list[ImageRecord], note: str, instants: list[int]) -> None:
+    base = {"name": "n", "created": "", "origin": "captured", "software": "", "cameras": (), "images": of}
+    burst = {"instants_ns": instants, "period_ns": 1}
+    manifest = msgspec.convert(msgspec.to_builtins({**base, "burst": burst, "note": note}), Manifest)
+    data = msgspec.json.encode(manifest)
+    assert msgspec.json.decode(data, type=Manifest) == manifest
+    jsonschema.Draft202012Validator(session_schema()).validate(json.loads(data))

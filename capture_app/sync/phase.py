@@ -6,15 +6,15 @@ line a new height (a new run) but keeps the period, which belongs to the camera'
 
 from collections import deque
 from dataclasses import dataclass
-from itertools import pairwise
 from math import isfinite, sqrt
 from statistics import median
 
-from capture_app.sync.robust import shared_slope, sigma
+from capture_app.sync.robust import shared_slope
 
 FIRST_LOOK = 8
 """Intervals whose median gives the first period."""
 REFIT_FRAMES = 10
+RATE_FRAMES = 15
 CALM_FRAMES = 5
 PHASE_FRAMES = 10
 MEDIAN_FACTOR = 1.25
@@ -71,6 +71,7 @@ class PhaseEstimator:
         self._runs: deque[list[tuple[int, int]]] = deque([[]])
         """Points (index, time since the stream's origin in ns); the last run is under way."""
         self._first_look: list[float] | None = []
+        self._intervals: deque[float] = deque(maxlen=RATE_FRAMES)
         self._begin_run()
 
     @property
@@ -124,8 +125,11 @@ class PhaseEstimator:
         self._index += advance
         self.frames += 1
         self.drops += dropped
+        self._intervals.append(interval / steps)
         if self._first_look is not None:
             self._look(interval / steps)
+        elif self._runs_at_another_rate():
+            return dropped
         self._file()
         return dropped
 
@@ -192,6 +196,20 @@ class PhaseEstimator:
         self._index = run[-1][0] + max(
             1, round((self._time_ns - self._origin_ns - run[-1][1]) / self._period)
         )
+
+    def _runs_at_another_rate(self) -> bool:
+        """Learn the period anew where all frames come at another one (a webcam in the dark halves it)."""
+        if self._disturbed or len(self._intervals) < RATE_FRAMES:
+            return False
+        period = median(self._intervals)
+        if abs(period - self._period) <= max(0.02 * self._period, 2.0 * self.noise_ns):
+            return False
+        self._period, self._period_sigma = period, float("inf")
+        self._index, self._origin_ns = 0, self._time_ns
+        self._runs = deque([[(0, 0)]])
+        self._begin_run()
+        self._measure()
+        return True
 
     def _file(self) -> None:
         point = (self._index, self._time_ns - self._origin_ns)
@@ -267,11 +285,6 @@ class PhaseEstimator:
             return
         last = run[-CALM_FRAMES:]
         del run[-CALM_FRAMES:]
-        steps = [(b[1] - a[1]) / (b[0] - a[0]) for a, b in pairwise(last)]
-        if abs(median(steps) / self._period - 1.0) > 0.02 and sigma(steps) < 0.02 * self._period:
-            # Another frame rate altogether (a webcam in the dark): learn it anew.
-            self._runs.clear()
-            self._period, self._period_sigma = median(steps), float("inf")
         self._runs.append(last)
         self.last_shift_ns = None
         self._measure()

@@ -1,4 +1,4 @@
-"""Robust statistics of small samples."""
+"""A line fit that outliers hardly move."""
 
 from collections.abc import Sequence
 from math import sqrt
@@ -7,12 +7,6 @@ from statistics import median
 SIGMA_FROM_MAD = 1.4826
 HUBER = 1.345
 """Residuals beyond this many sigma lose weight (Huber 1964; 95 % efficient for normal noise)."""
-
-
-def sigma(residuals: Sequence[float]) -> float:
-    """Standard deviation from the median absolute deviation: outliers hardly matter."""
-    middle = median(residuals)
-    return SIGMA_FROM_MAD * median([abs(r - middle) for r in residuals])
 
 
 def shared_slope(runs: Sequence[Sequence[tuple[float, float]]], start: float) -> tuple[float, float, float]:

@@ -42,7 +42,7 @@ def moving_parts(view: View, bodies: Mapping[str, Body], poses: Mapping[str, Pos
     for name, pose in poses.items():
         body = bodies[name]
         part = MovingPart(
-            body, pose.rotation.astype(np.float32), pose.translation.astype(np.float32), (slice(0), slice(0))
+            body, pose.rotation.astype(np.float32), pose.translation.astype(np.float32), (slice(0, 0), slice(0, 0))
         )
         image = view.project(part.centres)
         reach = body.radius * view.focal_px / np.maximum(image[:, 2] - body.radius, 0.1) + 2

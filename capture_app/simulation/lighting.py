@@ -7,9 +7,9 @@ import numpy as np
 
 from capture_app.simulation.meshes import Floats
 
-_TO_SUN = np.array([-0.52, -0.62, -0.62])
+_TO_SUN = np.array([-0.60, -0.44, -0.66])
 TO_SUN: Floats = (_TO_SUN / np.linalg.norm(_TO_SUN)).astype(np.float32)
-SUN = np.float32([0.74, 0.90, 1.0]) * 3.0
+SUN = np.float32([0.62, 0.84, 1.0]) * 3.0
 SUN_SPREAD = 0.012
 """Half width of the sun with its haze, in radians: how soft shadows become with distance."""
 
@@ -21,9 +21,9 @@ _ACROSS = np.cross(TO_SUN, [0.0, 1.0, 0.0]).astype(np.float32)
 ACROSS: Floats = _ACROSS / np.linalg.norm(_ACROSS)
 ALONG: Floats = np.cross(TO_SUN, ACROSS).astype(np.float32)
 
-WINDOW = (-0.70, 1.95, -1.05, 0.95)
+WINDOW = (-3.40, -0.70, -0.40, 2.20)
 """The lit part of the sun's rays, in m along ACROSS (from, to) and ALONG (from, to)."""
-BARS = (3, 4)
+BARS = (3, 3)
 """Panes across and along, with bars between."""
 
 
@@ -34,8 +34,8 @@ def sky(directions: Floats) -> Floats:
     ceiling = np.maximum(up, 0.0)
     floor = np.maximum(-up, 0.0)
     return np.asarray(
-        0.20
-        + window * np.float32([1.45, 1.30, 1.20])
+        0.15
+        + window * np.float32([1.30, 1.16, 1.06])
         + ceiling * np.float32([0.34, 0.34, 0.35])
         + floor * np.float32([0.10, 0.15, 0.22]),
         np.float32,

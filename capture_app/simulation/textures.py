@@ -100,15 +100,14 @@ def bricks(rng: np.random.Generator, shape: tuple[int, int], *, brick: tuple[int
         np.minimum(y % high, high - y % high), np.minimum(x % wide, wide - x % wide)
     ) + 0.8 * noise(rng, shape, (4, 4))
     inside = np.clip((to_edge - 2.0) / 1.8, 0, 1)
-    palette = np.stack(
-        [bgr(c) for c in ((178, 98, 70), (160, 84, 62), (192, 116, 84), (148, 92, 76), (186, 128, 100))]
-    )
-    tint = palette[rng.integers(0, len(palette), 997)] * rng.normal(1.0, 0.09, (997, 1))
+    clays = ((186, 118, 90), (168, 102, 78), (198, 136, 106), (158, 108, 90), (194, 146, 116))
+    palette = np.stack([bgr(clay) for clay in clays])
+    tint = palette[rng.integers(0, len(palette), 997)] * rng.normal(1.0, 0.08, (997, 1))
     rough = 0.05 * fractal(rng, shape, 24, 4) + 0.055 * noise(rng, shape, (2, 2))
     pits = (noise(rng, shape, (2.6, 2.6)) > 2.05) * -0.20
     face = tint[number] * (1 + rough + pits)[..., None]
     mortar = (
-        bgr((196, 186, 172))
+        bgr((200, 184, 164))
         * (1 + 0.06 * noise(rng, shape, (2, 2)) + 0.04 * fractal(rng, shape, 30, 3))[..., None]
     )
     wall = face * inside[..., None] + mortar * (1 - inside[..., None])

@@ -16,6 +16,7 @@ from capture_app.simulation.sensor import Sensor, SensorProfile
 OPTIONS = {
     "scene": f"what it sees: a scene's name, or {TEST_CARD}, a test card (default)",
     "view": "the scene's view; default: the one named like the node",
+    "scale": "size of the pictures, 0.1 to 1 of the full size",
     "seed": "whole number; with the node's name it chooses crystal, noise and drops",
     "exposure_ms": "exposure of every frame",
     "ppm": "error of this device's crystal",
@@ -41,6 +42,7 @@ def open_simulated(
                 f"a simulated camera has no option {key!r}", hint=f"there are {', '.join(OPTIONS)}"
             )
     model = _adjusted(find_profile(profile), options)
+    scale = _number(options, "scale", least=0.1, most=1)
     camera_seed = seed_of(f"{name}/{_seed(options)}")
     source = open_picture_source(
         options.get("scene", TEST_CARD),
@@ -49,6 +51,7 @@ def open_simulated(
         width=model.image_width,
         height=model.image_rows,
         row_time_ns=model.row_time_ns,
+        scale=1.0 if scale is None else scale,
     )
     sensor = Sensor(
         replace(model, image_rows=source.height),

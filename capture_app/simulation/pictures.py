@@ -128,18 +128,18 @@ class SceneView:
 
 
 def open_picture_source(
-    scene: str, view: str, *, camera: str, width: int, height: int, row_time_ns: int
+    scene: str, view: str, *, camera: str, width: int, height: int, row_time_ns: int, scale: float = 1.0
 ) -> PictureSource:
     """The test card of that size for the scene `bars`, else that view of a scene, at the view's own size.
 
-    An empty `view` is the one named like the camera. Raises BadInputError for a scene or view that does not
-    exist and NotAvailableError where this machine cannot render scenes.
+    `scale` shrinks either. An empty `view` is the one named like the camera. Raises BadInputError for a scene
+    or view that does not exist and NotAvailableError where this machine cannot render scenes.
     """
     if scene == TEST_CARD:
         if view:
             raise BadInputError(f"the test card {TEST_CARD!r} has no view {view!r}", hint="leave view= out")
-        return ColourBars(camera, width, height)
-    loaded = _load_scene(scene)
+        return ColourBars(camera, round(width * scale), round(height * scale))
+    loaded = _load_scene(scene, scale)
     view = view or camera
     if view not in loaded.views:
         raise BadInputError(
@@ -149,14 +149,14 @@ def open_picture_source(
     return SceneView(loaded, view, calibration.width, calibration.height, row_time_ns)
 
 
-def _load_scene(name: str) -> Scene:
+def _load_scene(name: str, scale: float) -> Scene:
     try:
         importlib.import_module("open3d")
         module: Any = importlib.import_module("capture_app.simulation.scene")
     except (ImportError, OSError) as error:  # OSError: a system library of Open3D's is missing
         raise NotAvailableError(
             f"scene {name!r} cannot be rendered here: Open3D does not load: {error}",
-            hint=f"use scene={TEST_CARD}, or install Open3D and its system libraries with 'make install'",
+            hint=f"use scene={TEST_CARD}, or install Open3D and its system libraries",
         ) from error
-    scene: Scene = module.load(name)
+    scene: Scene = module.load(name, scale=scale)
     return scene

@@ -315,6 +315,7 @@ def test_info() -> None:
         ("sim:pi,colour=red", "exposure_ms"),
         ("sim:pi,drops=2", "from 0 to 1"),
         ("sim:pi,ppm=nan", "number"),
+        ("sim:pi,scale=2", "from 0.1 to 1"),
         ("sim:pi,seed=x", "whole number"),
         ("sim:pi,exposure_ms=33.4", "does not fit"),
         ("sim:pi,view=left", "no view"),
@@ -364,7 +365,7 @@ class StripedScene:
 @pytest.fixture
 def striped(monkeypatch: pytest.MonkeyPatch) -> StripedScene:
     scene = StripedScene()
-    module = SimpleNamespace(load=lambda name: scene)
+    module = SimpleNamespace(load=lambda name, *, scale: scene)
     monkeypatch.setattr(pictures.importlib, "import_module", lambda name: module)
     return scene
 
@@ -392,6 +393,32 @@ def test_a_scene_is_rendered_at_the_frames_true_start_when_it_is_saved(striped: 
         assert 2_999_000 <= late_ns <= 5_001_000
 
     run(scenario)
+
+
+def test_the_rendered_scene() -> None:
+    pytest.importorskip("open3d", reason="scenes are rendered by Open3D")
+
+    async def scenario() -> None:
+        camera = sim("sim:phone-a,scene=studio,scale=0.25", "cam02")
+        frame = (await Recorder().record(camera, 1.0))[0]
+        await camera.stop()
+        assert frame.truth is not None
+        image = cv2.imdecode(np.frombuffer(frame.payload.encode(), np.uint8), cv2.IMREAD_COLOR)
+        assert image is not None
+        assert image.shape == (camera.info.height, camera.info.width, 3) == (120, 160, 3)
+        assert np.asarray(image).std() > 20
+        with np.load(io.BytesIO(frame.truth.encode())) as truth:
+            assert truth["depth_m"].shape == (120, 160)
+            assert 0.0 < truth["movers"].mean() < 0.5
+            assert (truth["depth_m"][truth["movers"]] > 0.1).all()
+
+    run(scenario)
+
+
+def test_a_scene_that_does_not_exist() -> None:
+    pytest.importorskip("open3d", reason="scenes are rendered by Open3D")
+    with pytest.raises(BadInputError, match="studio"):
+        sim("sim:pi,scene=moon")
 
 
 def test_the_view_is_the_one_named_like_the_node(striped: StripedScene) -> None:

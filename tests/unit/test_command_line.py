@@ -1,0 +1,107 @@
+"""Every mistake: one line on stderr, the right exit code, nothing on stdout, no traceback."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from capture_app.cli import COMMANDS, run
+from capture_app.errors import ExitCode
+from capture_app.net.transfer import bind
+
+USAGE, BAD_INPUT, NO_CAMERA, NETWORK = (
+    ExitCode.USAGE,
+    ExitCode.BAD_INPUT,
+    ExitCode.NO_CAMERA,
+    ExitCode.NETWORK,
+)
+NODE = ("node", "--leader", "127.0.0.1:1")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "says"),
+    [
+        (("nonsense",), USAGE, "nonsense"),
+        (("status", "--nonsense"), USAGE, "--nonsense"),
+        (("status", "--leader", "host:99999"), USAGE, "99999"),
+        (("status", "--leader", "127.0.0.1:1"), NETWORK, "no leader at 127.0.0.1:1"),
+        (("burst", "--frames", "0"), USAGE, "--frames"),
+        (("burst", "--spacing", "x"), USAGE, "--spacing"),
+        (("burst", "--leader", "127.0.0.1:1"), NETWORK, "no leader at"),
+        (("leader", "--port", "70000"), USAGE, "--port"),
+        (("leader", "--fps", "0"), USAGE, "--fps"),
+        (("leader", "--host", "203.0.113.1", "--port", "0"), NETWORK, "cannot listen on 203.0.113.1"),
+        (("node",), USAGE, "--camera"),
+        ((*NODE, "--camera", "nonsense"), BAD_INPUT, "nonsense"),
+        ((*NODE, "--camera", "sim:nonsense"), BAD_INPUT, "nonsense"),
+        ((*NODE, "--camera", "sim:phone-a,colour=red"), BAD_INPUT, "colour"),
+        ((*NODE, "--camera", "v4l2:/dev/video-none"), NO_CAMERA, "/dev/video-none"),
+        ((*NODE, "--camera", "sim:phone-a", "--clock", "sundial"), BAD_INPUT, "sundial"),
+        ((*NODE, "--camera", "sim:phone-a", "--name", "../x"), USAGE, "../x"),
+        ((*NODE, "--camera", "sim:phone-a", "--tolerance-us", "0"), USAGE, "--tolerance-us"),
+        (("node", "--camera", "sim:phone-a", "--leader", "nobody.invalid"), NETWORK, "nobody.invalid"),
+        (("demo", "--cameras", "8"), USAGE, "--cameras"),
+        (("sessions", "show", "nowhere"), BAD_INPUT, "nowhere"),
+    ],
+)
+def test_a_mistake_is_one_line(
+    arguments: tuple[str, ...],
+    code: ExitCode,
+    says: str,
+    capfd: pytest.CaptureFixture[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert run(arguments) == code
+    printed = capfd.readouterr()
+    assert printed.out == ""
+    assert printed.err.startswith("capture-app: error: ")
+    assert says in printed.err
+    assert printed.err.count("\n") == 1
+    assert list(tmp_path.iterdir()) == [], "nothing half-written"
+
+
+def test_a_port_in_use_is_one_line(capfd: pytest.CaptureFixture[str]) -> None:
+    datagrams, listening = bind("127.0.0.1", 0)
+    with datagrams, listening:
+        port = str(listening.getsockname()[1])
+        assert run(("leader", "--host", "127.0.0.1", "--port", port)) == NETWORK
+    printed = capfd.readouterr().err
+    assert f"cannot listen on 127.0.0.1:{port}" in printed
+    assert "--port" in printed
+    assert printed.count("\n") == 1
+
+
+def test_sessions_cannot_go_into_a_file(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "file").write_text("")
+    assert run(("leader", "--port", "0", "--sessions", str(tmp_path / "file"))) == USAGE
+    assert "file" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_explains_itself(command: str, capfd: pytest.CaptureFixture[str]) -> None:
+    assert run((command, "--help")) == ExitCode.OK
+    assert "Usage: capture-app" in capfd.readouterr().out
+
+
+@pytest.fixture
+def imported_by() -> Callable[[str], set[str]]:
+    def modules(arguments: str) -> set[str]:
+        program = (
+            "import sys\nfrom capture_app.cli import run\n"
+            f"run({arguments!r}.split())\nprint('MODULES', *sys.modules)"
+        )
+        done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+        return set(done.stdout.rpartition("MODULES")[2].split())
+
+    return modules
+
+
+@pytest.mark.parametrize("arguments", ["--help", "status --leader 127.0.0.1:1", "cameras"])
+def test_scripting_commands_drag_nothing_heavy_in(
+    arguments: str, imported_by: Callable[[str], set[str]]
+) -> None:
+    assert not imported_by(arguments) & {"textual", "numpy", "cv2", "open3d", "pycolmap", "reconstruction"}

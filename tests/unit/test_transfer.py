@@ -1,0 +1,116 @@
+"""Transfer streams over real loopback sockets."""
+
+import asyncio
+import struct
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager
+
+import msgspec
+import pytest
+
+from capture_app.errors import NetworkError
+from capture_app.net.address import Address
+from capture_app.net.transfer import (
+    MAX_HEADER_BYTES,
+    MAX_PAYLOAD_BYTES,
+    Channel,
+    TransferServer,
+    bind,
+    connect,
+)
+
+
+class Ping(msgspec.Struct, frozen=True, tag="ping"):
+    number: int
+
+
+class Pong(msgspec.Struct, frozen=True, tag="pong"):
+    number: int
+
+
+Serve = Callable[[Channel[Ping]], Awaitable[None]]
+
+
+@asynccontextmanager
+async def serving(serve: Serve) -> AsyncIterator[Address]:
+    datagrams, listening = bind("127.0.0.1", 0)
+    server = TransferServer[Ping](Ping, serve)
+    await server.start(listening)
+    try:
+        yield Address("127.0.0.1", listening.getsockname()[1])
+    finally:
+        await server.stop()
+        datagrams.close()
+
+
+async def echo(channel: Channel[Ping]) -> None:
+    while (received := await channel.receive()) is not None:
+        message, payload = received
+        await channel.send(Pong(message.number), payload[:1], payload[1:])
+
+
+async def test_a_message_and_its_payload_come_back() -> None:
+    payload = bytes(range(256)) * 4096
+    async with serving(echo) as address, await connect(address, Pong) as channel:
+        await channel.send(Ping(7), payload)
+        assert await channel.receive() == (Pong(7), payload)
+        await channel.send(Ping(8))
+        assert await channel.receive() == (Pong(8), b"")
+
+
+@pytest.mark.parametrize(
+    ("sent", "why"),
+    [
+        (b"GET / HTTP/1.1\r\n\r\n", "transfer protocol"),
+        (struct.pack(">4sIQ", b"SSH1", MAX_HEADER_BYTES + 1, 0), "over the limit"),
+        (struct.pack(">4sIQ", b"SSH1", 2, MAX_PAYLOAD_BYTES + 1), "over the limit"),
+        (struct.pack(">4sIQ", b"SSH1", 2, 0) + b"{}", "unreadable message"),
+        (struct.pack(">4sIQ", b"SSH1", 2, 9) + b"{}...", "broke off"),
+        (b"SSH", "broke off"),
+    ],
+)
+async def test_a_stranger_loses_its_own_stream_and_nobody_elses(sent: bytes, why: str) -> None:
+    told: asyncio.Queue[str] = asyncio.Queue()
+
+    async def serve(channel: Channel[Ping]) -> None:
+        try:
+            await echo(channel)
+        except NetworkError as error:
+            told.put_nowait(str(error))
+            raise
+
+    async with serving(serve) as address, await connect(address, Pong) as friend:
+        reader, writer = await asyncio.open_connection(*address)
+        writer.write(sent)
+        writer.write_eof()
+        assert why in await told.get()
+        assert await reader.read() == b""
+        writer.close()
+        await writer.wait_closed()
+        await friend.send(Ping(1))
+        assert await friend.receive() == (Pong(1), b"")
+
+
+async def test_a_message_that_is_too_large_is_not_sent() -> None:
+    async with serving(echo) as address, await connect(address, Pong) as channel:
+        with pytest.raises(NetworkError, match="too large"):
+            await channel.send(Ping(1), bytes(MAX_PAYLOAD_BYTES), b"1")
+
+
+async def test_a_server_that_stops_ends_its_streams() -> None:
+    async with serving(echo) as address:
+        channel = await connect(address, Pong)
+        await channel.send(Ping(1))
+        await channel.receive()
+    assert await channel.receive() is None
+    await channel.close()
+    with pytest.raises(NetworkError, match="no leader at"):
+        await connect(address, Pong)
+
+
+def test_one_number_serves_datagrams_and_streams() -> None:
+    datagrams, listening = bind("127.0.0.1", 0)
+    with datagrams, listening:
+        assert datagrams.getsockname() == listening.getsockname()
+        with pytest.raises(NetworkError, match="in use"):
+            bind("127.0.0.1", listening.getsockname()[1])

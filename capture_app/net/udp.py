@@ -8,7 +8,7 @@ import asyncio
 import contextlib
 import socket
 from collections.abc import Callable, Iterable
-from typing import Any, Protocol
+from typing import Any, Protocol, cast
 
 from capture_app.errors import NetworkError
 from capture_app.net.address import Address
@@ -80,8 +80,8 @@ class Pump(asyncio.DatagramProtocol):
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Begin."""
-        assert isinstance(transport, asyncio.DatagramTransport)
-        self._transport = transport
+        # asyncio's own datagram transport is not declared as one.
+        self._transport = cast(asyncio.DatagramTransport, transport)
         self.turn()
 
     def datagram_received(self, data: bytes, addr: tuple[Any, ...]) -> None:

@@ -56,7 +56,7 @@ class ClientNode:
         self._clock: NodeClock = clock or HostClock()
         self._tolerance_ns = tolerance_ns
         self._ring_frames = ring_frames
-        self._talk = talk or (lambda _: None)
+        self._talk = talk or _silent
         self._camera: Camera
         self._info: CameraInfo
         self._engine: Client[CapturedFrame] | None = None
@@ -104,6 +104,7 @@ class ClientNode:
         except* SimulshotError as group:
             raise group.exceptions[0] from None
         finally:
+            self._talk = _silent
             self._engine.leave()
             self._pump.turn()
             self._pump.close()
@@ -219,3 +220,7 @@ class ClientNode:
         )
         self._events.clear()
         return BurstWork(report, deque(ready.picks))
+
+
+def _silent(_: str) -> None:
+    """Nobody listens."""

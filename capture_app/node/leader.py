@@ -161,7 +161,7 @@ class LeaderNode:
         """Wait for the nodes as asked, take a burst, and yield its progress until it is done."""
         waiting = asyncio.ensure_future(self.wait_until_ready(request.wait_ready_s))
         try:
-            while request.wait_ready_s and not waiting.done():
+            while request.wait_ready_s and (reason := self._waiting_for(1)) and not waiting.done():
                 yield BurstStatus(
                     burst=0,
                     name="",
@@ -169,7 +169,7 @@ class LeaderNode:
                     instants=request.frames,
                     received=0,
                     expected=0,
-                    message=f"waiting for {self._waiting_for(1)}",
+                    message=f"waiting for the rig: {reason}",
                 )
                 await asyncio.wait((waiting,), timeout=1.0)
             if request.wait_ready_s:
@@ -197,8 +197,9 @@ class LeaderNode:
         return session
 
     def image_stored(self, session: BurstSession) -> None:
-        """Tell how far a burst is."""
-        self._on_news(session.status)
+        """Tell how far a burst is; its end is told apart."""
+        if not session.finished.is_set():
+            self._on_news(session.status)
 
     def now_ns(self) -> int:
         """Return the rig's time in ns: this leader's clock."""

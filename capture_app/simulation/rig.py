@@ -8,6 +8,7 @@ import heapq
 import random
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 
 from capture_app.simulation.clock import SimulatedClock
 from capture_app.simulation.link import PAPER_LINK, Link
@@ -75,13 +76,13 @@ class VirtualRig:
         self.nodes: dict[str, VirtualNode] = {}
         self.leader_events: list[LeaderEvent] = []
         self._rng = random.Random(seed)
-        self._heap: list[tuple[int, int, Callable[[], None]]] = []
+        self._heap: list[tuple[int, int, Callable[[], object]]] = []
         self._scheduled = 0
         self._leader_timer_ns = -1
         self._period_ns = period_ns
         self.leader = self._new_leader()
         for spec in specs:
-            self._at(spec.start_true_ns, lambda spec=spec: self.start(spec))  # type: ignore[misc]
+            self._at(spec.start_true_ns, partial(self.start, spec))
 
     def _new_leader(self) -> Leader:
         config = LeaderConfig(self._rng.getrandbits(32), 0, self._period_ns)
@@ -140,7 +141,7 @@ class VirtualRig:
 
     # The world
 
-    def _at(self, true_ns: int, action: Callable[[], None]) -> None:
+    def _at(self, true_ns: int, action: Callable[[], object]) -> None:
         self._scheduled += 1
         heapq.heappush(self._heap, (true_ns, self._scheduled, action))
 
@@ -175,7 +176,7 @@ class VirtualRig:
             client.handle_timer(self._local(node))
         for data in client.datagrams_to_send(self._local(node)):
             for delay_ns in node.spec.link.deliveries(node.spec.link.to_leader, self._rng):
-                self._at(self.now_true_ns + delay_ns, lambda d=data: self._to_leader(d, node))  # type: ignore[misc]
+                self._at(self.now_true_ns + delay_ns, partial(self._to_leader, data, node))
         while (command := client.next_command()) is not None:
             match command:
                 case InjectFrame(exposure_ns):
@@ -208,7 +209,7 @@ class VirtualRig:
         for data, (name, _) in self.leader.datagrams_to_send(self.now_true_ns):
             node = self.nodes[name]
             for delay_ns in node.spec.link.deliveries(node.spec.link.to_client, self._rng):
-                self._at(self.now_true_ns + delay_ns, lambda d=data, n=node: self._to_client(d, n))  # type: ignore[misc]
+                self._at(self.now_true_ns + delay_ns, partial(self._to_client, data, node))
         while (event := self.leader.next_event()) is not None:
             self.leader_events.append(event)
         due_ns = self.leader.next_timer()

@@ -42,12 +42,14 @@ from capture_app.sync.messages import (
 from capture_app.sync.phase import FrameStamp, PhaseEstimate
 from capture_app.sync.ring_buffer import RingBuffer
 from capture_app.sync.state import NodeState
-from capture_app.sync.timebase import Goal, TimeMap
-from capture_app.sync.trigger import MAX_FRAMES, pick_frames
+from capture_app.sync.timebase import MAX_PERIOD_NS, MIN_PERIOD_NS, Goal, TimeMap
+from capture_app.sync.trigger import pick_frames, possible
 
 F = TypeVar("F")
 
 _MS = 1_000_000
+_AT_ONCE_NS = -(2**62)
+"""Before any time of any clock: a local clock may well be negative."""
 HELLO_EVERY_NS = 500 * _MS
 HEARTBEAT_EVERY_NS = 500 * _MS
 LEADER_SILENT_NS = 2500 * _MS
@@ -112,11 +114,11 @@ class Client(Generic[F]):
         self._leader_of_clock: int | None = None
         self._why_joining = ""
         self._time_map: TimeMap | None = None
-        self._map_due_ns = 0
+        self._map_due_ns = _AT_ONCE_NS
         self._sequence = rng.getrandbits(32)
-        self._hello_due_ns = 0
-        self._heartbeat_due_ns = 0
-        self._request_due_ns = 0
+        self._hello_due_ns = _AT_ONCE_NS
+        self._heartbeat_due_ns = _AT_ONCE_NS
+        self._request_due_ns = _AT_ONCE_NS
         self._reported_problem = ""
         self._triggers: dict[int, Trigger] = {}
         self._done_bursts: deque[int] = deque(maxlen=64)
@@ -158,15 +160,15 @@ class Client(Generic[F]):
         return Report(
             state=self.state,
             message=message[:200],
-            offset_ns=time_map and time_map.leader_from_local(now_ns) - now_ns,
-            skew_ppm=time_map and time_map.skew * 1e6,
-            uncertainty_ns=time_map and round(time_map.uncertainty_at(now_ns)),
-            hard_bound_ns=time_map and round(time_map.hard_bound_at(now_ns)),
-            round_trip_ns=time_map and time_map.round_trip_ns,
+            offset_ns=None if time_map is None else time_map.leader_from_local(now_ns) - now_ns,
+            skew_ppm=None if time_map is None else time_map.skew * 1e6,
+            uncertainty_ns=None if time_map is None else round(time_map.uncertainty_at(now_ns)),
+            hard_bound_ns=None if time_map is None else round(time_map.hard_bound_at(now_ns)),
+            round_trip_ns=None if time_map is None else time_map.round_trip_ns,
             samples=self.clock.samples,
-            phase_error_ns=phase and phase.error_ns,
-            period_ns=phase and phase.period_ns,
-            drift_ppm=phase and phase.drift_ppm,
+            phase_error_ns=None if phase is None else phase.error_ns,
+            period_ns=None if phase is None else phase.period_ns,
+            drift_ppm=None if phase is None else phase.drift_ppm,
             corrections=self.aligner.corrections,
             frames=self.aligner.frames,
             drops=self.aligner.drops,
@@ -193,6 +195,9 @@ class Client(Generic[F]):
                     self._events.append(JoinRefused(message.reason))
             case HeartbeatAck() if member is not None and message.client == member.client:
                 member.heard_ns = now_ns
+                grid = Goal(message.anchor_leader_ns, message.period_ns)
+                if (message.leader, grid) != (member.leader, member.goal):
+                    self._leave("the leader has another grid of instants", now_ns)
             case Unknown() if member is not None and message.client == member.client:
                 self._leave("the leader was restarted", now_ns)
             case Trigger() if member is not None and message.client == member.client:
@@ -217,7 +222,7 @@ class Client(Generic[F]):
     def fail(self, reason: str) -> None:
         """The camera failed; an empty reason means that it works again."""
         if bool(reason) != bool(self.failure):
-            self._heartbeat_due_ns = 0
+            self._heartbeat_due_ns = _AT_ONCE_NS
         self.failure = reason
 
     def leave(self) -> None:
@@ -285,7 +290,7 @@ class Client(Generic[F]):
     # The parts
 
     def _join(self, welcome: Welcome, now_ns: int) -> None:
-        if welcome.period_ns <= 0:
+        if not MIN_PERIOD_NS <= welcome.period_ns <= MAX_PERIOD_NS:
             self.malformed += 1
             return
         if welcome.leader != self._leader_of_clock:
@@ -357,7 +362,7 @@ class Client(Generic[F]):
             refusal = self.failure
         elif not member.synced:
             refusal = "its clock is not synchronized yet"
-        elif not 0 < trigger.count <= MAX_FRAMES or trigger.step_ns <= 0:
+        elif not possible(trigger.count, trigger.step_ns):
             refusal = f"a burst of {trigger.count} frames every {trigger.step_ns} ns is not possible"
         elif trigger.burst not in self._done_bursts:
             self._triggers[trigger.burst] = trigger

@@ -33,8 +33,8 @@ from capture_app.sync.messages import (
     encode,
 )
 from capture_app.sync.state import NodeState
-from capture_app.sync.timebase import Goal
-from capture_app.sync.trigger import MAX_FRAMES, Burst, burst_instants
+from capture_app.sync.timebase import MAX_PERIOD_NS, MIN_PERIOD_NS, Goal
+from capture_app.sync.trigger import MAX_BURST_NS, MAX_FRAMES, Burst, burst_instants, possible
 
 Address = tuple[str, int]
 
@@ -133,7 +133,9 @@ class Leader:
                 self._times.append((message, now_ns, address))
             case Heartbeat():
                 member.report = message.report
-                self._outbox.append((HeartbeatAck(member.number), address))
+                assert self.goal is not None, "the first hello sets the goal"
+                grid = self.goal.anchor_leader_ns, self.goal.period_ns
+                self._outbox.append((HeartbeatAck(member.number, self.config.instance, *grid), address))
             case TriggerAck():
                 self._take_ack(member, message)
             case Goodbye():
@@ -194,20 +196,20 @@ class Leader:
         half a second from now. Raises BadInputError for an impossible burst, IncompleteError where no
         client is there to take it.
         """
-        if not 0 < frames <= MAX_FRAMES or spacing < 1:
-            raise BadInputError(
-                f"a burst of {frames} frames, every {spacing} periods, is not possible",
-                hint=f"1 to {MAX_FRAMES} frames, spacing 1 or more",
-            )
         present = [member for _, member in sorted(self._members.items()) if not member.lost]
         if not present or self.goal is None:
             raise IncompleteError(
                 "no camera has joined", hint="start nodes with `capture-app node --leader HOST:PORT`"
             )
+        step_ns = spacing * self.goal.period_ns
+        if not possible(frames, step_ns):
+            raise BadInputError(
+                f"a burst of {frames} frames, every {spacing} periods, is not possible",
+                hint=f"1 to {MAX_FRAMES} frames, spacing 1 or more, {MAX_BURST_NS // 10**9} s at most",
+            )
         requested_ns = now_ns + TRIGGER_LEAD_NS if at_leader_ns is None else at_leader_ns
         instants_ns = burst_instants(self.goal, requested_ns, frames, spacing)
         self._bursts += 1
-        step_ns = spacing * self.goal.period_ns
         for member in present:
             trigger = Trigger(member.number, self._bursts, instants_ns[0], step_ns, frames)
             self._orders.append(_Order(member, trigger, now_ns + TRIGGER_GIVE_UP_NS))
@@ -225,8 +227,9 @@ class Leader:
         if known is None and len(self._members) >= MAX_CLIENTS:
             self._outbox.append((Refused(hello.instance, "the rig is full"), address))
             return
-        if hello.camera.period_ns <= 0:
-            self._outbox.append((Refused(hello.instance, "its frame period is not positive"), address))
+        if not MIN_PERIOD_NS <= hello.camera.period_ns <= MAX_PERIOD_NS:
+            reason = f"a frame period of {hello.camera.period_ns} ns is not possible"
+            self._outbox.append((Refused(hello.instance, reason), address))
             return
         if self.goal is None:
             self.goal = Goal(now_ns, self.config.period_ns or hello.camera.period_ns)

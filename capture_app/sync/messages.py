@@ -123,9 +123,12 @@ class Heartbeat(Struct, frozen=True, tag="heartbeat"):
 
 
 class HeartbeatAck(Struct, frozen=True, tag="alive"):
-    """The leader is alive and knows the client."""
+    """The leader is alive and knows the client; which leader, and its grid, so that no mistake lasts."""
 
     client: int
+    leader: int
+    anchor_leader_ns: int
+    period_ns: int
 
 
 class Unknown(Struct, frozen=True, tag="unknown"):

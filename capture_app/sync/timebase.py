@@ -2,6 +2,10 @@
 
 from dataclasses import dataclass
 
+MIN_PERIOD_NS = 100_000
+MAX_PERIOD_NS = 60_000_000_000
+"""Frame periods that a rig can have: 10,000 fps to one a minute."""
+
 
 @dataclass(frozen=True, slots=True)
 class TimeMap:

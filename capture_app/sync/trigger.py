@@ -10,6 +10,8 @@ F = TypeVar("F")
 
 MAX_FRAMES = 1000
 """The longest burst a leader asks for; a client's ring buffer sets its own limit on the past."""
+MAX_BURST_NS = 600_000_000_000
+"""The longest time from a burst's first instant to its last."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +44,11 @@ class Gap:
 
     instant: int
     reason: str
+
+
+def possible(frames: int, step_ns: int) -> bool:
+    """Whether a burst of that many frames, that far apart in ns, is one that anybody would order."""
+    return 0 < frames <= MAX_FRAMES and step_ns > 0 and (frames - 1) * step_ns <= MAX_BURST_NS
 
 
 def burst_instants(goal: Goal, at_leader_ns: int, frames: int, spacing: int) -> tuple[int, ...]:

@@ -1,5 +1,7 @@
 """The wire format: round trips, limits, and what comes from strangers."""
 
+from contextlib import suppress
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -47,7 +49,7 @@ control: st.SearchStrategy[Control] = st.one_of(
     st.builds(Welcome, u32, u32, u32, u32, i64, i64),
     st.builds(Refused, u32, text),
     st.builds(Heartbeat, u32, reports),
-    st.builds(HeartbeatAck, u32),
+    st.builds(HeartbeatAck, u32, u32, i64, i64),
     st.builds(Trigger, u32, u32, i64, i64, u32),
     st.builds(TriggerAck, u32, u32, text),
 )
@@ -81,10 +83,8 @@ def test_noise_is_refused(data: bytes) -> None:
 
 @given(st.binary(max_size=200), st.sampled_from([1, 2, 3, 4]))
 def test_noise_behind_a_good_header_never_raises_anything_else(data: bytes, kind: int) -> None:
-    try:
+    with suppress(WireError):
         decode(messages.MAGIC + bytes([messages.VERSION, kind]) + data)
-    except WireError:
-        pass
 
 
 def test_another_version_is_named() -> None:

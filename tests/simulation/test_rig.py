@@ -1,0 +1,226 @@
+"""The whole engine in virtual time: clocks hours apart, phases anywhere, links that lose and reorder."""
+
+import random
+from dataclasses import replace
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from capture_app.errors import BadInputError, IncompleteError
+from capture_app.simulation.clock import SimulatedClock
+from capture_app.simulation.link import PAPER_LINK, DelayLaw, Link
+from capture_app.simulation.profiles import PROFILES
+from capture_app.simulation.rig import NodeSpec, VirtualRig
+from capture_app.sync.events import BurstRefused, LeaderLost, NodeLost, NodeReturned
+from capture_app.sync.messages import (
+    Goodbye,
+    HeartbeatAck,
+    Hello,
+    Refused,
+    TimeReply,
+    Trigger,
+    Unknown,
+    Welcome,
+    encode,
+)
+from capture_app.sync.state import NodeState
+
+S = 1_000_000_000
+LAN = Link(DelayLaw(60_000, 90_000), DelayLaw(60_000, 90_000))
+
+
+def specs(
+    count: int, *profiles: str, seed: int = 1, link: Link = LAN, drop_share: float = 0.0
+) -> list[NodeSpec]:
+    rng = random.Random(seed)
+    return [
+        NodeSpec(
+            f"cam{n:02d}",
+            replace(PROFILES[profiles[n % len(profiles)]], drop_share=drop_share),
+            SimulatedClock(rng.randrange(-9 * 3600 * S, 9 * 3600 * S), rng.uniform(-50, 50)),
+            link,
+        )
+        for n in range(count)
+    ]
+
+
+def errors_ns(rig: VirtualRig, number: int, instants_ns: tuple[int, ...]) -> list[int]:
+    """True start of each picked frame minus its instant; the leader's clock is the true time."""
+    return [
+        pick.frame.start_true_ns - instants_ns[pick.instant]
+        for node in rig.nodes.values()
+        for pick in node.bursts[number].picks
+    ]
+
+
+def test_five_phones_take_pictures_of_the_same_instant() -> None:
+    rig = VirtualRig(specs(5, "phone-a", "phone-b"), seed=3)
+    assert rig.run_until(rig.all_ready, limit_ns=30 * S)
+    burst = rig.trigger(frames=5)
+    rig.run_for(3 * S)
+    errors = errors_ns(rig, burst.number, burst.instants_ns)
+    assert len(errors) == 25
+    assert max(map(abs, errors)) < 150_000
+
+
+def test_the_hard_bound_holds_for_every_frame_on_the_papers_link() -> None:
+    rig = VirtualRig(specs(4, "phone-a", link=PAPER_LINK, seed=5), seed=6)
+    assert rig.run_until(rig.all_ready, limit_ns=30 * S)
+    burst = rig.trigger(frames=10)
+    rig.run_for(3 * S)
+    for node in rig.nodes.values():
+        for pick in node.bursts[burst.number].picks:
+            error_ns = pick.leader_ns - pick.frame.timestamp_true_ns
+            assert abs(error_ns) <= pick.hard_bound_ns
+            assert pick.uncertainty_ns <= pick.hard_bound_ns
+
+
+def test_webcams_align_by_restarts() -> None:
+    camera_specs = [replace(spec, tolerance_ns=2_000_000) for spec in specs(2, "webcam", seed=2)]
+    rig = VirtualRig(camera_specs, seed=4)
+    assert rig.run_until(rig.all_ready, limit_ns=120 * S)
+    burst = rig.trigger(frames=3)
+    rig.run_for(3 * S)
+    errors = errors_ns(rig, burst.number, burst.instants_ns)
+    assert len(errors) == 6
+    assert max(map(abs, errors)) < 2_500_000
+
+
+def test_a_trigger_may_lie_in_the_past() -> None:
+    rig = VirtualRig(specs(2, "perfect"), seed=1)
+    assert rig.run_until(rig.all_ready, limit_ns=30 * S)
+    rig.run_for(2 * S)
+    before = rig.now_true_ns
+    burst = rig.trigger(frames=5, at_leader_ns=before - S)
+    assert all(instant < before for instant in burst.instants_ns)
+    rig.run_for(S // 2)
+    errors = errors_ns(rig, burst.number, burst.instants_ns)
+    assert len(errors) == 10
+    assert max(map(abs, errors)) < 200_000
+
+
+def test_a_node_that_dies_is_lost_within_3_s_and_comes_back_by_itself() -> None:
+    rig = VirtualRig(specs(2, "perfect"), seed=1)
+    assert rig.run_until(rig.all_ready, limit_ns=30 * S)
+    rig.kill("cam01")
+    assert rig.run_until(lambda: any(isinstance(e, NodeLost) for e in rig.leader_events), limit_ns=3 * S)
+    rig.start(rig.nodes["cam01"].spec)
+    assert rig.run_until(rig.all_ready, limit_ns=30 * S)
+    assert any(isinstance(event, NodeReturned) for event in rig.leader_events)
+
+
+def test_a_restarted_node_waits_until_its_old_self_is_given_up() -> None:
+    rig = VirtualRig(specs(1, "perfect"), seed=1)
+    assert rig.run_until(rig.all_ready, limit_ns=30 * S)
+    rig.kill("cam00")
+    again = rig.start(rig.nodes["cam00"].spec)
+    rig.run_for(S)
+    assert "another camera named cam00 is here" in again.client.report(0).message
+    assert rig.run_until(rig.all_ready, limit_ns=30 * S)
+
+
+def test_clients_find_a_restarted_leader_and_serve_its_first_burst() -> None:
+    rig = VirtualRig(specs(2, "perfect"), seed=1)
+    assert rig.run_until(rig.all_ready, limit_ns=30 * S)
+    rig.trigger(frames=2)
+    rig.run_for(2 * S)
+    rig.restart_leader()
+    assert rig.run_until(rig.all_ready, limit_ns=30 * S)
+    assert any(isinstance(e, LeaderLost) for e in rig.nodes["cam00"].events)
+    for node in rig.nodes.values():
+        node.bursts.clear()
+    burst = rig.trigger(frames=2)
+    rig.run_for(2 * S)
+    assert len(errors_ns(rig, burst.number, burst.instants_ns)) == 4
+
+
+def test_a_burst_that_nobody_can_take_is_refused() -> None:
+    rig = VirtualRig([], seed=1)
+    with pytest.raises(IncompleteError, match="no camera has joined"):
+        rig.trigger(frames=5)
+    rig.start(specs(1, "perfect")[0])
+    rig.run_for(S // 4)
+    with pytest.raises(BadInputError, match="0 frames"):
+        rig.trigger(frames=0)
+    burst = rig.trigger(frames=1)
+    rig.run_for(S // 4)
+    refusals = [event for event in rig.leader_events if isinstance(event, BurstRefused)]
+    assert refusals == [BurstRefused("cam00", burst.number, "its clock is not synchronized yet")]
+
+
+def test_dropped_frames_leave_gaps_that_say_so() -> None:
+    rig = VirtualRig(specs(3, "phone-a", drop_share=0.1), seed=8)
+    assert rig.run_until(rig.all_ready, limit_ns=60 * S)
+    burst = rig.trigger(frames=30)
+    rig.run_for(5 * S)
+    for node in rig.nodes.values():
+        ready = node.bursts[burst.number]
+        assert sorted([p.instant for p in ready.picks] + [g.instant for g in ready.gaps]) == list(range(30))
+        assert all(gap.reason == "the camera dropped the frame" for gap in ready.gaps)
+        assert len({pick.frame.sequence for pick in ready.picks}) == len(ready.picks)
+    assert max(map(abs, errors_ns(rig, burst.number, burst.instants_ns))) < 500_000
+    assert sum(len(node.bursts[burst.number].gaps) for node in rig.nodes.values()) > 0
+
+
+def test_the_same_seed_gives_the_same_run() -> None:
+    def run() -> list[tuple[str, object]]:
+        rig = VirtualRig(specs(2, "phone-a", "webcam", link=PAPER_LINK), seed=11)
+        rig.run_for(8 * S)
+        return [(name, node.client.report(0)) for name, node in rig.nodes.items()]
+
+    assert run() == run()
+
+
+u32 = st.integers(0, 2**32 - 1)
+times = st.integers(-(2**63), 2**63 - 1)
+numbers = st.sampled_from(["client", "instance", "other"])
+
+
+@settings(max_examples=15, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    link=st.builds(
+        Link,
+        st.just(DelayLaw(50_000, 400_000, outlier_share=0.05)),
+        st.just(DelayLaw(50_000, 400_000, outlier_share=0.05)),
+        loss=st.floats(0, 0.3),
+        duplication=st.floats(0, 0.3),
+    ),
+    forged=st.lists(
+        st.one_of(
+            st.builds(lambda t0, t1, t2: ("time", t0, t1, t2), times, times, times),
+            st.builds(lambda a, p: ("welcome", a, p), times, times),
+            st.builds(lambda f, s, c: ("trigger", f, s, c), times, times, u32),
+            st.builds(lambda a, p: ("alive", a, p), times, times),
+            st.sampled_from([("unknown",), ("refused",), ("goodbye",), ("noise",)]),
+        ),
+        max_size=12,
+    ),
+    seed=u32,
+)
+def test_nothing_on_the_network_keeps_a_rig_from_getting_ready(
+    link: Link, forged: list[tuple[object, ...]], seed: int
+) -> None:
+    rig = VirtualRig(specs(1, "perfect", link=link), seed=seed)
+    rig.run_for(S)
+    node = rig.nodes["cam00"]
+    client = next((c._member.client for c in [node.client] if c._member is not None), 0)
+    instance = node.client.config.instance
+    for kind, *fields in forged:
+        message: object = {
+            "time": lambda f=fields: TimeReply(client, 5, *f),
+            "welcome": lambda f=fields: Welcome(instance, 7, client, 1, *f),
+            "trigger": lambda f=fields: Trigger(client, 9, *f),
+            "unknown": lambda: Unknown(client),
+            "alive": lambda f=fields: HeartbeatAck(client, 7, *f),
+            "refused": lambda: Refused(instance, "no"),
+            "goodbye": lambda: Goodbye(client),
+            "noise": lambda: Hello("stranger", 1, node.client.config.camera),
+        }[str(kind)]()
+        data = encode(message)  # type: ignore[arg-type]
+        rig._to_client(data, node)
+        rig.leader.receive_datagram(data, ("cam00", 0), rig.now_true_ns)
+        rig.run_for(S // 10)
+    rig.run_for(5 * S)
+    ready = lambda: rig.nodes["cam00"].client.state is NodeState.READY  # noqa: E731
+    assert rig.run_until(ready, limit_ns=60 * S)

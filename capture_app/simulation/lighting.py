@@ -9,7 +9,7 @@ from capture_app.simulation.meshes import Floats
 
 _TO_SUN = np.array([-0.60, -0.44, -0.66])
 TO_SUN: Floats = (_TO_SUN / np.linalg.norm(_TO_SUN)).astype(np.float32)
-SUN = np.float32([0.62, 0.84, 1.0]) * 3.0
+SUN = np.float32([0.62, 0.84, 1.0]) * 2.7
 SUN_SPREAD = 0.012
 """Half width of the sun with its haze, in radians: how soft shadows become with distance."""
 
@@ -20,6 +20,7 @@ TO_WINDOW: Floats = _TO_WINDOW / np.linalg.norm(_TO_WINDOW)
 _ACROSS = np.cross(TO_SUN, [0.0, 1.0, 0.0]).astype(np.float32)
 ACROSS: Floats = _ACROSS / np.linalg.norm(_ACROSS)
 ALONG: Floats = np.cross(TO_SUN, ACROSS).astype(np.float32)
+SUN_PLANE: Floats = np.stack([ACROSS, ALONG])
 
 WINDOW = (-3.40, -0.70, -0.40, 2.20)
 """The lit part of the sun's rays, in m along ACROSS (from, to) and ALONG (from, to)."""
@@ -44,7 +45,7 @@ def sky(directions: Floats) -> Floats:
 
 def through_window(points: Floats) -> Floats:
     """Share (N) of the sun's disc that the window lets through to points (N, 3) in m."""
-    a, b = points @ ACROSS, points @ ALONG
+    a, b = SUN_PLANE @ points.T
     left, right, top, bottom = WINDOW
     lit = _inside(a, left, right) * _inside(b, top, bottom)
     for values, start, end, panes in ((a, left, right, BARS[0]), (b, top, bottom, BARS[1])):

@@ -22,9 +22,9 @@ SWAY_M = 0.13
 TURN_S = 3.9
 WHEEL_TURNS_PER_S = 1.2
 
-FIGURE_AT = (-0.40, 2.42)
+FIGURE_AT = (-0.30, 2.44)
 """x and z in m of the middle of the sway."""
-WHEEL_HUB = (0.40, 0.14, 2.26)
+WHEEL_HUB = (0.40, 0.14, 2.24)
 FLOOR_Y = 1.0
 
 THIGH_M = SHIN_M = 0.26

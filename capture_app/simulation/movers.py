@@ -8,7 +8,7 @@ from capture_app.simulation import motion, prints, textures
 from capture_app.simulation.meshes import Mesh, about_x, about_z, box, ellipsoid, lathe, rod, sheet
 from capture_app.simulation.textures import Colour, Picture
 
-SKIN: Colour = (232, 186, 154)
+SKIN: Colour = (224, 168, 132)
 HAIR: Colour = (106, 66, 40)
 
 
@@ -145,7 +145,7 @@ def _hair(radii: np.ndarray) -> Mesh:
 
 def _wheel() -> list[Mesh]:
     meshes = []
-    inner, outer = 0.02, 0.31
+    inner, outer = 0.02, 0.285
     for number in range(6):
         u, v = np.meshgrid(np.linspace(0, 1, 9), np.linspace(0, 1, 9))
         radius = inner + (outer - inner) * v

@@ -25,11 +25,8 @@ class MovingPart:
     rotation: Floats
     translation: Floats
     rectangle: Rectangle
-
-    @property
-    def centres(self) -> Floats:
-        """World positions (H, 3) of the sphere that holds the body, by row, in m."""
-        return self.rotation @ self.body.centre + self.translation
+    shadow: tuple[float, float, float]
+    """Middle across and along the sun's rays and radius of what it shades, in m, at any row."""
 
     def into(self, points: Floats, rows: NDArray[np.intp]) -> Floats:
         """World points (N, 3) seen at the rows (N), in the part's frame."""
@@ -38,25 +35,26 @@ class MovingPart:
 
 def moving_parts(view: View, bodies: Mapping[str, Body], poses: Mapping[str, Poses]) -> dict[str, MovingPart]:
     """Parts with poses for each row of the view, by name; those outside the picture have no rectangle."""
-    parts = {}
-    for name, pose in poses.items():
-        body = bodies[name]
-        part = MovingPart(
-            body, pose.rotation.astype(np.float32), pose.translation.astype(np.float32), (slice(0, 0), slice(0, 0))
-        )
-        image = view.project(part.centres)
-        reach = body.radius * view.focal_px / np.maximum(image[:, 2] - body.radius, 0.1) + 2
-        # A row sees the part at that row's time only.
-        rows = np.flatnonzero(np.abs(np.arange(view.height) - image[:, 1]) < reach)
-        if len(rows):
-            left = max(int(np.min(image[rows, 0] - reach[rows])), 0)
-            right = min(int(np.max(image[rows, 0] + reach[rows])) + 1, view.width)
-            if left < right:
-                part = MovingPart(
-                    body, part.rotation, part.translation, (slice(rows[0], rows[-1] + 1), slice(left, right))
-                )
-        parts[name] = part
-    return parts
+    return {name: _place(view, bodies[name], pose) for name, pose in poses.items()}
+
+
+def _place(view: View, body: Body, pose: Poses) -> MovingPart:
+    rotation, translation = pose.rotation.astype(np.float32), pose.translation.astype(np.float32)
+    centres = rotation @ body.centre + translation
+    image = view.project(centres)
+    reach = body.radius * view.focal_px / np.maximum(image[:, 2] - body.radius, 0.1) + 2
+    # A row sees the part at that row's time only.
+    rows = np.flatnonzero(np.abs(np.arange(view.height) - image[:, 1]) < reach)
+    rectangle = (slice(0), slice(0))
+    if len(rows):
+        left = max(int(np.min(image[rows, 0] - reach[rows])), 0)
+        right = min(int(np.max(image[rows, 0] + reach[rows])) + 1, view.width)
+        rectangle = (slice(rows[0], rows[-1] + 1), slice(left, max(left, right)))
+    plane = centres @ lighting.SUN_PLANE.T
+    middle = (plane.min(0) + plane.max(0)) / 2
+    # The sun's spread moves a ray by less than 5 cm on its way through the room.
+    radius = body.radius + 0.05 + float(np.ptp(plane, axis=0).max())
+    return MovingPart(body, rotation, translation, rectangle, (float(middle[0]), float(middle[1]), radius))
 
 
 @dataclass(frozen=True)
@@ -150,13 +148,10 @@ def shadowed(
 ) -> NDArray[np.bool_]:
     """Whether a part is between each world point (N, 3) and the sun, at the times of the rows (N)."""
     hidden = np.zeros(len(points), np.bool_)
-    across, along = points @ lighting.ACROSS, points @ lighting.ALONG
+    across, along = lighting.SUN_PLANE @ points.T
     for part in parts:
-        # The sun's spread moves a ray by less than 5 cm on its way through the room.
-        reach = (part.body.radius + 0.05) ** 2
-        aside = (part.centres @ lighting.ACROSS)[rows] - across
-        beyond = (part.centres @ lighting.ALONG)[rows] - along
-        chosen = np.flatnonzero(aside**2 + beyond**2 < reach)
+        middle_across, middle_along, reach = part.shadow
+        chosen = np.flatnonzero((across - middle_across) ** 2 + (along - middle_along) ** 2 < reach**2)
         if len(chosen):
             rays = np.empty((len(chosen), 6), np.float32)
             rays[:, :3] = part.into(points[chosen], rows[chosen])

@@ -48,6 +48,7 @@ class Scene:
         self._thing_of = {name: self.things.index(part.thing) for name, part in parts.items()}
         self._sky = OpenSky()
         self._still: dict[str, list[StillLayer]] = {}
+        self._still_light: dict[str, Floats] = {}
         self._still_depth: dict[str, tuple[Floats, NDArray[np.uint8]]] = {}
         self._lock = threading.Lock()
 
@@ -61,9 +62,8 @@ class Scene:
         """
         camera = self._view(view)
         layers = self._layers(camera)
-        light = sum((layer.from_sky + layer.from_sun for layer in layers), np.zeros_like(layers[0].from_sky))
         repeats = int(np.clip(-(-exposure_ns // _BLUR_STEP_NS), 1, 4))
-        light *= repeats
+        light = self._still_light[view] * repeats
         flat = light.reshape(-1, 3)
         for number, (layer, offset_ns) in enumerate(_samples(layers, repeats, exposure_ns)):
             parts = self._parts(camera, start_ns + offset_ns, row_time_ns)
@@ -117,7 +117,9 @@ class Scene:
     def _layers(self, view: View) -> list[StillLayer]:
         with self._lock:
             if view.name not in self._still:
-                self._still[view.name] = still.still_layers(view, self._room)
+                layers = still.still_layers(view, self._room)
+                self._still_light[view.name] = np.sum([x.from_sky + x.from_sun for x in layers], axis=0)
+                self._still[view.name] = layers
             return self._still[view.name]
 
     def _parts(self, view: View, first_row_ns: int, row_time_ns: int) -> dict[str, MovingPart]:

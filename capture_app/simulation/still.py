@@ -13,7 +13,7 @@ from capture_app.simulation.view import View
 SUBPIXELS = ((-0.25, -0.25), (0.25, 0.25), (0.25, -0.25), (-0.25, 0.25))
 """Where in a pixel its four samples lie: right and down of the centre, in px."""
 
-_SKY_RAYS = 28
+_SKY_RAYS = 16
 _SKY_REACH_M = 1.7
 """Things farther off cast no shade on each other: the room is open to the light."""
 _BOUNCE = np.float32([0.085, 0.105, 0.125])
@@ -87,8 +87,8 @@ def _sky_light(room: Body, points: Floats, normals: Floats, number: int) -> Floa
         rays[:, :3] = points[lit]
         rays[:, 3:] = direction
         hidden = room.blocks(rays, near=0.0, far=_SKY_REACH_M)
-        radiance = np.where(hidden[:, None], _BOUNCE, lighting.sky(direction[None]))
-        light[lit] += facing[lit, None] * radiance
+        radiance = np.stack([lighting.sky(direction[None])[0], _BOUNCE])
+        light[lit] += facing[lit, None] * radiance[hidden.astype(np.intp)]
         weights[lit] += facing[lit]
     return light / np.maximum(weights, 1e-3)[:, None]
 

@@ -28,9 +28,9 @@ FRONT = 0.6
 CAMERAS: dict[str, tuple[tuple[float, float, float], tuple[float, float, float]]] = {
     "cam00": ((-0.08, 0.0, 0.0), (-0.015, 0.13, 2.9)),
     "cam01": ((0.08, 0.0, 0.0), (0.015, 0.13, 2.9)),
-    # The wide pair: nearly one place, turned 14 degrees to either side.
-    "cam02": ((-0.03, -0.10, 0.0), (-0.03 - 2.9 * 0.2493, 0.07, 2.9)),
-    "cam03": ((0.03, -0.10, 0.0), (0.03 + 2.9 * 0.2493, 0.07, 2.9)),
+    # The wide pair: nearly one place, turned 13 degrees to either side.
+    "cam02": ((-0.03, -0.10, 0.0), (-0.03 - 2.9 * 0.2309, 0.07, 2.9)),
+    "cam03": ((0.03, -0.10, 0.0), (0.03 + 2.9 * 0.2309, 0.07, 2.9)),
     "cam04": ((0.26, -0.04, 0.02), (0.02, 0.13, 2.8)),
     "cam05": ((-0.26, -0.05, 0.02), (-0.02, 0.13, 2.8)),
     "cam06": ((0.0, -0.30, 0.02), (0.0, 0.14, 2.8)),
@@ -51,7 +51,7 @@ def pictures(rng: np.random.Generator) -> dict[str, Picture]:
     boards = textures.planks(rng, (200, 260), (196, 152, 100), width=40, length=300)
     found = {
         "floor": textures.planks(rng, (1500, 1900), (178, 126, 80), width=48, length=520),
-        "brick": textures.bricks(rng, (1060, 1500), brick=(25, 70)),
+        "brick": textures.bricks(rng, (800, 1150), brick=(19, 54)),
         "paper": textures.wallpaper(rng, (900, 1000), (84, 112, 100)),
         "plaster": textures.plain(rng, (600, 700), (222, 208, 184), rough=0.07),
         "skirting": textures.wood(rng, (48, 1200), (232, 224, 208), contrast=0.5),

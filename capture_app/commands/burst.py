@@ -55,9 +55,9 @@ def burst(
 
 
 async def _take(leader: Address, request: "BurstRequest") -> "BurstStatus":
-    from capture_app.commands.leader import burst_in_words
     from capture_app.errors import NetworkError
     from capture_app.node.control import ask_burst
+    from capture_app.node.wording import burst_in_words
 
     last, said = None, ""
     async for last in ask_burst(leader, request):

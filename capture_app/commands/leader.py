@@ -10,7 +10,6 @@ from capture_app.net.address import DEFAULT_PORT
 
 if TYPE_CHECKING:
     from capture_app.node.leader import LeaderNode, News
-    from capture_app.node.status import BurstStatus
 
 
 @click.command()
@@ -61,6 +60,7 @@ async def _lead(
     import asyncio
 
     from capture_app.node.leader import LeaderNode
+    from capture_app.node.wording import in_words
 
     def on_news(news: "News") -> None:
         line = in_words(news)
@@ -95,36 +95,6 @@ async def _run_camera(node: "LeaderNode", name: str, spec: str) -> None:
         talk=lambda line: talk(f"{name}: {line}"),
     )
     await camera.run()
-
-
-def in_words(news: "News") -> str:
-    """A line about what happened, for a person; empty where it is nothing to tell."""
-    from capture_app.node.status import BurstStatus
-    from capture_app.sync.events import BurstRefused, NodeJoined, NodeLost, NodeReturned
-
-    match news:
-        case NodeJoined():
-            return f"{news.name} joined"
-        case NodeReturned():
-            return f"{news.name} is back"
-        case NodeLost():
-            return f"{news.name} is lost: {news.reason}"
-        case BurstRefused():
-            return f"burst {news.burst}: {news.name} takes no part: {news.reason}"
-        case BurstStatus():
-            return burst_in_words(news)
-    return ""
-
-
-def burst_in_words(burst: "BurstStatus") -> str:
-    """A line about how far a burst is."""
-    if not burst.burst:
-        return burst.message
-    so_far = f"burst {burst.burst}: {burst.received} of {burst.expected} images"
-    if not burst.done:
-        return so_far
-    where = f", saved as {burst.session}" if burst.session else ", no session"
-    return so_far + where + (f"; {burst.message}" if burst.message else "")
 
 
 def _as_line(news: "News") -> dict[str, object]:

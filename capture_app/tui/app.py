@@ -1,5 +1,6 @@
 """The terminal UI: one screen that shows the rig and takes bursts."""
 
+import asyncio
 from pathlib import Path
 from typing import ClassVar
 
@@ -21,6 +22,7 @@ from capture_app.tui.widgets.sessions import SessionsTable, describe
 REFRESH_S = 0.25
 BURST_FRAMES = 5
 SIMULATED_CAMERAS = 5
+TAKING = "taking a burst"
 
 
 class RigApp(App[None]):
@@ -82,6 +84,10 @@ class RigApp(App[None]):
         if not status.nodes:
             empty.update(_how_to_join(status))
         table.show(status.nodes, wide=self.size.width >= 110)
+        burst = status.burst
+        if self._busy == TAKING and burst is not None and not burst.done:
+            text = f"saving {burst.name}: {burst.received} of {burst.expected} images"
+            self._say(text, progress=Progress(burst.received, burst.expected, text))
         for path in status.sessions:
             if path not in self._known_sessions:
                 self._known_sessions.add(path)
@@ -119,7 +125,7 @@ class RigApp(App[None]):
     @work
     async def action_burst(self) -> None:
         """Take a burst with all cameras."""
-        if not self._begin("taking a burst"):
+        if not self._begin(TAKING):
             return
         try:
             burst = await self._rig.burst(BURST_FRAMES)
@@ -201,3 +207,17 @@ def _how_to_join(status: RigStatus) -> Text:
     text.append("s", style="bold")
     text.append(f" for {SIMULATED_CAMERAS} simulated cameras on this machine.")
     return text
+
+
+def run_app(*, sessions: Path, host: str, port: int) -> None:
+    """Open the screen over a leader of its own until it is closed.
+
+    Raises NetworkError where the port is in use, before anything is drawn.
+    """
+    from capture_app.tui.live import LiveRig
+
+    async def opened() -> None:
+        async with LiveRig(sessions=sessions, host=host, port=port) as rig:
+            await RigApp(rig).run_async()
+
+    asyncio.run(opened())

@@ -1,0 +1,32 @@
+"""What happens at a leader, in a line each, for the terminal and the screen alike."""
+
+from capture_app.node.leader import News
+from capture_app.node.status import BurstStatus
+from capture_app.sync.events import BurstRefused, NodeJoined, NodeLost, NodeReturned
+
+
+def in_words(news: News) -> str:
+    """A line about what happened, for a person; empty where it is nothing to tell."""
+    match news:
+        case NodeJoined():
+            return f"{news.name} joined"
+        case NodeReturned():
+            return f"{news.name} is back"
+        case NodeLost():
+            return f"{news.name} is lost: {news.reason}"
+        case BurstRefused():
+            return f"burst {news.burst}: {news.name} takes no part: {news.reason}"
+        case BurstStatus():
+            return burst_in_words(news)
+    return ""
+
+
+def burst_in_words(burst: BurstStatus) -> str:
+    """A line about how far a burst is."""
+    if not burst.burst:
+        return burst.message
+    so_far = f"burst {burst.burst}: {burst.received} of {burst.expected} images"
+    if not burst.done:
+        return so_far
+    where = f", saved as {burst.session}" if burst.session else ", no session"
+    return so_far + where + (f"; {burst.message}" if burst.message else "")

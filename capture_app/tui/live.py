@@ -1,0 +1,86 @@
+"""The rig behind the screen: a leader in this process, simulated nodes and comparisons as children."""
+
+import asyncio
+import re
+from collections.abc import AsyncIterator, Callable
+from contextlib import AsyncExitStack
+from pathlib import Path
+
+from capture_app.demo import SimulatedNodes, compare, free_folder
+from capture_app.errors import BadInputError, IncompleteError
+from capture_app.node.leader import LeaderNode, News
+from capture_app.node.status import BurstStatus, RigStatus
+from capture_app.node.wording import in_words
+from capture_app.tui.source import Comparison, Progress
+
+_PROGRESS = re.compile(r"\[\s*(\d+)/(\d+)\]\s*(.*)")
+"""`[3/9] stereo cam00-cam01`: how `reconstruct` tells how far it is."""
+
+
+class LiveRig:
+    """Runs a leader; `async with` binds its port before the screen opens, and puts all away after."""
+
+    def __init__(self, *, sessions: Path, host: str, port: int) -> None:
+        self._leader = LeaderNode(sessions=sessions, host=host, port=port, on_news=self._take_news)
+        self._tell: Callable[[str], None] = lambda _: None
+        self._last_line = ""
+        self._simulated: SimulatedNodes | None = None
+        self._open = AsyncExitStack()
+
+    async def __aenter__(self) -> "LiveRig":
+        await self._open.enter_async_context(self._leader)
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self._open.aclose()
+
+    def status(self) -> RigStatus:
+        """Return the whole rig at this moment."""
+        return self._leader.status()
+
+    def on_news(self, tell: Callable[[str], None]) -> None:
+        """Set who is told, in a line each, what happens."""
+        self._tell = tell
+
+    async def burst(self, frames: int) -> BurstStatus:
+        """Take a burst and return when it is on disk. Raises SimulshotError."""
+        ordered = await self._leader.trigger(frames=frames)
+        saved = await self._leader.finished(ordered.burst)
+        if saved.session is None:
+            raise IncompleteError(saved.message or f"burst {saved.burst} gave no session")
+        return saved
+
+    async def add_simulated(self, cameras: int) -> None:
+        """Start simulated cameras on this machine, once. Raises BadInputError where they run already."""
+        if self._simulated is not None:
+            raise BadInputError("the simulated cameras are running already")
+        self._simulated = SimulatedNodes(self._leader.address, cameras)
+        await self._open.enter_async_context(self._simulated)
+
+    async def compare(self, session: Path) -> AsyncIterator[Progress | Comparison]:
+        """Run `reconstruct compare` as a child; yield its progress, and at last what it found."""
+        out = free_folder(session.parent, f"{session.name}-compare")
+        steps: asyncio.Queue[Progress | None] = asyncio.Queue()
+
+        def on_line(line: str) -> None:
+            found = _PROGRESS.match(line)
+            if found:
+                steps.put_nowait(Progress(int(found[1]), int(found[2]), found[3]))
+
+        child = asyncio.create_task(compare(session, out, on_line))
+        child.add_done_callback(lambda _: steps.put_nowait(None))
+        try:
+            while (step := await steps.get()) is not None:
+                yield step
+            metrics = await child
+        finally:
+            child.cancel()
+        yield Comparison(str(metrics["verdict"]), out / "report.html")
+
+    def _take_news(self, news: News) -> None:
+        if isinstance(news, BurstStatus) and not news.done:
+            return  # the burst's progress is in every snapshot; only its end is news
+        line = in_words(news)
+        if line and line != self._last_line:
+            self._last_line = line
+            self._tell(line)

@@ -35,16 +35,7 @@ def show_text(session: Session) -> str:
     ]
     if manifest.note:
         lines.append(manifest.note)
-    head = (
-        "CAMERA",
-        "SIZE",
-        "IMAGES",
-        "SURE TO WITHIN",
-        "NEVER WORSE THAN",
-        "OFF THE INSTANT",
-        "PHASE",
-        "DROPPED",
-    )
+    head = ("CAMERA", "SIZE", "IMAGES", "SURE TO", "AT WORST", "OFF INSTANT", "PHASE", "DROPPED")
     rows = [head, *(_camera(manifest, camera) for camera in manifest.cameras)]
     lines += ["", *_columns(rows)]
     if manifest.missing:
@@ -67,8 +58,8 @@ def _spread(session: Session) -> list[str]:
     sure = any(image.uncertainty_ns is not None for image in session.manifest.images)
     return [
         f"images of one instant are {_microseconds(round(median(spreads)))} apart at the median, "
-        f"{_microseconds(max(spreads))} at most"
-        + ("" if sure else ", by their times; how sure those are is not known")
+        f"{_microseconds(max(spreads))} at most",
+        *([] if sure else ["(by the times they came with; how sure those are is not known)"]),
     ]
 
 

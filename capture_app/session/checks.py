@@ -74,13 +74,15 @@ def read_struct(path: Path, kind: type[_T], newest: int | None = None) -> _T:
 
 
 def check_references(path: Path, manifest: Manifest) -> None:
-    """Check that images are of cameras and instants that the manifest at `path` has.
+    """Check the names, and that images are of cameras and instants that the manifest at `path` has.
 
     Raises BadInputError for the first that is not.
     """
     names = [camera.name for camera in manifest.cameras]
     if len(set(names)) != len(names):
         raise BadInputError(f"{path} lists a camera twice")
+    for name in (*names, manifest.name, manifest.rig):
+        check_name(name, "camera, a rig or a session")
     named = [(f"images[{i}]", image.camera, image.instant) for i, image in enumerate(manifest.images)]
     named += [(f"missing[{i}]", gone.camera, gone.instant) for i, gone in enumerate(manifest.missing)]
     for where, camera, instant in named:

@@ -195,6 +195,12 @@ def test_paths_out_of_the_session_are_refused(session: Session, tmp_path: Path, 
         Session.open(session.folder)
 
 
+def test_a_name_with_a_hidden_newline_is_refused(session: Session) -> None:
+    edit(session, rig="rig1\n")
+    with pytest.raises(BadInputError, match="cannot be the name"):
+        Session.open(session.folder)
+
+
 def test_an_image_of_nobody_is_refused(session: Session) -> None:
     edit_image(session, camera="nobody")
     with pytest.raises(BadInputError, match=r"images\[0\] is of an unknown camera"):

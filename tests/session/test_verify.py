@@ -102,7 +102,8 @@ LIES: dict[str, tuple[Callable[[Session], Any], ProblemKind, str]] = {
     ),
     "no journal": (lambda s: (s.folder / JOURNAL).unlink(), ProblemKind.MISSING, "journal"),
     "torn journal": (
-        lambda s: (s.folder / JOURNAL).write_bytes((s.folder / JOURNAL).read_bytes() + b'{"cam'), ProblemKind.UNREADABLE, "line 6",
+        lambda s: (s.folder / JOURNAL).write_bytes((s.folder / JOURNAL).read_bytes() + b'{"cam'),
+        ProblemKind.UNREADABLE, "line 6",
     ),
     "journal differs": (
         lambda s: rewrite(s, lambda m: m["images"][0].update(gain=9.0), journal=False),

@@ -98,7 +98,7 @@ def _load(path: Path) -> Content:
 
 def _load_npz(path: Path) -> Content:
     try:
-        with np.load(path, allow_pickle=False) as file:
+        with path.open("rb") as handle, np.load(handle, allow_pickle=False) as file:
             arrays = {key.lower(): file[key] for key in file.files}
     except (OSError, ValueError, EOFError, zipfile.BadZipFile) as error:
         raise BadInputError(f"cannot read the calibration {path}: {error}") from error

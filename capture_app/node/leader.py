@@ -146,22 +146,13 @@ class LeaderNode:
 
         Raises IncompleteError that names those that are not, when the time is over.
         """
-        try:
-            async with asyncio.timeout(timeout_s):
-                # States change with a node's report, which is no event.
-                while self._waiting_for(nodes):  # noqa: ASYNC110
-                    await asyncio.sleep(0.05)
-        except TimeoutError:
-            raise IncompleteError(
-                f"not ready after {timeout_s:g} s: {self._waiting_for(nodes)}",
-                hint="capture-app status shows each node's state",
-            ) from None
+        async for _ in self._not_ready(timeout_s, nodes):
+            pass
 
     async def take_burst(self, request: BurstRequest) -> AsyncGenerator[BurstStatus, None]:
         """Wait for the nodes as asked, take a burst, and yield its progress until it is done."""
-        waiting = asyncio.ensure_future(self.wait_until_ready(request.wait_ready_s))
-        try:
-            while request.wait_ready_s and (reason := self._waiting_for(1)) and not waiting.done():
+        if request.wait_ready_s:
+            async for reason in self._not_ready(request.wait_ready_s, 1):
                 yield BurstStatus(
                     burst=0,
                     name="",
@@ -171,13 +162,6 @@ class LeaderNode:
                     expected=0,
                     message=f"waiting for the rig: {reason}",
                 )
-                await asyncio.wait((waiting,), timeout=1.0)
-            if request.wait_ready_s:
-                waiting.result()
-        finally:
-            waiting.cancel()
-            with contextlib.suppress(asyncio.CancelledError, SimulshotError):
-                await waiting
         status = await self.trigger(
             frames=request.frames, spacing=request.spacing, at_leader_ns=request.at_leader_ns
         )
@@ -206,6 +190,20 @@ class LeaderNode:
         return self._clock.now_ns()
 
     # The parts
+
+    async def _not_ready(self, timeout_s: float, nodes: int) -> AsyncGenerator[str, None]:
+        """Yield what keeps the rig from being ready until it is, and raise when the time is over."""
+        loop = asyncio.get_running_loop()
+        deadline_s = loop.time() + timeout_s
+        while reason := self._waiting_for(nodes):
+            if loop.time() >= deadline_s:
+                raise IncompleteError(
+                    f"not ready after {timeout_s:g} s: {reason}",
+                    hint="capture-app status shows each node's state",
+                )
+            yield reason
+            # States change with a node's report, which is no event.
+            await asyncio.sleep(0.1)
 
     def _waiting_for(self, nodes: int) -> str:
         """Say what keeps the rig from being ready; empty when it is."""

@@ -1,7 +1,6 @@
 """A burst on the leader's side: whatever comes or does not come, a session that says so."""
 
 import hashlib
-import os
 from pathlib import Path
 
 import pytest
@@ -10,7 +9,7 @@ from capture_app.errors import BadInputError
 from capture_app.node.bursts import PATIENCE_NS, STALL_NS, BurstSession, create_numbered, record_of
 from capture_app.node.messages import CameraReport, ImageUpload
 from capture_app.session.manifest import ImageRecord, MissingImage, image_path
-from capture_app.session.reader import Session
+from capture_app.session.reader import Session, list_sessions
 from capture_app.session.store import SessionWriter
 from capture_app.sync.messages import CameraDescription
 from capture_app.sync.trigger import Burst
@@ -125,7 +124,7 @@ async def test_without_any_image_there_is_no_session(tmp_path: Path) -> None:
     await session.stop("the leader was stopped")
     assert session.finished.is_set()
     assert session.session is None
-    assert os.listdir(tmp_path) == []
+    assert list_sessions(tmp_path) == []
 
 
 async def test_damaged_foreign_and_late_images_are_refused(tmp_path: Path) -> None:

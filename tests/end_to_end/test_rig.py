@@ -1,0 +1,138 @@
+"""A leader and nodes as processes: join, burst, session, loss, return, a leader that comes back."""
+
+import asyncio
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from capture_app.session.reader import Session
+from capture_app.session.verify import verify
+
+if TYPE_CHECKING:
+    from tests.end_to_end.conftest import Command, Start
+
+
+async def lead(start: "Start", sessions: Path, port: int = 0) -> "tuple[Command, str]":
+    leader = await start(
+        "leader", "--host", "127.0.0.1", "--port", str(port), "--sessions", str(sessions), "--json"
+    )
+    listening = await leader.next_json()
+    return leader, listening["leader"]
+
+
+async def join(start: "Start", leader: str, name: str, model: str = "phone-a") -> "Command":
+    camera = f"sim:{model},drops=0,outliers=0"
+    return await start("node", "--name", name, "--camera", camera, "--leader", leader, "--clock", "sim")
+
+
+async def output(command: "Command") -> str:
+    printed = await command.finish()
+    assert command.process.returncode == 0, command.said
+    return printed
+
+
+async def status(start: "Start", leader: str) -> dict[str, dict[str, Any]]:
+    rig = json.loads(await output(await start("status", "--leader", leader, "--json")))
+    return {node["name"]: node for node in rig["nodes"]}
+
+
+async def burst(start: "Start", leader: str, *options: str) -> dict[str, Any]:
+    command = await start("burst", "--leader", leader, "--wait-ready", "60", "--json", *options)
+    done: dict[str, Any] = json.loads(await output(command))
+    return done
+
+
+async def test_a_rig_started_by_hand_takes_a_burst_and_survives_a_node(
+    start: "Start", tmp_path: Path
+) -> None:
+    leader, address = await lead(start, tmp_path / "sessions")
+    nodes = await asyncio.gather(join(start, address, "a"), join(start, address, "b", "phone-b"))
+    await asyncio.gather(leader.says("a joined"), leader.says("b joined"))
+
+    done = await burst(start, address, "--frames", "3", "--spacing", "2")
+    session = Session.open(Path(done["session"]))
+    assert verify(session) == []
+    assert len(session.manifest.images) == 6
+    assert session.manifest.origin == "simulated"
+    first, second, third = session.manifest.burst.instants_ns
+    assert second - first == third - second == 2 * session.manifest.burst.period_ns
+    for camera in session.manifest.cameras:
+        assert camera.clock is not None
+        assert abs(camera.clock.offset_ns) > 3600 * 10**9, "its clock is hours off"
+    for image in session.manifest.images:
+        assert abs(image.residual_ns) < session.manifest.burst.period_ns // 2
+
+    await nodes[0].kill()
+    await leader.says("a is lost: silent")
+    assert (await status(start, address))["a"]["state"] == "lost"
+
+    again = await join(start, address, "a")
+    await leader.says("a is back")
+    await again.says("ready")
+    done = await burst(start, address, "--frames", "1")
+    assert done["session"].endswith("burst-002")
+    assert (done["received"], done["expected"]) == (2, 2)
+
+    assert await nodes[1].stop() == 130
+    await leader.says("b is lost: it left")
+    assert await leader.stop() == 130
+
+
+async def test_nodes_wait_for_a_leader_and_come_back_to_another_run_of_it(
+    start: "Start", tmp_path: Path
+) -> None:
+    leader, address = await lead(start, tmp_path / "sessions")
+    port = int(address.rpartition(":")[2])
+    node = await join(start, address, "a")
+    await node.says("ready")
+    assert (await burst(start, address, "--frames", "1"))["received"] == 1
+
+    await leader.kill()
+    await node.says("leader-lost")
+    heard = len(node.said)
+    leader, _ = await lead(start, tmp_path / "sessions", port)
+    await leader.says("a joined")
+    await node.says("ready", after=heard)
+    done = await burst(start, address, "--frames", "2")
+    assert done["received"] == 2
+    assert done["session"].endswith("burst-002")
+
+
+async def test_a_node_that_dies_in_a_burst_leaves_a_session_that_says_so(
+    start: "Start", tmp_path: Path
+) -> None:
+    leader, address = await lead(start, tmp_path / "sessions")
+    nodes = await asyncio.gather(join(start, address, "a"), join(start, address, "b"))
+    await asyncio.gather(*(node.says("ready") for node in nodes))
+    command = await start("burst", "--leader", address, "--frames", "30", "--json")
+    await leader.says("burst 1: 0 of 60")
+    await nodes[1].kill()
+    printed = await command.finish()
+    assert command.process.returncode == 7, command.said
+    assert "is incomplete" in command.said[-1]
+    done = json.loads(printed)
+    session = Session.open(Path(done["session"]))
+    assert len(session.manifest.images) == 30
+    assert {gap.camera for gap in session.manifest.missing} == {"b"}
+    assert verify(session) == []
+
+
+async def test_a_camera_that_goes_away_is_told_to_the_leader(start: "Start", tmp_path: Path) -> None:
+    _, address = await lead(start, tmp_path / "sessions")
+    camera = "sim:phone-a,fail_after_s=1"
+    node = await start("node", "--name", "a", "--camera", camera, "--leader", address)
+    await node.says("failed: ")
+    seen = await status(start, address)
+    assert seen["a"]["state"] in {"failed", "syncing", "aligning"}
+    await node.says("camera is back")
+
+
+async def test_a_leader_with_a_camera_of_its_own(start: "Start", tmp_path: Path) -> None:
+    leader = await start(
+        "leader", "--host", "127.0.0.1", "--port", "0", "--sessions", str(tmp_path), "--json",
+        "--camera", "sim:perfect", "--fps", "30",
+    )  # fmt: skip
+    address = (await leader.next_json())["leader"]
+    await leader.says("local1 joined")
+    done = await burst(start, address, "--frames", "1")
+    assert done["received"] == 1

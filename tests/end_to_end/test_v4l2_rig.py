@@ -1,0 +1,184 @@
+"""Leader and V4L2 nodes on the kernel's own uvcvideo driver, in a virtual machine with two USB cameras.
+
+`make test-v4l2` runs it. The cameras run at -30 and 0 ppm and begin 250 ms after each start; everything
+from the USB bus up is real. The guest sees this checkout read-only and writes to `/out`.
+"""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from capture_app.session.reader import Session
+
+pytestmark = [pytest.mark.v4l2, pytest.mark.timeout(900)]
+
+REPOSITORY = Path(__file__).resolve().parents[2]
+TOLERANCE_NS = 2_000_000
+FRAMES = 5
+BOOT_SECONDS = 600
+
+# Virtual time: the host's load stays out of the cameras' timing.
+MACHINE = {
+    "ACCEL": "tcg,thread=single",
+    "SMP": "1",
+    "QEMU_EXTRA": "-icount shift=1,sleep=off",
+    "NDEV": "0",
+    "MODS": "vhci-hcd uvcvideo",
+    "TMO": str(BOOT_SECONDS),
+}
+
+RIG = """
+app() {{ {command} "$@"; }}
+export PYTHONDONTWRITEBYTECODE=1
+cd {repository}
+python3 {usb_cameras} 2 >/out/usb_cameras.log 2>&1 &
+until [ -e /dev/video2 ]; do sleep .1; done
+sleep 1
+app cameras --json >/out/cameras.json
+app leader --host 127.0.0.1 --port 47010 --sessions /tmp/sessions 2>/out/leader.log &
+for side in 0:left 2:right; do
+  app node --name ${{side#*:}} --camera v4l2:/dev/video${{side%:*}} --leader 127.0.0.1:47010 \\
+    --tolerance-us 2000 2>/out/${{side#*:}}.log &
+done
+until [ "$(app status --leader 127.0.0.1:47010 --json 2>/dev/null | grep -o '"name"' | wc -l)" = 2 ]; do
+  sleep .5
+done
+app burst --leader 127.0.0.1:47010 --frames {frames} --wait-ready 120 --json >/out/burst.json 2>/out/burst.log
+echo $? >/out/burst.code
+app status --leader 127.0.0.1:47010 --json >/out/status.json
+app sessions verify /tmp/sessions/* >/out/verify.txt 2>&1
+echo $? >/out/verify.code
+cp -r /tmp/sessions /out/sessions
+# The right camera is pulled out of its port.
+echo 1 >/sys/devices/platform/vhci_hcd.0/detach
+sleep 5
+app status --leader 127.0.0.1:47010 --json >/out/unplugged.json
+"""
+
+
+@dataclass(frozen=True)
+class Rig:
+    """What came out of the guest."""
+
+    out: Path
+
+    def text(self, name: str) -> str:
+        return (self.out / name).read_text()
+
+    def json(self, name: str) -> dict:
+        return json.loads(self.text(name))
+
+    @property
+    def logs(self) -> str:
+        return "\n".join(f"--- {log.name}\n{log.read_text()}" for log in sorted(self.out.glob("*.log")))
+
+
+@pytest.fixture(scope="module")
+def camera_vm(shared: Path) -> Path:
+    """The scripts that boot the machine; without them, or qemu where it cannot be installed, no test."""
+    folder = shared / "camera-vm"
+    reason = ""
+    if not (folder / "boot.sh").is_file():
+        reason = f"no {folder.name}/boot.sh in the shared folder"
+    elif shutil.which("qemu-system-x86_64") is None and os.geteuid() != 0:
+        reason = "no qemu: sudo apt-get install qemu-system-x86 busybox-static kmod cpio"
+    if reason and os.environ.get("CI"):
+        pytest.fail(reason)
+    if reason:
+        pytest.skip(reason)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def rig(camera_vm: Path, tmp_path_factory: pytest.TempPathFactory) -> Rig:
+    """One boot: two nodes and a leader, one burst, and then a camera is unplugged."""
+    out = tmp_path_factory.mktemp("camera-vm")
+    script = RIG.format(
+        command=Path(sys.executable).with_name("capture-app"),
+        repository=REPOSITORY,
+        usb_cameras=camera_vm / "usb_cameras.py",
+        frames=FRAMES,
+    )
+    done = subprocess.run(
+        ["bash", camera_vm / "boot.sh", script],
+        env={**os.environ, **MACHINE, "OUT": str(out)},
+        capture_output=True,
+        text=True,
+        timeout=BOOT_SECONDS + 60,
+        check=False,
+    )
+    (out / "machine.log").write_text(done.stdout + done.stderr)
+    result = Rig(out)
+    assert (out / "unplugged.json").is_file(), (
+        f"the rig did not finish (exit {done.returncode})\n{result.logs}"
+    )
+    return result
+
+
+def test_the_kernels_cameras_are_listed(rig: Rig) -> None:
+    listed = rig.text("cameras.json")
+    assert "v4l2:/dev/video0" in listed
+    assert "v4l2:/dev/video2" in listed
+    assert "/dev/video1" not in listed, "a metadata node is no camera"
+    assert "MJPG 320x240 at 30, 25, 15, 10 fps" in listed
+
+
+def test_a_burst_of_both_cameras_is_saved_and_verifies(rig: Rig) -> None:
+    assert rig.text("burst.code").strip() == "0", rig.logs
+    assert rig.text("verify.code").strip() == "0", rig.text("verify.txt")
+    burst = rig.json("burst.json")
+    assert (burst["received"], burst["expected"]) == (2 * FRAMES, 2 * FRAMES)
+
+
+def test_the_cameras_were_aligned_by_restarts_to_within_2_ms(rig: Rig) -> None:
+    session = the_session(rig)
+    assert [camera.name for camera in session.manifest.cameras] == ["left", "right"]
+    for camera in session.manifest.cameras:
+        assert camera.timestamp_source == "start-of-exposure"
+        assert camera.phase is not None
+        assert camera.phase.control == "reset"
+    for images in session.images_by_instant():
+        assert set(images) == {"left", "right"}
+        for image in images.values():
+            assert abs(image.residual_ns) <= TOLERANCE_NS, rig.logs
+            assert image.hard_bound_ns is not None
+            assert image.hard_bound_ns < TOLERANCE_NS
+
+
+def test_the_nodes_clocks_are_one_and_were_found_to_be(rig: Rig) -> None:
+    for camera in the_session(rig).manifest.cameras:
+        assert camera.clock is not None
+        assert abs(camera.clock.offset_ns) <= camera.clock.hard_bound_ns
+
+
+def test_the_cameras_own_jpegs_were_saved_untouched(rig: Rig, camera_vm: Path) -> None:
+    session = the_session(rig)
+    sent = (camera_vm / "frame.jpg").read_bytes()
+    assert len(session.manifest.images) == 2 * FRAMES
+    for image in session.manifest.images:
+        assert session.image_file(image).read_bytes() == sent
+
+
+def test_sequence_numbers_follow_each_other_within_the_burst(rig: Rig) -> None:
+    for name in ("left", "right"):
+        numbers = [image.sequence for image in the_session(rig).manifest.images if image.camera == name]
+        assert None not in numbers
+        assert [number - numbers[0] for number in numbers] == list(range(FRAMES))
+
+
+def test_an_unplugged_camera_shows_as_failed_and_the_other_runs_on(rig: Rig) -> None:
+    nodes = {node["name"]: node for node in rig.json("unplugged.json")["nodes"]}
+    assert nodes["right"]["state"] == "failed", rig.logs
+    assert "/dev/video2" in nodes["right"]["message"]
+    assert nodes["left"]["state"] == "ready", rig.logs
+
+
+def the_session(rig: Rig) -> Session:
+    (folder,) = (rig.out / "sessions").iterdir()
+    return Session.open(folder)

@@ -9,7 +9,7 @@ from typing import Any
 import jsonschema
 import msgspec
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from capture_app.session.manifest import CALIBRATION, JOURNAL, MANIFEST, ImageRecord, Manifest
@@ -181,6 +181,7 @@ images = st.builds(
 )
 
 
+@settings(max_examples=40)
 @given(st.lists(images, max_size=3), st.text(), st.lists(times, max_size=4))
 def test_any_manifest_survives_the_disk(of: list[ImageRecord], note: str, instants: list[int]) -> None:
     base = {"name": "n", "created": "", "origin": "captured", "software": "", "cameras": (), "images": of}

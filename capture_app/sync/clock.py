@@ -87,9 +87,11 @@ class ClockFilter:
     def add(self, sample: ClockSample) -> bool:
         """Take a sample in; False if it contradicts all before it: the filter started anew with it.
 
-        Samples with a negative time on the way, or older than the window, are passed over.
+        Samples with a negative time on the way, far too slow or older than the window are passed over.
         """
-        if sample.round_trip_ns < 0 or sample.t3_ns < sample.t0_ns or sample.t2_ns < sample.t1_ns:
+        if sample.round_trip_ns < 0 or sample.t2_ns < sample.t1_ns:
+            return True
+        if not 0 <= sample.t3_ns - sample.t0_ns <= self._window_ns // 2:
             return True
         if self._not_before_ns is not None and sample.t0_ns < self._not_before_ns:
             return True
@@ -105,8 +107,8 @@ class ClockFilter:
             self._file(sample)
             if (fits and not next_block) or self._rebuild():
                 return True
-        # A message of before the step may still be on its way.
-        self._not_before_ns = min(self._newest_ns, sample.t0_ns)
+        # Messages of before the step may still be on their way.
+        self._not_before_ns = sample.t0_ns
         self.reset()
         self._begin(sample)
         return False
@@ -216,7 +218,9 @@ class ClockFilter:
                 break
             kept[index] = self._blocks[index]
         self._blocks = kept
-        return bool(kept)
+        # A bound from one side only is no estimate.
+        sides = kept.values()
+        return any(b.upper.points for b in sides) and any(b.lower.points for b in sides)
 
     def _vote(self) -> VotedLine:
         ref_ns, blocks = self._newest_ns, self._blocks.values()

@@ -72,6 +72,10 @@ class RigApp(App[None]):
         self._refresh_rig()
         self.set_interval(REFRESH_S, self._refresh_rig)
 
+    def on_unmount(self) -> None:
+        """Listen no more: nodes still say goodbye when the screen is gone."""
+        self._rig.on_news(lambda _: None)
+
     # Showing
 
     def _refresh_rig(self) -> None:

@@ -9,11 +9,11 @@ from capture_app.simulation.meshes import Floats
 
 _TO_SUN = np.array([-0.60, -0.44, -0.66])
 TO_SUN: Floats = (_TO_SUN / np.linalg.norm(_TO_SUN)).astype(np.float32)
-SUN = np.float32([0.62, 0.84, 1.0]) * 2.7
+SUN = np.array([0.62, 0.84, 1.0], np.float32) * 2.7
 SUN_SPREAD = 0.012
 """Half width of the sun with its haze, in radians: how soft shadows become with distance."""
 
-_TO_WINDOW = np.float32([-0.70, -0.42, -0.58])
+_TO_WINDOW = np.array([-0.70, -0.42, -0.58], np.float32)
 TO_WINDOW: Floats = _TO_WINDOW / np.linalg.norm(_TO_WINDOW)
 
 # Two directions across the sun's rays: the window's own axes, as its light falls into the room.
@@ -36,9 +36,9 @@ def sky(directions: Floats) -> Floats:
     floor = np.maximum(-up, 0.0)
     return np.asarray(
         0.15
-        + window * np.float32([1.30, 1.16, 1.06])
-        + ceiling * np.float32([0.34, 0.34, 0.35])
-        + floor * np.float32([0.10, 0.15, 0.22]),
+        + window * np.array([1.30, 1.16, 1.06], np.float32)
+        + ceiling * np.array([0.34, 0.34, 0.35], np.float32)
+        + floor * np.array([0.10, 0.15, 0.22], np.float32),
         np.float32,
     )
 
@@ -94,7 +94,9 @@ class OpenSky:
 
 def tangents(normals: Floats) -> tuple[Floats, Floats]:
     """Two unit vectors (N, 3) each, at right angles to the normals and to each other."""
-    helper = np.where(np.abs(normals[:, 1:2]) < 0.9, np.float32([0, 1, 0]), np.float32([1, 0, 0]))
+    helper = np.where(
+        np.abs(normals[:, 1:2]) < 0.9, np.array([0, 1, 0], np.float32), np.array([1, 0, 0], np.float32)
+    )
     tangent = np.cross(helper, normals)
     tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-6)
     return tangent.astype(np.float32), np.cross(normals, tangent).astype(np.float32)

@@ -5,11 +5,13 @@ Axes as OpenCV's camera: x right, y down, z away from the viewer; metres.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 Floats = NDArray[np.float32]
+Reals = NDArray[np.floating[Any]]
 Window = tuple[float, float, float, float]
 """A part of a texture: left, top, right, bottom in texture widths and heights; above 1 it repeats."""
 

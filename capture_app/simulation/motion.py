@@ -45,7 +45,7 @@ class Poses(NamedTuple):
 
     def point(self, x: float, y: float, z: float) -> Series:
         """World positions (n, 3) of a point of the part, in m."""
-        return self.rotation @ np.array([x, y, z]) + self.translation
+        return np.asarray(self.rotation @ np.array([x, y, z]) + self.translation)
 
 
 def _turn(axis: int, angle: Series) -> Series:
@@ -97,7 +97,7 @@ def figure(time_s: Series) -> dict[str, Poses]:
         ),
     )
     lean = 0.10 + 0.10 * np.cos(2 * np.pi * (time_s - CONTACT_S / 2) / HOP_S)
-    torso = _joint(hips, (0.0, 0.02, 0.0), _turn(0, -lean * -1.0))
+    torso = _joint(hips, (0.0, 0.02, 0.0), _turn(0, lean))
     parts = {
         "hips": hips,
         "torso": torso,
@@ -108,7 +108,7 @@ def figure(time_s: Series) -> dict[str, Poses]:
         knee = np.arccos(np.clip(leg / (THIGH_M + SHIN_M), -1, 1))
         thigh = _joint(hips, (side * HIP_HALF_M, 0.045, 0.0), _turn(2, -spread) @ _turn(0, -knee))
         shin = _joint(thigh, (0.0, THIGH_M, 0.0), _turn(0, 2 * knee))
-        level = _turn(1, -side * 0.22 + 0 * yaw) @ _turn(0, 0.55 * airborne)
+        level = _turn(1, np.full_like(yaw, -side * 0.22)) @ _turn(0, 0.55 * airborne)
         parts[f"{name}_thigh"] = thigh
         parts[f"{name}_shin"] = shin
         parts[f"{name}_shoe"] = Poses(hips.rotation @ level, shin.point(0.0, SHIN_M, 0.0))
@@ -119,7 +119,7 @@ def figure(time_s: Series) -> dict[str, Poses]:
         upper = _joint(
             torso,
             (side * SHOULDER[0], SHOULDER[1], 0.0),
-            _turn(2, -side * raised) @ _turn(0, -0.25 + 0 * beat),
+            _turn(2, -side * raised) @ _turn(0, np.full_like(beat, -0.25)),
         )
         parts[f"{name}_arm"] = upper
         parts[f"{name}_forearm"] = _joint(

@@ -154,7 +154,9 @@ def _wheel() -> list[Mesh]:
         # Paper that is folded forward along its leading edge, as a pinwheel's blades are.
         curl = -0.055 * u**2 * np.sin(np.pi * np.clip(v * 1.05, 0, 1)) + 0.018 * (1 - u) * v
         points = np.stack([radius * np.sin(angle), -radius * np.cos(angle), curl], axis=-1)
-        meshes.append(sheet(points, f"blade{number}", window=(0, 1, 1, 0)).moved((0, 0, 0), about_z(number * np.pi / 3)))
+        meshes.append(
+            sheet(points, f"blade{number}", window=(0, 1, 1, 0)).moved((0, 0, 0), about_z(number * np.pi / 3))
+        )
     meshes.append(ellipsoid((0.030, 0.030, 0.022), "hub", around=20).moved((0.0, 0.0, -0.03)))
     return meshes
 

@@ -30,7 +30,8 @@ class MovingPart:
 
     def into(self, points: Floats, rows: NDArray[np.intp]) -> Floats:
         """World points (N, 3) seen at the rows (N), in the part's frame."""
-        return np.matmul((points - self.translation[rows])[:, None], self.rotation[rows])[:, 0]
+        turned = np.matmul((points - self.translation[rows])[:, None], self.rotation[rows])
+        return np.asarray(turned[:, 0], np.float32)
 
 
 def moving_parts(view: View, bodies: Mapping[str, Body], poses: Mapping[str, Poses]) -> dict[str, MovingPart]:

@@ -50,7 +50,7 @@ class Texture:
     def _bilinear(self, number: int, uv: Floats) -> Floats:
         level = self.levels[number]
         height, width = level.shape[:2]
-        where = (uv - np.floor(uv)) * np.float32([width, height]) - 0.5
+        where = (uv - np.floor(uv)) * np.array([width, height], np.float32) - 0.5
         # cv2.remap takes maps of at most 32767 rows or columns: fold the list into rows of 1024.
         folded = np.zeros((-(-len(where) // 1024) * 1024, 2), np.float32)
         folded[: len(where)] = where
@@ -99,12 +99,12 @@ class Body:
         self._scene.add_triangles(self._tensor(vertices), self._tensor(triangles.astype(np.uint32)))
 
     def _density(self, corners: Floats) -> Floats:
-        sizes = np.float32([t.levels[0].shape[1::-1] for t in self._textures])[self._texture]
+        sizes = np.array([t.levels[0].shape[1::-1] for t in self._textures], np.float32)[self._texture]
         texels = self._uv * sizes[:, None]
         a, b = texels[:, 1] - texels[:, 0], texels[:, 2] - texels[:, 0]
         texel_area = np.abs(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
         area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=1)
-        return np.sqrt(texel_area / np.maximum(area, 1e-9)).astype(np.float32)
+        return np.asarray(np.sqrt(texel_area / np.maximum(area, 1e-9)), np.float32)
 
     def cast(self, rays: Floats) -> Hits:
         """First triangle met by each ray (N, 6): origin and direction in the body's own frame, in m."""

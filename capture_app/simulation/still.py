@@ -16,7 +16,7 @@ SUBPIXELS = ((-0.25, -0.25), (0.25, 0.25), (0.25, -0.25), (-0.25, 0.25))
 _SKY_RAYS = 16
 _SKY_REACH_M = 1.7
 """Things farther off cast no shade on each other: the room is open to the light."""
-_BOUNCE = np.float32([0.085, 0.105, 0.125])
+_BOUNCE = np.array([0.085, 0.105, 0.125], np.float32)
 """Light, warm, that comes back from whatever hides the sky."""
 
 
@@ -90,7 +90,7 @@ def _sky_light(room: Body, points: Floats, normals: Floats, number: int) -> Floa
         radiance = np.stack([lighting.sky(direction[None])[0], _BOUNCE])
         light[lit] += facing[lit, None] * radiance[hidden.astype(np.intp)]
         weights[lit] += facing[lit]
-    return light / np.maximum(weights, 1e-3)[:, None]
+    return np.asarray(light / np.maximum(weights, 1e-3)[:, None], np.float32)
 
 
 def _sphere(count: int, turn: float) -> Floats:
@@ -111,4 +111,4 @@ def _sun_light(room: Body, points: Floats, normals: Floats, number: int) -> Floa
         rays[:, 3:] = lighting.sun_direction(2 * number + half, 2 * len(SUBPIXELS))
         open_share += 0.5 * ~room.blocks(rays, near=0.0, far=20.0)
     facing[lit] *= open_share
-    return facing[:, None] * lighting.SUN
+    return np.asarray(facing[:, None] * lighting.SUN, np.float32)

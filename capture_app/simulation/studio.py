@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from capture_app.simulation import movers, prints, textures
+from capture_app.simulation import movers, posters, prints, textures
 from capture_app.simulation.meshes import (
     Mesh,
     about_x,
@@ -68,11 +68,11 @@ def pictures(rng: np.random.Generator) -> dict[str, Picture]:
         "basket": textures.cloth(rng, (120, 260), [(196, 156, 104), (150, 108, 66)], stripe=9, fade=1.6),
         "pouf": textures.cloth(rng, (160, 420), [(206, 150, 66), (226, 208, 176), (62, 108, 112)], stripe=15),
         "ball": prints.ball(rng),
-        "mountains": prints.mountains(rng),
-        "shapes": prints.shapes(rng),
-        "harbour": prints.harbour(rng),
-        "words": prints.words(rng),
-        "city": prints.city(rng),
+        "mountains": posters.mountains(rng),
+        "shapes": posters.shapes(rng),
+        "harbour": posters.harbour(rng),
+        "words": posters.words(rng),
+        "city": posters.city(rng),
     }
     for number in range(24):
         found[f"book{number}"] = prints.spine(rng)
@@ -142,13 +142,14 @@ def _pictures() -> list[Mesh]:
 def _bunting() -> list[Mesh]:
     """Small flags on a string that sags between the walls."""
     meshes = []
+    hem = np.array([0.004, 0.0, 0.0])
     for k in range(23):
         x = -2.1 + 4.2 * (k + 0.5) / 23
         y = -1.32 + 0.26 * (1 - (x / 2.1) ** 2)
         tip = np.array([x, y + 0.17, BACK - 0.10])
         top = np.array([[x - 0.075, y, BACK - 0.09], [x + 0.075, y, BACK - 0.09]])
         middle = (top + tip) / 2 - [0, 0, 0.012]
-        meshes.append(sheet([top, middle, [tip - [0.004, 0, 0], tip + [0.004, 0, 0]]], f"flag{(k * 3) % 7}"))
+        meshes.append(sheet([top, middle, [tip - hem, tip + hem]], f"flag{(k * 3) % 7}"))
         step = 4.2 / 23
         ends = [(u, -1.32 + 0.26 * (1 - (u / 2.1) ** 2), BACK - 0.09) for u in (x - step / 2, x + step / 2)]
         meshes.append(rod(ends[0], ends[1], 0.004, "skirting", around=6))
@@ -202,7 +203,7 @@ def _plant(rng: np.random.Generator) -> list[Mesh]:
     for _ in range(5):
         foot = np.array([x + rng.uniform(-0.07, 0.07), FLOOR - 0.30, z + rng.uniform(-0.07, 0.07)])
         away = rng.uniform(0, 2 * np.pi)
-        tip = foot + [0.24 * np.cos(away), -rng.uniform(0.75, 1.15), 0.24 * np.sin(away)]
+        tip = foot + np.array([0.24 * np.cos(away), -rng.uniform(0.75, 1.15), 0.24 * np.sin(away)])
         meshes.append(rod(foot, tip, 0.010, "dark_wood", around=8))
         for along in np.linspace(0.28, 1.0, 9):
             at = foot + (tip - foot) * along

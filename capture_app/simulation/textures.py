@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_app.simulation.meshes import Floats
+from capture_app.simulation.meshes import Floats, Reals
 
 Picture = NDArray[np.uint8]
 Colour = tuple[float, float, float]
@@ -15,7 +15,7 @@ Colour = tuple[float, float, float]
 
 def bgr(colour: Colour) -> Floats:
     """Return the colour in OpenCV's order, for float pictures of 0 to 255."""
-    return np.float32(colour[::-1])
+    return np.array(colour[::-1], np.float32)
 
 
 def noise(rng: np.random.Generator, shape: tuple[int, int], cell: tuple[float, float]) -> Floats:
@@ -36,7 +36,7 @@ def fractal(rng: np.random.Generator, shape: tuple[int, int], largest: float, oc
     return np.asarray(total / max(float(total.std()), 1e-6), np.float32)
 
 
-def finish(picture: Floats) -> Picture:
+def finish(picture: Reals) -> Picture:
     """Clip to 0 to 255 and round."""
     return np.clip(np.rint(picture), 0, 255).astype(np.uint8)
 
@@ -60,7 +60,7 @@ def wood(
     fibre = noise(rng, shape, (1.6, 70)) * 0.045 + noise(rng, shape, (5, 240)) * 0.05
     pores = (noise(rng, shape, (1.3, 14)) > 1.9).astype(np.float32) * -0.16
     shade = 1 + contrast * (fibre + pores - 0.13 * rings**2.5)
-    darker = np.float32([0.86, 0.94, 1.0])  # the late wood is redder
+    darker = np.array([0.86, 0.94, 1.0], np.float32)  # the late wood is redder
     tone = bgr(colour) * (1 - (rings[..., None] ** 2.5) * (1 - darker) * contrast)
     return finish(shade[..., None] * tone)
 

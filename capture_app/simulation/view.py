@@ -55,11 +55,11 @@ class View:
     def calibration(self) -> CameraCalibration:
         """Return this camera as a session's calibration keeps it; the rig's frame is the world's."""
         cx, cy = self.principal_point
-        rows = [tuple(float(v) for v in row) for row in self.rotation]
+        right, down, ahead = ((float(a), float(b), float(c)) for a, b, c in self.rotation)
         x, y, z = (float(v) for v in self.translation)
         return CameraCalibration(
             width=self.width, height=self.height, fx=self.focal_px, fy=self.focal_px, cx=cx, cy=cy,
-            rotation=(rows[0], rows[1], rows[2]), translation=(x, y, z),
+            rotation=(right, down, ahead), translation=(x, y, z),
         )  # fmt: skip
 
 

@@ -7,7 +7,7 @@ starts cannot be predicted is restarted at random, as in the paper.
 
 import random
 from collections import deque
-from math import exp, log, pi, sqrt
+from math import ceil, exp, log, pi, sqrt
 
 from capture_app.sync.commands import RestartStream
 from capture_app.sync.phase_controller import Move, Moved
@@ -87,15 +87,18 @@ class ResetController:
         if not self._latencies:
             return None
         best = max(self._credit)
-        weights = [exp(credit - best) for credit in self._credit]
-        total = sum(weights)
-        density = [
-            weights[-1] / total
-            + sum(
-                w / total * self._density(width, i / AIMS) for w, width in zip(weights, WIDTHS, strict=False)
-            )
-            for i in range(AIMS)
-        ]
+        says = [exp(credit - best) for credit in self._credit]
+        total = sum(says)
+        density = [says[-1] / total + BACKGROUND * (1.0 - says[-1] / total)] * AIMS
+        ages = [FORGETTING**age for age in range(len(self._latencies))]
+        for width, say in zip(WIDTHS, says, strict=False):
+            height = (1.0 - BACKGROUND) * say / total / (sum(ages) * width * sqrt(2.0 * pi))
+            near = min(AIMS // 2, ceil(4.0 * width * AIMS))
+            for latency, weight in zip(reversed(self._latencies), ages, strict=True):
+                middle = round(latency * AIMS)
+                for i in range(middle - near, middle + near + 1):
+                    off = i / AIMS - latency
+                    density[i % AIMS] += height * weight * exp(-0.5 * (off / width) ** 2)
         reach = max(1, min(AIMS // 2 - 1, round(half_window * AIMS)))
         mass = sum(density[i] for i in range(-reach, reach + 1))
         most, middle = mass, 0

@@ -1,7 +1,7 @@
 """How the studio's figure and pinwheel move: poses as smooth periodic functions of time, for ever.
 
-The hop's two still instants, its top and its lowest point, are those of the fastest sideways sway, so
-that the figure never stands still: two pictures some tens of ms apart always show two places.
+Where the hop stands still, at its top and at its lowest point, the sideways sway runs at 0.7 of its
+full speed: two pictures some tens of ms apart always show the figure in two places.
 """
 
 from typing import NamedTuple
@@ -79,7 +79,7 @@ def figure(time_s: Series) -> dict[str, Poses]:
     """Poses of the jumping child's parts at the times (n), by the part's name."""
     height = hop_height(time_s)
     airborne = np.sin(np.pi * np.clip((time_s % HOP_S - CONTACT_S) / (HOP_S - CONTACT_S), 0, 1)) ** 2
-    # Fastest at the middle of the landing and of the flight, still in between.
+    # Still only midway between the lowest point and the top, where the hop is fast.
     sway = np.pi * (time_s - CONTACT_S / 2) / HOP_S + np.pi / 4
     yaw = 0.42 * np.sin(2 * np.pi * time_s / TURN_S)
     roll = 0.09 * np.cos(sway)

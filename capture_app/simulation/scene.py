@@ -135,12 +135,16 @@ def _samples(layers: list[StillLayer], repeats: int, exposure_ns: int) -> Iterat
         yield layers[number % len(layers)], exposure_ns * (2 * number + 1) // (2 * count)
 
 
-@functools.cache
 def load(name: str, *, scale: float = 1.0) -> Scene:
     """Scene of that name, built once a process; `scale` shrinks its pictures from 640x480.
 
-    Raises BadInputError for a scene that does not exist.
+    Raises BadInputError for a scene that does not exist, NotAvailableError without Open3D.
     """
     if name not in SCENES:
         raise BadInputError(f"there is no scene named {name!r}", hint=f"one of {', '.join(SCENES)}")
+    return _built(name, scale)
+
+
+@functools.cache
+def _built(name: str, scale: float) -> Scene:
     return Scene(name, scale=scale)

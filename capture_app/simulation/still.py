@@ -26,7 +26,6 @@ class StillLayer:
 
     directions: Floats
     depth: Floats
-    normals: Floats
     from_sky: Floats
     from_sun: Floats
     sunlit: NDArray[np.intp]
@@ -66,7 +65,6 @@ def _layer(view: View, room: Body, number: int) -> StillLayer:
     return StillLayer(
         directions=directions,
         depth=hits.distance.reshape(shape[:2]),
-        normals=normals.reshape(shape),
         from_sky=(colour * _sky_light(room, points, normals, number)).reshape(shape),
         from_sun=from_sun.reshape(shape),
         sunlit=np.flatnonzero(from_sun.any(axis=1)),
@@ -79,18 +77,18 @@ def _sky_light(room: Body, points: Floats, normals: Floats, number: int) -> Floa
     All points of a layer share the directions, so that shade is free of noise; the next layer's lie
     between them.
     """
-    light, weights = np.zeros_like(points), np.zeros(len(points), np.float32)
-    for direction in _sphere(_SKY_RAYS, number / len(SUBPIXELS)):
-        facing = normals @ direction
-        lit = np.flatnonzero(facing > 0.02)
+    directions = _sphere(_SKY_RAYS, number / len(SUBPIXELS))
+    facing = np.maximum(directions @ normals.T, 0)
+    total = facing.sum(axis=0)
+    for direction, share in zip(directions, facing, strict=True):
+        lit = np.flatnonzero(share > 0.02)
         rays = np.empty((len(lit), 6), np.float32)
         rays[:, :3] = points[lit]
         rays[:, 3:] = direction
-        hidden = room.blocks(rays, near=0.0, far=_SKY_REACH_M)
-        radiance = np.stack([lighting.sky(direction[None])[0], _BOUNCE])
-        light[lit] += facing[lit, None] * radiance[hidden.astype(np.intp)]
-        weights[lit] += facing[lit]
-    return np.asarray(light / np.maximum(weights, 1e-3)[:, None], np.float32)
+        share[lit[room.blocks(rays, near=0.0, far=_SKY_REACH_M)]] = 0
+    # Radiance of the directions that are open, and the bounce from all the others.
+    light = facing.T @ (lighting.sky(directions) - _BOUNCE) + total[:, None] * _BOUNCE
+    return np.asarray(light / np.maximum(total, 1e-3)[:, None], np.float32)
 
 
 def _sphere(count: int, turn: float) -> Floats:

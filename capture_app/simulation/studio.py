@@ -48,7 +48,7 @@ class Fixture:
 
 def pictures(rng: np.random.Generator) -> dict[str, Picture]:
     """Textures of the room, by name."""
-    boards = textures.planks(rng, (200, 260), (196, 152, 100), width=40, length=300)
+    boards = textures.planks(rng, (200, 260), (196, 152, 100), width=40, length=200)
     found = {
         "floor": textures.planks(rng, (1500, 1900), (178, 126, 80), width=48, length=520),
         "brick": textures.bricks(rng, (800, 1150), brick=(19, 54)),

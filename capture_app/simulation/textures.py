@@ -69,14 +69,14 @@ def planks(
     rng: np.random.Generator, shape: tuple[int, int], colour: Colour, *, width: int, length: int
 ) -> Picture:
     """Floor boards along the width of the picture, `width` and `length` of a board in texels."""
-    grain = wood(rng, (1024, 2048), colour).astype(np.float32)
+    grain = wood(rng, (8 * width, 3 * length), colour).astype(np.float32)
     floor = np.zeros((*shape, 3), np.float32)
     for top in range(0, shape[0], width):
         left = -int(rng.integers(0, length))
         while left < shape[1]:
             right = left + int(length * rng.uniform(0.75, 1.25))
-            y, x = int(rng.integers(0, 1024 - width)), int(rng.integers(0, 2048 - int(1.3 * length)))
-            a, b = max(left, 0), min(right, shape[1])
+            y, x = int(rng.integers(0, 7 * width)), int(rng.integers(0, int(1.7 * length)))
+            a, b = max(left, 0), max(min(right, shape[1]), 0)
             board = floor[top : top + width, a:b]
             tint = rng.uniform(0.80, 1.12) * (1 + rng.normal(0, 0.025, 3))
             board[:] = grain[y : y + board.shape[0], x : x + b - a] * tint

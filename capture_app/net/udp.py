@@ -1,20 +1,31 @@
 """The pump: moves datagrams between a socket and a sans-IO engine, and keeps its one timer.
 
-Receive times are taken as the first thing when a datagram arrives and send times as the last thing
-before it leaves, both with the node's own clock: every microsecond between is an error of the clock.
+Send times are taken as the last thing before a datagram leaves. Receive times are the kernel's own, which
+a busy process or machine cannot delay; every microsecond in between would be an error of the clock.
 """
 
 import asyncio
 import contextlib
 import socket
+import struct
+import time
 from collections.abc import Callable, Iterable
-from typing import Any, Protocol, cast
+from typing import Protocol
 
 from capture_app.errors import NetworkError
 from capture_app.net.address import Address
 
 Clock = Callable[[], int]
 """Returns a node's own time in ns."""
+
+MAX_BYTES = 2048
+MAX_ROUND = 64
+MAX_AGE_NS = 1_000_000_000
+
+# Linux's number, which the socket module does not have; the stamp is a timespec of CLOCK_REALTIME.
+_SO_TIMESTAMPNS = 35
+_TIMESPEC = struct.Struct("@ll")
+_ANCILLARY_BYTES = socket.CMSG_SPACE(_TIMESPEC.size)
 
 
 class Engine(Protocol):
@@ -68,67 +79,86 @@ class ToPeer:
         return [(data, self._peer) for data in self._engine.datagrams_to_send(now_ns)]
 
 
-class Pump(asyncio.DatagramProtocol):
+class Pump:
     """Runs an engine over a UDP socket; `after_turn` is called whenever it may have news."""
 
     def __init__(self, engine: Engine, clock: Clock, after_turn: Callable[[], None]) -> None:
         self._engine = engine
         self._clock = clock
         self._after_turn = after_turn
-        self._transport: asyncio.DatagramTransport | None = None
+        self._loop: asyncio.AbstractEventLoop
+        self._socket: socket.socket | None = None
         self._timer: asyncio.TimerHandle | None = None
 
-    def connection_made(self, transport: asyncio.BaseTransport) -> None:
-        """Begin."""
-        # asyncio's own datagram transport is not declared as one.
-        self._transport = cast(asyncio.DatagramTransport, transport)
+    def start(self, sock: socket.socket) -> None:
+        """Run over a non-blocking UDP socket, which the pump then owns."""
+        with contextlib.suppress(OSError):
+            sock.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+        # A burst of datagrams must not be lost while the loop is busy; the kernel may allow less.
+        with contextlib.suppress(OSError):
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
+        self._socket = sock
+        self._loop = asyncio.get_running_loop()
+        self._loop.add_reader(sock.fileno(), self._readable)
         self.turn()
-
-    def datagram_received(self, data: bytes, addr: tuple[Any, ...]) -> None:
-        """Stamp a datagram and hand it to the engine."""
-        now_ns = self._clock()
-        self._engine.receive_datagram(data, (addr[0], addr[1]), now_ns)
-        self.turn()
-
-    def error_received(self, exc: Exception) -> None:
-        """Do nothing: an unreachable peer is one that stays silent, and the engine notices silence."""
-
-    def connection_lost(self, exc: Exception | None) -> None:
-        """Stop the timer."""
-        self._transport = None
-        if self._timer is not None:
-            self._timer.cancel()
 
     def turn(self) -> None:
         """Send what is due, publish what is new, and re-arm the timer."""
-        if self._transport is None:
+        if self._socket is None:
             return
         for data, address in self._engine.datagrams_to_send(self._clock()):
-            self._transport.sendto(data, address)
+            # What cannot leave is lost, as it might be on the way; an unreachable peer is a silent one.
+            with contextlib.suppress(OSError):
+                self._socket.sendto(data, address)
         self._after_turn()
         if self._timer is not None:
             self._timer.cancel()
         due_ns = self._engine.next_timer()
-        if due_ns is not None and self._transport is not None:
+        if due_ns is not None and self._socket is not None:
             wait_s = max(0, due_ns - self._clock()) / 1e9
-            self._timer = asyncio.get_running_loop().call_later(wait_s, self._tick)
+            self._timer = self._loop.call_later(wait_s, self._tick)
 
     def close(self) -> None:
-        """Let what was sent last leave, then close the socket."""
-        if self._transport is not None:
-            self._transport.close()
+        """Stop, and close the socket. Calling it twice is harmless."""
+        if self._timer is not None:
+            self._timer.cancel()
+        if self._socket is not None:
+            self._loop.remove_reader(self._socket.fileno())
+            self._socket.close()
+            self._socket = None
 
     def _tick(self) -> None:
         self._engine.handle_timer(self._clock())
         self.turn()
 
+    def _readable(self) -> None:
+        # One round at most: whoever floods the port must not keep the rest of the node from running.
+        for _ in range(MAX_ROUND):
+            if self._socket is None:
+                return
+            try:
+                data, ancillary, _, address = self._socket.recvmsg(MAX_BYTES, _ANCILLARY_BYTES)
+            except BlockingIOError:
+                return
+            except OSError:
+                # The echo of something that we sent to a port where nobody listens.
+                continue
+            # The age first: whatever comes between makes the stamp late, which a filter for the least
+            # delay forgives, and never early, which would break the hard bound.
+            age_ns = _age_ns(ancillary)
+            received_ns = self._clock() - age_ns
+            self._engine.receive_datagram(data, (address[0], address[1]), received_ns)
+            self.turn()
 
-async def start_pump(pump: Pump, sock: socket.socket) -> None:
-    """Run a pump over a bound, non-blocking UDP socket, which it then owns."""
-    # A burst of datagrams must not be lost while the loop is busy; the kernel may allow less.
-    with contextlib.suppress(OSError):
-        sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
-    await asyncio.get_running_loop().create_datagram_endpoint(lambda: pump, sock=sock)
+
+def _age_ns(ancillary: list[tuple[int, int, bytes]]) -> int:
+    """How long ago the kernel received a datagram; 0 where it does not say, or a clock was just set."""
+    for level, kind, stamp in ancillary:
+        if (level, kind) == (socket.SOL_SOCKET, _SO_TIMESTAMPNS) and len(stamp) == _TIMESPEC.size:
+            seconds, nanoseconds = _TIMESPEC.unpack(stamp)
+            age_ns = time.time_ns() - seconds * 1_000_000_000 - nanoseconds
+            return age_ns if 0 <= age_ns < MAX_AGE_NS else 0
+    return 0
 
 
 def client_socket(family: socket.AddressFamily) -> socket.socket:

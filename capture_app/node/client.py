@@ -10,7 +10,7 @@ from collections.abc import Callable
 from capture_app.cameras.base import Camera, CameraInfo, CapturedFrame
 from capture_app.errors import CameraError, SimulshotError
 from capture_app.net.address import Address, resolve
-from capture_app.net.udp import Pump, ToPeer, client_socket, start_pump
+from capture_app.net.udp import Pump, ToPeer, client_socket
 from capture_app.node.messages import CameraReport, JsonValue
 from capture_app.node.records import camera_record, description, event_line, true_clock
 from capture_app.node.uploader import BurstWork, Uploader
@@ -95,7 +95,7 @@ class ClientNode:
         self._engine = Client(config, random.Random(secrets.randbits(64)))
         self._engine.stream_started(started_ns)
         self._pump = Pump(ToPeer(self._engine, peer), self._clock.now_ns, self._drain)
-        await start_pump(self._pump, sock)
+        self._pump.start(sock)
         try:
             async with asyncio.TaskGroup() as tasks:
                 tasks.create_task(self._keep_camera(failed))

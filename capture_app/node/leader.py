@@ -11,7 +11,7 @@ from typing import Any, Self
 from capture_app.errors import BadInputError, IncompleteError, SimulshotError
 from capture_app.net.address import DEFAULT_PORT, Address, reachable_host
 from capture_app.net.transfer import TransferServer, bind
-from capture_app.net.udp import Pump, start_pump
+from capture_app.net.udp import Pump
 from capture_app.node.bursts import BurstSession, create_numbered
 from capture_app.node.messages import BurstRequest, CameraReport, ImageUpload, ToLeader
 from capture_app.node.service import Service
@@ -78,7 +78,7 @@ class LeaderNode:
         self._server = TransferServer(ToLeader, Service(self).serve)
         self._pump = Pump(self._engine, self._clock.now_ns, self._drain)
         await self._server.start(listening)
-        await start_pump(self._pump, datagrams)
+        self._pump.start(datagrams)
         self._spawn(self._keep_house())
 
     async def stop(self) -> None:

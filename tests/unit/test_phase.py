@@ -145,9 +145,8 @@ stamps = st.builds(
 def test_no_frames_whatsoever_raise(frames: list[FrameStamp | str], in_order: bool) -> None:
     phase = PhaseEstimator(period_ns=NOMINAL_NS)
     if in_order:
-        frames = sorted(
-            (f for f in frames if isinstance(f, FrameStamp)), key=lambda f: (f.stream, f.sequence)
-        )
+        ordered = [f for f in frames if isinstance(f, FrameStamp)]
+        frames = [*sorted(ordered, key=lambda f: (f.stream, f.sequence))]
     for frame in frames:
         if isinstance(frame, str):
             phase.mark_disturbance()

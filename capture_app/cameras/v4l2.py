@@ -1,7 +1,9 @@
 """USB webcams and other Video4Linux2 cameras: finding and opening them."""
 
+import errno
 import os
 import stat
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +23,8 @@ from capture_app.errors import CameraError
 __all__ = ["DeviceInfo", "V4L2Camera", "list_devices", "open_v4l2"]
 
 _VIDEO4LINUX_MAJOR = 81
+_WAKING_TRIES = 4
+_WAKING_PAUSE_S = 0.1
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,7 +44,7 @@ def open_v4l2(path: str, options: Mapping[str, str]) -> V4L2Camera:
 
     Raises BadInputError for an option that cannot be read; CameraError where the device is missing, not a
     camera, busy, not permitted, without the mode asked for, or stamps frames in another clock;
-    NotAvailableError on a 32-bit system. May take a tenth of a second.
+    NotAvailableError on a 32-bit system. May take half a second where the camera sleeps.
     """
     wanted = parse_options(options)
     try:
@@ -87,4 +91,12 @@ def _open_video_node(path: str) -> VideoDevice:
     status = Path(path).stat()
     if not (stat.S_ISCHR(status.st_mode) and os.major(status.st_rdev) == _VIDEO4LINUX_MAJOR):
         raise CameraError(f"{path} is not a camera", hint="`capture-app cameras` lists the cameras there are")
+    for _ in range(_WAKING_TRIES):
+        try:
+            return VideoDevice(path)
+        except OSError as error:
+            if error.errno != errno.EBUSY:
+                raise
+            # A USB camera that sleeps answers so while its hub wakes up; uvcvideo never means "in use" here.
+            time.sleep(_WAKING_PAUSE_S)
     return VideoDevice(path)

@@ -1,6 +1,7 @@
 """Which mode is chosen, and what a user reads when it cannot be."""
 
 import errno
+import os
 from fractions import Fraction
 from pathlib import Path
 
@@ -148,3 +149,22 @@ def test_a_camera_that_may_not_be_opened_is_listed_with_the_reason(tmp_path, mon
     found = v4l2.list_devices(tmp_path)
     assert [Path(info.path).name for info in found] == ["video2", "video10"]
     assert all("group `video`" in info.problem and info.modes == () for info in found)
+
+
+@pytest.mark.parametrize(("busy", "opens"), [(3, True), (99, False)])
+def test_a_camera_that_wakes_up_is_tried_again(busy, opens, monkeypatch):
+    answers = [OSError(errno.EBUSY, "Device or resource busy")] * busy
+
+    def device(_path: str) -> str:
+        if answers:
+            raise answers.pop()
+        return "the device"
+
+    monkeypatch.setattr(v4l2, "VideoDevice", device)
+    monkeypatch.setattr(v4l2, "_VIDEO4LINUX_MAJOR", os.major(os.stat("/dev/null").st_rdev))
+    monkeypatch.setattr(v4l2, "_WAKING_PAUSE_S", 0.0)
+    if opens:
+        assert v4l2._open_video_node("/dev/null") == "the device"
+    else:
+        with pytest.raises(CameraError, match="in use"):
+            v4l2.open_v4l2("/dev/null", {})

@@ -1,6 +1,7 @@
 """The leader's state machine: take clients in, answer their time requests, order bursts, notice losses."""
 
 import random
+import re
 from collections import deque
 from dataclasses import dataclass, field
 
@@ -45,6 +46,8 @@ TRIGGER_LEAD_NS = 500 * _MS
 TRIGGER_AGAIN_NS = 50 * _MS
 TRIGGER_GIVE_UP_NS = 5000 * _MS
 MAX_CLIENTS = 10_000
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+"""Names become those of folders in a session: nothing that could leave it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -223,6 +226,9 @@ class Leader:
         if known is not None and not known.lost and known.instance != hello.instance:
             reason = f"another camera named {hello.name} is here"
             self._outbox.append((Refused(hello.instance, reason), address))
+            return
+        if not _NAME.fullmatch(hello.name):
+            self._outbox.append((Refused(hello.instance, "its name cannot be a folder's"), address))
             return
         if known is None and len(self._members) >= MAX_CLIENTS:
             self._outbox.append((Refused(hello.instance, "the rig is full"), address))

@@ -1,0 +1,126 @@
+"""The pump over real loopback sockets, with an engine that only takes notes."""
+
+import asyncio
+import contextlib
+import socket
+import time
+from collections import deque
+from collections.abc import AsyncIterator, Iterator
+
+import pytest
+
+from capture_app.net.address import Address
+from capture_app.net.udp import Pump, ToPeer, client_socket
+
+Received = tuple[bytes, tuple[str, int], int]
+
+
+class Notes:
+    """An engine that sends what is put in, and notes what comes."""
+
+    def __init__(self) -> None:
+        self.received: asyncio.Queue[Received] = asyncio.Queue()
+        self.outbox: deque[tuple[bytes, tuple[str, int]]] = deque()
+        self.timer_ns: int | None = None
+        self.ticked = asyncio.Event()
+        self.ticks_ns: list[int] = []
+
+    def receive_datagram(self, data: bytes, address: tuple[str, int], now_ns: int) -> None:
+        self.received.put_nowait((data, address, now_ns))
+
+    def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, tuple[str, int]]]:
+        datagrams = list(self.outbox)
+        self.outbox.clear()
+        return datagrams
+
+    def next_timer(self) -> int | None:
+        return self.timer_ns
+
+    def handle_timer(self, now_ns: int) -> None:
+        if self.timer_ns is not None and now_ns >= self.timer_ns:
+            self.timer_ns = None
+            self.ticks_ns.append(now_ns)
+            self.ticked.set()
+
+
+@pytest.fixture
+async def other() -> AsyncIterator[socket.socket]:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.bind(("127.0.0.1", 0))
+        yield sock
+
+
+@contextlib.contextmanager
+def pumping(engine: Notes) -> Iterator[tuple[Pump, tuple[str, int]]]:
+    sock = client_socket(socket.AF_INET)
+    sock.bind(("127.0.0.1", 0))
+    address = sock.getsockname()
+    pump = Pump(engine, time.monotonic_ns, lambda: None)
+    pump.start(sock)
+    try:
+        yield pump, address
+    finally:
+        pump.close()
+        pump.close()
+
+
+async def test_a_busy_process_does_not_delay_the_time_of_receipt(other: socket.socket) -> None:
+    engine = Notes()
+    with pumping(engine) as (_, address):
+        before_ns = time.monotonic_ns()
+        other.sendto(b"now", address)
+        time.sleep(0.02)  # noqa: ASYNC251 - the loop is blocked on purpose
+        after_ns = time.monotonic_ns()
+        data, sender, received_ns = await engine.received.get()
+    assert (data, sender) == (b"now", other.getsockname())
+    assert before_ns <= received_ns < after_ns
+
+
+async def test_what_the_engine_wants_sent_goes_out_and_unreachable_peers_are_only_silent(
+    other: socket.socket,
+) -> None:
+    engine = Notes()
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as gone:
+        gone.bind(("127.0.0.1", 0))
+        nobody = gone.getsockname()
+    with pumping(engine) as (pump, address):
+        engine.outbox += [(b"lost", nobody), (b"lost", ("256.0.0.1", 1)), (b"hello", other.getsockname())]
+        pump.turn()
+        assert other.recvfrom(100) == (b"hello", address)
+        other.sendto(b"still here", address)
+        assert (await engine.received.get())[0] == b"still here"
+
+
+async def test_the_timer_fires_not_before_it_is_due() -> None:
+    engine = Notes()
+    with pumping(engine) as (pump, _):
+        engine.timer_ns = due_ns = time.monotonic_ns() + 5_000_000
+        pump.turn()
+        await engine.ticked.wait()
+    assert engine.ticks_ns[0] >= due_ns
+
+
+async def test_a_client_listens_to_its_leader_only(other: socket.socket) -> None:
+    class Unaddressed:
+        def __init__(self) -> None:
+            self.received: list[bytes] = []
+
+        def receive_datagram(self, data: bytes, now_ns: int) -> None:
+            self.received.append(data)
+
+        def datagrams_to_send(self, now_ns: int) -> list[bytes]:
+            return [b"hello"]
+
+        def next_timer(self) -> int | None:
+            return None
+
+        def handle_timer(self, now_ns: int) -> None:
+            pass
+
+    client = Unaddressed()
+    engine = ToPeer(client, Address("10.0.0.1", 47010))
+    engine.receive_datagram(b"stranger", ("10.0.0.2", 47010), 1)
+    engine.receive_datagram(b"other port", ("10.0.0.1", 47011), 2)
+    engine.receive_datagram(b"leader", ("10.0.0.1", 47010), 3)
+    assert client.received == [b"leader"]
+    assert engine.datagrams_to_send(4) == [(b"hello", ("10.0.0.1", 47010))]

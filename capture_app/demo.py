@@ -99,6 +99,7 @@ class Child:
         if self.listening is not None:
             await asyncio.wait((self.listening,), timeout=1.0)
         last = next((line for line in reversed(self.said) if line), "it said nothing")
+        last = last.partition(": error: ")[2] or last
         error = SimulshotError(f"{self.name} ended with code {self.process.returncode}: {last}")
         if self.process.returncode in tuple(ExitCode):
             error.exit_code = ExitCode(self.process.returncode)

@@ -1,0 +1,89 @@
+"""The demo's parts with the cheap test card; scene and comparison have tests of their own."""
+
+import asyncio
+import os
+import signal
+import sys
+from pathlib import Path
+
+import pytest
+
+from capture_app.demo import capture, compare, free_folder, sync_errors
+from capture_app.errors import ExitCode, SimulshotError
+from capture_app.session.verify import verify
+
+PARENT = """
+import asyncio
+from pathlib import Path
+from capture_app.demo import SimulatedNodes
+from capture_app.node.leader import LeaderNode
+
+async def main():
+    async with LeaderNode(sessions=Path("unused"), host="127.0.0.1", port=0) as leader:
+        async with SimulatedNodes(leader.address, 2, scene="bars") as nodes:
+            await leader.wait_until_ready(60, nodes=2)
+            print(*(child.process.pid for child in nodes._children), flush=True)
+            await asyncio.Event().wait()
+
+asyncio.run(main())
+"""
+
+
+async def test_a_burst_of_simulated_nodes_is_held_against_the_truth(tmp_path: Path) -> None:
+    said: list[str] = []
+    session = await capture(tmp_path, 2, said.append, scene="bars")
+    assert verify(session) == []
+    assert len(session.manifest.images) == 10
+    assert said[-1] == "10 of 10 images are on disk" or "missing" in said[-1]
+    errors = sync_errors(session)
+    assert [node.name for node in errors.nodes] == ["cam00", "cam01"]
+    for node in errors.nodes:
+        assert abs(node.clock_error_ns) <= node.hard_bound_ns
+        assert abs(node.total_error_ns) <= errors.max_total_error_ns
+    assert errors.max_total_error_ns < session.manifest.burst.period_ns // 2
+
+
+async def test_a_node_that_cannot_start_ends_the_demo_with_its_own_words(tmp_path: Path) -> None:
+    with pytest.raises(SimulshotError, match="nonsense") as caught:
+        await capture(tmp_path, 2, lambda _: None, scene="nonsense")
+    assert caught.value.exit_code == ExitCode.BAD_INPUT
+    assert free_folder(tmp_path, "burst-001") == tmp_path / "burst-001", "nothing half-written"
+
+
+async def test_a_comparison_that_fails_ends_with_its_own_words(tmp_path: Path) -> None:
+    with pytest.raises(SimulshotError, match="nowhere") as caught:
+        await compare(tmp_path / "nowhere", tmp_path / "out", lambda _: None)
+    assert caught.value.exit_code == ExitCode.BAD_INPUT
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGKILL])
+async def test_nodes_end_with_the_process_that_started_them(how: signal.Signals) -> None:
+    parent = await asyncio.create_subprocess_exec(
+        sys.executable, "-c", PARENT, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.DEVNULL
+    )
+    assert parent.stdout is not None
+    async with asyncio.timeout(60):
+        pids = [int(pid) for pid in (await parent.stdout.readline()).split()]
+        assert len(pids) == 2
+        assert all(is_running(pid) for pid in pids)
+        parent.send_signal(how)
+        await parent.stdout.read()
+        await parent.wait()
+        while any(is_running(pid) for pid in pids):  # noqa: ASYNC110 - they are not our children
+            await asyncio.sleep(0.05)
+
+
+def is_running(pid: int) -> bool:
+    """Whether a process is there and no zombie that only waits to be noticed."""
+    try:
+        os.kill(pid, 0)
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+    except (ProcessLookupError, FileNotFoundError):
+        return False
+
+
+def test_folders_are_never_used_twice(tmp_path: Path) -> None:
+    for expected in ("compare", "compare-002", "compare-003"):
+        folder = free_folder(tmp_path, "compare")
+        assert folder.name == expected
+        folder.mkdir()

@@ -44,6 +44,8 @@ class StereoResult(_Result, frozen=True, kw_only=True):
     synced: DepthScores
     offset: DepthScores
     per_instant: tuple[dict[str, float | int | None], ...] = ()
+    why: str = ""
+    """Why this pair was taken."""
 
 
 class StitchScores(_Result, frozen=True, kw_only=True):
@@ -53,6 +55,8 @@ class StitchScores(_Result, frozen=True, kw_only=True):
     static_overlap_mad: float
     """Mean absolute grey-level difference on static pixels of the overlap (0-255)."""
     mover_overlap_mad: float | None = None
+    mover_flow_p95_px: float | None = None
+    """As overlap_flow_p95_px, on moving things only."""
     instants: int = 0
 
 
@@ -62,6 +66,8 @@ class StitchResult(_Result, frozen=True, kw_only=True):
     cameras: tuple[str, ...]
     synced: StitchScores
     offset: StitchScores
+    why: str = ""
+    """Why this pair was taken."""
 
 
 class CompareResult(_Result, frozen=True, kw_only=True):

@@ -1,0 +1,226 @@
+"""The stereo half of a comparison: one pair, every usable instant, both conditions."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from reconstruction import metrics, pictures
+from reconstruction.dataset import Dataset
+from reconstruction.geometry import Array, View
+from reconstruction.pipeline import Progress, Stages
+from reconstruction.results import Picture, StereoResult
+from reconstruction.scene_motion import SceneMotion
+from reconstruction.stereo import DepthMap, StereoPair, scene_disparities
+
+CONDITIONS = ("synced", "offset")
+RANGE_INSTANTS = 8
+
+
+@dataclass(frozen=True)
+class Instant:
+    """One instant's depth in both conditions, and the pixels to judge it on (bool, reference view)."""
+
+    now: int
+    later: int
+    maps: dict[str, DepthMap]
+    moving: Array
+    static: Array
+    truth: Array | None
+
+
+class DepthStudy:
+    """Depth of a pair, synchronized and offset, with all that is fixed for both taken from synced images."""
+
+    def __init__(
+        self,
+        dataset: Dataset,
+        motion: SceneMotion,
+        views: dict[str, View],
+        cameras: tuple[str, str],
+        pairs: Sequence[tuple[int, int]],
+        unit: str,
+    ) -> None:
+        """`pairs` are (instant, later instant); `unit` is the calibration's unit of length."""
+        self.dataset = dataset
+        self.motion = motion
+        self.views = views
+        self.reference, self.other = cameras
+        self.pairs = list(pairs)
+        self.unit = unit
+        self.pair: StereoPair | None = None
+
+    def run(self, stages: Stages, progress: Progress) -> list[Instant]:
+        """Depth maps of all instants, from the stages' folder where they are there already.
+
+        Raises:
+            ValueError: the pair sees too little in common.
+        """
+        views = self.views[self.reference], self.views[self.other]
+        key = (self.reference, self.other, tuple(self.pairs), repr(views))
+        progress.step(f"depth range of {self.reference} and {self.other}")
+        disparities = stages.record("disparities", tuple[float, float], self._disparities, *key)
+        self.pair = StereoPair(*views, disparities)
+        found = []
+        for now, later in self.pairs:
+            progress.step(f"stereo {self.reference}-{self.other}, instant {now}")
+            maps = {}
+            for condition, instant in (("synced", now), ("offset", later)):
+                made = stages.arrays(
+                    "depth",
+                    lambda now=now, instant=instant: vars(  # type: ignore[misc]
+                        self._depth(now, instant)
+                    ),
+                    self.reference,
+                    self.other,
+                    repr(views),
+                    disparities,
+                    now,
+                    instant,
+                )
+                maps[condition] = DepthMap(**made)
+            found.append((now, later, maps))
+        return self._judged(found)
+
+    def _disparities(self) -> tuple[float, float]:
+        chosen = self.pairs[:: max(1, len(self.pairs) // RANGE_INSTANTS)]
+        images = [
+            (
+                self.dataset.grey(self.reference, now),
+                self.dataset.grey(self.other, now),
+                self.motion.seen_moving(self.reference, now),
+            )
+            for now, _ in chosen
+        ]
+        return scene_disparities((self.views[self.reference], self.views[self.other]), images)
+
+    def _depth(self, now: int, instant: int) -> DepthMap:
+        assert self.pair is not None
+        return self.pair.depth(self.dataset.grey(self.reference, now), self.dataset.grey(self.other, instant))
+
+    def _judged(self, found: list[tuple[int, int, dict[str, DepthMap]]]) -> list[Instant]:
+        depths = [maps["synced"].depth for _, _, maps in found]
+        moving = [self.motion.moving(self.reference, now) for now, _, _ in found]
+        still = metrics.still_depth(depths, moving)
+        where, inside = metrics.seen_through(self.views[self.reference], self.views[self.other], still)
+        instants = []
+        for (now, later, maps), mask in zip(found, moving, strict=True):
+            times = {now, later}
+            static = metrics.still_control(
+                where,
+                inside,
+                [self.motion.moving(self.reference, k) for k in times if self.dataset.has(self.reference, k)],
+                [self.motion.moving(self.other, k) for k in times],
+            )
+            truth = self._truth(now, still, static)
+            instants.append(Instant(now, later, maps, mask & inside, static, truth))
+        return instants
+
+    def _truth(self, instant: int, still: Array, static: Array) -> Array | None:
+        """True depth in the calibration's unit, NaN where there is none."""
+        loaded = self.dataset.truth(self.reference, instant)
+        if loaded is None:
+            return None
+        truth = np.where(np.isfinite(loaded[0]) & (loaded[0] > 0), loaded[0], np.nan)
+        if self.unit == "m":
+            return truth
+        # Structure from motion knows no metres: what stands still gives the scale.
+        known = static & (still > 0) & np.isfinite(truth)
+        return truth * float(np.median(still[known] / truth[known])) if known.any() else None
+
+    def result(self, instants: Sequence[Instant], why: str) -> StereoResult:
+        """Scores of both conditions."""
+        assert self.pair is not None
+        tallies = {condition: metrics.Tally() for condition in CONDITIONS}
+        per_instant = []
+        for one in instants:
+            row: dict[str, float | int | None] = {
+                "instant": one.now,
+                "offset_instant": one.later,
+                "mover_pixels": int(one.moving.sum()),
+            }
+            reference = self.dataset.grey(self.reference, one.now)
+            for condition, later in (("synced", one.now), ("offset", one.later)):
+                single = metrics.Tally()
+                for tally in (tallies[condition], single):
+                    tally.add(one.maps[condition], one.moving, one.static, one.truth)
+                other = self.dataset.grey(self.other, later)
+                rows = [
+                    metrics.row_errors(self.pair, reference, other, m) for m in (one.moving, one.static)
+                ]
+                tallies[condition].add_rows(*rows)
+                single.add_rows(*rows)
+                scores = single.scores()
+                row[f"{condition}_mover_coverage"] = scores.mover_coverage
+                row[f"{condition}_static_coverage"] = scores.static_coverage
+                row[f"{condition}_mover_within_2pct"] = scores.mover_within_2pct
+                row[f"{condition}_mover_epipolar_px"] = scores.mover_epipolar_px
+            per_instant.append(row)
+        return StereoResult(
+            reference=self.reference,
+            other=self.other,
+            synced=tallies["synced"].scores(),
+            offset=tallies["offset"].scores(),
+            per_instant=tuple(per_instant),
+            why=why,
+        )
+
+    def pictures(self, instants: Sequence[Instant], out: Path) -> list[Picture]:
+        """Pictures of the instant at which most moves, written into out/pictures."""
+        one = max(instants, key=lambda instant: int(instant.moving.sum()))
+        near, far = pictures.depth_range([i.maps["synced"].depth for i in instants])
+        photo = self.dataset.image(self.reference, one.now)
+        box = pictures.box_around(one.moving)
+        paths: dict[str, dict[str, str]] = {key: {} for key in ("pair", "depth", "closeup", "movers")}
+        for condition, later in (("synced", one.now), ("offset", one.later)):
+            depth = one.maps[condition].depth
+            coloured = pictures.colour_depth(depth, near, far)
+            right = depth > 0
+            if one.truth is not None:
+                right &= np.abs(depth - np.nan_to_num(one.truth, nan=np.inf)) < 0.02 * np.nan_to_num(one.truth)
+            close = pictures.side_by_side(
+                pictures.crop(photo, box), pictures.crop(coloured, box, smooth=False)
+            )
+            made = {
+                "pair": self._pair_picture(one, later, box),
+                "depth": coloured,
+                "closeup": close,
+                "movers": pictures.mark_movers(photo, one.moving, right),
+            }
+            for key, picture in made.items():
+                suffix = "jpg" if key in ("pair", "movers") else "png"
+                paths[key][condition] = pictures.save(out, f"stereo_{key}_{condition}.{suffix}", picture)
+        judged = "its distance is right within 2 %" if one.truth is not None else "both pictures agree on one"
+        texts = {
+            "pair": (
+                "The two pictures",
+                "Turned so that the same point lies on the same line in both; what moved in between does not.",
+            ),
+            "depth": ("Distance", "Bright is near, blue is far; dark means that no distance was found."),
+            "closeup": ("A moving thing, close up", "The picture, and the distance found for it."),
+            "movers": (
+                "What moves",
+                f"Teal: a distance was found and {judged}. Orange: none, or a wrong one.",
+            ),
+        }
+        return [
+            Picture(key=f"stereo_{key}", title=title, caption=text, **paths[key])
+            for key, (title, text) in texts.items()
+        ]
+
+    def _pair_picture(self, one: Instant, later: int, box: tuple[int, ...]) -> Array:
+        assert self.pair is not None
+        canvas = self.pair.rectification
+        a, _ = canvas.remap(self.dataset.image(self.reference, one.now))
+        b, _ = canvas.remap(self.dataset.image(self.other, later), other=True)
+        on, seen = canvas.remap(one.moving.astype(np.uint8), nearest=True)
+        rows, columns = (np.nonzero(seen.any(axis))[0] for axis in (1, 0))
+        part = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+        a, b, on = a[part], b[part], on[part]
+        if canvas.mirror:
+            a, b, on = (np.ascontiguousarray(image[:, ::-1]) for image in (a, b, on))
+        left, top, right, bottom = pictures.box_around(on > 0, spare=0.0, least=8)
+        count = 3 if (on > 0).any() else 0
+        lines = [int(y) for y in np.linspace(top, bottom, count)]
+        return pictures.with_rows(a, b, lines)

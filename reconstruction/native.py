@@ -1,0 +1,45 @@
+"""The one door to native libraries that are heavy, optional, or must be imported in a fixed order."""
+
+import importlib
+import platform
+from importlib import metadata
+from types import ModuleType
+
+from capture_app.errors import NotAvailableError
+
+
+def load_pycolmap() -> ModuleType:
+    """COLMAP's Python module, with its chatter turned off.
+
+    OpenCV must be imported first: in the other order the first PNG that OpenCV writes aborts the process.
+
+    Raises:
+        NotAvailableError: it is not installed or cannot be loaded on this machine.
+    """
+    importlib.import_module("cv2")
+    module = _load("pycolmap", "finding the cameras' positions from the images")
+    module.logging.minloglevel = 3
+    return module
+
+
+def versions() -> dict[str, str]:
+    """Versions of the libraries that decide the figures, for the record."""
+    found = {"python": platform.python_version()}
+    for name in ("simulshot", "numpy", "opencv-python-headless", "pycolmap"):
+        try:
+            found[name] = metadata.version(name)
+        except metadata.PackageNotFoundError:
+            found[name] = "not installed"
+    return found
+
+
+def _load(name: str, purpose: str) -> ModuleType:
+    try:
+        return importlib.import_module(name)
+    except (ImportError, OSError) as error:
+        raise NotAvailableError(
+            f"{purpose} needs {name}, which this machine cannot load: {error}",
+            hint=f"{name} has no package for every machine (this one: {platform.system()} "
+            f"{platform.machine()}, Python {platform.python_version()}); "
+            "copy the session to a 64-bit PC, or give it a calibration.json",
+        ) from error

@@ -1,0 +1,151 @@
+"""The panorama half of a comparison: registered once, composed and measured for both conditions."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from reconstruction import pictures, stitch
+from reconstruction.dataset import Dataset
+from reconstruction.features import find_points, match_points
+from reconstruction.geometry import Array, View
+from reconstruction.movers import grow
+from reconstruction.pairs import fit_homography
+from reconstruction.pipeline import Progress
+from reconstruction.results import Picture, StitchResult, StitchScores
+from reconstruction.scene_motion import SceneMotion
+
+REGISTRATION_INSTANTS = 3
+
+
+class PanoramaStudy:
+    """A panorama of two cameras, synchronized and offset."""
+
+    def __init__(
+        self,
+        dataset: Dataset,
+        motion: SceneMotion,
+        views: dict[str, View],
+        cameras: tuple[str, str],
+        pairs: Sequence[tuple[int, int]],
+    ) -> None:
+        """`pairs` are (instant, later instant); cameras without a view are taken as they are."""
+        self.dataset = dataset
+        self.motion = motion
+        self.cameras = cameras
+        self.pairs = list(pairs)
+        self.views = [views.get(name) or stitch.plain_view(*dataset.size(name)) for name in cameras]
+        self.registration: stitch.Registration | None = None
+
+    def register(self) -> None:
+        """Fix the geometry from what stands still.
+
+        Raises:
+            ValueError: the two cameras' pictures make no panorama.
+        """
+        first, second = self.cameras
+        at: tuple[list[Array], list[Array]] = ([], [])
+        for now, _ in self.pairs[:: max(1, len(self.pairs) // REGISTRATION_INSTANTS)]:
+            found = match_points(
+                *(
+                    find_points(self.dataset.grey(name, now), grow(self.motion.seen_moving(name, now), 5))
+                    for name in self.cameras
+                )
+            )
+            for kept, view, pixels in zip(at, self.views, found, strict=True):
+                kept.append(stitch.flat(view, pixels) if len(pixels) else pixels)
+        homography = fit_homography(
+            np.concatenate(at[0]),
+            np.concatenate(at[1]),
+            self.dataset.size(first),
+            self.dataset.size(second),
+        )
+        if homography is None:
+            raise ValueError(f"the pictures of {first} and {second} cannot be laid over each other")
+        rough = stitch.register(self.views[0], self.views[1], homography)
+        moving = np.zeros(rough.overlap.shape, bool)
+        for which, name in enumerate(self.cameras):
+            for k in self.dataset.instants(name):
+                mask = self.motion.seen_moving(name, k).astype(np.uint8)
+                moving |= rough.warp(mask, which, nearest=True) > 0
+        self.registration = stitch.refine(
+            rough,
+            rough.warp(self.motion.still(first), 0),
+            rough.warp(self.motion.still(second), 1),
+            grow(moving, 4),
+        )
+
+    def result(self, progress: Progress, why: str) -> StitchResult:
+        """Misfit of both conditions in the overlap, the mean over the instants."""
+        assert self.registration is not None
+        first, second = self.cameras
+        misfits: tuple[list[stitch.Misfit], list[stitch.Misfit]] = ([], [])
+        for now, later in self.pairs:
+            progress.step(f"panorama {first}-{second}, instant {now}")
+            movers = [self.motion.moving(second, k) for k in (now, later)]
+            for shown, instant in enumerate((now, later)):
+                moving, still = stitch.masks(
+                    self.registration, self.motion.moving(first, now), movers, shown
+                )
+                misfits[shown].append(
+                    stitch.measure(
+                        self.registration,
+                        self.dataset.grey(first, now),
+                        self.dataset.grey(second, instant),
+                        moving,
+                        still,
+                    )
+                )
+        return StitchResult(
+            cameras=self.cameras, synced=_scores(misfits[0]), offset=_scores(misfits[1]), why=why
+        )
+
+    def pictures(self, out: Path) -> list[Picture]:
+        """The panorama of the instant at which most moves in the overlap, and a close-up, both conditions."""
+        assert self.registration is not None
+        first, second = self.cameras
+        now, later = max(self.pairs, key=lambda pair: int(self._moving(*pair).sum()))
+        seen = self.registration.seen[0] | self.registration.seen[1]
+        part = pictures.trim(seen, seen)
+        box = pictures.box_around(self._moving(now, later)[part], spare=0.25)
+        paths: dict[str, dict[str, str]] = {"panorama": {}, "closeup": {}}
+        for condition, instant in (("synced", now), ("offset", later)):
+            whole = stitch.compose(
+                self.registration, self.dataset.image(first, now), self.dataset.image(second, instant)
+            )[part]
+            paths["panorama"][condition] = pictures.save(out, f"panorama_{condition}.jpg", whole)
+            close = pictures.crop(whole, box)
+            paths["closeup"][condition] = pictures.save(out, f"panorama_closeup_{condition}.jpg", close)
+        return [
+            Picture(
+                key="panorama",
+                title="Panorama",
+                caption="Two pictures laid side by side and cross-faded where they overlap.",
+                **paths["panorama"],
+            ),
+            Picture(
+                key="panorama_closeup",
+                title="Where they overlap, close up",
+                caption="A thing that moved between the two pictures is there twice, half transparent.",
+                **paths["closeup"],
+            ),
+        ]
+
+    def _moving(self, now: int, later: int) -> Array:
+        assert self.registration is not None
+        first, second = self.cameras
+        movers = [self.motion.moving(second, k) for k in (now, later)]
+        moving, _ = stitch.masks(self.registration, self.motion.moving(first, now), movers, 1)
+        return np.asarray(moving & self.registration.overlap)
+
+
+def _scores(misfits: list[stitch.Misfit]) -> StitchScores:
+    moving = [m.mover_flow_p95_px for m in misfits if m.mover_flow_p95_px is not None]
+    differing = [m.mover_mad for m in misfits if m.mover_mad is not None]
+    return StitchScores(
+        overlap_flow_p95_px=float(np.mean([m.flow_p95_px for m in misfits])),
+        static_overlap_mad=float(np.mean([m.static_mad for m in misfits])),
+        mover_overlap_mad=float(np.mean(differing)) if differing else None,
+        mover_flow_p95_px=float(np.mean(moving)) if moving else None,
+        instants=len(misfits),
+    )

@@ -161,7 +161,7 @@ def test_a_camera_that_wakes_up_is_tried_again(busy, opens, monkeypatch):
         return "the device"
 
     monkeypatch.setattr(v4l2, "VideoDevice", device)
-    monkeypatch.setattr(v4l2, "_VIDEO4LINUX_MAJOR", os.major(os.stat("/dev/null").st_rdev))
+    monkeypatch.setattr(v4l2, "_VIDEO4LINUX_MAJOR", os.major(Path("/dev/null").stat().st_rdev))
     monkeypatch.setattr(v4l2, "_WAKING_PAUSE_S", 0.0)
     if opens:
         assert v4l2._open_video_node("/dev/null") == "the device"

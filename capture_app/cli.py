@@ -17,6 +17,7 @@ COMMANDS = {
     "burst": "Take a burst with a running leader.",
     "cameras": "List the cameras of this machine.",
     "sessions": "List, show, verify and import sessions.",
+    "experiment": "Run the paper's tables and ours: clocks, phase, the whole chain.",
     "demo": "Simulated cameras, one burst, one comparison: the whole path at once.",
 }
 

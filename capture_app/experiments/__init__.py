@@ -1,0 +1,26 @@
+"""The paper's tables and ours, each a command: one module per experiment, imported when it runs."""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Protocol, cast
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from capture_app.experiments.result import Outcome
+
+EXPERIMENTS: dict[str, str] = {}
+"""Name and what it shows; the module has the same name, with underscores."""
+
+
+class Experiment(Protocol):
+    """What the module of an experiment offers."""
+
+    def run(self, *, trials: "int | None", seed: int, talk: "Callable[[str], None]") -> "Outcome":
+        """Run it; `trials` None means its own default, `talk` takes a line about progress."""
+
+
+def load(name: str) -> Experiment:
+    """Import an experiment; raises KeyError for a name that is not in the table."""
+    if name not in EXPERIMENTS:
+        raise KeyError(name)
+    return cast(Experiment, import_module(f"capture_app.experiments.{name.replace('-', '_')}"))

@@ -1,0 +1,38 @@
+"""Pictures of the experiments: matplotlib without a screen, an optional extra."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from capture_app.errors import BadInputError, NotAvailableError
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+HINT = "pip install 'simulshot[plots]'"
+
+
+def require(folder: Path) -> None:
+    """Make the folder, before any work is done; raises NotAvailableError and BadInputError."""
+    new_figure()
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInputError(f"cannot draw into {folder}: {error.strerror}", hint="name a folder") from None
+
+
+def new_figure(**options: Any) -> "Figure":
+    """Return an empty figure; options as of `matplotlib.figure.Figure`. Raises NotAvailableError."""
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError:
+        raise NotAvailableError("pictures need matplotlib", hint=HINT) from None
+    figure = Figure(layout="constrained", **options)
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def save(figure: "Figure", path: Path) -> Path:
+    """Write the figure as the suffix says, with the same bytes for the same figure."""
+    figure.savefig(path, dpi=120, metadata={"Software": None} if path.suffix == ".png" else None)
+    return path

@@ -62,7 +62,9 @@ class ClientNode:
         self._engine: Client[CapturedFrame] | None = None
         self._pump: Pump | None = None
         self._uploader = Uploader(self._talk)
-        self._commands: asyncio.Queue[CameraCommand] = asyncio.Queue()
+        self._commands: asyncio.Queue[tuple[CameraCommand, int]] = asyncio.Queue()
+        """Each with the local time in ns that the engine reckoned with."""
+        self._engine_ns = 0
         self._leader_instance = 0
         self._events: deque[dict[str, JsonValue]] = deque(maxlen=EVENTS_KEPT)
         self._last_state: NodeState | None = None
@@ -161,14 +163,19 @@ class ClientNode:
         if self._engine is None or self._pump is None:
             return
         stamp = FrameStamp(sequence=frame.sequence, stream=frame.stream, timestamp_ns=frame.timestamp_ns)
-        self._engine.frame_arrived(stamp, frame, self._clock.now_ns())
+        self._engine_ns = self._clock.now_ns()
+        self._engine.frame_arrived(stamp, frame, self._engine_ns)
         self._pump.turn()
 
     async def _command_camera(self) -> None:
         assert self._engine is not None
         while True:
-            command = await self._commands.get()
+            command, reckoned_ns = await self._commands.get()
             given_ns = self._clock.now_ns()
+            if isinstance(command, RestartStream):
+                delay_ns = command.delay_ns - (given_ns - reckoned_ns)
+                # Too late for the start aimed at: the same place in a later period is as good.
+                command = RestartStream(delay_ns if delay_ns >= 0 else delay_ns % self._info.period_ns)
             try:
                 await self._camera.apply(command)
             except CameraError as error:
@@ -183,7 +190,7 @@ class ClientNode:
     def _drain(self) -> None:
         assert self._engine is not None
         while (command := self._engine.next_command()) is not None:
-            self._commands.put_nowait(command)
+            self._commands.put_nowait((command, self._engine_ns))
         while (event := self._engine.next_event()) is not None:
             self._take_event(event)
         state = self._engine.state

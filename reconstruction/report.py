@@ -14,6 +14,8 @@ from reconstruction.report_tables import claims, depth_table, panorama_table
 from reconstruction.results import CompareResult, Picture
 
 REPORT = "report.html"
+LONG_HEADLINE = 70
+"""Characters from which a headline is set smaller."""
 
 _KINDS = {b"\x89PNG\r\n\x1a\n": "image/png", b"\xff\xd8\xff": "image/jpeg"}
 
@@ -42,6 +44,7 @@ def write_report(result: CompareResult, out: Path) -> Path:
 def _page(result: CompareResult, out: Path) -> str:
     folder = files("reconstruction") / "report_page"
     headline, lead = wording.headline(result.verdict)
+    size = "long" if len(headline) > LONG_HEADLINE else "short"
     name = Path(result.session).name or result.session
     return Template((folder / "page.html").read_text("utf-8")).substitute(
         title=escape(f"{name}: synchronized against {wording.lateness(result.actual_offset_ms)}"),
@@ -49,6 +52,7 @@ def _page(result: CompareResult, out: Path) -> str:
         script=(folder / "page.js").read_text("utf-8"),
         session=escape(name),
         headline=escape(headline),
+        size=size,
         lead=f'<p class="lead">{escape(lead)}</p>' if lead else "",
         claims=claims(result),
         why=_why(result),
@@ -96,15 +100,20 @@ def _figure(picture: Picture, out: Path, offset_ms: float) -> str:
     offset, _ = _embed(out / picture.offset)
     late = escape(wording.lateness(offset_ms))
     caption = f"<figcaption>{escape(picture.caption)}</figcaption>" if picture.caption else ""
+    slider = (
+        f"""<input class="wipe" type="range" min="0" max="100" value="50" data-left="synchronized"
+ aria-label="{title}: how much of the synchronized picture to show"><span class="handle"></span>"""
+        if picture.panels == 1
+        else ""
+    )
     return f"""<h3 class="picture">{title}</h3>
 <figure aria-label="{title}">
-<div class="pair" style="--shape: {wide / high:.4f}; --wide: {wide}">
+<div class="pair {"over" if slider else "stack"}" style="--shape: {wide / high:.4f}; --wide: {wide}">
 <div class="side synced"><span class="tag">Synchronized</span>
 <img alt="{title}, synchronized" width="{wide}" height="{high}" src="{synced}"></div>
 <div class="side offset"><span class="tag">{late}</span>
 <img alt="{title}, {late}" width="{wide}" height="{high}" src="{offset}"></div>
-<input class="wipe" type="range" min="0" max="100" value="50" data-left="synchronized"
- aria-label="{title}: how much of the synchronized picture to show"><span class="handle"></span>
+{slider}
 </div>
 {caption}</figure>"""
 
@@ -154,13 +163,10 @@ def _skipped(what: str, why: str) -> str:
 
 def _making(result: CompareResult) -> str:
     rows = [("Session", f"<code>{escape(result.session)}</code>")]
-    if result.stereo:
-        pair = f"{result.stereo.reference} and {result.stereo.other}"
-        instants = wording.count(result.stereo.synced.instants, "instant")
-        rows.append(("Depth", escape(f"cameras {pair}, {instants}")))
-    if result.stitch:
-        instants = wording.count(result.stitch.synced.instants, "instant")
-        rows.append(("Panorama", escape(f"cameras {' and '.join(result.stitch.cameras)}, {instants}")))
+    if stereo := result.stereo:
+        rows.append(("Depth", _pair((stereo.reference, stereo.other), stereo.synced.instants, stereo.why)))
+    if stitch := result.stitch:
+        rows.append(("Panorama", _pair(stitch.cameras, stitch.synced.instants, stitch.why)))
     asked, actual = (wording.milliseconds(ms) for ms in (result.offset_ms, result.actual_offset_ms))
     frames = wording.count(result.offset_frames, "frame")
     rows.append(("Offset", escape(f"{asked} asked for; {actual} given, which is {frames}")))
@@ -178,3 +184,8 @@ def _making(result: CompareResult) -> str:
 {entries}
 </dl>
 </section>"""
+
+
+def _pair(cameras: tuple[str, ...], instants: int, why: str) -> str:
+    words = f"cameras {' and '.join(cameras)}, {wording.count(instants, 'instant')}"
+    return escape(f"{words} (taken for {why})" if why else words)

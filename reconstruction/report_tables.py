@@ -5,7 +5,7 @@ from collections.abc import Callable
 from html import escape
 
 from reconstruction import wording
-from reconstruction.results import CompareResult, DepthScores, StereoResult, StitchResult
+from reconstruction.results import CompareResult, DepthScores, StereoResult, StitchResult, StitchScores
 
 _Format = Callable[[float | None], str]
 
@@ -24,10 +24,13 @@ def claims(result: CompareResult) -> str:
         note = "Nobody knows the true distances here, so this counts where the two pictures agree on one."
         shown = _shares(stereo.synced.mover_coverage, stereo.offset.mover_coverage, what)
     elif stitch:
-        pair = (stitch.synced.overlap_flow_p95_px, stitch.offset.overlap_flow_p95_px)
-        words = "of misfit where the two pictures of the panorama overlap"
-        most = max(*pair, 1e-9)
-        shown = tuple((wording.quantity(value, "px"), words, value / most) for value in pair)
+        pair = (stitch.synced.mover_flow_p95_px, stitch.offset.mover_flow_p95_px)
+        words = "of misfit of moving things where the pictures of the panorama overlap"
+        if None in pair:
+            pair = (stitch.synced.overlap_flow_p95_px, stitch.offset.overlap_flow_p95_px)
+            words = "of misfit where the pictures of the panorama overlap"
+        most = max(1e-9, *(value for value in pair if value is not None))
+        shown = tuple((wording.quantity(v, "px"), words, None if v is None else v / most) for v in pair)
     else:
         return ""
     whens = ("when both pictures show the same instant", f"when one picture is {late}")
@@ -113,31 +116,42 @@ def depth_table(stereo: StereoResult, offset_ms: float) -> str:
 {"".join(rows)}</tbody></table>"""
 
 
+_PANORAMA_ROWS = (
+    (
+        "mover_flow_p95_px",
+        "Misfit of moving things",
+        "How far apart both pictures show the same thing; 5 % of what moves is worse. Less is better.",
+        "px",
+    ),
+    (
+        "overlap_flow_p95_px",
+        "Misfit in the whole overlap",
+        "The same, for everything where the pictures overlap.",
+        "px",
+    ),
+    (
+        "mover_overlap_mad",
+        "Brightness difference of moving things",
+        "On average, of 255. Less is better.",
+        "",
+    ),
+    (
+        "static_overlap_mad",
+        "Brightness difference of things at rest (control)",
+        "On average, of 255; it should not depend on timing.",
+        "",
+    ),
+)
+
+
 def panorama_table(stitch: StitchResult, offset_ms: float) -> str:
     """The overlap of a panorama before blending, synchronized and offset."""
-    pair = (stitch.synced, stitch.offset)
-    rows = [
-        _row(
-            "Misfit in the overlap",
-            "How far apart both pictures show the same thing; 5 % of the overlap is worse. Less is better.",
-            [(s.overlap_flow_p95_px, wording.quantity(s.overlap_flow_p95_px, "px"), "", False) for s in pair],
-        )
-    ]
-    if any(s.mover_overlap_mad is not None for s in pair):
-        rows.append(
-            _row(
-                "Brightness difference of moving things",
-                "On average, of 255. Less is better.",
-                [(s.mover_overlap_mad, wording.quantity(s.mover_overlap_mad), "", False) for s in pair],
-            )
-        )
-    rows.append(
-        _row(
-            "Brightness difference of things at rest (control)",
-            "On average, of 255; it should not depend on timing.",
-            [(s.static_overlap_mad, wording.quantity(s.static_overlap_mad), "control", False) for s in pair],
-        )
-    )
+    rows = []
+    for key, name, text, unit in _PANORAMA_ROWS:
+        values = [_score(scores, key) for scores in (stitch.synced, stitch.offset)]
+        if any(value is not None for value in values):
+            kind = "control" if key.startswith("static") else ""
+            rows.append(_row(name, text, [(v, wording.quantity(v, unit), kind, False) for v in values]))
     return f"""<table style="--columns: 2">
 <caption>Panorama of cameras {escape(" and ".join(stitch.cameras))}</caption>
 <thead><tr><td></td>{_heads(offset_ms)}</tr></thead>
@@ -145,7 +159,7 @@ def panorama_table(stitch: StitchResult, offset_ms: float) -> str:
 {"".join(rows)}</tbody></table>"""
 
 
-def _score(scores: DepthScores, name: str) -> float | None:
+def _score(scores: DepthScores | StitchScores, name: str) -> float | None:
     value: float | None = getattr(scores, name)
     return value
 

@@ -34,6 +34,8 @@ class Picture(_Result, frozen=True, kw_only=True):
     synced: str
     offset: str
     caption: str = ""
+    panels: int = 1
+    """Panels side by side within each file; a slider over more than one would mix them."""
 
 
 class StereoResult(_Result, frozen=True, kw_only=True):

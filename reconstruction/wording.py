@@ -62,15 +62,18 @@ def count(number: int, thing: str) -> str:
 
 
 def lateness(offset_ms: float) -> str:
-    """`66 ms late`, or early."""
-    return f"{milliseconds(abs(offset_ms))} {'early' if offset_ms < 0 else 'late'}"
+    """`67 ms late`, or early; how exactly is told elsewhere."""
+    size = abs(offset_ms)
+    shown = milliseconds(round(size) if size >= 9.5 else size)
+    return f"{shown} {'early' if offset_ms < 0 else 'late'}"
 
 
 def walk(offset_ms: float) -> str:
     """How far somebody walks meanwhile."""
     metres = abs(offset_ms) / 1e3 * WALKING_M_PER_S
     far = f"{metres * 1e3:.0f}{GAP}mm" if metres < 0.02 else f"{metres * 1e2:.0f}{GAP}cm"
-    return f"In {milliseconds(abs(offset_ms))}, somebody walking ({WALKING_M_PER_S}{GAP}m/s) moves {far}."
+    time = lateness(offset_ms).rpartition(" ")[0]
+    return f"In {time}, somebody walking ({WALKING_M_PER_S}{GAP}m/s) moves {far}."
 
 
 def headline(verdict: str) -> tuple[str, str]:

@@ -131,7 +131,7 @@ def test_the_page_starts_with_the_verdict_and_its_two_numbers(tmp_path, pictured
     first, second = page.text.index("98 %"), page.text.index("1 %")
     assert start < first < second < page.text.index("Why the instant matters")
     assert "of the moving surface measured correctly" in page.text
-    assert "66.6 ms late" in page.text
+    assert "one picture is 67 ms late" in page.text
 
 
 def test_everything_is_in_the_one_file(tmp_path, pictured):
@@ -220,6 +220,36 @@ def test_a_panorama_alone_speaks_of_its_overlap(tmp_path):
     assert not page.all("svg")
 
 
+def test_a_panorama_is_judged_by_what_moves_where_that_is_known(tmp_path):
+    stitch = msgspec.structs.replace(
+        STITCH,
+        synced=msgspec.structs.replace(STITCH.synced, mover_flow_p95_px=2.5),
+        offset=msgspec.structs.replace(STITCH.offset, mover_flow_p95_px=31.4),
+        why="52 % overlap",
+    )
+    page = Page.read(write_report(msgspec.structs.replace(RESULT, stereo=None, stitch=stitch), tmp_path))
+
+    assert page.text.index("2.50 px of misfit of moving things") < page.text.index("31.4 px of misfit")
+    assert "Misfit of moving things" in page.text
+    assert "5 instants (taken for 52 % overlap)" in page.text
+
+
+def test_pictures_of_several_panels_get_no_slider(tmp_path, pictured):
+    pair = msgspec.structs.replace(pictured.pictures[0], panels=2)
+    page = Page.read(write_report(msgspec.structs.replace(pictured, pictures=(pair,)), tmp_path))
+
+    assert len(page.all("img")) == 2
+    assert not [i for i in page.all("input") if i["type"] == "range"]
+
+
+def test_a_long_verdict_is_set_smaller(tmp_path):
+    pages = [
+        Page.read(write_report(msgspec.structs.replace(RESULT, verdict=verdict), tmp_path))
+        for verdict in ("It matters. A lot.", "word " * 40 + ".")
+    ]
+    assert [page.all("h1")[0]["class"] for page in pages] == ["short", "long"]
+
+
 def test_depth_alone_says_why_there_is_no_panorama(tmp_path):
     only = msgspec.structs.replace(RESULT, stitch=None, stitch_skipped="the pictures do not overlap")
     page = Page.read(write_report(only, tmp_path))
@@ -304,7 +334,8 @@ def test_shares_never_round_up_to_all_or_down_to_nothing(value, words):
     [
         (wording.milliseconds(66.0), "66 ms"),
         (wording.milliseconds(66.64), "66.6 ms"),
-        (wording.lateness(-33.3), "33.3 ms early"),
+        (wording.lateness(-33.3), "33 ms early"),
+        (wording.lateness(0.54), "0.5 ms late"),
         (wording.microseconds(None), "n/a"),
         (wording.microseconds(999.4), "999 µs"),
         (wording.microseconds(1912), "1.91 ms"),

@@ -62,6 +62,24 @@ cp -r /tmp/sessions /out/sessions
 echo 1 >/sys/devices/platform/vhci_hcd.0/detach
 sleep 5
 app status --leader 127.0.0.1:47010 --json >/out/unplugged.json
+# And put back.
+python3 -c '{plug_in_again}' &
+for _ in $(seq 60); do
+  grep -q ': camera is back' /out/right.log && tail -n 1 /out/right.log | grep -q ': ready' && break
+  sleep .5
+done
+app status --leader 127.0.0.1:47010 --json >/out/plugged.json
+"""
+
+PLUG_IN_AGAIN = """
+import pathlib, socket, sys, threading
+sys.path.insert(0, "{camera_vm}")
+import usb_cameras
+near, far = socket.socketpair()
+usb_cameras.Camera(near, 1, pathlib.Path("{camera_vm}/frame.jpg").read_bytes()).start()
+pathlib.Path("/sys/devices/platform/vhci_hcd.0/attach").write_text(f"1 {{far.fileno()}} 65539 3")
+far.detach()
+threading.Event().wait()
 """
 
 
@@ -100,13 +118,14 @@ def camera_vm(shared: Path) -> Path:
 
 @pytest.fixture(scope="module")
 def rig(camera_vm: Path, tmp_path_factory: pytest.TempPathFactory) -> Rig:
-    """One boot: two nodes and a leader, one burst, and then a camera is unplugged."""
+    """One boot: two nodes and a leader, one burst; then a camera is unplugged, and put back."""
     out = tmp_path_factory.mktemp("camera-vm")
     script = RIG.format(
         command=Path(sys.executable).with_name("capture-app"),
         repository=REPOSITORY,
         usb_cameras=camera_vm / "usb_cameras.py",
         frames=FRAMES,
+        plug_in_again=PLUG_IN_AGAIN.format(camera_vm=camera_vm),
     )
     done = subprocess.run(
         ["bash", camera_vm / "boot.sh", script],
@@ -118,9 +137,7 @@ def rig(camera_vm: Path, tmp_path_factory: pytest.TempPathFactory) -> Rig:
     )
     (out / "machine.log").write_text(done.stdout + done.stderr)
     result = Rig(out)
-    assert (out / "unplugged.json").is_file(), (
-        f"the rig did not finish (exit {done.returncode})\n{result.logs}"
-    )
+    assert (out / "plugged.json").is_file(), f"the rig did not finish (exit {done.returncode})\n{result.logs}"
     return result
 
 
@@ -180,6 +197,11 @@ def test_an_unplugged_camera_shows_as_failed_and_the_other_runs_on(rig: Rig) -> 
     assert nodes["right"]["state"] == "failed", rig.logs
     assert "/dev/video2" in nodes["right"]["message"]
     assert nodes["left"]["state"] == "ready", rig.logs
+
+
+def test_a_camera_that_is_put_back_is_taken_up_again(rig: Rig) -> None:
+    states = {node["name"]: node["state"] for node in rig.json("plugged.json")["nodes"]}
+    assert states == {"left": "ready", "right": "ready"}, rig.logs
 
 
 def the_session(rig: Rig) -> Session:

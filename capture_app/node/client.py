@@ -6,6 +6,7 @@ import secrets
 import socket
 from collections import deque
 from collections.abc import Callable
+from dataclasses import replace
 
 from capture_app.cameras.base import Camera, CameraInfo, CapturedFrame
 from capture_app.errors import CameraError, SimulshotError
@@ -65,6 +66,7 @@ class ClientNode:
         self._commands: asyncio.Queue[tuple[CameraCommand, int]] = asyncio.Queue()
         """Each with the local time in ns that the engine reckoned with."""
         self._engine_ns = 0
+        self._streams_before = self._last_stream = 0
         self._leader_instance = 0
         self._events: deque[dict[str, JsonValue]] = deque(maxlen=EVENTS_KEPT)
         self._last_state: NodeState | None = None
@@ -121,6 +123,8 @@ class ClientNode:
             if not failed.done():
                 failed.set_result(error)
 
+        # A camera that was opened again counts its streams from the start; the engine's count goes on.
+        self._streams_before = self._last_stream + 1
         await self._camera.start(self._frame_arrived, on_failure)
         self._info = self._camera.info
         return failed
@@ -145,7 +149,8 @@ class ClientNode:
                 await self._camera.stop()
                 self._tell_failure(str(reason))
                 continue
-            if self._info != info:
+            # A camera that was unplugged forgets its exposure; that makes it no other camera.
+            if replace(self._info, exposure_ns=info.exposure_ns) != info:
                 raise CameraError(
                     f"another camera is there now: {self._info.model}", hint="start the node again"
                 )
@@ -162,7 +167,8 @@ class ClientNode:
     def _frame_arrived(self, frame: CapturedFrame) -> None:
         if self._engine is None or self._pump is None:
             return
-        stamp = FrameStamp(sequence=frame.sequence, stream=frame.stream, timestamp_ns=frame.timestamp_ns)
+        self._last_stream = self._streams_before + frame.stream
+        stamp = FrameStamp(frame.sequence, self._last_stream, frame.timestamp_ns)
         self._engine_ns = self._clock.now_ns()
         self._engine.frame_arrived(stamp, frame, self._engine_ns)
         self._pump.turn()

@@ -11,7 +11,7 @@ from capture_app import __version__
 from capture_app.errors import ExitCode, SimulshotError
 
 
-class _Pair(click.ParamType):
+class _Pair(click.ParamType[tuple[str, str]]):
     """Two cameras' names with a comma between."""
 
     name = "A,B"

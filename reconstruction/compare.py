@@ -75,7 +75,8 @@ class _Comparison:
         self.folder = folder
         self.stages = Stages(folder / "stages", dataset.fingerprint())
         self.motion = SceneMotion(dataset, offset.step)
-        self.progress = Progress(4 + min(2 * len(offset.pairs), 2 * options.most_instants) + 3)
+        each = 1 + min(len(offset.pairs), options.most_instants)
+        self.progress = Progress(3 + each + each + 1)
         self.views: dict[str, View] = {}
         self.calibration: Calibration | None = None
         self.pictures: list[Picture] = []
@@ -92,7 +93,7 @@ class _Comparison:
         stitched, stitch_skipped = self._stitch(points)
         if stereo is None and stitched is None and isinstance(no_views, NotAvailableError):
             raise no_views
-        self.progress.step("report")
+        self.progress.last("report")
         return CompareResult(
             session=str(session),
             offset_ms=self.offset.asked_ms,

@@ -63,7 +63,7 @@ class Dataset:
 
     def grey(self, camera: str, instant: int) -> Array:
         """The image's brightness, uint8 height x width."""
-        return cv2.cvtColor(self.image(camera, instant), cv2.COLOR_BGR2GRAY)
+        return np.asarray(cv2.cvtColor(self.image(camera, instant), cv2.COLOR_BGR2GRAY))
 
     def size(self, camera: str) -> tuple[int, int]:
         """Width and height of a camera's images, px."""

@@ -110,8 +110,12 @@ class DepthStudy:
             static = metrics.still_control(
                 where,
                 inside,
-                [self.motion.moving(self.reference, k) for k in times if self.dataset.has(self.reference, k)],
-                [self.motion.moving(self.other, k) for k in times],
+                [
+                    self.motion.changing(self.reference, k)
+                    for k in times
+                    if self.dataset.has(self.reference, k)
+                ],
+                [self.motion.changing(self.other, k) for k in times],
             )
             truth = self._truth(now, still, static)
             instants.append(Instant(now, later, maps, mask & inside, static, truth))
@@ -146,9 +150,7 @@ class DepthStudy:
                 for tally in (tallies[condition], single):
                     tally.add(one.maps[condition], one.moving, one.static, one.truth)
                 other = self.dataset.grey(self.other, later)
-                rows = [
-                    metrics.row_errors(self.pair, reference, other, m) for m in (one.moving, one.static)
-                ]
+                rows = [metrics.row_errors(self.pair, reference, other, m) for m in (one.moving, one.static)]
                 tallies[condition].add_rows(*rows)
                 single.add_rows(*rows)
                 scores = single.scores()
@@ -167,18 +169,20 @@ class DepthStudy:
         )
 
     def pictures(self, instants: Sequence[Instant], out: Path) -> list[Picture]:
-        """Pictures of the instant at which most moves, written into out/pictures."""
-        one = max(instants, key=lambda instant: int(instant.moving.sum()))
-        near, far = pictures.depth_range([i.maps["synced"].depth for i in instants])
+        """Pictures of the clearest instant (most moving pixels with depth, synced) in out/pictures."""
+        one = max(instants, key=lambda i: int((i.moving & (i.maps["synced"].depth > 0)).sum()))
+        near, far = pictures.depth_range(one.maps["synced"].depth, one.moving)
         photo = self.dataset.image(self.reference, one.now)
-        box = pictures.box_around(one.moving)
+        box = pictures.box_around(one.moving, most=0.65)
         paths: dict[str, dict[str, str]] = {key: {} for key in ("pair", "depth", "closeup", "movers")}
         for condition, later in (("synced", one.now), ("offset", one.later)):
             depth = one.maps[condition].depth
             coloured = pictures.colour_depth(depth, near, far)
             right = depth > 0
             if one.truth is not None:
-                right &= np.abs(depth - np.nan_to_num(one.truth, nan=np.inf)) < 0.02 * np.nan_to_num(one.truth)
+                right &= np.abs(depth - np.nan_to_num(one.truth, nan=np.inf)) < 0.02 * np.nan_to_num(
+                    one.truth
+                )
             close = pictures.side_by_side(
                 pictures.crop(photo, box), pictures.crop(coloured, box, smooth=False)
             )
@@ -195,7 +199,7 @@ class DepthStudy:
         texts = {
             "pair": (
                 "The two pictures",
-                "Turned so that the same point lies on the same line in both; what moved in between does not.",
+                "Turned so that the same point lies on the same line in both; what has moved does not.",
             ),
             "depth": ("Distance", "Bright is near, blue is far; dark means that no distance was found."),
             "closeup": ("A moving thing, close up", "The picture, and the distance found for it."),
@@ -205,22 +209,29 @@ class DepthStudy:
             ),
         }
         return [
-            Picture(key=f"stereo_{key}", title=title, caption=text, **paths[key])
+            Picture(
+                key=f"stereo_{key}",
+                title=title,
+                caption=text,
+                panels=2 if key in ("pair", "closeup") else 1,
+                **paths[key],
+            )
             for key, (title, text) in texts.items()
         ]
 
     def _pair_picture(self, one: Instant, later: int, box: tuple[int, ...]) -> Array:
         assert self.pair is not None
         canvas = self.pair.rectification
-        a, _ = canvas.remap(self.dataset.image(self.reference, one.now))
-        b, _ = canvas.remap(self.dataset.image(self.other, later), other=True)
-        on, seen = canvas.remap(one.moving.astype(np.uint8), nearest=True)
-        rows, columns = (np.nonzero(seen.any(axis))[0] for axis in (1, 0))
+        a, seen = canvas.remap(self.dataset.image(self.reference, one.now))
+        b, seen_b = canvas.remap(self.dataset.image(self.other, later), other=True)
+        on, _ = canvas.remap(one.moving.astype(np.uint8), nearest=True)
+        a[~seen], b[~seen_b] = pictures.EMPTY, pictures.EMPTY
+        rows, columns = (np.nonzero(seen.mean(axis) > 0.5 * seen.mean(axis).max())[0] for axis in (1, 0))
         part = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
         a, b, on = a[part], b[part], on[part]
         if canvas.mirror:
             a, b, on = (np.ascontiguousarray(image[:, ::-1]) for image in (a, b, on))
-        left, top, right, bottom = pictures.box_around(on > 0, spare=0.0, least=8)
+        _, top, _, bottom = pictures.box_around(on > 0, spare=0.0, least=8)
         count = 3 if (on > 0).any() else 0
         lines = [int(y) for y in np.linspace(top, bottom, count)]
         return pictures.with_rows(a, b, lines)

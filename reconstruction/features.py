@@ -40,9 +40,7 @@ def match_points(a: Points, b: Points, ratio: float = 0.75) -> tuple[Array, Arra
     if len(a.positions) < 2 or len(b.positions) < 2:
         return np.zeros((0, 2)), np.zeros((0, 2))
     likeness = a.descriptors @ b.descriptors.T
-    distance = (
-        (a.descriptors**2).sum(1)[:, None] + (b.descriptors**2).sum(1)[None, :] - 2 * likeness
-    )
+    distance = (a.descriptors**2).sum(1)[:, None] + (b.descriptors**2).sum(1)[None, :] - 2 * likeness
     best = distance.argmin(1)
     rows = np.arange(len(best))
     first = distance[rows, best].copy()

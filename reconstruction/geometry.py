@@ -41,9 +41,7 @@ class View:
         )
         distortion = np.zeros(5)
         distortion[: len(camera.distortion)] = camera.distortion[:5]
-        return cls(
-            width, height, matrix, distortion, np.array(camera.rotation), np.array(camera.translation)
-        )
+        return cls(width, height, matrix, distortion, np.array(camera.rotation), np.array(camera.translation))
 
     @property
     def centre(self) -> Array:

@@ -100,9 +100,7 @@ def seen_through(reference: View, other: View, depth: Array) -> tuple[Array, Arr
     if unknown.all():
         return np.zeros((*depth.shape, 2), np.float32), np.zeros(depth.shape, bool)
     if unknown.any():
-        _, labels = cv2.distanceTransformWithLabels(
-            unknown, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
-        )
+        _, labels = cv2.distanceTransformWithLabels(unknown, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
         nearest = np.zeros(int(labels.max()) + 1, np.float32)
         nearest[labels[unknown == 0]] = depth[unknown == 0]
         depth = nearest[labels]
@@ -127,7 +125,7 @@ def still_control(
     """
     here = grow(np.logical_or.reduce(list(reference_movers)), 4)
     there = grow(np.logical_or.reduce(list(other_movers)), 8).astype(np.uint8)
-    hidden = cv2.remap(there, where, None, cv2.INTER_NEAREST) > 0  # type: ignore[call-overload]
+    hidden = cv2.remap(there, where, None, cv2.INTER_NEAREST) > 0
     return np.asarray(inside & ~here & ~hidden)
 
 

@@ -19,7 +19,7 @@ BACKGROUND_FRAMES = 25
 def background(images: Sequence[Array]) -> Array:
     """What stands still in a burst: the median over time of its grey images, uint8."""
     step = max(1, len(images) // BACKGROUND_FRAMES)
-    return np.median(np.stack(images[::step]), axis=0).astype(np.uint8)
+    return np.asarray(np.median(np.stack(images[::step]), axis=0), np.uint8)
 
 
 def movers(image: Array, neighbours: Sequence[Array], still: Array) -> Array:
@@ -42,19 +42,21 @@ def movers(image: Array, neighbours: Sequence[Array], still: Array) -> Array:
 def grow(mask: Array, radius_px: int) -> Array:
     """A mask (bool) made wider by a radius, px."""
     size = 2 * radius_px + 1
-    return cv2.dilate(mask.astype(np.uint8), cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))) > 0
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), disc) > 0)
 
 
 def _difference(a: Array, b: Array) -> Array:
     """Absolute difference in grey levels, smoothed; a change of the whole image's brightness is no motion."""
     delta = a.astype(np.float32) - b.astype(np.float32)
-    return np.abs(cv2.GaussianBlur(delta - np.median(delta), (0, 0), 1.2))
+    return np.asarray(np.abs(cv2.GaussianBlur(delta - np.median(delta), (0, 0), 1.2)))
 
 
 def _slope(image: Array) -> Array:
     """Grey levels per px of the smoothed image."""
     smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), 1.2)
-    return cv2.magnitude(cv2.Sobel(smooth, cv2.CV_32F, 1, 0), cv2.Sobel(smooth, cv2.CV_32F, 0, 1)) / 8
+    across, down = cv2.Sobel(smooth, cv2.CV_32F, 1, 0), cv2.Sobel(smooth, cv2.CV_32F, 0, 1)
+    return np.asarray(cv2.magnitude(across, down) / 8)
 
 
 def _spread(a: Array, b: Array) -> float:

@@ -74,7 +74,10 @@ def _stereo_score(a: View, b: View, points_a: Points, points_b: Points) -> tuple
     ahead = abs(float(a.axis @ (b.centre - a.centre))) / float(np.linalg.norm(b.centre - a.centre))
     askew = angle_deg(a.axis, b.axis)
     score = shared * (1 - np.exp(-parallax / 1.5)) * np.exp(-((parallax / BEST_PARALLAX_DEG) ** 2))
-    score *= (1 - ahead**2) * np.exp(-((askew / 25) ** 2))
+    step = np.abs(a.rotation @ (b.centre - a.centre))[:2]
+    slant = float(step.min() / max(float(np.hypot(*step)), 1e-12))
+    # A slanted baseline turns the pictures: more empty corners, and harder to look at.
+    score *= (1 - ahead**2) * np.exp(-((askew / 25) ** 2)) * (1 - slant)
     why = f"{100 * shared:.0f} % of the picture with things both see, {parallax:.1f}° of parallax"
     return float(score), why
 

@@ -46,12 +46,11 @@ class PanoramaStudy:
         first, second = self.cameras
         at: tuple[list[Array], list[Array]] = ([], [])
         for now, _ in self.pairs[:: max(1, len(self.pairs) // REGISTRATION_INSTANTS)]:
-            found = match_points(
-                *(
-                    find_points(self.dataset.grey(name, now), grow(self.motion.seen_moving(name, now), 5))
-                    for name in self.cameras
-                )
-            )
+            points = [
+                find_points(self.dataset.grey(name, now), grow(self.motion.seen_moving(name, now), 5))
+                for name in self.cameras
+            ]
+            found = match_points(points[0], points[1])
             for kept, view, pixels in zip(at, self.views, found, strict=True):
                 kept.append(stitch.flat(view, pixels) if len(pixels) else pixels)
         homography = fit_homography(
@@ -82,11 +81,8 @@ class PanoramaStudy:
         misfits: tuple[list[stitch.Misfit], list[stitch.Misfit]] = ([], [])
         for now, later in self.pairs:
             progress.step(f"panorama {first}-{second}, instant {now}")
-            movers = [self.motion.moving(second, k) for k in (now, later)]
             for shown, instant in enumerate((now, later)):
-                moving, still = stitch.masks(
-                    self.registration, self.motion.moving(first, now), movers, shown
-                )
+                moving, still = self._masks(now, later, instant)
                 misfits[shown].append(
                     stitch.measure(
                         self.registration,
@@ -106,13 +102,17 @@ class PanoramaStudy:
         first, second = self.cameras
         now, later = max(self.pairs, key=lambda pair: int(self._moving(*pair).sum()))
         seen = self.registration.seen[0] | self.registration.seen[1]
-        part = pictures.trim(seen, seen)
-        box = pictures.box_around(self._moving(now, later)[part], spare=0.25)
-        paths: dict[str, dict[str, str]] = {"panorama": {}, "closeup": {}}
-        for condition, instant in (("synced", now), ("offset", later)):
-            whole = stitch.compose(
+        part = pictures.trim(seen)
+        wholes = {
+            condition: stitch.compose(
                 self.registration, self.dataset.image(first, now), self.dataset.image(second, instant)
             )[part]
+            for condition, instant in (("synced", now), ("offset", later))
+        }
+        changed = np.abs(wholes["synced"].astype(np.float32) - wholes["offset"]).mean(2)
+        box = pictures.box_of_most(changed * (changed > 12), 0.5)
+        paths: dict[str, dict[str, str]] = {"panorama": {}, "closeup": {}}
+        for condition, whole in wholes.items():
             paths["panorama"][condition] = pictures.save(out, f"panorama_{condition}.jpg", whole)
             close = pictures.crop(whole, box)
             paths["closeup"][condition] = pictures.save(out, f"panorama_closeup_{condition}.jpg", close)
@@ -121,22 +121,34 @@ class PanoramaStudy:
                 key="panorama",
                 title="Panorama",
                 caption="Two pictures laid side by side and cross-faded where they overlap.",
-                **paths["panorama"],
+                synced=paths["panorama"]["synced"],
+                offset=paths["panorama"]["offset"],
             ),
             Picture(
                 key="panorama_closeup",
                 title="Where they overlap, close up",
                 caption="A thing that moved between the two pictures is there twice, half transparent.",
-                **paths["closeup"],
+                synced=paths["closeup"]["synced"],
+                offset=paths["closeup"]["offset"],
             ),
         ]
 
-    def _moving(self, now: int, later: int) -> Array:
+    def _masks(self, now: int, later: int, shown: int) -> tuple[Array, Array]:
+        """Moving and still pixels on the panorama when the second camera shows the instant `shown`."""
         assert self.registration is not None
         first, second = self.cameras
-        movers = [self.motion.moving(second, k) for k in (now, later)]
-        moving, _ = stitch.masks(self.registration, self.motion.moving(first, now), movers, 1)
-        return np.asarray(moving & self.registration.overlap)
+        return stitch.masks(
+            self.registration,
+            (self.motion.moving(first, now), self.motion.moving(second, shown)),
+            (
+                [self.motion.changing(first, k) for k in (now, later) if self.dataset.has(first, k)],
+                [self.motion.changing(second, k) for k in (now, later)],
+            ),
+        )
+
+    def _moving(self, now: int, later: int) -> Array:
+        assert self.registration is not None
+        return np.asarray(self._masks(now, later, later)[0] & self.registration.overlap)
 
 
 def _scores(misfits: list[stitch.Misfit]) -> StitchScores:

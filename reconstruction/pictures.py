@@ -1,4 +1,4 @@
-"""The pictures of a comparison, made to be looked at: no text, the same crop and scale for both conditions."""
+"""The pictures of a comparison, made to be looked at: no text, both conditions at the same crop and scale."""
 
 from pathlib import Path
 
@@ -18,12 +18,15 @@ GAP_PX = 6
 CLOSE_UP_PX = 480
 
 
-def depth_range(depths: list[Array]) -> tuple[float, float]:
-    """Nearest and farthest depth to show, without the last hundredth at each end."""
-    known = np.concatenate([depth[depth > 0] for depth in depths])
+def depth_range(depth: Array, moving: Array) -> tuple[float, float]:
+    """Nearest and farthest depth to show: without the last hundredth at each end, but with what moves."""
+    known, fast = depth[depth > 0], depth[moving & (depth > 0)]
     if not len(known):
         return 1.0, 2.0
     near, far = np.percentile(known, [1, 99])
+    if len(fast):
+        first, last = np.percentile(fast, [10, 90])
+        near, far = min(near, first), max(far, last)
     return float(near), float(max(far, near * 1.05))
 
 
@@ -43,7 +46,7 @@ def mark_movers(image: Array, moving: Array, found: Array) -> Array:
     picture = (0.6 * grey + 0.2 * image).astype(np.float32)
     for mask, colour in ((moving & found, FOUND), (moving & ~found, LOST)):
         picture[mask] = 0.25 * grey[mask] + 0.75 * np.array(colour, np.float32)
-    return np.clip(picture, 0, 255).astype(np.uint8)
+    return np.asarray(np.clip(picture, 0, 255), np.uint8)
 
 
 def side_by_side(left: Array, right: Array) -> Array:
@@ -59,18 +62,23 @@ def with_rows(left: Array, right: Array, rows: list[int]) -> Array:
     thickness = max(1, picture.shape[0] // 400)
     for row in rows:
         cv2.line(lines, (0, row), (picture.shape[1], row), LINE, thickness, cv2.LINE_AA)
-    return cv2.addWeighted(lines, 0.65, picture, 0.35, 0)
+    return np.asarray(cv2.addWeighted(lines, 0.65, picture, 0.35, 0))
 
 
-def box_around(mask: Array, *, spare: float = 0.6, aspect: float = 4 / 3, least: int = 64) -> tuple[int, ...]:
-    """Left, top, right, bottom (px) of the largest spot of a mask with room around it, of a fixed shape."""
+def box_around(
+    mask: Array, *, spare: float = 0.4, aspect: float = 4 / 3, least: int = 64, most: float = 1.0
+) -> tuple[int, ...]:
+    """Left, top, right, bottom (px) of the largest spot of a mask with room around it, of a fixed shape.
+
+    `spare` is the room as a share of the spot's size, `most` the greatest share of the picture's width.
+    """
     height, width = mask.shape
     count, _, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
     if count < 2:
         return 0, 0, width, height
     x, y, w, h, _ = (int(v) for v in stats[1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))])
     wide = max(w * (1 + 2 * spare), aspect * h * (1 + 2 * spare), least)
-    wide = min(wide, width, height * aspect)
+    wide = min(wide, width * most, height * aspect)
     tall = wide / aspect
     left = int(np.clip(x + w / 2 - wide / 2, 0, width - wide))
     top = int(np.clip(y + h / 2 - tall / 2, 0, height - tall))
@@ -83,18 +91,34 @@ def crop(picture: Array, box: tuple[int, ...], *, smooth: bool = True) -> Array:
     part = picture[top:bottom, left:right]
     scale = max(1.0, CLOSE_UP_PX / max(part.shape[1], 1))
     how = cv2.INTER_CUBIC if smooth else cv2.INTER_NEAREST
-    return cv2.resize(part, None, fx=scale, fy=scale, interpolation=how)
+    return np.asarray(cv2.resize(part, None, fx=scale, fy=scale, interpolation=how))
 
 
-def trim(picture: Array, seen: Array) -> tuple[slice, slice]:
-    """The largest middle part of a panorama in which no row or column is mostly empty."""
-    rows = np.nonzero(seen.mean(1) > 0.85)[0]
-    if not len(rows):
-        rows = np.nonzero(seen.any(1))[0]
-    columns = np.nonzero(seen[rows[0] : rows[-1] + 1].mean(0) > 0.85)[0]
-    if not len(columns):
-        columns = np.nonzero(seen.any(0))[0]
-    return slice(int(rows[0]), int(rows[-1]) + 1), slice(int(columns[0]), int(columns[-1]) + 1)
+def box_of_most(weight: Array, share: float, aspect: float = 4 / 3) -> tuple[int, ...]:
+    """The box, of a share of the picture's width, that holds most of a weight: left, top, right, bottom."""
+    height, width = weight.shape
+    wide = int(min(width * share, height * aspect))
+    tall = int(wide / aspect)
+    sums = cv2.integral(weight.astype(np.float64))
+    held = sums[tall:, wide:] - sums[:-tall, wide:] - sums[tall:, :-wide] + sums[:-tall, :-wide]
+    # Of all boxes that hold as much, the middle one.
+    rows, columns = np.nonzero(held >= held.max() - 1e-6 * max(float(held.max()), 1.0))
+    top, left = int(np.median(rows)), int(np.median(columns))
+    return left, top, left + wide, top + tall
+
+
+def trim(seen: Array) -> tuple[slice, slice]:
+    """The part of a panorama without empty corners: the worst side is cut until all sides are seen."""
+    top, bottom, left, right = 0, seen.shape[0], 0, seen.shape[1]
+    while bottom - top > 32 and right - left > 32:
+        part = seen[top:bottom, left:right]
+        empty = [1 - float(side.mean()) for side in (part[0], part[-1], part[:, 0], part[:, -1])]
+        worst = int(np.argmax(empty))
+        if empty[worst] == 0:
+            break
+        top, bottom = top + (worst == 0), bottom - (worst == 1)
+        left, right = left + (worst == 2), right - (worst == 3)
+    return slice(top, bottom), slice(left, right)
 
 
 def save(folder: Path, name: str, picture: Array) -> str:

@@ -29,6 +29,11 @@ class Progress:
         click.echo(f"[{self.done}/{self.total}] {text}", err=True)
         sys.stderr.flush()
 
+    def last(self, text: str) -> None:
+        """Say what comes last, whatever was skipped before."""
+        self.done = max(self.done, self.total - 1)
+        self.step(text)
+
 
 class Stages:
     """A folder of outputs, each named after its stage and a key over everything that it depends on."""

@@ -42,7 +42,7 @@ class Rectification:
         outline = self.project(view.rays(view.border()), other=other)
         seen = np.zeros((self.height, self.width), np.uint8)
         cv2.fillPoly(seen, [np.round(outline).astype(np.int32)], 1)
-        return picture, seen > 0
+        return picture, cv2.erode(seen, np.ones((3, 3), np.uint8)) > 0
 
     def project(self, rays: Array, *, other: bool = False) -> Array:
         """Canvas pixels (n, 2) of directions (n, 3) in one of the two camera frames."""
@@ -79,9 +79,10 @@ class Rectification:
         where = self.project(view.rays(view.grid())).astype(np.float32)
         shape = (view.height, view.width)
         xs, ys = where[:, 0].reshape(shape), where[:, 1].reshape(shape)
-        return cv2.remap(
+        found = cv2.remap(
             canvas, xs, ys, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=(0.0,)
         )
+        return np.asarray(found)
 
     def _projection(self) -> Array:
         sign = -1.0 if self.mirror else 1.0
@@ -116,7 +117,9 @@ def turn_pair(reference: View, other: View) -> tuple[Array, Array, float, bool]:
     return reference_turn, reference_turn @ rotation.T, length, mirror
 
 
-def rectify(reference: View, other: View, disparities: tuple[float, float], scale: float = 1.0) -> Rectification:
+def rectify(
+    reference: View, other: View, disparities: tuple[float, float], scale: float = 1.0
+) -> Rectification:
     """The pair's rectification, wide enough for these disparities (least, greatest; px at scale 1).
 
     The canvas holds all of the reference view and, beside it, what its matches in the other need;
@@ -124,9 +127,7 @@ def rectify(reference: View, other: View, disparities: tuple[float, float], scal
     """
     reference_turn, other_turn, length, mirror = turn_pair(reference, other)
     focal = reference.focal * scale
-    bare = Rectification(
-        reference, other, reference_turn, other_turn, focal, length, 0.0, 0.0, 1, 1, mirror
-    )
+    bare = Rectification(reference, other, reference_turn, other_turn, focal, length, 0.0, 0.0, 1, 1, mirror)
     outline = bare.project(reference.rays(reference.border()))
     low, high = outline.min(0), outline.max(0)
     limit = 3 * scale * max(reference.width, reference.height)

@@ -2,6 +2,8 @@
 
 from functools import lru_cache
 
+import numpy as np
+
 from reconstruction.dataset import Dataset
 from reconstruction.geometry import Array
 from reconstruction.movers import background, movers
@@ -25,6 +27,10 @@ class SceneMotion:
         """What moves in truth, where the session knows it, else what is seen moving: for judging."""
         truth = self.dataset.truth(camera, instant)
         return truth[1] if truth is not None else self._moving(camera, instant)
+
+    def changing(self, camera: str, instant: int) -> Array:
+        """What moves or looks different, such as a shadow: what a still control must leave out."""
+        return np.asarray(self.moving(camera, instant) | self._moving(camera, instant))
 
     def still(self, camera: str) -> Array:
         """The camera's still background, grey uint8."""

@@ -48,7 +48,7 @@ class DepthMap:
 def match(reference: Array, other: Array, low: int, count: int) -> Array:
     """Disparity (height x width, px, NaN = none) of a rectified pair; reference minus other, in
     [low, low + count), count a multiple of 16."""
-    matcher = cv2.StereoSGBM_create(
+    matcher = cv2.StereoSGBM.create(
         minDisparity=low,
         numDisparities=count,
         blockSize=BLOCK,
@@ -69,7 +69,8 @@ def match_back(reference: Array, other: Array, low: int, count: int) -> Array:
     """Disparity as in `match`, but on the other view's pixels."""
     # The matcher leaves out the first low + count columns: give it so many more of them.
     first, second = (
-        np.ascontiguousarray(np.pad(image, ((0, 0), (0, low + count)))[:, ::-1]) for image in (other, reference)
+        np.ascontiguousarray(np.pad(image, ((0, 0), (0, low + count)))[:, ::-1])
+        for image in (other, reference)
     )
     return match(first, second, low, count)[:, : low + count - 1 : -1]
 
@@ -80,7 +81,7 @@ def sample(image: Array, disparity: Array) -> Array:
         np.arange(disparity.shape[1], dtype=np.float32), np.arange(disparity.shape[0], dtype=np.float32)
     )
     shifted = (xs - np.nan_to_num(disparity, nan=1e6)).astype(np.float32)
-    return cv2.remap(
+    seen = cv2.remap(
         np.ascontiguousarray(image, np.float32),
         shifted,
         ys,
@@ -88,6 +89,7 @@ def sample(image: Array, disparity: Array) -> Array:
         borderMode=cv2.BORDER_CONSTANT,
         borderValue=(float("nan"),),
     )
+    return np.asarray(seen)
 
 
 class StereoPair:
@@ -132,15 +134,14 @@ class StereoPair:
         agrees = np.abs(back - disparity) <= checks.agreement_px
         view = np.where(there, warped, a).astype(np.float32)
         alike = looks_alike(a.astype(np.float32), view, checks)
-        flow = cv2.DISOpticalFlow_create(cv2.DISOPTICAL_FLOW_PRESET_FAST).calc(
-            a, np.clip(view, 0, 255).astype(np.uint8), None  # type: ignore[arg-type]
-        )
+        second = np.clip(view, 0, 255).astype(np.uint8)
+        flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST).calc(a, second, None)
         still = np.hypot(flow[..., 0], flow[..., 1]) <= checks.residual_px
         good = there & agrees & alike & still
         clean = np.where(good, disparity, -1.0) * 16
         speckled = np.ascontiguousarray(clean.astype(np.int16))
         cv2.filterSpeckles(speckled, -16, checks.speckle_px, 2 * 16)
-        return good & (speckled > 0)
+        return np.asarray(good & (speckled > 0))
 
 
 def looks_alike(a: Array, b: Array, checks: Checks) -> Array:
@@ -183,12 +184,12 @@ def level(a: Array, b: Array) -> Array:
 
 
 def fill_small_holes(checked: Array, raw: Array) -> Array:
-    """Unbelieved pixels inside believed, smooth surroundings are believed if their raw value fits."""
+    """Unbelieved pixels beside believed ones (0.3 of a 7 x 7 window) are believed if they continue them."""
     good = np.isfinite(checked)
     value = np.where(good, checked, 0).astype(np.float32)
     weight = cv2.blur(good.astype(np.float32), (7, 7))
     mean = cv2.blur(value, (7, 7)) / np.maximum(weight, 1e-6)
-    fits = ~good & (weight > 0.5) & (np.abs(raw - mean) < 1.0)
+    fits = ~good & (weight > 0.3) & (np.abs(raw - mean) < 1.0)
     return np.where(fits, raw, checked)
 
 

@@ -32,12 +32,13 @@ class Registration:
     def overlap(self) -> Array:
         """Pixels that both cameras see, without the outermost ones (bool)."""
         both = (self.seen[0] & self.seen[1]).astype(np.uint8)
-        return cv2.erode(both, np.ones((7, 7), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0) > 0
+        inner = cv2.erode(both, np.ones((7, 7), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0)
+        return np.asarray(inner > 0)
 
     def warp(self, image: Array, which: int, *, nearest: bool = False) -> Array:
         """An image of the first (0) or second (1) camera on the panorama."""
         how = cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR
-        return cv2.remap(image, self.maps[which], None, how)  # type: ignore[call-overload, no-any-return]
+        return np.asarray(cv2.remap(image, self.maps[which], None, how))
 
 
 def plain_view(width: int, height: int) -> View:
@@ -49,7 +50,8 @@ def plain_view(width: int, height: int) -> View:
 
 def flat(view: View, at: Array) -> Array:
     """Pixels (n, 2) with the lens's distortion taken out."""
-    return view.rays(at)[:, :2] * (view.matrix[0, 0], view.matrix[1, 1]) + view.matrix[:2, 2]
+    spread = view.rays(at)[:, :2]
+    return np.asarray(spread * (view.matrix[0, 0], view.matrix[1, 1]) + view.matrix[:2, 2])
 
 
 def register(first: View, second: View, homography: Homography) -> Registration:
@@ -63,7 +65,6 @@ def register(first: View, second: View, homography: Homography) -> Registration:
     rays = np.concatenate([first.rays(first.border()), _flat_rays(first, beyond)])
     yaw = np.arctan2(rays[:, 0], rays[:, 2])
     rise = rays[:, 1] / np.hypot(rays[:, 0], rays[:, 2])
-    middle = float(yaw.max() + yaw.min()) / 2
     focal = first.focal
     width = int(np.ceil((yaw.max() - yaw.min()) * focal)) + 1
     height = int(np.ceil((rise.max() - rise.min()) * focal)) + 1
@@ -87,7 +88,6 @@ def register(first: View, second: View, homography: Homography) -> Registration:
         (map_a.reshape(*shape, 2), map_b.reshape(*shape, 2)),
         ((seen_a & front).reshape(shape), (seen_b & front & ahead).reshape(shape)),
     )
-    assert np.isfinite(middle)
     if result.overlap.sum() < 0.05 * area:
         raise ValueError("the two pictures hardly overlap")
     return result
@@ -112,11 +112,13 @@ def refine(registration: Registration, first: Array, second: Array, moving: Arra
     xs, ys = np.meshgrid(*(np.arange(n, dtype=np.float32) for n in overlap.shape[::-1]))
     where = np.dstack([xs, ys]) + bend
     bent = cv2.remap(
-        registration.maps[1], where.astype(np.float32), None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE
-    )  # type: ignore[call-overload]
-    seen = cv2.remap(
-        registration.seen[1].astype(np.uint8), where.astype(np.float32), None, cv2.INTER_NEAREST
-    )  # type: ignore[call-overload]
+        registration.maps[1],
+        where.astype(np.float32),
+        None,
+        cv2.INTER_LINEAR,
+        borderMode=cv2.BORDER_REPLICATE,
+    )
+    seen = cv2.remap(registration.seen[1].astype(np.uint8), where.astype(np.float32), None, cv2.INTER_NEAREST)
     return Registration((registration.maps[0], bent), (registration.seen[0], seen > 0))
 
 
@@ -169,22 +171,28 @@ def measure(registration: Registration, first: Array, second: Array, moving: Arr
 
 
 def masks(
-    registration: Registration, first: Array, second: Sequence[Array], shown: int
+    registration: Registration,
+    moving: tuple[Array, Array],
+    changing: tuple[Sequence[Array], Sequence[Array]],
 ) -> tuple[Array, Array]:
-    """Moving and still pixels on the panorama, from the cameras' movers (bool).
+    """Moving and still pixels on the panorama (bool).
 
-    `second` holds the second camera's movers in each condition, `shown` is the one that is measured:
-    what is still must be so in all of them, so that both conditions are judged on the same pixels.
+    `moving`: what moves in the first and the second picture that are measured. `changing`: for each
+    camera all masks, of both conditions, of what is not still, so that both are judged on the same pixels.
     """
-    a = registration.warp(first.astype(np.uint8), 0, nearest=True) > 0
-    b = [registration.warp(mask.astype(np.uint8), 1, nearest=True) > 0 for mask in second]
-    return a | b[shown], ~grow(np.logical_or.reduce([a, *b]), 6)
+
+    def onto(mask: Array, which: int) -> Array:
+        return registration.warp(mask.astype(np.uint8), which, nearest=True) > 0
+
+    moved = onto(moving[0], 0) | onto(moving[1], 1)
+    changed = [onto(mask, which) for which in (0, 1) for mask in changing[which]]
+    return moved, ~grow(np.logical_or.reduce(changed), 6)
 
 
 def _flow(a: Array, b: Array) -> Array:
     flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     first, second = (np.clip(image, 0, 255).astype(np.uint8) for image in (a, b))
-    return flow.calc(first, second, None)  # type: ignore[call-overload, no-any-return]
+    return np.asarray(flow.calc(first, second, None))
 
 
 def _apply(matrix: Array, at: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -38,7 +39,7 @@ def choose_offset(instants_ns: Sequence[int], period_ns: int, offset_ms: float) 
         raise BadInputError(
             "the session has one instant only, so nothing in it is offset", hint="take a burst of 5 or more"
         )
-    spacing = min(b - a for a, b in zip(instants_ns[:-1], instants_ns[1:], strict=True))
+    spacing = min(b - a for a, b in pairwise(instants_ns))
     asked_ns = round(offset_ms * 1e6)
     distances = sorted({b - a for i, a in enumerate(instants_ns) for b in instants_ns[i + 1 :]})
     nearest = min(distances, key=lambda d: (abs(d - asked_ns), d))
@@ -59,9 +60,7 @@ def choose_offset(instants_ns: Sequence[int], period_ns: int, offset_ms: float) 
         for j, b in enumerate(instants_ns)
         if abs(b - a - nearest) <= slack
     )
-    return Offset(
-        offset_ms, nearest, round(nearest / period_ns), max(1, round(nearest / spacing)), pairs
-    )
+    return Offset(offset_ms, nearest, round(nearest / period_ns), max(1, round(nearest / spacing)), pairs)
 
 
 def usable_pairs(dataset: Dataset, offset: Offset, reference: str, other: str) -> list[tuple[int, int]]:

@@ -45,7 +45,9 @@ def _depth(result: StereoResult, late: str) -> str | None:
     still, other = result.synced.static_coverage, result.offset.static_coverage
     if still is None or other is None or abs(still - other) > 0.02:
         return first
-    return f"{first} What stands still is found equally well both times, so timing alone makes the difference."
+    return (
+        f"{first} What stands still is found equally well both times, so timing alone makes the difference."
+    )
 
 
 def _panorama(result: StitchResult, late: str) -> str | None:

@@ -118,6 +118,7 @@ class Aligner:
 
     def stream_started(self, local_ns: int) -> None:
         """The stream was started, or restarted, at a local time; its next frame shows the latency."""
+        self.aligned = False
         if self._reset is not None:
             self._reset.started(local_ns, self._phase.period_ns)
 

@@ -7,11 +7,15 @@ the tightest bounds of the two directions apart; the hard bound is all that the 
 from dataclasses import dataclass
 from math import sqrt
 
+from capture_app.sync.edge import Excess, excess, radius_95
 from capture_app.sync.envelope import BLOCK_NS, RUNNERS_UP, Block, Bound, Edge
 from capture_app.sync.feasible import FeasibleLines
 from capture_app.sync.skew_vote import Point, VotedLine, vote
 from capture_app.sync.timebase import TimeMap
 
+ASYMMETRY_SHARE = 0.025
+"""One sigma of half the difference of the two least delays, as a share of half the least round trip: what
+no exchange of two messages can see. The paper's link has 0.038."""
 ROUNDING_NS = 2.0
 REACH_NS = 1e13
 """No clock gets further than this from its first sample within a window."""
@@ -81,6 +85,7 @@ class ClockFilter:
         self._lines = self._all_lines()
         self._reference_ns = 0
         self._fit: VotedLine | None = None
+        self._excess = Excess(0.0, 0.0)
         self._fitted_at_ns = 0
         self._stale = True
 
@@ -136,13 +141,21 @@ class ClockFilter:
             epoch_local_ns=now_local_ns,
             offset_ns=self._anchor_ns + offset_ns,
             skew=skew,
-            uncertainty_ns=min(2.0 * fit.sigma_at(age), bound),
+            uncertainty_ns=min(self._uncertainty(fit, age), bound),
             hard_bound_ns=bound,
             skew_uncertainty=min(2.0 * sqrt(fit.skew_variance), skew_bound),
             skew_bound=skew_bound,
             samples=self.samples,
             round_trip_ns=min(round_trips, default=0),
         )
+
+    def _uncertainty(self, fit: VotedLine, age: float) -> float:
+        """95 % of the error in ns, `age` ns after the fit: what the votes, the edges and the link leave."""
+        if not fit.upper:
+            return fit.gap / 2.0 + sqrt(fit.skew_variance) * 2.0 * abs(age)
+        asymmetry = ASYMMETRY_SHARE * fit.gap / 2.0
+        variance = fit.variance_at(age) + self._excess.variance + asymmetry**2
+        return radius_95(self._excess.mean, sqrt(variance)) + self._wander * age * age / 2.0
 
     def _begin(self, sample: ClockSample) -> None:
         self._newest_ns = sample.t3_ns
@@ -223,6 +236,7 @@ class ClockFilter:
         return any(b.upper.points for b in sides) and any(b.lower.points for b in sides)
 
     def _vote(self) -> VotedLine:
+        """Draw the line afresh, and judge how far the edges of the delays may lie beyond the least seen."""
         ref_ns, blocks = self._newest_ns, self._blocks.values()
         uppers, lowers = [b.upper for b in blocks], [b.lower for b in blocks]
 
@@ -232,10 +246,13 @@ class ClockFilter:
         def tightest(edges: list[Edge]) -> list[Point]:
             return [(float(t - ref_ns), float(v)) for edge in edges for _, (t, v) in edge.tightest]
 
-        return vote(
+        fit = vote(
             points(uppers),
             points(lowers),
             (tightest(uppers), tightest(lowers)),
             steepest=self._steepest,
             count=RUNNERS_UP,
         )
+        there, back = excess(fit.upper), excess(fit.lower)
+        self._excess = Excess((there.mean - back.mean) / 2.0, (there.variance + back.variance) / 4.0)
+        return fit

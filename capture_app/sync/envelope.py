@@ -1,7 +1,7 @@
 """What a second of one-sided bounds leaves behind: the few that can ever matter."""
 
 BLOCK_NS = 1_000_000_000
-RUNNERS_UP = 5
+RUNNERS_UP = 24
 """Tightest bounds kept per direction, to see how sharp the edge of the delays is."""
 
 Bound = tuple[int, int]

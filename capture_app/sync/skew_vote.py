@@ -5,12 +5,12 @@ from dataclasses import dataclass
 from math import exp, sqrt
 
 VOTES = 33
+SHARPEST = 5
+"""How many of the tightest bounds of each direction tell how sharp their edge is."""
 WIDTH = 0.4
-"""Share of the runners-up's spread that counts as one e-fold of likelihood; 0.2 to 0.8 do equally well."""
-DULLNESS = 0.7
-"""One sigma of the error of the two tightest bounds, as a share of the spread of their runners-up."""
-ASYMMETRY_SHARE = 0.05
-"""One sigma of half the difference of the two least delays, as a share of half the least round trip."""
+"""Share of their spread that counts as one e-fold of likelihood; 0.2 to 0.8 do equally well."""
+USUAL_SKEW = 20e-6
+"""One sigma of the skew between two crystals, before anything is measured; the tails are a Student's."""
 
 Point = tuple[float, float]
 """Time since the reference and bound, in ns; bounds from below with their sign turned."""
@@ -25,13 +25,15 @@ class VotedLine:
     variance: float
     covariance: float
     skew_variance: float
-    floor: float
-    """One sigma in ns that no skew explains: dull edges and asymmetry."""
+    gap: float
+    """Room between the two directions at the most roomy skew, in ns."""
+    upper: Sequence[float]
+    lower: Sequence[float]
+    """The tightest bounds of each direction at that skew, the tightest first, in ns."""
 
-    def sigma_at(self, t: float) -> float:
-        """One sigma of the line in ns, t ns after the reference."""
-        spread = self.variance + 2.0 * self.covariance * t + self.skew_variance * t * t
-        return sqrt(max(0.0, spread) + self.floor**2)
+    def variance_at(self, t: float) -> float:
+        """Variance of the line that the votes leave, t ns after the reference, in ns squared."""
+        return max(0.0, self.variance + 2.0 * self.covariance * t + self.skew_variance * t * t)
 
 
 def vote(
@@ -46,8 +48,8 @@ def vote(
 
     For one skew, the tightest bound of each direction gives the offset, and the gap between the two is the
     log-likelihood of exponential delays (Moon et al. 1999 take its maximum, a linear program). The gap is
-    measured in units of the spread of the `count` tightest `runners_up` of each direction. The mean over
-    all skews is steadier than the maximum, and its spread says how well the skew is known.
+    measured in units of the spread of the tightest of the `runners_up`; `count` of these are kept. The mean
+    over all skews is steadier than the maximum, and its spread says how well the skew is known.
     """
     above_hull, below_hull = _hull(uppers), _hull(lowers)
 
@@ -56,14 +58,14 @@ def vote(
         below = min([v + skew * t for t, v in below_hull])
         return above + below, (above - below) / 2.0
 
-    if min(len(runners_up[0]), len(runners_up[1])) < count:
+    if min(len(runners_up[0]), len(runners_up[1])) < SHARPEST:
         gap, offset = room(0.0)
-        return VotedLine(offset, 0.0, 0.0, 0.0, steepest**2, abs(gap))
+        return VotedLine(offset, 0.0, 0.0, 0.0, USUAL_SKEW**2, abs(gap), (), ())
     best = _highest(lambda skew: room(skew)[0], -steepest, steepest)
     gap, _ = room(best)
-    above = sorted(v - best * t for t, v in runners_up[0])[:count]
-    below = sorted(v + best * t for t, v in runners_up[1])[:count]
-    spread = (above[-1] - above[0] + below[-1] - below[0]) / 2.0
+    above = sorted([v - best * t for t, v in runners_up[0]])[:count]
+    below = sorted([v + best * t for t, v in runners_up[1]])[:count]
+    spread = (above[SHARPEST - 1] - above[0] + below[SHARPEST - 1] - below[0]) / 2.0
     width = max(WIDTH * spread, 1.0)
 
     def lacks(skew: float) -> bool:
@@ -74,7 +76,8 @@ def vote(
     for i in range(VOTES):
         skew = first + (last - first) * i / (VOTES - 1)
         space, offset = room(skew)
-        votes.append((exp(min(0.0, (space - gap) / width)), offset, skew))
+        weight = exp(min(0.0, (space - gap) / width)) / (1.0 + (skew / USUAL_SKEW) ** 2 / 3.0) ** 2
+        votes.append((weight, offset, skew))
     total = sum(w for w, _, _ in votes)
     mean = sum(w * offset for w, offset, _ in votes) / total
     mean_skew = sum(w * skew for w, _, skew in votes) / total
@@ -84,7 +87,9 @@ def vote(
         variance=sum(w * (offset - mean) ** 2 for w, offset, _ in votes) / total,
         covariance=sum(w * (offset - mean) * (skew - mean_skew) for w, offset, skew in votes) / total,
         skew_variance=sum(w * (skew - mean_skew) ** 2 for w, _, skew in votes) / total,
-        floor=sqrt((DULLNESS * spread) ** 2 + (ASYMMETRY_SHARE * gap / 2.0) ** 2),
+        gap=abs(gap),
+        upper=above,
+        lower=below,
     )
 
 

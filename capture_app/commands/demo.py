@@ -1,5 +1,6 @@
 """`capture-app demo`: the whole path without a screen."""
 
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -61,7 +62,7 @@ def _print(result: "DemoResult") -> None:
         for node in result.sync.nodes
     ]
     print_table(head, rows)
-    click.echo(f"\n{result.compare.get('verdict', '')}\n")
+    click.echo("\n" + textwrap.fill(str(result.compare.get("verdict", "")), 88) + "\n")
     click.echo(f"session  {result.session}")
     click.echo(f"report   {result.report}")
     talk(f"done in {result.seconds:.0f} s")

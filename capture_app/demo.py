@@ -26,7 +26,7 @@ FRAMES = 5
 OFFSET_MS = 66
 TOLERANCE_US = 50
 READY_TIMEOUT_S = 90.0
-PATIENCE_S = 5.0
+PATIENCE_S = 2.0
 
 Talk = Callable[[str], None]
 

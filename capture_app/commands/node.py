@@ -44,13 +44,12 @@ def _check_name(ctx: click.Context, param: click.Parameter, value: str) -> str:
 @click.option(
     "--tolerance-us",
     type=click.FloatRange(1.0, 100_000.0),
-    default=100.0,
-    show_default=True,
-    help="Largest phase error that is left alone, in microseconds.",
+    help="Largest phase error that is left alone, in microseconds.  [default: 100; 2000 for a camera that "
+    "can only restart its stream]",
 )
 @click.option("--until-eof", is_flag=True, hidden=True, help="Stop when stdin closes: the parent is gone.")
 def node(
-    name: str, spec: str, leader: Address, clock_text: str, tolerance_us: float, until_eof: bool
+    name: str, spec: str, leader: Address, clock_text: str, tolerance_us: float | None, until_eof: bool
 ) -> None:
     """Run one camera until Ctrl-C; a leader that is not there yet, or goes away, is waited for."""
     from capture_app.cameras.catalog import open_camera, parse_spec
@@ -64,7 +63,7 @@ def node(
         open_camera=lambda: open_camera(spec, clock=clock, name=name),
         leader=leader,
         clock=clock,
-        tolerance_ns=round(tolerance_us * 1000),
+        tolerance_ns=None if tolerance_us is None else round(tolerance_us * 1000),
         talk=lambda line: talk(f"{name}: {line}"),
     )
     run_until_stopped(client.run(), until_eof=until_eof)

@@ -32,7 +32,7 @@ class AddressType(click.ParamType[Address]):
 leader_option = click.option(
     "--leader",
     type=AddressType(),
-    default=Address("127.0.0.1", DEFAULT_PORT),
+    default=str(Address("127.0.0.1", DEFAULT_PORT)),
     show_default=True,
     metavar="HOST:PORT",
     help="Where the leader listens.",
@@ -58,9 +58,7 @@ def print_json_line(value: Any) -> None:
 def print_table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
     """Print a table on stdout; the first column is a name, columns of numbers go to the right."""
     widths = [max(len(row[column]) for row in (head, *rows)) for column in range(len(head))]
-    numeric = [
-        bool(rows) and all(row[column][:1] in "-+0123456789" for row in rows) for column in range(len(head))
-    ]
+    numeric = [bool(rows) and all(_is_number(row[column]) for row in rows) for column in range(len(head))]
     for row in (head, *rows):
         cells = (
             cell.rjust(width) if right else cell.ljust(width)
@@ -94,3 +92,7 @@ def _stop_at_eof(loop: asyncio.AbstractEventLoop, task: "asyncio.Future[None]") 
     if not os.read(sys.stdin.fileno(), 4096):
         loop.remove_reader(sys.stdin.fileno())
         task.cancel()
+
+
+def _is_number(cell: str) -> bool:
+    return cell == "-" or cell.lstrip("-").replace(".", "", 1).isdecimal()

@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
 
-from capture_app.cameras.base import Camera, CameraInfo, CapturedFrame
+from capture_app.cameras.base import Camera, CameraInfo, CapturedFrame, PhaseControl
 from capture_app.errors import CameraError, SimulshotError
 from capture_app.net.address import Address, resolve
 from capture_app.net.udp import Pump, ToPeer, client_socket
@@ -29,11 +29,14 @@ from capture_app.sync.events import (
 )
 from capture_app.sync.phase import FrameStamp
 from capture_app.sync.state import NodeState
+from capture_app.sync.trigger import DROPPED
 
 RING_FRAMES = 90
 CAMERA_RETRY_S = 2.0
 EVENTS_KEPT = 200
 DEFAULT_TOLERANCE_NS = 100_000
+RESET_TOLERANCE_NS = 2_000_000
+"""The same for a camera that can only restart its stream, whose start latency is uncertain by as much."""
 
 
 class ClientNode:
@@ -46,7 +49,7 @@ class ClientNode:
         open_camera: Callable[[], Camera],
         leader: Address,
         clock: NodeClock | None = None,
-        tolerance_ns: int = DEFAULT_TOLERANCE_NS,
+        tolerance_ns: int | None = None,
         ring_frames: int = RING_FRAMES,
         talk: Callable[[str], None] | None = None,
     ) -> None:
@@ -89,6 +92,9 @@ class ClientNode:
     async def _run_with_camera(
         self, failed: "asyncio.Future[Exception]", started_ns: int, sock: socket.socket, peer: Address
     ) -> None:
+        if self._tolerance_ns is None:
+            only_restarts = self._info.phase_control is PhaseControl.RESET
+            self._tolerance_ns = RESET_TOLERANCE_NS if only_restarts else DEFAULT_TOLERANCE_NS
         config = ClientConfig(
             name=self.name,
             instance=secrets.randbits(32),
@@ -219,13 +225,19 @@ class ClientNode:
 
     def _work_of(self, ready: BurstReady[CapturedFrame]) -> BurstWork:
         assert self._engine is not None
+        assert self._tolerance_ns is not None
         report = CameraReport(
             leader=self._leader_instance,
             burst=ready.burst,
-            camera=camera_record(self.name, self._info, ready, self._engine.aligner.corrections),
+            camera=camera_record(
+                self.name, self._info, ready, self._engine.aligner.corrections, self._tolerance_ns
+            ),
             instants=tuple(pick.instant for pick in ready.picks),
             missing=tuple(
-                MissingImage(camera=self.name, instant=gap.instant, reason=gap.reason) for gap in ready.gaps
+                MissingImage(
+                    camera=self.name, instant=gap.instant, reason=gap.reason, dropped=gap.reason == DROPPED
+                )
+                for gap in ready.gaps
             ),
             calibration=self._camera.calibration,
             true_clock=true_clock(self._clock, self._info),

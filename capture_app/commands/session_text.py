@@ -3,13 +3,16 @@
 from collections.abc import Sequence
 from statistics import median
 
-from capture_app.session.manifest import CameraRecord, ImageRecord, Manifest
+from capture_app.session.manifest import CameraRecord, ImageRecord, Manifest, SyncRecord
 from capture_app.session.reader import Session, SessionSummary
+from capture_app.session.synchronization import sync_record, verdict
 
 
 def list_text(found: Sequence[SessionSummary]) -> str:
     """One line a session."""
-    rows = [("NAME", "TAKEN (UTC)", "CAMERAS", "INSTANTS", "IMAGES", "MISSING", "ORIGIN")]
+    rows: list[tuple[str, ...]] = [
+        ("NAME", "TAKEN (UTC)", "CAMERAS", "INSTANTS", "IMAGES", "MISSING", "ORIGIN")
+    ]
     for one in found:
         if one.problem:
             continue
@@ -30,7 +33,7 @@ def show_text(session: Session) -> str:
         f"frames {manifest.burst.period_ns / 1e6:.3f} ms apart",
         f"{_of(len(manifest.cameras), 'camera')}, {_of(len(manifest.images), 'image')}, "
         f"{len(manifest.missing)} missing",
-        *_spread(session),
+        *_spread(manifest),
         "calibrated" if session.calibration() is not None else "not calibrated",
     ]
     if manifest.note:
@@ -46,21 +49,30 @@ def show_text(session: Session) -> str:
     return "\n".join(lines)
 
 
-def _spread(session: Session) -> list[str]:
-    """How far apart in time the images of one instant are, first to last."""
-    spreads = [
-        max(image.leader_ns for image in images.values()) - min(image.leader_ns for image in images.values())
-        for images in session.images_by_instant()
-        if len(images) > 1
-    ]
-    if not spreads:
+def sync_of(manifest: Manifest) -> SyncRecord:
+    """The manifest's record of its synchronization; older ones lack it, but their images tell."""
+    return manifest.sync or sync_record(manifest.cameras, manifest.burst, manifest.images, manifest.missing)
+
+
+def _spread(manifest: Manifest) -> list[str]:
+    """How far apart in time the images of one instant are, first to last, and what that costs."""
+    if len(manifest.cameras) < 2 or not manifest.images:
         return []
-    sure = any(image.uncertainty_ns is not None for image in session.manifest.images)
-    return [
-        f"images of one instant are {_microseconds(round(median(spreads)))} apart at the median, "
-        f"{_microseconds(max(spreads))} at most",
-        *([] if sure else ["(by the times they came with; how sure those are is not known)"]),
+    sync = sync_of(manifest)
+    lines = [
+        f"images of one instant are {_microseconds(round(median(sync.spread_ns)))} apart at the median, "
+        f"{_microseconds(max(sync.spread_ns))} at most",
+        verdict(sync),
     ]
+    if sync.row_spread_ns is not None and sync.row_spread_ns > 2 * max(sync.spread_ns):
+        lines.append(
+            "rolling shutters: rows of the same number are up to "
+            f"{_microseconds(sync.row_spread_ns)} apart, since not all cameras read out alike"
+        )
+    counts = ((sync.dropped, "dropped"), (sync.substituted, "substituted"), (sync.late, "late"))
+    if any(count for count, _ in counts):
+        lines.append(", ".join(f"{count} {what}" for count, what in counts if count))
+    return lines
 
 
 def _camera(manifest: Manifest, camera: CameraRecord) -> tuple[str, ...]:

@@ -7,10 +7,11 @@ from typing import Any
 import click
 import msgspec
 
-from capture_app.commands.session_text import list_text, show_text
+from capture_app.commands.session_text import list_text, show_text, sync_of
 from capture_app.errors import BadInputError, IncompleteError, SimulshotError
 from capture_app.session.reader import Session, list_sessions
 from capture_app.session.schema import session_schema_text
+from capture_app.session.synchronization import verdict
 
 DEFAULT_ROOT = Path("sessions")
 _FOLDER = click.Path(path_type=Path)
@@ -44,7 +45,8 @@ def show(session: Path, as_json: bool) -> None:
     """Show what a session holds and how well its cameras agree."""
     opened = Session.open(session)
     if as_json:
-        _print_json({"session": str(session), "manifest": opened.manifest})
+        words = verdict(sync_of(opened.manifest))
+        _print_json({"session": str(session), "manifest": opened.manifest, "verdict": words})
     else:
         click.echo(show_text(opened))
 

@@ -162,11 +162,13 @@ class BurstSession:
             residual_ns=record.residual_ns,
             uncertainty_ns=record.uncertainty_ns,
             hard_bound_ns=record.hard_bound_ns,
+            exposure_start_ns=record.exposure_start_ns,
             exposure_ns=record.exposure_ns,
             gain=record.gain,
             white_balance=record.white_balance,
             sequence=record.sequence,
             dropped=record.dropped,
+            late=record.late,
         )
 
     async def _finish_if_complete(self) -> None:
@@ -214,12 +216,13 @@ class BurstSession:
         return self._writer.finish(cameras, record, missing, origin).folder
 
     def _missing_of(self, share: _Share) -> list[MissingImage]:
-        told = {gap.instant: gap.reason for gap in share.report.missing} if share.report else {}
+        told = {gap.instant: gap for gap in share.report.missing} if share.report else {}
         return [
             MissingImage(
                 camera=share.camera.name,
                 instant=instant,
-                reason=told.get(instant) or share.given_up or "it never came",
+                reason=told[instant].reason if instant in told else share.given_up or "it never came",
+                dropped=instant in told and told[instant].dropped,
             )
             for instant in range(len(self.burst.instants_ns))
             if instant not in share.instants

@@ -1,8 +1,10 @@
 """A node's facts in the forms that the wire, the manifest and the event log want them in."""
 
+from typing import Any
+
 import msgspec
 
-from capture_app.cameras.base import CameraInfo, CapturedFrame
+from capture_app.cameras.base import CameraInfo
 from capture_app.node.messages import JsonValue, TrueClock
 from capture_app.session.manifest import CameraRecord, ClockRecord, PhaseRecord
 from capture_app.simulation.clock import NodeClock, SimulatedClock
@@ -25,9 +27,12 @@ SIMULATED = "sim"
 
 
 def camera_record(
-    name: str, info: CameraInfo, ready: BurstReady[CapturedFrame], corrections: int
+    name: str, info: CameraInfo, ready: BurstReady[Any], corrections: int, tolerance_ns: int
 ) -> CameraRecord:
-    """The manifest's record of a camera at a burst; `corrections` counts those of the phase until then."""
+    """The manifest's record of a camera at a burst; `corrections` counts those of the phase until then.
+
+    `tolerance_ns` is how near to the rig's grid the phase was to be held.
+    """
     time_map, phase = ready.time_map, ready.phase
     return CameraRecord(
         name=name,
@@ -56,6 +61,7 @@ def camera_record(
             drift_ppm=phase.drift_ppm,
             corrections=corrections,
             uncertainty_ns=round(1.96 * phase.sigma_ns),
+            tolerance_ns=tolerance_ns,
         ),
     )
 
@@ -86,7 +92,7 @@ def true_clock(clock: NodeClock, info: CameraInfo) -> TrueClock | None:
     return TrueClock(offset_ns=0, skew_ppm=0.0, epoch_true_ns=0) if info.kind == SIMULATED else None
 
 
-def event_line(event: ClientEvent[CapturedFrame]) -> dict[str, JsonValue]:
+def event_line(event: ClientEvent[Any]) -> dict[str, JsonValue]:
     """An event as a flat line of JSON."""
     match event:
         case Joined():

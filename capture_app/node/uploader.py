@@ -19,6 +19,7 @@ from capture_app.net.address import Address
 from capture_app.net.transfer import Channel, connect
 from capture_app.node.messages import CameraReport, FromLeader, ImageUpload, Noted, Refusal, Stored
 from capture_app.session.manifest import ImageRecord, MissingImage, image_path
+from capture_app.session.rows import exposure_start_ns
 from capture_app.sync.trigger import Pick
 
 RETRY_S = (0.5, 1.0, 2.0, 4.0)
@@ -162,7 +163,8 @@ def _develop(report: CameraReport, pick: Pick[CapturedFrame]) -> _Developed:
     except Exception as error:
         # Drivers and encoders raise what they like; one bad frame must not end the node.
         raise _DevelopError(f"the frame could not be developed: {error}") from error
-    name = report.camera.name
+    camera, name = report.camera, report.camera.name
+    tolerance_ns = camera.phase.tolerance_ns if camera.phase else None
     record = ImageRecord(
         camera=name,
         instant=pick.instant,
@@ -174,10 +176,12 @@ def _develop(report: CameraReport, pick: Pick[CapturedFrame]) -> _Developed:
         residual_ns=pick.residual_ns,
         uncertainty_ns=pick.uncertainty_ns,
         hard_bound_ns=pick.hard_bound_ns,
+        exposure_start_ns=exposure_start_ns(camera, pick.leader_ns, frame.exposure_ns),
         exposure_ns=frame.exposure_ns,
         gain=frame.gain,
         white_balance=frame.white_balance,
         sequence=frame.sequence,
+        late=tolerance_ns is not None and abs(pick.residual_ns) > tolerance_ns,
     )
     true_ns = None if frame.truth is None else frame.truth.true_ns
     upload = ImageUpload(

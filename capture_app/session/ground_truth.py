@@ -2,7 +2,7 @@
 
 from msgspec import Struct
 
-from capture_app.session.manifest import GROUND_TRUTH
+from capture_app.session.manifest import GROUND_TRUTH, Sha256
 
 TIMES = f"{GROUND_TRUTH}/times.json"
 
@@ -13,6 +13,8 @@ class TrueTime(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     camera: str
     instant: int
     true_ns: int
+    sha256: Sha256 | None = None
+    """Checksum of the image's .npz; None where it has none."""
 
 
 class TrueTimes(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

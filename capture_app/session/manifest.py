@@ -44,6 +44,8 @@ class PhaseRecord(_Record, frozen=True, kw_only=True):
     drift_ppm: float
     corrections: Count
     uncertainty_ns: Count | None = None
+    tolerance_ns: Count | None = None
+    """How near to the grid the stream was to be held; an image further from its instant is `late`."""
 
 
 class CameraRecord(_Record, frozen=True, kw_only=True):
@@ -84,12 +86,16 @@ class ImageRecord(_Record, frozen=True, kw_only=True):
     """leader_ns minus the instant's time."""
     uncertainty_ns: Count | None = None
     hard_bound_ns: Count | None = None
+    exposure_start_ns: int | None = None
+    """Leader time at which the first row's exposure begins; None where the camera's stamps do not tell."""
     exposure_ns: Count | None = None
     gain: float | None = None
     white_balance: tuple[float, float] | None = None
     sequence: Count | None = None
     dropped: bool = False
-    """The frame nearest to the instant was dropped by the camera; this is the next best one."""
+    """The frame nearest to the instant was dropped by the camera; this is the next best one, a substitute."""
+    late: bool = False
+    """It was taken further from its instant, before or after, than the camera's phase was to be held."""
 
 
 class MissingImage(_Record, frozen=True, kw_only=True):
@@ -98,6 +104,25 @@ class MissingImage(_Record, frozen=True, kw_only=True):
     camera: Name
     instant: Count
     reason: str
+    dropped: bool = False
+    """The camera dropped the frame, rather than that it was lost on its way."""
+
+
+class SyncRecord(_Record, frozen=True, kw_only=True):
+    """How well the burst is synchronized over its cameras, told by its images' own records; times in ns."""
+
+    spread_ns: tuple[Count, ...]
+    """For each instant: from the first to the last of its images' `leader_ns`; 0 for fewer than two."""
+    row_spread_ns: Count | None = None
+    """The most that the middles of one row's exposure are apart at any instant, by rolling shutters that
+    differ included; None where no two cameras tell their exposure and row time."""
+    uncertainty_ns: Count | None = None
+    """The worst of the images; None where that of any is not known."""
+    hard_bound_ns: Count | None = None
+    dropped: Count = 0
+    """Images that are missing because their camera dropped the frame."""
+    substituted: Count = 0
+    late: Count = 0
 
 
 class Manifest(_Record, frozen=True, kw_only=True):
@@ -113,6 +138,7 @@ class Manifest(_Record, frozen=True, kw_only=True):
     burst: BurstRecord
     images: tuple[ImageRecord, ...]
     missing: tuple[MissingImage, ...] = ()
+    sync: SyncRecord | None = None
     rig: Name = RIG
     schema_version: int = SCHEMA_VERSION
     note: str = ""

@@ -32,6 +32,7 @@ from capture_app.session.manifest import (
     image_path,
 )
 from capture_app.session.reader import Session, SessionSummary, list_sessions
+from capture_app.session.synchronization import sync_record
 
 __all__ = ["IMAGE_SUFFIXES", "Session", "SessionSummary", "SessionWriter", "list_sessions"]
 
@@ -47,6 +48,7 @@ class SessionWriter:
         self._created = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
         self._images: dict[tuple[str, int], ImageRecord] = {}
         self._true_times: dict[tuple[str, int], int] = {}
+        self._true_sha256: dict[tuple[str, int], str] = {}
         self._true_clocks: dict[str, dict[str, float | int | str]] = {}
         self._mutex = threading.RLock()
         self._open = True
@@ -91,11 +93,13 @@ class SessionWriter:
         residual_ns: int = 0,
         uncertainty_ns: int | None = None,
         hard_bound_ns: int | None = None,
+        exposure_start_ns: int | None = None,
         exposure_ns: int | None = None,
         gain: float | None = None,
         white_balance: tuple[float, float] | None = None,
         sequence: int | None = None,
         dropped: bool = False,
+        late: bool = False,
     ) -> ImageRecord:
         """Save one image's file bytes as they are; once this returns no crash can lose it.
 
@@ -118,11 +122,13 @@ class SessionWriter:
             residual_ns=residual_ns,
             uncertainty_ns=uncertainty_ns,
             hard_bound_ns=hard_bound_ns,
+            exposure_start_ns=exposure_start_ns,
             exposure_ns=exposure_ns,
             gain=gain,
             white_balance=white_balance,
             sequence=sequence,
             dropped=dropped,
+            late=late,
         )
         line = _checked(record, ImageRecord)
         with self._writing():
@@ -152,7 +158,12 @@ class SessionWriter:
             make_folders(path.parent, self.folder)
             write_whole(path, data)
             self._true_times[camera, instant] = true_ns
+            self._true_sha256[camera, instant] = hashlib.sha256(data).hexdigest()
         return path
+
+    def add_true_time(self, camera: str, instant: int, true_ns: int) -> None:
+        """Keep the true first-row time, in ns of the host's clock, of an image without its .npz."""
+        self._true_times[camera, instant] = true_ns
 
     def set_ground_truth_clocks(self, clocks: Mapping[str, Mapping[str, float | int | str]]) -> None:
         """Keep the true parameters of each simulated camera's clock, by camera and by name with unit."""
@@ -188,8 +199,10 @@ class SessionWriter:
                 missing=tuple(sorted(missing, key=lambda m: (m.instant, m.camera))),
                 note=note,
             )
-            data = _pretty(_checked(manifest, Manifest))
+            _checked(manifest, Manifest)
             check_references(self.folder / MANIFEST, manifest)
+            sync = sync_record(cameras, burst, manifest.images, manifest.missing)
+            data = _pretty(_checked(msgspec.structs.replace(manifest, sync=sync), Manifest))
             self._write_true_times()
             self._journal.close()
             self._events.close()
@@ -234,8 +247,8 @@ class SessionWriter:
             return
         times = TrueTimes(
             images=tuple(
-                TrueTime(camera=camera, instant=instant, true_ns=true_ns)
-                for (camera, instant), true_ns in sorted(self._true_times.items())
+                TrueTime(camera=of[0], instant=of[1], true_ns=true_ns, sha256=self._true_sha256.get(of))
+                for of, true_ns in sorted(self._true_times.items())
             ),
             clocks=self._true_clocks,
         )

@@ -21,6 +21,8 @@ from capture_app.session.manifest import (
     ImageRecord,
 )
 from capture_app.session.reader import Session
+from capture_app.session.rows import exposure_start_ns
+from capture_app.session.synchronization import sync_record
 
 _ROUNDING_NS = 1_000
 
@@ -50,6 +52,8 @@ def verify(session: Session) -> list[Problem]:
     """Check every file and every number of a session; an empty list means that all agree."""
     return [
         *_burst(session),
+        *_order(session),
+        *_sync(session),
         *(problem for record in session.manifest.images for problem in _image(session, record)),
         *_journal(session),
         *_calibration(session),
@@ -81,6 +85,32 @@ def _burst(session: Session) -> Iterator[Problem]:
                 yield Problem(ProblemKind.CONTRADICTORY, MANIFEST, f"the image {of} is there and missing")
             if place not in missing and not images[place]:
                 yield Problem(ProblemKind.CONTRADICTORY, MANIFEST, f"no image {of}, nor why it is missing")
+
+
+def _order(session: Session) -> Iterator[Problem]:
+    """A camera's later images were taken later, by either clock."""
+    before: dict[str, ImageRecord] = {}
+    for record in sorted(session.manifest.images, key=lambda image: image.instant):
+        last = before.get(record.camera)
+        if last is not None and record.instant > last.instant:
+            backwards = record.leader_ns <= last.leader_ns
+            if last.local_ns is not None and record.local_ns is not None:
+                backwards = backwards or record.local_ns <= last.local_ns
+            if backwards:
+                yield Problem(ProblemKind.CONTRADICTORY, record.path, f"was not taken after {last.path}")
+        before[record.camera] = record
+
+
+def _sync(session: Session) -> Iterator[Problem]:
+    manifest = session.manifest
+    if manifest.sync is None:
+        return
+    told = sync_record(manifest.cameras, manifest.burst, manifest.images, manifest.missing)
+    for name in manifest.sync.__struct_fields__:
+        said, is_so = getattr(manifest.sync, name), getattr(told, name)
+        if said != is_so:
+            what = f"sync.{name} is {said}; its images say {is_so}"
+            yield Problem(ProblemKind.CONTRADICTORY, MANIFEST, what)
 
 
 def _image(session: Session, record: ImageRecord) -> Iterator[Problem]:
@@ -130,7 +160,19 @@ def _times(session: Session, record: ImageRecord) -> Iterator[Problem]:
     if record.residual_ns != record.leader_ns - instant_ns:
         what = f"residual_ns is {record.residual_ns}; its times say {record.leader_ns - instant_ns}"
         yield Problem(ProblemKind.CONTRADICTORY, record.path, what)
-    clock = session.camera(record.camera).clock
+    camera = session.camera(record.camera)
+    start_ns = exposure_start_ns(camera, record.leader_ns, record.exposure_ns)
+    if record.exposure_start_ns not in (None, start_ns):
+        what = f"exposure_start_ns is {record.exposure_start_ns}; the stamp says {start_ns}"
+        yield Problem(ProblemKind.CONTRADICTORY, record.path, what)
+    tolerance_ns = camera.phase.tolerance_ns if camera.phase else None
+    if tolerance_ns is not None and record.late != (abs(record.residual_ns) > tolerance_ns):
+        said = "late" if record.late else "not late"
+        what = (
+            f"is said to be {said}, {record.residual_ns} ns from its instant with {tolerance_ns} ns allowed"
+        )
+        yield Problem(ProblemKind.CONTRADICTORY, record.path, what)
+    clock = camera.clock
     if clock is None or record.local_ns is None:
         return
     error_ns = record.leader_ns - leader_from_local(clock, record.local_ns)
@@ -189,9 +231,14 @@ def _ground_truth(session: Session) -> Iterator[Problem]:
         yield Problem(ProblemKind.UNREADABLE, "ground_truth/times.json", str(error))
         return
     for true in times.images if times else ():
-        if session.ground_truth(true.camera, true.instant) is None:
-            where = ground_truth_path(true.camera, true.instant)
+        if true.sha256 is None:
+            continue
+        where = ground_truth_path(true.camera, true.instant)
+        path = session.ground_truth(true.camera, true.instant)
+        if path is None:
             yield Problem(ProblemKind.MISSING, where, "the ground truth is missing")
+        elif hashlib.sha256(path.read_bytes()).hexdigest() != true.sha256:
+            yield Problem(ProblemKind.CHANGED, where, "its bytes have changed: another sha256")
 
 
 def _unexpected(session: Session) -> Iterator[Problem]:

@@ -13,6 +13,9 @@ MAX_FRAMES = 1000
 MAX_BURST_NS = 600_000_000_000
 """The longest time from a burst's first instant to its last."""
 
+DROPPED = "the camera dropped the frame"
+"""Why there is a gap where the frames about it came."""
+
 
 @dataclass(frozen=True, slots=True)
 class Burst:
@@ -74,7 +77,7 @@ def pick_frames(
         residual_ns = frame_leader_ns - leader_ns
         if abs(residual_ns) > period_ns // 2:
             late = local_ns == ring.oldest_local_ns and local_ns > wanted_local_ns
-            reason = "it had left the ring buffer" if late else "the camera dropped the frame"
+            reason = "it had left the ring buffer" if late else DROPPED
             gaps.append(Gap(instant, reason))
             continue
         uncertainty_ns = round(time_map.uncertainty_at(local_ns))

@@ -36,15 +36,30 @@ if TYPE_CHECKING:
     metavar="SECONDS",
     help="Wait up to this long for all nodes to be ready.",
 )
+@click.option(
+    "--nodes",
+    type=click.IntRange(1),
+    default=1,
+    show_default=True,
+    help="With --wait-ready: the fewest nodes that must be ready.",
+)
 @json_option
 def burst(
-    leader: Address, frames: int, spacing: int, at_ns: int | None, wait_ready: float, as_json: bool
+    leader: Address,
+    frames: int,
+    spacing: int,
+    at_ns: int | None,
+    wait_ready: float,
+    nodes: int,
+    as_json: bool,
 ) -> None:
     """Take a burst and print the path of its session (on the leader's machine)."""
     from capture_app.errors import IncompleteError
     from capture_app.node.messages import BurstRequest
 
-    request = BurstRequest(frames=frames, spacing=spacing, at_leader_ns=at_ns, wait_ready_s=wait_ready)
+    request = BurstRequest(
+        frames=frames, spacing=spacing, at_leader_ns=at_ns, wait_ready_s=wait_ready, nodes=nodes
+    )
     done = asyncio.run(_take(leader, request))
     if as_json:
         print_json(done)

@@ -152,7 +152,7 @@ class LeaderNode:
     async def take_burst(self, request: BurstRequest) -> AsyncGenerator[BurstStatus, None]:
         """Wait for the nodes as asked, take a burst, and yield its progress until it is done."""
         if request.wait_ready_s:
-            async for reason in self._not_ready(request.wait_ready_s, 1):
+            async for reason in self._not_ready(request.wait_ready_s, request.nodes):
                 yield BurstStatus(
                     burst=0,
                     name="",

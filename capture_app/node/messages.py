@@ -86,6 +86,8 @@ class BurstRequest(_Message, frozen=True, kw_only=True, tag="ask-burst"):
     spacing: Annotated[int, Meta(gt=0)] = 1
     at_leader_ns: int | None = None
     wait_ready_s: Annotated[float, Meta(ge=0)] = 0.0
+    nodes: Annotated[int, Meta(gt=0)] = 1
+    """The fewest nodes that must be ready."""
 
 
 class BurstAnswer(_Message, frozen=True, kw_only=True, tag="burst"):

@@ -1,0 +1,113 @@
+"""Links in virtual time: each law has the minimum and mean it says, and memory where it says so."""
+
+import csv
+import random
+from itertools import pairwise
+from pathlib import Path
+
+import pytest
+
+from capture_app.errors import BadInputError
+from capture_app.simulation.link import (
+    LAWS,
+    PAPER_LINK,
+    Air,
+    Bursts,
+    Channel,
+    DelayLaw,
+    Link,
+    Medium,
+    Outage,
+    ReplayedLaw,
+)
+from capture_app.simulation.trace import read_trace
+
+MS, S = 1_000_000, 1_000_000_000
+STEADY = DelayLaw(500_000, 500_001, 1.0)
+
+
+@pytest.mark.parametrize("name", LAWS)
+def test_every_law_has_the_papers_minimum_and_mean(name: str) -> None:
+    rng, link = random.Random(1), LAWS[name]
+    for law, minimum_us, mean_us in ((link.to_leader, 479, 1878), (link.to_client, 517, 1133)):
+        delays_us = [law.draw(rng) / 1000 for _ in range(20_000)]
+        assert minimum_us <= min(delays_us)
+        # 0.64 % come up to 20 ms late.
+        assert sum(delays_us) / len(delays_us) == pytest.approx(mean_us + 64, rel=0.05)
+
+
+def test_a_channel_without_memory_draws_as_its_link_does() -> None:
+    link = Link(PAPER_LINK.to_leader, PAPER_LINK.to_client, loss=0.2, duplication=0.2)
+    one, other, channel = random.Random(3), random.Random(3), Channel(link)
+    for i in range(100):
+        assert channel.deliveries("to_client", i, one) == link.deliveries(link.to_client, other)
+
+
+def test_nothing_passes_in_an_outage() -> None:
+    channel = Channel(Link(STEADY, STEADY, outages=(Outage(2 * S, S),)))
+    rng = random.Random(1)
+    passed = [bool(channel.deliveries("to_leader", t * S // 2, rng)) for t in range(8)]
+    assert passed == [True] * 4 + [False] * 2 + [True] * 2
+
+
+def test_trouble_comes_in_bursts() -> None:
+    bursts = Bursts(calm_ns=2 * S, trouble_ns=S, extra_ns=5 * MS, loss=0.0)
+    channel, rng = Channel(Link(STEADY, STEADY, bursts=bursts)), random.Random(2)
+    late = [channel.deliveries("to_leader", t * 10 * MS, rng)[0] > 600_000 for t in range(60_000)]
+    share = sum(late) / len(late)
+    assert share == pytest.approx(1 / 3, abs=0.06)
+    after_late = sum(b for a, b in pairwise(late) if a) / sum(late)
+    assert after_late > 0.9
+
+
+def test_those_who_share_a_medium_wait_for_each_other() -> None:
+    medium = Medium(airtime_ns=MS, strangers=0.0)
+    air, rng = Air(medium), random.Random(1)
+    channels = [Channel(Link(STEADY, STEADY, medium=medium), air) for _ in range(5)]
+    delays = [channel.deliveries("to_leader", 7, rng)[0] for channel in channels]
+    assert [round(d / MS, 1) for d in delays] == [1.5, 2.5, 3.5, 4.5, 5.5]
+    assert channels[0].deliveries("to_leader", 7 + 20 * MS, rng)[0] == pytest.approx(1.5 * MS, abs=10)
+
+
+def test_strangers_make_a_queue_as_queueing_theory_has_it() -> None:
+    """M/D/1: the mean wait is airtime * load / (2 (1 - load))."""
+    air, rng = Air(Medium(airtime_ns=MS, strangers=0.6)), random.Random(5)
+    waits = [air.enter(i * 50 * MS, rng) - i * 50 * MS - MS for i in range(8000)]
+    assert sum(waits) / len(waits) / MS == pytest.approx(0.6 / (2 * 0.4), rel=0.1)
+
+
+def test_a_replayed_law_goes_by_the_time() -> None:
+    law, rng = ReplayedLaw((5, 6, 7), 100, start=1), random.Random(1)
+    assert [law.draw(rng, t) for t in (0, 99, 100, 200, 300)] == [6, 6, 7, 5, 6]
+
+
+def test_a_recorded_link_is_split_into_its_two_ways(tmp_path: Path) -> None:
+    path = tmp_path / "link.csv"
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(("t_s", "rtt_ms", "clock_offset_ms"))
+        for i in range(100):
+            late = 1.0 if i == 50 else 0.0
+            writer.writerow((i * 0.2, 2.0 + late, -1e6 + 0.001 * i + late / 2))
+    link = read_trace(path)
+    rng = random.Random(1)
+    assert link.to_leader.draw(rng, 50 * 200 * MS) == pytest.approx(2.0 * MS, abs=1000)
+    assert link.to_client.draw(rng, 50 * 200 * MS) == pytest.approx(1.0 * MS, abs=1000)
+    assert link.to_client.draw(rng, 40 * 200 * MS) == pytest.approx(1.0 * MS, abs=1000)
+
+
+@pytest.mark.parametrize("text", ["", "t_s,rtt_ms\n1,2\n", "t_s,rtt_ms,clock_offset_ms\n1,2,x\n"])
+def test_what_is_no_recorded_link_is_refused(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "link.csv"
+    path.write_text(text)
+    with pytest.raises(BadInputError, match=r"link\.csv"):
+        read_trace(path)
+
+
+@pytest.mark.shared
+def test_the_recording_of_a_real_link_is_read(shared: Path) -> None:
+    link = read_trace(shared / "footage" / "timing" / "wifi_rtt_offset_good.csv")
+    assert isinstance(link.to_leader, ReplayedLaw)
+    assert len(link.to_leader.delays_ns) == 2987
+    assert link.to_leader.every_ns == pytest.approx(200 * MS, rel=0.05)
+    assert min(link.to_leader.delays_ns) > 0

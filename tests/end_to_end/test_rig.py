@@ -5,6 +5,7 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from capture_app.errors import ExitCode
 from capture_app.session.reader import Session
 from capture_app.session.verify import verify
 
@@ -108,7 +109,7 @@ async def test_a_node_that_dies_in_a_burst_leaves_a_session_that_says_so(
     await leader.says("burst 1: 0 of 60")
     await nodes[1].kill()
     printed = await command.finish()
-    assert command.process.returncode == 7, command.said
+    assert command.process.returncode == ExitCode.INCOMPLETE, command.said
     assert "is incomplete" in command.said[-1]
     done = json.loads(printed)
     session = Session.open(Path(done["session"]))
@@ -136,3 +137,20 @@ async def test_a_leader_with_a_camera_of_its_own(start: "Start", tmp_path: Path)
     await leader.says("local1 joined")
     done = await burst(start, address, "--frames", "1")
     assert done["received"] == 1
+
+
+async def test_a_burst_that_nobody_can_take_is_one_line_and_no_session(
+    start: "Start", tmp_path: Path
+) -> None:
+    leader, address = await lead(start, tmp_path / "sessions")
+    for options, says in (
+        ((), "no node is here"),
+        (("--wait-ready", "0.2", "--nodes", "3"), "not ready after 0.2 s: 0 of 3 nodes are here"),
+    ):
+        command = await start("burst", "--leader", address, *options)
+        assert await command.finish() == ""
+        assert command.process.returncode == ExitCode.INCOMPLETE
+        assert says in command.said[-1]
+        assert command.said[-1].startswith("capture-app: error: ")
+    assert not any("Traceback" in line for line in leader.said)
+    assert not (tmp_path / "sessions").exists()

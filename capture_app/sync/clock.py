@@ -147,6 +147,7 @@ class ClockFilter:
             skew_bound=skew_bound,
             samples=self.samples,
             round_trip_ns=min(round_trips, default=0),
+            age_ns=max(0, now_local_ns - self._newest_ns),
         )
 
     def _uncertainty(self, fit: VotedLine, age: float) -> float:

@@ -60,7 +60,7 @@ def radius_95(mean: float, sigma: float) -> float:
     """Half the width of the interval around zero that holds 95 % of a normal law, in the unit of both."""
     if sigma <= 0.0:
         return abs(mean)
-    low, high = 0.0, abs(mean) + 2.0 * sigma
+    low, high = abs(mean), abs(mean) + 2.0 * sigma
     for _ in range(20):
         middle = (low + high) / 2.0
         held = erf((middle - mean) / (sigma * sqrt(2.0))) + erf((middle + mean) / (sigma * sqrt(2.0)))

@@ -51,13 +51,7 @@ def vote(
     measured in units of the spread of the tightest of the `runners_up`; `count` of these are kept. The mean
     over all skews is steadier than the maximum, and its spread says how well the skew is known.
     """
-    above_hull, below_hull = _hull(uppers), _hull(lowers)
-
-    def room(skew: float) -> tuple[float, float]:
-        above = min([v - skew * t for t, v in above_hull])
-        below = min([v + skew * t for t, v in below_hull])
-        return above + below, (above - below) / 2.0
-
+    room = _room(uppers, lowers)
     if min(len(runners_up[0]), len(runners_up[1])) < SHARPEST:
         gap, offset = room(0.0)
         return VotedLine(offset, 0.0, 0.0, 0.0, USUAL_SKEW**2, abs(gap), (), ())
@@ -91,6 +85,25 @@ def vote(
         upper=above,
         lower=below,
     )
+
+
+def widest(uppers: Sequence[Point], lowers: Sequence[Point], steepest: float) -> tuple[float, float, float]:
+    """Return the skew, up to `steepest`, that leaves most room, that gap in ns, and the offset in ns."""
+    room = _room(uppers, lowers)
+    skew = _highest(lambda skew: room(skew)[0], -steepest, steepest)
+    return skew, *room(skew)
+
+
+def _room(uppers: Sequence[Point], lowers: Sequence[Point]) -> Callable[[float], tuple[float, float]]:
+    """The gap between the two directions and its middle, both in ns, as a function of the skew."""
+    above_hull, below_hull = _hull(uppers), _hull(lowers)
+
+    def room(skew: float) -> tuple[float, float]:
+        above = min([v - skew * t for t, v in above_hull])
+        below = min([v + skew * t for t, v in below_hull])
+        return above + below, (above - below) / 2.0
+
+    return room
 
 
 def _hull(points: Sequence[Point]) -> list[Point]:

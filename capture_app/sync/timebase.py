@@ -24,6 +24,8 @@ class TimeMap:
     skew_bound: float
     samples: int
     round_trip_ns: int
+    age_ns: int = 0
+    """From the newest sample to the epoch."""
 
     def leader_from_local(self, local_ns: int) -> int:
         """Leader time in ns of a local time in ns."""

@@ -1,14 +1,27 @@
 """The command `reconstruct`; what is heavy is imported when it is needed."""
 
+import math
 import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import click
 
 from capture_app import __version__
 from capture_app.errors import ExitCode, SimulshotError
+
+
+class _Finite(click.FloatRange):
+    """A range that holds numbers only."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Refuse what compares with nothing."""
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is not a number of ms", param, ctx)
+        return float(number)
 
 
 class _Pair(click.ParamType[tuple[str, str]]):
@@ -36,7 +49,7 @@ def app() -> None:
 @click.argument("session", type=click.Path(path_type=Path))
 @click.option(
     "--offset-ms",
-    type=click.FloatRange(min=0, min_open=True, max=1e6),
+    type=_Finite(min=0, min_open=True, max=1e6),
     default=66.0,
     show_default=True,
     help="How late the second camera is in the offset condition, ms; the nearest whole frame is taken.",

@@ -1,0 +1,194 @@
+"""A small scene with exact truth: textured boards at different depths, one of which moves."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from io import BytesIO
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from capture_app.session.calibration import Calibration, CameraCalibration
+from capture_app.session.manifest import BurstRecord, CameraRecord
+from capture_app.session.reader import Session
+from capture_app.session.store import SessionWriter
+from reconstruction.geometry import Array, View
+
+WIDTH, HEIGHT, FOCAL = 320, 240, 300.0
+PERIOD_NS = 33_333_333
+TEXELS = 300
+
+
+def texture(seed: int, size: int = 512) -> Array:
+    """Noise at many scales with hard-edged spots, uint8 size x size."""
+    rng = np.random.default_rng(seed)
+    image = np.zeros((size, size), np.float32)
+    for octave in range(2, 9):
+        cells = rng.random((2**octave, 2**octave), dtype=np.float32)
+        image += 0.75**octave * cv2.resize(cells, (size, size), interpolation=cv2.INTER_CUBIC)
+    image = (image - image.min()) / np.ptp(image)
+    for _ in range(60):
+        at, radius = rng.integers(0, size, 2), int(rng.integers(4, size // 24))
+        cv2.circle(image, (int(at[0]), int(at[1])), radius, float(rng.random()), -1)
+    return (30 + 200 * image).astype(np.uint8)
+
+
+@dataclass
+class Board:
+    """A board facing +z of the rig: its left, top, right, bottom and depth; it may move with time."""
+
+    box: tuple[float, float, float, float]
+    z: float
+    paint: Array
+    path: Callable[[float], tuple[float, float]] | None = None
+
+
+@dataclass
+class Scene:
+    """Boards, and how to look at them."""
+
+    boards: list[Board]
+    noise: float = 1.0
+    shots: int = field(default=0)
+
+    def look(self, view: View, time: float, unit: float = 1.0) -> tuple[Array, Array, Array]:
+        """Grey image (uint8), depth along the view's axis in `unit`s and movers at a time in periods."""
+        rays = view.rays(view.grid())
+        centre = view.centre / unit
+        world = rays @ view.rotation
+        image = np.zeros(len(rays), np.float32)
+        depth = np.full(len(rays), np.inf)
+        movers = np.zeros(len(rays), bool)
+        for board in self.boards:
+            reach = (board.z - centre[2]) / world[:, 2]
+            at = centre[:2] + reach[:, None] * world[:, :2]
+            at = at - (board.path(time) if board.path else (0.0, 0.0))
+            left, top, right, bottom = board.box
+            hit = (reach > 0) & (reach < depth) & (at[:, 0] > left) & (at[:, 0] < right)
+            hit &= (at[:, 1] > top) & (at[:, 1] < bottom)
+            where = (at * TEXELS).astype(np.float32)
+            size = board.paint.shape[0]
+            colour = cv2.remap(
+                board.paint,
+                np.mod(where[:, 0], size - 1).reshape(view.height, view.width),
+                np.mod(where[:, 1], size - 1).reshape(view.height, view.width),
+                cv2.INTER_LINEAR,
+            ).ravel()
+            image[hit], depth[hit], movers[hit] = colour[hit], reach[hit], board.path is not None
+        self.shots += 1
+        image += np.random.default_rng(self.shots).normal(0, self.noise, len(rays)).astype(np.float32)
+        shape = (view.height, view.width)
+        return (
+            np.clip(image, 0, 255).astype(np.uint8).reshape(shape),
+            (depth * unit).astype(np.float32).reshape(shape),
+            movers.reshape(shape),
+        )
+
+
+def jump(time: float) -> tuple[float, float]:
+    """0.05 across and 0.09 up with every period."""
+    return 0.05 * time - 0.1, 0.25 - 0.09 * time
+
+
+@pytest.fixture(scope="session")
+def scene() -> Scene:
+    """A wall, three boards at rest, and one that jumps."""
+    return Scene(
+        [
+            Board((-9, -9, 9, 9), 4.0, texture(1)),
+            Board((-1.6, 0.2, -0.9, 1.4), 3.0, texture(2)),
+            Board((0.9, -0.2, 1.5, 1.3), 2.6, texture(3)),
+            Board((-0.7, -1.2, 0.2, -0.75), 3.4, texture(4)),
+            Board((-0.3, -0.3, 0.3, 0.3), 2.2, texture(5), jump),
+        ]
+    )
+
+
+def make_view(
+    at: tuple[float, float, float],
+    *,
+    yaw: float = 0.0,
+    pitch: float = 0.0,
+    roll: float = 0.0,
+    distortion: tuple[float, ...] = (0, 0, 0, 0, 0),
+    unit: float = 1.0,
+) -> View:
+    """A camera at a place of the rig (in scene units), turned by angles in degrees."""
+    rotation = np.eye(3)
+    for axis, angle in enumerate((pitch, -yaw, roll)):
+        vector = np.zeros(3)
+        vector[axis] = np.radians(angle)
+        rotation = cv2.Rodrigues(vector)[0] @ rotation
+    matrix = np.array([[FOCAL, 0, WIDTH / 2 - 3.5], [0, FOCAL * 1.01, HEIGHT / 2 + 2.0], [0, 0, 1]])
+    return View(WIDTH, HEIGHT, matrix, np.array(distortion, float), rotation, -rotation @ np.array(at) * unit)
+
+
+def as_calibration(view: View) -> CameraCalibration:
+    """The view as a session's calibration keeps it."""
+    m = view.matrix
+    return CameraCalibration(
+        width=view.width,
+        height=view.height,
+        fx=float(m[0, 0]),
+        fy=float(m[1, 1]),
+        cx=float(m[0, 2]),
+        cy=float(m[1, 2]),
+        rotation=tuple(tuple(float(v) for v in row) for row in view.rotation),
+        translation=tuple(float(v) for v in view.translation),
+        distortion=tuple(float(v) for v in view.distortion),
+    )
+
+
+def write_session(
+    root: Path,
+    scene: Scene,
+    views: dict[str, View],
+    *,
+    instants: int = 5,
+    calibrated: bool = True,
+    truth: bool = True,
+    frozen: bool = False,
+) -> Session:
+    """A simulated session of a scene; `frozen` lets nothing move."""
+    writer = SessionWriter.create(root, "boards")
+    for k in range(instants):
+        for name, view in views.items():
+            image, depth, movers = scene.look(view, 0.0 if frozen else float(k))
+            data = cv2.imencode(".png", image)[1].tobytes()
+            writer.add_image(data, camera=name, instant=k, leader_ns=k * PERIOD_NS, suffix=".png")
+            if truth:
+                packed = BytesIO()
+                np.savez(packed, depth_m=depth, objects=movers.astype(np.uint8), movers=movers)
+                writer.add_ground_truth(name, k, packed.getvalue(), k * PERIOD_NS)
+    if calibrated:
+        writer.set_calibration(
+            Calibration(cameras={name: as_calibration(v) for name, v in views.items()}, source="boards")
+        )
+    cameras = [
+        CameraRecord(
+            name=name,
+            kind="simulated",
+            model="boards",
+            width=WIDTH,
+            height=HEIGHT,
+            period_ns=PERIOD_NS,
+            timestamp_source="start of exposure",
+        )
+        for name in views
+    ]
+    burst = BurstRecord(instants_ns=tuple(k * PERIOD_NS for k in range(instants)), period_ns=PERIOD_NS)
+    return writer.finish(cameras, burst, origin="simulated")
+
+
+VIEWS = {
+    "left": make_view((-0.1, 0.0, 0.0), yaw=1.5),
+    "right": make_view((0.1, 0.01, 0.0), yaw=-1.5),
+    "aside": make_view((0.12, 0.0, 0.0), yaw=24),
+}
+
+
+@pytest.fixture(scope="session")
+def boards(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Session:
+    """A calibrated session with truth: a stereo pair, and a camera that looks aside."""
+    return write_session(tmp_path_factory.mktemp("sessions"), scene, VIEWS)

@@ -1,0 +1,255 @@
+"""`reconstruct compare` from a session on disk to its folder of results."""
+
+import json
+import shutil
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from capture_app.session.importers.recording import ImportOptions, import_recording
+from capture_app.session.reader import Session
+from reconstruction.cli import main
+from tests.reconstruction.conftest import VIEWS, Scene, write_session
+
+
+@dataclass
+class Outcome:
+    """What a run printed, and how it ended."""
+
+    code: int
+    out: str
+    err: str
+
+
+@pytest.fixture
+def reconstruct(capsys: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
+    """Run the command line."""
+
+    def run(*arguments: object) -> Outcome:
+        code = 0
+        try:
+            main([str(argument) for argument in arguments])
+        except SystemExit as end:
+            code = int(end.code or 0)
+        printed = capsys.readouterr()
+        return Outcome(code, printed.out, printed.err)
+
+    return run
+
+
+def test_synchronization_shows_in_depth_and_panorama_but_not_in_what_stands_still(
+    boards: Session, tmp_path: Path, reconstruct: Callable[..., Outcome]
+) -> None:
+    out = tmp_path / "out"
+    done = reconstruct("compare", boards.folder, "--offset-ms", 66, "--out", out, "--json")
+    assert done.code == 0, done.err
+    result = json.loads(done.out)
+    assert result == json.loads((out / "metrics.json").read_text())
+    assert result["offset_frames"] == 2
+    synced, offset = result["stereo"]["synced"], result["stereo"]["offset"]
+    assert synced["mover_within_2pct"] > 0.9
+    assert offset["mover_within_2pct"] < 0.05
+    assert synced["mover_coverage"] > offset["mover_coverage"] + 0.6
+    assert abs(synced["static_coverage"] - offset["static_coverage"]) < 0.02
+    assert synced["mover_epipolar_px"] < 1 < offset["mover_epipolar_px"]
+    assert abs(synced["static_epipolar_px"] - offset["static_epipolar_px"]) < 0.2
+    flow = [result["stitch"][c]["overlap_flow_p95_px"] for c in ("synced", "offset")]
+    assert flow[1] > flow[0] + 2
+    still = [result["stitch"][c]["static_overlap_mad"] for c in ("synced", "offset")]
+    assert abs(still[0] - still[1]) < 1
+    assert "timing alone" in result["verdict"]
+    for picture in result["pictures"]:
+        pair = [cv2.imread(str(out / picture[c])) for c in ("synced", "offset")]
+        assert pair[0].shape == pair[1].shape
+        assert min(pair[0].shape[:2]) > 64
+    assert (out / result["report"]).stat().st_size > 10_000
+    steps = [line for line in done.err.splitlines() if line.startswith("[")]
+    total = steps[0].split("/")[1].split("]")[0]
+    assert steps[0].startswith("[1/")
+    assert steps[-1].startswith(f"[{total}/{total}] ")
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]
+
+
+def test_stages_are_used_again_only_where_their_inputs_are_the_same(
+    boards: Session, tmp_path: Path, reconstruct: Callable[..., Outcome]
+) -> None:
+    out = tmp_path / "out"
+
+    def stages(offset_ms: float) -> dict[str, int]:
+        done = reconstruct("compare", boards.folder, "--offset-ms", offset_ms, "--instants", 1, "--out", out)
+        assert done.code == 0, done.err
+        return {path.name: path.stat().st_mtime_ns for path in (out / "stages").iterdir()}
+
+    first, again, other = stages(100), stages(100), stages(133)
+    assert first == again
+    assert first.items() < other.items()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "words"),
+    [
+        (("--offset-ms", "900"), 3, "largest offset possible is 133 ms"),
+        (("--stereo", "left,nobody"), 3, "no camera 'nobody'"),
+        (("--stereo", "left,left"), 3, "paired with itself"),
+        (("--stereo", "left"), 2, "two cameras with a comma"),
+        (("--offset-ms", "soon"), 2, "soon"),
+        (("--offset-ms", "nan"), 2, "nan"),
+        (("--nonsense",), 2, "nonsense"),
+    ],
+)
+def test_wrong_options_are_one_line(
+    boards: Session,
+    tmp_path: Path,
+    reconstruct: Callable[..., Outcome],
+    arguments: tuple[str, ...],
+    code: int,
+    words: str,
+) -> None:
+    done = reconstruct("compare", boards.folder, "--out", tmp_path / "out", *arguments)
+    assert done.code == code
+    assert words in done.err
+    assert len(done.err.strip().splitlines()) == 1
+    assert done.err.startswith("reconstruct: error: ")
+    assert done.out == ""
+    assert list(tmp_path.iterdir()) == []
+
+
+def _no_session(folder: Path) -> None:
+    shutil.rmtree(folder)
+
+
+def _broken_manifest(folder: Path) -> None:
+    (folder / "session.json").write_text("{")
+
+
+def _missing_image(folder: Path) -> None:
+    next(folder.glob("images/rig1/left/*.png")).unlink()
+
+
+def _cut_image(folder: Path) -> None:
+    image = next(folder.glob("images/rig1/left/*.png"))
+    image.write_bytes(image.read_bytes()[:100])
+
+
+def _other_bytes(folder: Path) -> None:
+    for image in folder.glob("images/rig1/left/*.png"):
+        image.write_bytes(b"x" * image.stat().st_size)
+
+
+def _broken_calibration(folder: Path) -> None:
+    (folder / "calibration.json").write_text("[]")
+
+
+def _broken_truth(folder: Path) -> None:
+    for path in folder.glob("ground_truth/left/*.npz"):
+        path.write_bytes(b"PK")
+
+
+@pytest.mark.parametrize(
+    ("damage", "code"),
+    [
+        (_no_session, 3),
+        (_broken_manifest, 3),
+        (_missing_image, 7),
+        (_cut_image, 7),
+        (_other_bytes, 3),
+        (_broken_calibration, 3),
+        (_broken_truth, 3),
+    ],
+)
+def test_damaged_sessions_are_one_line_and_leave_nothing(
+    boards: Session,
+    tmp_path: Path,
+    reconstruct: Callable[..., Outcome],
+    damage: Callable[[Path], None],
+    code: int,
+) -> None:
+    session = tmp_path / "session"
+    shutil.copytree(boards.folder, session)
+    damage(session)
+    left = sorted(tmp_path.iterdir())
+    done = reconstruct("compare", session, "--out", tmp_path / "out")
+    errors = [line for line in done.err.splitlines() if not line.startswith("[")]
+    assert done.code == code, done.err
+    assert len(errors) == 1
+    assert errors[0].startswith("reconstruct: error: ")
+    assert str(session) in errors[0]
+    assert sorted(tmp_path.iterdir()) == left
+
+
+def test_somebody_elses_folder_is_not_touched(
+    boards: Session, tmp_path: Path, reconstruct: Callable[..., Outcome]
+) -> None:
+    (tmp_path / "thesis.tex").write_text("precious")
+    done = reconstruct("compare", boards.folder, "--out", tmp_path)
+    assert done.code == 3
+    assert "thesis.tex" in done.err
+    assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
+
+
+def test_nothing_moving_is_said_plainly(
+    scene: Scene, tmp_path: Path, reconstruct: Callable[..., Outcome]
+) -> None:
+    pair = {name: VIEWS[name] for name in ("left", "right")}
+    session = write_session(tmp_path, scene, pair, instants=3, truth=False, frozen=True)
+    out = tmp_path / "out"
+    done = reconstruct("compare", session.folder, "--out", out, "--json")
+    assert done.code == 0, done.err
+    result: dict[str, Any] = json.loads(done.out)
+    assert result["verdict"].startswith("Almost nothing moves")
+    assert result["stitch"] is None
+    assert "same" in result["stitch_skipped"]
+    assert result["stereo"]["synced"]["static_coverage"] > 0.8
+
+
+def test_without_calibration_and_colmap_the_panorama_is_still_made(
+    scene: Scene, tmp_path: Path, reconstruct: Callable[..., Outcome], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "pycolmap", None)
+    apart = {name: VIEWS[name] for name in ("left", "aside")}
+    session = write_session(tmp_path / "a", scene, apart, instants=3, calibrated=False, truth=False)
+    done = reconstruct("compare", session.folder, "--out", tmp_path / "out", "--json")
+    assert done.code == 0, done.err
+    result = json.loads(done.out)
+    assert result["stereo"] is None
+    assert "pycolmap" in result["stereo_skipped"]
+    assert result["stitch"]["cameras"] == ["left", "aside"]
+
+    pair = {name: VIEWS[name] for name in ("left", "right")}
+    session = write_session(tmp_path / "b", scene, pair, instants=3, calibrated=False, truth=False)
+    done = reconstruct("compare", session.folder, "--out", tmp_path / "out2")
+    assert done.code == 6
+    assert "needs pycolmap" in done.err.splitlines()[-1]
+    assert not (tmp_path / "out2").exists()
+
+
+@pytest.mark.shared
+def test_a_real_ball_has_depth_when_synchronized_and_none_four_frames_later(
+    shared: Path, tmp_path: Path, reconstruct: Callable[..., Outcome]
+) -> None:
+    # Before the top of its flight: there the ball moves along the rows, and no pair can see an offset.
+    folder = shared / "footage" / "ball_launch"
+    options = ImportOptions(fps=60, calibration=(str(folder / "calibration"),), unit="in", start=6, count=14)
+    session = import_recording([str(folder)], tmp_path, "ball", options)
+    done = reconstruct(
+        "compare", session.folder, "--offset-ms", 66, "--instants", 3, "--out", tmp_path / "out", "--json"
+    )
+    assert done.code == 0, done.err
+    result = json.loads(done.out)
+    assert result["offset_frames"] == 4
+    stereo = result["stereo"]
+    assert len(stereo["per_instant"]) == 3
+    for one in stereo["per_instant"]:
+        assert one["synced_mover_coverage"] > 0.6
+        assert one["offset_mover_coverage"] < 0.3
+    assert stereo["synced"]["mover_coverage"] > 0.85
+    assert stereo["offset"]["mover_coverage"] < 0.15
+    assert abs(stereo["synced"]["static_coverage"] - stereo["offset"]["static_coverage"]) < 0.03
+    assert np.isfinite(stereo["synced"]["mover_epipolar_px"])
+    assert stereo["offset"]["mover_epipolar_px"] > 5 * stereo["synced"]["mover_epipolar_px"]

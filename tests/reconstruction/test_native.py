@@ -1,0 +1,53 @@
+"""Native libraries: the order in which they are imported, and machines that lack them."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from capture_app.errors import ExitCode, NotAvailableError
+from reconstruction import native
+
+WRITES_A_PNG = """
+import sys
+from reconstruction.native import load_pycolmap
+assert "cv2" not in sys.modules
+load_pycolmap()
+import cv2
+import numpy as np
+assert cv2.imwrite(sys.argv[1], np.zeros((8, 8, 3), np.uint8))
+"""
+
+
+def test_a_png_can_be_written_after_colmap_is_loaded(tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap", reason="pycolmap has no package for this machine")
+    picture = tmp_path / "p.png"
+    done = subprocess.run(
+        [sys.executable, "-c", WRITES_A_PNG, str(picture)], capture_output=True, text=True, timeout=120
+    )
+    assert done.returncode == 0, done.stderr
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+def test_nothing_else_imports_colmap() -> None:
+    folder = Path(native.__file__).parent
+    importers = [path.name for path in folder.rglob("*.py") if "import pycolmap" in path.read_text()]
+    assert importers == []
+
+
+def test_a_machine_without_colmap_is_told_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "pycolmap", None)
+    with pytest.raises(NotAvailableError, match="needs pycolmap, which this machine cannot load") as caught:
+        native.load_pycolmap()
+    assert caught.value.exit_code == ExitCode.NOT_AVAILABLE
+    assert "calibration.json" in str(caught.value)
+
+
+def test_the_command_starts_without_heavy_imports() -> None:
+    code = (
+        "import sys, reconstruction.cli; "
+        "assert not {'cv2', 'numpy', 'pycolmap', 'open3d', 'textual'} & set(sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr

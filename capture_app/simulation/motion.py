@@ -48,7 +48,8 @@ class Poses(NamedTuple):
         return np.asarray(self.rotation @ np.array([x, y, z]) + self.translation)
 
 
-def _turn(axis: int, angle: Series) -> Series:
+def turn(axis: int, angle: Series) -> Series:
+    """Rotation matrices (n, 3, 3) by the angles (n), in radians, about axis 0, 1 or 2."""
     out = np.zeros((len(angle), 3, 3))
     a, b = (axis + 1) % 3, (axis + 2) % 3
     out[:, axis, axis] = 1.0
@@ -58,7 +59,8 @@ def _turn(axis: int, angle: Series) -> Series:
     return out
 
 
-def _joint(parent: Poses, at: tuple[float, float, float], rotation: Series) -> Poses:
+def joint(parent: Poses, at: tuple[float, float, float], rotation: Series) -> Poses:
+    """Poses of a part whose origin is at a point of its parent, turned (n, 3, 3) against it."""
     return Poses(parent.rotation @ rotation, parent.point(*at))
 
 
@@ -86,7 +88,7 @@ def figure(time_s: Series) -> dict[str, Poses]:
 
     leg = LEG_M + np.minimum(height, 0.0) - 0.085 * airborne
     hips = Poses(
-        _turn(1, yaw) @ _turn(2, roll),
+        turn(1, yaw) @ turn(2, roll),
         np.stack(
             [
                 FIGURE_AT[0] + SWAY_M * np.sin(sway),
@@ -97,18 +99,18 @@ def figure(time_s: Series) -> dict[str, Poses]:
         ),
     )
     lean = 0.10 + 0.10 * np.cos(2 * np.pi * (time_s - CONTACT_S / 2) / HOP_S)
-    torso = _joint(hips, (0.0, 0.02, 0.0), _turn(0, lean))
+    torso = joint(hips, (0.0, 0.02, 0.0), turn(0, lean))
     parts = {
         "hips": hips,
         "torso": torso,
-        "head": _joint(torso, (0.0, NECK_Y, -0.005), _turn(1, -0.45 * yaw) @ _turn(0, -0.9 * lean + 0.05)),
+        "head": joint(torso, (0.0, NECK_Y, -0.005), turn(1, -0.45 * yaw) @ turn(0, -0.9 * lean + 0.05)),
     }
     for side, name in ((-1.0, "left"), (1.0, "right")):
         spread = side * (0.06 + 0.42 * airborne)
         knee = np.arccos(np.clip(leg / (THIGH_M + SHIN_M), -1, 1))
-        thigh = _joint(hips, (side * HIP_HALF_M, 0.045, 0.0), _turn(2, -spread) @ _turn(0, -knee))
-        shin = _joint(thigh, (0.0, THIGH_M, 0.0), _turn(0, 2 * knee))
-        level = _turn(1, np.full_like(yaw, -side * 0.22)) @ _turn(0, 0.55 * airborne)
+        thigh = joint(hips, (side * HIP_HALF_M, 0.045, 0.0), turn(2, -spread) @ turn(0, -knee))
+        shin = joint(thigh, (0.0, THIGH_M, 0.0), turn(0, 2 * knee))
+        level = turn(1, np.full_like(yaw, -side * 0.22)) @ turn(0, 0.55 * airborne)
         parts[f"{name}_thigh"] = thigh
         parts[f"{name}_shin"] = shin
         parts[f"{name}_shoe"] = Poses(hips.rotation @ level, shin.point(0.0, SHIN_M, 0.0))
@@ -116,20 +118,20 @@ def figure(time_s: Series) -> dict[str, Poses]:
         beat = np.cos(2 * np.pi * (time_s - CONTACT_S / 2 + side * 0.02) / HOP_S)
         raised = 1.28 - 0.72 * beat + side * 0.16 * np.sin(2 * np.pi * time_s / TURN_S)
         bent = 0.55 - 0.30 * beat
-        upper = _joint(
+        upper = joint(
             torso,
             (side * SHOULDER[0], SHOULDER[1], 0.0),
-            _turn(2, -side * raised) @ _turn(0, np.full_like(beat, -0.25)),
+            turn(2, -side * raised) @ turn(0, np.full_like(beat, -0.25)),
         )
         parts[f"{name}_arm"] = upper
-        parts[f"{name}_forearm"] = _joint(
-            upper, (0.0, UPPER_ARM_M, 0.0), _turn(2, -side * bent) @ _turn(0, -0.3 * bent)
+        parts[f"{name}_forearm"] = joint(
+            upper, (0.0, UPPER_ARM_M, 0.0), turn(2, -side * bent) @ turn(0, -0.3 * bent)
         )
     return parts
 
 
 def pinwheel(time_s: Series) -> dict[str, Poses]:
     """Poses of the pinwheel's blades, which face the cameras with a slight slant."""
-    slant = _turn(1, np.full_like(time_s, 0.16)) @ _turn(0, np.full_like(time_s, 0.07))
-    turning = _turn(2, 2 * np.pi * WHEEL_TURNS_PER_S * time_s)
+    slant = turn(1, np.full_like(time_s, 0.16)) @ turn(0, np.full_like(time_s, 0.07))
+    turning = turn(2, 2 * np.pi * WHEEL_TURNS_PER_S * time_s)
     return {"wheel": Poses(slant @ turning, np.broadcast_to(np.array(WHEEL_HUB), (len(time_s), 3)))}

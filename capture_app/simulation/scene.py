@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from capture_app.errors import BadInputError
 from capture_app.session.calibration import Calibration
-from capture_app.simulation import motion, movers, moving, still, studio
+from capture_app.simulation import crossing, motion, moving, pinwheel, still, studio
 from capture_app.simulation.film import develop
 from capture_app.simulation.lighting import OpenSky, sun_direction
 from capture_app.simulation.meshes import Floats
@@ -18,7 +18,8 @@ from capture_app.simulation.raycast import Body, Texture
 from capture_app.simulation.still import SUBPIXELS, StillLayer
 from capture_app.simulation.view import View, look_at
 
-SCENES = ("studio",)
+_STAGES = {"studio": studio.STAGE, "pinwheel": pinwheel.STAGE, "crossing": crossing.STAGE}
+SCENES = tuple(_STAGES)
 
 _BLUR_STEP_NS = 4_000_000
 """Each of a pixel's samples is taken again for every so much exposure, up to 4 times."""
@@ -29,18 +30,17 @@ class Scene:
 
     def __init__(self, name: str, *, scale: float = 1.0) -> None:
         rng = np.random.default_rng(20190516)
-        pictures = movers.pictures(rng) | studio.pictures(rng)
-        textures = {name: Texture(picture) for name, picture in pictures.items()}
-        fixtures = studio.fixtures(rng)
-        parts = movers.parts()
+        stage = self._stage = _STAGES[name]
+        textures = {name: Texture(picture) for name, picture in stage.pictures(rng).items()}
+        fixtures = stage.fixtures(rng)
+        parts = stage.parts()
         moving_things = sorted({part.thing for part in parts.values()})
         self.name = name
         self.things = ("nothing", *(f.thing for f in fixtures), *moving_things)
         """Names of the things by their number in the ground truth's `objects`."""
         self.moving_things = frozenset(moving_things)
         self.views = {
-            name: look_at(name, place, target, scale=scale)
-            for name, (place, target) in studio.CAMERAS.items()
+            name: look_at(name, place, target, scale=scale) for name, (place, target) in stage.cameras.items()
         }
         meshes = [(mesh, self.things.index(f.thing)) for f in fixtures for mesh in f.meshes]
         self._room = Body([m for m, _ in meshes], textures, [thing for _, thing in meshes])
@@ -125,7 +125,7 @@ class Scene:
     def _parts(self, view: View, first_row_ns: int, row_time_ns: int) -> dict[str, MovingPart]:
         times_ns = first_row_ns + row_time_ns * np.arange(view.height, dtype=np.int64)
         seconds = motion.seconds_of(times_ns)
-        return moving.moving_parts(view, self._bodies, motion.figure(seconds) | motion.pinwheel(seconds))
+        return moving.moving_parts(view, self._bodies, self._stage.poses(seconds))
 
 
 def _samples(layers: list[StillLayer], repeats: int, exposure_ns: int) -> Iterator[tuple[StillLayer, int]]:

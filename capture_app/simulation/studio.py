@@ -1,10 +1,8 @@
 """The room named `studio`: what stands still in it, and where the cameras are."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
-from capture_app.simulation import movers, posters, prints, textures
+from capture_app.simulation import motion, movers, posters, prints, textures
 from capture_app.simulation.meshes import (
     Mesh,
     about_x,
@@ -17,6 +15,8 @@ from capture_app.simulation.meshes import (
     rod,
     sheet,
 )
+from capture_app.simulation.motion import Poses, Series
+from capture_app.simulation.stage import Fixture, Stage
 from capture_app.simulation.textures import Picture
 
 FLOOR = 1.0
@@ -36,14 +36,6 @@ CAMERAS: dict[str, tuple[tuple[float, float, float], tuple[float, float, float]]
     "cam06": ((0.0, -0.30, 0.02), (0.0, 0.14, 2.8)),
 }
 """Where each camera is and the point that it looks at, in m."""
-
-
-@dataclass(frozen=True)
-class Fixture:
-    """A thing that stands still."""
-
-    thing: str
-    meshes: list[Mesh]
 
 
 def pictures(rng: np.random.Generator) -> dict[str, Picture]:
@@ -249,3 +241,17 @@ def _pouf() -> list[Mesh]:
 def _ball() -> list[Mesh]:
     turn = about_z(0.5) @ about_x(0.7)
     return [ellipsoid((0.15, 0.15, 0.15), "ball", around=36).moved((-0.86, FLOOR - 0.15, 3.62), turn)]
+
+
+def _poses(seconds: Series) -> dict[str, Poses]:
+    return motion.figure(seconds) | motion.pinwheel(seconds)
+
+
+STAGE = Stage(
+    cameras=CAMERAS,
+    pictures=lambda rng: movers.pictures(rng) | pictures(rng),
+    fixtures=fixtures,
+    parts=movers.parts,
+    poses=_poses,
+)
+"""A room in which a child jumps and a pinwheel turns."""

@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 
 from capture_app.errors import BadInputError
-from capture_app.simulation import motion
+from capture_app.simulation import motion, walking
 from capture_app.simulation.scene import Scene, load
 
 SCALE = 0.25
 START_NS = 1_000_000_000_000_000
 EXPOSURE_NS = 8_000_000
+STUDIO_MEAN = 105.6676
 ROW_NS = 40_000  # a quarter of the rows: as long a readout as 10 us of a full picture
 
 
@@ -208,3 +209,39 @@ def test_views_are_those_of_the_calibration_at_full_size():
     ]
     assert np.ptp(centres, axis=0)[0] <= 0.7
     assert np.linalg.norm(centres[0] - centres[1]) == pytest.approx(0.16, abs=0.01)
+
+
+def test_the_studio_looks_as_it_always_did():
+    """Sessions are compared over years: the same arguments still give the same picture."""
+    shot = load("studio").render("cam00", 5_000_000_000, 4_000_000, 11_111, seed=1)
+    assert abs(shot.mean() - STUDIO_MEAN) < 0.01
+
+
+@pytest.mark.parametrize("name", ["pinwheel", "crossing"])
+def test_the_other_scenes_show_their_movers_in_every_view(name):
+    scene = load(name, scale=SCALE)
+    for view in scene.views:
+        shot = picture(scene, view, start_ns=8_000_000_000)
+        assert np.percentile(shot, 1) < 80
+        assert np.percentile(shot, 99) > 180
+        depth, things, movers = scene.ground_truth(view, 8_000_000_000, EXPOSURE_NS, ROW_NS)
+        assert (depth > 0).all()
+        assert movers.mean() > 0.02
+        assert {scene.things[number] for number in np.unique(things[movers])} <= scene.moving_things
+
+
+def test_walkers_keep_their_feet_on_the_floor_and_repeat_themselves():
+    seconds = np.arange(0, walking.LAP_S, 0.01)
+    poses = walking.walker(seconds, ahead=0.25, prefix="")
+    again = walking.walker(seconds + walking.LAP_S, ahead=0.25, prefix="")
+    ankles = np.stack([poses[f"{side}_shin"].point(0, motion.SHIN_M, 0) for side in ("left", "right")])
+    height = motion.FLOOR_Y - motion.ANKLE_M - ankles[:, :, 1]
+    assert np.abs(height.min(axis=0)).max() < 0.01  # one foot always stands
+    assert 0.03 < height.max() < 0.3
+    for name, pose in poses.items():
+        assert np.allclose(pose.translation, again[name].translation, atol=1e-6)
+    # It looks where it goes.
+    way = np.diff(poses["hips"].translation, axis=0)
+    ahead = poses["hips"].rotation[:-1] @ np.array([0.0, 0.0, -1.0])
+    cosine = (way[:, [0, 2]] * ahead[:, [0, 2]]).sum(1) / np.linalg.norm(way[:, [0, 2]], axis=1)
+    assert cosine.min() > 0.98

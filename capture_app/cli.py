@@ -16,7 +16,7 @@ COMMANDS = {
     "status": "Show the nodes of a running leader.",
     "burst": "Take a burst with a running leader.",
     "cameras": "List the cameras of this machine.",
-    "sessions": "List, show, verify and import sessions.",
+    "sessions": "List, show, verify, import and export sessions.",
     "experiment": "Run the paper's tables and ours: clocks, phase, the whole chain.",
     "demo": "Simulated cameras, one burst, one comparison: the whole path at once.",
 }

@@ -1,4 +1,4 @@
-"""`capture-app sessions`: list, show, verify and import sessions on disk."""
+"""`capture-app sessions`: list, show, verify, import and export sessions on disk."""
 
 import sys
 from pathlib import Path
@@ -7,6 +7,7 @@ from typing import Any
 import click
 import msgspec
 
+from capture_app.commands.session_export import export
 from capture_app.commands.session_text import list_text, show_text, sync_of
 from capture_app.errors import BadInputError, IncompleteError, SimulshotError
 from capture_app.session.reader import Session, list_sessions
@@ -20,7 +21,10 @@ _json_option = click.option("--json", "as_json", is_flag=True, help="One JSON ob
 
 @click.group()
 def sessions() -> None:
-    """List, show, verify and import sessions."""
+    """List, show, verify, import and export sessions."""
+
+
+sessions.add_command(export)
 
 
 @sessions.command("list")

@@ -1,0 +1,56 @@
+"""Caliscope: a workspace with one recording, its frames' times, and the camera array."""
+
+from pathlib import Path
+
+from capture_app.session.calibration import Calibration
+from capture_app.session.exporters.burst import Burst, ExportOptions
+from capture_app.session.exporters.poses import METRES, distortion_of, matrix_of, rodrigues, rotation_of
+from capture_app.session.exporters.tables import toml_table, unit_note, write_frames
+from capture_app.session.exporters.videos import write_timeline
+
+
+def write(burst: Burst, folder: Path, options: ExportOptions) -> list[str]:
+    """Write recordings/<session>/cam_N.mp4 and timestamps.csv, and camera_array.toml where calibrated.
+
+    Cameras are numbered in the session's order, from 0; frame_time is in seconds since the earliest image.
+    Caliscope matches frames by frame_time; sync_index, the session's instant, is there for others.
+    """
+    recording = folder / "recordings" / burst.name
+    recording.mkdir(parents=True)
+    frames, rows = [], ["sync_index,cam_id,frame_time\n"]
+    for number, camera in enumerate(burst.cameras):
+        file = f"recordings/{burst.name}/cam_{number}.mp4"
+        frames += write_timeline(burst, camera, folder / file, file)
+        for image in burst.timeline(camera):
+            seconds, nanos = divmod(image.leader_ns - burst.origin_ns, 10**9)
+            rows.append(f"{image.instant},{number},{seconds}.{nanos:09d}\n")
+    (recording / "timestamps.csv").write_text("".join(rows), encoding="utf-8")
+    write_frames(burst, folder, frames)
+    notes = [f"cam_{number} is {camera}" for number, camera in enumerate(burst.cameras)]
+    if burst.session.calibration() is None:
+        return [*notes, "the session has no calibration: calibrate in Caliscope"]
+    calibration = burst.calibration("Caliscope")
+    (folder / "camera_array.toml").write_text(_camera_array(burst, calibration), encoding="utf-8")
+    return notes + unit_note(calibration, "m")
+
+
+def _camera_array(burst: Burst, calibration: Calibration) -> str:
+    factor = METRES.get(calibration.unit, 1.0)
+    text = ""
+    for number, name in enumerate(burst.cameras):
+        camera = calibration.cameras[name]
+        text += toml_table(
+            ["cameras", str(number)],
+            {
+                "cam_id": number,
+                "size": [camera.width, camera.height],
+                "rotation_count": 0,
+                "ignore": False,
+                "matrix": matrix_of(camera).tolist(),
+                "distortions": distortion_of(camera).tolist(),
+                "translation": [float(value) * factor for value in camera.translation],
+                "rotation": list(rodrigues(rotation_of(camera))),
+                "fisheye": False,
+            },
+        )
+    return text

@@ -1,0 +1,127 @@
+"""COLMAP (4.x): images of one rig, rig_config.json, and with a calibration a sparse model as text."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from capture_app.session.calibration import Calibration, CameraCalibration
+from capture_app.session.exporters.burst import Burst, ExportOptions
+from capture_app.session.exporters.files import place, suffix_for
+from capture_app.session.exporters.poses import Array, distortion_of, quaternion, rotation_of, translation_of
+from capture_app.session.exporters.tables import Frame, write_frames
+from capture_app.session.manifest import RIG, ImageRecord
+
+_HALF_PIXEL = 0.5  # COLMAP's first pixel has its centre at (0.5, 0.5)
+_SPARSE = "sparse/0"
+
+
+def write(burst: Burst, folder: Path, options: ExportOptions) -> list[str]:
+    """Write images/rig1/<camera>/<instant>, rig_config.json, and sparse/0 where the session is calibrated.
+
+    The first camera is the rig's reference sensor; the model's world is the calibration's rig. An image that
+    stands in for a dropped frame is of another moment than its frame of the rig, and is left out.
+    """
+    kept = [
+        image
+        for instant in range(len(burst.instants_ns))
+        for camera in burst.cameras
+        if (image := burst.together(camera, instant)) is not None
+    ]
+    suffix = suffix_for(burst, kept)
+    names = {(image.camera, image.instant): _name(image, suffix) for image in kept}
+    calibration = None if burst.session.calibration() is None else burst.calibration("COLMAP")
+    for image in kept:
+        place(burst, image, folder / "images" / names[image.camera, image.instant], options)
+    config = json.dumps(_rig_config(burst.cameras, calibration), indent=1)
+    (folder / "rig_config.json").write_text(config + "\n", encoding="utf-8")
+    frames = [Frame(i.camera, i.instant, f"images/{names[i.camera, i.instant]}", 0, i) for i in kept]
+    write_frames(burst, folder, frames)
+    notes = []
+    if len(kept) < len(burst.images):
+        left_out = len(burst.images) - len(kept)
+        notes.append(f"{left_out} images are left out: they are of other moments than their instants")
+    if calibration is None:
+        return [*notes, "the session has no calibration: COLMAP finds the cameras itself"]
+    _write_model(burst, calibration, kept, names, folder / _SPARSE)
+    return notes
+
+
+def _name(image: ImageRecord, suffix: str) -> str:
+    return f"{RIG}/{image.camera}/{image.instant:06d}{suffix}"
+
+
+def _rig_config(cameras: tuple[str, ...], calibration: Calibration | None) -> list[dict[str, object]]:
+    sensors: list[dict[str, object]] = []
+    for name in cameras:
+        sensor: dict[str, object] = {"image_prefix": f"{RIG}/{name}/"}
+        if name == cameras[0]:
+            sensor["ref_sensor"] = True
+        if calibration is not None:
+            camera = calibration.cameras[name]
+            if name != cameras[0]:
+                rotation, translation = _from_reference(calibration.cameras[cameras[0]], camera)
+                sensor["cam_from_rig_rotation"] = list(quaternion(rotation))
+                sensor["cam_from_rig_translation"] = [float(value) for value in translation]
+            sensor["camera_model_name"], sensor["camera_params"] = _model(camera)
+        sensors.append(sensor)
+    return [{"cameras": sensors}]
+
+
+def _write_model(
+    burst: Burst,
+    calibration: Calibration,
+    images: list[ImageRecord],
+    names: dict[tuple[str, int], str],
+    folder: Path,
+) -> None:
+    folder.mkdir(parents=True)
+    numbers = {name: number for number, name in enumerate(burst.cameras, 1)}
+    reference = calibration.cameras[burst.cameras[0]]
+    cameras, sensors = [], []
+    for name, number in numbers.items():
+        camera = calibration.cameras[name]
+        model, parameters = _model(camera)
+        cameras.append(f"{number} {model} {camera.width} {camera.height} {_numbers(parameters)}")
+        if number > 1:
+            sensors.append(f"CAMERA {number} 1 {_pose(*_from_reference(reference, camera))}")
+    rig = " ".join([f"1 {len(numbers)} CAMERA 1", *sensors])
+    ids = {(image.camera, image.instant): number for number, image in enumerate(images, 1)}
+    of_world = _pose(rotation_of(reference), translation_of(reference))
+    frames = []
+    for instant in sorted({image.instant for image in images}):
+        data = [f"CAMERA {numbers[c]} {ids[c, instant]}" for c in burst.cameras if (c, instant) in ids]
+        frames.append(f"{instant + 1} 1 {of_world} {len(data)} {' '.join(data)}")
+    poses = []
+    for (name, instant), number in ids.items():
+        camera = calibration.cameras[name]
+        pose = _pose(rotation_of(camera), translation_of(camera))
+        poses.append(f"{number} {pose} {numbers[name]} {names[name, instant]}\n")
+    lines = {"cameras": cameras, "rigs": [rig], "frames": frames, "images": poses, "points3D": []}
+    for file, content in lines.items():
+        (folder / f"{file}.txt").write_text("".join(f"{line}\n" for line in content), encoding="utf-8")
+
+
+def _model(camera: CameraCalibration) -> tuple[str, list[float]]:
+    """COLMAP's camera model that holds the distortion, and its parameters in COLMAP's order."""
+    k1, k2, p1, p2, k3 = (float(value) for value in distortion_of(camera))
+    pinhole = [camera.fx, camera.fy, camera.cx + _HALF_PIXEL, camera.cy + _HALF_PIXEL]
+    if k3:
+        return "FULL_OPENCV", [*pinhole, k1, k2, p1, p2, k3, 0.0, 0.0, 0.0]
+    if k1 or k2 or p1 or p2:
+        return "OPENCV", [*pinhole, k1, k2, p1, p2]
+    return "PINHOLE", pinhole
+
+
+def _from_reference(reference: CameraCalibration, camera: CameraCalibration) -> tuple[Array, Array]:
+    """Rotation and translation from the reference camera's coordinates to a camera's."""
+    rotation = rotation_of(camera) @ rotation_of(reference).T
+    return rotation, translation_of(camera) - rotation @ translation_of(reference)
+
+
+def _pose(rotation: Array, translation: Array) -> str:
+    return _numbers([*quaternion(rotation), *np.asarray(translation)])
+
+
+def _numbers(values: list[float]) -> str:
+    return " ".join(repr(float(value)) for value in values)

@@ -1,0 +1,30 @@
+"""FreeMoCap: a recording folder of synchronized videos, and the calibration as its Anipose writes it."""
+
+from pathlib import Path
+
+from capture_app.session.exporters.burst import Burst, ExportOptions
+from capture_app.session.exporters.tables import camera_tables, paired_names, unit_note, write_frames
+from capture_app.session.exporters.videos import grid_notes, write_instants
+
+_VIDEOS = "synchronized_videos"
+
+
+def write(burst: Burst, folder: Path, options: ExportOptions) -> list[str]:
+    """Write synchronized_videos/<camera>.mp4, as many frames each, and NAME_camera_calibration.toml.
+
+    FreeMoCap pairs videos and cameras by the order of their names and counts in millimetres.
+    """
+    (folder / _VIDEOS).mkdir()
+    names = paired_names(burst.cameras)
+    frames = []
+    for camera, name in names.items():
+        file = f"{_VIDEOS}/{name}.mp4"
+        frames += write_instants(burst, camera, folder / file, file)
+    write_frames(burst, folder, frames)
+    notes = grid_notes(burst, frames)
+    if burst.session.calibration() is None:
+        return [*notes, "the session has no calibration: calibrate in FreeMoCap"]
+    calibration = burst.calibration("FreeMoCap")
+    text = camera_tables(calibration, names, "mm")
+    (folder / f"{burst.name}_camera_calibration.toml").write_text(text, encoding="utf-8")
+    return notes + unit_note(calibration, "mm")

@@ -1,0 +1,17 @@
+"""MP4: a video of each camera, its frames at the leader's times to a microsecond."""
+
+from pathlib import Path
+
+from capture_app.session.exporters.burst import Burst, ExportOptions
+from capture_app.session.exporters.tables import write_frames
+from capture_app.session.exporters.videos import write_timeline
+
+
+def write(burst: Burst, folder: Path, options: ExportOptions) -> list[str]:
+    """Write <camera>.mp4 for each camera; all count from the burst's earliest image."""
+    frames = []
+    for camera in burst.cameras:
+        file = f"{camera}.mp4"
+        frames += write_timeline(burst, camera, folder / file, file)
+    write_frames(burst, folder, frames)
+    return []

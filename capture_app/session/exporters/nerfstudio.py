@@ -1,0 +1,73 @@
+"""nerfstudio: transforms.json with poses in OpenGL's camera axes and the time of every image."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from capture_app.session.calibration import CameraCalibration
+from capture_app.session.exporters.burst import Burst, ExportOptions
+from capture_app.session.exporters.files import place, suffix_for
+from capture_app.session.exporters.poses import centre_of, distortion_of, rotation_of
+from capture_app.session.exporters.tables import Frame, write_frames
+from capture_app.session.manifest import ImageRecord
+
+_HALF_PIXEL = 0.5  # nerfstudio's first pixel has its centre at (0.5, 0.5)
+
+
+def write(burst: Burst, folder: Path, options: ExportOptions) -> list[str]:
+    """Write images/<camera>/<instant> and transforms.json.
+
+    `time` runs from 0 at the burst's first image to 1 at its last, each image at its own; `leader_ns` beside
+    it is exact. Without a second instant every `time` is 0.
+    """
+    calibration = burst.calibration("nerfstudio")
+    images = [image for camera in burst.cameras for image in burst.timeline(camera)]
+    suffix = suffix_for(burst, images)
+    span_ns = max(image.leader_ns for image in images) - burst.origin_ns
+    several = len({image.instant for image in images}) > 1
+    entries, frames = [], []
+    for image in images:
+        file = f"images/{image.camera}/{image.instant:06d}{suffix}"
+        place(burst, image, folder / file, options)
+        time = (image.leader_ns - burst.origin_ns) / span_ns if several else 0.0
+        entries.append(_entry(file, image, calibration.cameras[image.camera], time))
+        frames.append(Frame(image.camera, image.instant, file, 0, image))
+    content = {
+        "camera_model": "OPENCV",
+        "time_origin_leader_ns": burst.origin_ns,
+        "time_span_ns": span_ns if several else 0,
+        "unit": calibration.unit,
+        "frames": entries,
+    }
+    (folder / "transforms.json").write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    write_frames(burst, folder, frames)
+    return []
+
+
+def _entry(file: str, image: ImageRecord, camera: CameraCalibration, time: float) -> dict[str, object]:
+    pose = np.eye(4)
+    # Columns are the camera's right, up and back: OpenCV's y and z turned round.
+    pose[:3, :3] = rotation_of(camera).T * [1.0, -1.0, -1.0]
+    pose[:3, 3] = centre_of(camera)
+    k1, k2, p1, p2, k3 = (float(value) for value in distortion_of(camera))
+    return {
+        "file_path": file,
+        "fl_x": camera.fx,
+        "fl_y": camera.fy,
+        "cx": camera.cx + _HALF_PIXEL,
+        "cy": camera.cy + _HALF_PIXEL,
+        "w": camera.width,
+        "h": camera.height,
+        "k1": k1,
+        "k2": k2,
+        "k3": k3,
+        "p1": p1,
+        "p2": p2,
+        "transform_matrix": pose.tolist(),
+        "time": time,
+        "camera": image.camera,
+        "instant": image.instant,
+        "leader_ns": image.leader_ns,
+        "uncertainty_ns": image.uncertainty_ns,
+    }

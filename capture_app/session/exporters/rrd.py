@@ -1,0 +1,51 @@
+"""Rerun's own .rrd: images and cameras on a timeline of the leader's clock. Needs rerun-sdk."""
+
+from pathlib import Path
+
+import numpy as np
+
+from capture_app.session.exporters.burst import Burst, ExportOptions
+from capture_app.session.exporters.extras import load
+from capture_app.session.exporters.poses import centre_of, matrix_of, rotation_of
+from capture_app.session.exporters.tables import Frame, write_frames
+
+_HALF_PIXEL = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])  # Rerun's first pixel begins at (0, 0)
+_MEDIA = {".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".png": "image/png"}
+
+
+def write(burst: Burst, folder: Path, options: ExportOptions) -> list[str]:
+    """Write <session>.rrd: entities rig/<camera>, timelines `leader` (exact to the ns) and `instant`.
+
+    A camera's distortion has no place in it. Raises NotAvailableError without rerun-sdk.
+    """
+    rerun = load("rerun", "the .rrd format", extra="rerun")
+    file = f"{burst.name}.rrd"
+    stream = rerun.RecordingStream("simulshot", recording_id=burst.name, send_properties=False)
+    stream.save(folder / file)
+    if burst.session.calibration() is not None:
+        for name, camera in burst.calibration("Rerun").cameras.items():
+            pose = rerun.Transform3D(translation=centre_of(camera), mat3x3=rotation_of(camera).T)
+            pinhole = rerun.Pinhole(
+                image_from_camera=matrix_of(camera) + _HALF_PIXEL,
+                resolution=[camera.width, camera.height],
+                camera_xyz=rerun.ViewCoordinates.RDF,
+            )
+            stream.log(f"rig/{name}", pose, pinhole, static=True)
+    frames: list[Frame] = []
+    images = [image for camera in burst.cameras for image in burst.timeline(camera)]
+    for image in sorted(images, key=lambda image: (image.leader_ns, image.camera)):
+        data = burst.read(image)
+        pixels = burst.decode(image, data)
+        media = _MEDIA.get(burst.session.image_file(image).suffix.lower())
+        if media is None:
+            import cv2
+
+            data, media = cv2.imencode(".png", pixels)[1].tobytes(), "image/png"
+        stream.set_time("leader", duration=np.timedelta64(image.leader_ns, "ns"))
+        stream.set_time("instant", sequence=image.instant)
+        stream.log(f"rig/{image.camera}", rerun.EncodedImage(contents=data, media_type=media))
+        frames.append(Frame(image.camera, image.instant, file, len(frames), image))
+    stream.flush()
+    stream.disconnect()
+    write_frames(burst, folder, frames)
+    return []

@@ -1,21 +1,16 @@
 """The whole path at once: simulated cameras in processes of their own, a burst, and what it was good for."""
 
 import asyncio
-import os
-import signal
-import sys
 import time
-from collections import deque
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Self
 
 import msgspec
 from msgspec import Struct
 
-from capture_app.errors import BadInputError, ExitCode, IncompleteError, SimulshotError
+from capture_app.errors import BadInputError, IncompleteError, SimulshotError
 from capture_app.net.address import Address
+from capture_app.node.child import Child, Talk
 from capture_app.node.leader import LeaderNode, News
 from capture_app.node.status import BurstStatus
 from capture_app.session.store import Session
@@ -26,9 +21,6 @@ FRAMES = 5
 OFFSET_MS = 66
 TOLERANCE_US = 50
 READY_TIMEOUT_S = 90.0
-PATIENCE_S = 2.0
-
-Talk = Callable[[str], None]
 
 
 class NodeErrors(Struct, frozen=True, kw_only=True):
@@ -59,67 +51,6 @@ class DemoResult(Struct, frozen=True, kw_only=True):
     seconds: float
     sync: SyncErrors
     compare: dict[str, Any]
-
-
-@dataclass(slots=True)
-class Child:
-    """A process of ours, in a group of its own, and the last it said on stderr."""
-
-    name: str
-    process: asyncio.subprocess.Process
-    said: deque[str] = field(default_factory=lambda: deque(maxlen=20))
-    listening: asyncio.Task[None] | None = None
-
-    @classmethod
-    async def start(cls, name: str, arguments: Sequence[str], *, on_line: Talk | None = None) -> Self:
-        """Start a module of this installation; it ends with us, even if we are killed."""
-        process = await asyncio.create_subprocess_exec(
-            sys.executable,
-            "-m",
-            *arguments,
-            stdin=asyncio.subprocess.PIPE,
-            stdout=asyncio.subprocess.PIPE,
-            stderr=asyncio.subprocess.PIPE,
-            start_new_session=True,
-        )
-        child = cls(name, process)
-        child.listening = asyncio.create_task(child._listen(on_line))
-        return child
-
-    async def _listen(self, on_line: Talk | None) -> None:
-        assert self.process.stderr is not None
-        async for raw in self.process.stderr:
-            line = raw.decode(errors="replace").rstrip()
-            self.said.append(line)
-            if on_line is not None:
-                on_line(line)
-
-    async def failure(self) -> SimulshotError:
-        """The error of a process that has ended when it should not have: its own last words."""
-        if self.listening is not None:
-            await asyncio.wait((self.listening,), timeout=1.0)
-        last = next((line for line in reversed(self.said) if line), "it said nothing")
-        last = last.partition(": error: ")[2] or last
-        error = SimulshotError(f"{self.name} ended with code {self.process.returncode}: {last}")
-        if self.process.returncode in tuple(ExitCode):
-            error.exit_code = ExitCode(self.process.returncode)
-        return error
-
-    async def stop(self) -> None:
-        """End the process and all that it started: kindly first, then at once."""
-        for kind in (signal.SIGTERM, signal.SIGKILL):
-            try:
-                os.killpg(self.process.pid, kind)
-                async with asyncio.timeout(PATIENCE_S):
-                    await self.process.wait()
-            except ProcessLookupError:
-                break
-            except TimeoutError:
-                continue
-            break
-        await self.process.wait()
-        if self.listening is not None:
-            self.listening.cancel()
 
 
 class SimulatedNodes:

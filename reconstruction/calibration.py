@@ -1,5 +1,6 @@
 """The rig's calibration: the session's own, else structure from motion over what stands still."""
 
+import shutil
 import tempfile
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -101,32 +102,47 @@ def _solve(pycolmap: Any, cameras: Sequence[str], root: Path) -> Any | None:
         device=pycolmap.Device.cpu,
     )
     pycolmap.match_exhaustive(database, device=pycolmap.Device.cpu)
+    plain = root / "plain.db"
+    shutil.copy(database, plain)
+    found = _map_rig(pycolmap, cameras, database, root)
+    if found is None or found.num_reg_images() < 2:
+        # Little depth in the scene can be too little for the global way; one image after the other is surer.
+        (root / "plain").mkdir()
+        options = pycolmap.IncrementalPipelineOptions(random_seed=0, multiple_models=False, min_model_size=2)
+        found = _largest(pycolmap.incremental_mapping(plain, root / "images", root / "plain", options))
+    return found
+
+
+def _map_rig(pycolmap: Any, cameras: Sequence[str], database: Path, root: Path) -> Any | None:
+    """The cameras as one rig of unknown geometry: only global mapping solves that."""
     config = pycolmap.RigConfig(
         cameras=[
             pycolmap.RigConfigCamera(image_prefix=f"{name}/", ref_sensor=i == 0)
             for i, name in enumerate(cameras)
         ]
     )
-    free = root / "free"
-    free.mkdir()
     opened = pycolmap.Database.open(database)
     pycolmap.apply_rig_config([config], opened)
     opened.close()
-    options = pycolmap.GlobalPipelineOptions()
-    options.random_seed = 0
     pycolmap.calibrate_view_graph(database)
-    found = pycolmap.global_mapping(database, root / "images", free, options)
-    return max(found.values(), key=lambda rec: rec.num_reg_images(), default=None)
+    (root / "rig").mkdir()
+    options = pycolmap.GlobalPipelineOptions(random_seed=0, min_model_size=2)
+    return _largest(pycolmap.global_mapping(database, root / "images", root / "rig", options))
+
+
+def _largest(models: dict[int, Any]) -> Any | None:
+    return max(models.values(), key=lambda model: model.num_reg_images(), default=None)
 
 
 def _cameras(rec: Any, dataset: Dataset) -> dict[str, CameraCalibration]:
     found: dict[str, CameraCalibration] = {}
-    frame = max(rec.frames.values(), key=lambda frame: len(list(frame.image_ids)))
-    for data in frame.image_ids:
-        image = rec.images[data.id]
-        name = image.name.split("/")[0]
-        if not image.has_pose or name in found:
+    placed = [image for image in rec.images.values() if image.has_pose]
+    instants = [image.name.split("/")[1] for image in placed]
+    fullest = max(sorted(set(instants)), key=instants.count)
+    for image, instant in zip(placed, instants, strict=True):
+        if instant != fullest:
             continue
+        name = image.name.split("/")[0]
         matrix = np.asarray(image.cam_from_world().matrix())
         focal, cx, cy, radial = (float(value) for value in image.camera.params)
         width, height = dataset.size(name)

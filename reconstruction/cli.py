@@ -2,6 +2,7 @@
 
 import math
 import os
+import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -94,6 +95,9 @@ def compare(
 
 def main(arguments: Sequence[str] | None = None) -> None:
     """Run the command line; an error is one line on stderr and an exit code."""
+    if arguments is None:
+        # Whoever ends this process means it to tidy up as after Ctrl-C.
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         app.main(args=arguments, prog_name="reconstruct", standalone_mode=False)
     except SimulshotError as error:

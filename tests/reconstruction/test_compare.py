@@ -246,9 +246,9 @@ def test_a_real_ball_has_depth_when_synchronized_and_none_four_frames_later(
     stereo = result["stereo"]
     assert len(stereo["per_instant"]) == 3
     for one in stereo["per_instant"]:
-        assert one["synced_mover_coverage"] > 0.6
+        assert one["synced_mover_coverage"] > 0.5
         assert one["offset_mover_coverage"] < 0.3
-    assert stereo["synced"]["mover_coverage"] > 0.85
+    assert stereo["synced"]["mover_coverage"] > 0.75
     assert stereo["offset"]["mover_coverage"] < 0.15
     assert abs(stereo["synced"]["static_coverage"] - stereo["offset"]["static_coverage"]) < 0.03
     assert np.isfinite(stereo["synced"]["mover_epipolar_px"])

@@ -1,0 +1,74 @@
+"""Calibration from the images alone, and calibrations that do not fit the images."""
+
+from pathlib import Path
+
+import msgspec
+import numpy as np
+import pytest
+
+from capture_app.errors import BadInputError
+from capture_app.session.calibration import Calibration
+from reconstruction.calibration import find_calibration, views_of
+from reconstruction.dataset import Dataset
+from reconstruction.geometry import View, angle_deg, other_from_reference
+from reconstruction.scene_motion import SceneMotion
+from tests.reconstruction.conftest import (
+    VIEWS,
+    Board,
+    Scene,
+    as_calibration,
+    jump,
+    make_view,
+    texture,
+    write_session,
+)
+
+
+def rubble() -> Scene:
+    """Boards at many depths, so that there is something to calibrate on, and one that moves."""
+    rng = np.random.default_rng(11)
+    boards = [Board((-9, -9, 9, 9), 6.0, texture(50))]
+    for x in np.linspace(-1.6, 1.6, 6):
+        for y in np.linspace(-1.2, 1.2, 5):
+            box = (x - 0.3, y - 0.3, x + 0.3, y + 0.3)
+            boards.append(Board(box, float(rng.uniform(2.2, 5.0)), texture(100 + len(boards))))
+    return Scene([*boards, Board((-0.2, -0.2, 0.2, 0.2), 2.0, texture(51), jump)])
+
+
+def test_colmap_places_the_cameras_from_what_stands_still(tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap", reason="pycolmap has no package for this machine")
+    views = {
+        "a": make_view((-0.5, 0.0, 0.0), yaw=9),
+        "b": make_view((0.0, -0.2, 0.1), pitch=-2),
+        "c": make_view((0.5, 0.0, 0.0), yaw=-9),
+    }
+    session = write_session(tmp_path, rubble(), views, instants=3, calibrated=False, truth=False)
+    dataset = Dataset(session)
+    motion = SceneMotion(dataset, 1)
+    found = views_of(dataset, find_calibration(dataset, motion.seen_moving, (0, 2)))
+    assert set(found) == set(views)
+    ratios = []
+    for name in ("b", "c"):
+        rotation, translation = other_from_reference(views["a"], views[name])
+        rotation_found, translation_found = other_from_reference(found["a"], found[name])
+        turn = np.degrees(np.arccos((np.trace(rotation @ rotation_found.T) - 1) / 2))
+        assert turn < 2
+        assert angle_deg(translation, translation_found) < 5
+        ratios.append(np.linalg.norm(translation_found) / np.linalg.norm(translation))
+    assert ratios[0] == pytest.approx(ratios[1], rel=0.05)
+    assert found["a"].focal == pytest.approx(views["a"].focal, rel=0.1)
+
+
+def test_a_calibration_is_scaled_to_the_images() -> None:
+    small = make_view((0, 0, 0))
+    large = View.from_calibration(as_calibration(small), small.width * 2, small.height * 2)
+    corner = np.array([[-0.5, -0.5], [small.width - 0.5, small.height - 0.5]])
+    assert np.allclose(large.rays((corner + 0.5) * 2 - 0.5), small.rays(corner))
+
+
+def test_a_calibration_of_another_shape_is_refused(scene: Scene, tmp_path: Path) -> None:
+    session = write_session(tmp_path, scene, {"left": VIEWS["left"]}, instants=1, truth=False)
+    narrow = as_calibration(make_view((0, 0, 0)))
+    narrow = msgspec.structs.replace(narrow, width=100)
+    with pytest.raises(BadInputError, match="calibrated for 100x240, but its images are 320x240"):
+        views_of(Dataset(session), Calibration(cameras={"left": narrow}))

@@ -1,0 +1,45 @@
+"""The verdict says what the figures say, also where they say nothing."""
+
+from reconstruction.results import DepthScores, StereoResult, StitchResult, StitchScores
+from reconstruction.verdict import verdict
+
+
+def stereo(synced: float, offset: float, still: float = 0.8, *, truth: bool = True) -> StereoResult:
+    def scores(moving: float, static: float) -> DepthScores:
+        return DepthScores(
+            mover_coverage=moving, static_coverage=static, mover_within_2pct=moving if truth else None
+        )
+
+    return StereoResult(reference="a", other="b", synced=scores(synced, 0.8), offset=scores(offset, still))
+
+
+def stitch(synced: float, offset: float) -> StitchResult:
+    def scores(flow: float) -> StitchScores:
+        return StitchScores(overlap_flow_p95_px=flow, static_overlap_mad=2.0)
+
+    return StitchResult(cameras=("a", "b"), synced=scores(synced), offset=scores(offset))
+
+
+def test_a_clear_difference_is_told_with_its_control() -> None:
+    text = verdict(stereo(0.97, 0.01), stitch(2.0, 20.0), 66.7, 0.1)
+    assert "the right distance is found for 97 % of what moves" in text
+    assert "67 ms late, for 1 %" in text
+    assert "timing alone makes the difference" in text
+    assert "within 2.0 pixels" in text
+
+
+def test_without_truth_nothing_is_called_right() -> None:
+    text = verdict(stereo(0.8, 0.05, truth=False), None, 66.7, 0.1)
+    assert "right" not in text
+    assert "both pictures agree on" in text
+
+
+def test_a_control_that_changes_takes_the_conclusion_away() -> None:
+    assert "timing alone" not in verdict(stereo(0.97, 0.01, still=0.5), None, 66.7, 0.1)
+
+
+def test_no_difference_is_said_as_such() -> None:
+    assert verdict(stereo(0.6, 0.58), stitch(3.0, 3.1), 66.7, 0.1).startswith("No clear difference")
+    assert verdict(stereo(0.2, 0.9), None, 66.7, 0.1).startswith("No clear difference")
+    assert verdict(stereo(0.6, 0.58), None, 66.7, 0.0001).startswith("Almost nothing moves")
+    assert verdict(None, None, 66.7, 0.1).startswith("Neither")

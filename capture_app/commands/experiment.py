@@ -12,7 +12,9 @@ from capture_app.experiments import EXPERIMENTS
 if TYPE_CHECKING:
     from capture_app.experiments.result import Outcome
 
-OWN_OPTIONS: dict[str, str] = {}
+OWN_OPTIONS: dict[str, str] = {
+    "clock-filters": "capture_app.commands.experiment_clock_filters",
+}
 """Experiments with options of their own: the module whose `experiment` is their command."""
 
 trials_option = click.option("--trials", type=click.IntRange(1, 1_000_000), help="Trials; default: its own.")
@@ -47,7 +49,7 @@ class Experiments(click.Group):
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the table without importing anything."""
         with formatter.section("Experiments"):
-            formatter.write_dl(list(EXPERIMENTS.items()) or [("", "none yet")])
+            formatter.write_dl(list(EXPERIMENTS.items()))
 
 
 @click.group(cls=Experiments)

@@ -8,7 +8,9 @@ if TYPE_CHECKING:
 
     from capture_app.experiments.result import Outcome
 
-EXPERIMENTS: dict[str, str] = {}
+EXPERIMENTS: dict[str, str] = {
+    "clock-filters": "Clock estimators under six laws of delay: mean, minimum, ours.",
+}
 """Name and what it shows; the module has the same name, with underscores."""
 
 

@@ -135,8 +135,8 @@ class VideoDevice:
         """Ask for a format; the driver answers with the one it took, which may differ."""
         asked = FORMAT.pack(BUF_TYPE_VIDEO_CAPTURE, width, height, fourcc.encode("latin-1"), FIELD_ANY, 0, 0)
         answer = self._ioctl(VIDIOC_S_FMT, bytearray(asked))
-        _type, width, height, code, _field, bytes_per_line, _size = FORMAT.unpack(answer)
-        return PixelFormat(code.decode("latin-1"), width, height, bytes_per_line)
+        _type, width, height, code, _field, bytes_per_line, buffer_bytes = FORMAT.unpack(answer)
+        return PixelFormat(code.decode("latin-1"), width, height, bytes_per_line, buffer_bytes)
 
     def period(self) -> Fraction | None:
         """The frame period in seconds; None where the driver cannot say."""

@@ -122,6 +122,8 @@ class PixelFormat:
     width: int
     height: int
     bytes_per_line: int
+    buffer_bytes: int = 0
+    """Memory that one frame takes at most."""
 
 
 @dataclass(frozen=True, slots=True)

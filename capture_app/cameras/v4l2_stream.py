@@ -42,11 +42,14 @@ from capture_app.cameras.v4l2_layout import (
 from capture_app.cameras.v4l2_modes import explain
 from capture_app.cameras.v4l2_payload import payload_of
 from capture_app.errors import CameraError
-from capture_app.sync.commands import CameraCommand, InjectFrame
+from capture_app.sync.commands import CameraCommand, RestartStream
 
 _log = logging.getLogger(__name__)
 
-_BUFFERS = 6
+_BUFFERED_NS = 500_000_000
+"""A process that is held up for this long loses no frame, as long as memory allows."""
+_BUFFER_BYTES = 64 << 20
+_BUFFER_COUNTS = 4, 24
 _EXPOSURE_UNIT_NS = 100_000
 _FOREIGN_CLOCK_NS = 60_000_000_000
 """A stamp this far from now is not of this process's monotonic clock."""
@@ -73,7 +76,7 @@ class V4L2Camera(Camera):
         self._on_frame: OnFrame | None = None
         self._on_failure: OnFailure | None = None
         self._exposure_ns, self._gain = _read_exposure(device)
-        count = device.request_buffers(_BUFFERS)
+        count = device.request_buffers(_buffer_count(layout, period_ns))
         buffers = [device.query_buffer(index) for index in range(count)]
         self._memory: list[mmap.mmap] = [device.map(buffer) for buffer in buffers]
         limits = device.control_range(CID_EXPOSURE_ABSOLUTE)
@@ -116,12 +119,13 @@ class V4L2Camera(Camera):
 
         Where stopping takes longer than the delay, whole frame periods are added, so that the start keeps
         its place in the period. A device that goes away meanwhile is reported through `on_failure`.
-        Raises CameraError for InjectFrame, or without a stream.
+        Raises CameraError for any other command, or without a stream.
         """
         asked_ns = time.monotonic_ns()
-        if isinstance(command, InjectFrame):
+        if not isinstance(command, RestartStream):
             raise CameraError(
-                f"{self._device.path} cannot take a single longer frame", hint="restart its stream instead"
+                f"{self._device.path} cannot change the length of single frames",
+                hint="restart its stream instead",
             )
         async with self._command_lock:
             if not self._streaming:
@@ -228,6 +232,12 @@ class V4L2Camera(Camera):
 
     def _in_worker(self, work: Callable[..., None], *arguments: int) -> asyncio.Future[None]:
         return asyncio.get_running_loop().run_in_executor(self._worker, work, *arguments)
+
+
+def _buffer_count(layout: PixelFormat, period_ns: int) -> int:
+    affordable = _BUFFER_BYTES // max(1, layout.buffer_bytes)
+    least, most = _BUFFER_COUNTS
+    return max(least, min(most, affordable, -(-_BUFFERED_NS // period_ns)))
 
 
 def _timestamp_source(path: str, flags: int) -> TimestampSource:

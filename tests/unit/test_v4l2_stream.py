@@ -50,6 +50,7 @@ class FakeDevice(VideoDevice):
         self.path = "/dev/video0"
         self.fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self.flags = flags
+        self.asked_buffers = 0
         self.controls = {CID_EXPOSURE_ABSOLUTE: 157, CID_GAIN: 4}
         self.calls: list[str] = []
         self.on_times_ns: list[int] = []
@@ -92,6 +93,7 @@ class FakeDevice(VideoDevice):
         self.controls[control] = value
 
     def request_buffers(self, count: int) -> int:
+        self.asked_buffers = count
         return min(count, len(self._memory))
 
     def query_buffer(self, index: int) -> Buffer:
@@ -174,6 +176,16 @@ async def test_info_says_what_the_device_can_do():
         500_000_000,
     )
     await camera.stop()
+
+
+@pytest.mark.parametrize(
+    ("frame_bytes", "period_ns", "count"),
+    [(614_400, PERIOD_NS, 16), (16_588_800, PERIOD_NS, 4), (153_600, 4_000_000, 24), (614_400, 10**9, 4)],
+)
+def test_half_a_second_is_buffered_where_memory_allows(frame_bytes, period_ns, count):
+    device = FakeDevice()
+    V4L2Camera(device, PixelFormat("MJPG", 640, 480, 0, frame_bytes), period_ns)
+    assert device.asked_buffers == count
 
 
 async def test_stamps_at_the_end_of_a_frame_are_called_so():

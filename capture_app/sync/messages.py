@@ -191,9 +191,10 @@ def decode(data: bytes) -> Message:
         raise WireError(f"protocol version {version}, this is version {VERSION}")
     if kind == _KIND_CONTROL:
         try:
-            return _decoder.decode(data[_HEADER.size :])
+            message: Control = _decoder.decode(data[_HEADER.size :])
         except (msgspec.DecodeError, msgspec.ValidationError, UnicodeDecodeError) as error:
             raise WireError(f"malformed control message: {error}") from error
+        return message
     if kind not in (_KIND_TIME_REQUEST, _KIND_TIME_REPLY) or len(data) != _TIME.size:
         raise WireError(f"unknown message kind {kind} of {len(data)} bytes")
     client, sequence, t0_ns, t1_ns, t2_ns = _TIME.unpack(data)[3:]

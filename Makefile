@@ -1,6 +1,7 @@
 # make demo   capture a synchronized burst with five simulated cameras and compare it with offset frames
 # make test   the tests            make check   lint, types, architecture
 # make test-v4l2   the rig on real camera drivers in a virtual machine (slow)
+# make samples   render the sample sessions again from their recipes: the same bytes
 # make help   all targets
 
 PYTHON ?= python3
@@ -12,7 +13,7 @@ OUT ?= demo
 LIBRARIES := libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
 	libusb-1.0.so.0:libusb-1.0-0 libudev.so.1:libudev1 libidn2.so.0:libidn2-0
 
-.PHONY: help install demo test test-v4l2 check format system clean
+.PHONY: help install demo samples test test-v4l2 check format system clean
 .DEFAULT_GOAL := help
 
 help:
@@ -28,6 +29,9 @@ test: $(VENV)/.installed-dev
 
 test-v4l2: $(VENV)/.installed-dev
 	$(BIN)/pytest -m v4l2 tests/end_to_end
+
+samples: $(VENV)/.installed
+	$(BIN)/capture-app sessions render --replace --out sample_sessions $(dir $(wildcard sample_sessions/*/recipe.json))
 
 check: $(VENV)/.installed-dev
 	$(BIN)/ruff check .

@@ -9,6 +9,7 @@ from capture_app.simulation.pictures import PictureSource
 from capture_app.simulation.sensor import SensorFrame
 
 JPEG_QUALITY = 95
+DEPTH_STEPS_PER_M = 2048
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,13 +19,14 @@ class SimulatedPayload:
     source: PictureSource
     frame: SensorFrame
     seed: int
+    quality: int = JPEG_QUALITY
 
     def encode(self) -> bytes:
         """Render the frame and return it as JPEG bytes; the same frame gives the same bytes."""
         import cv2
 
         image = self.source.render(self.frame, seed=self.seed)
-        encoded, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+        encoded, data = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, self.quality])
         if not encoded:
             raise CameraError(f"a picture of {image.shape} cannot be written as JPEG")
         return data.tobytes()
@@ -43,10 +45,14 @@ class SimulatedTruth:
         return self.frame.start_true_ns
 
     def encode(self) -> bytes:
-        """Return an .npz with `depth_m` (float32 HxW, 0 = none), `objects` (uint8), `movers` (bool)."""
+        """Return an .npz with `depth_m` (float32 HxW, 0 = none), `objects` (uint8), `movers` (bool).
+
+        Depth is in whole steps of 1/2048 m: a quarter of a millimetre of error for a fifth of the bytes.
+        """
         import numpy as np
 
-        depth_m, objects, movers = self.source.ground_truth(self.frame)
+        exact_m, objects, movers = self.source.ground_truth(self.frame)
+        depth_m = np.rint(exact_m * DEPTH_STEPS_PER_M) / np.float32(DEPTH_STEPS_PER_M)
         buffer = io.BytesIO()
         np.savez_compressed(buffer, depth_m=depth_m, objects=objects, movers=movers)
         return buffer.getvalue()

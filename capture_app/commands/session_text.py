@@ -5,7 +5,7 @@ from statistics import median
 
 from capture_app.session.manifest import CameraRecord, ImageRecord, Manifest, SyncRecord
 from capture_app.session.reader import Session, SessionSummary
-from capture_app.session.synchronization import sync_record, verdict
+from capture_app.session.synchronization import PX_PER_S, pixels, sync_record, verdict
 
 
 def list_text(found: Sequence[SessionSummary]) -> str:
@@ -33,7 +33,7 @@ def show_text(session: Session) -> str:
         f"frames {manifest.burst.period_ns / 1e6:.3f} ms apart",
         f"{_of(len(manifest.cameras), 'camera')}, {_of(len(manifest.images), 'image')}, "
         f"{len(manifest.missing)} missing",
-        *_spread(manifest),
+        *_spread(session),
         "calibrated" if session.calibration() is not None else "not calibrated",
     ]
     if manifest.note:
@@ -54,16 +54,17 @@ def sync_of(manifest: Manifest) -> SyncRecord:
     return manifest.sync or sync_record(manifest.cameras, manifest.burst, manifest.images, manifest.missing)
 
 
-def _spread(manifest: Manifest) -> list[str]:
+def _spread(session: Session) -> list[str]:
     """How far apart in time the images of one instant are, first to last, and what that costs."""
+    manifest = session.manifest
     if len(manifest.cameras) < 2 or not manifest.images:
         return []
     sync = sync_of(manifest)
-    lines = [
-        f"images of one instant are {_microseconds(round(median(sync.spread_ns)))} apart at the median, "
-        f"{_microseconds(max(sync.spread_ns))} at most",
-        verdict(sync),
-    ]
+    by = "" if sync.uncertainty_ns is not None else "by the times they came with, "
+    lines = [f"{by}images of one instant are {_apart(sync.spread_ns)}", verdict(sync)]
+    if true_spreads := _true_spreads(session):
+        cost = pixels(max(true_spreads), PX_PER_S)
+        lines.append(f"in truth, which the simulator knows, they are {_apart(true_spreads)}: {cost}")
     if sync.row_spread_ns is not None and sync.row_spread_ns > 2 * max(sync.spread_ns):
         lines.append(
             "rolling shutters: rows of the same number are up to "
@@ -75,9 +76,24 @@ def _spread(manifest: Manifest) -> list[str]:
     return lines
 
 
+def _apart(spreads_ns: Sequence[int]) -> str:
+    middle_ns, most_ns = round(median(spreads_ns)), max(spreads_ns)
+    return f"{_microseconds(middle_ns)} apart at the median, {_microseconds(most_ns)} at most"
+
+
+def _true_spreads(session: Session) -> list[int]:
+    """For each instant, how far apart in ns its images truly are; empty where nobody knows."""
+    true_times = session.true_times()
+    times: dict[int, list[int]] = {}
+    for true in true_times.images if true_times else ():
+        times.setdefault(true.instant, []).append(true.true_ns)
+    return [max(of) - min(of) for of in times.values()]
+
+
 def _camera(manifest: Manifest, camera: CameraRecord) -> tuple[str, ...]:
     images = [image for image in manifest.images if image.camera == camera.name]
     phase = camera.phase.residual_ns if camera.phase else None
+    dropped = sum(gone.dropped for gone in manifest.missing if gone.camera == camera.name)
     return (
         camera.name,
         f"{camera.width}x{camera.height}",
@@ -86,7 +102,7 @@ def _camera(manifest: Manifest, camera: CameraRecord) -> tuple[str, ...]:
         _worst([image.hard_bound_ns for image in images]),
         _worst_residual(images),
         "-" if phase is None else _microseconds(phase),
-        str(sum(image.dropped for image in images)),
+        str(sum(image.dropped for image in images) + dropped),
     )
 
 
@@ -100,6 +116,8 @@ def _worst_residual(images: Sequence[ImageRecord]) -> str:
 
 
 def _microseconds(ns: int) -> str:
+    if abs(ns) >= 10_000_000:
+        return f"{ns / 1e6:,.0f} ms"
     return f"{ns / 1e3:,.0f} us" if abs(ns) >= 10_000 or ns == 0 else f"{ns / 1e3:.1f} us"
 
 

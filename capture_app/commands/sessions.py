@@ -8,6 +8,7 @@ import click
 import msgspec
 
 from capture_app.commands.session_export import export
+from capture_app.commands.session_render import render
 from capture_app.commands.session_text import list_text, show_text, sync_of
 from capture_app.errors import BadInputError, IncompleteError, SimulshotError
 from capture_app.session.reader import Session, list_sessions
@@ -25,6 +26,7 @@ def sessions() -> None:
 
 
 sessions.add_command(export)
+sessions.add_command(render)
 
 
 @sessions.command("list")

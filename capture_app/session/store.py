@@ -42,10 +42,12 @@ IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 class SessionWriter:
     """One session being written. Methods may be called from any thread; each blocks on the disk."""
 
-    def __init__(self, folder: Path, name: str) -> None:
+    def __init__(self, folder: Path, name: str, created: str = "", software: str = "") -> None:
         self.folder = folder
         self.name = name
-        self._created = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+        now = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
+        self._created = created or now
+        self._software = software or f"simulshot {__version__}"
         self._images: dict[tuple[str, int], ImageRecord] = {}
         self._true_times: dict[tuple[str, int], int] = {}
         self._true_sha256: dict[tuple[str, int], str] = {}
@@ -64,9 +66,10 @@ class SessionWriter:
         sync_folder(folder)
 
     @classmethod
-    def create(cls, root: Path, name: str) -> "SessionWriter":
+    def create(cls, root: Path, name: str, *, created: str = "", software: str = "") -> "SessionWriter":
         """Begin the session root/name, locked against other writers until it is finished or aborted.
 
+        `created` (RFC 3339, UTC) and `software` are now and this simulshot unless they are given.
         Raises BadInputError where the name is unsafe, taken, or the folder cannot be made.
         """
         check_name(name, "session")
@@ -79,7 +82,7 @@ class SessionWriter:
             raise BadInputError(f"{folder} exists already", hint="give the session another name") from None
         except OSError as error:
             raise BadInputError(f"cannot make {folder}: {error.strerror}") from error
-        return cls(folder, name)
+        return cls(folder, name, created, software)
 
     def add_image(
         self,
@@ -192,7 +195,7 @@ class SessionWriter:
                 name=self.name,
                 created=self._created,
                 origin=origin,
-                software=f"simulshot {__version__}",
+                software=self._software,
                 cameras=tuple(cameras),
                 burst=burst,
                 images=tuple(sorted(self._images.values(), key=lambda i: (i.instant, i.camera))),

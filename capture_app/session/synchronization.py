@@ -34,26 +34,22 @@ def sync_record(
     )
 
 
-def displacement_px(time_ns: int, px_per_s: float = PX_PER_S) -> float:
-    """How far, in px, something of that speed moves in a time of `time_ns`."""
-    return px_per_s * time_ns * 1e-9
-
-
 def verdict(sync: SyncRecord, px_per_s: float = PX_PER_S) -> str:
     """One plain sentence: what the synchronization costs something that moves that fast in the pictures."""
     worst_ns = max(sync.spread_ns, default=0)
-    cost = f"what moves {px_per_s:g} px/s is displaced by {_pixels(worst_ns, px_per_s)} between cameras"
+    cost = f"what moves {px_per_s:g} px/s is displaced by {pixels(worst_ns, px_per_s)} between cameras"
     if sync.uncertainty_ns is None:
         return f"{cost}, if the times are right: how sure they are is not known"
     sure_ns = worst_ns + 2 * sync.uncertainty_ns
-    text = f"{cost} at most, {_pixels(sure_ns, px_per_s)} with the clocks' error"
+    text = f"{cost} at most, {pixels(sure_ns, px_per_s)} with the clocks' error"
     if sync.hard_bound_ns is not None:
-        text += f" (95 %; never more than {_pixels(worst_ns + 2 * sync.hard_bound_ns, px_per_s)})"
+        text += f" (95 %; never more than {pixels(worst_ns + 2 * sync.hard_bound_ns, px_per_s)})"
     return text
 
 
-def _pixels(time_ns: int, px_per_s: float) -> str:
-    distance = displacement_px(time_ns, px_per_s)
+def pixels(time_ns: int, px_per_s: float = PX_PER_S) -> str:
+    """How far something of that speed moves in a time of `time_ns`, in words."""
+    distance = px_per_s * time_ns * 1e-9
     return f"{distance:.2f} px" if distance < 9.995 else f"{distance:,.0f} px"
 
 

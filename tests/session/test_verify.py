@@ -72,6 +72,20 @@ def calibrate(name: str, width: int) -> Callable[[Session], None]:
     return lambda session: (session.folder / CALIBRATION).write_text(content) and None
 
 
+def hold_within(tolerance_ns: int) -> Callable[[dict[str, Any]], None]:
+    """Say how near to the grid the cameras were to be held."""
+    phase = {"control": "none", "residual_ns": 0, "period_ns": 1, "drift_ppm": 0.0, "corrections": 0}
+    return lambda manifest: (
+        [camera.update(phase={**phase, "tolerance_ns": tolerance_ns}) for camera in manifest["cameras"]]
+        and None
+    )
+
+
+def recount(manifest: dict[str, Any]) -> None:
+    """Make the record of the whole burst agree with its images."""
+    manifest["sync"]["late"] = sum(image["late"] for image in manifest["images"])
+
+
 LIES: dict[str, tuple[Callable[[Session], Any], ProblemKind, str]] = {
     "image gone": (lambda s: (s.folder / FIRST).unlink(), ProblemKind.MISSING, FIRST),
     "image cut": (lambda s: (s.folder / FIRST).write_bytes(b"x"), ProblemKind.CHANGED, "1 bytes long"),
@@ -83,6 +97,33 @@ LIES: dict[str, tuple[Callable[[Session], Any], ProblemKind, str]] = {
     ),
     "residual": (first(residual_ns=4_001), ProblemKind.CONTRADICTORY, "residual_ns is 4001"),
     "local time": (first(local_ns=1), ProblemKind.CONTRADICTORY, "clock record"),
+    "exposure start": (
+        first(exposure_start_ns=1_000_004_001), ProblemKind.CONTRADICTORY, "exposure_start_ns is 1000004001",
+    ),
+    "late": (
+        lambda s: rewrite(s, lambda m: (hold_within(3_999)(m), recount(m))),
+        ProblemKind.CONTRADICTORY, "said to be not late, 4000 ns",
+    ),
+    "spread": (
+        lambda s: rewrite(s, lambda m: m["sync"].update(spread_ns=[13_000, 1, 0])),
+        ProblemKind.CONTRADICTORY, "sync.spread_ns is",
+    ),
+    "dropped": (
+        lambda s: rewrite(s, lambda m: m["missing"][0].update(dropped=True)),
+        ProblemKind.CONTRADICTORY, "sync.dropped is 0",
+    ),
+    "backwards": (
+        lambda s: rewrite(s, lambda m: m["images"][2].update(leader_ns=m["images"][0]["leader_ns"])),
+        ProblemKind.CONTRADICTORY, "was not taken after",
+    ),
+    "backwards by its own clock": (
+        lambda s: rewrite(s, lambda m: m["images"][2].update(local_ns=m["images"][0]["local_ns"])),
+        ProblemKind.CONTRADICTORY, "was not taken after",
+    ),
+    "other ground truth": (
+        lambda s: (s.folder / "ground_truth/left/000000.npz").write_bytes(b"npy"),
+        ProblemKind.CHANGED, "000000.npz",
+    ),
     "instants": (swap_instants, ProblemKind.CONTRADICTORY, "instant 2 is not after"),
     "doubled": (
         lambda s: rewrite(s, lambda m: m["images"].append(m["images"][0])),

@@ -1,0 +1,139 @@
+"""A burst as the engine takes it: leader and clients in virtual time, until the frames are picked."""
+
+import random
+from collections.abc import Mapping
+from dataclasses import replace
+
+from capture_app import __version__
+from capture_app.cameras.simulated import SimulatedCamera
+from capture_app.errors import IncompleteError
+from capture_app.node.messages import JsonValue
+from capture_app.node.records import camera_record, event_line
+from capture_app.samples.recipe import CameraRecipe, Recipe, Take, TakenFrame
+from capture_app.session.manifest import BurstRecord, CameraRecord, MissingImage
+from capture_app.session.rows import exposure_start_ns
+from capture_app.simulation.clock import seeded_clock
+from capture_app.simulation.pictures import PictureSource
+from capture_app.simulation.profiles import find_profile
+from capture_app.simulation.rig import NodeSpec, VirtualNode, VirtualRig
+from capture_app.simulation.sensor import Sensor, SensorFrame, SensorProfile
+from capture_app.sync.events import BurstReady
+from capture_app.sync.trigger import DROPPED
+
+_READY_WITHIN_NS = 120_000_000_000
+_PICKED_WITHIN_NS = 30_000_000_000
+_ORDERED_AHEAD_NS = 200_000_000
+_STARTS_APART_NS = 150_000_000
+
+
+def take_synchronized(recipe: Recipe, sources: Mapping[str, PictureSource]) -> Take:
+    """Let a rig of the recipe's cameras synchronize, align and take the burst.
+
+    Raises BadInputError for a profile that does not exist, IncompleteError where the rig never gets ready.
+    """
+    specs = [
+        NodeSpec(
+            camera.name,
+            profile_of(recipe, camera, sources[camera.name]),
+            seeded_clock(f"{camera.name} of {recipe.seed}"),
+            start_true_ns=number * _STARTS_APART_NS,
+        )
+        for number, camera in enumerate(recipe.cameras)
+    ]
+    rig = VirtualRig(specs, seed=recipe.seed)
+    log = _Log(rig)
+    ready = rig.run_until(
+        lambda: log.follow() or (len(rig.nodes) == len(specs) and rig.all_ready()), limit_ns=_READY_WITHIN_NS
+    )
+    if not ready:
+        raise IncompleteError(f"the rig of {recipe.name} was not ready after {_READY_WITHIN_NS / 1e9:g} s")
+    at_leader_ns = max(round(recipe.at_s * 1e9), rig.now_true_ns + _ORDERED_AHEAD_NS)
+    wait_ns = at_leader_ns - _ORDERED_AHEAD_NS - rig.now_true_ns
+    rig.run_until(log.follow, limit_ns=wait_ns)
+    burst = rig.trigger(frames=recipe.frames, spacing=recipe.spacing, at_leader_ns=at_leader_ns)
+    nodes = [rig.nodes[camera.name] for camera in recipe.cameras]
+    picked = rig.run_until(
+        lambda: log.follow() or all(burst.number in node.bursts for node in nodes), limit_ns=_PICKED_WITHIN_NS
+    )
+    if not picked:
+        raise IncompleteError(f"not all cameras of {recipe.name} took the burst")
+    readies = {node.spec.name: node.bursts[burst.number] for node in nodes}
+    records = {node.spec.name: _camera_record(node, readies[node.spec.name], sources) for node in nodes}
+    return Take(
+        software=f"simulshot {__version__}",
+        cameras=tuple(records.values()),
+        burst=BurstRecord(
+            instants_ns=burst.instants_ns, period_ns=burst.period_ns, requested_ns=burst.requested_ns
+        ),
+        frames=tuple(f for name, of in readies.items() for f in _frames(records[name], of)),
+        missing=tuple(
+            MissingImage(camera=name, instant=gap.instant, reason=gap.reason, dropped=gap.reason == DROPPED)
+            for name, of in readies.items()
+            for gap in of.gaps
+        ),
+        events=tuple(log.lines),
+        clocks={node.spec.name: true_clock(node) for node in nodes},
+    )
+
+
+def profile_of(recipe: Recipe, camera: CameraRecipe, source: PictureSource) -> SensorProfile:
+    """The camera's model with the recipe's exposure and the view's rows. Raises BadInputError."""
+    exposure_ns = round(recipe.exposure_ms * 1e6)
+    return replace(find_profile(camera.profile), exposure_ns=exposure_ns, image_rows=source.height)
+
+
+def true_clock(node: VirtualNode) -> dict[str, float | int | str]:
+    """The true parameters of a node's clock, named with units."""
+    clock = node.spec.clock
+    return {
+        "offset_ns": clock.offset_ns, "skew_ppm": clock.skew_ppm, "epoch_true_ns": clock.epoch_true_ns
+    }  # fmt: skip
+
+
+class _Log:
+    """What the clients' engines see and do, as they do it."""
+
+    def __init__(self, rig: VirtualRig) -> None:
+        self.lines: list[dict[str, JsonValue]] = []
+        self._rig = rig
+        self._seen: dict[str, int] = {}
+
+    def follow(self) -> bool:
+        """Note what is new; never a reason to stop."""
+        for name, node in self._rig.nodes.items():
+            for event in node.events[self._seen.get(name, 0) :]:
+                if not isinstance(event, BurstReady):
+                    local_ns = node.spec.clock.local_from_true(self._rig.now_true_ns)
+                    self.lines.append({"camera": name, "local_ns": local_ns, **event_line(event)})
+            self._seen[name] = len(node.events)
+        return False
+
+
+def _camera_record(
+    node: VirtualNode, ready: BurstReady[SensorFrame], sources: Mapping[str, PictureSource]
+) -> CameraRecord:
+    spec = node.spec
+    camera = SimulatedCamera(
+        Sensor(spec.profile, random.Random(0)), sources[spec.name], spec.clock, seed=0
+    )  # only what it is, for the record
+    return camera_record(spec.name, camera.info, ready, node.client.aligner.corrections, spec.tolerance_ns)
+
+
+def _frames(camera: CameraRecord, ready: BurstReady[SensorFrame]) -> list[TakenFrame]:
+    tolerance_ns = camera.phase.tolerance_ns if camera.phase else None
+    return [
+        TakenFrame(
+            camera=camera.name,
+            instant=pick.instant,
+            sequence=pick.frame.sequence,
+            true_ns=pick.frame.start_true_ns,
+            local_ns=pick.local_ns,
+            leader_ns=pick.leader_ns,
+            exposure_ns=pick.frame.exposure_ns,
+            exposure_start_ns=exposure_start_ns(camera, pick.leader_ns, pick.frame.exposure_ns),
+            uncertainty_ns=pick.uncertainty_ns,
+            hard_bound_ns=pick.hard_bound_ns,
+            late=tolerance_ns is not None and abs(pick.residual_ns) > tolerance_ns,
+        )
+        for pick in ready.picks
+    ]

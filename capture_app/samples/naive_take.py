@@ -1,0 +1,104 @@
+"""A burst as it is taken without synchronization: a message goes out, and each camera takes what comes next.
+
+The message's delays follow the naive WiFi trigger of the paper (section 5: mean 123 ms, standard deviation
+84 ms, at most 677 ms), as a Gamma law; nothing aligns the streams.
+"""
+
+import random
+from collections.abc import Mapping
+
+from capture_app import __version__
+from capture_app.samples.engine_take import profile_of
+from capture_app.samples.recipe import CameraRecipe, Recipe, Take, TakenFrame
+from capture_app.session.manifest import BurstRecord, CameraRecord, MissingImage
+from capture_app.simulation.clock import seeded_clock
+from capture_app.simulation.pictures import PictureSource
+from capture_app.simulation.sensor import Sensor, SensorFrame
+from capture_app.sync.trigger import DROPPED
+
+MEAN_MS, DEVIATION_MS, LONGEST_MS = 123.0, 84.0, 677.0
+
+
+def take_naive(recipe: Recipe, sources: Mapping[str, PictureSource]) -> Take:
+    """Let the recipe's cameras stream as they will, and take frames when each one's message arrives.
+
+    The session's times are what the sender believes: all images of an instant when it was ordered, with no
+    local clock to tell otherwise. Raises BadInputError for a profile that does not exist.
+    """
+    rng = random.Random(recipe.seed)
+    requested_ns = round(recipe.at_s * 1e9)
+    cameras: list[CameraRecord] = []
+    frames: list[TakenFrame] = []
+    missing: list[MissingImage] = []
+    clocks: dict[str, dict[str, float | int | str]] = {}
+    instants_ns: tuple[int, ...] = ()
+    for camera in recipe.cameras:
+        record = _record(recipe, camera, sources[camera.name])
+        if not instants_ns:
+            step_ns = recipe.spacing * record.period_ns
+            instants_ns = tuple(requested_ns + number * step_ns for number in range(recipe.frames))
+        clock = seeded_clock(f"{camera.name} of {recipe.seed}")
+        taken = _taken(recipe, camera, sources[camera.name], requested_ns + _delay_ns(rng), rng)
+        for instant, frame in enumerate(taken):
+            if frame.dropped:
+                gap = MissingImage(camera=camera.name, instant=instant, reason=DROPPED, dropped=True)
+                missing.append(gap)
+                continue
+            frames.append(
+                TakenFrame(
+                    camera=camera.name,
+                    instant=instant,
+                    sequence=frame.sequence,
+                    true_ns=frame.start_true_ns,
+                    local_ns=clock.local_from_true(frame.timestamp_true_ns),
+                    leader_ns=instants_ns[instant],
+                    exposure_ns=frame.exposure_ns,
+                )
+            )
+        cameras.append(record)
+        clocks[camera.name] = {"offset_ns": clock.offset_ns, "skew_ppm": clock.skew_ppm, "epoch_true_ns": 0}
+    return Take(
+        software=f"simulshot {__version__}",
+        cameras=tuple(cameras),
+        burst=BurstRecord(instants_ns=instants_ns, period_ns=cameras[0].period_ns, requested_ns=requested_ns),
+        frames=tuple(frames),
+        missing=tuple(missing),
+        clocks=clocks,
+    )
+
+
+def _delay_ns(rng: random.Random) -> int:
+    shape = (MEAN_MS / DEVIATION_MS) ** 2
+    return round(min(rng.gammavariate(shape, MEAN_MS / shape), LONGEST_MS) * 1e6)
+
+
+def _taken(
+    recipe: Recipe, camera: CameraRecipe, source: PictureSource, arrival_ns: int, rng: random.Random
+) -> list[SensorFrame]:
+    """The frames that begin at or after the message's arrival, at the recipe's spacing."""
+    profile = profile_of(recipe, camera, source)
+    sensor = Sensor(profile, random.Random(rng.getrandbits(64)))
+    sensor.start(rng.randrange(profile.period_ns))
+    frame = sensor.next_frame()
+    while frame.start_true_ns < arrival_ns:
+        frame = sensor.next_frame()
+    taken = [frame]
+    while len(taken) < recipe.frames:
+        for _ in range(recipe.spacing):
+            frame = sensor.next_frame()
+        taken.append(frame)
+    return taken
+
+
+def _record(recipe: Recipe, camera: CameraRecipe, source: PictureSource) -> CameraRecord:
+    profile = profile_of(recipe, camera, source)
+    return CameraRecord(
+        name=camera.name,
+        kind="sim",
+        model=profile.model,
+        width=source.width,
+        height=source.height,
+        period_ns=profile.period_ns,
+        timestamp_source="start-of-exposure",
+        row_time_ns=profile.row_time_ns,
+    )

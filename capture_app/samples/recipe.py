@@ -1,0 +1,118 @@
+"""The recipe of a rendered session, `recipe.json`: what to take, and what the engine once took.
+
+With its take, a recipe gives the same bytes for ever, however the engine changes; without, the engine takes
+the burst first.
+"""
+
+from enum import StrEnum
+from pathlib import Path
+from typing import Annotated
+
+from msgspec import Meta, Struct
+
+from capture_app.errors import BadInputError
+from capture_app.node.messages import JsonValue
+from capture_app.session.checks import read_struct
+from capture_app.session.manifest import BurstRecord, CameraRecord, Count, MissingImage, Name, Positive
+
+RECIPE = "recipe.json"
+SCHEMA_VERSION = 1
+
+
+class Trigger(StrEnum):
+    """How the cameras are told to take the burst."""
+
+    SYNCHRONIZED = "synchronized"
+    """By the engine: clocks synchronized, phases aligned, frames picked by their timestamps."""
+    NAIVE = "naive"
+    """By a message: each camera takes the frames that follow its arrival."""
+
+
+class _Part(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Base of a recipe's parts."""
+
+
+class CameraRecipe(_Part, frozen=True, kw_only=True):
+    """One camera: its name, its model (a profile of the simulator) and the view that it has of the scene."""
+
+    name: Name
+    profile: str = "phone-a"
+    view: str = ""
+    """Empty: the view that is named like the camera."""
+
+
+class TakenFrame(_Part, frozen=True, kw_only=True):
+    """A frame that was taken: by the camera's, the leader's and the true clock (ns), and how sure."""
+
+    camera: Name
+    instant: Count
+    sequence: Count
+    true_ns: int
+    """True start of the first row's exposure."""
+    local_ns: int
+    leader_ns: int
+    exposure_ns: Positive
+    exposure_start_ns: int | None = None
+    uncertainty_ns: Count | None = None
+    hard_bound_ns: Count | None = None
+    late: bool = False
+
+
+class Take(_Part, frozen=True, kw_only=True):
+    """What the simulated rig took: all of a session but the pictures."""
+
+    software: str
+    cameras: tuple[CameraRecord, ...]
+    burst: BurstRecord
+    frames: tuple[TakenFrame, ...]
+    missing: tuple[MissingImage, ...] = ()
+    events: tuple[dict[str, JsonValue], ...] = ()
+    clocks: dict[str, dict[str, float | int | str]] = {}
+
+
+class Recipe(_Part, frozen=True, kw_only=True):
+    """How a session is rendered; the same recipe gives the same bytes on machines of the same kind."""
+
+    name: Name
+    scene: str
+    cameras: Annotated[tuple[CameraRecipe, ...], Meta(min_length=1)]
+    created: str
+    """When the session says that it was taken, RFC 3339, UTC."""
+    note: str = ""
+    seed: Count = 0
+    trigger: Trigger = Trigger.SYNCHRONIZED
+    at_s: Annotated[float, Meta(ge=0, le=3600)] = 10.0
+    """True time of the burst's first instant, from when the rig is switched on; later where the rig is not
+    ready by then."""
+    frames: Annotated[int, Meta(ge=1, le=1000)] = 5
+    spacing: Annotated[int, Meta(ge=1, le=1000)] = 1
+    exposure_ms: Annotated[float, Meta(gt=0, le=1000)] = 4.0
+    scale: Annotated[float, Meta(ge=0.1, le=1)] = 1.0
+    jpeg_quality: Annotated[int, Meta(ge=1, le=100)] = 90
+    depth: bool = True
+    """Whether each image has its true depth, or the session only the true times."""
+    take: Take | None = None
+    schema_version: int = SCHEMA_VERSION
+
+
+def read_recipe(path: Path) -> Recipe:
+    """Read a recipe, or that of a rendered session's folder. Raises BadInputError, with the place."""
+    file = path / RECIPE if path.is_dir() else path
+    if not file.is_file():
+        raise BadInputError(
+            f"no recipe at {file}", hint="rendered sessions have one, such as sample_sessions/"
+        )
+    recipe = read_struct(file, Recipe, SCHEMA_VERSION)
+    names = [camera.name for camera in recipe.cameras]
+    for name in names:
+        if names.count(name) > 1:
+            raise BadInputError(f"{file} lists camera {name} twice")
+    if recipe.take is not None:
+        if [camera.name for camera in recipe.take.cameras] != names:
+            raise BadInputError(f"{file} was taken with other cameras than it lists", hint="take it again")
+        known = range(len(recipe.take.burst.instants_ns))
+        for frame in recipe.take.frames:
+            if frame.camera not in names or frame.instant not in known:
+                what = f"{frame.camera} at instant {frame.instant}"
+                raise BadInputError(f"{file} took a frame that is not of its burst: {what}")
+    return recipe

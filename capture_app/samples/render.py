@@ -1,0 +1,156 @@
+"""A session out of a recipe: take the burst if it is not taken yet, and develop every frame of it."""
+
+import filecmp
+import shutil
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+
+from capture_app.cameras.simulated_frame import SimulatedPayload, SimulatedTruth, seed_of
+from capture_app.errors import BadInputError
+from capture_app.samples.engine_take import take_synchronized
+from capture_app.samples.naive_take import take_naive
+from capture_app.samples.recipe import RECIPE, CameraRecipe, Recipe, Take, TakenFrame, Trigger
+from capture_app.session.calibration import Calibration
+from capture_app.session.durable import write_whole
+from capture_app.session.store import Session, SessionWriter
+from capture_app.simulation.pictures import PictureSource, open_picture_source
+from capture_app.simulation.profiles import find_profile
+from capture_app.simulation.sensor import SensorFrame
+
+Progress = Callable[[int, int], None]
+"""Told after each image: how many are done, and of how many."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rendered:
+    """A session that was rendered; `same` says whether one of the same bytes was there before."""
+
+    session: Session
+    same: bool | None
+
+
+def render(
+    recipe: Recipe,
+    root: Path,
+    *,
+    replace: bool = False,
+    progress: Progress = lambda done, total: None,
+) -> Rendered:
+    """Render the session root/name of a recipe; its own `recipe.json` then holds the take.
+
+    `replace` puts it in the place of an earlier rendering of that name. Raises BadInputError where there is
+    another session, or where the recipe names what the simulator does not have; NotAvailableError where
+    scenes cannot be rendered. Nothing is left behind then.
+    """
+    place = root / recipe.name
+    if not replace:
+        return Rendered(_write(recipe, root, progress), None)
+    if place.exists() and not (place / RECIPE).is_file():
+        raise BadInputError(f"{place} is not a rendered session, and is not replaced")
+    aside = root / f".{recipe.name}.rendering"
+    shutil.rmtree(aside, ignore_errors=True)
+    try:
+        _write(recipe, aside, progress)
+        same = same_files(aside / recipe.name, place) if place.exists() else None
+        if not same:
+            shutil.rmtree(place, ignore_errors=True)
+            (aside / recipe.name).rename(place)
+    finally:
+        shutil.rmtree(aside, ignore_errors=True)
+    return Rendered(Session.open(place), same)
+
+
+def same_files(one: Path, other: Path) -> bool:
+    """Whether two folders hold the same files with the same bytes."""
+    names = {path.relative_to(one) for path in one.rglob("*") if path.is_file()}
+    if names != {path.relative_to(other) for path in other.rglob("*") if path.is_file()}:
+        return False
+    return all(filecmp.cmp(one / name, other / name, shallow=False) for name in names)
+
+
+def _write(recipe: Recipe, root: Path, progress: Progress) -> Session:
+    sources = {camera.name: _source(recipe, camera) for camera in recipe.cameras}
+    take = recipe.take
+    if take is None:
+        taken_by = take_naive if recipe.trigger is Trigger.NAIVE else take_synchronized
+        take = taken_by(recipe, sources)
+    writer = SessionWriter.create(root, recipe.name, created=recipe.created, software=take.software)
+    try:
+        for event in take.events:
+            writer.add_event(event)
+        frames = sorted(take.frames, key=lambda frame: (frame.instant, frame.camera))
+        for done, frame in enumerate(frames, 1):
+            _develop(writer, recipe, take, frame, sources[frame.camera])
+            progress(done, len(frames))
+        writer.set_ground_truth_clocks(take.clocks)
+        calibrated = {
+            name: calibration
+            for name, source in sources.items()
+            if (calibration := source.calibration) is not None
+        }
+        if calibrated:
+            source = f"the simulated scene {recipe.scene}"
+            writer.set_calibration(Calibration(cameras=calibrated, source=source))
+        data = msgspec.json.encode(msgspec.structs.replace(recipe, take=take))
+        write_whole(writer.folder / RECIPE, msgspec.json.format(data, indent=1) + b"\n")
+        return writer.finish(take.cameras, take.burst, take.missing, "simulated", recipe.note)
+    except BaseException:
+        writer.discard()
+        raise
+
+
+def _source(recipe: Recipe, camera: CameraRecipe) -> PictureSource:
+    profile = find_profile(camera.profile)
+    row_time_ns = profile.row_time_ns
+    for taken in recipe.take.cameras if recipe.take else ():
+        if taken.name == camera.name and taken.row_time_ns is not None:
+            row_time_ns = taken.row_time_ns
+    return open_picture_source(
+        recipe.scene,
+        camera.view,
+        camera=camera.name,
+        width=profile.image_width,
+        height=profile.image_rows,
+        row_time_ns=row_time_ns,
+        scale=recipe.scale,
+    )
+
+
+def _develop(
+    writer: SessionWriter, recipe: Recipe, take: Take, taken: TakenFrame, source: PictureSource
+) -> None:
+    # What the picture depends on: its true start, its exposure and the seed of its noise.
+    frame = SensorFrame(
+        sequence=taken.sequence,
+        stream=0,
+        start_true_ns=taken.true_ns,
+        timestamp_true_ns=taken.true_ns,
+        readout_end_true_ns=taken.true_ns,
+        exposure_ns=taken.exposure_ns,
+        dropped=False,
+    )
+    seed = seed_of(f"{recipe.seed}/{taken.camera}/{taken.true_ns}")
+    if recipe.depth:
+        truth = SimulatedTruth(source, frame)
+        writer.add_ground_truth(taken.camera, taken.instant, truth.encode(), taken.true_ns)
+    else:
+        writer.add_true_time(taken.camera, taken.instant, taken.true_ns)
+    writer.add_image(
+        SimulatedPayload(source, frame, seed, recipe.jpeg_quality).encode(),
+        camera=taken.camera,
+        instant=taken.instant,
+        leader_ns=taken.leader_ns,
+        local_ns=taken.local_ns,
+        residual_ns=taken.leader_ns - take.burst.instants_ns[taken.instant],
+        uncertainty_ns=taken.uncertainty_ns,
+        hard_bound_ns=taken.hard_bound_ns,
+        exposure_start_ns=taken.exposure_start_ns,
+        exposure_ns=taken.exposure_ns,
+        gain=1.0,
+        white_balance=(1.0, 1.0),
+        sequence=taken.sequence,
+        late=taken.late,
+    )

@@ -1,0 +1,90 @@
+"""Recipes without a take: the engine takes the burst, and the recipe that comes out gives the same bytes."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+
+from capture_app.cli import run
+from capture_app.errors import BadInputError, ExitCode
+from capture_app.samples.recipe import RECIPE, CameraRecipe, Recipe, Trigger, read_recipe
+from capture_app.samples.render import render, same_files
+from capture_app.session.store import SessionWriter
+from capture_app.session.verify import verify
+
+
+def recipe_of(**changes: Any) -> Recipe:
+    """Two cameras that see the test card, which needs no renderer."""
+    cameras = (CameraRecipe(name="cam00"), CameraRecipe(name="cam01", profile="phone-b"))
+    values = {"name": "card", "scene": "bars", "cameras": cameras, "frames": 3, "scale": 0.2, "at_s": 0.0}
+    return Recipe(**{"created": "2026-01-01T00:00:00.000Z", **values, **changes})
+
+
+@pytest.mark.parametrize("trigger", Trigger)
+def test_a_recipe_gives_the_same_bytes_again(trigger: Trigger, tmp_path: Path) -> None:
+    first = render(recipe_of(trigger=trigger), tmp_path / "a").session
+    assert verify(first) == []
+    assert first.manifest.created == "2026-01-01T00:00:00.000Z"
+    assert first.manifest.origin == "simulated"
+    render(recipe_of(trigger=trigger), tmp_path / "b")
+    assert same_files(first.folder, tmp_path / "b" / "card")
+    render(read_recipe(first.folder), tmp_path / "c")
+    assert same_files(first.folder, tmp_path / "c" / "card")
+    render(recipe_of(trigger=trigger, seed=1), tmp_path / "d")
+    assert not same_files(first.folder, tmp_path / "d" / "card")
+
+
+def test_synchronized_cameras_keep_their_engines_record(tmp_path: Path) -> None:
+    manifest = render(recipe_of(), tmp_path).session.manifest
+    for camera in manifest.cameras:
+        assert camera.clock is not None
+        assert camera.clock.samples > 100
+        assert camera.phase is not None
+        assert camera.phase.tolerance_ns is not None
+    assert max(manifest.sync.spread_ns if manifest.sync else (10**9,)) < 1_000_000
+    assert (tmp_path / "card" / "events.ndjson").read_text().count("clock-synced") == 2
+
+
+def test_naive_cameras_know_no_times(tmp_path: Path) -> None:
+    manifest = render(recipe_of(trigger=Trigger.NAIVE), tmp_path).session.manifest
+    assert all(camera.clock is None and camera.phase is None for camera in manifest.cameras)
+    assert all(image.uncertainty_ns is None and image.exposure_start_ns is None for image in manifest.images)
+
+
+def test_replace_says_whether_the_bytes_are_the_same(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    file = tmp_path / RECIPE
+    file.write_bytes(msgspec.json.encode(recipe_of()))
+    arguments = ["sessions", "render", str(file), "--out", str(tmp_path), "--json"]
+    assert run(arguments) == ExitCode.OK
+    assert json.loads(capsys.readouterr().out)["sessions"][0]["same_bytes_as_before"] is None
+    assert run(arguments) == ExitCode.BAD_INPUT  # a session is never overwritten unasked
+    assert "exists already" in capsys.readouterr().err
+    assert run([*arguments, "--replace"]) == ExitCode.OK
+    assert json.loads(capsys.readouterr().out)["sessions"][0]["same_bytes_as_before"] is True
+    (tmp_path / "card" / "images" / "rig1" / "cam00" / "000000.jpg").write_bytes(b"x")
+    assert run([*arguments, "--replace"]) == ExitCode.OK
+    assert json.loads(capsys.readouterr().out)["sessions"][0]["same_bytes_as_before"] is False
+    assert run(["sessions", "verify", str(tmp_path / "card")]) == ExitCode.OK
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["card", RECIPE]
+
+
+def test_a_captured_session_is_never_replaced(tmp_path: Path) -> None:
+    SessionWriter.create(tmp_path, "card").abort()
+    with pytest.raises(BadInputError, match="not a rendered session"):
+        render(recipe_of(), tmp_path, replace=True)
+    assert (tmp_path / "card" / "journal.ndjson").exists()
+
+
+def test_a_take_of_another_burst_is_refused(tmp_path: Path) -> None:
+    recipe = read_recipe(render(recipe_of(), tmp_path).session.folder)
+    assert recipe.take is not None
+    frames = (msgspec.structs.replace(recipe.take.frames[0], instant=7), *recipe.take.frames[1:])
+    take = msgspec.structs.replace(recipe.take, frames=frames)
+    file = tmp_path / "bad.json"
+    file.write_bytes(msgspec.json.encode(msgspec.structs.replace(recipe, take=take)))
+    with pytest.raises(BadInputError, match="instant 7"):
+        read_recipe(file)

@@ -1,0 +1,90 @@
+"""When rows were exposed, how far apart the cameras are, and what that costs, in plain words."""
+
+import numpy as np
+import pytest
+from msgspec.structs import replace
+
+from capture_app.session.manifest import BurstRecord, ImageRecord, MissingImage
+from capture_app.session.rows import exposure_start_ns, row_exposures
+from capture_app.session.synchronization import sync_record, verdict
+
+from .conftest import HEIGHT, camera_record
+
+MS, US = 1_000_000, 1_000
+
+
+def image(camera: str, instant: int, leader_ns: int, **more: object) -> ImageRecord:
+    """An image whose bytes do not matter."""
+    place = {"camera": camera, "instant": instant, "leader_ns": leader_ns, "path": "x"}
+    return ImageRecord(bytes=1, sha256="0" * 64, **{**place, **more})
+
+
+def test_a_stamp_at_the_start_is_the_first_rows_start() -> None:
+    camera = replace(camera_record("left"), row_time_ns=10 * US)
+    assert exposure_start_ns(camera, 5 * MS, None) == 5 * MS
+
+
+def test_a_stamp_at_the_end_is_later_by_exposure_and_readout() -> None:
+    camera = replace(camera_record("left"), timestamp_source="end-of-frame", row_time_ns=10 * US)
+    start_ns = exposure_start_ns(camera, 5 * MS, 2 * MS)
+    assert start_ns == 5 * MS - 2 * MS - (HEIGHT - 1) * 10 * US
+    rows = row_exposures(camera, image("left", 0, 5 * MS, exposure_start_ns=start_ns, exposure_ns=2 * MS))
+    assert rows is not None
+    assert rows.start_ns(HEIGHT - 1) + rows.exposure_ns == 5 * MS  # the last row ends with the frame
+    assert rows.middle_ns(0) == start_ns + 1 * MS
+    assert np.array_equal(rows.middles_ns(), [rows.middle_ns(row) for row in range(HEIGHT)])
+
+
+@pytest.mark.parametrize(
+    ("source", "exposure_ns", "row_time_ns"),
+    [("unknown", 1, 1), ("end-of-frame", None, 1), ("end-of-frame", 1, None)],
+)
+def test_what_is_not_known_is_not_guessed(
+    source: str, exposure_ns: int | None, row_time_ns: int | None
+) -> None:
+    camera = replace(camera_record("left"), timestamp_source=source, row_time_ns=row_time_ns)
+    assert exposure_start_ns(camera, 5 * MS, exposure_ns) is None
+    assert row_exposures(camera, image("left", 0, 5 * MS, exposure_ns=exposure_ns)) is None
+
+
+def test_the_record_counts_and_measures() -> None:
+    cameras = [camera_record("left"), camera_record("right")]
+    images = [
+        image("left", 0, 100 * US, uncertainty_ns=10 * US, hard_bound_ns=1 * MS),
+        image("right", 0, 130 * US, uncertainty_ns=20 * US, hard_bound_ns=2 * MS, late=True),
+        image("left", 1, 33 * MS, uncertainty_ns=10 * US, hard_bound_ns=1 * MS, dropped=True),
+    ]
+    missing = [MissingImage(camera="right", instant=1, reason="?", dropped=True)]
+    burst = BurstRecord(instants_ns=(0, 33 * MS), period_ns=33 * MS)
+    sync = sync_record(cameras, burst, images, missing)
+    assert sync.spread_ns == (30 * US, 0)
+    assert (sync.uncertainty_ns, sync.hard_bound_ns) == (20 * US, 2 * MS)
+    assert (sync.dropped, sync.substituted, sync.late) == (1, 1, 1)
+    assert sync.row_spread_ns is None
+    unsure = [*images[:2], replace(images[2], uncertainty_ns=None)]
+    assert sync_record(cameras, burst, unsure, missing).uncertainty_ns is None
+
+
+def test_rolling_shutters_that_differ_drift_apart_down_the_picture() -> None:
+    cameras = [
+        replace(camera_record("left"), row_time_ns=10 * US),
+        replace(camera_record("right"), row_time_ns=12 * US),
+    ]
+    images = [image(c.name, 0, 0, exposure_start_ns=0, exposure_ns=4 * MS) for c in cameras]
+    sync = sync_record(cameras, BurstRecord(instants_ns=(0,), period_ns=33 * MS), images, [])
+    assert sync.spread_ns == (0,)
+    assert sync.row_spread_ns == (HEIGHT - 1) * 2 * US
+
+
+def test_the_verdict_is_the_distance_that_things_move_meanwhile() -> None:
+    cameras = [camera_record("left"), camera_record("right")]
+    burst = BurstRecord(instants_ns=(0,), period_ns=33 * MS)
+    known = {"uncertainty_ns": 100 * US, "hard_bound_ns": 1 * MS}
+    images = [image("left", 0, 0, **known), image("right", 0, 250 * US, **known)]
+    words = verdict(sync_record(cameras, burst, images, []), 2000.0)
+    assert "2000 px/s" in words
+    assert "0.50 px between cameras at most" in words
+    assert "0.90 px with the clocks' error" in words
+    assert "4.50 px" in words
+    unsure = [replace(one, uncertainty_ns=None) for one in images]
+    assert "not known" in verdict(sync_record(cameras, burst, unsure, []))

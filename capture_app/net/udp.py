@@ -106,10 +106,13 @@ class Pump:
         """Send what is due, publish what is new, and re-arm the timer."""
         if self._socket is None:
             return
+        send = self._socket.sendto
         for data, address in self._engine.datagrams_to_send(self._clock()):
             # What cannot leave is lost, as it might be on the way; an unreachable peer is a silent one.
-            with contextlib.suppress(OSError):
-                self._socket.sendto(data, address)
+            try:  # noqa: SIM105 - a context would cost time between the clock and the socket
+                send(data, address)
+            except OSError:
+                pass
         self._after_turn()
         if self._timer is not None:
             self._timer.cancel()

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from capture_app.simulation.clock import SimulatedClock
-from capture_app.simulation.link import PAPER_LINK, Link
+from capture_app.simulation.link import PAPER_LINK, Air, Channel, Link, Medium
 from capture_app.simulation.sensor import Sensor, SensorFrame, SensorProfile
 from capture_app.sync.client import Client, ClientConfig
 from capture_app.sync.commands import InjectFrame, RestartStream
@@ -62,6 +62,7 @@ class VirtualNode:
     spec: NodeSpec
     sensor: Sensor
     client: Client[SensorFrame]
+    channel: Channel
     alive: bool = True
     timer_true_ns: int = -1
     events: list[ClientEvent[SensorFrame]] = field(default_factory=list)
@@ -78,6 +79,7 @@ class VirtualRig:
         self._rng = random.Random(seed)
         self._heap: list[tuple[int, int, Callable[[], object]]] = []
         self._scheduled = 0
+        self._airs: dict[Medium, Air] = {}
         self._leader_timer_ns = -1
         self._period_ns = period_ns
         self.leader = self._new_leader()
@@ -97,7 +99,7 @@ class VirtualRig:
             spec.name, rng.getrandbits(32), describe(spec.profile), spec.tolerance_ns, ring_frames=60
         )
         client: Client[SensorFrame] = Client(config, rng)
-        node = VirtualNode(spec, Sensor(spec.profile, rng), client)
+        node = VirtualNode(spec, Sensor(spec.profile, rng), client, self._channel(spec.link))
         self.nodes[spec.name] = node
         self._start_stream(node)
         self._pump(node)
@@ -145,6 +147,12 @@ class VirtualRig:
         self._scheduled += 1
         heapq.heappush(self._heap, (true_ns, self._scheduled, action))
 
+    def _channel(self, link: Link) -> Channel:
+        """Open a link; all who name the same medium share its air."""
+        if link.medium is None:
+            return Channel(link)
+        return Channel(link, self._airs.setdefault(link.medium, Air(link.medium)))
+
     def _start_stream(self, node: VirtualNode) -> None:
         if not node.alive:
             return
@@ -175,7 +183,7 @@ class VirtualRig:
         if self._local(node) >= client.next_timer():
             client.handle_timer(self._local(node))
         for data in client.datagrams_to_send(self._local(node)):
-            for delay_ns in node.spec.link.deliveries(node.spec.link.to_leader, self._rng):
+            for delay_ns in node.channel.deliveries("to_leader", self.now_true_ns, self._rng):
                 self._at(self.now_true_ns + delay_ns, partial(self._to_leader, data, node))
         while (command := client.next_command()) is not None:
             match command:
@@ -208,7 +216,7 @@ class VirtualRig:
             self.leader.handle_timer(self.now_true_ns)
         for data, (name, _) in self.leader.datagrams_to_send(self.now_true_ns):
             node = self.nodes[name]
-            for delay_ns in node.spec.link.deliveries(node.spec.link.to_client, self._rng):
+            for delay_ns in node.channel.deliveries("to_client", self.now_true_ns, self._rng):
                 self._at(self.now_true_ns + delay_ns, partial(self._to_client, data, node))
         while (event := self.leader.next_event()) is not None:
             self.leader_events.append(event)

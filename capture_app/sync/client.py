@@ -30,7 +30,6 @@ from capture_app.sync.messages import (
     Refused,
     Report,
     TimeReply,
-    TimeRequest,
     Trigger,
     TriggerAck,
     Unknown,
@@ -38,6 +37,8 @@ from capture_app.sync.messages import (
     WireError,
     decode,
     encode,
+    request_at,
+    request_before_t0,
 )
 from capture_app.sync.phase import FrameStamp, PhaseEstimate
 from capture_app.sync.ring_buffer import RingBuffer
@@ -57,6 +58,8 @@ FIRST_SAMPLES = 300
 """K of the paper: samples taken in quick succession before the clock counts as synchronized."""
 FIRST_PACE_NS = 3 * _MS
 PACE_NS = 25 * _MS
+NEAR_NS = 750_000
+"""Shorter round trips are those of a wire."""
 OUTSTANDING = 512
 MAP_EVERY_NS = 100 * _MS
 HOLD_BEFORE_BURST_NS = 1000 * _MS
@@ -123,7 +126,7 @@ class Client(Generic[F]):
         self._triggers: dict[int, Trigger] = {}
         self._done_bursts: deque[int] = deque(maxlen=64)
         self._outbox: deque[Control] = deque()
-        self._request_time = False
+        self._request: bytes | None = None
         self._commands: deque[CameraCommand] = deque()
         self._events: deque[ClientEvent[F]] = deque()
 
@@ -245,10 +248,9 @@ class Client(Generic[F]):
         if now_ns >= self._map_due_ns:
             self._update_map(member, now_ns)
         if now_ns >= self._request_due_ns:
-            pace_ns = PACE_NS if member.synced else FIRST_PACE_NS
             # The pace is kept on a grid, so that a late timer does not slow it down, but never in bursts.
-            self._request_due_ns = max(self._request_due_ns + pace_ns, now_ns + pace_ns // 2)
-            self._request_time = True
+            self._request_due_ns = max(self._request_due_ns, now_ns - self._pace_ns(member) // 2)
+            self._prepare_request(member)
         if now_ns >= self._heartbeat_due_ns:
             self._heartbeat_due_ns = now_ns + HEARTBEAT_EVERY_NS
             self._outbox.append(Heartbeat(member.client, self.report(now_ns)))
@@ -267,14 +269,13 @@ class Client(Generic[F]):
     def datagrams_to_send(self, now_ns: int) -> list[bytes]:
         """Return the datagrams for the leader; a time request carries `now_ns`, so send them at once."""
         datagrams = []
-        if self._request_time and self._member is not None:
-            self._request_time = False
-            member = self._member
-            self._sequence = (self._sequence + 1) & 0xFFFFFFFF
-            member.outstanding[self._sequence] = now_ns
-            if len(member.outstanding) > OUTSTANDING:
-                del member.outstanding[next(iter(member.outstanding))]
-            datagrams.append(encode(TimeRequest(member.client, self._sequence, now_ns)))
+        if self._request is not None and self._member is not None:
+            datagrams.append(request_at(self._request, now_ns))
+            self._request = None
+            outstanding = self._member.outstanding
+            outstanding[self._sequence] = now_ns
+            if len(outstanding) > OUTSTANDING:
+                del outstanding[next(iter(outstanding))]
         while self._outbox:
             datagrams.append(encode(self._outbox.popleft()))
         return datagrams
@@ -307,7 +308,7 @@ class Client(Generic[F]):
     def _leave(self, reason: str, now_ns: int) -> None:
         self._member = None
         self._triggers.clear()
-        self._request_time = False
+        self._request = None
         self._why_joining = reason
         self._hello_due_ns = now_ns
         self._events.append(LeaderLost(reason))
@@ -317,12 +318,25 @@ class Client(Generic[F]):
         if t0_ns is None or t0_ns != reply.t0_ns:
             return
         member.heard_ns = now_ns
-        if not self.clock.add(ClockSample(t0_ns, reply.t1_ns, reply.t2_ns, now_ns)):
+        sample = ClockSample(t0_ns, reply.t1_ns, reply.t2_ns, now_ns)
+        if sample.round_trip_ns < NEAR_NS and self._request_due_ns <= now_ns + self._pace_ns(member):
+            # The next one is sent at once: a machine that is awake sends as quickly as the leader, one
+            # that just woke up is microseconds slower, and on a link as short as this they count.
+            self._prepare_request(member)
+        if not self.clock.add(sample):
             member.synced = False
             self._time_map = None
             self._events.append(ClockStepped())
         if not member.synced and self.clock.samples >= FIRST_SAMPLES:
             self._update_map(member, now_ns)
+
+    def _pace_ns(self, member: _Membership) -> int:
+        return PACE_NS if member.synced else FIRST_PACE_NS
+
+    def _prepare_request(self, member: _Membership) -> None:
+        self._request_due_ns += self._pace_ns(member)
+        self._sequence = (self._sequence + 1) & 0xFFFFFFFF
+        self._request = request_before_t0(member.client, self._sequence)
 
     def _update_map(self, member: _Membership, now_ns: int) -> None:
         self._map_due_ns = now_ns + MAP_EVERY_NS

@@ -23,7 +23,6 @@ from capture_app.sync.messages import (
     Hello,
     Refused,
     Report,
-    TimeReply,
     TimeRequest,
     Trigger,
     TriggerAck,
@@ -32,6 +31,8 @@ from capture_app.sync.messages import (
     WireError,
     decode,
     encode,
+    reply_at,
+    reply_before_t2,
 )
 from capture_app.sync.state import NodeState
 from capture_app.sync.timebase import MAX_PERIOD_NS, MIN_PERIOD_NS, Goal
@@ -106,7 +107,7 @@ class Leader:
         self._by_number: dict[int, _Member] = {}
         self._orders: list[_Order] = []
         self._bursts = 0
-        self._times: deque[tuple[TimeRequest, int, Address]] = deque()
+        self._times: deque[tuple[bytes, Address]] = deque()
         self._outbox: deque[tuple[Control, Address]] = deque()
         self._events: deque[LeaderEvent] = deque()
 
@@ -133,7 +134,7 @@ class Leader:
         member.heard_ns = now_ns
         match message:
             case TimeRequest():
-                self._times.append((message, now_ns, address))
+                self._times.append((reply_before_t2(message, now_ns), address))
             case Heartbeat():
                 member.report = message.report
                 assert self.goal is not None, "the first hello sets the goal"
@@ -167,11 +168,8 @@ class Leader:
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
         """Return datagrams and where to; time replies carry `now_ns`, so send them at once."""
-        datagrams = []
-        while self._times:
-            request, received_ns, address = self._times.popleft()
-            reply = TimeReply(request.client, request.sequence, request.t0_ns, received_ns, now_ns)
-            datagrams.append((encode(reply), address))
+        datagrams = [(reply_at(before, now_ns), address) for before, address in self._times]
+        self._times.clear()
         while self._outbox:
             message, address = self._outbox.popleft()
             datagrams.append((encode(message), address))

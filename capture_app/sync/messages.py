@@ -23,6 +23,10 @@ _KIND_TIME_REPLY = 2
 _KIND_CONTROL = 3
 _HEADER = struct.Struct(">2sBB")
 _TIME = struct.Struct(">2sBBIIqqq")
+_BEFORE_T0 = struct.Struct(">2sBBII")
+_BEFORE_T2 = struct.Struct(">2sBBIIqq")
+_T0 = struct.Struct(">q16x")
+_T2 = struct.Struct(">q")
 
 
 Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
@@ -201,3 +205,28 @@ def decode(data: bytes) -> Message:
     if kind == _KIND_TIME_REQUEST:
         return TimeRequest(client, sequence, t0_ns)
     return TimeReply(client, sequence, t0_ns, t1_ns, t2_ns)
+
+
+# A time message in two parts: what is known before, and the time of sending, which goes in last. Every
+# microsecond between the reading of the clock and the socket would be an error of the estimate.
+
+
+def request_before_t0(client: int, sequence: int) -> bytes:
+    """Return a TimeRequest up to its `t0_ns`."""
+    return _BEFORE_T0.pack(MAGIC, VERSION, _KIND_TIME_REQUEST, client, sequence)
+
+
+def request_at(before: bytes, t0_ns: int) -> bytes:
+    """Return the datagram of a TimeRequest."""
+    return before + _T0.pack(t0_ns)
+
+
+def reply_before_t2(request: TimeRequest, t1_ns: int) -> bytes:
+    """Return the TimeReply to a request up to its `t2_ns`."""
+    head = MAGIC, VERSION, _KIND_TIME_REPLY, request.client, request.sequence
+    return _BEFORE_T2.pack(*head, request.t0_ns, t1_ns)
+
+
+def reply_at(before: bytes, t2_ns: int) -> bytes:
+    """Return the datagram of a TimeReply."""
+    return before + _T2.pack(t2_ns)

@@ -7,8 +7,8 @@ from math import exp, sqrt
 VOTES = 33
 SHARPEST = 5
 """How many of the tightest bounds of each direction tell how sharp their edge is."""
-WIDTH = 0.4
-"""Share of their spread that counts as one e-fold of likelihood; 0.2 to 0.8 do equally well."""
+WIDTH = 0.8
+"""Share of their spread that counts as one e-fold of likelihood; 0.4 to 1.2 do equally well."""
 USUAL_SKEW = 20e-6
 """One sigma of the skew between two crystals, before anything is measured; the tails are a Student's."""
 

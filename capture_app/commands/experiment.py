@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 OWN_OPTIONS: dict[str, str] = {
     "clock-filters": "capture_app.commands.experiment_clock_filters",
+    "link": "capture_app.commands.experiment_link",
 }
 """Experiments with options of their own: the module whose `experiment` is their command."""
 

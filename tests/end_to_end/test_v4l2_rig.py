@@ -38,7 +38,7 @@ MACHINE = {
 
 RIG = """
 app() {{ {command} "$@"; }}
-export PYTHONDONTWRITEBYTECODE=1
+export PYTHONDONTWRITEBYTECODE=1 PYTHONPATH={repository}
 cd {repository}
 python3 {usb_cameras} 2 >/out/usb_cameras.log 2>&1 &
 until [ -e /dev/video2 ]; do sleep .1; done

@@ -1,6 +1,7 @@
 # make demo   capture a synchronized burst with five simulated cameras and compare it with offset frames
 # make test   the tests            make check   lint, types, architecture
 # make test-v4l2   the rig on real camera drivers in a virtual machine (slow)
+# make test-slow   the tests that take minutes
 # make samples   render the sample sessions again from their recipes: the same bytes
 # make help   all targets
 
@@ -29,6 +30,9 @@ test: $(VENV)/.installed-dev
 
 test-v4l2: $(VENV)/.installed-dev
 	$(BIN)/pytest -m v4l2 tests/end_to_end
+
+test-slow: $(VENV)/.installed-dev
+	$(BIN)/pytest -m slow
 
 samples: $(VENV)/.installed
 	$(BIN)/capture-app sessions render --replace --out sample_sessions $(dir $(wildcard sample_sessions/*/recipe.json))

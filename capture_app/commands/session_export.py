@@ -37,7 +37,11 @@ def export(
     from capture_app.session.exporters.registry import export_session
 
     options = ExportOptions(link=link, near=near, far=far)
-    report = export_session(Session.open(session), name, out, options, _progress)
+    try:
+        report = export_session(Session.open(session), name, out, options, _progress)
+    finally:
+        if sys.stderr.isatty():
+            click.echo("\r\033[K", nl=False, err=True)
     if as_json:
         click.echo(msgspec.json.format(msgspec.json.encode(report), indent=2))
     else:
@@ -48,4 +52,4 @@ def export(
 
 def _progress(done: int, total: int) -> None:
     if sys.stderr.isatty():
-        click.echo(f"\r{done} of {total} images" + ("\n" if done == total else ""), nl=False, err=True)
+        click.echo(f"\r{done} of {total} images", nl=False, err=True)

@@ -54,11 +54,13 @@ class Burst:
         self._progress, self._done = progress, 0
 
     def timeline(self, camera: str) -> list[ImageRecord]:
-        """A camera's images in order, each once: a substitute that is its neighbour's frame is left out."""
+        """A camera's images in order, each frame once: not again where it stands in for a dropped one."""
         kept: list[ImageRecord] = []
         for image in self._of(camera):
             if not kept or image.leader_ns > kept[-1].leader_ns:
                 kept.append(image)
+            elif kept[-1].dropped:
+                kept[-1] = image
         return kept
 
     def together(self, camera: str, instant: int) -> ImageRecord | None:

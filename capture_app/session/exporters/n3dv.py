@@ -43,9 +43,8 @@ def write(burst: Burst, folder: Path, options: ExportOptions) -> list[str]:
     for number, camera in enumerate(burst.cameras):
         file = f"cam{number:02d}.mp4"
         frames += _video(burst, camera, together, _Remap(calibration.cameras[camera], focal), folder, file)
-        near = options.near or _NEAR * depth[camera]
-        far = options.far or _FAR * depth[camera]
-        rows.append([*_pose(calibration.cameras[camera], size, focal).ravel(), near, far])
+        bounds = _bounds(options, depth[camera])
+        rows.append([*_pose(calibration.cameras[camera], size, focal).ravel(), *bounds])
     np.save(folder / "poses_bounds.npy", np.array(rows, np.float64))
     write_frames(burst, folder, frames)
     return _notes(burst, together, options)
@@ -106,6 +105,13 @@ def _video(
     )
     write_video(folder / file, pictures, burst.size(camera), burst.period_ns)
     return [Frame(camera, image.instant, file, number, image) for number, image in enumerate(images)]
+
+
+def _bounds(options: ExportOptions, depth: float) -> tuple[float, float]:
+    near, far = options.near or _NEAR * depth, options.far or _FAR * depth
+    if near >= far:
+        raise BadInputError(f"the nearest depth, {near:.4g}, is not less than the farthest, {far:.4g}")
+    return near, far
 
 
 def _pose(camera: CameraCalibration, size: tuple[int, int], focal: float) -> Array:

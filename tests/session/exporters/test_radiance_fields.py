@@ -97,9 +97,11 @@ def test_n3dv_counts_instants_not_images(make: Make, export: Export, tmp_path: P
     assert times == [(slot * PERIOD_NS + 500) // 1000 for slot in GRID]
 
 
-def test_n3dv_needs_one_size_and_a_complete_instant(make: Make, export: Export) -> None:
+def test_what_n3dv_cannot_hold(make: Make, export: Export) -> None:
     with pytest.raises(BadInputError, match="mid 80x64"):
         export(make(sizes={"mid": (80, 64)}), "n3dv")
+    with pytest.raises(BadInputError, match="is not less than"):
+        export(make(name="deep"), "n3dv", near=3.0, far=3.0)
     missing = tuple((name, i) for i, name in enumerate(("left", "mid", "right", "left")))
     with pytest.raises(BadInputError, match="no instant"):
         export(make(name="gappy", missing=missing), "n3dv")

@@ -9,12 +9,14 @@ import cv2
 import numpy as np
 import pytest
 
+from capture_app.session.exporters.caliscope import camera_numbers
 from capture_app.session.exporters.tables import FRAMES, paired_names
 from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.session.store import Session
 from tests.session.exporters.conftest import (
     GRID,
     PERIOD_NS,
+    RESIDUALS_NS,
     START_NS,
     Export,
     Make,
@@ -61,14 +63,14 @@ def test_mp4_has_exact_times_and_no_frame_where_none_is(make: Make, export: Expo
 def test_a_substitute_that_is_its_neighbours_frame_is_shown_once(
     make: Make, export: Export, tmp_path: Path
 ) -> None:
-    to_next = PERIOD_NS - 8_765
-    session = make(substitutes={("mid", 0): to_next})
+    to_next_ns = PERIOD_NS + RESIDUALS_NS["mid"]
+    session = make(substitutes={("mid", 0): to_next_ns})
     export(session, "mp4")
     assert len(frames(tmp_path / "out" / "mid.mp4")) == 3
     rows = table(tmp_path / "out" / FRAMES)
     contents = {(row["camera"], row["instant"]): row["content"] for row in rows}
-    assert contents["mid", "1"] == "left out"
-    assert contents["mid", "0"] == "substitute"
+    assert contents["mid", "0"] == "left out"
+    assert contents["mid", "1"] == "image"
 
 
 def test_odd_sizes_keep_their_size(make: Make, export: Export, tmp_path: Path) -> None:
@@ -154,6 +156,13 @@ def test_videos_and_tables_pair_however_they_are_sorted() -> None:
     names = paired_names(["cam10", "cam9"])
     assert list(names.values()) == sorted(names.values()) == ["cam_000_cam9", "cam_001_cam10"]
     assert "metadata" not in paired_names(["metadata", "x"]).values()
+
+
+def test_caliscope_keeps_the_numbers_of_cameras() -> None:
+    assert camera_numbers(("cam_3", "cam_10")) == {"cam_3": 3, "cam_10": 10}
+    assert camera_numbers(("cam03", "cam10")) == {"cam03": 3, "cam10": 10}
+    assert camera_numbers(("cam_3", "left")) == {"cam_3": 0, "left": 1}
+    assert camera_numbers(("cam_3", "cam3")) == {"cam_3": 0, "cam3": 1}
 
 
 def test_caliscope_comes_back_through_our_import(make: Make, export: Export, tmp_path: Path) -> None:

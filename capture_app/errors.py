@@ -59,3 +59,7 @@ class IncompleteError(SimulshotError):
     """A burst or a session that lacks images."""
 
     exit_code = ExitCode.INCOMPLETE
+
+
+class DiskFullError(SimulshotError):
+    """A disk without room for what is to be written; room can be made, and then it goes on."""

@@ -1,6 +1,7 @@
 """Files that are whole or not there: write aside, sync, rename, sync the folder."""
 
 import os
+from contextlib import suppress
 from pathlib import Path
 
 PART = ".part"
@@ -18,13 +19,34 @@ def sync_folder(folder: Path) -> None:
 
 def write_whole(path: Path, data: bytes) -> None:
     """Write a file so that after a crash it is there in full or not at all; replaces an older one."""
-    aside = path.with_name(path.name + PART)
-    with aside.open("wb") as file:
-        file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
-    aside.replace(path)
+    write_named(path, data)
     sync_folder(path.parent)
+
+
+def write_named(path: Path, data: bytes) -> None:
+    """Do the same but for the last step: the name outlives a power cut only once its folder is synced."""
+    aside = path.with_name(path.name + PART)
+    try:
+        with aside.open("wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        aside.replace(path)
+    except OSError:
+        # On a full disk the half that was written takes the room that something else could use.
+        with suppress(OSError):
+            aside.unlink()
+        raise
+
+
+def move_named(aside: Path, path: Path) -> None:
+    """Sync a file that was written aside and give it its name; its folder is not synced."""
+    handle = os.open(aside, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+    aside.replace(path)
 
 
 def make_folders(folder: Path, inside: Path) -> None:
@@ -37,20 +59,39 @@ def make_folders(folder: Path, inside: Path) -> None:
 
 
 class AppendOnly:
-    """A file of lines that only ever grows; a crash can tear its last line and no other."""
+    """A file of lines that only ever grows; a crash can tear its last lines and no other."""
 
     def __init__(self, path: Path) -> None:
-        self._file = path.open("ab")
+        self._path = path
+        self._handle = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_APPEND | os.O_CLOEXEC, 0o666)
+        self._length = os.fstat(self._handle).st_size
+        self._open = True
 
-    def append(self, line: bytes, *, durable: bool) -> None:
-        """Add one line (without its newline); `durable` waits until it is on the disk."""
-        self._file.write(line + b"\n")
-        self._file.flush()
-        if durable:
-            os.fdatasync(self._file.fileno())
+    def append(self, *lines: bytes, durable: bool) -> None:
+        """Add lines (without their newlines), all or none; `durable` waits until they are on the disk."""
+        data = b"".join(line + b"\n" for line in lines)
+        try:
+            left = memoryview(data)
+            while left:
+                left = left[os.write(self._handle, left) :]
+            if durable:
+                os.fdatasync(self._handle)
+        except OSError as error:
+            # What is appended next must not continue half a line.
+            with suppress(OSError):
+                os.ftruncate(self._handle, self._length)
+            raise OSError(error.errno, error.strerror, str(self._path)) from error
+        self._length += len(data)
+
+    def sync(self) -> None:
+        """Wait until all that was appended is on the disk."""
+        os.fsync(self._handle)
 
     def close(self) -> None:
         """Sync and close. Calling it twice is harmless."""
-        if not self._file.closed:
-            os.fsync(self._file.fileno())
-            self._file.close()
+        if self._open:
+            self._open = False
+            try:
+                os.fsync(self._handle)
+            finally:
+                os.close(self._handle)

@@ -10,6 +10,7 @@ JOURNAL = "journal.ndjson"
 EVENTS = "events.ndjson"
 CALIBRATION = "calibration.json"
 GROUND_TRUTH = "ground_truth"
+IMAGES = "images"
 RIG = "rig1"
 
 Count = Annotated[int, Meta(ge=0)]
@@ -146,4 +147,4 @@ class Manifest(_Record, frozen=True, kw_only=True):
 
 def image_path(camera: str, instant: int, suffix: str = ".jpg") -> str:
     """Path of an image inside its session: the same file name is the same instant (COLMAP's rigs)."""
-    return f"images/{RIG}/{camera}/{instant:06d}{suffix}"
+    return f"{IMAGES}/{RIG}/{camera}/{instant:06d}{suffix}"

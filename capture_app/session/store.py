@@ -1,12 +1,11 @@
 """Writing sessions so that a crash at any moment costs at most the image under way."""
 
-import fcntl
 import hashlib
 import os
 import shutil
 import threading
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -14,11 +13,27 @@ from typing import Any
 import msgspec
 
 from capture_app import __version__
-from capture_app.errors import BadInputError, SimulshotError
+from capture_app.errors import BadInputError, DiskFullError, SimulshotError
 from capture_app.session.calibration import Calibration
 from capture_app.session.checks import check_name, check_references
-from capture_app.session.durable import AppendOnly, make_folders, sync_folder, write_whole
-from capture_app.session.ground_truth import TIMES, TrueTime, TrueTimes, ground_truth_path
+from capture_app.session.checksums import write_checksums
+from capture_app.session.disk import disk_error, is_full, lock_folder, reserve
+from capture_app.session.durable import (
+    AppendOnly,
+    make_folders,
+    move_named,
+    sync_folder,
+    write_named,
+    write_whole,
+)
+from capture_app.session.ground_truth import (
+    TIMES,
+    TRUE_TIMES_JOURNAL,
+    TrueTime,
+    TrueTimes,
+    ground_truth_path,
+)
+from capture_app.session.journal import Journal
 from capture_app.session.manifest import (
     CALIBRATION,
     EVENTS,
@@ -31,12 +46,17 @@ from capture_app.session.manifest import (
     MissingImage,
     image_path,
 )
+from capture_app.session.plan import PLAN, Plan, read_plan
 from capture_app.session.reader import Session, SessionSummary, list_sessions
+from capture_app.session.recovery import RESERVE, recover_images, recover_true_times, remove_leftovers
 from capture_app.session.synchronization import sync_record
 
 __all__ = ["IMAGE_SUFFIXES", "Session", "SessionSummary", "SessionWriter", "list_sessions"]
 
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
+RESERVED_BYTES = 1 << 16
+RESERVED_BYTES_PER_IMAGE = 1500
+"""What the manifest and the checksums may need."""
 
 
 class SessionWriter:
@@ -46,24 +66,29 @@ class SessionWriter:
         self.folder = folder
         self.name = name
         now = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
-        self._created = created or now
-        self._software = software or f"simulshot {__version__}"
+        self.created = created or now
+        self.software = software or f"simulshot {__version__}"
         self._images: dict[tuple[str, int], ImageRecord] = {}
-        self._true_times: dict[tuple[str, int], int] = {}
-        self._true_sha256: dict[tuple[str, int], str] = {}
+        self._true_times: dict[tuple[str, int], TrueTime] = {}
         self._true_clocks: dict[str, dict[str, float | int | str]] = {}
+        self._truth_journal: AppendOnly | None = None
         self._mutex = threading.RLock()
+        self._under_way: set[tuple[str, int]] = set()
+        self._all_there = threading.Condition(self._mutex)
+        self._plan: Plan | None = None
         self._open = True
-        self._lock = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+        self._lock = lock_folder(folder)
         try:
-            # A reader asks for the lock only once there is a journal, so nothing but a writer can hold it.
-            fcntl.flock(self._lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
+            self._recover()
+            self._journal = Journal(folder / JOURNAL)
+            self._events = AppendOnly(folder / EVENTS)
+            sync_folder(folder)
+        except OSError as error:
             os.close(self._lock)
-            raise BadInputError(f"{folder} is being written by another process") from None
-        self._journal = AppendOnly(folder / JOURNAL)
-        self._events = AppendOnly(folder / EVENTS)
-        sync_folder(folder)
+            raise disk_error(error, folder) from error
+        except SimulshotError:
+            os.close(self._lock)
+            raise
 
     @classmethod
     def create(cls, root: Path, name: str, *, created: str = "", software: str = "") -> "SessionWriter":
@@ -81,8 +106,40 @@ class SessionWriter:
         except FileExistsError:
             raise BadInputError(f"{folder} exists already", hint="give the session another name") from None
         except OSError as error:
+            if is_full(error):
+                raise disk_error(error, folder) from error
             raise BadInputError(f"cannot make {folder}: {error.strerror}") from error
-        return cls(folder, name, created, software)
+        try:
+            return cls(folder, name, created, software)
+        except DiskFullError:
+            shutil.rmtree(folder, ignore_errors=True)
+            raise
+
+    @classmethod
+    def resume(cls, folder: Path) -> "SessionWriter":
+        """Go on with a session that a crash interrupted, or that lacks images, from what is safely there.
+
+        Raises BadInputError where another process writes it, or it has no plan to go by.
+        """
+        plan = read_plan(folder)
+        return cls(folder, plan.name, plan.created, plan.software)
+
+    @property
+    def plan(self) -> Plan | None:
+        """What the session is to become, where that was told."""
+        return self._plan
+
+    def set_plan(self, plan: Plan) -> None:
+        """Note durably what the session is to become; from then on a crash leaves it to be resumed.
+
+        Raises DiskFullError where not even the manifest will find room.
+        """
+        with self._writing():
+            write_whole(self.folder / PLAN, _pretty(_checked(plan, Plan)))
+            if self._plan is None:
+                images = len(plan.cameras) * len(plan.burst.instants_ns)
+                reserve(self.folder / RESERVE, RESERVED_BYTES + RESERVED_BYTES_PER_IMAGE * images)
+            self._plan = plan
 
     def add_image(
         self,
@@ -133,25 +190,32 @@ class SessionWriter:
             dropped=dropped,
             late=late,
         )
-        line = _checked(record, ImageRecord)
-        with self._writing():
-            if (camera, instant) in self._images:
-                raise BadInputError(f"{self.name} has an image of {camera} at instant {instant} already")
-            path = self.folder / record.path
-            make_folders(path.parent, self.folder)
-            write_whole(path, data)
-            self._journal.append(line, durable=True)
-            self._images[camera, instant] = record
+        self._place(record, lambda path: write_named(path, data))
         return record
+
+    def add_received(self, record: ImageRecord, aside: Path) -> None:
+        """Keep an image that lies in the file `aside`, on this disk, with the bytes that its record tells.
+
+        The file is moved into its place; once this returns no crash can lose it. Raises BadInputError.
+        """
+        check_name(record.camera, "camera")
+        suffix = Path(record.path).suffix
+        if suffix not in IMAGE_SUFFIXES or record.path != image_path(record.camera, record.instant, suffix):
+            raise BadInputError(f"{record.path!r} is no place for an image of {record.camera}")
+        self._place(record, lambda path: move_named(aside, path))
+
+    def image(self, camera: str, instant: int) -> ImageRecord | None:
+        """The record of an image that is saved already."""
+        return self._images.get((camera, instant))
 
     def has_image(self, camera: str, instant: int) -> bool:
         """Whether the image of a camera at an instant is saved already."""
         return (camera, instant) in self._images
 
-    def add_event(self, event: Mapping[str, Any]) -> None:
+    def add_event(self, *events: Mapping[str, Any]) -> None:
         """Append what the engine saw or did to events.ndjson."""
         with self._writing():
-            self._events.append(msgspec.json.encode(event), durable=False)
+            self._events.append(*(msgspec.json.encode(event) for event in events), durable=False)
 
     def add_ground_truth(self, camera: str, instant: int, data: bytes, true_ns: int) -> Path:
         """Save the .npz of a simulated image and its true first-row time in ns of the host's clock."""
@@ -160,13 +224,19 @@ class SessionWriter:
             path = self.folder / ground_truth_path(camera, instant)
             make_folders(path.parent, self.folder)
             write_whole(path, data)
-            self._true_times[camera, instant] = true_ns
-            self._true_sha256[camera, instant] = hashlib.sha256(data).hexdigest()
+            sha256 = hashlib.sha256(data).hexdigest()
+            self._note_true_time(TrueTime(camera=camera, instant=instant, true_ns=true_ns, sha256=sha256))
         return path
 
     def add_true_time(self, camera: str, instant: int, true_ns: int) -> None:
         """Keep the true first-row time, in ns of the host's clock, of an image without its .npz."""
-        self._true_times[camera, instant] = true_ns
+        with self._writing():
+            self._note_true_time(TrueTime(camera=camera, instant=instant, true_ns=true_ns))
+
+    @property
+    def knows_true_times(self) -> bool:
+        """Whether any image came with its true time: the session is a simulated one."""
+        return bool(self._true_times)
 
     def set_ground_truth_clocks(self, clocks: Mapping[str, Mapping[str, float | int | str]]) -> None:
         """Keep the true parameters of each simulated camera's clock, by camera and by name with unit."""
@@ -191,11 +261,13 @@ class SessionWriter:
         each other; the session is then left as it was.
         """
         with self._writing():
+            while self._under_way:
+                self._all_there.wait()
             manifest = Manifest(
                 name=self.name,
-                created=self._created,
+                created=self.created,
                 origin=origin,
-                software=self._software,
+                software=self.software,
                 cameras=tuple(cameras),
                 burst=burst,
                 images=tuple(sorted(self._images.values(), key=lambda i: (i.instant, i.camera))),
@@ -206,9 +278,10 @@ class SessionWriter:
             check_references(self.folder / MANIFEST, manifest)
             sync = sync_record(cameras, burst, manifest.images, manifest.missing)
             data = _pretty(_checked(msgspec.structs.replace(manifest, sync=sync), Manifest))
+            remove_leftovers(self.folder)
             self._write_true_times()
-            self._journal.close()
-            self._events.close()
+            self._events.sync()
+            write_checksums(self.folder, data)
             write_whole(self.folder / MANIFEST, data)
             self._close()
         return Session.open(self.folder)
@@ -226,6 +299,48 @@ class SessionWriter:
                 self._close()
                 shutil.rmtree(self.folder)
 
+    def _recover(self) -> None:
+        if not (self.folder / JOURNAL).exists():
+            return
+        if (self.folder / PLAN).exists():
+            self._plan = read_plan(self.folder)
+        images = recover_images(self.folder)
+        self._images = {(image.camera, image.instant): image for image in images}
+        self._true_times = recover_true_times(self.folder, images)
+
+    def _place(self, record: ImageRecord, put: Callable[[Path], None]) -> None:
+        """Put an image's file in its place and note it; images of several threads go side by side."""
+        line = _checked(record, ImageRecord)
+        of = (record.camera, record.instant)
+        path = self.folder / record.path
+        with self._writing():
+            if of in self._images or of in self._under_way:
+                raise BadInputError(f"{self.name} has an image of {of[0]} at instant {of[1]} already")
+            make_folders(path.parent, self.folder)
+            self._under_way.add(of)
+        try:
+            put(path)
+            self._journal.note(line, path.parent)
+        except OSError as error:
+            with suppress(OSError):
+                path.unlink()
+            raise disk_error(error, self.folder) from error
+        else:
+            self._images[of] = record
+        finally:
+            with self._mutex:
+                self._under_way.discard(of)
+                self._all_there.notify_all()
+
+    def _note_true_time(self, true: TrueTime) -> None:
+        self._true_times[true.camera, true.instant] = true
+        if self._plan is None:
+            return
+        if self._truth_journal is None:
+            make_folders((self.folder / TRUE_TIMES_JOURNAL).parent, self.folder)
+            self._truth_journal = AppendOnly(self.folder / TRUE_TIMES_JOURNAL)
+        self._truth_journal.append(msgspec.json.encode(true), durable=True)
+
     @contextmanager
     def _writing(self) -> Iterator[None]:
         with self._mutex:
@@ -234,27 +349,24 @@ class SessionWriter:
             try:
                 yield
             except OSError as error:
-                raise SimulshotError(
-                    f"cannot write {error.filename or self.folder}: {error.strerror}",
-                    hint="what was saved before is intact",
-                ) from error
+                raise disk_error(error, self.folder) from error
 
     def _close(self) -> None:
+        while self._under_way:
+            self._all_there.wait()
         self._open = False
-        self._journal.close()
-        self._events.close()
+        # Nothing that was promised waits in these: a sync that fails now loses no image.
+        for file in (self._journal, self._events, self._truth_journal):
+            if file is not None:
+                with suppress(OSError):
+                    file.close()
         os.close(self._lock)
 
     def _write_true_times(self) -> None:
         if not self._true_times and not self._true_clocks:
             return
-        times = TrueTimes(
-            images=tuple(
-                TrueTime(camera=of[0], instant=of[1], true_ns=true_ns, sha256=self._true_sha256.get(of))
-                for of, true_ns in sorted(self._true_times.items())
-            ),
-            clocks=self._true_clocks,
-        )
+        images = tuple(true for _, true in sorted(self._true_times.items()))
+        times = TrueTimes(images=images, clocks=self._true_clocks)
         make_folders((self.folder / TIMES).parent, self.folder)
         write_whole(self.folder / TIMES, _pretty(_checked(times, TrueTimes)))
 

@@ -10,10 +10,13 @@ from pathlib import Path
 import msgspec
 
 from capture_app.errors import BadInputError
+from capture_app.session.checksums import changed_files
 from capture_app.session.durable import PART
 from capture_app.session.ground_truth import ground_truth_path
+from capture_app.session.journal import lines_of_file, record_of_line
 from capture_app.session.manifest import (
     CALIBRATION,
+    IMAGES,
     JOURNAL,
     MANIFEST,
     CameraRecord,
@@ -56,6 +59,7 @@ def verify(session: Session) -> list[Problem]:
         *_sync(session),
         *(problem for record in session.manifest.images for problem in _image(session, record)),
         *_journal(session),
+        *_checksums(session),
         *_calibration(session),
         *_ground_truth(session),
         *_unexpected(session),
@@ -184,15 +188,14 @@ def _times(session: Session, record: ImageRecord) -> Iterator[Problem]:
 
 def _journal(session: Session) -> Iterator[Problem]:
     try:
-        lines = (session.folder / JOURNAL).read_bytes().splitlines()
+        lines = lines_of_file((session.folder / JOURNAL).read_bytes())
     except OSError:
         yield Problem(ProblemKind.MISSING, JOURNAL, "the journal is missing")
         return
     saved: dict[tuple[str, int], ImageRecord] = {}
     for number, line in enumerate(lines, 1):
-        try:
-            record = msgspec.json.decode(line, type=ImageRecord)
-        except (msgspec.DecodeError, UnicodeDecodeError):
+        record = record_of_line(line)
+        if record is None:
             yield Problem(ProblemKind.UNREADABLE, JOURNAL, f"line {number} is not a journal line")
             continue
         if (record.camera, record.instant) in saved:
@@ -207,6 +210,11 @@ def _journal(session: Session) -> Iterator[Problem]:
             yield Problem(ProblemKind.CONTRADICTORY, JOURNAL, f"says otherwise of {image.path}")
     for noted in saved.values():
         yield Problem(ProblemKind.CONTRADICTORY, MANIFEST, f"lacks {noted.path}, which the journal has")
+
+
+def _checksums(session: Session) -> Iterator[Problem]:
+    for where, what in changed_files(session.folder):
+        yield Problem(ProblemKind.CHANGED, where, what)
 
 
 def _calibration(session: Session) -> Iterator[Problem]:
@@ -243,7 +251,7 @@ def _ground_truth(session: Session) -> Iterator[Problem]:
 
 def _unexpected(session: Session) -> Iterator[Problem]:
     expected = {record.path for record in session.manifest.images}
-    for path in sorted((session.folder / "images").rglob("*")):
+    for path in sorted((session.folder / IMAGES).rglob("*")):
         name = str(path.relative_to(session.folder))
         if name not in expected and not (path.is_dir() and not path.is_symlink()):
             what = (

@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from capture_app.session.checksums import CHECKSUMS, write_checksums
 from capture_app.session.manifest import CALIBRATION, JOURNAL, MANIFEST, ImageRecord, Manifest
 from capture_app.session.schema import session_schema, session_schema_text
 from capture_app.session.store import Session
@@ -24,7 +25,7 @@ FIRST = "images/rig1/left/000000.jpg"
 
 
 def rewrite(session: Session, change: Callable[[dict[str, Any]], None], journal: bool = True) -> None:
-    """Change the manifest, and the journal with it, so that only the change itself is a lie."""
+    """Change the manifest, and journal and checksums with it, so that only the change itself is a lie."""
     path = session.folder / MANIFEST
     manifest = json.loads(path.read_text())
     change(manifest)
@@ -33,6 +34,7 @@ def rewrite(session: Session, change: Callable[[dict[str, Any]], None], journal:
         images = {(image["camera"], image["instant"]): image for image in manifest["images"]}
         lines = [json.dumps(image) for image in images.values()]
         (session.folder / JOURNAL).write_text("".join(line + "\n" for line in lines))
+    write_checksums(session.folder, path.read_bytes())
 
 
 def first(**changes: object) -> Callable[[Session], None]:
@@ -142,6 +144,7 @@ LIES: dict[str, tuple[Callable[[Session], Any], ProblemKind, str]] = {
         lambda s: (s.folder / f"{FIRST}.part").write_bytes(b"x"), ProblemKind.UNEXPECTED, "broken write",
     ),
     "no journal": (lambda s: (s.folder / JOURNAL).unlink(), ProblemKind.MISSING, "journal"),
+    "no checksums": (lambda s: (s.folder / CHECKSUMS).unlink(), ProblemKind.CHANGED, "missing"),
     "torn journal": (
         lambda s: (s.folder / JOURNAL).write_bytes((s.folder / JOURNAL).read_bytes() + b'{"cam'),
         ProblemKind.UNREADABLE, "line 6",

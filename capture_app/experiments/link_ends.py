@@ -10,7 +10,7 @@ from capture_app.net.address import Address, resolve
 from capture_app.net.transfer import bind
 from capture_app.net.udp import Pump, ToPeer, client_socket
 from capture_app.simulation.clock import NodeClock
-from capture_app.sync.client import NEAR_NS
+from capture_app.sync.client import BACKLOG_NS, NEAR_NS
 from capture_app.sync.clock import ClockSample
 from capture_app.sync.leader import Leader, LeaderConfig
 from capture_app.sync.messages import (
@@ -72,7 +72,7 @@ class SamplingClient:
         self._name = f"link-{self._instance:08x}"
         self._sequence = rng.getrandbits(31)
         self._client: int | None = None
-        self._want, self._pace_ns, self._due_ns = 0, 0, 0
+        self._want, self._pace_ns, self._due_ns, self._grid_ns = 0, 0, 0, 0
         self._request: bytes | None = None
         self._outstanding: dict[int, int] = {}
         self._outbox: deque[bytes] = deque()
@@ -82,7 +82,7 @@ class SamplingClient:
         self.samples, self.sent = [], 0
         self._outstanding.clear()
         self.done.clear()
-        self._want, self._pace_ns, self._due_ns = want, pace_ns, now_ns
+        self._want, self._pace_ns, self._due_ns, self._grid_ns = want, pace_ns, now_ns, now_ns
 
     def leave(self) -> None:
         """Say goodbye."""
@@ -107,7 +107,7 @@ class SamplingClient:
         self.samples.append(sample)
         # As the engine's client does it.
         if sample.round_trip_ns < NEAR_NS and self._due_ns <= now_ns + self._pace_ns:
-            self._prepare()
+            self._prepare(now_ns)
         if len(self.samples) >= self._want:
             self.done.set()
 
@@ -119,12 +119,12 @@ class SamplingClient:
             self._due_ns = now_ns + HELLO_EVERY_NS
             self._outbox.append(encode(Hello(self._name, self._instance, NO_CAMERA)))
         elif self._want and not self.done.is_set():
-            self._due_ns = max(self._due_ns, now_ns - self._pace_ns // 2)
-            self._prepare()
+            self._prepare(now_ns)
 
-    def _prepare(self) -> None:
+    def _prepare(self, now_ns: int) -> None:
         assert self._client is not None
-        self._due_ns += self._pace_ns
+        self._grid_ns = max(self._grid_ns + self._pace_ns, now_ns - BACKLOG_NS)
+        self._due_ns = max(self._grid_ns, now_ns + self._pace_ns // 2)
         self._sequence = (self._sequence + 1) & 0xFFFFFFFF
         self._request = request_before_t0(self._client, self._sequence)
 

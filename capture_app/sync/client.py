@@ -60,6 +60,7 @@ FIRST_PACE_NS = 3 * _MS
 PACE_NS = 25 * _MS
 NEAR_NS = 750_000
 """Shorter round trips are those of a wire."""
+BACKLOG_NS = 100 * _MS
 OUTSTANDING = 512
 MAP_EVERY_NS = 100 * _MS
 HOLD_BEFORE_BURST_NS = 1000 * _MS
@@ -85,6 +86,7 @@ class _Membership:
     client: int
     goal: Goal
     heard_ns: int
+    slot: float
     synced: bool = False
     outstanding: dict[int, int] = field(default_factory=dict)
 
@@ -122,6 +124,7 @@ class Client(Generic[F]):
         self._hello_due_ns = _AT_ONCE_NS
         self._heartbeat_due_ns = _AT_ONCE_NS
         self._request_due_ns = _AT_ONCE_NS
+        self._request_grid_ns = 0
         self._reported_problem = ""
         self._triggers: dict[int, Trigger] = {}
         self._done_bursts: deque[int] = deque(maxlen=64)
@@ -248,9 +251,7 @@ class Client(Generic[F]):
         if now_ns >= self._map_due_ns:
             self._update_map(member, now_ns)
         if now_ns >= self._request_due_ns:
-            # The pace is kept on a grid, so that a late timer does not slow it down, but never in bursts.
-            self._request_due_ns = max(self._request_due_ns, now_ns - self._pace_ns(member) // 2)
-            self._prepare_request(member)
+            self._prepare_request(member, now_ns)
         if now_ns >= self._heartbeat_due_ns:
             self._heartbeat_due_ns = now_ns + HEARTBEAT_EVERY_NS
             self._outbox.append(Heartbeat(member.client, self.report(now_ns)))
@@ -300,7 +301,8 @@ class Client(Generic[F]):
             self._done_bursts.clear()
             self._leader_of_clock = welcome.leader
         goal = Goal(welcome.anchor_leader_ns, welcome.period_ns)
-        self._member = _Membership(welcome.leader, welcome.client, goal, heard_ns=now_ns)
+        self._member = _Membership(welcome.leader, welcome.client, goal, heard_ns=now_ns, slot=welcome.slot)
+        self._request_grid_ns = now_ns
         self._why_joining = ""
         self._heartbeat_due_ns = self._request_due_ns = self._map_due_ns = now_ns
         self._events.append(Joined(welcome.transfer_port, welcome.leader))
@@ -322,7 +324,7 @@ class Client(Generic[F]):
         if sample.round_trip_ns < NEAR_NS and self._request_due_ns <= now_ns + self._pace_ns(member):
             # The next one is sent at once: a machine that is awake sends as quickly as the leader, one
             # that just woke up is microseconds slower, and on a link as short as this they count.
-            self._prepare_request(member)
+            self._prepare_request(member, now_ns)
         if not self.clock.add(sample):
             member.synced = False
             self._time_map = None
@@ -333,8 +335,18 @@ class Client(Generic[F]):
     def _pace_ns(self, member: _Membership) -> int:
         return PACE_NS if member.synced else FIRST_PACE_NS
 
-    def _prepare_request(self, member: _Membership) -> None:
-        self._request_due_ns += self._pace_ns(member)
+    def _prepare_request(self, member: _Membership, now_ns: int) -> None:
+        """Prepare a request, and set when the next is due: on the grid of this client's slot.
+
+        What a late timer has missed is made up for, but never in a burst.
+        """
+        pace_ns = self._pace_ns(member)
+        grid_ns = max(self._request_grid_ns + pace_ns, now_ns - BACKLOG_NS)
+        if self._time_map is not None:
+            past_ns = self._time_map.leader_from_local(grid_ns) - round(member.slot * pace_ns)
+            grid_ns += pace_ns // 2 - (past_ns + pace_ns // 2) % pace_ns
+        self._request_grid_ns = grid_ns
+        self._request_due_ns = max(grid_ns, now_ns + pace_ns // 2)
         self._sequence = (self._sequence + 1) & 0xFFFFFFFF
         self._request = request_before_t0(member.client, self._sequence)
 

@@ -82,6 +82,7 @@ class _Member:
     camera: CameraDescription
     report: Report
     heard_ns: int
+    slot: float
     lost: str = ""
 
 
@@ -93,6 +94,15 @@ class _Order:
     trigger: Trigger
     give_up_ns: int
     due_ns: int = field(default=0)
+
+
+def spread(index: int) -> float:
+    """Return a part of 1 that is far from those of all indices near it (van der Corput 1935)."""
+    part, step = 0.0, 0.5
+    while index:
+        part += step * (index & 1)
+        index, step = index >> 1, step / 2.0
+    return part
 
 
 class Leader:
@@ -107,6 +117,7 @@ class Leader:
         self._by_number: dict[int, _Member] = {}
         self._orders: list[_Order] = []
         self._bursts = 0
+        self._joins = 0
         self._times: deque[tuple[bytes, Address]] = deque()
         self._outbox: deque[tuple[Control, Address]] = deque()
         self._events: deque[LeaderEvent] = deque()
@@ -243,7 +254,10 @@ class Leader:
             self._events.append(NodeJoined(hello.name) if known is None else NodeReturned(hello.name))
             number = self._free_number()
             report = Report(state=NodeState.JOINING)
-            known = _Member(hello.name, hello.instance, number, address, hello.camera, report, now_ns)
+            known = _Member(
+                hello.name, hello.instance, number, address, hello.camera, report, now_ns, spread(self._joins)
+            )
+            self._joins += 1
             self._members[hello.name] = self._by_number[number] = known
         known.heard_ns = now_ns
         welcome = Welcome(
@@ -253,6 +267,7 @@ class Leader:
             self.config.transfer_port,
             self.goal.anchor_leader_ns,
             self.goal.period_ns,
+            known.slot,
         )
         self._outbox.append((welcome, address))
 

@@ -83,7 +83,10 @@ class Hello(Struct, frozen=True, tag="hello"):
 
 
 class Welcome(Struct, frozen=True, tag="welcome"):
-    """The leader took a client in: its number, the images' TCP port, and the rig's grid of instants."""
+    """The leader took a client in: its number, the images' TCP port, and the rig's grid of instants.
+
+    `slot` is the part of its pace, 0 to 1, at which a client sends its time requests, in leader time.
+    """
 
     instance: int
     leader: int
@@ -91,6 +94,7 @@ class Welcome(Struct, frozen=True, tag="welcome"):
     transfer_port: int
     anchor_leader_ns: int
     period_ns: int
+    slot: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.0
 
 
 class Refused(Struct, frozen=True, tag="refused"):

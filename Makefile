@@ -3,6 +3,7 @@
 # make test-v4l2   the rig on real camera drivers in a virtual machine (slow)
 # make test-slow   the tests that take minutes
 # make samples   render the sample sessions again from their recipes: the same bytes
+# make bench-sync   clock synchronization on an emulated WiFi link, beside other filters (root, 10 min)
 # make help   all targets
 
 PYTHON ?= python3
@@ -14,7 +15,7 @@ OUT ?= demo
 LIBRARIES := libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
 	libusb-1.0.so.0:libusb-1.0-0 libudev.so.1:libudev1 libidn2.so.0:libidn2-0
 
-.PHONY: help install demo samples test test-v4l2 check format system clean
+.PHONY: help install demo samples test test-v4l2 bench-sync check format system clean
 .DEFAULT_GOAL := help
 
 help:
@@ -36,6 +37,9 @@ test-slow: $(VENV)/.installed-dev
 
 samples: $(VENV)/.installed
 	$(BIN)/capture-app sessions render --replace --out sample_sessions $(dir $(wildcard sample_sessions/*/recipe.json))
+
+bench-sync: $(VENV)/.installed
+	$(BIN)/python benchmarks/sync_link.py $(BENCH)
 
 check: $(VENV)/.installed-dev
 	$(BIN)/ruff check .

@@ -20,7 +20,17 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 _RESERVED = ("metadata", "capture_volume", "charuco", "checkerboard")
 """Tables of these programs' calibrations that are no cameras."""
 
-_COLUMNS = ("file", "frame", "camera", "instant", "content", "leader_ns", "uncertainty_ns", "hard_bound_ns")
+_COLUMNS = (
+    "file",
+    "frame",
+    "camera",
+    "instant",
+    "content",
+    "leader_ns",
+    "residual_ns",
+    "uncertainty_ns",
+    "hard_bound_ns",
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +58,7 @@ def write_frames(burst: Burst, folder: Path, frames: Iterable[Frame]) -> None:
             image = burst.images.get((camera, instant))
             frame = by_place.get((camera, instant), Frame(camera, instant, image=image))
             number = frame.frame if frame.file else ""
-            times = [""] * 3 if image is None else [image.leader_ns, *_bounds(image)]
+            times = [""] * 4 if image is None else [image.leader_ns, image.residual_ns, *_bounds(image)]
             rows.writerow([frame.file, number, camera, instant, _content(frame, image), *times])
     (folder / FRAMES).write_text(text.getvalue(), encoding="utf-8")
 

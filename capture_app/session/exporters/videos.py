@@ -56,6 +56,8 @@ def write_video(
                 container.mux(stream.encode(frame))
             container.mux(stream.encode(None))
     except av.FFmpegError as error:
+        if isinstance(error, OSError):
+            raise OSError(error.errno, error.strerror, str(path)) from error
         raise SimulshotError(f"cannot encode {path.name} ({width}x{height}): {error}") from error
 
 

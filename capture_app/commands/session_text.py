@@ -60,8 +60,12 @@ def _spread(session: Session) -> list[str]:
     if len(manifest.cameras) < 2 or not manifest.images:
         return []
     sync = sync_of(manifest)
+    images = session.images_by_instant()
+    spreads = [spread for spread, of in zip(sync.spread_ns, images, strict=True) if len(of) > 1]
+    if not spreads:
+        return []
     by = "" if sync.uncertainty_ns is not None else "by the times they came with, "
-    lines = [f"{by}images of one instant are {_apart(sync.spread_ns)}", verdict(sync)]
+    lines = [f"{by}images of one instant are {_apart(spreads)}", verdict(sync)]
     if true_spreads := _true_spreads(session):
         cost = pixels(max(true_spreads), PX_PER_S)
         lines.append(f"in truth, which the simulator knows, they are {_apart(true_spreads)}: {cost}")

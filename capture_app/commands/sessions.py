@@ -103,6 +103,20 @@ def schema() -> None:
 @click.argument("sources", metavar="SOURCE...", nargs=-1, required=True)
 @click.option("--fps", type=float, help="Frames a second; equal frame numbers are one instant.")
 @click.option("--timestamps", type=_FOLDER, help="CSV of times: camera, time, and frame or sync_index.")
+@click.option(
+    "--times",
+    type=click.Choice(["auto", "video", "name", "exif"]),
+    default="auto",
+    show_default=True,
+    help="Take the frames' own times: the videos' timestamps, the images' file names or EXIF.",
+)
+@click.option(
+    "--offset-ms",
+    "offsets",
+    metavar="CAMERA=MS",
+    multiple=True,
+    help="What is added to that camera's times to get the others', as for phones started by hand.",
+)
 @click.option("--start", type=int, default=0, show_default=True, help="First instant taken.")
 @click.option("--count", type=int, help="How many instants are taken.")
 @click.option("--every", type=int, default=1, show_default=True, help="Take every so many instants.")
@@ -128,20 +142,30 @@ def schema() -> None:
 @click.option("--out", type=_FOLDER, default=DEFAULT_ROOT, show_default=True, help="Folder of sessions.")
 @_json_option
 def import_command(
-    sources: tuple[str, ...], name: str | None, out: Path, fit: str, as_json: bool, **options: Any
+    sources: tuple[str, ...],
+    name: str | None,
+    out: Path,
+    fit: str,
+    times: str,
+    offsets: tuple[str, ...],
+    as_json: bool,
+    **options: Any,
 ) -> None:
     """Make a session from a recording: SOURCE is NAME=PATH for each camera, or a folder of cameras.
 
-    A camera is a folder of images, kept as they are, or a video file.
+    A camera is a folder of images, kept as they are, a video file, or a phone's folder of libsoftwaresync
+    or RecSync. Folders of Caliscope and FreeMoCap are recognized, with their times and calibration.
     """
     from capture_app.session.importers.calibration import Fit
+    from capture_app.session.importers.opening import split_name
+    from capture_app.session.importers.own_times import Times
     from capture_app.session.importers.recording import ImportOptions, import_recording
-    from capture_app.session.importers.sources import split_name
 
     if name is None:
         path = split_name(sources[0])[1].resolve()
         name = path.name if len(sources) == 1 and path.is_dir() else path.parent.name
-    session = import_recording(sources, out, name, ImportOptions(fit=Fit(fit), **options), _progress)
+    chosen = ImportOptions(fit=Fit(fit), times=Times(times), offsets_ms=_offsets(offsets), **options)
+    session = import_recording(sources, out, name, chosen, _progress, _talk)
     manifest = session.manifest
     if not as_json:
         click.echo(show_text(session))
@@ -156,6 +180,22 @@ def import_command(
             "calibrated": session.calibration() is not None,
         }
     )
+
+
+def _offsets(texts: tuple[str, ...]) -> dict[str, float]:
+    found = {}
+    for text in texts:
+        camera, _, value = text.rpartition("=")
+        try:
+            found[camera] = float(value)
+            round(found[camera])  # neither infinite nor NaN
+        except (ValueError, OverflowError):
+            raise BadInputError(f"--offset-ms {text} is not CAMERA=MS", hint="such as cam1=-12.5") from None
+    return found
+
+
+def _talk(said: str) -> None:
+    click.echo(said, err=True)
 
 
 def _progress(done: int, total: int) -> None:

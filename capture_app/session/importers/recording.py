@@ -1,24 +1,25 @@
 """Recordings of other programs become sessions: frames matched in time, bytes kept as they are."""
 
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from capture_app.errors import BadInputError
 from capture_app.session.importers.calibration import Fit, fit_calibration, read_views
-from capture_app.session.importers.sources import Source, Video, open_sources, split_name
-from capture_app.session.importers.timing import (
-    Instant,
-    TimedFrame,
-    Timeline,
-    timeline_by_rate,
-    timeline_by_table,
-)
+from capture_app.session.importers.layouts import Layout, recognize
+from capture_app.session.importers.matching import Instant, TimedFrame, Timeline
+from capture_app.session.importers.opening import open_sources, split_name
+from capture_app.session.importers.own_times import Times
+from capture_app.session.importers.sources import Source
+from capture_app.session.importers.timeline import Clocks, make_timeline
 from capture_app.session.manifest import BurstRecord, CameraRecord, MissingImage
 from capture_app.session.store import Session, SessionWriter
 
 Progress = Callable[[int, int], None]
 """Told after each frame: how many are done, and of how many."""
+
+Talk = Callable[[str], None]
+"""Told, in a line each, what was assumed."""
 
 _NO_FRAME = "the recording has no frame of it"
 
@@ -29,6 +30,9 @@ class ImportOptions:
 
     fps: float | None = None
     timestamps: Path | None = None
+    times: Times = Times.AUTO
+    offsets_ms: Mapping[str, float] = field(default_factory=dict)
+    """What is added to a camera's own times to get the rig's, by the camera's name."""
     start: int = 0
     """The first instant that is taken, counted from 0."""
     count: int | None = None
@@ -49,13 +53,20 @@ def import_recording(
     name: str,
     options: ImportOptions,
     progress: Progress = lambda done, total: None,
+    talk: Talk = lambda said: None,
 ) -> Session:
     """Write the session root/name from `NAME=PATH` cameras or one folder of them.
 
     Raises BadInputError for anything that cannot be used; no session is left behind then.
     """
+    layout = _layout(paths)
+    if layout is not None:
+        talk(f"{layout.videos} is of {layout.program}")
+        paths, options = [str(layout.videos)], _with_layout(layout, options)
     sources = open_sources(paths, png=options.png)
-    timeline = _timeline(sources, options)
+    same_frames = layout is not None and layout.same_frames
+    clocks = Clocks(options.fps, options.timestamps, options.times, options.offsets_ms, same_frames)
+    timeline = make_timeline(sources, clocks, talk)
     instants = _chosen(timeline, options)
     names = [source.name for source in sources]
     places = [split_name(text) for text in options.calibration]
@@ -85,13 +96,23 @@ def import_recording(
         raise
 
 
-def _timeline(sources: Sequence[Source], options: ImportOptions) -> Timeline:
-    if options.timestamps is not None and options.fps is None:
-        return timeline_by_table(sources, options.timestamps)
-    if options.fps is not None and options.timestamps is None:
-        return timeline_by_rate(sources, options.fps)
-    said = next((f"{s.path.name} says --fps {s.fps:g}" for s in sources if isinstance(s, Video)), "")
-    raise BadInputError("give either the rate, --fps, or a table of times, --timestamps", hint=said)
+def _layout(paths: Sequence[str]) -> Layout | None:
+    if len(paths) != 1:
+        return None
+    name, path = split_name(paths[0])
+    return None if name else recognize(path)
+
+
+def _with_layout(layout: Layout, options: ImportOptions) -> ImportOptions:
+    """The options, with what the folder knows where the user says nothing else."""
+    said_nothing = options.fps is None and options.timestamps is None and options.times is Times.AUTO
+    calibrated = bool(options.calibration) or layout.calibration is None
+    return replace(
+        options,
+        timestamps=layout.timestamps if said_nothing else options.timestamps,
+        calibration=options.calibration if calibrated else (str(layout.calibration),),
+        unit=options.unit if calibrated or options.unit else layout.unit,
+    )
 
 
 def _chosen(timeline: Timeline, options: ImportOptions) -> Sequence[Instant]:
@@ -132,6 +153,7 @@ def _write_images(
                 instant=number,
                 suffix=source.suffix,
                 leader_ns=frame.leader_ns,
+                local_ns=frame.local_ns,
                 residual_ns=frame.leader_ns - instants[number].leader_ns,
                 uncertainty_ns=uncertainty_ns,
                 sequence=index,

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from capture_app.errors import BadInputError
-from capture_app.session.checks import check_name, is_name
+from capture_app.session.importers.matching import TimedFrame
+from capture_app.session.importers.own_times import video_pictures, video_times_ns
 from capture_app.session.store import IMAGE_SUFFIXES
 from capture_app.session.verify import image_size
 
@@ -34,6 +35,10 @@ class Source(ABC):
     def numbered(self) -> bool:
         """Whether the numbers are the recording's own and not just an order."""
 
+    def own_times(self) -> Sequence[TimedFrame] | None:
+        """When its frames were taken by the rig's one clock, where its files hold that; else None."""
+        return None
+
     @abstractmethod
     def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
         """Index, image file bytes and (width, height) in pixels of the frames asked for, in rising order.
@@ -49,7 +54,7 @@ class ImageFolder(Source):
 
     def __init__(self, name: str, path: Path) -> None:
         self.name, self.path = name, path
-        self._files = sorted(_images_in(path), key=_natural)
+        self._files = sorted(images_in(path), key=natural)
         if not self._files:
             raise BadInputError(f"no images in {path}", hint=f"looked for {', '.join(IMAGE_SUFFIXES)}")
         suffixes = {file.suffix.lower() for file in self._files}
@@ -62,6 +67,11 @@ class ImageFolder(Source):
         own = [int(digits[-1]) for digits in found if digits]
         self._numbered = len(set(own)) == len(self._files)
         self._numbers = own if self._numbered else list(range(len(self._files)))
+
+    @property
+    def files(self) -> Sequence[Path]:
+        """The files in the order of the frames."""
+        return self._files
 
     @property
     def numbers(self) -> Sequence[int]:
@@ -98,6 +108,7 @@ class Video(Source):
         capture = self._open()
         import cv2
 
+        self._times_ns: Sequence[int] = ()
         self._count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
         self.fps = float(capture.get(cv2.CAP_PROP_FPS))
         capture.release()
@@ -105,6 +116,12 @@ class Video(Source):
             raise BadInputError(
                 f"{path} does not say how many frames it has", hint="re-mux it, or use images"
             )
+
+    def use_own_times(self) -> Sequence[int]:
+        """Read when each frame is shown, in ns, and take frames by that; see `video_times_ns`."""
+        self._times_ns = video_times_ns(self.path)
+        self._count = len(self._times_ns)
+        return self._times_ns
 
     @property
     def numbers(self) -> Sequence[int]:
@@ -120,6 +137,9 @@ class Video(Source):
         """See `Source.frames`."""
         import cv2
 
+        if self._times_ns:
+            yield from self._frames_at(indices)
+            return
         options = [] if self.suffix == ".png" else [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
         capture = self._open()
         try:
@@ -135,6 +155,15 @@ class Video(Source):
         finally:
             capture.release()
 
+    def _frames_at(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
+        """The frames that are shown at the times of these indices; what does not decode is left out."""
+        import cv2
+
+        options = [] if self.suffix == ".png" else [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+        wanted = {self._times_ns[index]: index for index in indices}
+        for at_ns, image in video_pictures(self.path, wanted):
+            yield wanted[at_ns], cv2.imencode(self.suffix, image, options)[1].tobytes(), image.shape[1::-1]
+
     def _open(self) -> Any:
         import cv2
 
@@ -148,59 +177,8 @@ class Video(Source):
         return capture
 
 
-def open_sources(paths: Sequence[str], *, png: bool = False) -> list[Source]:
-    """The cameras of `NAME=PATH` arguments, or of one folder whose subfolders or videos are cameras.
-
-    Raises BadInputError for what is missing, empty, doubled or badly named.
-    """
-    sources: list[Source] = []
-    for text in paths:
-        name, path = split_name(text)
-        if not path.exists():
-            raise BadInputError(f"nothing at {path}")
-        if name:
-            sources.append(_source(name, path, png))
-        elif path.is_dir():
-            sources.extend(_sources_in(path, png))
-        else:
-            sources.append(_source(path.stem, path, png))
-    names = [source.name for source in sources]
-    for name in names:
-        if names.count(name) > 1:
-            raise BadInputError(f"two cameras are called {name}", hint="name them: NAME=PATH")
-    if not sources:
-        raise BadInputError("nothing to import", hint="give a folder, or NAME=PATH for each camera")
-    return sorted(sources, key=lambda source: _natural(Path(source.name)))
-
-
-def split_name(text: str) -> tuple[str, Path]:
-    """`NAME=PATH` taken apart; the name is empty where there is none."""
-    name, separator, path = text.partition("=")
-    if separator and is_name(name) and not Path(text).exists():
-        return name, Path(path)
-    return "", Path(text)
-
-
-def _source(name: str, path: Path, png: bool) -> Source:
-    check_name(name, "camera")
-    return ImageFolder(name, path) if path.is_dir() else Video(name, path, png=png)
-
-
-def _sources_in(folder: Path, png: bool) -> list[Source]:
-    videos = [path for path in folder.iterdir() if path.suffix.lower() in VIDEO_SUFFIXES and path.is_file()]
-    folders = [path for path in folder.iterdir() if path.is_dir() and _images_in(path)]
-    if not videos and not folders:
-        hint = "it needs a subfolder of images or a video file for each camera"
-        if _images_in(folder):
-            hint = f"its images are of one camera: cam0={folder}"
-        raise BadInputError(f"no cameras in {folder}", hint=hint)
-    if videos and folders:
-        raise BadInputError(f"{folder} has both videos and folders of images", hint="name them: NAME=PATH")
-    named = [(path.stem, path) for path in videos] + [(path.name, path) for path in folders]
-    return [_source(name, path, png) for name, path in named]
-
-
-def _images_in(folder: Path) -> list[Path]:
+def images_in(folder: Path) -> list[Path]:
+    """The image files of a folder, in no order."""
     return [
         path
         for path in folder.iterdir()
@@ -208,6 +186,6 @@ def _images_in(folder: Path) -> list[Path]:
     ]
 
 
-def _natural(path: Path) -> list[tuple[int, str]]:
+def natural(path: Path) -> list[tuple[int, str]]:
     """Sort key that puts 9 before 10."""
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name)]

@@ -4,13 +4,21 @@ import csv
 import re
 import statistics
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
 
 from capture_app.errors import BadInputError
+from capture_app.session.importers.matching import (
+    Instant,
+    TimedFrame,
+    Timeline,
+    check_order,
+    middle,
+    timeline_by_times,
+)
 from capture_app.session.importers.sources import Source
 
 _CAMERA = ("camera", "cam_id", "cam", "port", "camera_id")
@@ -21,32 +29,6 @@ _TIMES = {"time": 9, "frame_time": 9, "timestamp": 9, "time_s": 9, "time_ms": 6,
 
 
 @dataclass(frozen=True, slots=True)
-class TimedFrame:
-    """A frame of a source and when it was taken, in ns of the recording's one clock."""
-
-    index: int
-    leader_ns: int
-
-
-@dataclass(frozen=True, slots=True)
-class Instant:
-    """Frames by camera that belong together, and the time in ns they are taken to be of."""
-
-    leader_ns: int
-    frames: Mapping[str, TimedFrame]
-    why_missing: Mapping[str, str] = field(default_factory=dict)
-
-
-@dataclass(frozen=True, slots=True)
-class Timeline:
-    """All instants in order; periods in ns, of the grid and of each camera."""
-
-    instants: Sequence[Instant]
-    period_ns: int
-    camera_periods_ns: Mapping[str, int]
-
-
-@dataclass(frozen=True, slots=True)
 class _Row:
     camera: str
     frame: int | None
@@ -54,16 +36,24 @@ class _Row:
     leader_ns: int | None
 
 
+def times_by_rate(sources: Sequence[Source], fps: float) -> dict[str, list[TimedFrame]]:
+    """The frames of each camera by its own numbers, which are 1/fps apart; number 0 is at 0 ns.
+
+    Raises BadInputError for a rate that is none.
+    """
+    period, numbers = _period_of(fps), _numbers(sources)
+    return {
+        name: [TimedFrame(index, round(number * period)) for index, number in enumerate(of)]
+        for name, of in numbers.items()
+    }
+
+
 def timeline_by_rate(sources: Sequence[Source], fps: float) -> Timeline:
     """Frames of the same number are of one instant, numbers are 1/fps apart; the lowest is at 0 ns.
 
     Raises BadInputError for a rate that is none, or where no two cameras share a number.
     """
-    if not 0.001 <= fps <= 1e6:
-        raise BadInputError(f"a rate of {fps} frames a second cannot be", hint="for example --fps 60")
-    period = 1_000_000_000 / Fraction(str(fps))
-    own = all(source.numbered for source in sources)
-    numbers = {source.name: (source.numbers if own else range(len(source.numbers))) for source in sources}
+    period, numbers = _period_of(fps), _numbers(sources)
     indices = {name: {number: index for index, number in enumerate(of)} for name, of in numbers.items()}
     every = sorted(set().union(*indices.values()))
     shared = [number for number in every if sum(number in of for of in indices.values()) > 1]
@@ -92,14 +82,30 @@ def timeline_by_table(sources: Sequence[Source], path: Path) -> Timeline:
     times = {name: sorted(frame.leader_ns for _, frame in of) for name, of in timed.items()}
     periods = {name: _period(path, name, of) for name, of in times.items()}
     period_ns = round(statistics.median(periods.values()))
-    if all(row.group is not None for row in rows):
-        instants = _by_group(path, rows, timed)
-    else:
-        instants = _by_time(timed, period_ns)
+    cameras = {
+        name: sorted((frame for _, frame in of), key=lambda frame: frame.index) for name, of in timed.items()
+    }
+    for name, frames in cameras.items():
+        check_order(f"{path}: camera {name}", frames)
+    if any(row.group is None for row in rows):
+        return timeline_by_times(str(path), cameras)
+    instants = _by_group(path, rows, timed)
     for before, after in pairwise(instants):
         if after.leader_ns <= before.leader_ns:
             raise BadInputError(f"{path}: two instants are at the same time, {after.leader_ns} ns")
     return Timeline(instants, period_ns, periods)
+
+
+def _period_of(fps: float) -> Fraction:
+    if not 0.001 <= fps <= 1e6:
+        raise BadInputError(f"a rate of {fps} frames a second cannot be", hint="for example --fps 60")
+    return 1_000_000_000 / Fraction(str(fps))
+
+
+def _numbers(sources: Sequence[Source]) -> dict[str, Sequence[int]]:
+    """Each camera's frame numbers; the order, where not all of them have numbers of their own."""
+    own = all(source.numbered for source in sources)
+    return {source.name: (source.numbers if own else range(len(source.numbers))) for source in sources}
 
 
 def match_name(label: str, names: Sequence[str]) -> str | None:
@@ -214,27 +220,7 @@ def _by_group(
     dropped = {(row.group, row.camera) for row in rows if row.leader_ns is None}
     reason = "dropped by the camera: the table gives no time"
     instants = [
-        Instant(_middle(frames), frames, {name: reason for name in timed if (group, name) in dropped})
+        Instant(middle(frames), frames, {name: reason for name in timed if (group, name) in dropped})
         for group, frames in groups.items()
     ]
     return sorted(instants, key=lambda instant: instant.leader_ns)
-
-
-def _by_time(timed: Mapping[str, list[tuple[_Row, TimedFrame]]], period_ns: int) -> list[Instant]:
-    every = sorted((frame.leader_ns, name, frame) for name, of in timed.items() for _, frame in of)
-    groups: list[dict[str, TimedFrame]] = []
-    first_ns = 0
-    for at_ns, name, frame in every:
-        if not groups or name in groups[-1] or at_ns - first_ns >= period_ns / 2:
-            groups.append({})
-            first_ns = at_ns
-        groups[-1][name] = frame
-    reason = "no frame within half a period"
-    return [
-        Instant(_middle(frames), frames, {name: reason for name in timed if name not in frames})
-        for frames in groups
-    ]
-
-
-def _middle(frames: Mapping[str, TimedFrame]) -> int:
-    return round(statistics.median(frame.leader_ns for frame in frames.values()))

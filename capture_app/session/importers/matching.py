@@ -1,0 +1,121 @@
+"""Frames that were taken at about the same time become instants, by nothing but their times."""
+
+import statistics
+from bisect import bisect_left
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+from capture_app.errors import BadInputError
+
+LONE_PERIOD_NS = 33_333_333
+"""The period that is assumed where no camera has a second frame to tell."""
+NO_FRAME = "no frame within half a period"
+
+
+@dataclass(frozen=True, slots=True)
+class TimedFrame:
+    """A frame of a source, when it was taken in ns of the recording's one clock, and by its own camera's."""
+
+    index: int
+    leader_ns: int
+    local_ns: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Instant:
+    """Frames by camera that belong together, and the time in ns they are taken to be of."""
+
+    leader_ns: int
+    frames: Mapping[str, TimedFrame]
+    why_missing: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Timeline:
+    """All instants in order; periods in ns, of the grid and of each camera."""
+
+    instants: Sequence[Instant]
+    period_ns: int
+    camera_periods_ns: Mapping[str, int]
+
+
+def timeline_by_times(where: str, cameras: Mapping[str, Sequence[TimedFrame]]) -> Timeline:
+    """Match frames, in the order they were taken, by their times; `where` is what errors are about.
+
+    The camera with the most frames leads: each of its frames is an instant, with the nearest frame of every
+    other camera within half a period. Frames that are near none of them are instants of their own. An
+    instant's time is the median of its frames'. Raises BadInputError for times that go backwards.
+    """
+    for name, frames in cameras.items():
+        check_order(f"{where}: camera {name}", frames)
+    periods = periods_of(cameras)
+    period_ns = round(statistics.median(periods.values()))
+    instants = [
+        Instant(middle(frames), frames, {name: NO_FRAME for name in cameras if name not in frames})
+        for frames in match(cameras, period_ns)
+    ]
+    return Timeline(sorted(instants, key=lambda instant: instant.leader_ns), period_ns, periods)
+
+
+def match(cameras: Mapping[str, Sequence[TimedFrame]], period_ns: int) -> list[dict[str, TimedFrame]]:
+    """Group the frames, sorted by time, of each camera; see `timeline_by_times`."""
+    lead = max(cameras, key=lambda name: len(cameras[name]))
+    groups: list[dict[str, TimedFrame]] = [{lead: frame} for frame in cameras[lead]]
+    lead_ns = [frame.leader_ns for frame in cameras[lead]]
+    left: list[tuple[int, str, TimedFrame]] = []
+    for name, frames in cameras.items():
+        for frame in frames if name != lead else ():
+            number = _nearest(lead_ns, frame.leader_ns)
+            away_ns = abs(lead_ns[number] - frame.leader_ns)
+            if away_ns > period_ns / 2:
+                left.append((frame.leader_ns, name, frame))
+                continue
+            rival = groups[number].get(name)
+            if rival is None or away_ns < abs(lead_ns[number] - rival.leader_ns):
+                groups[number][name] = frame
+    return groups + _group(sorted(left, key=lambda one: one[:2]), period_ns)
+
+
+def check_order(where: str, frames: Sequence[TimedFrame]) -> None:
+    """Raise BadInputError where a frame was not taken after the one before it."""
+    for before, after in pairwise(frames):
+        if after.leader_ns <= before.leader_ns:
+            back_ms = (before.leader_ns - after.leader_ns) / 1e6
+            how = f"is {back_ms:g} ms before" if back_ms else "is at the same time as"
+            raise BadInputError(
+                f"{where}: times go backwards: frame {after.index} {how} frame {before.index}"
+            )
+
+
+def periods_of(cameras: Mapping[str, Sequence[TimedFrame]]) -> dict[str, int]:
+    """The median step of each camera in ns; a camera with one frame has that of the others."""
+    steps = {
+        name: [after.leader_ns - before.leader_ns for before, after in pairwise(frames)]
+        for name, frames in cameras.items()
+    }
+    known = {name: round(statistics.median(of)) for name, of in steps.items() if of}
+    common = round(statistics.median(known.values())) if known else LONE_PERIOD_NS
+    return {name: known.get(name, common) for name in cameras}
+
+
+def middle(frames: Mapping[str, TimedFrame]) -> int:
+    """The median of the frames' times, in ns."""
+    return round(statistics.median(frame.leader_ns for frame in frames.values()))
+
+
+def _nearest(times_ns: Sequence[int], at_ns: int) -> int:
+    after = bisect_left(times_ns, at_ns)
+    around = [number for number in (after - 1, after) if 0 <= number < len(times_ns)]
+    return min(around, key=lambda number: abs(times_ns[number] - at_ns))
+
+
+def _group(frames: Sequence[tuple[int, str, TimedFrame]], period_ns: int) -> list[dict[str, TimedFrame]]:
+    groups: list[dict[str, TimedFrame]] = []
+    first_ns = 0
+    for at_ns, name, frame in frames:
+        if not groups or name in groups[-1] or at_ns - first_ns >= period_ns / 2:
+            groups.append({})
+            first_ns = at_ns
+        groups[-1][name] = frame
+    return groups

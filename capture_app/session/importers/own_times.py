@@ -1,0 +1,183 @@
+"""When the frames of a source were taken, where its own files say so: videos, file names, EXIF."""
+
+import importlib
+import re
+import struct
+from collections.abc import Container, Iterator, Sequence
+from datetime import UTC, datetime
+from enum import StrEnum
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture_app.errors import BadInputError, NotAvailableError
+
+_DATE = re.compile(
+    r"((?:19|20)\d{2})[-_.:]?(\d{2})[-_.:]?(\d{2})[-_.T ]?(\d{2})[-_.:h]?(\d{2})[-_.:m]?(\d{2})[-_.,]?(\d*)"
+)
+_EPOCH_NS = {10: 9, 13: 6, 16: 3, 19: 0}
+"""Digits of a time since 1970, and how many zeros make ns of it."""
+_EXIF_IFD, _DATE_TAG, _PART_TAG = 0x8769, 0x9003, 0x9291
+
+
+class Times(StrEnum):
+    """Where a recording's times come from."""
+
+    AUTO = "auto"
+    """From what the recording has: a table, a phone's metadata."""
+    VIDEO = "video"
+    """From the videos' own timestamps, which may be as irregular as they like."""
+    NAME = "name"
+    """From the images' file names."""
+    EXIF = "exif"
+    """From the images' EXIF: when they were taken, with the part of the second."""
+
+
+def has_video_times() -> bool:
+    """Whether videos' own timestamps can be read here: whether PyAV is there."""
+    try:
+        _pyav()
+    except NotAvailableError:
+        return False
+    return True
+
+
+def video_times_ns(path: Path) -> list[int]:
+    """The presentation times of a video's frames in ns, rising; without decoding them.
+
+    Raises BadInputError for what is no video, NotAvailableError without PyAV.
+    """
+    av = _pyav()
+    try:
+        with av.open(str(path)) as container:
+            if not container.streams.video:
+                raise BadInputError(f"{path} has no video in it")
+            stream = container.streams.video[0]
+            ticks = sorted(
+                packet.pts
+                for packet in container.demux(stream)
+                if packet.pts is not None and not packet.is_discard
+            )
+            base = stream.time_base
+    except av.FFmpegError as error:
+        raise BadInputError(f"{path} is not a video that can be decoded: {error}") from error
+    if not ticks:
+        raise BadInputError(f"{path} has no timestamps of its own", hint="give its rate: --fps")
+    return [_nanoseconds(tick, base) for tick in ticks]
+
+
+def video_pictures(path: Path, wanted: Container[int]) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+    """The frames (BGR, H x W x 3, upright) that are shown at the wanted times in ns, with their times.
+
+    Frames that do not decode are left out. Raises BadInputError for what is no video.
+    """
+    av = _pyav()
+    try:
+        with av.open(str(path)) as container:
+            stream = container.streams.video[0]
+            stream.thread_type = "AUTO"
+            for frame in container.decode(stream):
+                at_ns = None if frame.pts is None else _nanoseconds(frame.pts, frame.time_base)
+                if at_ns is not None and at_ns in wanted:
+                    image = frame.to_ndarray(format="bgr24")
+                    yield at_ns, np.ascontiguousarray(np.rot90(image, round(frame.rotation / 90) % 4))
+    except av.FFmpegError as error:
+        if isinstance(error, av.InvalidDataError):
+            return  # the rest of the file: what came before it is good
+        raise BadInputError(f"{path} is not a video that can be decoded: {error}") from error
+
+
+def name_time_ns(path: Path) -> int:
+    """The time in ns in a file's name: a date and time with a part of the second, or digits since 1970.
+
+    Such as IMG_20260131_142530_123, 2026-01-31T14-25-30.123456, or 10, 13, 16 or 19 digits of s, ms, us or
+    ns. Raises BadInputError where there is none.
+    """
+    for digits in re.findall(r"(?<!\d)\d+(?!\d)", path.stem):
+        if len(digits) in _EPOCH_NS:
+            return int(digits + "0" * _EPOCH_NS[len(digits)])
+    found = _DATE.search(path.stem)
+    if found is None:
+        raise BadInputError(
+            f"the name of {path} has no time", hint="such as IMG_20260131_142530_123.jpg, or ns since 1970"
+        )
+    return _date_ns(path, found.groups()[:6], found[7])
+
+
+def exif_time_ns(path: Path) -> int:
+    """The time in ns at which a JPEG was taken by its EXIF. Raises BadInputError where it does not say."""
+    try:
+        data = path.read_bytes()
+        date, part = _exif(data)
+    except OSError as error:
+        raise BadInputError(f"cannot read {path}: {error.strerror}") from error
+    except (struct.error, IndexError, ValueError) as error:
+        raise BadInputError(f"the EXIF of {path} is broken: {error}") from error
+    found = _DATE.search(date)
+    if found is None:
+        raise BadInputError(f"{path} has no EXIF that says when it was taken")
+    return _date_ns(path, found.groups()[:6], part)
+
+
+def _date_ns(path: Path, parts: Sequence[str], fraction: str) -> int:
+    try:
+        year, month, day, hour, minute, second = (int(part) for part in parts)
+        moment = datetime(year, month, day, hour, minute, second, tzinfo=UTC)
+    except ValueError as error:
+        raise BadInputError(f"{path} has a time that cannot be: {error}") from error
+    return round(moment.timestamp()) * 1_000_000_000 + int((fraction or "0")[:9].ljust(9, "0"))
+
+
+def _exif(data: bytes) -> tuple[str, str]:
+    """DateTimeOriginal and SubSecTimeOriginal of a JPEG; empty where it has none (CIPA DC-008)."""
+    place = 2
+    while data[place : place + 1] == b"\xff" and data[place + 1] != 0xDA:
+        length = struct.unpack_from(">H", data, place + 2)[0]
+        if data[place + 1] == 0xE1 and data[place + 4 : place + 10] == b"Exif\0\0":
+            return _exif_texts(data[place + 10 : place + 2 + length])
+        place += 2 + length
+    return "", ""
+
+
+def _exif_texts(tiff: bytes) -> tuple[str, str]:
+    order = {b"II": "<", b"MM": ">"}[bytes(tiff[:2])] if tiff[:2] in (b"II", b"MM") else ""
+    if not order:
+        raise ValueError("neither II nor MM")
+    first = _entries(tiff, order, struct.unpack_from(f"{order}I", tiff, 4)[0])
+    if _EXIF_IFD not in first:
+        return "", ""
+    inner = _entries(tiff, order, struct.unpack(f"{order}I", first[_EXIF_IFD][1])[0])
+    return _text(tiff, order, inner.get(_DATE_TAG)), _text(tiff, order, inner.get(_PART_TAG))
+
+
+def _entries(tiff: bytes, order: str, place: int) -> dict[int, tuple[int, bytes]]:
+    """By tag, the count of values and the four bytes that hold them or where they are."""
+    count = struct.unpack_from(f"{order}H", tiff, place)[0]
+    entries = (struct.unpack_from(f"{order}HHI4s", tiff, place + 2 + 12 * n) for n in range(count))
+    return {tag: (number, value) for tag, _, number, value in entries}
+
+
+def _text(tiff: bytes, order: str, entry: tuple[int, bytes] | None) -> str:
+    if entry is None:
+        return ""
+    count, value = entry
+    start = struct.unpack(f"{order}I", value)[0]
+    found = value[:count] if count <= 4 else tiff[start : start + count]
+    return found.rstrip(b"\0 ").decode("ascii")
+
+
+def _nanoseconds(ticks: int, base: Fraction) -> int:
+    return round(ticks * base * 1_000_000_000)
+
+
+def _pyav() -> Any:
+    try:
+        return importlib.import_module("av")
+    except ImportError as error:
+        raise NotAvailableError(
+            "a video's own timestamps need PyAV, which is not installed",
+            hint="pip install 'simulshot[export]', or give the rate: --fps",
+        ) from error

@@ -1,0 +1,174 @@
+"""Recordings of phones that were synchronized by libsoftwaresync or by RecSync, with the leader's times.
+
+libsoftwaresync writes for each shot sync_metadata_TIME.txt (leader_sensor_timestamp_ns and
+local_sensor_timestamp_ns), and beside it img_TIME.jpg or img_TIME.nv21 with nv21_metadata_TIME.txt, in a
+folder for each shot. RecSync writes VID_TIME.mp4 and VID_TIME.csv: a line a frame, leader time in ns.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from capture_app.errors import BadInputError
+from capture_app.session.importers.matching import TimedFrame, check_order
+from capture_app.session.importers.sources import JPEG_QUALITY, Source, Video
+from capture_app.session.verify import image_size
+
+_METADATA = "sync_metadata_"
+_LEADER, _LOCAL = "leader_sensor_timestamp_ns", "local_sensor_timestamp_ns"
+
+
+@dataclass(frozen=True, slots=True)
+class _Shot:
+    metadata: Path
+    image: Path
+    leader_ns: int
+    local_ns: int | None
+
+
+class PhoneShots(Source):
+    """The shots of one phone with libsoftwaresync, by the leader's time; JPEG bytes are kept as they are."""
+
+    kind = "libsoftwaresync"
+    suffix = ".jpg"
+
+    def __init__(self, name: str, path: Path) -> None:
+        self.name, self.path = name, path
+        shots = [shot for file in _metadata_in(path) if (shot := _shot(file)) is not None]
+        if not shots:
+            raise BadInputError(f"no image in {path} belongs to its sync_metadata files")
+        self._shots = sorted(shots, key=lambda shot: shot.leader_ns)
+
+    @property
+    def numbers(self) -> Sequence[int]:
+        """The order of the shots."""
+        return range(len(self._shots))
+
+    @property
+    def numbered(self) -> bool:
+        """False: shots have times, not numbers."""
+        return False
+
+    def own_times(self) -> Sequence[TimedFrame]:
+        """When each shot was taken, by the leader's clock and by the phone's."""
+        return [TimedFrame(n, shot.leader_ns, shot.local_ns) for n, shot in enumerate(self._shots)]
+
+    def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
+        """See `Source.frames`."""
+        for index in sorted(indices):
+            file = self._shots[index].image
+            try:
+                data = file.read_bytes() if file.suffix == ".jpg" else _from_nv21(file)
+            except OSError as error:
+                raise BadInputError(f"cannot read {file}: {error.strerror}") from error
+            size = image_size(data)
+            if size is None:
+                raise BadInputError(f"{file} is not an image that can be decoded")
+            yield index, data, size
+
+
+class PhoneVideo(Video):
+    """A video of one phone with RecSync; its table gives each frame's leader time."""
+
+    kind = "RecSync"
+
+    def __init__(self, name: str, path: Path, *, png: bool = False) -> None:
+        super().__init__(name, path, png=png)
+        self._table = path.with_suffix(".csv")
+        self._table_ns = _lines(self._table)
+
+    def own_times(self) -> Sequence[TimedFrame]:
+        """When each frame was taken; where table and video differ in length, to the shorter end."""
+        count = min(len(self._table_ns), len(self.numbers))
+        frames = [TimedFrame(number, self._table_ns[number]) for number in range(count)]
+        check_order(str(self._table), frames)
+        return frames
+
+
+def is_phone(folder: Path) -> bool:
+    """Whether a folder holds one phone's shots of libsoftwaresync, or its videos of RecSync."""
+    return folder.is_dir() and (next(_metadata_in(folder), None) is not None or bool(_pairs_in(folder)))
+
+
+def phone(name: str, folder: Path, *, png: bool) -> Source:
+    """The source of a phone's folder. Raises BadInputError where it holds several videos."""
+    pairs = _pairs_in(folder)
+    if not pairs:
+        return PhoneShots(name, folder)
+    if len(pairs) > 1:
+        files = ", ".join(path.name for path in pairs)
+        raise BadInputError(
+            f"{folder} has several recordings: {files}", hint=f"choose one: {name}={pairs[0]}"
+        )
+    return PhoneVideo(name, pairs[0], png=png)
+
+
+def has_table(video: Path) -> bool:
+    """Whether a video is RecSync's: named VID_ and with its table of times beside it."""
+    return video.name.startswith("VID_") and video.with_suffix(".csv").is_file()
+
+
+def _metadata_in(folder: Path) -> Iterator[Path]:
+    """The metadata of all shots, in the folder or in one folder a shot."""
+    yield from sorted(folder.glob(f"{_METADATA}*.txt"))
+    yield from sorted(folder.glob(f"*/{_METADATA}*.txt"))
+
+
+def _pairs_in(folder: Path) -> list[Path]:
+    return sorted(path for path in folder.glob("VID_*.mp4") if has_table(path))
+
+
+def _shot(metadata: Path) -> _Shot | None:
+    times = _values(metadata)
+    if _LEADER not in times:
+        raise BadInputError(f"{metadata} has no {_LEADER}")
+    time = metadata.stem.removeprefix(_METADATA)
+    for image in (metadata.with_name(f"img_{time}{suffix}") for suffix in (".jpg", ".nv21")):
+        if image.is_file():
+            return _Shot(metadata, image, times[_LEADER], times.get(_LOCAL))
+    return None
+
+
+def _values(path: Path) -> dict[str, int]:
+    """Numbers of `name: number` lines."""
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInputError(f"cannot read {path}: {error}") from error
+    return {key: int(value) for key, value in re.findall(r"^(\w+):\s*(-?\d+)\s*$", text, re.MULTILINE)}
+
+
+def _from_nv21(file: Path) -> bytes:
+    """Raw NV21 (a plane of brightness, then interleaved V and U at half the size) as JPEG."""
+    import cv2
+    import numpy as np
+
+    time = file.stem.removeprefix("img_")
+    size = _values(file.with_name(f"nv21_metadata_{time}.txt"))
+    width, height = size.get("width", 0), size.get("height", 0)
+    raw = np.frombuffer(file.read_bytes(), np.uint8)
+    if width <= 0 or height <= 0 or width % 2 or height % 2 or raw.size != width * height * 3 // 2:
+        raise BadInputError(f"{file} is not {width}x{height} pixels of NV21, as its metadata says")
+    image = cv2.cvtColor(raw.reshape(height * 3 // 2, width), cv2.COLOR_YUV2BGR_NV21)
+    encoded: Any = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])[1]
+    return bytes(encoded.tobytes())
+
+
+def _lines(table: Path) -> list[int]:
+    times = []
+    try:
+        lines = table.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInputError(f"cannot read {table}: {error}") from error
+    for number, line in enumerate(lines, 1):
+        text = line.strip()
+        if not text or text.startswith("#"):
+            continue
+        if not re.fullmatch(r"-?\d{1,19}", text):
+            raise BadInputError(f"{table}, line {number}: {text!r} is not a time in ns")
+        times.append(int(text))
+    if not times:
+        raise BadInputError(f"{table} has no times")
+    return times

@@ -1,6 +1,7 @@
 """What is believed of names, paths and JSON files that may come from anywhere: only what is checked."""
 
 import re
+from contextlib import suppress
 from pathlib import Path, PurePosixPath
 from typing import TypeVar
 
@@ -41,7 +42,10 @@ def inside(folder: Path, path: str) -> Path:
     file = folder / path
     try:
         safe = not odd and file.resolve().is_relative_to(folder.resolve())
-    except (OSError, RuntimeError):  # a loop of links
+        if safe:
+            with suppress(FileNotFoundError, NotADirectoryError):
+                file.stat()  # from Python 3.13 on a loop of links resolves, and fails only here
+    except (OSError, RuntimeError):
         safe = False
     if not safe:
         raise BadInputError(f"{folder / MANIFEST} names {path!r}, which lies outside the session")

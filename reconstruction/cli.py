@@ -12,6 +12,7 @@ import click
 
 from capture_app import __version__
 from capture_app.errors import ExitCode, SimulshotError
+from reconstruction.commands.multiview import multiview
 
 
 class _Finite(click.FloatRange):
@@ -91,6 +92,9 @@ def compare(
         return
     click.echo(result.verdict)
     click.echo(f"report: {out / result.report}")
+
+
+app.add_command(multiview)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

@@ -22,6 +22,15 @@ def load_pycolmap() -> ModuleType:
     return module
 
 
+def load_open3d() -> ModuleType:
+    """Open3D, for clouds and meshes.
+
+    Raises:
+        NotAvailableError: it is not installed or cannot be loaded on this machine.
+    """
+    return _load("open3d", "making a mesh")
+
+
 def versions() -> dict[str, str]:
     """Versions of the libraries that decide the figures, for the record."""
     found = {"python": platform.python_version()}

@@ -1,0 +1,69 @@
+"""Depth is believed where other views, matched for themselves, found the same surface."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from reconstruction.geometry import Array
+from reconstruction.photo import Lens
+from reconstruction.sweep import Surface
+
+
+@dataclass(frozen=True)
+class Agreement:
+    """When two views agree, and how much of that a pixel needs.
+
+    `pixel`: greatest distance in px after going to the other view and back. `relative`: greatest
+    difference of depth. `votes`: views that must agree, fewer where there are fewer. `alike`: a pixel
+    with no greater unlikeness is evidence; smoothness may carry depth over a blank patch, but not
+    farther from evidence than `carry` of the picture's width. `speckle`: smaller islands are dropped, px.
+    """
+
+    pixel: float = 1.0
+    relative: float = 0.02
+    votes: int = 2
+    alike: float = 0.5
+    carry: float = 0.08
+    speckle: int = 50
+
+
+def votes(surface: Surface, lenses: Sequence[Lens], others: Sequence[Surface], limits: Agreement) -> Array:
+    """How many other views' surfaces agree with each pixel's, uint8 height x width."""
+    count = np.zeros(surface.inverse_depth.shape, np.uint8)
+    for lens, other in zip(lenses, others, strict=True):
+        count += _agrees(surface.inverse_depth, lens, other.inverse_depth, limits)
+    return count
+
+
+def believed(surface: Surface, count: Array, sources: int, limits: Agreement) -> Array:
+    """Where depth is kept, bool height x width, from the votes of this many source views."""
+    needed = min(limits.votes, max(1, sources - 1))
+    agreed = count >= needed
+    evidence = agreed & (surface.unlike < limits.alike)
+    # A lone alike pixel is chance: evidence comes in patches.
+    evidence = cv2.blur(evidence.astype(np.float32), (5, 5)) > 0.4
+    away = cv2.distanceTransform((~evidence).astype(np.uint8), cv2.DIST_L2, 5)
+    carried = away < limits.carry * surface.inverse_depth.shape[1]
+    return without_speckles(agreed & carried, surface.inverse_depth, limits.speckle)
+
+
+def without_speckles(good: Array, inverse_depth: Array, smallest: int) -> Array:
+    """The mask without islands of fewer pixels; depth that jumps parts islands."""
+    if not good.any():
+        return good
+    top = float(inverse_depth[good].max())
+    scaled = np.where(good, 1 + inverse_depth / top * 16000, 0).clip(0, 20000).astype(np.int16)
+    cv2.filterSpeckles(scaled, 0, smallest, 400)
+    return np.asarray(scaled > 0)
+
+
+def _agrees(inverse_depth: Array, lens: Lens, other: Array, limits: Agreement) -> Array:
+    x, y, z = lens.project(inverse_depth)
+    x, y = np.nan_to_num(x, nan=-1e4), np.nan_to_num(y, nan=-1e4)
+    seen = cv2.remap(other, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=(0.0,))
+    expected = inverse_depth / np.maximum(z, 1e-6)
+    off = np.abs(seen - expected)
+    near = (seen > 0) & (z > 1e-6) & (off < limits.relative * seen)
+    return np.asarray(near & (off * lens.pixels_per_inverse_depth(x, y) < limits.pixel))

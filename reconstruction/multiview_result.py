@@ -1,0 +1,61 @@
+"""What `reconstruct multiview` found; written as multiview.json and printed by --json."""
+
+from msgspec import Struct
+
+
+class _Result(Struct, frozen=True, kw_only=True):
+    """Base of the parts of the result."""
+
+
+class ViewResult(_Result, frozen=True, kw_only=True):
+    """One camera's depth map. Shares are of all its pixels that have a true depth; empty ones are wrong."""
+
+    camera: str
+    instant: int
+    """The instant of its image: another than asked for where an offset was asked for."""
+    sources: tuple[str, ...]
+    coverage: float
+    """Share of its pixels that have a depth."""
+    depth: str
+    """File with `depth` (height x width, 0 = none) and `normals` (x 3, camera's frame)."""
+    picture: str
+    within_2pct: float | None = None
+    mover_within_2pct: float | None = None
+    static_within_2pct: float | None = None
+    mover_coverage: float | None = None
+    median_error_pct: float | None = None
+    """Median of the relative errors of the depths that there are, percent."""
+
+
+class MultiviewResult(_Result, frozen=True, kw_only=True):
+    """Depth of all cameras of an instant; the first shares are those of the reference camera."""
+
+    session: str
+    instant: int
+    offsets_ms: tuple[float, ...] = ()
+    matcher: str
+    matcher_note: str = ""
+    """Why this matcher was taken."""
+    calibration: str
+    unit: str
+    reference: str
+    """The camera in the middle of the rig, whose picture the others share most of."""
+    coverage: float
+    within_2pct: float | None = None
+    mover_within_2pct: float | None = None
+    static_within_2pct: float | None = None
+    median_error_pct: float | None = None
+    nearest: float
+    farthest: float
+    views: tuple[ViewResult, ...]
+    left_out: dict[str, str] = {}
+    """Cameras without depth, and why."""
+    fused_points: int
+    cloud_points: int
+    mesh_triangles: int
+    files: tuple[str, ...]
+    seconds: float
+    """All of it."""
+    seconds_of: dict[str, float]
+    """Wall seconds of each stage."""
+    versions: dict[str, str] = {}

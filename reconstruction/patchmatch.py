@@ -1,0 +1,120 @@
+"""COLMAP's PatchMatch on a CUDA GPU, in an environment and a process of its own.
+
+`pycolmap-cuda12` has pycolmap's import name and aborts the process that calls it without a GPU: it is never
+imported here. The GPU is probed by the driver's own tool, and the work is done by another Python.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from capture_app.errors import NotAvailableError, SimulshotError
+from reconstruction.geometry import Array
+from reconstruction.matcher import DepthView
+
+ENVIRONMENT = "SIMULSHOT_CUDA_PYTHON"
+HINT = (
+    "python3 -m venv cuda && cuda/bin/pip install pycolmap-cuda12, then set "
+    f"{ENVIRONMENT}=cuda/bin/python; or use --matcher sweep"
+)
+PROGRAM = """
+import sys, pycolmap
+pycolmap.logging.minloglevel = 2
+options = pycolmap.PatchMatchOptions()
+options.geom_consistency = True
+options.depth_min, options.depth_max = float(sys.argv[2]), float(sys.argv[3])
+pycolmap.patch_match_stereo(sys.argv[1], "COLMAP", "option-all", options)
+"""
+
+
+@dataclass(frozen=True)
+class Gpu:
+    """A CUDA GPU and the Python whose pycolmap can use it."""
+
+    name: str
+    python: Path
+
+
+def find_gpu(environment: Mapping[str, str] = os.environ) -> Gpu:
+    """The first GPU, and the other environment's Python.
+
+    Raises:
+        NotAvailableError: there is no GPU, or no environment with `pycolmap-cuda12` is named.
+    """
+    tool = shutil.which("nvidia-smi", path=environment.get("PATH"))
+    if tool is None:
+        raise NotAvailableError(
+            "PatchMatch needs an NVIDIA GPU, and none is here", hint="use --matcher sweep"
+        )
+    try:
+        asked = subprocess.run(  # noqa: S603
+            [tool, "--query-gpu=name", "--format=csv,noheader"], capture_output=True, text=True, timeout=30
+        )
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise NotAvailableError(f"the GPU does not answer: {error}", hint="use --matcher sweep") from error
+    names = asked.stdout.strip().splitlines()
+    if asked.returncode != 0 or not names:
+        raise NotAvailableError(
+            "PatchMatch needs an NVIDIA GPU, and none is here", hint="use --matcher sweep"
+        )
+    named = environment.get(ENVIRONMENT, "")
+    if not named:
+        raise NotAvailableError(f"there is a GPU ({names[0]}), but no pycolmap that can use it", hint=HINT)
+    python = Path(named)
+    if not python.is_file():
+        raise NotAvailableError(f"{ENVIRONMENT} names {python}, which is not there", hint=HINT)
+    return Gpu(names[0], python)
+
+
+def run_patch_match(gpu: Gpu, workspace: Path, nearest: float, farthest: float) -> None:
+    """Fill a workspace's depth and normal maps between two depths; its messages go to stderr.
+
+    Raises:
+        SimulshotError: the other process failed or died.
+    """
+    command = [str(gpu.python), "-c", PROGRAM, str(workspace), repr(nearest), repr(farthest)]
+    done = subprocess.run(command, stdout=sys.stderr, stderr=subprocess.PIPE, text=True)  # noqa: S603
+    if done.returncode != 0:
+        said = done.stderr.strip().splitlines()
+        how = f"signal {-done.returncode}" if done.returncode < 0 else f"exit code {done.returncode}"
+        raise SimulshotError(
+            f"PatchMatch on {gpu.name} ended with {how}: {said[-1] if said else 'no message'}",
+            hint="--matcher sweep does without a GPU",
+        )
+
+
+def read_maps(workspace: Path, names: Mapping[str, str]) -> dict[str, DepthView]:
+    """Depth and normals that PatchMatch left in the workspace, by camera; `names` are the picture files.
+
+    Raises:
+        SimulshotError: a map is missing or broken.
+    """
+    found = {}
+    for camera, file in names.items():
+        depth = read_array(workspace / "stereo" / "depth_maps" / f"{file}.geometric.bin")
+        normal = read_array(workspace / "stereo" / "normal_maps" / f"{file}.geometric.bin")
+        found[camera] = DepthView(np.maximum(depth, 0), normal * (depth > 0)[..., None])
+    return found
+
+
+def read_array(path: Path) -> Array:
+    """A map in COLMAP's format, `width&height&channels&` and float32 column by column: height x width (x c).
+
+    Raises:
+        SimulshotError: it is missing or not whole.
+    """
+    try:
+        data = path.read_bytes()
+        width, height, channels = (int(part) for part in data.split(b"&", 3)[:3])
+        start = len(b"&".join(data.split(b"&", 3)[:3])) + 1
+        values = np.frombuffer(data, np.float32, offset=start)
+        shaped = values.reshape(channels, height, width).transpose(1, 2, 0)
+    except (OSError, ValueError) as error:
+        raise SimulshotError(f"{path} is no map of COLMAP's: {error}") from error
+    return np.array(shaped[..., 0] if channels == 1 else shaped)

@@ -13,9 +13,16 @@ from msgspec import Meta, Struct
 from capture_app.errors import BadInputError
 from capture_app.node.messages import JsonValue
 from capture_app.session.checks import read_struct
-from capture_app.session.manifest import BurstRecord, CameraRecord, Count, MissingImage, Name, Positive
+from capture_app.session.manifest import (
+    RECIPE,
+    BurstRecord,
+    CameraRecord,
+    Count,
+    MissingImage,
+    Name,
+    Positive,
+)
 
-RECIPE = "recipe.json"
 SCHEMA_VERSION = 1
 
 

@@ -12,9 +12,10 @@ from capture_app.cameras.simulated_frame import SimulatedPayload, SimulatedTruth
 from capture_app.errors import BadInputError
 from capture_app.samples.engine_take import take_synchronized
 from capture_app.samples.naive_take import take_naive
-from capture_app.samples.recipe import RECIPE, CameraRecipe, Recipe, Take, TakenFrame, Trigger
+from capture_app.samples.recipe import CameraRecipe, Recipe, Take, TakenFrame, Trigger
 from capture_app.session.calibration import Calibration
 from capture_app.session.durable import write_whole
+from capture_app.session.manifest import RECIPE
 from capture_app.session.store import Session, SessionWriter
 from capture_app.simulation.pictures import PictureSource, open_picture_source
 from capture_app.simulation.profiles import find_profile

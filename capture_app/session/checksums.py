@@ -9,11 +9,11 @@ from pathlib import Path
 
 from capture_app.session.durable import write_whole
 from capture_app.session.ground_truth import TIMES
-from capture_app.session.manifest import CALIBRATION, EVENTS, JOURNAL, MANIFEST
+from capture_app.session.manifest import CALIBRATION, EVENTS, JOURNAL, MANIFEST, RECIPE
 from capture_app.session.plan import PLAN
 
 CHECKSUMS = "checksums.sha256"
-COVERED = (MANIFEST, JOURNAL, EVENTS, PLAN, CALIBRATION, TIMES)
+COVERED = (MANIFEST, JOURNAL, EVENTS, PLAN, CALIBRATION, TIMES, RECIPE)
 
 
 def write_checksums(folder: Path, manifest: bytes) -> None:

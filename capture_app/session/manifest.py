@@ -10,6 +10,7 @@ JOURNAL = "journal.ndjson"
 EVENTS = "events.ndjson"
 CALIBRATION = "calibration.json"
 GROUND_TRUTH = "ground_truth"
+RECIPE = "recipe.json"
 IMAGES = "images"
 RIG = "rig1"
 

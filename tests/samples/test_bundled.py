@@ -9,8 +9,9 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.errors import ExitCode
-from capture_app.samples.recipe import RECIPE, read_recipe
+from capture_app.samples.recipe import read_recipe
 from capture_app.samples.render import render, same_files
+from capture_app.session.manifest import RECIPE
 from capture_app.session.rows import row_exposures
 from capture_app.session.store import Session
 

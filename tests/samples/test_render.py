@@ -9,8 +9,9 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.errors import BadInputError, ExitCode
-from capture_app.samples.recipe import RECIPE, CameraRecipe, Recipe, Trigger, read_recipe
+from capture_app.samples.recipe import CameraRecipe, Recipe, Trigger, read_recipe
 from capture_app.samples.render import render, same_files
+from capture_app.session.manifest import RECIPE
 from capture_app.session.store import SessionWriter
 from capture_app.session.verify import verify
 

@@ -435,3 +435,28 @@ def test_every_frame_is_used_at_most_once_and_near_its_instants_first(times: lis
     for name, frames in cameras.items():
         indices = [i.frames[name].index for i in timeline.instants if name in i.frames]
         assert len(indices) <= len(frames)
+
+
+def test_a_phone_held_upright_gives_upright_pictures_either_way(tmp_path: Path) -> None:
+    """The same as OpenCV makes of a video whose track says that it is turned."""
+    path = write_video(tmp_path / "rec" / "cam0.mp4", [0, 40_000])
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        picture = np.zeros((48, 64, 3), np.uint8)
+        picture[:24, :32] = 255  # only the top left is bright
+        for _ in range(2):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="bgr24")))
+        container.mux(stream.encode(None))
+    data = path.read_bytes()
+    place = data.index(struct.pack(">iiiii", 1 << 16, 0, 0, 0, 1 << 16), data.index(b"tkhd"))
+    turned = struct.pack(">iiiii", 0, 1 << 16, 0, -(1 << 16), 0)
+    path.write_bytes(data[:place] + turned + data[place + len(turned) :])
+    shown = []
+    for name, options in (("own", ImportOptions(times=Times.VIDEO)), ("rate", ImportOptions(fps=25))):
+        session = import_recording([str(tmp_path / "rec")], tmp_path, name, options)
+        assert (session.manifest.cameras[0].width, session.manifest.cameras[0].height) == (48, 64)
+        image = cv2.imread(str(session.image_file(session.manifest.images[0])))
+        assert image is not None
+        shown.append(image)
+    assert np.abs(shown[0].astype(int) - shown[1]).max() < 30

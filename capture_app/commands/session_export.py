@@ -12,10 +12,18 @@ from capture_app.session.reader import Session
 _FOLDER = click.Path(path_type=Path)
 
 
-@click.command("export")
+# A line that is only \b keeps click from wrapping the paragraph.
+_FORMATS_TEXT = "\b\n" + "\n".join(f"{name:<11} {what}" for name, what in FORMATS.items())
+
+
+@click.command("export", epilog=_FORMATS_TEXT)
 @click.argument("session", type=_FOLDER)
 @click.option(
-    "--to", "name", type=click.Choice(list(FORMATS)), required=True, help="What to make; see below."
+    "--to",
+    "name",
+    type=click.Choice(list(FORMATS)),
+    required=True,
+    help="What to make: one of the formats below.",
 )
 @click.option("--out", type=_FOLDER, required=True, help="The folder to make; an empty one may exist.")
 @click.option("--link", is_flag=True, help="Hard-link image files instead of copying them, where they stay.")

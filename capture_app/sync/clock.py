@@ -13,7 +13,7 @@ from capture_app.sync.feasible import FeasibleLines
 from capture_app.sync.skew_vote import Point, VotedLine, vote
 from capture_app.sync.timebase import TimeMap
 
-ASYMMETRY_SHARE = 0.025
+ASYMMETRY_SHARE = 0.022
 """One sigma of half the difference of the two least delays, as a share of half the least round trip: what
 no exchange of two messages can see. The paper's link has 0.038."""
 ROUNDING_NS = 2.0

@@ -18,7 +18,7 @@ _IN_THE_WAY = ("ball", "pouf", "stand")
 def _turned(number: int) -> tuple[Point, Point]:
     """One of three cameras nearly in one place, turned 22 degrees from each other."""
     angle = np.deg2rad(22.0 * (number - 1))
-    x = 0.045 * (number - 1)
+    x = 0.015 * (number - 1)
     return (x, -0.10, 0.0), (x + 2.9 * float(np.tan(angle)), 0.06, 2.9)
 
 

@@ -77,6 +77,24 @@ def test_irregular_videos_keep_their_own_times(tmp_path: Path) -> None:
     assert session.manifest.sync.spread_ns == (700 * US, 700 * US, 0, 700 * US, 700 * US, 700 * US)
 
 
+def test_a_frame_that_does_not_decode_shifts_no_other(tmp_path: Path) -> None:
+    path = tmp_path / "rec" / "cam0.avi"
+    path.parent.mkdir()
+    writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"MJPG"), 25, (64, 48))
+    for number in range(5):
+        writer.write(np.full((48, 64, 3), 20 + 20 * number, np.uint8))
+    writer.release()
+    data = bytearray(path.read_bytes())
+    second = data.index(b"\xff\xd8", data.index(b"\xff\xd8") + 2)
+    data[second : second + 200] = bytes(200)
+    path.write_bytes(data)
+    options = ImportOptions(times=Times.VIDEO)
+    session = import_recording([str(tmp_path / "rec")], tmp_path, "s", options)
+    assert numbers_of(session) == [{"cam0": 0}, {}, {"cam0": 2}, {"cam0": 3}, {"cam0": 4}]
+    assert session.manifest.missing[0].reason == "the frame could not be decoded"
+    assert times_of(session, "cam0") == [n * 40 * MS for n in (0, 2, 3, 4)]
+
+
 def test_a_known_offset_brings_phones_together(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     write_video(tmp_path / "rec" / "left.mp4", [33_333 * n for n in range(8)])
     write_video(tmp_path / "rec" / "right.mp4", [33_333 * n for n in range(8)])

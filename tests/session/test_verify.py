@@ -136,6 +136,18 @@ LIES: dict[str, tuple[Callable[[Session], Any], ProblemKind, str]] = {
         lambda s: rewrite(s, lambda m: m["missing"].append({"camera": "left", "instant": 0, "reason": "?"})),
         ProblemKind.CONTRADICTORY, "there and missing",
     ),
+    "renamed": (
+        lambda s: (s.folder / FIRST).rename(s.folder / "images/rig1/left/000007.jpg"),
+        ProblemKind.MISSING, FIRST,
+    ),
+    "renamed to": (
+        lambda s: (s.folder / FIRST).rename(s.folder / "images/rig1/left/000007.jpg"),
+        ProblemKind.UNEXPECTED, "000007",
+    ),
+    "swapped": (
+        lambda s: (s.folder / FIRST).write_bytes((s.folder / FIRST.replace("000000", "000001")).read_bytes()),
+        ProblemKind.CHANGED, FIRST,
+    ),
     "stray image": (
         lambda s: (s.folder / "images/rig1/left/000009.jpg").write_bytes(b"x"),
         ProblemKind.UNEXPECTED, "000009",

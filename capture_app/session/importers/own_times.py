@@ -78,15 +78,17 @@ def video_pictures(path: Path, wanted: Container[int]) -> Iterator[tuple[int, ND
     try:
         with av.open(str(path)) as container:
             stream = container.streams.video[0]
-            stream.thread_type = "AUTO"
-            for frame in container.decode(stream):
-                at_ns = None if frame.pts is None else _nanoseconds(frame.pts, frame.time_base)
-                if at_ns is not None and at_ns in wanted:
-                    image = frame.to_ndarray(format="bgr24")
-                    yield at_ns, np.ascontiguousarray(np.rot90(image, round(frame.rotation / 90) % 4))
+            for packet in container.demux(stream):
+                try:
+                    frames = packet.decode()
+                except av.InvalidDataError:
+                    continue
+                for frame in frames:
+                    at_ns = None if frame.pts is None else _nanoseconds(frame.pts, frame.time_base)
+                    if at_ns is not None and at_ns in wanted:
+                        image = frame.to_ndarray(format="bgr24")
+                        yield at_ns, np.ascontiguousarray(np.rot90(image, round(frame.rotation / 90) % 4))
     except av.FFmpegError as error:
-        if isinstance(error, av.InvalidDataError):
-            return  # the rest of the file: what came before it is good
         raise BadInputError(f"{path} is not a video that can be decoded: {error}") from error
 
 

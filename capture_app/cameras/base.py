@@ -21,6 +21,7 @@ class TimestampSource(StrEnum):
 class PhaseControl(StrEnum):
     """How the phase of a stream can be moved."""
 
+    FRAME_DURATION = "frame-duration"
     INJECTION = "injection"
     RESET = "reset"
     NONE = "none"
@@ -43,6 +44,9 @@ class CameraInfo:
     exposure_ns: int | None = None
     min_exposure_ns: int | None = None
     max_exposure_ns: int | None = None
+    min_frame_duration_ns: int | None = None
+    max_frame_duration_ns: int | None = None
+    """Shortest and longest time that one frame can last, where the duration of each can be set."""
 
 
 class FramePayload(Protocol):

@@ -18,7 +18,7 @@ from capture_app.session.calibration import CameraCalibration
 from capture_app.simulation.clock import NodeClock
 from capture_app.simulation.pictures import PictureSource
 from capture_app.simulation.sensor import Sensor, SensorFrame
-from capture_app.sync.commands import CameraCommand, InjectFrame
+from capture_app.sync.commands import CameraCommand, InjectFrame, SetFrameDuration
 
 KIND = "sim"
 DELIVERY_NS = (2_000_000, 4_000_000)
@@ -65,6 +65,8 @@ class SimulatedCamera(Camera):
             exposure_ns=profile.exposure_ns // profile.row_time_ns * profile.row_time_ns,
             min_exposure_ns=profile.min_exposure_ns,
             max_exposure_ns=profile.max_exposure_ns,
+            min_frame_duration_ns=profile.min_frame_duration_ns,
+            max_frame_duration_ns=profile.max_frame_duration_ns,
         )
 
     @property
@@ -87,16 +89,19 @@ class SimulatedCamera(Camera):
         self._start_stream(true_ns)
 
     async def apply(self, command: CameraCommand) -> None:
-        """Inject a frame at once; or stop now, and return when the stream is told to start again.
+        """Change a coming frame at once; or stop now, and return when the stream is told to start again.
 
         The restart's delay counts from this call. Raises CameraError where the camera does not stream or
-        cannot inject.
+        cannot do that.
         """
         if self._on_frame is None:
             raise CameraError(f"the {self._info.model} does not stream")
         true_ns = self._true_now_ns()
         if isinstance(command, InjectFrame):
             self._sensor.inject(command.exposure_ns, true_ns)
+            return
+        if isinstance(command, SetFrameDuration):
+            self._sensor.set_frame_duration(command.duration_ns, true_ns)
             return
         self._sensor.stop()
         self._cancel()

@@ -80,6 +80,8 @@ def description(info: CameraInfo) -> CameraDescription:
         exposure_ns=info.exposure_ns,
         min_exposure_ns=info.min_exposure_ns,
         max_exposure_ns=info.max_exposure_ns,
+        min_frame_duration_ns=info.min_frame_duration_ns,
+        max_frame_duration_ns=info.max_frame_duration_ns,
     )
 
 

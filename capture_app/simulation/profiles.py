@@ -38,11 +38,11 @@ _MODELS = (
     SensorProfile(
         name="pi",
         model="Simulated Raspberry Pi camera",
-        phase_control="injection",
+        phase_control="frame-duration",
         row_time_ns=11_111,
         frame_length_rows=3000,
         margin_rows=4,
-        injection_gain=1,
+        min_frame_rows=1500,
         start_latency_ns=(400_000_000, 20_000_000),
         timestamp_noise_ns=2_000,
         outlier_share=0.002,

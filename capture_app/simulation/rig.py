@@ -14,7 +14,7 @@ from capture_app.simulation.clock import SimulatedClock
 from capture_app.simulation.link import PAPER_LINK, Air, Channel, Link, Medium
 from capture_app.simulation.sensor import Sensor, SensorFrame, SensorProfile
 from capture_app.sync.client import Client, ClientConfig
-from capture_app.sync.commands import InjectFrame, RestartStream
+from capture_app.sync.commands import InjectFrame, RestartStream, SetFrameDuration
 from capture_app.sync.events import BurstReady, ClientEvent, LeaderEvent
 from capture_app.sync.leader import Leader, LeaderConfig
 from capture_app.sync.messages import CameraDescription
@@ -40,6 +40,8 @@ def describe(profile: SensorProfile) -> CameraDescription:
         exposure_ns=profile.exposure_ns,
         min_exposure_ns=profile.min_exposure_ns,
         max_exposure_ns=profile.max_exposure_ns,
+        min_frame_duration_ns=profile.min_frame_duration_ns,
+        max_frame_duration_ns=profile.max_frame_duration_ns,
     )
 
 
@@ -189,6 +191,8 @@ class VirtualRig:
             match command:
                 case InjectFrame(exposure_ns):
                     node.sensor.inject(exposure_ns, self.now_true_ns)
+                case SetFrameDuration(duration_ns):
+                    node.sensor.set_frame_duration(duration_ns, self.now_true_ns)
                 case RestartStream(delay_ns):
                     node.sensor.stop()
                     self._at(self.now_true_ns + delay_ns, lambda: self._start_stream(node))

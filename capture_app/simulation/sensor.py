@@ -18,7 +18,7 @@ class SensorProfile:
 
     name: str
     model: str
-    phase_control: Literal["injection", "reset"]
+    phase_control: Literal["frame-duration", "injection", "reset"]
     row_time_ns: int
     frame_length_rows: int
     """Frame length at short exposures, blanking included: the period in rows."""
@@ -31,6 +31,9 @@ class SensorProfile:
     exposure_ns: int = 4_000_000
     min_exposure_ns: int = 100_000
     max_exposure_ns: int = 200_000_000
+    min_frame_rows: int | None = None
+    max_frame_rows: int | None = None
+    """Shortest and longest frame that a set duration makes; None for `frame_length_rows` and four of them."""
     command_latency_frames: tuple[int, int] = (2, 4)
     """Fewest and most frames from the one exposed when a command comes to the one that obeys it."""
     start_latency_ns: tuple[int, int] = (0, 0)
@@ -64,6 +67,20 @@ class SensorProfile:
     def period_ns(self) -> int:
         """Nominal period of the stream."""
         return self.frame_length_rows * self.row_time_ns
+
+    @property
+    def min_frame_duration_ns(self) -> int | None:
+        """Shortest time that a frame can be made to last; None where durations cannot be set."""
+        if self.phase_control != "frame-duration":
+            return None
+        return (self.min_frame_rows or self.frame_length_rows) * self.row_time_ns
+
+    @property
+    def max_frame_duration_ns(self) -> int | None:
+        """Longest time that a frame can be made to last; None where durations cannot be set."""
+        if self.phase_control != "frame-duration":
+            return None
+        return (self.max_frame_rows or 4 * self.frame_length_rows) * self.row_time_ns
 
     @property
     def neutral_rows(self) -> int:
@@ -183,14 +200,34 @@ class Sensor:
             )
         if not self._streaming:
             raise CameraError("the simulated sensor does not stream")
-        latency = self._command_rng.randint(*self.profile.command_latency_frames)
-        after_last = max(self._exposure_rows, default=-1) + 1
-        obeying = max(self._exposed_at(true_ns) + latency, self._sequence, after_last)
+        obeying = self._obeying(true_ns)
         rows = self.profile.whole_rows(exposure_ns)
         self._exposure_rows[obeying] = rows
         length = rows + self.profile.margin_rows
         for sequence in range(obeying, obeying + self.profile.injection_gain):
-            self._length_rows[sequence] = max(length, self._length_rows.get(sequence, 0))
+            least = self._length_rows.get(sequence, self.profile.frame_length_rows)
+            self._length_rows[sequence] = max(length, least)
+
+    def set_frame_duration(self, duration_ns: int, true_ns: int) -> None:
+        """Let one coming frame last this long; the command arrives at `true_ns`.
+
+        The duration is clamped to the profile's limits and cut to whole rows. Commands obey in their order,
+        one frame each. Raises CameraError where the sensor cannot do that or does not stream.
+        """
+        least_ns, most_ns = self.profile.min_frame_duration_ns, self.profile.max_frame_duration_ns
+        if least_ns is None or most_ns is None:
+            raise CameraError(f"the frame duration of a simulated {self.profile.name} cannot be set")
+        if not self._streaming:
+            raise CameraError("the simulated sensor does not stream")
+        rows = min(max(duration_ns, least_ns), most_ns) // self.profile.row_time_ns
+        exposed = self.profile.exposure_ns // self.profile.row_time_ns + self.profile.margin_rows
+        self._length_rows[self._obeying(true_ns)] = max(rows, exposed)
+
+    def _obeying(self, true_ns: int) -> int:
+        """Sequence number of the frame that obeys a command which arrives at a true time in ns."""
+        latency = self._command_rng.randint(*self.profile.command_latency_frames)
+        after_last = max(self._exposure_rows or self._length_rows, default=-1) + 1
+        return max(self._exposed_at(true_ns) + latency, self._sequence, after_last)
 
     def next_frame(self) -> SensorFrame:
         """The stream's next frame, dropped or not. Raises CameraError if there is no stream."""
@@ -206,7 +243,7 @@ class Sensor:
         start_true_ns = self._start_of(self._rows)
         rows = self._exposure_rows.pop(sequence, profile.exposure_ns // profile.row_time_ns)
         self._sequence += 1
-        self._rows += max(profile.frame_length_rows, self._length_rows.pop(sequence, 0))
+        self._rows += self._length_rows.pop(sequence, profile.frame_length_rows)
         exposure_ns = rows * profile.row_time_ns
         return SensorFrame(
             sequence=sequence,

@@ -3,7 +3,8 @@
 import random
 from dataclasses import dataclass
 
-from capture_app.sync.commands import CameraCommand, InjectFrame, RestartStream
+from capture_app.sync.commands import CameraCommand, RestartStream, SetFrameDuration
+from capture_app.sync.frame_duration import FrameDurationController
 from capture_app.sync.injection import InjectionController, InjectionProfile
 from capture_app.sync.phase import FrameStamp, PhaseEstimate, PhaseEstimator
 from capture_app.sync.phase_controller import Move, Moved, PhaseController
@@ -13,13 +14,22 @@ from capture_app.sync.timebase import Goal, TimeMap
 WARM_FRAMES = (30, 90)
 """A period is judged after that many frames if they are quiet, after that many in any case."""
 SETTLED_FRAMES = (5, 60)
+JUDGED_STARTS_FRAMES = 10
+"""Once so many frames have come after a start, it shows whether the first one could have been believed."""
 HOPELESS_PPM = 1000.0
 INJECTION_LEAD_FRAMES = 9
 """From the command until the phase is known again: 2-4 frames of latency, the long ones, five calm ones."""
 INJECTION_TIMEOUT_NS = 5_000_000_000
+STEP_LEAD_FRAMES = 5
+"""From the command until a frame of another duration counts."""
 RESET_LEAD_NS = 1_000_000_000
 RESET_TIMEOUT_NS = 15_000_000_000
-DEFAULT_HOLD_NS = {"injection": 2_000_000_000, "reset": 10_000_000_000, "none": 2_000_000_000}
+DEFAULT_HOLD_NS = {
+    "frame-duration": 0,
+    "injection": 2_000_000_000,
+    "reset": 10_000_000_000,
+    "none": 2_000_000_000,
+}
 LARGEST_AIM = 0.6
 """Most that drift is met half-way, as a share of the tolerance."""
 
@@ -36,8 +46,8 @@ class _Outstanding:
 class Aligner:
     """Watches one stream and gives at most one phase command at a time.
 
-    `control` is "injection", "reset" or "none"; `hold_ns` is how long a phase should last between two
-    corrections: the aim is set so that the drift over it is centred. Times in ns.
+    `control` is "frame-duration", "injection", "reset" or "none"; `hold_ns` is how long a phase should last
+    between two corrections: the aim is set so that the drift over it is centred. Times in ns.
     """
 
     def __init__(
@@ -50,6 +60,8 @@ class Aligner:
         exposure_ns: int | None = None,
         min_exposure_ns: int | None = None,
         max_exposure_ns: int | None = None,
+        min_frame_duration_ns: int | None = None,
+        max_frame_duration_ns: int | None = None,
         rng: random.Random,
         hold_ns: int | None = None,
         profile: InjectionProfile | None = None,
@@ -60,6 +72,7 @@ class Aligner:
         self._phase = PhaseEstimator(period_ns=period_ns)
         self._injection: InjectionController | None = None
         self._reset: ResetController | None = None
+        self._duration: FrameDurationController | None = None
         if control == "injection":
             self._injection = InjectionController(
                 period_ns=period_ns,
@@ -70,7 +83,15 @@ class Aligner:
             )
         elif control == "reset":
             self._reset = ResetController(rng=rng, aimed=aimed)
-        self._controller: PhaseController | None = self._injection or self._reset
+        elif control == "frame-duration":
+            self._duration = FrameDurationController(
+                period_ns=period_ns,
+                row_time_ns=row_time_ns,
+                min_duration_ns=min_frame_duration_ns,
+                max_duration_ns=max_frame_duration_ns,
+            )
+        self._controller: PhaseController | None = self._injection or self._reset or self._duration
+        self._least_frames = SETTLED_FRAMES[0]
         self._outstanding: _Outstanding | None = None
         self._stream = -1
         self._start_seen = True
@@ -114,6 +135,10 @@ class Aligner:
         if stamp.stream > self._stream:
             self._stream, self._start_seen = stamp.stream, False
             self._started_ns = stamp.timestamp_ns
+        if self._reset is not None and self._phase.run_frames == JUDGED_STARTS_FRAMES and self._phase.known:
+            # Nine of ten restarts fail: where a start's first frame tells as much, none waits for five.
+            steady = self._phase.first_off_ns() < self._tolerance_ns / 4
+            self._least_frames = 1 if steady else SETTLED_FRAMES[0]
         return dropped
 
     def stream_started(self, local_ns: int) -> None:
@@ -122,82 +147,7 @@ class Aligner:
         if self._reset is not None:
             self._reset.started(local_ns, self._phase.period_ns)
 
-    def estimate(self, time_map: TimeMap, goal: Goal, at_leader_ns: int) -> PhaseEstimate | None:
-        """The stream's error at an instant of leader time; None while nobody can tell."""
-        phase = self._phase
-        if phase.run_frames < SETTLED_FRAMES[0] or not phase.known:
-            return None
-        frame_local_ns = phase.nearest(time_map.local_from_leader(at_leader_ns))
-        period_ns = phase.period_ns * (1.0 + time_map.skew)
-        return PhaseEstimate(
-            error_ns=goal.phase_error(time_map.leader_from_local(frame_local_ns)),
-            period_ns=round(period_ns),
-            drift_ppm=(period_ns / goal.period_ns - 1.0) * 1e6,
-            sigma_ns=phase.sigma_at(frame_local_ns),
-            frames=phase.run_frames,
-            at_leader_ns=at_leader_ns,
-        )
-
-    def step(
-        self, time_map: TimeMap, goal: Goal, now_local_ns: int, *, hold: bool = False
-    ) -> CameraCommand | None:
-        """Judge the stream now, and return the command to carry out at once, if one is needed.
-
-        `hold=True` begins no correction: a burst is due.
-        """
-        self._finish(now_local_ns)
-        now = self.estimate(time_map, goal, time_map.leader_from_local(now_local_ns))
-        if now is None or not self.settled:
-            self.aligned = False
-            return None
-        self.problem = self._find_problem(now, goal)
-        # A phase at the very edge must not flicker in and out with its noise.
-        grace_ns = min(2.0 * now.sigma_ns, self._tolerance_ns / 2) if self.aligned else 0.0
-        self.aligned = not self.problem and abs(now.error_ns) <= self._tolerance_ns + grace_ns
-        if self.problem or self._controller is None or hold:
-            return None
-        landing_local_ns = now_local_ns + self._lead_ns()
-        error_ns = now.error_ns + now.drift_ppm * 1e-6 * self._lead_ns()
-        leaving = abs(error_ns) > self._tolerance_ns + grace_ns
-        if not (leaving if self._injection else not self.aligned):
-            return None
-        half_drift_ns = now.drift_ppm * 1e-6 * self._hold_ns / 2
-        furthest_ns = LARGEST_AIM * self._tolerance_ns
-        aim_ns = min(max(-half_drift_ns, -furthest_ns), furthest_ns)
-        shift_ns = round((aim_ns - error_ns) % self._phase.period_ns)
-        move = Move(
-            now_local_ns=now_local_ns,
-            wanted_local_ns=self._wanted(time_map, goal, landing_local_ns) + round(aim_ns),
-            shift_ns=shift_ns,
-            period_ns=self._phase.period_ns,
-            tolerance_ns=self._tolerance_ns,
-        )
-        command = self._controller.command(move)
-        if command is not None:
-            self._outstanding = _Outstanding(command, now_local_ns, self._stream)
-            self.corrections += 1
-            self.aligned = False
-            if isinstance(command, InjectFrame):
-                self._phase.mark_disturbance()
-        return command
-
-    @property
-    def _run_settled(self) -> bool:
-        frames = self._phase.run_frames
-        if frames < SETTLED_FRAMES[0]:
-            return False
-        sigma_ns = self._phase.sigma_at(self._phase.last_ns)
-        return frames >= SETTLED_FRAMES[1] or sigma_ns < self._tolerance_ns / 4
-
-    def _lead_ns(self) -> float:
-        return INJECTION_LEAD_FRAMES * self._phase.period_ns if self._injection else RESET_LEAD_NS
-
-    def _wanted(self, time_map: TimeMap, goal: Goal, local_ns: float) -> int:
-        """Local time of the goal's instant nearest to a local time."""
-        leader_ns = time_map.leader_from_local(round(local_ns))
-        return time_map.local_from_leader(goal.instant(goal.index_of(leader_ns)))
-
-    def _finish(self, now_local_ns: int) -> None:
+    def catch_up(self, now_local_ns: int) -> None:
         """See whether the command under way is done, and learn from what it did."""
         under_way = self._outstanding
         if under_way is not None:
@@ -218,6 +168,114 @@ class Aligner:
         if self._reset is not None and not self._start_seen and self._run_settled:
             self._start_seen = True
             self._reset.learn(Moved(self._phase.nearest(self._started_ns), None, self._phase.noise_ns))
+
+    def estimate(self, time_map: TimeMap, goal: Goal, at_leader_ns: int) -> PhaseEstimate | None:
+        """The stream's error at an instant of leader time; None while nobody can tell."""
+        phase = self._phase
+        if phase.run_frames < self._least_frames or not phase.known:
+            return None
+        frame_local_ns = phase.nearest(time_map.local_from_leader(at_leader_ns))
+        period_ns = phase.period_ns * (1.0 + time_map.skew)
+        return PhaseEstimate(
+            error_ns=goal.phase_error(time_map.leader_from_local(frame_local_ns)),
+            period_ns=round(period_ns),
+            drift_ppm=(period_ns / goal.period_ns - 1.0) * 1e6,
+            sigma_ns=phase.sigma_at(frame_local_ns),
+            frames=phase.run_frames,
+            at_leader_ns=at_leader_ns,
+        )
+
+    def step(
+        self,
+        time_map: TimeMap,
+        goal: Goal,
+        now_local_ns: int,
+        *,
+        hold: bool = False,
+        agreed_leader_ns: int | None = None,
+    ) -> CameraCommand | None:
+        """Judge the stream now, and return the command to carry out at once, if one is needed.
+
+        `hold=True` begins no correction that shows in pictures: a burst is due. A stream that can only be
+        restarted is judged by its phase at `agreed_leader_ns`, if that is still to come.
+        """
+        self.catch_up(now_local_ns)
+        now_leader_ns = time_map.leader_from_local(now_local_ns)
+        now = self.estimate(time_map, goal, now_leader_ns)
+        if now is None or not self.settled:
+            self.aligned = False
+            return None
+        self.problem = self._find_problem(now, goal)
+        # A phase at the very edge must not flicker in and out with its noise.
+        grace_ns = min(2.0 * now.sigma_ns, self._tolerance_ns / 2) if self.aligned else 0.0
+        self.aligned = not self.problem and abs(now.error_ns) <= self._tolerance_ns + grace_ns
+        if self.problem or self._controller is None:
+            return None
+        drift = now.drift_ppm * 1e-6
+        lead_ns = self._lead_ns()
+        error_ns = now.error_ns + drift * lead_ns + self._phase.shift_to_come(now_local_ns)
+        if self._duration is not None:
+            if hold and abs(error_ns) > self._duration.fine_ns:
+                return None
+            aim_ns = 0.0
+        elif hold:
+            return None
+        elif self._reset is not None and agreed_leader_ns is not None and agreed_leader_ns > now_leader_ns:
+            ahead_ns = agreed_leader_ns - now_leader_ns
+            if abs(now.error_ns + drift * ahead_ns) <= self._tolerance_ns + grace_ns:
+                return None
+            aim_ns = -drift * (ahead_ns - lead_ns)
+        else:
+            leaving = abs(error_ns) > self._tolerance_ns + grace_ns
+            if not (leaving if self._injection else not self.aligned):
+                return None
+            furthest_ns = LARGEST_AIM * self._tolerance_ns
+            aim_ns = min(max(-drift * self._hold_ns / 2, -furthest_ns), furthest_ns)
+        landing_local_ns = now_local_ns + lead_ns
+        move = Move(
+            now_local_ns=now_local_ns,
+            wanted_local_ns=self._wanted(time_map, goal, landing_local_ns) + round(aim_ns),
+            shift_ns=round((aim_ns - error_ns) % self._phase.period_ns),
+            period_ns=self._phase.period_ns,
+            tolerance_ns=self._tolerance_ns,
+        )
+        return self._give(self._controller.command(move), now_local_ns)
+
+    def _give(self, command: CameraCommand | None, now_local_ns: int) -> CameraCommand | None:
+        """Remember what is expected of a command, and pass it on."""
+        if command is None:
+            return None
+        if isinstance(command, SetFrameDuration) and self._duration is not None:
+            if abs(self._duration.shift_ns) <= self._duration.fine_ns:
+                self._phase.expect_shift(self._duration.shift_ns)
+                return command
+            if self._phase.shift_to_come(now_local_ns):
+                return None
+        self._outstanding = _Outstanding(command, now_local_ns, self._stream)
+        self.corrections += 1
+        self.aligned = False
+        if not isinstance(command, RestartStream):
+            self._phase.mark_disturbance()
+        return command
+
+    @property
+    def _run_settled(self) -> bool:
+        frames = self._phase.run_frames
+        if frames < self._least_frames:
+            return False
+        sigma_ns = self._phase.sigma_at(self._phase.last_ns)
+        return frames >= SETTLED_FRAMES[1] or sigma_ns < self._tolerance_ns / 4
+
+    def _lead_ns(self) -> float:
+        if self._reset is not None:
+            return RESET_LEAD_NS
+        frames = STEP_LEAD_FRAMES if self._duration else INJECTION_LEAD_FRAMES
+        return frames * self._phase.period_ns
+
+    def _wanted(self, time_map: TimeMap, goal: Goal, local_ns: float) -> int:
+        """Local time of the goal's instant nearest to a local time."""
+        leader_ns = time_map.leader_from_local(round(local_ns))
+        return time_map.local_from_leader(goal.instant(goal.index_of(leader_ns)))
 
     def _find_problem(self, now: PhaseEstimate, goal: Goal) -> str:
         doubt_ppm = 3e6 * self._phase.period_sigma_ns / self._phase.period_ns

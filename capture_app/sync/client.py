@@ -20,6 +20,7 @@ from capture_app.sync.events import (
     LeaderLost,
     PhaseCorrected,
 )
+from capture_app.sync.exposure import offset_ns
 from capture_app.sync.messages import (
     CameraDescription,
     Control,
@@ -87,6 +88,12 @@ class _Membership:
     goal: Goal
     heard_ns: int
     slot: float
+    align_row: float | None = None
+    agreed_leader_ns: int | None = None
+    asked: bool = False
+    """Whether the leader was told the phase as it is now."""
+    answered: bool = False
+    """Whether it has answered since."""
     synced: bool = False
     outstanding: dict[int, int] = field(default_factory=dict)
 
@@ -110,6 +117,8 @@ class Client(Generic[F]):
             exposure_ns=camera.exposure_ns,
             min_exposure_ns=camera.min_exposure_ns,
             max_exposure_ns=camera.max_exposure_ns,
+            min_frame_duration_ns=camera.min_frame_duration_ns,
+            max_frame_duration_ns=camera.max_frame_duration_ns,
             rng=rng,
         )
         self.ring: RingBuffer[F] = RingBuffer(config.ring_frames)
@@ -157,7 +166,7 @@ class Client(Generic[F]):
         if self._member is None or self._time_map is None:
             return None
         at_leader_ns = self._time_map.leader_from_local(local_ns)
-        return self.aligner.estimate(self._time_map, self._member.goal, at_leader_ns)
+        return self.aligner.estimate(self._time_map, self._goal_of_stamps(self._member), at_leader_ns)
 
     def report(self, now_ns: int) -> Report:
         """What this client tells the leader about itself."""
@@ -178,6 +187,8 @@ class Client(Generic[F]):
             corrections=self.aligner.corrections,
             frames=self.aligner.frames,
             drops=self.aligner.drops,
+            frame_leader_ns=self._told_frame_leader_ns(phase),
+            tolerance_ns=self.config.tolerance_ns,
         )
 
     # In
@@ -201,9 +212,10 @@ class Client(Generic[F]):
                     self._events.append(JoinRefused(message.reason))
             case HeartbeatAck() if member is not None and message.client == member.client:
                 member.heard_ns = now_ns
-                grid = Goal(message.anchor_leader_ns, message.period_ns)
-                if (message.leader, grid) != (member.leader, member.goal):
+                if (message.leader, message.period_ns) != (member.leader, member.goal.period_ns):
                     self._leave("the leader has another grid of instants", now_ns)
+                else:
+                    self._take_answer(member, message, now_ns)
             case Unknown() if member is not None and message.client == member.client:
                 self._leave("the leader was restarted", now_ns)
             case Trigger() if member is not None and message.client == member.client:
@@ -254,6 +266,7 @@ class Client(Generic[F]):
             self._prepare_request(member, now_ns)
         if now_ns >= self._heartbeat_due_ns:
             self._heartbeat_due_ns = now_ns + HEARTBEAT_EVERY_NS
+            member.asked = self.aligner.settled
             self._outbox.append(Heartbeat(member.client, self.report(now_ns)))
         self._finish_bursts(now_ns)
 
@@ -301,11 +314,39 @@ class Client(Generic[F]):
             self._done_bursts.clear()
             self._leader_of_clock = welcome.leader
         goal = Goal(welcome.anchor_leader_ns, welcome.period_ns)
-        self._member = _Membership(welcome.leader, welcome.client, goal, heard_ns=now_ns, slot=welcome.slot)
+        self._member = _Membership(
+            welcome.leader,
+            welcome.client,
+            goal,
+            heard_ns=now_ns,
+            slot=welcome.slot,
+            align_row=welcome.align_row,
+        )
         self._request_grid_ns = now_ns
         self._why_joining = ""
         self._heartbeat_due_ns = self._request_due_ns = self._map_due_ns = now_ns
         self._events.append(Joined(welcome.transfer_port, welcome.leader))
+
+    def _take_answer(self, member: _Membership, answer: HeartbeatAck, now_ns: int) -> None:
+        member.goal = Goal(answer.anchor_leader_ns, answer.period_ns)
+        member.align_row, member.agreed_leader_ns = answer.align_row, answer.agreed_leader_ns
+        if member.asked and not member.answered:
+            member.answered = True
+            self._align(now_ns)
+
+    def _offset_ns(self, member: _Membership) -> int:
+        """Time from a frame's timestamp to the moment of it that is aligned; 0 where nobody can tell."""
+        return offset_ns(self.config.camera, member.align_row) or 0
+
+    def _goal_of_stamps(self, member: _Membership) -> Goal:
+        """The grid that the frames' timestamps should lie on."""
+        return Goal(member.goal.anchor_leader_ns - self._offset_ns(member), member.goal.period_ns)
+
+    def _told_frame_leader_ns(self, phase: PhaseEstimate | None) -> int | None:
+        if self._member is None or phase is None or not self.aligner.settled:
+            return None
+        goal = self._member.goal
+        return goal.instant(goal.index_of(phase.at_leader_ns)) + phase.error_ns
 
     def _leave(self, reason: str, now_ns: int) -> None:
         self._member = None
@@ -366,17 +407,37 @@ class Client(Generic[F]):
         if member is None or time_map is None or not member.synced:
             return
         was_ready = self.state is NodeState.READY
-        before = self.phase(now_ns)
-        command = self.aligner.step(time_map, member.goal, now_ns, hold=self._burst_is_near(now_ns, time_map))
+        before, corrections = self.phase(now_ns), self.aligner.corrections
+        self.aligner.catch_up(now_ns)
+        if not self.aligner.settled:
+            member.asked = member.answered = False
+        elif not member.asked:
+            self._heartbeat_due_ns = min(self._heartbeat_due_ns, now_ns)
+        hold = self._burst_is_near(now_ns, time_map) or not self._may_move(member)
+        command = self.aligner.step(
+            time_map,
+            self._goal_of_stamps(member),
+            now_ns,
+            hold=hold,
+            agreed_leader_ns=member.agreed_leader_ns,
+        )
         if command is not None:
             self._commands.append(command)
+        if self.aligner.corrections > corrections and command is not None:
             self._events.append(PhaseCorrected(command, before))
+            self._heartbeat_due_ns = now_ns
         if self.aligner.problem != self._reported_problem:
             self._reported_problem = self.aligner.problem
             if self._reported_problem:
                 self._events.append(CannotAlign(self._reported_problem))
         if was_ready is not (self.state is NodeState.READY):
             self._heartbeat_due_ns = now_ns
+
+    def _may_move(self, member: _Membership) -> bool:
+        """Whether the leader leaves it to this client to move: restarts wait for what suits all cameras."""
+        if self.config.camera.phase_control != "reset":
+            return True
+        return member.answered and member.agreed_leader_ns is not None
 
     def _burst_is_near(self, now_ns: int, time_map: TimeMap) -> bool:
         near_leader_ns = time_map.leader_from_local(now_ns + HOLD_BEFORE_BURST_NS)
@@ -401,7 +462,8 @@ class Client(Generic[F]):
         period_ns = member.goal.period_ns
         for trigger in list(self._triggers.values()):
             last_leader_ns = trigger.first_leader_ns + (trigger.count - 1) * trigger.step_ns
-            last_local_ns = time_map.local_from_leader(last_leader_ns)
+            moment_ns = self._offset_ns(member)
+            last_local_ns = time_map.local_from_leader(last_leader_ns) - moment_ns
             newest_ns = self.ring.newest_local_ns
             seen = newest_ns is not None and newest_ns > last_local_ns + period_ns // 2
             if not seen and now_ns < last_local_ns + 30 * period_ns:
@@ -409,5 +471,5 @@ class Client(Generic[F]):
             del self._triggers[trigger.burst]
             self._done_bursts.append(trigger.burst)
             instants_ns = tuple(trigger.first_leader_ns + k * trigger.step_ns for k in range(trigger.count))
-            picks, gaps = pick_frames(self.ring, time_map, instants_ns, period_ns)
+            picks, gaps = pick_frames(self.ring, time_map, instants_ns, period_ns, offset_ns=moment_ns)
             self._events.append(BurstReady(trigger.burst, picks, gaps, time_map, self.phase(last_local_ns)))

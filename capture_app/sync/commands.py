@@ -17,4 +17,11 @@ class RestartStream:
     delay_ns: int
 
 
-CameraCommand = InjectFrame | RestartStream
+@dataclass(frozen=True, slots=True)
+class SetFrameDuration:
+    """Let one coming frame last this long, from its start to the next one's, then go on as before."""
+
+    duration_ns: int
+
+
+CameraCommand = InjectFrame | RestartStream | SetFrameDuration

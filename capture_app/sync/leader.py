@@ -6,6 +6,7 @@ from collections import deque
 from dataclasses import dataclass, field
 
 from capture_app.errors import BadInputError, IncompleteError
+from capture_app.sync.agreement import WEIGHTS, Agreement, Standing
 from capture_app.sync.events import (
     BurstAccepted,
     BurstRefused,
@@ -46,6 +47,8 @@ TRIGGER_LEAD_NS = 500 * _MS
 """A burst that is asked for now begins this much later, so that every client hears of it before."""
 TRIGGER_AGAIN_NS = 50 * _MS
 TRIGGER_GIVE_UP_NS = 5000 * _MS
+AFTER_BURST_NS = 1000 * _MS
+"""The goal stays as it is for so long after a burst's last instant, until every client has picked."""
 MAX_CLIENTS = 10_000
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 """Names become those of folders in a session: nothing that could leave it."""
@@ -58,6 +61,8 @@ class LeaderConfig:
     instance: int
     transfer_port: int
     period_ns: int | None = None
+    align_row: float | None = None
+    """Share of the height at which a row's middle of exposure is aligned; None for the first row's start."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,17 +115,25 @@ class Leader:
 
     def __init__(self, config: LeaderConfig, rng: random.Random) -> None:
         self.config = config
-        self.goal: Goal | None = None
+        self.agreement: Agreement | None = None
         self.malformed = 0
         self._rng = rng
         self._members: dict[str, _Member] = {}
+        self._bound: dict[str, _Member] = {}
+        """Those that do not move to any goal: the goal is moved to suit them."""
         self._by_number: dict[int, _Member] = {}
         self._orders: list[_Order] = []
         self._bursts = 0
+        self._busy_until_ns: int | None = None
         self._joins = 0
         self._times: deque[tuple[bytes, Address]] = deque()
         self._outbox: deque[tuple[Control, Address]] = deque()
         self._events: deque[LeaderEvent] = deque()
+
+    @property
+    def goal(self) -> Goal | None:
+        """The grid of instants that all cameras are moved onto; None before the first camera."""
+        return None if self.agreement is None else self.agreement.goal
 
     # In
 
@@ -148,9 +161,9 @@ class Leader:
                 self._times.append((reply_before_t2(message, now_ns), address))
             case Heartbeat():
                 member.report = message.report
-                assert self.goal is not None, "the first hello sets the goal"
-                grid = self.goal.anchor_leader_ns, self.goal.period_ns
-                self._outbox.append((HeartbeatAck(member.number, self.config.instance, *grid), address))
+                if member.camera.phase_control in WEIGHTS:
+                    self._agree(now_ns)
+                self._outbox.append((self._answer(member), address))
             case TriggerAck():
                 self._take_ack(member, message)
             case Goodbye():
@@ -222,6 +235,7 @@ class Leader:
         requested_ns = now_ns + TRIGGER_LEAD_NS if at_leader_ns is None else at_leader_ns
         instants_ns = burst_instants(self.goal, requested_ns, frames, spacing)
         self._bursts += 1
+        self._busy_until_ns = max(now_ns, instants_ns[-1]) + AFTER_BURST_NS
         for member in present:
             trigger = Trigger(member.number, self._bursts, instants_ns[0], step_ns, frames)
             self._orders.append(_Order(member, trigger, now_ns + TRIGGER_GIVE_UP_NS))
@@ -229,6 +243,38 @@ class Leader:
         return Burst(self._bursts, instants_ns, self.goal.period_ns, requested_ns, names)
 
     # The parts
+
+    def _answer(self, member: _Member) -> HeartbeatAck:
+        assert self.agreement is not None, "the first hello sets the goal"
+        goal = self.agreement.goal
+        return HeartbeatAck(
+            member.number,
+            self.config.instance,
+            goal.anchor_leader_ns,
+            goal.period_ns,
+            self.agreement.agreed_leader_ns,
+            self.config.align_row,
+        )
+
+    def _agree(self, now_ns: int) -> None:
+        """Move the goal to suit the cameras that cannot follow it, and tell everybody; not near a burst."""
+        if self.agreement is None or (self._busy_until_ns is not None and now_ns < self._busy_until_ns):
+            return
+        standings = [
+            Standing(
+                member.name,
+                member.camera.phase_control,
+                member.report.frame_leader_ns,
+                member.report.drift_ppm or 0.0,
+                max(1, member.report.tolerance_ns),
+            )
+            for member in self._bound.values()
+            if not member.lost
+        ]
+        if self.agreement.update(standings, now_ns):
+            for member in self._members.values():
+                if not member.lost:
+                    self._outbox.append((self._answer(member), member.address))
 
     def _take_hello(self, hello: Hello, address: Address, now_ns: int) -> None:
         known = self._members.get(hello.name)
@@ -246,8 +292,8 @@ class Leader:
             reason = f"a frame period of {hello.camera.period_ns} ns is not possible"
             self._outbox.append((Refused(hello.instance, reason), address))
             return
-        if self.goal is None:
-            self.goal = Goal(now_ns, self.config.period_ns or hello.camera.period_ns)
+        if self.agreement is None:
+            self.agreement = Agreement(Goal(now_ns, self.config.period_ns or hello.camera.period_ns))
         if known is None or known.lost or known.instance != hello.instance:
             if known is not None:
                 self._by_number.pop(known.number, None)
@@ -259,15 +305,19 @@ class Leader:
             )
             self._joins += 1
             self._members[hello.name] = self._by_number[number] = known
+            self._bound.pop(hello.name, None)
+            if hello.camera.phase_control in WEIGHTS:
+                self._bound[hello.name] = known
         known.heard_ns = now_ns
         welcome = Welcome(
             hello.instance,
             self.config.instance,
             known.number,
             self.config.transfer_port,
-            self.goal.anchor_leader_ns,
-            self.goal.period_ns,
+            self.agreement.goal.anchor_leader_ns,
+            self.agreement.goal.period_ns,
             known.slot,
+            self.config.align_row,
         )
         self._outbox.append((welcome, address))
 

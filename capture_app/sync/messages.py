@@ -32,6 +32,7 @@ _T2 = struct.Struct(">q")
 Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
 """Names of cameras become folder names on the leader's disk."""
 Text = Annotated[str, Meta(max_length=200)]
+Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
 class WireError(ValueError):
@@ -72,6 +73,8 @@ class CameraDescription(Struct, frozen=True, kw_only=True, array_like=True):
     exposure_ns: int | None = None
     min_exposure_ns: int | None = None
     max_exposure_ns: int | None = None
+    min_frame_duration_ns: int | None = None
+    max_frame_duration_ns: int | None = None
 
 
 class Hello(Struct, frozen=True, tag="hello"):
@@ -95,6 +98,8 @@ class Welcome(Struct, frozen=True, tag="welcome"):
     anchor_leader_ns: int
     period_ns: int
     slot: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.0
+    align_row: Share | None = None
+    """Share of the height at which a row's middle of exposure is aligned; None for the first row's start."""
 
 
 class Refused(Struct, frozen=True, tag="refused"):
@@ -121,6 +126,10 @@ class Report(Struct, frozen=True, kw_only=True):
     corrections: int = 0
     frames: int = 0
     drops: int = 0
+    frame_leader_ns: int | None = None
+    """Leader time of the aligned moment of a frame near now; None while the phase is not known."""
+    tolerance_ns: int = 0
+    """Largest phase error that this client leaves alone."""
 
 
 class Heartbeat(Struct, frozen=True, tag="heartbeat"):
@@ -137,6 +146,9 @@ class HeartbeatAck(Struct, frozen=True, tag="alive"):
     leader: int
     anchor_leader_ns: int
     period_ns: int
+    agreed_leader_ns: int | None = None
+    """When streams that can only be restarted should suit the grid, or be restarted; None: none need be."""
+    align_row: Share | None = None
 
 
 class Unknown(Struct, frozen=True, tag="unknown"):

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from math import isfinite, sqrt
 from statistics import median
 
+from capture_app.sync.pending_shifts import PendingShifts
 from capture_app.sync.robust import shared_slope
 
 FIRST_LOOK = 8
@@ -72,6 +73,7 @@ class PhaseEstimator:
         """Points (index, time since the stream's origin in ns); the last run is under way."""
         self._first_look: list[float] | None = []
         self._intervals: deque[float] = deque(maxlen=RATE_FRAMES)
+        self.shifts = PendingShifts()
         self._begin_run()
 
     @property
@@ -152,6 +154,19 @@ class PhaseEstimator:
         drift = self._period_sigma * abs(ahead) if self._period_sigma < self._period else 0.0
         return sqrt((MEDIAN_FACTOR * self.noise_ns) ** 2 / used + drift**2)
 
+    def first_off_ns(self) -> float:
+        """How far in ns the first frame since the phase last moved lies off the line of those after it."""
+        index, first_ns = self._runs[-1][0]
+        return abs(first_ns - self._period * index - self._height)
+
+    def shift_to_come(self, local_ns: int) -> int:
+        """Expected shifts in ns that the frame near a local time may not have felt yet."""
+        return self.shifts.total_ns - self.shifts.due_by(self.index_near(local_ns))
+
+    def expect_shift(self, shift_ns: int) -> None:
+        """Expect the coming frames to be later by exactly so much, from one of the next few on."""
+        self.shifts.expect(self._index, shift_ns)
+
     def mark_disturbance(self, *, timeout_frames: int = 12) -> None:
         """Expect the phase to move within so many frames; `last_shift_ns` tells afterwards how far."""
         if self._stream is None:
@@ -175,6 +190,7 @@ class PhaseEstimator:
         if self._runs[-1]:
             self._runs.append([])
         self._begin_run()
+        self.shifts.clear()
         self._index, self._origin_ns = 0, stamp.timestamp_ns
         self._file()
 
@@ -207,12 +223,15 @@ class PhaseEstimator:
         self._period, self._period_sigma = period, float("inf")
         self._index, self._origin_ns = 0, self._time_ns
         self._runs = deque([[(0, 0)]])
+        self.shifts.clear()
         self._begin_run()
         self._measure()
         return True
 
     def _file(self) -> None:
-        point = (self._index, self._time_ns - self._origin_ns)
+        elapsed_ns = self._time_ns - self._origin_ns
+        seen_ns = elapsed_ns - self._height - self._period * self._index
+        point = (self._index, elapsed_ns - self.shifts.felt_by(self._index, seen_ns))
         if self._disturbed:
             self._pending.append(point)
             self._settle()
@@ -249,7 +268,7 @@ class PhaseEstimator:
         self._height = median([t - self._period * index for index, t in last])
 
     def _time_at(self, index: int) -> float:
-        return self._origin_ns + self._height + self._period * index
+        return self._origin_ns + self._height + self._period * index + self.shifts.due_by(index)
 
     def _tolerance(self) -> float:
         return max(8.0 * self.noise_ns, 2_000.0)

@@ -1,11 +1,12 @@
 """Reset sampling: restart the stream until its phase is right, aimed with the start latencies seen so far.
 
-A camera's start latency modulo its period is all that counts. Kernel densities of several widths and a
-uniform one predict each next start; those that predicted well have the say (Bayes), so that a camera whose
-starts cannot be predicted is restarted at random, as in the paper.
+A camera's start latency modulo its period is all that counts. Kernel densities of several widths, one wrapped
+normal density and a uniform one predict each next start; those that predicted well have the say (Bayes), so
+that a camera whose starts cannot be predicted is restarted at random, as in the paper.
 """
 
 import random
+from cmath import phase, rect
 from collections import deque
 from math import ceil, exp, log, pi, sqrt
 
@@ -15,6 +16,8 @@ from capture_app.sync.phase_controller import Move, Moved
 REMEMBERED = 24
 WIDTHS = (1 / 200, 1 / 60, 1 / 20)
 """Of the kernels, as shares of a period."""
+FIRST_WIDTH = 0.1
+"""Spread that one latency alone suggests."""
 FORGETTING = 0.95
 BACKGROUND = 0.05
 """Share of a uniform density in each kernel density: a start latency may always be a new one."""
@@ -31,8 +34,8 @@ class ResetController:
         self._aimed = aimed
         self._latencies: deque[float] = deque(maxlen=REMEMBERED)
         """As shares of a period, newest last."""
-        self._credit = [0.0] * (len(WIDTHS) + 1)
-        """Log-likelihood of what was seen, by kernel width; the uniform density's is last."""
+        self._credit = [0.0] * (len(WIDTHS) + 2)
+        """Log-likelihood of what was seen, by kernel width; the normal and the uniform density's are last."""
         self._start_ns: int | None = None
         self._period_ns = 1.0
 
@@ -65,7 +68,8 @@ class ResetController:
         latency = (moved.frame_local_ns - self._start_ns) / self._period_ns % 1.0
         self._start_ns = None
         if self._latencies:
-            densities = [self._density(width, latency) for width in WIDTHS] + [1.0]
+            densities = [self._density(width, latency) for width in WIDTHS]
+            densities += [self._normal_density(latency), 1.0]
             for i, density in enumerate(densities):
                 self._credit[i] += max(-7.0, log(density))
         self._credit = [FORGETTING * credit for credit in self._credit]
@@ -82,6 +86,22 @@ class ResetController:
             weight *= FORGETTING
         return BACKGROUND + (1.0 - BACKGROUND) * mass / (total * width * sqrt(2.0 * pi))
 
+    def _normal(self) -> tuple[float, float]:
+        """Middle and width of the wrapped normal density that the latencies suggest."""
+        weights = [FORGETTING**age for age in range(len(self._latencies))]
+        total = sum(weights)
+        pairs = zip(weights, reversed(self._latencies), strict=True)
+        resultant = sum((rect(w, 2.0 * pi * latency) for w, latency in pairs), 0j) / total
+        variance = -2.0 * log(min(max(abs(resultant), 1e-9), 1.0)) / (2.0 * pi) ** 2
+        # The fewer the latencies, the less they say about their spread.
+        variance = (variance * total + FIRST_WIDTH**2) / total * (1.0 + 1.0 / total)
+        return phase(resultant) / (2.0 * pi) % 1.0, sqrt(variance)
+
+    def _normal_density(self, at: float) -> float:
+        middle, width = self._normal()
+        off = (at - middle + 0.5) % 1.0 - 0.5
+        return BACKGROUND + (1.0 - BACKGROUND) * exp(-0.5 * (off / width) ** 2) / (width * sqrt(2.0 * pi))
+
     def _likeliest(self, half_window: float) -> float | None:
         """Middle of the window that most likely holds the next latency; None if all are alike."""
         if not self._latencies:
@@ -90,6 +110,11 @@ class ResetController:
         says = [exp(credit - best) for credit in self._credit]
         total = sum(says)
         density = [says[-1] / total + BACKGROUND * (1.0 - says[-1] / total)] * AIMS
+        at, width = self._normal()
+        height = (1.0 - BACKGROUND) * says[-2] / total / (width * sqrt(2.0 * pi))
+        for i in range(AIMS):
+            off = (i / AIMS - at + 0.5) % 1.0 - 0.5
+            density[i] += height * exp(-0.5 * (off / width) ** 2)
         ages = [FORGETTING**age for age in range(len(self._latencies))]
         for width, say in zip(WIDTHS, says, strict=False):
             height = (1.0 - BACKGROUND) * say / total / (sum(ages) * width * sqrt(2.0 * pi))

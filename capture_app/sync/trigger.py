@@ -61,22 +61,31 @@ def burst_instants(goal: Goal, at_leader_ns: int, frames: int, spacing: int) -> 
 
 
 def pick_frames(
-    ring: RingBuffer[F], time_map: TimeMap, instants_ns: tuple[int, ...], period_ns: int
+    ring: RingBuffer[F],
+    time_map: TimeMap,
+    instants_ns: tuple[int, ...],
+    period_ns: int,
+    *,
+    offset_ns: int = 0,
 ) -> tuple[tuple[Pick[F], ...], tuple[Gap, ...]]:
-    """Return the frame nearest to each instant, and the instants that have none within half a period."""
+    """Return the frame nearest to each instant, and the instants that have none within half a period.
+
+    `offset_ns` is the time from a frame's timestamp to the moment of it that counts, which the picks tell.
+    """
     picks: list[Pick[F]] = []
     gaps: list[Gap] = []
     for instant, leader_ns in enumerate(instants_ns):
-        wanted_local_ns = time_map.local_from_leader(leader_ns)
+        wanted_local_ns = time_map.local_from_leader(leader_ns) - offset_ns
         nearest = ring.nearest(wanted_local_ns)
         if nearest is None:
             gaps.append(Gap(instant, "the camera gave no frames"))
             continue
-        local_ns, frame = nearest
+        stamp_ns, frame = nearest
+        local_ns = stamp_ns + offset_ns
         frame_leader_ns = time_map.leader_from_local(local_ns)
         residual_ns = frame_leader_ns - leader_ns
         if abs(residual_ns) > period_ns // 2:
-            late = local_ns == ring.oldest_local_ns and local_ns > wanted_local_ns
+            late = stamp_ns == ring.oldest_local_ns and stamp_ns > wanted_local_ns
             reason = "it had left the ring buffer" if late else DROPPED
             gaps.append(Gap(instant, reason))
             continue

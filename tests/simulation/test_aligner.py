@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from capture_app.simulation.profiles import PROFILES
 from capture_app.simulation.sensor import Sensor, SensorProfile
 from capture_app.sync.aligner import Aligner
-from capture_app.sync.commands import CameraCommand, InjectFrame, RestartStream
+from capture_app.sync.commands import CameraCommand, InjectFrame, RestartStream, SetFrameDuration
 from capture_app.sync.phase import FrameStamp
 from capture_app.sync.timebase import Goal, TimeMap
 
@@ -55,6 +55,8 @@ class Bench:
             exposure_ns=p.exposure_ns,
             min_exposure_ns=p.min_exposure_ns,
             max_exposure_ns=p.max_exposure_ns,
+            min_frame_duration_ns=p.min_frame_duration_ns,
+            max_frame_duration_ns=p.max_frame_duration_ns,
             rng=rng,
             aimed=self.aimed,
         )
@@ -85,6 +87,8 @@ class Bench:
             match command:
                 case InjectFrame(exposure_ns):
                     self.sensor.inject(exposure_ns, now_ns)
+                case SetFrameDuration(duration_ns):
+                    self.sensor.set_frame_duration(duration_ns, now_ns)
                 case RestartStream(delay_ns):
                     self.start(now_ns + delay_ns)
 

@@ -1,11 +1,15 @@
 """When each row of a rolling-shutter image was exposed, from the session's record of the image."""
 
-from dataclasses import dataclass
+from __future__ import annotations
 
-import numpy as np
-from numpy.typing import NDArray
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from capture_app.session.manifest import CameraRecord, ImageRecord
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 START_OF_EXPOSURE = "start-of-exposure"
 END_OF_FRAME = "end-of-frame"
@@ -30,6 +34,8 @@ class RowExposures:
 
     def middles_ns(self) -> NDArray[np.int64]:
         """The middles of all rows' exposures, (rows,)."""
+        import numpy as np  # slow to import, and this module is in every command's way
+
         return self.middle_ns(0) + self.row_time_ns * np.arange(self.rows, dtype=np.int64)
 
 

@@ -478,3 +478,19 @@ def test_a_phone_held_upright_gives_upright_pictures_either_way(tmp_path: Path) 
         assert image is not None
         shown.append(image)
     assert np.abs(shown[0].astype(int) - shown[1]).max() < 30
+
+
+@pytest.mark.parametrize(("to", "tolerance_ns"), [("mp4", 1_000), ("caliscope", 1_000)])
+def test_what_was_exported_comes_back_with_its_times(to: str, tolerance_ns: int, tmp_path: Path) -> None:
+    sample = Path(__file__).resolve().parents[2] / "sample_sessions" / "crossing"
+    assert run(["sessions", "export", str(sample), "--to", to, "--out", str(tmp_path / "out")]) == ExitCode.OK
+    times = Times.VIDEO if to == "mp4" else Times.AUTO
+    session = import_recording([str(tmp_path / "out")], tmp_path, "s", ImportOptions(times=times))
+    assert verify(session) == []
+    taken = Session.open(sample).images_by_instant()
+    first_ns = min(record.leader_ns for record in taken[0].values())
+    zero_ns = min(record.leader_ns for record in session.images_by_instant()[0].values())
+    for before, after in zip(taken, session.images_by_instant(), strict=True):
+        since = sorted(record.leader_ns - first_ns for record in before.values())
+        again = sorted(record.leader_ns - zero_ns for record in after.values())
+        assert again == pytest.approx(since, abs=tolerance_ns)

@@ -265,7 +265,12 @@ def test_videos_of_recsync_are_matched_by_the_leaders_time(tmp_path: Path) -> No
     times_us = [33_333 * n for n in range(6)]
     recsync(tmp_path / "rec" / "leader", times_us)
     recsync(tmp_path / "rec" / "client", times_us, 10**13 + 66_666 * US + 40 * US)
-    session = import_recording([str(tmp_path / "rec")], tmp_path, "s", ImportOptions())
+    table = tmp_path / "rec" / "client" / "VID_20260131_142530.csv"
+    table.write_text(table.read_text() + f"{10**13 + 266_706 * US}\n")
+    said: list[str] = []
+    session = import_recording([str(tmp_path / "rec")], tmp_path, "s", ImportOptions(), talk=said.append)
+    assert len(said) == 1
+    assert "7 times for 6 frames" in said[0]
     together = [numbers for numbers in numbers_of(session) if len(numbers) == 2]
     assert together == [{"client": n, "leader": n + 2} for n in range(4)]
     assert session.manifest.sync is not None

@@ -82,6 +82,9 @@ class PhoneVideo(Video):
     def own_times(self) -> Sequence[TimedFrame]:
         """When each frame was taken; where table and video differ in length, to the shorter end."""
         count = min(len(self._table_ns), len(self.numbers))
+        if len(self._table_ns) != len(self.numbers):
+            of = f"{len(self._table_ns)} times for {len(self.numbers)} frames"
+            self.remark = f"{self._table} has {of}: the first {count} are taken"
         frames = [TimedFrame(number, self._table_ns[number]) for number in range(count)]
         check_order(str(self._table), frames)
         return frames

@@ -22,6 +22,8 @@ class Source(ABC):
     name: str
     path: Path
     kind: str
+    remark: str = ""
+    """What a user should know of it."""
     suffix: str
     """Ending of the image files that `frames` gives the bytes of."""
 

@@ -48,6 +48,8 @@ def make_timeline(sources: Sequence[Source], clocks: Clocks, talk: Callable[[str
         return _by_times("the recording", frames, clocks)
     recorded = {source.name: times for source in sources if (times := source.own_times()) is not None}
     if len(recorded) == len(sources):
+        for remark in filter(None, (source.remark for source in sources)):
+            talk(remark)
         return _by_times("the recording", recorded, clocks)
     if clocks.same_frames or clocks.offsets_ms:
         return _by_videos(sources, clocks, talk)

@@ -3,6 +3,7 @@
 import asyncio
 import time
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Self
 
 import msgspec
@@ -67,8 +68,10 @@ class SimulatedNodes:
         self._scene = scene
         self._tolerance_us = tolerance_us
         self._children: list[Child] = []
+        self._spool: TemporaryDirectory[str] | None = None
 
     async def __aenter__(self) -> Self:
+        self._spool = TemporaryDirectory(prefix="simulshot-spool-")
         try:
             for number, view in enumerate(self.views):
                 arguments = self._arguments(view, "phone-a" if number < 2 else "phone-b")
@@ -85,14 +88,18 @@ class SimulatedNodes:
         """End all nodes."""
         await asyncio.gather(*(child.stop() for child in self._children))
         self._children.clear()
+        if self._spool is not None:
+            self._spool.cleanup()
 
     def _arguments(self, view: str, model: str) -> tuple[str, ...]:
+        assert self._spool is not None
         # Without drops, so that every run has all pictures to compare.
         camera = f"sim:{model},scene={self._scene},drops=0"
         if not self._scene.startswith("bars"):
             camera += f",view={view}"
         return (
             *("capture_app.cli", "node", "--until-eof", "--name", view, "--camera", camera),
+            *("--spool", self._spool.name),
             *("--clock", "sim", "--tolerance-us", str(self._tolerance_us), "--leader", str(self._leader)),
         )
 

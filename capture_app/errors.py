@@ -63,3 +63,7 @@ class IncompleteError(SimulshotError):
 
 class DiskFullError(SimulshotError):
     """A disk without room for what is to be written; room can be made, and then it goes on."""
+
+
+class TryAgainError(BadInputError):
+    """What did not go this time and may go later, as it is: a session in use, an image damaged on its way."""

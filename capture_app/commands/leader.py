@@ -5,7 +5,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from capture_app.commands.options import json_option, print_json_line, run_until_stopped, talk
+from capture_app.commands.options import (
+    json_option,
+    print_json_line,
+    run_until_stopped,
+    spool_option,
+    talk,
+)
 from capture_app.net.address import DEFAULT_PORT
 
 if TYPE_CHECKING:
@@ -42,20 +48,33 @@ if TYPE_CHECKING:
 @click.option(
     "--camera", "cameras", multiple=True, metavar="SPEC", help="A camera of this machine too (repeatable)."
 )
+@spool_option
 @json_option
 def leader(
-    host: str, port: int, sessions: Path, fps: float | None, cameras: tuple[str, ...], as_json: bool
+    host: str,
+    port: int,
+    sessions: Path,
+    fps: float | None,
+    cameras: tuple[str, ...],
+    spool: Path,
+    as_json: bool,
 ) -> None:
     """Run a leader until Ctrl-C: nodes join it, and `capture-app burst` makes it take bursts.
 
     Joins, losses and bursts are told on stderr, and with --json on stdout as one JSON object a line.
     """
     period_ns = None if fps is None else round(1e9 / fps)
-    run_until_stopped(_lead(host, port, sessions, period_ns, cameras, as_json))
+    run_until_stopped(_lead(host, port, sessions, period_ns, cameras, spool, as_json))
 
 
 async def _lead(
-    host: str, port: int, sessions: Path, period_ns: int | None, cameras: tuple[str, ...], as_json: bool
+    host: str,
+    port: int,
+    sessions: Path,
+    period_ns: int | None,
+    cameras: tuple[str, ...],
+    spool: Path,
+    as_json: bool,
 ) -> None:
     import asyncio
 
@@ -77,11 +96,11 @@ async def _lead(
             address = {"leader": str(node.address), "port": node.address.port}
             print_json_line({"event": "listening", **address, "sessions": str(sessions)})
         for number, spec in enumerate(cameras, start=1):
-            tasks.create_task(_run_camera(node, f"local{number}", spec))
+            tasks.create_task(_run_camera(node, f"local{number}", spec, spool))
         await asyncio.Event().wait()
 
 
-async def _run_camera(node: "LeaderNode", name: str, spec: str) -> None:
+async def _run_camera(node: "LeaderNode", name: str, spec: str, spool: Path) -> None:
     from capture_app.cameras.catalog import open_camera
     from capture_app.node.client import ClientNode
     from capture_app.simulation.clock import HostClock
@@ -93,6 +112,7 @@ async def _run_camera(node: "LeaderNode", name: str, spec: str) -> None:
         leader=node.address,
         clock=clock,
         talk=lambda line: talk(f"{name}: {line}"),
+        spool=spool,
     )
     await camera.run()
 

@@ -2,10 +2,11 @@
 
 import re
 import socket
+from pathlib import Path
 
 import click
 
-from capture_app.commands.options import leader_option, run_until_stopped, talk
+from capture_app.commands.options import leader_option, run_until_stopped, spool_option, talk
 from capture_app.net.address import Address
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
@@ -47,9 +48,16 @@ def _check_name(ctx: click.Context, param: click.Parameter, value: str) -> str:
     help="Largest phase error that is left alone, in microseconds.  [default: 100; 2000 for a camera that "
     "can only restart its stream]",
 )
+@spool_option
 @click.option("--until-eof", is_flag=True, hidden=True, help="Stop when stdin closes: the parent is gone.")
 def node(
-    name: str, spec: str, leader: Address, clock_text: str, tolerance_us: float | None, until_eof: bool
+    name: str,
+    spec: str,
+    leader: Address,
+    clock_text: str,
+    tolerance_us: float | None,
+    spool: Path,
+    until_eof: bool,
 ) -> None:
     """Run one camera until Ctrl-C; a leader that is not there yet, or goes away, is waited for."""
     from capture_app.cameras.catalog import open_camera, parse_spec
@@ -65,5 +73,6 @@ def node(
         clock=clock,
         tolerance_ns=None if tolerance_us is None else round(tolerance_us * 1000),
         talk=lambda line: talk(f"{name}: {line}"),
+        spool=spool,
     )
     run_until_stopped(client.run(), until_eof=until_eof)

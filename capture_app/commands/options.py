@@ -6,6 +6,7 @@ import os
 import signal
 import sys
 from collections.abc import Coroutine
+from pathlib import Path
 from typing import Any
 
 import click
@@ -36,6 +37,21 @@ leader_option = click.option(
     show_default=True,
     metavar="HOST:PORT",
     help="Where the leader listens.",
+)
+
+
+def state_folder() -> Path:
+    """The folder for what this user's programs keep between runs."""
+    return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "simulshot"
+
+
+spool_option = click.option(
+    "--spool",
+    type=click.Path(path_type=Path, file_okay=False),
+    default=lambda: state_folder() / "spool",
+    metavar="DIR",
+    help="Folder on this machine's disk that keeps bursts until the leader has them.  [default: "
+    "~/.local/state/simulshot/spool]",
 )
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON on stdout.")
 

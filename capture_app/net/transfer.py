@@ -11,7 +11,7 @@ import asyncio
 import contextlib
 import socket
 import struct
-from collections.abc import Awaitable, Callable
+from collections.abc import AsyncIterator, Awaitable, Callable
 from typing import Any, Generic, Self, TypeVar
 
 import msgspec
@@ -22,7 +22,10 @@ from capture_app.net.address import Address
 MAGIC = b"SSH1"
 MAX_HEADER_BYTES = 1 << 20
 MAX_PAYLOAD_BYTES = 64 << 20
+CHUNK_BYTES = 1 << 18
+"""The most that is read of a stream at once, and half of what is kept of it unread."""
 CONNECT_TIMEOUT_S = 5.0
+_BROKEN = "the transfer broke off in the middle of a message"
 
 _PREFIX = struct.Struct(">4sIQ")
 _ENCODER = msgspec.json.Encoder()
@@ -39,6 +42,7 @@ class Channel(Generic[M]):
         self._reader = reader
         self._writer = writer
         self._decoder = decoder
+        self._unread = 0
 
     @property
     def peer(self) -> Address:
@@ -51,11 +55,21 @@ class Channel(Generic[M]):
 
         Raises NetworkError for a stream that breaks off, is too large, or is no transfer stream at all.
         """
+        message = await self.receive_head()
+        return None if message is None else (message, b"".join([chunk async for chunk in self.payload()]))
+
+    async def receive_head(self) -> M | None:
+        """Read one message without its payload, for `payload` to read; what it left is skipped.
+
+        Returns and raises as `receive` does.
+        """
+        async for _ in self.payload():
+            pass
         try:
             prefix = await self._reader.readexactly(_PREFIX.size)
         except asyncio.IncompleteReadError as error:
             if error.partial:
-                raise NetworkError("the transfer broke off in the middle of a message") from error
+                raise NetworkError(_BROKEN) from error
             return None
         except OSError as error:
             raise NetworkError(f"the transfer broke off: {error}") from error
@@ -69,17 +83,34 @@ class Channel(Generic[M]):
             )
         try:
             header = await self._reader.readexactly(header_bytes)
-            payload = await self._reader.readexactly(payload_bytes)
         except (asyncio.IncompleteReadError, OSError) as error:
-            raise NetworkError("the transfer broke off in the middle of a message") from error
+            raise NetworkError(_BROKEN) from error
+        self._unread = payload_bytes
         try:
-            return self._decoder.decode(header), payload
+            return self._decoder.decode(header)
         except msgspec.MsgspecError as error:
             raise NetworkError(
                 f"unreadable message: {error}", hint="do both ends run the same version?"
             ) from error
 
-    async def send(self, message: msgspec.Struct, *payloads: bytes) -> None:
+    @property
+    def payload_bytes(self) -> int:
+        """How much of the last message's payload is still to be read."""
+        return self._unread
+
+    async def payload(self) -> AsyncIterator[bytes]:
+        """Yield the last message's payload as it comes in. Raises NetworkError where it breaks off."""
+        while self._unread:
+            try:
+                chunk = await self._reader.read(min(self._unread, CHUNK_BYTES))
+            except OSError as error:
+                raise NetworkError(f"the transfer broke off: {error}") from error
+            if not chunk:
+                raise NetworkError(_BROKEN)
+            self._unread -= len(chunk)
+            yield chunk
+
+    async def send(self, message: msgspec.Struct, *payloads: bytes | memoryview) -> None:
         """Write one message and its payload, and wait until the peer keeps up.
 
         Raises NetworkError where the stream has broken off or the message is too large.
@@ -145,7 +176,7 @@ class TransferServer(Generic[M]):
 
     async def start(self, listening: socket.socket) -> None:
         """Accept streams from now on."""
-        self._server = await asyncio.start_server(self._accept, sock=listening)
+        self._server = await asyncio.start_server(self._accept, sock=listening, limit=CHUNK_BYTES)
 
     async def stop(self) -> None:
         """Close the port and every stream."""

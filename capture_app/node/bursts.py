@@ -1,16 +1,23 @@
 """A burst on the leader's side: reports and images come in, a session comes out, whatever is missing."""
 
 import asyncio
-import hashlib
-from collections.abc import Mapping
+import threading
+from collections.abc import AsyncIterator, Mapping
+from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from capture_app.errors import BadInputError, SimulshotError
-from capture_app.node.messages import CameraReport, ImageUpload
+import msgspec
+
+from capture_app.errors import BadInputError, DiskFullError, SimulshotError, TryAgainError
+from capture_app.node.incoming import Incoming, begun
+from capture_app.node.messages import CameraReport, Held, ImageUpload
+from capture_app.node.plans import camera_plan, record_of, report_of, true_clock_of
 from capture_app.node.status import BurstStatus
 from capture_app.session.calibration import Calibration
 from capture_app.session.manifest import BurstRecord, CameraRecord, MissingImage
+from capture_app.session.plan import Plan
+from capture_app.session.reader import Session
 from capture_app.session.store import SessionWriter
 from capture_app.sync.messages import CameraDescription
 from capture_app.sync.trigger import Burst
@@ -32,6 +39,11 @@ class _Share:
     report: CameraReport | None = None
     instants: set[int] = field(default_factory=set)
     given_up: str = ""
+    silent: bool = False
+    """Given up because nothing was heard of it: it may still have its images."""
+    incoming: Incoming | None = None
+    # One write at a time: a node that sends again after a broken stream meets its own first try.
+    writing: asyncio.Lock = field(default_factory=asyncio.Lock)
 
     def is_complete(self) -> bool:
         return bool(self.given_up) or (self.report is not None and self.instants >= set(self.report.instants))
@@ -40,33 +52,104 @@ class _Share:
 class BurstSession:
     """Collects one burst into a session; finished when every camera has delivered or is given up."""
 
-    def __init__(self, burst: Burst, cameras: Mapping[str, CameraDescription], writer: SessionWriter) -> None:
+    def __init__(
+        self, burst: Burst, cameras: Mapping[str, CameraDescription | CameraRecord], writer: SessionWriter
+    ) -> None:
         self.burst = burst
         self.finished = asyncio.Event()
         self.session: Path | None = None
         self.message = ""
         self._writer = writer
-        # One write at a time: a node that sends again after a broken stream meets its own first try.
-        self._writing = asyncio.Lock()
-        self._simulated = False
+        self._planning = threading.Lock()
+        self._lost: dict[tuple[str, int], MissingImage] = {}
+        """What an earlier finish of this session gave up, and why."""
+        self._resumed = False
         begin_ns = burst.instants_ns[-1] + AFTER_LAST_INSTANT_NS
         self._shares = {name: _Share(record_of(name, cameras[name]), begin_ns) for name in burst.clients}
 
+    @classmethod
+    def resume(cls, folder: Path, heard_ns: int) -> "BurstSession":
+        """Go on with a burst that was interrupted or lacks images; its cameras count as heard at `heard_ns`.
+
+        Blocks on the disk. Raises BadInputError where the session has no plan, TryAgainError where another
+        process writes it.
+        """
+        writer = SessionWriter.resume(folder)
+        plan = writer.plan
+        assert plan is not None
+        cameras = {share.camera.name: share.camera for share in plan.cameras}
+        burst = Burst(
+            plan.number,
+            plan.burst.instants_ns,
+            plan.burst.period_ns,
+            plan.burst.instants_ns[0] if plan.burst.requested_ns is None else plan.burst.requested_ns,
+            tuple(cameras),
+        )
+        session = cls(burst, cameras, writer)
+        session._resumed = True
+        for told in plan.cameras:
+            share = session._shares[told.camera.name]
+            share.heard_ns = heard_ns
+            share.report = report_of(plan, told)
+            has = (writer.image(told.camera.name, n) is not None for n in range(len(burst.instants_ns)))
+            share.instants = {instant for instant, there in enumerate(has) if there}
+        session._take_over_losses()
+        return session
+
+    async def begin(self, leader: int) -> None:
+        """Put on disk what this is to become; `leader` is the run of the leader that nodes know it by.
+
+        Raises DiskFullError where there is no room for it.
+        """
+        plan = Plan(
+            name=self._writer.name,
+            created=self._writer.created,
+            software=self._writer.software,
+            leader=leader,
+            number=self.burst.number,
+            burst=self._record,
+            cameras=tuple(camera_plan(share.camera, None) for share in self._shares.values()),
+        )
+        async with self._all_quiet():
+            await asyncio.to_thread(self._writer.set_plan, plan)
+
     @property
     def status(self) -> BurstStatus:
-        """How far it is."""
+        """How far it is; a burst of an earlier run has no number in this one."""
         instants = len(self.burst.instants_ns)
+        received = sum(len(share.instants) for share in self._shares.values())
+        expected = len(self._shares) * instants
+        done, message = self.finished.is_set(), self.message
+        if self._resumed:
+            message = f"{self._writer.name} of an earlier run: {received} of {expected} images" + (
+                f"; {message}" if message else "" if done else ", waiting for what its nodes still hold"
+            )
         return BurstStatus(
-            burst=self.burst.number,
+            burst=0 if self._resumed else self.burst.number,
             name=self._writer.name,
             cameras=len(self._shares),
             instants=instants,
-            received=sum(len(share.instants) for share in self._shares.values()),
-            expected=len(self._shares) * instants,
-            done=self.finished.is_set(),
+            received=received,
+            expected=expected,
+            done=done,
             session=None if self.session is None else str(self.session),
-            message=self.message,
+            message=message,
         )
+
+    @property
+    def folder(self) -> Path:
+        """Where the session is written."""
+        return self._writer.folder
+
+    def image_bytes(self) -> dict[str, int]:
+        """The mean size in bytes of each camera's images, of those that have any."""
+        means = {}
+        for name, share in self._shares.items():
+            images = [self._writer.image(name, instant) for instant in share.instants]
+            sizes = [image.bytes for image in images if image is not None]
+            if sizes:
+                means[name] = sum(sizes) // len(sizes)
+        return means
 
     def stream_opened(self, camera: str) -> None:
         """That camera is connected: its images may take their time."""
@@ -78,44 +161,55 @@ class BurstSession:
         share.streams -= 1
         share.heard_ns = max(share.heard_ns, now_ns)
 
-    async def take_report(self, report: CameraReport, now_ns: int) -> None:
-        """Note what a camera will send. Raises BadInputError for a report that is not of this burst."""
+    async def take_report(self, report: CameraReport, now_ns: int) -> tuple[Held, ...]:
+        """Note what a camera will send, and return what is here of it already.
+
+        Raises BadInputError for a report that is not of this burst.
+        """
         share = self._share(report.camera.name)
         for instant in (*report.instants, *(missing.instant for missing in report.missing)):
             self._check_instant(instant)
-        async with self._writing:
+        if share.incoming is not None:
+            # A stream that the node has left may not have noticed yet.
+            share.incoming.close()
+        async with share.writing:
             self._must_be_open()
-            if share.report is None:
-                for event in report.events:
-                    await asyncio.to_thread(self._writer.add_event, {"camera": report.camera.name, **event})
-            share.report = report
+            if share.report is None and report.events:
+                events = ({"camera": report.camera.name, **event} for event in report.events)
+                await asyncio.to_thread(self._writer.add_event, *events)
+            await asyncio.to_thread(self._note_report, report)
+            share.report, share.given_up, share.silent = report, "", False
             share.heard_ns = max(share.heard_ns, now_ns)
+            held = await asyncio.to_thread(self._held, share)
         await self._finish_if_complete()
+        return held
 
-    async def take_image(self, upload: ImageUpload, payload: bytes, now_ns: int) -> str:
-        """Save an image and return its checksum once it is on disk. Raises BadInputError."""
-        record = upload.record
-        share = self._share(record.camera)
-        self._check_instant(record.instant)
-        image = payload[: len(payload) - upload.truth_bytes]
-        truth = payload[len(image) :]
-        sha256 = hashlib.sha256(image).hexdigest()
-        if len(image) != record.bytes or sha256 != record.sha256:
-            raise BadInputError(f"the image of {record.camera} at instant {record.instant} came damaged")
-        async with self._writing:
-            self._must_be_open()
-            if record.instant not in share.instants:
-                await asyncio.to_thread(self._save, upload, image, truth)
-            share.instants.add(record.instant)
-            share.heard_ns = max(share.heard_ns, now_ns)
+    async def take_image(self, upload: ImageUpload, payload: AsyncIterator[bytes], now_ns: int) -> str:
+        """Save an image as it comes in and return its checksum once it is on disk.
+
+        What came of it stays where the stream breaks off, with NetworkError. Raises BadInputError,
+        TryAgainError for a damaged one, DiskFullError; a full disk ends the burst.
+        """
+        share = self._share(upload.record.camera)
+        self._check_instant(upload.record.instant)
+        self._must_be_open()
+        known = self._writer.image(upload.record.camera, upload.record.instant)
+        if known is not None:
+            return known.sha256
+        try:
+            await self._receive(share, upload, payload)
+        except DiskFullError:
+            await self.stop("the leader's disk is full")
+            raise
+        share.heard_ns = max(share.heard_ns, now_ns)
         await self._finish_if_complete()
-        return sha256
+        return upload.record.sha256
 
-    async def give_up(self, camera: str, reason: str) -> None:
-        """Wait no longer for a camera."""
+    async def give_up(self, camera: str, reason: str, *, silent: bool = False) -> None:
+        """Wait no longer for a camera; `silent` where it may have its images all the same."""
         share = self._shares.get(camera)
         if share is not None and not share.is_complete():
-            share.given_up = reason
+            share.given_up, share.silent = reason, silent
             await self._finish_if_complete()
 
     async def give_up_silent(self, lost: Mapping[str, str], now_ns: int) -> None:
@@ -123,14 +217,36 @@ class BurstSession:
         for name, share in self._shares.items():
             silent_ns = now_ns - share.heard_ns
             if silent_ns >= PATIENCE_NS and (not share.streams or name in lost):
-                await self.give_up(name, lost.get(name, "it sent nothing"))
+                await self.give_up(name, lost.get(name, "it sent nothing"), silent=True)
             elif silent_ns >= STALL_NS:
-                await self.give_up(name, f"it sent nothing for {STALL_NS // 10**9} s")
+                await self.give_up(name, f"it sent nothing for {STALL_NS // 10**9} s", silent=True)
 
     async def stop(self, reason: str) -> None:
         """Finish with what is there."""
         for name in self._shares:
-            await self.give_up(name, reason)
+            await self.give_up(name, reason, silent=True)
+
+    async def leave(self) -> None:
+        """Go away without finishing: `resume` goes on from here."""
+        async with self._all_quiet():
+            if not self.finished.is_set():
+                await asyncio.to_thread(self._writer.abort)
+                self.message = (
+                    f"left unfinished: the next leader goes on, or capture-app sessions repair {self.folder}"
+                )
+                self.finished.set()
+
+    async def cancel(self, reason: str) -> None:
+        """End a burst that never began, and delete its folder."""
+        async with self._all_quiet():
+            if not self.finished.is_set():
+                await asyncio.to_thread(self._writer.discard)
+                self.message = reason
+                self.finished.set()
+
+    def is_empty(self) -> bool:
+        """Whether no image has come yet."""
+        return not any(share.instants for share in self._shares.values())
 
     def _share(self, camera: str) -> _Share:
         try:
@@ -144,50 +260,85 @@ class BurstSession:
 
     def _must_be_open(self) -> None:
         if self.finished.is_set():
-            raise BadInputError(f"burst {self.burst.number} is over")
+            raise TryAgainError(f"burst {self.burst.number} is over")
 
-    def _save(self, upload: ImageUpload, image: bytes, truth: bytes) -> None:
-        record = upload.record
+    @asynccontextmanager
+    async def _all_quiet(self) -> AsyncIterator[None]:
+        async with AsyncExitStack() as stack:
+            for share in self._shares.values():
+                await stack.enter_async_context(share.writing)
+            yield
+
+    async def _receive(self, share: _Share, upload: ImageUpload, payload: AsyncIterator[bytes]) -> None:
+        incoming = Incoming(self.folder, upload)
+        async with share.writing:
+            self._must_be_open()
+            if share.incoming is not None:
+                share.incoming.close()
+            share.incoming = incoming
+            await asyncio.to_thread(incoming.open)
+        try:
+            async for chunk in payload:
+                await asyncio.to_thread(incoming.add, chunk)
+        finally:
+            incoming.close()
+        async with share.writing:
+            self._must_be_open()
+            if upload.record.instant not in share.instants:
+                await asyncio.to_thread(self._keep, incoming)
+                share.instants.add(upload.record.instant)
+
+    def _keep(self, incoming: Incoming) -> None:
+        upload, record = incoming.upload, incoming.upload.record
+        truth = incoming.take_apart()
         # The truth first: an image that is on disk is one that needs nothing more.
         if truth and upload.true_ns is not None:
-            self._simulated = True
             self._writer.add_ground_truth(record.camera, record.instant, truth, upload.true_ns)
-        self._writer.add_image(
-            image,
-            camera=record.camera,
-            instant=record.instant,
-            leader_ns=record.leader_ns,
-            suffix=Path(record.path).suffix,
-            local_ns=record.local_ns,
-            residual_ns=record.residual_ns,
-            uncertainty_ns=record.uncertainty_ns,
-            hard_bound_ns=record.hard_bound_ns,
-            exposure_start_ns=record.exposure_start_ns,
-            exposure_ns=record.exposure_ns,
-            gain=record.gain,
-            white_balance=record.white_balance,
-            sequence=record.sequence,
-            dropped=record.dropped,
-            late=record.late,
+        self._writer.add_received(record, incoming.file)
+
+    def _held(self, share: _Share) -> tuple[Held, ...]:
+        name = share.camera.name
+        images = [self._writer.image(name, instant) for instant in sorted(share.instants)]
+        stored = (
+            Held(instant=image.instant, sha256=image.sha256, bytes=image.bytes, stored=True)
+            for image in images
+            if image is not None
         )
+        return (*stored, *begun(self.folder, name))
+
+    def _note_report(self, report: CameraReport) -> None:
+        name = report.camera.name
+        with self._planning:
+            plan = self._writer.plan
+            if plan is None:
+                return
+            cameras = tuple(
+                camera_plan(report.camera, report) if told.camera.name == name else told
+                for told in plan.cameras
+            )
+            changed = msgspec.structs.replace(plan, cameras=cameras)
+            if changed != plan:
+                self._writer.set_plan(changed)
 
     async def _finish_if_complete(self) -> None:
-        async with self._writing:
+        if self.finished.is_set() or not all(share.is_complete() for share in self._shares.values()):
+            return
+        async with self._all_quiet():
             if self.finished.is_set() or not all(share.is_complete() for share in self._shares.values()):
                 return
             try:
                 self.session = await asyncio.to_thread(self._finish)
             except SimulshotError as error:
-                self.message = str(error)
+                self.message = f"{error}; then: capture-app sessions repair {self.folder}"
+                await asyncio.to_thread(self._writer.abort)
             self.finished.set()
 
     def _finish(self) -> Path | None:
         missing = [gap for share in self._shares.values() for gap in self._missing_of(share)]
-        received = sum(len(share.instants) for share in self._shares.values())
         if missing:
             reasons = sorted({f"{gap.camera}: {gap.reason}" for gap in missing})
             self.message = f"{len(missing)} images are missing ({'; '.join(reasons)})"
-        if not received:
+        if self.is_empty() and not self._resumed and not any(share.silent for share in self._shares.values()):
             self._writer.discard()
             self.message = f"no image came, so no session was made; {self.message}"
             return None
@@ -196,55 +347,45 @@ class BurstSession:
         if calibrated:
             self._writer.set_calibration(Calibration(cameras=calibrated, source="the simulated scene"))
         self._writer.set_ground_truth_clocks(
-            {
-                name: {
-                    "offset_ns": report.true_clock.offset_ns,
-                    "skew_ppm": report.true_clock.skew_ppm,
-                    "epoch_true_ns": report.true_clock.epoch_true_ns,
-                }
-                for name, report in reports.items()
-                if report.true_clock is not None
-            }
+            {name: true for name, report in reports.items() if (true := true_clock_of(report)) is not None}
         )
         cameras = [share.report.camera if share.report else share.camera for share in self._shares.values()]
-        record = BurstRecord(
-            instants_ns=self.burst.instants_ns,
-            period_ns=self.burst.period_ns,
-            requested_ns=self.burst.requested_ns,
-        )
-        origin = "simulated" if self._simulated else "captured"
-        return self._writer.finish(cameras, record, missing, origin).folder
+        origin = "simulated" if self._writer.knows_true_times else "captured"
+        return self._writer.finish(cameras, self._record, missing, origin).folder
 
     def _missing_of(self, share: _Share) -> list[MissingImage]:
+        name = share.camera.name
         told = {gap.instant: gap for gap in share.report.missing} if share.report else {}
+        told = {n: gap for (camera, n), gap in self._lost.items() if camera == name} | told
         return [
-            MissingImage(
-                camera=share.camera.name,
-                instant=instant,
-                reason=told[instant].reason if instant in told else share.given_up or "it never came",
-                dropped=instant in told and told[instant].dropped,
-            )
+            told.get(instant)
+            or MissingImage(camera=name, instant=instant, reason=share.given_up or "it never came")
             for instant in range(len(self.burst.instants_ns))
             if instant not in share.instants
         ]
 
+    @property
+    def _record(self) -> BurstRecord:
+        return BurstRecord(
+            instants_ns=self.burst.instants_ns,
+            period_ns=self.burst.period_ns,
+            requested_ns=self.burst.requested_ns,
+        )
 
-def record_of(name: str, camera: CameraDescription) -> CameraRecord:
-    """The record of a camera that has not reported."""
-    return CameraRecord(
-        name=name,
-        kind=camera.kind,
-        model=camera.model,
-        width=camera.width,
-        height=camera.height,
-        period_ns=camera.period_ns,
-        timestamp_source=camera.timestamp_source,
-        row_time_ns=camera.row_time_ns,
-    )
+    def _take_over_losses(self) -> None:
+        """Of a session that was finished before, wait for no camera; what it gave up may still come."""
+        try:
+            missing = Session.open(self.folder).manifest.missing
+        except SimulshotError:
+            return
+        self._lost = {(gap.camera, gap.instant): gap for gap in missing}
+        for name, share in self._shares.items():
+            share.given_up = next((gap.reason for gap in missing if gap.camera == name), "it never came")
+            share.silent = True
 
 
 def create_numbered(root: Path) -> SessionWriter:
-    """Begin the session `burst-NNN` of the next free number. Raises BadInputError."""
+    """Begin the session `burst-NNN` of the next free number. Raises BadInputError, DiskFullError."""
     number = 1 + max((_number(path) for path in root.glob("burst-*")), default=0)
     while True:
         name = f"burst-{number:03d}"

@@ -7,13 +7,16 @@ import socket
 from collections import deque
 from collections.abc import Callable
 from dataclasses import replace
+from pathlib import Path
 
 from capture_app.cameras.base import Camera, CameraInfo, CapturedFrame, PhaseControl
 from capture_app.errors import CameraError, SimulshotError
 from capture_app.net.address import Address, resolve
 from capture_app.net.udp import Pump, ToPeer, client_socket
 from capture_app.node.messages import CameraReport, JsonValue
+from capture_app.node.plans import record_of
 from capture_app.node.records import camera_record, description, event_line, true_clock
+from capture_app.node.spool import Spool
 from capture_app.node.uploader import BurstWork, Uploader
 from capture_app.session.manifest import MissingImage
 from capture_app.simulation.clock import HostClock, NodeClock
@@ -52,8 +55,12 @@ class ClientNode:
         tolerance_ns: int | None = None,
         ring_frames: int = RING_FRAMES,
         talk: Callable[[str], None] | None = None,
+        spool: Path | None = None,
     ) -> None:
-        """`open_camera` is called again after each failure of the device; `talk` gets what a user may see."""
+        """`open_camera` is called again after each failure of the device; `talk` gets what a user may see.
+
+        `spool` is the folder that bursts are kept in until the leader has them; without one, memory is.
+        """
         self.name = name
         self._open_camera = open_camera
         self._leader = leader
@@ -65,7 +72,7 @@ class ClientNode:
         self._info: CameraInfo
         self._engine: Client[CapturedFrame] | None = None
         self._pump: Pump | None = None
-        self._uploader = Uploader(self._talk)
+        self._uploader = Uploader(self._talk, None if spool is None else Spool(spool, name))
         self._commands: asyncio.Queue[tuple[CameraCommand, int]] = asyncio.Queue()
         """Each with the local time in ns that the engine reckoned with."""
         self._engine_ns = 0
@@ -78,8 +85,9 @@ class ClientNode:
         """Open the camera, join, and take pictures until cancelled.
 
         Raises NetworkError where the leader's host has no address, CameraError where the camera cannot be
-        opened at the start; later failures of either are waited out.
+        opened at the start, BadInputError for a spool that cannot be used; later failures are waited out.
         """
+        self._uploader.load_spool()
         family, peer = await resolve(self._leader)
         self._camera = self._open_camera()
         started_ns = self._clock.now_ns()
@@ -217,7 +225,8 @@ class ClientNode:
             return
         if isinstance(event, Joined):
             self._leader_instance = event.leader
-            self._uploader.leader_found(Address(self._leader.host, event.transfer_port))
+            camera = record_of(self.name, description(self._info))
+            self._uploader.leader_found(Address(self._leader.host, event.transfer_port), camera)
         line = {"local_ns": now_ns, **event_line(event)}
         self._events.append(line)
         if isinstance(event, LeaderLost | JoinRefused | CannotAlign):

@@ -8,13 +8,15 @@ from collections.abc import AsyncGenerator, AsyncIterator, Callable, Coroutine
 from pathlib import Path
 from typing import Any, Self
 
-from capture_app.errors import BadInputError, IncompleteError, SimulshotError
+from capture_app.errors import IncompleteError, SimulshotError
 from capture_app.net.address import DEFAULT_PORT, Address, reachable_host
 from capture_app.net.transfer import TransferServer, bind
 from capture_app.net.udp import Pump
 from capture_app.node.bursts import BurstSession, create_numbered
-from capture_app.node.messages import BurstRequest, CameraReport, ImageUpload, ToLeader
+from capture_app.node.messages import BurstRequest, CameraReport, ImageUpload, NodeSpace, ToLeader
+from capture_app.node.revival import Revival
 from capture_app.node.service import Service
+from capture_app.node.space import check_room, guessed_image_bytes
 from capture_app.node.status import BurstStatus, NodeStatus, RigStatus
 from capture_app.session.store import SessionWriter
 from capture_app.simulation.clock import HostClock, NodeClock
@@ -54,6 +56,10 @@ class LeaderNode:
         self._bursts: dict[int, BurstSession] = {}
         self._last_burst: BurstSession | None = None
         self._saved: list[str] = []
+        self._image_bytes: dict[str, int] = {}
+        self._spools: dict[str, NodeSpace] = {}
+        self.revival = Revival(sessions, self._revived)
+        """The sessions of earlier runs that are being finished."""
         self._tasks: set[asyncio.Task[None]] = set()
         self._engine: Leader
         self._pump: Pump
@@ -80,6 +86,7 @@ class LeaderNode:
         await self._server.start(listening)
         self._pump.start(datagrams)
         self._spawn(self._keep_house())
+        self._spawn(self.revival.begin(self._clock.now_ns()))
 
     async def stop(self) -> None:
         """Close the port; bursts under way are saved with what has come."""
@@ -90,8 +97,10 @@ class LeaderNode:
         await asyncio.gather(*self._tasks, return_exceptions=True)
         for burst in self._bursts.values():
             if not burst.finished.is_set():
-                await burst.stop("the leader was stopped")
+                # Nodes still have what has not come, and the next start may fetch it.
+                await (burst.leave() if burst.is_empty() else burst.stop("the leader was stopped"))
                 self._note_finished(burst)
+        await self.revival.stop()
 
     def status(self) -> RigStatus:
         """The whole rig at this moment."""
@@ -116,13 +125,14 @@ class LeaderNode:
         """Order a burst of all nodes that are here, and begin its session.
 
         Raises BadInputError for an impossible burst or a folder that cannot be written, IncompleteError
-        where no node is here.
+        where no node is here, DiskFullError where it will hardly find room here or on a node.
         """
         if sum(not burst.finished.is_set() for burst in self._bursts.values()) >= MAX_OPEN_BURSTS:
             raise IncompleteError(
                 f"{MAX_OPEN_BURSTS} bursts are still being saved", hint="wait until they are there"
             )
         self._check_somebody_is_here()
+        check_room(self.sessions, self._expected_image_bytes(), frames, self._spools)
         writer = await asyncio.to_thread(create_numbered, self.sessions)
         try:
             burst = self._engine.trigger(
@@ -132,6 +142,12 @@ class LeaderNode:
             await asyncio.to_thread(writer.discard)
             raise
         session = self._begin(burst, writer)
+        # On disk before any node can hear of it, so that whatever is picked can be fetched after a crash.
+        try:
+            await session.begin(self._instance)
+        except SimulshotError as error:
+            await session.cancel(error.what)
+            raise
         self._pump.turn()
         return session.status
 
@@ -173,12 +189,21 @@ class LeaderNode:
                     await session.finished.wait()
         yield session.status
 
-    def session_of(self, message: CameraReport | ImageUpload) -> BurstSession:
-        """Return the burst of an upload. Raises BadInputError where this run has no such burst."""
-        session = self._bursts.get(message.burst)
-        if session is None or message.leader != self._instance:
-            raise BadInputError(f"burst {message.burst} is not of this leader")
-        return session
+    async def session_of(self, message: CameraReport | ImageUpload) -> BurstSession:
+        """Return the burst of an upload, of this run or of an earlier one whose session lacks it.
+
+        Raises BadInputError where there is no such burst, TryAgainError where its session is in use.
+        """
+        session = self._bursts.get(message.burst) if message.leader == self._instance else None
+        if session is not None and not session.finished.is_set():
+            return session
+        if isinstance(message, ImageUpload):
+            return self.revival.open_session(message)
+        return await self.revival.revive(message, self._clock.now_ns())
+
+    def space_told(self, space: NodeSpace) -> None:
+        """Note how much room a node has, for the next burst."""
+        self._spools[space.camera] = space
 
     def image_stored(self, session: BurstSession) -> None:
         """Tell how far a burst is; its end is told apart."""
@@ -242,7 +267,22 @@ class LeaderNode:
         path = session.status.session
         if path is not None and path not in self._saved:
             self._saved.append(path)
+        if path is not None:
+            self._image_bytes |= session.image_bytes()
         self._on_news(session.status)
+
+    def _revived(self, session: BurstSession) -> None:
+        self._spawn(self._follow(session))
+
+    def _expected_image_bytes(self) -> dict[str, int]:
+        """The likely size in bytes of an image of each node that is here."""
+        views = self._engine.clients(self._clock.now_ns())
+        return {
+            view.name: self._image_bytes.get(view.name)
+            or guessed_image_bytes(view.camera.width, view.camera.height)
+            for view in views
+            if view.report.state is not NodeState.LOST
+        }
 
     async def _keep_house(self) -> None:
         while True:
@@ -253,7 +293,7 @@ class LeaderNode:
                 for view in self._engine.clients(now_ns)
                 if view.report.state is NodeState.LOST
             }
-            for session in tuple(self._bursts.values()):
+            for session in (*self._bursts.values(), *self.revival.sessions()):
                 if not session.finished.is_set():
                     await session.give_up_silent(lost, now_ns)
 

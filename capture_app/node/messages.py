@@ -6,7 +6,7 @@ from msgspec import Meta, Struct
 
 from capture_app.node.status import BurstStatus, RigStatus
 from capture_app.session.calibration import CameraCalibration
-from capture_app.session.manifest import CameraRecord, Count, ImageRecord, MissingImage
+from capture_app.session.manifest import CameraRecord, Count, ImageRecord, MissingImage, Sha256
 
 JsonValue = int | float | str | bool | None
 
@@ -41,7 +41,7 @@ class CameraReport(_Message, frozen=True, kw_only=True, tag="report"):
 
 
 class ImageUpload(_Message, frozen=True, kw_only=True, tag="image"):
-    """One image; the payload is its bytes and then `truth_bytes` of ground truth."""
+    """One image; the payload is its bytes and then `truth_bytes` of ground truth, from `offset` on."""
 
     leader: int
     burst: int
@@ -49,6 +49,19 @@ class ImageUpload(_Message, frozen=True, kw_only=True, tag="image"):
     truth_bytes: Count = 0
     true_ns: int | None = None
     """True start of the first row's exposure, of a simulated frame."""
+    truth_sha256: Sha256 | None = None
+    offset: Count = 0
+    """How many bytes the leader has already, from a stream that broke off."""
+
+
+class NodeSpace(_Message, frozen=True, kw_only=True, tag="space"):
+    """How much room a node's spool has, and how much an image of its camera takes, in bytes."""
+
+    camera: str
+    free_bytes: Count
+    image_bytes: Count
+    spool: str
+    """Where it is, on that node."""
 
 
 class Stored(_Message, frozen=True, kw_only=True, tag="stored"):
@@ -57,8 +70,21 @@ class Stored(_Message, frozen=True, kw_only=True, tag="stored"):
     sha256: str
 
 
+class Held(_Message, frozen=True, kw_only=True):
+    """What the leader has of an image: all of it, safely on its disk, or the first bytes."""
+
+    instant: Count
+    sha256: Sha256
+    """Of the whole image."""
+    bytes: Count
+    """Of the image and its ground truth."""
+    stored: bool
+
+
 class Noted(_Message, frozen=True, kw_only=True, tag="noted"):
-    """The leader has a node's report."""
+    """The leader has a node's report, and of that camera's images what `held` says."""
+
+    held: tuple[Held, ...] = ()
 
 
 class Refusal(_Message, frozen=True, kw_only=True, tag="refusal"):
@@ -67,6 +93,8 @@ class Refusal(_Message, frozen=True, kw_only=True, tag="refusal"):
     what: str
     hint: str = ""
     exit_code: int = 1
+    retry: bool = False
+    """It may be asked for again: a disk is full, or a burst was closed and can be opened again."""
 
 
 class StatusRequest(_Message, frozen=True, kw_only=True, tag="ask-status"):
@@ -96,5 +124,5 @@ class BurstAnswer(_Message, frozen=True, kw_only=True, tag="burst"):
     burst: BurstStatus
 
 
-ToLeader = CameraReport | ImageUpload | StatusRequest | BurstRequest
+ToLeader = CameraReport | ImageUpload | NodeSpace | StatusRequest | BurstRequest
 FromLeader = Stored | Noted | Refusal | StatusAnswer | BurstAnswer

@@ -4,7 +4,7 @@ import contextlib
 from collections.abc import AsyncGenerator
 from typing import Protocol
 
-from capture_app.errors import NetworkError, SimulshotError
+from capture_app.errors import DiskFullError, NetworkError, SimulshotError, TryAgainError
 from capture_app.net.transfer import Channel
 from capture_app.node.bursts import BurstSession
 from capture_app.node.messages import (
@@ -12,6 +12,7 @@ from capture_app.node.messages import (
     BurstRequest,
     CameraReport,
     ImageUpload,
+    NodeSpace,
     Noted,
     Refusal,
     StatusAnswer,
@@ -34,8 +35,11 @@ class Rig(Protocol):
     def take_burst(self, request: BurstRequest) -> AsyncGenerator[BurstStatus, None]:
         """Take a burst and yield its progress."""
 
-    def session_of(self, message: CameraReport | ImageUpload) -> BurstSession:
+    async def session_of(self, message: CameraReport | ImageUpload) -> BurstSession:
         """Return the burst of an upload."""
+
+    def space_told(self, space: NodeSpace) -> None:
+        """Note how much room a node has."""
 
     def image_stored(self, session: BurstSession) -> None:
         """Tell how far a burst is."""
@@ -49,16 +53,21 @@ class Service:
 
     async def serve(self, channel: Channel[ToLeader]) -> None:
         """Answer a stream until its peer closes it; the user's mistakes are told, not raised."""
-        working_on: dict[int, tuple[BurstSession, str]] = {}
+        working_on: dict[tuple[int, int], tuple[BurstSession, str]] = {}
         try:
-            while (received := await channel.receive()) is not None:
+            while (message := await channel.receive_head()) is not None:
                 try:
-                    await self._answer(channel, *received, working_on)
+                    await self._answer(channel, message, working_on)
                 except NetworkError:
                     raise
                 except SimulshotError as error:
                     await channel.send(
-                        Refusal(what=error.what, hint=error.hint, exit_code=int(error.exit_code))
+                        Refusal(
+                            what=error.what,
+                            hint=error.hint,
+                            exit_code=int(error.exit_code),
+                            retry=isinstance(error, DiskFullError | TryAgainError),
+                        )
                     )
         finally:
             for session, camera in working_on.values():
@@ -68,8 +77,7 @@ class Service:
         self,
         channel: Channel[ToLeader],
         message: ToLeader,
-        payload: bytes,
-        working_on: dict[int, tuple[BurstSession, str]],
+        working_on: dict[tuple[int, int], tuple[BurstSession, str]],
     ) -> None:
         match message:
             case StatusRequest():
@@ -79,14 +87,20 @@ class Service:
                     async for status in progress:
                         await channel.send(BurstAnswer(burst=status))
             case CameraReport():
-                session = self._rig.session_of(message)
-                if message.burst not in working_on:
-                    session.stream_opened(message.camera.name)
-                    working_on[message.burst] = session, message.camera.name
-                await session.take_report(message, self._rig.now_ns())
+                session = await self._rig.session_of(message)
+                key, camera = (message.leader, message.burst), message.camera.name
+                if key not in working_on or working_on[key][0] is not session:
+                    session.stream_opened(camera)
+                    if key in working_on:
+                        working_on[key][0].stream_closed(camera, self._rig.now_ns())
+                    working_on[key] = session, camera
+                held = await session.take_report(message, self._rig.now_ns())
+                await channel.send(Noted(held=held))
+            case NodeSpace():
+                self._rig.space_told(message)
                 await channel.send(Noted())
             case ImageUpload():
-                session = self._rig.session_of(message)
-                sha256 = await session.take_image(message, payload, self._rig.now_ns())
+                session = await self._rig.session_of(message)
+                sha256 = await session.take_image(message, channel.payload(), self._rig.now_ns())
                 self._rig.image_stored(session)
                 await channel.send(Stored(sha256=sha256))

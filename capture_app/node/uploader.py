@@ -14,16 +14,28 @@ from typing import Any
 import msgspec
 
 from capture_app.cameras.base import CapturedFrame
-from capture_app.errors import NetworkError
+from capture_app.errors import NetworkError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.net.transfer import Channel, connect
-from capture_app.node.messages import CameraReport, FromLeader, ImageUpload, Noted, Refusal, Stored
-from capture_app.session.manifest import ImageRecord, MissingImage, image_path
-from capture_app.session.rows import exposure_start_ns
+from capture_app.node.develop import DevelopError, develop, without
+from capture_app.node.messages import (
+    CameraReport,
+    FromLeader,
+    Held,
+    ImageUpload,
+    NodeSpace,
+    Noted,
+    Refusal,
+    Stored,
+)
+from capture_app.node.space import free_bytes, guessed_image_bytes
+from capture_app.node.spool import Spool, SpooledBurst
+from capture_app.session.manifest import CameraRecord, MissingImage
 from capture_app.sync.trigger import Pick
 
 RETRY_S = (0.5, 1.0, 2.0, 4.0)
 ANSWER_TIMEOUT_S = 30.0
+SPACE_EVERY_S = 30.0
 MAX_WAITING_BURSTS = 64
 LOW_PRIORITY = 10
 """Niceness of the thread that develops pictures: the clock exchange comes first."""
@@ -32,12 +44,11 @@ Talk = Callable[[str], None]
 
 
 @dataclass(slots=True)
-class _Developed:
-    """The bytes of a picked frame, ready to send as often as it takes."""
+class Developed:
+    """An image ready to send as often as it takes: its bytes in memory, or in the spool alone."""
 
     upload: ImageUpload
-    image: bytes
-    truth: bytes
+    data: bytes | None
 
 
 @dataclass(slots=True)
@@ -46,89 +57,246 @@ class BurstWork:
 
     report: CameraReport
     picks: deque[Pick[CapturedFrame]]
-    developed: _Developed | None = None
-    reported: bool = False
+    images: deque[Developed] = field(default_factory=deque)
+    confirmed: set[int] = field(default_factory=set)
+    """Instants that the leader has."""
+    spooled: SpooledBurst | None = None
+    spooling: bool = True
+    """Whether the spool is to be used; False once it was full."""
+
+    def load(self, image: Developed) -> bytes | None:
+        """An image's bytes; None where the spool does not have them as they were."""
+        if image.data is not None:
+            return image.data
+        assert self.spooled is not None
+        try:
+            data = self.spooled.file(image.upload).read_bytes()
+        except OSError:
+            return None
+        record = image.upload.record
+        whole = len(data) == record.bytes + image.upload.truth_bytes
+        return data if whole and hashlib.sha256(data[: record.bytes]).hexdigest() == record.sha256 else None
 
 
-class _DevelopError(Exception):
-    """A frame that could not be turned into an image file."""
+class _LaterError(NetworkError):
+    """The leader cannot take a burst now."""
 
 
 @dataclass(slots=True)
 class Uploader:
-    """Sends bursts in their order, one image at a time, over a stream that it reopens when it breaks."""
+    """Develops bursts into the spool, and sends them in their order over a stream that it reopens."""
 
     talk: Talk
+    spool: Spool | None = None
     leader: Address | None = None
     _waiting: deque[BurstWork] = field(default_factory=deque)
+    _refused: deque[BurstWork] = field(default_factory=lambda: deque(maxlen=MAX_WAITING_BURSTS))
     _news: asyncio.Event = field(default_factory=asyncio.Event)
+    _exposed: asyncio.Event = field(default_factory=asyncio.Event)
+    _camera: CameraRecord | None = None
+    _image_bytes: int = 0
+    _space_is_due: bool = False
     _developer: ThreadPoolExecutor = field(
         default_factory=lambda: ThreadPoolExecutor(1, "develop", initializer=_lower_priority)
     )
 
+    def load_spool(self) -> None:
+        """Take on what an earlier run of this node has left in the spool. Raises SimulshotError."""
+        for burst in self.spool.open() if self.spool is not None else ():
+            try:
+                report, uploads = burst.report(), list(burst.images())
+            except SimulshotError as error:
+                self.talk(f"left in the spool: {error}")
+                continue
+            if not uploads:
+                burst.remove()
+                continue
+            self.talk(f"burst {report.burst}: {len(uploads)} images are still in {burst.folder}")
+            images = deque(Developed(upload, None) for upload in uploads)
+            self._waiting.append(BurstWork(report, deque(), images, spooled=burst))
+
     def add(self, work: BurstWork) -> None:
         """Take on a burst; the oldest is given up where a leader has been away for too many."""
         self._waiting.append(work)
+        self._camera = work.report.camera
         if len(self._waiting) > MAX_WAITING_BURSTS:
             given_up = self._waiting.popleft()
-            self.talk(f"burst {given_up.report.burst} given up: the leader is away for too long")
+            where = f"; what it has is in {given_up.spooled.folder}" if given_up.spooled else ""
+            self.talk(f"burst {given_up.report.burst} given up: the leader is away for too long{where}")
         self._news.set()
+        self._exposed.set()
 
     async def run(self) -> None:
-        """Send for ever."""
-        failures = 0
+        """Develop and send for ever."""
         try:
-            while True:
-                while not self._waiting or self.leader is None:
-                    self._news.clear()
-                    await self._news.wait()
-                try:
-                    async with await connect(self.leader, FromLeader) as channel:
-                        while self._waiting:
-                            await self._send_burst(channel, self._waiting[0])
-                            self._waiting.popleft()
-                            failures = 0
-                except NetworkError as error:
-                    if not failures:
-                        self.talk(f"images wait: {error}")
-                    await asyncio.sleep(RETRY_S[min(failures, len(RETRY_S) - 1)])
-                    failures += 1
+            async with asyncio.TaskGroup() as tasks:
+                tasks.create_task(self._develop_all())
+                tasks.create_task(self._send_all())
+                tasks.create_task(self._watch_space())
         finally:
             self._developer.shutdown(wait=False, cancel_futures=True)
+            if self.spool is not None:
+                self.spool.close()
 
-    def leader_found(self, leader: Address) -> None:
-        """Images go to that address from now on."""
+    def leader_found(self, leader: Address, camera: CameraRecord | None = None) -> None:
+        """Images go to that address from now on; what was refused before is offered again."""
         self.leader = leader
+        self._camera = camera or self._camera
+        self._waiting.extendleft(reversed(self._refused))
+        self._refused.clear()
+        self._space_is_due = True
         self._news.set()
+
+    # Developing
+
+    async def _develop_all(self) -> None:
+        while True:
+            self._exposed.clear()
+            work = next((work for work in self._waiting if work.picks), None)
+            if work is None:
+                await self._exposed.wait()
+                continue
+            await self._develop_next(work, work.picks[0])
+            self._news.set()
+
+    async def _develop_next(self, work: BurstWork, pick: Pick[CapturedFrame]) -> None:
+        loop = asyncio.get_running_loop()
+        try:
+            developed = await loop.run_in_executor(self._developer, self._develop, work, pick)
+        except DevelopError as error:
+            lost = MissingImage(camera=work.report.camera.name, instant=pick.instant, reason=str(error))
+            work.report = without(work.report, lost)
+            self.talk(f"burst {work.report.burst}: instant {pick.instant} is lost: {error}")
+            developed = None
+        # While it was developed, the leader may have refused the burst.
+        if work.picks and work.picks[0] is pick:
+            work.picks.popleft()
+            if developed is not None:
+                work.images.append(developed)
+
+    def _develop(self, work: BurstWork, pick: Pick[CapturedFrame]) -> Developed:
+        upload, data = develop(work.report, pick)
+        self._image_bytes = len(data)
+        if self.spool is None or not work.spooling:
+            return Developed(upload, data)
+        try:
+            if work.spooled is None:
+                work.spooled = self.spool.begin(work.report)
+            work.spooled.keep(upload, data)
+        except SimulshotError as error:
+            work.spooling = False
+            self.talk(f"burst {work.report.burst} is kept in memory until the leader has it: {error}")
+            return Developed(upload, data)
+        return Developed(upload, None)
+
+    # Sending
+
+    async def _send_all(self) -> None:
+        failures = 0
+        while True:
+            while self.leader is None or not (self._waiting or self._space_is_due):
+                self._news.clear()
+                await self._news.wait()
+            try:
+                async with await connect(self.leader, FromLeader) as channel:
+                    while self._waiting or self._space_is_due:
+                        if self._space_is_due:
+                            await self._tell_space(channel)
+                            continue
+                        work = self._waiting[0]
+                        await self._send_burst(channel, work)
+                        with contextlib.suppress(ValueError):
+                            self._waiting.remove(work)
+                        failures = 0
+            except NetworkError as error:
+                if isinstance(error, _LaterError):
+                    self._waiting.rotate(-1)
+                if not failures:
+                    self.talk(f"images wait: {error}")
+                await asyncio.sleep(RETRY_S[min(failures, len(RETRY_S) - 1)])
+                failures += 1
 
     async def _send_burst(self, channel: Channel[Any], work: BurstWork) -> None:
         # A leader that was away has kept what it acknowledged; only the stream's own state is new.
-        work.reported = False
-        while not work.reported or work.picks:
-            if not work.reported:
-                if await self._is_over(channel, work, work.report):
-                    return
-                work.reported = True
-                continue
-            try:
-                developed = work.developed or await self._develop(work.report, work.picks[0])
-            except _DevelopError as error:
-                instant = work.picks.popleft().instant
-                lost = MissingImage(camera=work.report.camera.name, instant=instant, reason=str(error))
-                work.report = _without(work.report, lost)
-                work.reported = False
-                self.talk(f"burst {work.report.burst}: instant {instant} is lost: {error}")
-                continue
-            work.developed = developed
-            if await self._is_over(channel, work, developed.upload, developed.image, developed.truth):
-                return
-            work.picks.popleft()
-            work.developed = None
+        told: CameraReport | None = None
+        held: dict[int, Held] = {}
+        while True:
+            self._news.clear()
+            if told is not work.report:
+                told = work.report
+                answer = await self._ask(channel, told)
+                if isinstance(answer, Refusal):
+                    return self._put_away(work, answer)
+                held = {part.instant: part for part in answer.held}
+                await self._tell_lost(work, held)
+            elif work.images:
+                if refusal := await self._send_image(channel, work, work.images[0], held):
+                    return self._put_away(work, refusal)
+            elif work.picks:
+                await self._news.wait()
+            else:
+                break
+        if work.spooled is not None:
+            await asyncio.to_thread(work.spooled.remove)
+        self._space_is_due = self.spool is not None
+        return None
 
-    async def _is_over(
-        self, channel: Channel[Any], work: BurstWork, message: msgspec.Struct, *payloads: bytes
-    ) -> bool:
-        """Send a part of a burst and wait until the leader has it; True where the leader wants no more."""
+    async def _send_image(
+        self, channel: Channel[Any], work: BurstWork, image: Developed, held: dict[int, Held]
+    ) -> Refusal | None:
+        record = image.upload.record
+        part = held.pop(record.instant, None)
+        if part is None or not part.stored:
+            data = await asyncio.to_thread(work.load, image)
+            if data is None:
+                work.images.popleft()
+                await self._lose(work, "its file in the spool is damaged", record.instant)
+                return None
+            resumes = part is not None and part.sha256 == record.sha256 and part.bytes <= len(data)
+            offset = part.bytes if part is not None and resumes else 0
+            upload = msgspec.structs.replace(image.upload, offset=offset)
+            answer = await self._ask(channel, upload, memoryview(data)[offset:])
+            if isinstance(answer, Refusal):
+                return answer
+        work.images.popleft()
+        work.confirmed.add(record.instant)
+        if work.spooled is not None:
+            await asyncio.to_thread(work.spooled.confirmed, image.upload)
+        return None
+
+    async def _tell_lost(self, work: BurstWork, held: dict[int, Held]) -> None:
+        """What was announced and is neither here nor there was lost when this node was stopped."""
+        here = {image.upload.record.instant for image in work.images} | {pick.instant for pick in work.picks}
+        work.confirmed |= {part.instant for part in held.values() if part.stored}
+        lost = sorted(set(work.report.instants) - here - work.confirmed)
+        if lost:
+            await self._lose(work, "the node was stopped before the frame was developed", *lost)
+
+    async def _lose(self, work: BurstWork, reason: str, *instants: int) -> None:
+        name = work.report.camera.name
+        gone = (MissingImage(camera=name, instant=instant, reason=reason) for instant in instants)
+        work.report = without(work.report, *gone)
+        numbers = ", ".join(map(str, instants))
+        self.talk(f"burst {work.report.burst}: instants {numbers} are lost: {reason}")
+        if work.spooled is not None:
+            with contextlib.suppress(SimulshotError):
+                await asyncio.to_thread(work.spooled.set_report, work.report)
+
+    def _put_away(self, work: BurstWork, refusal: Refusal) -> None:
+        if refusal.retry:
+            raise _LaterError(f"{refusal.what} ({refusal.hint})" if refusal.hint else refusal.what)
+        work.picks.clear()
+        if work.spooled is not None:
+            self._refused.append(work)
+            kept = f"; its images stay in {work.spooled.folder}"
+        else:
+            kept = ""
+        self.talk(f"burst {work.report.burst} given up: {refusal.what}{kept}")
+
+    async def _ask(
+        self, channel: Channel[Any], message: CameraReport | ImageUpload | NodeSpace, *payloads: memoryview
+    ) -> Noted | Refusal:
+        """Send a part of a burst and wait until the leader has it; a Stored counts as noted."""
         try:
             async with asyncio.timeout(ANSWER_TIMEOUT_S):
                 await channel.send(message, *payloads)
@@ -138,61 +306,36 @@ class Uploader:
         match received:
             case None:
                 raise NetworkError("the leader closed the stream")
-            case (Noted(), _) if isinstance(message, CameraReport):
-                return False
+            case (Noted() as noted, _) if not isinstance(message, ImageUpload):
+                return noted
             case (Stored(sha256=sha256), _) if isinstance(message, ImageUpload):
                 if sha256 != message.record.sha256:
                     raise NetworkError("the leader stored other bytes than were sent")
-                return False
+                return Noted()
             case (Refusal() as refusal, _):
-                self.talk(f"burst {work.report.burst} given up: {refusal.what}")
-                work.picks.clear()
-                return True
+                return refusal
         raise NetworkError("the leader answered something else than was asked")
 
-    async def _develop(self, report: CameraReport, pick: Pick[CapturedFrame]) -> _Developed:
-        loop = asyncio.get_running_loop()
-        return await loop.run_in_executor(self._developer, _develop, report, pick)
+    # Room
 
+    async def _watch_space(self) -> None:
+        while self.spool is not None:
+            await asyncio.sleep(SPACE_EVERY_S)
+            self._space_is_due = True
+            self._news.set()
 
-def _develop(report: CameraReport, pick: Pick[CapturedFrame]) -> _Developed:
-    frame = pick.frame
-    try:
-        image = frame.payload.encode()
-        truth = b"" if frame.truth is None else frame.truth.encode()
-    except Exception as error:
-        # Drivers and encoders raise what they like; one bad frame must not end the node.
-        raise _DevelopError(f"the frame could not be developed: {error}") from error
-    camera, name = report.camera, report.camera.name
-    tolerance_ns = camera.phase.tolerance_ns if camera.phase else None
-    record = ImageRecord(
-        camera=name,
-        instant=pick.instant,
-        path=image_path(name, pick.instant),
-        leader_ns=pick.leader_ns,
-        bytes=len(image),
-        sha256=hashlib.sha256(image).hexdigest(),
-        local_ns=pick.local_ns,
-        residual_ns=pick.residual_ns,
-        uncertainty_ns=pick.uncertainty_ns,
-        hard_bound_ns=pick.hard_bound_ns,
-        exposure_start_ns=exposure_start_ns(camera, pick.leader_ns, frame.exposure_ns),
-        exposure_ns=frame.exposure_ns,
-        gain=frame.gain,
-        white_balance=frame.white_balance,
-        sequence=frame.sequence,
-        late=tolerance_ns is not None and abs(pick.residual_ns) > tolerance_ns,
-    )
-    true_ns = None if frame.truth is None else frame.truth.true_ns
-    upload = ImageUpload(
-        leader=report.leader, burst=report.burst, record=record, truth_bytes=len(truth), true_ns=true_ns
-    )
-    return _Developed(upload, image, truth)
-
-
-def _without(report: CameraReport, lost: MissingImage) -> CameraReport:
-    instants = tuple(instant for instant in report.instants if instant != lost.instant)
-    return msgspec.structs.replace(report, instants=instants, missing=(*report.missing, lost))
+    async def _tell_space(self, channel: Channel[Any]) -> None:
+        self._space_is_due = False
+        if self.spool is None or self._camera is None:
+            return
+        size = self._image_bytes or guessed_image_bytes(self._camera.width, self._camera.height)
+        space = NodeSpace(
+            camera=self._camera.name,
+            free_bytes=free_bytes(self.spool.folder),
+            image_bytes=size,
+            spool=str(self.spool.folder),
+        )
+        await self._ask(channel, space)
 
 
 def _lower_priority() -> None:

@@ -5,11 +5,11 @@ import fcntl
 import os
 from pathlib import Path
 
-from capture_app.errors import BadInputError, DiskFullError, SimulshotError
+from capture_app.errors import BadInputError, DiskFullError, SimulshotError, TryAgainError
 
 
 def lock_folder(folder: Path) -> int:
-    """Lock a session's folder against other writers. Raises BadInputError where one has it already."""
+    """Lock a session's folder against other writers. Raises TryAgainError where one has it already."""
     try:
         handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     except OSError as error:
@@ -19,7 +19,7 @@ def lock_folder(folder: Path) -> int:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except BlockingIOError:
         os.close(handle)
-        raise BadInputError(f"{folder} is being written by another process") from None
+        raise TryAgainError(f"{folder} is being written by another process") from None
     return handle
 
 

@@ -257,12 +257,13 @@ class SessionWriter:
     ) -> Session:
         """Write the manifest, which makes the session complete, and open the session.
 
-        `origin` is captured, simulated or imported. Raises BadInputError where the records contradict
+        `origin` is captured, simulated or imported; of `missing`, what is there is left out. Raises BadInputError where the records contradict
         each other; the session is then left as it was.
         """
         with self._writing():
             while self._under_way:
                 self._all_there.wait()
+            gone = (gap for gap in missing if (gap.camera, gap.instant) not in self._images)
             manifest = Manifest(
                 name=self.name,
                 created=self.created,
@@ -271,7 +272,7 @@ class SessionWriter:
                 cameras=tuple(cameras),
                 burst=burst,
                 images=tuple(sorted(self._images.values(), key=lambda i: (i.instant, i.camera))),
-                missing=tuple(sorted(missing, key=lambda m: (m.instant, m.camera))),
+                missing=tuple(sorted(gone, key=lambda m: (m.instant, m.camera))),
                 note=note,
             )
             _checked(manifest, Manifest)

@@ -1,6 +1,7 @@
 """A burst on the leader's side: whatever comes or does not come, a session that says so."""
 
 import hashlib
+from collections.abc import AsyncIterator
 from pathlib import Path
 
 import pytest
@@ -49,10 +50,15 @@ def upload(name: str, instant: int, image: bytes = b"picture") -> ImageUpload:
     return ImageUpload(leader=1, burst=1, record=record)
 
 
+async def pieces(data: bytes, size: int = 3) -> AsyncIterator[bytes]:
+    for begin in range(0, len(data), size):
+        yield data[begin : begin + size]
+
+
 async def deliver(session: BurstSession, name: str, *instants: int) -> None:
     await session.take_report(report(name, *instants), now_ns=0)
     for instant in instants:
-        await session.take_image(upload(name, instant), b"picture", now_ns=0)
+        await session.take_image(upload(name, instant), pieces(b"picture"), now_ns=0)
 
 
 def saved(session: BurstSession) -> Session:
@@ -73,9 +79,9 @@ async def test_it_is_finished_when_every_camera_has_delivered(tmp_path: Path) ->
 async def test_an_image_that_is_sent_again_is_stored_once(tmp_path: Path) -> None:
     session = burst_session(tmp_path, "a")
     await session.take_report(report("a", 0, 1), now_ns=0)
-    first = await session.take_image(upload("a", 0), b"picture", now_ns=0)
-    assert await session.take_image(upload("a", 0), b"picture", now_ns=0) == first
-    await session.take_image(upload("a", 1), b"picture", now_ns=0)
+    first = await session.take_image(upload("a", 0), pieces(b"picture"), now_ns=0)
+    assert await session.take_image(upload("a", 0), pieces(b"picture"), now_ns=0) == first
+    await session.take_image(upload("a", 1), pieces(b"picture"), now_ns=0)
     assert len(saved(session).manifest.images) == 2
 
 
@@ -83,7 +89,7 @@ async def test_what_a_camera_says_it_lacks_is_in_the_manifest(tmp_path: Path) ->
     session = burst_session(tmp_path, "a")
     gap = MissingImage(camera="a", instant=1, reason="the camera dropped the frame")
     await session.take_report(report("a", 0, missing=(gap,)), now_ns=0)
-    await session.take_image(upload("a", 0), b"picture", now_ns=0)
+    await session.take_image(upload("a", 0), pieces(b"picture"), now_ns=0)
     assert saved(session).manifest.missing == (gap,)
     assert "dropped" in session.status.message
 
@@ -114,14 +120,14 @@ async def test_a_camera_that_stalls_is_given_up_in_the_end(tmp_path: Path) -> No
     session = burst_session(tmp_path, "a")
     session.stream_opened("a")
     await session.take_report(report("a", 0, 1), now_ns=5_000_000_000)
-    await session.take_image(upload("a", 0), b"picture", now_ns=5_000_000_000)
+    await session.take_image(upload("a", 0), pieces(b"picture"), now_ns=5_000_000_000)
     await session.give_up_silent({}, 5_000_000_000 + STALL_NS)
     assert len(saved(session).manifest.images) == 1
 
 
 async def test_without_any_image_there_is_no_session(tmp_path: Path) -> None:
     session = burst_session(tmp_path, "a")
-    await session.stop("the leader was stopped")
+    await session.give_up("a", "its clock is not synchronized yet")
     assert session.finished.is_set()
     assert session.session is None
     assert list_sessions(tmp_path) == []
@@ -130,12 +136,12 @@ async def test_without_any_image_there_is_no_session(tmp_path: Path) -> None:
 async def test_damaged_foreign_and_late_images_are_refused(tmp_path: Path) -> None:
     session = burst_session(tmp_path, "a")
     with pytest.raises(BadInputError, match="damaged"):
-        await session.take_image(upload("a", 0), b"pictur3", now_ns=0)
+        await session.take_image(upload("a", 0), pieces(b"pictur3"), now_ns=0)
     with pytest.raises(BadInputError, match="not in burst"):
-        await session.take_image(upload("b", 0), b"picture", now_ns=0)
+        await session.take_image(upload("b", 0), pieces(b"picture"), now_ns=0)
     await deliver(session, "a", 0, 1)
     with pytest.raises(BadInputError, match="is over"):
-        await session.take_image(upload("a", 0), b"picture", now_ns=0)
+        await session.take_image(upload("a", 0), pieces(b"picture"), now_ns=0)
 
 
 def test_numbers_of_sessions_are_never_used_twice(tmp_path: Path) -> None:

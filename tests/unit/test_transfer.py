@@ -28,6 +28,8 @@ class Pong(msgspec.Struct, frozen=True, tag="pong"):
     number: int
 
 
+PING = msgspec.json.encode(Ping(1))
+
 Serve = Callable[[Channel[Ping]], Awaitable[None]]
 
 
@@ -65,7 +67,7 @@ async def test_a_message_and_its_payload_come_back() -> None:
         (struct.pack(">4sIQ", b"SSH1", MAX_HEADER_BYTES + 1, 0), "over the limit"),
         (struct.pack(">4sIQ", b"SSH1", 2, MAX_PAYLOAD_BYTES + 1), "over the limit"),
         (struct.pack(">4sIQ", b"SSH1", 2, 0) + b"{}", "unreadable message"),
-        (struct.pack(">4sIQ", b"SSH1", 2, 9) + b"{}...", "broke off"),
+        (struct.pack(">4sIQ", b"SSH1", len(PING), 9) + PING + b"...", "broke off"),
         (b"SSH", "broke off"),
     ],
 )

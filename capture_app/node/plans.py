@@ -1,0 +1,70 @@
+"""A node's report in the form that a session keeps it in, to be finished after a crash, and back."""
+
+from capture_app.node.messages import CameraReport, TrueClock
+from capture_app.session.manifest import CameraRecord
+from capture_app.session.plan import CameraPlan, Plan
+from capture_app.sync.messages import CameraDescription
+
+
+def record_of(name: str, camera: CameraDescription | CameraRecord) -> CameraRecord:
+    """The record of a camera that has not reported."""
+    if isinstance(camera, CameraRecord):
+        return camera
+    return CameraRecord(
+        name=name,
+        kind=camera.kind,
+        model=camera.model,
+        width=camera.width,
+        height=camera.height,
+        period_ns=camera.period_ns,
+        timestamp_source=camera.timestamp_source,
+        row_time_ns=camera.row_time_ns,
+    )
+
+
+def camera_plan(camera: CameraRecord, report: CameraReport | None) -> CameraPlan:
+    """A camera's share of a plan, before or after it has reported."""
+    if report is None:
+        return CameraPlan(camera=camera)
+    return CameraPlan(
+        camera=report.camera,
+        reported=True,
+        instants=report.instants,
+        missing=report.missing,
+        calibration=report.calibration,
+        true_clock=true_clock_of(report),
+    )
+
+
+def report_of(plan: Plan, told: CameraPlan) -> CameraReport | None:
+    """What a camera had reported, without its events; None where it had not."""
+    if not told.reported:
+        return None
+    true = told.true_clock
+    return CameraReport(
+        leader=plan.leader,
+        burst=plan.number,
+        camera=told.camera,
+        instants=told.instants,
+        missing=told.missing,
+        calibration=told.calibration,
+        true_clock=None
+        if true is None
+        else TrueClock(
+            offset_ns=int(true["offset_ns"]),
+            skew_ppm=float(true["skew_ppm"]),
+            epoch_true_ns=int(true["epoch_true_ns"]),
+        ),
+    )
+
+
+def true_clock_of(report: CameraReport) -> dict[str, float | int | str] | None:
+    """A simulated camera's clock as it really is, by name with unit."""
+    true = report.true_clock
+    if true is None:
+        return None
+    return {
+        "offset_ns": true.offset_ns,
+        "skew_ppm": true.skew_ppm,
+        "epoch_true_ns": true.epoch_true_ns,
+    }

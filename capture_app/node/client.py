@@ -88,6 +88,12 @@ class ClientNode:
         opened at the start, BadInputError for a spool that cannot be used; later failures are waited out.
         """
         self._uploader.load_spool()
+        try:
+            await self._open_and_run()
+        finally:
+            self._uploader.close()
+
+    async def _open_and_run(self) -> None:
         family, peer = await resolve(self._leader)
         self._camera = self._open_camera()
         started_ns = self._clock.now_ns()

@@ -135,8 +135,11 @@ class Uploader:
                 tasks.create_task(self._watch_space())
         finally:
             self._developer.shutdown(wait=False, cancel_futures=True)
-            if self.spool is not None:
-                self.spool.close()
+
+    def close(self) -> None:
+        """Let another node use the spool."""
+        if self.spool is not None:
+            self.spool.close()
 
     def leader_found(self, leader: Address, camera: CameraRecord | None = None) -> None:
         """Images go to that address from now on; what was refused before is offered again."""

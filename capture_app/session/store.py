@@ -257,8 +257,8 @@ class SessionWriter:
     ) -> Session:
         """Write the manifest, which makes the session complete, and open the session.
 
-        `origin` is captured, simulated or imported; of `missing`, what is there is left out. Raises BadInputError where the records contradict
-        each other; the session is then left as it was.
+        `origin` is captured, simulated or imported; of `missing`, what is there is left out. Raises
+        BadInputError where the records contradict each other; the session is then left as it was.
         """
         with self._writing():
             while self._under_way:

@@ -16,6 +16,7 @@ from capture_app.simulation.sensor import Sensor, SensorFrame, SensorProfile
 from capture_app.sync.client import Client, ClientConfig
 from capture_app.sync.commands import InjectFrame, RestartStream, SetFrameDuration
 from capture_app.sync.events import BurstReady, ClientEvent, LeaderEvent
+from capture_app.sync.injection import InjectionProfile
 from capture_app.sync.leader import Leader, LeaderConfig
 from capture_app.sync.messages import CameraDescription
 from capture_app.sync.phase import FrameStamp
@@ -55,6 +56,7 @@ class NodeSpec:
     link: Link = PAPER_LINK
     tolerance_ns: int = 60_000
     start_true_ns: int = 0
+    injection_profile: InjectionProfile | None = None
 
 
 @dataclass(slots=True)
@@ -74,7 +76,16 @@ class VirtualNode:
 class VirtualRig:
     """One leader and its clients; the leader's clock is the true time."""
 
-    def __init__(self, specs: Sequence[NodeSpec], *, seed: int, period_ns: int | None = None) -> None:
+    def __init__(
+        self,
+        specs: Sequence[NodeSpec],
+        *,
+        seed: int,
+        period_ns: int | None = None,
+        align_row: float | None = None,
+        freedom_ns: int = 0,
+    ) -> None:
+        """`period_ns`, `align_row` and `freedom_ns` are the leader's, see `LeaderConfig`."""
         self.now_true_ns = 0
         self.nodes: dict[str, VirtualNode] = {}
         self.leader_events: list[LeaderEvent] = []
@@ -83,13 +94,14 @@ class VirtualRig:
         self._scheduled = 0
         self._airs: dict[Medium, Air] = {}
         self._leader_timer_ns = -1
-        self._period_ns = period_ns
+        self._period_ns, self._align_row, self._freedom_ns = period_ns, align_row, freedom_ns
         self.leader = self._new_leader()
         for spec in specs:
             self._at(spec.start_true_ns, partial(self.start, spec))
 
     def _new_leader(self) -> Leader:
-        config = LeaderConfig(self._rng.getrandbits(32), 0, self._period_ns)
+        instance = self._rng.getrandbits(32)
+        config = LeaderConfig(instance, 0, self._period_ns, self._align_row, self._freedom_ns)
         return Leader(config, random.Random(self._rng.getrandbits(64)))
 
     # What a test or an experiment does to it
@@ -98,7 +110,12 @@ class VirtualRig:
         """Start a node, or start it again after `kill`."""
         rng = random.Random(self._rng.getrandbits(64))
         config = ClientConfig(
-            spec.name, rng.getrandbits(32), describe(spec.profile), spec.tolerance_ns, ring_frames=60
+            spec.name,
+            rng.getrandbits(32),
+            describe(spec.profile),
+            spec.tolerance_ns,
+            ring_frames=60,
+            injection_profile=spec.injection_profile,
         )
         client: Client[SensorFrame] = Client(config, rng)
         node = VirtualNode(spec, Sensor(spec.profile, rng), client, self._channel(spec.link))

@@ -21,6 +21,7 @@ from capture_app.sync.events import (
     PhaseCorrected,
 )
 from capture_app.sync.exposure import offset_ns
+from capture_app.sync.injection import InjectionProfile
 from capture_app.sync.messages import (
     CameraDescription,
     Control,
@@ -64,7 +65,7 @@ NEAR_NS = 750_000
 BACKLOG_NS = 100 * _MS
 OUTSTANDING = 512
 MAP_EVERY_NS = 100 * _MS
-HOLD_BEFORE_BURST_NS = 1000 * _MS
+HOLD_BEFORE_BURST_NS = 2000 * _MS
 """No correction of the phase is begun this long before a burst: its long frame would be in the burst."""
 
 
@@ -77,6 +78,8 @@ class ClientConfig:
     camera: CameraDescription
     tolerance_ns: int
     ring_frames: int
+    injection_profile: InjectionProfile | None = None
+    """What is known from before about what a long frame does to this camera."""
 
 
 @dataclass(slots=True)
@@ -120,6 +123,7 @@ class Client(Generic[F]):
             min_frame_duration_ns=camera.min_frame_duration_ns,
             max_frame_duration_ns=camera.max_frame_duration_ns,
             rng=rng,
+            profile=config.injection_profile,
         )
         self.ring: RingBuffer[F] = RingBuffer(config.ring_frames)
         self.malformed = 0

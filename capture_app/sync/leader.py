@@ -35,6 +35,7 @@ from capture_app.sync.messages import (
     reply_at,
     reply_before_t2,
 )
+from capture_app.sync.placement import Forecast, calmest
 from capture_app.sync.state import NodeState
 from capture_app.sync.timebase import MAX_PERIOD_NS, MIN_PERIOD_NS, Goal
 from capture_app.sync.trigger import MAX_BURST_NS, MAX_FRAMES, Burst, burst_instants, possible
@@ -63,6 +64,8 @@ class LeaderConfig:
     period_ns: int | None = None
     align_row: float | None = None
     """Share of the height at which a row's middle of exposure is aligned; None for the first row's start."""
+    freedom_ns: int = 0
+    """A burst that is asked for now may be put off by so much, to where the cameras' frames meet best."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -218,7 +221,7 @@ class Leader:
         """Order a burst of `frames` instants, every `spacing` periods, snapped to the rig's grid.
 
         `at_leader_ns` may lie in the past, as far back as the clients' ring buffers reach; the default is
-        half a second from now. Raises BadInputError for an impossible burst, IncompleteError where no
+        half a second from now, put off by up to the leader's freedom. Raises BadInputError for an impossible burst, IncompleteError where no
         client is there to take it.
         """
         present = [member for _, member in sorted(self._members.items()) if not member.lost]
@@ -233,7 +236,8 @@ class Leader:
                 hint=f"1 to {MAX_FRAMES} frames, spacing 1 or more, {MAX_BURST_NS // 10**9} s at most",
             )
         requested_ns = now_ns + TRIGGER_LEAD_NS if at_leader_ns is None else at_leader_ns
-        instants_ns = burst_instants(self.goal, requested_ns, frames, spacing)
+        placed_ns = self._place(present, requested_ns) if at_leader_ns is None else requested_ns
+        instants_ns = burst_instants(self.goal, placed_ns, frames, spacing)
         self._bursts += 1
         self._busy_until_ns = max(now_ns, instants_ns[-1]) + AFTER_BURST_NS
         for member in present:
@@ -243,6 +247,18 @@ class Leader:
         return Burst(self._bursts, instants_ns, self.goal.period_ns, requested_ns, names)
 
     # The parts
+
+    def _place(self, present: list[_Member], requested_ns: int) -> int:
+        if self.goal is None or self.config.freedom_ns <= 0:
+            return requested_ns
+        forecasts = [
+            Forecast(report.frame_leader_ns, 0.0 if held else report.drift_ppm or 0.0)
+            for report, held in (
+                (member.report, member.camera.phase_control == "frame-duration") for member in present
+            )
+            if report.frame_leader_ns is not None
+        ]
+        return calmest(self.goal, forecasts, requested_ns, self.config.freedom_ns)
 
     def _answer(self, member: _Member) -> HeartbeatAck:
         assert self.agreement is not None, "the first hello sets the goal"

@@ -16,7 +16,7 @@ from capture_app.commands.options import json_option, talk
     "--trace",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="CSV",
-    help="Replay this recording (columns t_s, rtt_ms, clock_offset_ms) as one more law.",
+    help="Replay this recording (columns t_s, rtt_ms) as one more law.",
 )
 @json_option
 def experiment(trials: int | None, seed: int, plot: Path | None, trace: Path | None, as_json: bool) -> None:

@@ -75,7 +75,7 @@ def run(*, trials: int | None, seed: int, talk: Callable[[str], None], trace: Pa
     count = TRIALS if trials is None else trials
     links = dict(LAWS)
     if trace is not None:
-        links["recorded"] = read_trace(trace)
+        links["recorded"] = read_trace(trace, random.Random(f"{seed} trace"))
     laws: dict[str, Trials] = {}
     for name, link in links.items():
         talk(f"{name}: {count} trials of {FIRST} messages")

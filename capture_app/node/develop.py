@@ -42,6 +42,7 @@ def develop(report: CameraReport, pick: Pick[CapturedFrame]) -> tuple[ImageUploa
         gain=frame.gain,
         white_balance=frame.white_balance,
         sequence=frame.sequence,
+        outlier_ns=pick.outlier_ns,
         late=tolerance_ns is not None and abs(pick.residual_ns) > tolerance_ns,
     )
     upload = ImageUpload(

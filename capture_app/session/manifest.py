@@ -94,6 +94,8 @@ class ImageRecord(_Record, frozen=True, kw_only=True):
     gain: float | None = None
     white_balance: tuple[float, float] | None = None
     sequence: Count | None = None
+    outlier_ns: int = 0
+    """The driver's timestamp minus `local_ns`: not 0 where a single stamp was off the line of its stream."""
     dropped: bool = False
     """The frame nearest to the instant was dropped by the camera; this is the next best one, a substitute."""
     late: bool = False

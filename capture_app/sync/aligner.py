@@ -141,6 +141,10 @@ class Aligner:
             self._least_frames = 1 if steady else SETTLED_FRAMES[0]
         return dropped
 
+    def outlier_ns(self, stamp_ns: int) -> int:
+        """How far in ns a driver's timestamp lies off the line of its stream's frames, 0 within the noise."""
+        return self._phase.outlier_ns(stamp_ns)
+
     def stream_started(self, local_ns: int) -> None:
         """The stream was started, or restarted, at a local time; its next frame shows the latency."""
         self.aligned = False

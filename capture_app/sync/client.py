@@ -475,5 +475,12 @@ class Client(Generic[F]):
             del self._triggers[trigger.burst]
             self._done_bursts.append(trigger.burst)
             instants_ns = tuple(trigger.first_leader_ns + k * trigger.step_ns for k in range(trigger.count))
-            picks, gaps = pick_frames(self.ring, time_map, instants_ns, period_ns, offset_ns=moment_ns)
+            picks, gaps = pick_frames(
+                self.ring,
+                time_map,
+                instants_ns,
+                period_ns,
+                offset_ns=moment_ns,
+                outlier_ns=self.aligner.outlier_ns,
+            )
             self._events.append(BurstReady(trigger.burst, picks, gaps, time_map, self.phase(last_local_ns)))

@@ -147,6 +147,19 @@ class PhaseEstimator:
         """Index of the frame nearest to a local time in ns."""
         return self._index + round((local_ns - self._time_at(self._index)) / self._period)
 
+    def outlier_ns(self, stamp_ns: int) -> int:
+        """How far in ns a timestamp lies off the line of its stream's frames, 0 within the noise.
+
+        0 also for frames from before the phase last moved: their line is not kept.
+        """
+        run = self._runs[-1]
+        if self._disturbed or not self.known or len(run) < PHASE_FRAMES:
+            return 0
+        if stamp_ns < self._origin_ns + run[0][1]:
+            return 0
+        off_ns = stamp_ns - self.nearest(stamp_ns)
+        return off_ns if abs(off_ns) > self._tolerance() + 3.0 * self.sigma_at(stamp_ns) else 0
+
     def sigma_at(self, local_ns: int) -> float:
         """One standard deviation in ns of a predicted frame time near a local time."""
         used = min(self._phase_frames(), max(1, self.run_frames))

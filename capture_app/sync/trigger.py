@@ -1,5 +1,6 @@
 """A burst's instants in leader time, and the frames a client picks for them."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
@@ -30,7 +31,11 @@ class Burst:
 
 @dataclass(frozen=True, slots=True)
 class Pick(Generic[F]):
-    """The frame picked for an instant; times in ns, the error bars those of its leader time."""
+    """The frame picked for an instant; times in ns, the error bars those of its leader time.
+
+    `outlier_ns` is how far the driver's own stamp lay off the line of its stream's frames; where that is not 0
+    the times are the line's.
+    """
 
     instant: int
     local_ns: int
@@ -38,6 +43,7 @@ class Pick(Generic[F]):
     residual_ns: int
     uncertainty_ns: int
     hard_bound_ns: int
+    outlier_ns: int
     frame: F
 
 
@@ -67,10 +73,12 @@ def pick_frames(
     period_ns: int,
     *,
     offset_ns: int = 0,
+    outlier_ns: Callable[[int], int] = lambda _: 0,
 ) -> tuple[tuple[Pick[F], ...], tuple[Gap, ...]]:
     """Return the frame nearest to each instant, and the instants that have none within half a period.
 
     `offset_ns` is the time from a frame's timestamp to the moment of it that counts, which the picks tell.
+    `outlier_ns` says how far a timestamp is off its stream's line: one late stamp is not a late picture.
     """
     picks: list[Pick[F]] = []
     gaps: list[Gap] = []
@@ -81,7 +89,8 @@ def pick_frames(
             gaps.append(Gap(instant, "the camera gave no frames"))
             continue
         stamp_ns, frame = nearest
-        local_ns = stamp_ns + offset_ns
+        off_ns = outlier_ns(stamp_ns)
+        local_ns = stamp_ns - off_ns + offset_ns
         frame_leader_ns = time_map.leader_from_local(local_ns)
         residual_ns = frame_leader_ns - leader_ns
         if abs(residual_ns) > period_ns // 2:
@@ -92,6 +101,15 @@ def pick_frames(
         uncertainty_ns = round(time_map.uncertainty_at(local_ns))
         hard_bound_ns = round(time_map.hard_bound_at(local_ns))
         picks.append(
-            Pick(instant, local_ns, frame_leader_ns, residual_ns, uncertainty_ns, hard_bound_ns, frame)
+            Pick(
+                instant,
+                local_ns,
+                frame_leader_ns,
+                residual_ns,
+                uncertainty_ns,
+                hard_bound_ns,
+                off_ns,
+                frame,
+            )
         )
     return tuple(picks), tuple(gaps)

@@ -163,6 +163,23 @@ def test_dropped_frames_leave_gaps_that_say_so() -> None:
     assert sum(len(node.bursts[burst.number].gaps) for node in rig.nodes.values()) > 0
 
 
+def test_one_late_stamp_is_not_a_late_picture() -> None:
+    camera_specs = [
+        replace(spec, profile=replace(spec.profile, outlier_share=0.15))
+        for spec in specs(2, "phone-a", seed=9)
+    ]
+    rig = VirtualRig(camera_specs, seed=5)
+    assert rig.run_until(rig.all_ready, limit_ns=60 * S)
+    burst = rig.trigger(frames=30)
+    rig.run_for(5 * S)
+    picks = [pick for node in rig.nodes.values() for pick in node.bursts[burst.number].picks]
+    assert all(abs(pick.leader_ns - pick.frame.start_true_ns) < 40_000 for pick in picks)
+    stamps_off = [pick.frame.timestamp_true_ns - pick.frame.start_true_ns for pick in picks]
+    assert any(off > 100_000 for off in stamps_off)
+    told = [(pick.outlier_ns, off) for pick, off in zip(picks, stamps_off, strict=True) if off > 100_000]
+    assert all(abs(outlier - off) < 40_000 for outlier, off in told)
+
+
 def test_the_same_seed_gives_the_same_run() -> None:
     def run() -> list[tuple[str, object]]:
         rig = VirtualRig(specs(2, "phone-a", "webcam", link=PAPER_LINK), seed=11)

@@ -43,7 +43,7 @@ class Picture:
 
 def work(*pictures: Picture) -> BurstWork:
     picks = [
-        Pick(n, 1000 + n, 2000 + n, 3, 4, 5, CapturedFrame(n, 0, 1000 + n, picture))
+        Pick(n, 1000 + n, 2000 + n, 3, 4, 5, 0, CapturedFrame(n, 0, 1000 + n, picture))
         for n, picture in enumerate(pictures)
     ]
     report = CameraReport(leader=1, burst=1, camera=record_of("a", CAMERA), instants=tuple(range(len(picks))))

@@ -1,6 +1,7 @@
 """The table of saved sessions, and what a comparison said of each."""
 
 from pathlib import Path
+from statistics import median
 
 from rich.text import Text
 from textual.widgets import DataTable
@@ -10,13 +11,12 @@ from capture_app.tui.formats import short_time
 
 
 def describe(manifest: Manifest) -> tuple[str, str]:
-    """Return a session's images (have/asked) and its worst distance from an instant with its bound."""
+    """Return a session's images (have/asked), and how far one instant's are apart with the clocks' bound."""
     asked = len(manifest.images) + len(manifest.missing)
-    residuals = [abs(image.residual_ns) for image in manifest.images]
-    bounds = [image.hard_bound_ns for image in manifest.images if image.hard_bound_ns is not None]
-    sync = short_time(max(residuals)) if residuals else "–"
-    if bounds:
-        sync += f" ±{short_time(max(bounds))}"
+    apart = manifest.sync.spread_ns if manifest.sync is not None else ()
+    sync = short_time(round(median(apart))) if apart else "–"
+    if manifest.sync is not None and manifest.sync.hard_bound_ns is not None:
+        sync += f" ±{short_time(manifest.sync.hard_bound_ns)}"
     return f"{len(manifest.images)}/{asked}", sync
 
 
@@ -29,7 +29,7 @@ class SessionsTable(DataTable[Text]):
 
     def on_mount(self) -> None:
         """Make the columns."""
-        for label in ("session", "images", "sync error", "comparison"):
+        for label in ("session", "images", "apart", "comparison"):
             self.add_column(label, key=label)
 
     @property

@@ -9,12 +9,12 @@ from capture_app.cameras.simulated import SimulatedCamera
 from capture_app.cameras.simulated_frame import seed_of
 from capture_app.errors import BadInputError
 from capture_app.simulation.clock import NodeClock
-from capture_app.simulation.pictures import TEST_CARD, open_picture_source
+from capture_app.simulation.pictures import LED_PANEL, TEST_CARD, open_picture_source
 from capture_app.simulation.profiles import find_profile
 from capture_app.simulation.sensor import Sensor, SensorProfile
 
 OPTIONS = {
-    "scene": f"what it sees: a scene's name, or {TEST_CARD}, a test card (default)",
+    "scene": f"what it sees: a scene's name, {LED_PANEL}, or {TEST_CARD}, a test card (default)",
     "view": "the scene's view; default: the one named like the node",
     "scale": "size of the pictures, 0.1 to 1 of the full size",
     "seed": "whole number; with the node's name it chooses crystal, noise and drops",

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     GroundTruthArrays = tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.bool_]]
 
 TEST_CARD = "bars"
+LED_PANEL = "led-panel"
 
 
 class PictureSource(Protocol):
@@ -130,7 +131,8 @@ class SceneView:
 def open_picture_source(
     scene: str, view: str, *, camera: str, width: int, height: int, row_time_ns: int, scale: float = 1.0
 ) -> PictureSource:
-    """The test card of that size for the scene `bars`, else that view of a scene, at the view's own size.
+    """The test card of that size for the scene `bars`, the panel of LEDs for `led-panel`, else that view of a
+    rendered scene, each at its own size.
 
     `scale` shrinks either. An empty `view` is the one named like the camera. Raises BadInputError for a scene
     or view that does not exist and NotAvailableError where this machine cannot render scenes.
@@ -139,6 +141,8 @@ def open_picture_source(
         if view:
             raise BadInputError(f"the test card {TEST_CARD!r} has no view {view!r}", hint="leave view= out")
         return ColourBars(camera, round(width * scale), round(height * scale))
+    if scene == LED_PANEL:
+        return _led_panel(view or camera, row_time_ns, scale)
     loaded = _load_scene(scene, scale)
     view = view or camera
     if view not in loaded.views:
@@ -147,6 +151,13 @@ def open_picture_source(
         )
     calibration = loaded.calibration().cameras[view]
     return SceneView(loaded, view, calibration.width, calibration.height, row_time_ns)
+
+
+def _led_panel(view: str, row_time_ns: int, scale: float) -> PictureSource:
+    from capture_app.simulation.led_panel import VIEWS, PanelView
+
+    tilt_deg, shift = VIEWS.get(view, (0.0, (0.0, 0.0)))
+    return PanelView(row_time_ns=row_time_ns, tilt_deg=tilt_deg, shift=shift, scale=scale)
 
 
 def _load_scene(name: str, scale: float) -> Scene:

@@ -4,6 +4,7 @@ import hashlib
 from collections.abc import AsyncIterator
 from pathlib import Path
 
+import msgspec
 import pytest
 
 from capture_app.errors import BadInputError
@@ -61,6 +62,10 @@ async def deliver(session: BurstSession, name: str, *instants: int) -> None:
         await session.take_image(upload(name, instant), pieces(b"picture"), now_ns=0)
 
 
+def files_in(folder: Path) -> list[Path]:
+    return [path for path in folder.rglob("*") if path.is_file()]
+
+
 def saved(session: BurstSession) -> Session:
     assert session.session is not None
     return Session.open(session.session)
@@ -83,6 +88,24 @@ async def test_an_image_that_is_sent_again_is_stored_once(tmp_path: Path) -> Non
     assert await session.take_image(upload("a", 0), pieces(b"picture"), now_ns=0) == first
     await session.take_image(upload("a", 1), pieces(b"picture"), now_ns=0)
     assert len(saved(session).manifest.images) == 2
+
+
+@pytest.mark.parametrize(
+    "path",
+    ["../../evil.jpg", "/evil.jpg", "images/rig1/b/000000.jpg", "images/rig1/a/000001.jpg", "a.exe", ""],
+)
+async def test_a_node_writes_to_its_own_place_only(tmp_path: Path, path: str) -> None:
+    root = tmp_path / "sessions"
+    session = burst_session(root, "a", "b")
+    await session.take_report(report("a", 0, 1), now_ns=0)
+    await session.take_report(report("b", 0, 1), now_ns=0)
+    honest = upload("a", 0)
+    sly = msgspec.structs.replace(honest, record=msgspec.structs.replace(honest.record, path=path))
+    with pytest.raises(BadInputError):
+        await session.take_image(sly, pieces(b"picture"), now_ns=0)
+    written = files_in(tmp_path)
+    assert all(file.is_relative_to(root / "burst-001") for file in written)
+    assert not {file.suffix for file in written} & {".jpg", ".exe"}
 
 
 async def test_what_a_camera_says_it_lacks_is_in_the_manifest(tmp_path: Path) -> None:

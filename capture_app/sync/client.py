@@ -97,6 +97,9 @@ class _Membership:
     """Whether the leader was told the phase as it is now."""
     answered: bool = False
     """Whether it has answered since."""
+    pace_ns: int = 0
+    onward: TimeMap | None = None
+    """Where the leader is a relay: from its clock to the root's."""
     synced: bool = False
     outstanding: dict[int, int] = field(default_factory=dict)
 
@@ -325,6 +328,8 @@ class Client(Generic[F]):
             heard_ns=now_ns,
             slot=welcome.slot,
             align_row=welcome.align_row,
+            pace_ns=welcome.pace_ns,
+            onward=welcome.onward.time_map() if welcome.onward else None,
         )
         self._request_grid_ns = now_ns
         self._why_joining = ""
@@ -334,6 +339,8 @@ class Client(Generic[F]):
     def _take_answer(self, member: _Membership, answer: HeartbeatAck, now_ns: int) -> None:
         member.goal = Goal(answer.anchor_leader_ns, answer.period_ns)
         member.align_row, member.agreed_leader_ns = answer.align_row, answer.agreed_leader_ns
+        member.pace_ns = answer.pace_ns
+        member.onward = answer.onward.time_map() if answer.onward else None
         if member.asked and not member.answered:
             member.answered = True
             self._align(now_ns)
@@ -378,7 +385,7 @@ class Client(Generic[F]):
             self._update_map(member, now_ns)
 
     def _pace_ns(self, member: _Membership) -> int:
-        return PACE_NS if member.synced else FIRST_PACE_NS
+        return max(PACE_NS, member.pace_ns) if member.synced else FIRST_PACE_NS
 
     def _prepare_request(self, member: _Membership, now_ns: int) -> None:
         """Prepare a request, and set when the next is due: on the grid of this client's slot.
@@ -400,6 +407,8 @@ class Client(Generic[F]):
         time_map = self.clock.time_map(now_ns)
         if time_map is None:
             return
+        if member.onward is not None:
+            time_map = time_map.then(member.onward)
         self._time_map = time_map
         if not member.synced and self.clock.samples >= FIRST_SAMPLES:
             member.synced = True

@@ -16,6 +16,7 @@ from capture_app.sync.events import (
     NodeReturned,
 )
 from capture_app.sync.messages import (
+    CLOCK_ONLY,
     CameraDescription,
     Control,
     Goodbye,
@@ -35,6 +36,7 @@ from capture_app.sync.messages import (
     reply_at,
     reply_before_t2,
 )
+from capture_app.sync.onward import Onward
 from capture_app.sync.placement import Forecast, calmest
 from capture_app.sync.state import NodeState
 from capture_app.sync.timebase import MAX_PERIOD_NS, MIN_PERIOD_NS, Goal
@@ -44,6 +46,9 @@ Address = tuple[str, int]
 
 _MS = 1_000_000
 CLIENT_SILENT_NS = 2000 * _MS
+CLOCK_SILENT_NS = 150_000 * _MS
+"""A node that only keeps the time may speak but once a minute."""
+FREE_PACE_NS, SLOWEST_PACE_NS = 25 * _MS, 60_000 * _MS
 TRIGGER_LEAD_NS = 500 * _MS
 """A burst that is asked for now begins this much later, so that every client hears of it before."""
 TRIGGER_AGAIN_NS = 50 * _MS
@@ -66,6 +71,8 @@ class LeaderConfig:
     """Share of the height at which a row's middle of exposure is aligned; None for the first row's start."""
     freedom_ns: int = 0
     """A burst that is asked for now may be put off by so much, to where the cameras' frames meet best."""
+    exchanges_per_s: float = 1000.0
+    """Time requests that all clients together may send: the more there are, the slower is each one's pace."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,6 +136,11 @@ class Leader:
         self._bursts = 0
         self._busy_until_ns: int | None = None
         self._joins = 0
+        self.onward: Onward | None = None
+        """Of a relay: from its clock to the root's, for the clients to add to their estimates."""
+        self._present = 0
+        self._silence_ns = 0
+        """Nobody can have been silent for too long before this time."""
         self._times: deque[tuple[bytes, Address]] = deque()
         self._outbox: deque[tuple[Control, Address]] = deque()
         self._events: deque[LeaderEvent] = deque()
@@ -137,6 +149,12 @@ class Leader:
     def goal(self) -> Goal | None:
         """The grid of instants that all cameras are moved onto; None before the first camera."""
         return None if self.agreement is None else self.agreement.goal
+
+    @property
+    def pace_ns(self) -> int:
+        """Mean time between two time requests of one client that this leader can bear, in ns; 0: any."""
+        pace_ns = round(self._present * 1e9 / self.config.exchanges_per_s)
+        return min(SLOWEST_PACE_NS, pace_ns) if pace_ns > FREE_PACE_NS else 0
 
     # In
 
@@ -174,9 +192,8 @@ class Leader:
 
     def handle_timer(self, now_ns: int) -> None:
         """Do what is due; call it at `next_timer`, or any time."""
-        for member in self._members.values():
-            if not member.lost and now_ns - member.heard_ns >= CLIENT_SILENT_NS:
-                self._lose(member, "silent for 2 s")
+        if now_ns >= self._silence_ns:
+            self._find_silent(now_ns)
         for order in list(self._orders):
             if order.member.lost or now_ns >= order.give_up_ns:
                 self._orders.remove(order)
@@ -190,7 +207,7 @@ class Leader:
 
     def next_timer(self) -> int | None:
         """Leader time in ns at which `handle_timer` wants to be called, None for never."""
-        silent = [m.heard_ns + CLIENT_SILENT_NS for m in self._members.values() if not m.lost]
+        silent = [self._silence_ns] if self._present else []
         return min(silent + [order.due_ns for order in self._orders], default=None)
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
@@ -224,7 +241,11 @@ class Leader:
         half a second from now, put off by up to the leader's freedom. Raises BadInputError for an impossible burst, IncompleteError where no
         client is there to take it.
         """
-        present = [member for _, member in sorted(self._members.items()) if not member.lost]
+        present = [
+            member
+            for _, member in sorted(self._members.items())
+            if not member.lost and member.camera.kind != CLOCK_ONLY
+        ]
         if not present or self.goal is None:
             raise IncompleteError(
                 "no camera has joined", hint="start nodes with `capture-app node --leader HOST:PORT`"
@@ -270,11 +291,17 @@ class Leader:
             goal.period_ns,
             self.agreement.agreed_leader_ns,
             self.config.align_row,
+            self.pace_ns,
+            self.onward,
         )
 
     def _agree(self, now_ns: int) -> None:
         """Move the goal to suit the cameras that cannot follow it, and tell everybody; not near a burst."""
-        if self.agreement is None or (self._busy_until_ns is not None and now_ns < self._busy_until_ns):
+        if (
+            self.agreement is None
+            or self.onward is not None
+            or (self._busy_until_ns is not None and now_ns < self._busy_until_ns)
+        ):
             return
         standings = [
             Standing(
@@ -320,6 +347,8 @@ class Leader:
                 hello.name, hello.instance, number, address, hello.camera, report, now_ns, spread(self._joins)
             )
             self._joins += 1
+            self._present += 1
+            self._silence_ns = min(self._silence_ns, now_ns + CLIENT_SILENT_NS)
             self._members[hello.name] = self._by_number[number] = known
             self._bound.pop(hello.name, None)
             if hello.camera.phase_control in WEIGHTS:
@@ -334,6 +363,8 @@ class Leader:
             self.agreement.goal.period_ns,
             known.slot,
             self.config.align_row,
+            self.pace_ns,
+            self.onward,
         )
         self._outbox.append((welcome, address))
 
@@ -353,7 +384,20 @@ class Leader:
                     self._events.append(BurstAccepted(member.name, ack.burst))
                 return
 
+    def _find_silent(self, now_ns: int) -> None:
+        """Lose those who are silent, and note when the next one could be."""
+        self._silence_ns = now_ns + CLIENT_SILENT_NS
+        for member in self._members.values():
+            if member.lost:
+                continue
+            patience_ns = CLOCK_SILENT_NS if member.camera.kind == CLOCK_ONLY else CLIENT_SILENT_NS
+            if now_ns - member.heard_ns >= patience_ns:
+                self._lose(member, f"silent for {patience_ns // 10**9} s")
+            else:
+                self._silence_ns = min(self._silence_ns, member.heard_ns + patience_ns)
+
     def _lose(self, member: _Member, reason: str) -> None:
+        self._present -= 1
         member.lost = reason
         member.report = Report(
             state=NodeState.LOST, message=reason, frames=member.report.frames, drops=member.report.drops

@@ -11,6 +11,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta, Struct
 
+from capture_app.sync.onward import Onward
 from capture_app.sync.state import NodeState
 
 MAGIC = b"sS"
@@ -32,6 +33,9 @@ _T2 = struct.Struct(">q")
 Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
 """Names of cameras become folder names on the leader's disk."""
 Text = Annotated[str, Meta(max_length=200)]
+Pace = Annotated[int, Meta(ge=0, le=60_000_000_000)]
+CLOCK_ONLY = "clock"
+"""The kind in the description of a node without a camera: a relay, or one that only keeps the time."""
 Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
@@ -100,6 +104,10 @@ class Welcome(Struct, frozen=True, tag="welcome"):
     slot: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.0
     align_row: Share | None = None
     """Share of the height at which a row's middle of exposure is aligned; None for the first row's start."""
+    pace_ns: Pace = 0
+    """Mean time between two time requests of one client that this leader can bear; 0: as it likes."""
+    onward: Onward | None = None
+    """Where the leader is a relay: from its clock to the root's."""
 
 
 class Refused(Struct, frozen=True, tag="refused"):
@@ -149,6 +157,8 @@ class HeartbeatAck(Struct, frozen=True, tag="alive"):
     agreed_leader_ns: int | None = None
     """When streams that can only be restarted should suit the grid, or be restarted; None: none need be."""
     align_row: Share | None = None
+    pace_ns: Pace = 0
+    onward: Onward | None = None
 
 
 class Unknown(Struct, frozen=True, tag="unknown"):

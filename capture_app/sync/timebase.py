@@ -1,10 +1,14 @@
 """The map from a node's own clock to the leader's, with its error bars."""
 
 from dataclasses import dataclass
+from math import hypot
 
 MIN_PERIOD_NS = 100_000
 MAX_PERIOD_NS = 60_000_000_000
 """Frame periods that a rig can have: 10,000 fps to one a minute."""
+
+
+ROUNDING_NS = 2.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +47,28 @@ class TimeMap:
     def hard_bound_at(self, local_ns: int) -> float:
         """The most that `leader_from_local(local_ns)` can be wrong, in ns, link asymmetry included."""
         return self.hard_bound_ns + self.skew_bound * abs(local_ns - self.epoch_local_ns)
+
+    def then(self, onward: "TimeMap") -> "TimeMap":
+        """Return the map to the leader's own leader: `onward` maps the leader's clock to that one's.
+
+        Hard bounds add up; uncertainties add up in squares, as those of links that do not know each other.
+        """
+        relay_ns = self.leader_from_local(self.epoch_local_ns)
+        # The onward map is read at an instant that is itself known to the first bound only.
+        stretch = 1.0 + abs(onward.skew) + onward.skew_bound
+        pace = 1.0 + abs(self.skew) + self.skew_bound
+        return TimeMap(
+            epoch_local_ns=self.epoch_local_ns,
+            offset_ns=onward.leader_from_local(relay_ns) - self.epoch_local_ns,
+            skew=(1.0 + self.skew) * (1.0 + onward.skew) - 1.0,
+            uncertainty_ns=hypot(self.uncertainty_ns, onward.uncertainty_at(relay_ns)),
+            hard_bound_ns=self.hard_bound_ns * stretch + onward.hard_bound_at(relay_ns) + ROUNDING_NS,
+            skew_uncertainty=hypot(self.skew_uncertainty, onward.skew_uncertainty),
+            skew_bound=self.skew_bound * stretch + onward.skew_bound * pace,
+            samples=self.samples,
+            round_trip_ns=self.round_trip_ns,
+            age_ns=self.age_ns,
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,308 @@
+"""A node that only keeps the time: it follows one of several leaders or relays, in rounds, for ever.
+
+A round is a quick succession of time requests, the next one is far off: a leader of many bears it, a radio
+sleeps in between, and a few rounds tell the skew, which carries the time over the gaps.
+"""
+
+import random
+from collections import deque
+from dataclasses import dataclass, field
+
+from capture_app.sync.clock import ClockFilter, ClockSample
+from capture_app.sync.events import ClockStepped, ClockSynced, Joined, JoinRefused, LeaderLost
+from capture_app.sync.messages import (
+    CLOCK_ONLY,
+    CameraDescription,
+    Control,
+    Heartbeat,
+    HeartbeatAck,
+    Hello,
+    Refused,
+    Report,
+    TimeReply,
+    Unknown,
+    Welcome,
+    WireError,
+    decode,
+    encode,
+    request_at,
+    request_before_t0,
+)
+from capture_app.sync.onward import MAX_DEPTH, Onward
+from capture_app.sync.state import NodeState
+from capture_app.sync.timebase import MAX_PERIOD_NS, MIN_PERIOD_NS, Goal, TimeMap
+
+Address = tuple[str, int]
+FollowerEvent = Joined | JoinRefused | LeaderLost | ClockSynced | ClockStepped
+
+_MS = 1_000_000
+_AT_ONCE_NS = -(2**62)
+_NEVER_NS = 2**62
+HELLO_EVERY_NS = 500 * _MS
+HELLOS = 3
+"""Unanswered ones before the next parent is asked."""
+FIRST_EXCHANGES = 300
+ROUND_EXCHANGES = 50
+LEAST_EXCHANGES = 10
+SPACING_NS = 4 * _MS
+SETTLE_NS = 60 * _MS
+"""From a round's last request to the estimate."""
+ROUND_EVERY_NS = (2_000 * _MS, 60_000 * _MS)
+GROWTH = 1.4
+"""A round is so much later than the one before it, until the leader's pace is reached: as the skew shows."""
+WINDOW_EXCHANGES = 300
+WINDOW_NS = (60_000 * _MS, 300_000 * _MS)
+"""As far back as it takes for so many exchanges; any further a clock is no longer a straight line."""
+CLOCK = CameraDescription(
+    kind=CLOCK_ONLY,
+    model="",
+    width=0,
+    height=0,
+    period_ns=33_333_333,
+    phase_control="none",
+    timestamp_source="none",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class FollowerConfig:
+    """What a follower is; `parents` are asked in turn, the best one first."""
+
+    name: str
+    instance: int
+    parents: tuple[Address, ...]
+
+
+@dataclass(slots=True)
+class _Parent:
+    """What the parent told when it took this node in; a leader's path is itself, a relay's begins there."""
+
+    leader: int
+    client: int
+    slot: float
+    pace_ns: int
+    path: tuple[int, ...]
+    onward: TimeMap | None
+    synced: bool = False
+    answers: int = 0
+    """Time replies since the last round began."""
+    outstanding: dict[int, int] = field(default_factory=dict)
+
+
+class Follower:
+    """The time of a tree's root; `now_ns` is always the node's own clock.
+
+    When its parent falls silent it asks the next one, and holds the time over with what it knows.
+    """
+
+    def __init__(self, config: FollowerConfig, rng: random.Random) -> None:
+        self.config = config
+        self.clock = ClockFilter()
+        self.malformed = 0
+        self.goal: Goal | None = None
+        self.path: tuple[int, ...] = ()
+        """Instances from the root to the parent of the newest estimate."""
+        self.time_map: TimeMap | None = None
+        """From this node's clock to the root's; it outlives its parent, with error bars that grow."""
+        self._turn = 0
+        self._hellos = 0
+        self._parent: _Parent | None = None
+        self._clock_of: int | None = None
+        self._why_joining = ""
+        self._sequence = rng.getrandbits(32)
+        self._hello_due_ns = _AT_ONCE_NS
+        self._request_due_ns = self._settle_due_ns = _NEVER_NS
+        self._left = 0
+        self._every_ns = 0
+        self._request: bytes | None = None
+        self._outbox: deque[Control] = deque()
+        self._events: deque[FollowerEvent] = deque()
+
+    @property
+    def parent(self) -> Address:
+        """The address of the one that is followed, or asked at present."""
+        return self.config.parents[self._turn]
+
+    @property
+    def state(self) -> NodeState:
+        """Joining, syncing, or ready: the time is that of a parent who is there."""
+        if self._parent is None:
+            return NodeState.JOINING
+        return NodeState.READY if self._parent.synced else NodeState.SYNCING
+
+    # In
+
+    def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
+        """Take in a datagram that arrived at `now_ns`; only the present parent is listened to."""
+        if address != self.parent:
+            return
+        try:
+            message = decode(data)
+        except WireError:
+            self.malformed += 1
+            return
+        parent = self._parent
+        match message:
+            case TimeReply() if parent is not None and message.client == parent.client:
+                self._take_time(parent, message, now_ns)
+            case Welcome() if parent is None and message.instance == self.config.instance:
+                self._join(message, now_ns)
+            case Refused() if parent is None and message.instance == self.config.instance:
+                if message.reason != self._why_joining:
+                    self._why_joining = message.reason
+                    self._events.append(JoinRefused(message.reason))
+            case HeartbeatAck() if parent is not None and message.client == parent.client:
+                if message.leader != parent.leader or not self._take_onward(parent, message):
+                    self._leave("the parent has changed", now_ns)
+                else:
+                    parent.pace_ns = message.pace_ns
+            case Unknown() if parent is not None and message.client == parent.client:
+                self._leave("the parent was restarted", now_ns)
+            case _:
+                pass
+
+    def handle_timer(self, now_ns: int) -> None:
+        """Do what is due; call it at `next_timer`, or any time."""
+        parent = self._parent
+        if parent is None:
+            if now_ns >= self._hello_due_ns:
+                self._hello(now_ns)
+            return
+        if now_ns >= self._settle_due_ns:
+            self._settle(parent, now_ns)
+        if now_ns >= self._request_due_ns:
+            self._ask(parent, now_ns)
+
+    # Out
+
+    def next_timer(self) -> int:
+        """Local time in ns at which `handle_timer` wants to be called."""
+        if self._parent is None:
+            return self._hello_due_ns
+        return min(self._request_due_ns, self._settle_due_ns)
+
+    def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
+        """Return datagrams and where to; a time request carries `now_ns`, so send them at once."""
+        datagrams = []
+        if self._request is not None and self._parent is not None:
+            datagrams.append((request_at(self._request, now_ns), self.parent))
+            self._parent.outstanding[self._sequence] = now_ns
+        self._request = None
+        while self._outbox:
+            datagrams.append((encode(self._outbox.popleft()), self.parent))
+        return datagrams
+
+    def next_event(self) -> FollowerEvent | None:
+        """Return the next thing that happened, None where there is none."""
+        return self._events.popleft() if self._events else None
+
+    # The parts
+
+    def _hello(self, now_ns: int) -> None:
+        if self._hellos >= HELLOS:
+            self._turn = (self._turn + 1) % len(self.config.parents)
+            self._hellos = 0
+        self._hellos += 1
+        self._hello_due_ns = now_ns + HELLO_EVERY_NS
+        self._outbox.append(Hello(self.config.name, self.config.instance, CLOCK))
+
+    def _join(self, welcome: Welcome, now_ns: int) -> None:
+        parent = _Parent(welcome.leader, welcome.client, welcome.slot, welcome.pace_ns, (), None)
+        if not MIN_PERIOD_NS <= welcome.period_ns <= MAX_PERIOD_NS or not self._take_onward(parent, welcome):
+            # Who follows this node itself, or is too far down, is asked no more; the next one is.
+            self._hellos = HELLOS
+            return
+        if welcome.leader != self._clock_of:
+            self.clock.reset()
+            self._clock_of = welcome.leader
+        self._parent = parent
+        self._why_joining = ""
+        self._hellos = 0
+        self._left, self._every_ns = FIRST_EXCHANGES, 0
+        self._request_due_ns, self._settle_due_ns = now_ns, _NEVER_NS
+        self._events.append(Joined(welcome.transfer_port, welcome.leader))
+
+    def _take_onward(self, parent: _Parent, message: Welcome | HeartbeatAck) -> bool:
+        """Note where the parent's clock stands in the tree; False if this node must not follow it."""
+        told: Onward | None = message.onward
+        parent.path = (message.leader,) if told is None else (*told.path, message.leader)
+        parent.onward = None if told is None else told.time_map()
+        if self.config.instance in parent.path or len(parent.path) > MAX_DEPTH:
+            return False
+        self.goal = Goal(message.anchor_leader_ns, message.period_ns)
+        return told is None or parent.onward is not None
+
+    def _leave(self, reason: str, now_ns: int) -> None:
+        self._parent = None
+        self._request = None
+        self._why_joining = reason
+        self._hello_due_ns = now_ns
+        self._events.append(LeaderLost(reason))
+
+    def _take_time(self, parent: _Parent, reply: TimeReply, now_ns: int) -> None:
+        t0_ns = parent.outstanding.pop(reply.sequence, None)
+        if t0_ns is None or t0_ns != reply.t0_ns:
+            return
+        parent.answers += 1
+        if not self.clock.add(ClockSample(t0_ns, reply.t1_ns, reply.t2_ns, now_ns)):
+            parent.synced = False
+            self._left, self._every_ns = FIRST_EXCHANGES, 0
+            self._request_due_ns = min(self._request_due_ns, now_ns + SPACING_NS)
+            self._events.append(ClockStepped())
+
+    def _ask(self, parent: _Parent, now_ns: int) -> None:
+        """Prepare the next request of a round; with the last one, fix when the next round begins."""
+        self._sequence = (self._sequence + 1) & 0xFFFFFFFF
+        self._request = request_before_t0(parent.client, self._sequence)
+        self._left -= 1
+        if self._left > 0:
+            self._request_due_ns = now_ns + SPACING_NS
+            return
+        self._outbox.append(Heartbeat(parent.client, self._report(now_ns)))
+        self._settle_due_ns = now_ns + SETTLE_NS
+        longest_ns = min(max(ROUND_EXCHANGES * parent.pace_ns, ROUND_EVERY_NS[0]), ROUND_EVERY_NS[1])
+        self._every_ns = min(max(round(self._every_ns * GROWTH), ROUND_EVERY_NS[0] // 4), longest_ns)
+        share = longest_ns // max(parent.pace_ns, longest_ns // ROUND_EXCHANGES)
+        self._left = max(share, LEAST_EXCHANGES)
+        self._request_due_ns = now_ns + self._every_ns
+        if self._every_ns == longest_ns and self.time_map is not None:
+            # All count from the root's time, each in its slot, so that no two begin together.
+            past_ns = self.time_map.leader_from_local(self._request_due_ns)
+            self._request_due_ns -= (past_ns - round(parent.slot * longest_ns)) % longest_ns
+            if self._request_due_ns < now_ns + longest_ns // 4:
+                self._request_due_ns += longest_ns
+        window_ns = WINDOW_EXCHANGES * parent.pace_ns
+        self.clock.look_back(min(max(window_ns, WINDOW_NS[0]), WINDOW_NS[1]))
+
+    def _settle(self, parent: _Parent, now_ns: int) -> None:
+        """Estimate the time anew at the end of a round, or look for another parent if none answered."""
+        self._settle_due_ns = _NEVER_NS
+        if parent.answers == 0:
+            self._hellos = HELLOS
+            self._leave("the parent is silent", now_ns)
+            return
+        parent.answers = 0
+        parent.outstanding.clear()
+        time_map = self.clock.time_map(now_ns)
+        if time_map is None or self.clock.samples < LEAST_EXCHANGES:
+            return
+        self.time_map = time_map if parent.onward is None else time_map.then(parent.onward)
+        self.path = parent.path
+        if not parent.synced:
+            parent.synced = True
+            self._events.append(ClockSynced(self.time_map))
+
+    def _report(self, now_ns: int) -> Report:
+        time_map = self.time_map
+        if time_map is None:
+            return Report(state=self.state, message=self._why_joining[:200], samples=self.clock.samples)
+        return Report(
+            state=self.state,
+            message=self._why_joining[:200],
+            offset_ns=time_map.leader_from_local(now_ns) - now_ns,
+            skew_ppm=time_map.skew * 1e6,
+            uncertainty_ns=round(time_map.uncertainty_at(now_ns)),
+            hard_bound_ns=round(time_map.hard_bound_at(now_ns)),
+            round_trip_ns=time_map.round_trip_ns,
+            samples=self.clock.samples,
+        )

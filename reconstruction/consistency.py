@@ -16,13 +16,16 @@ class Agreement:
     """When two views agree, and how much of that a pixel needs.
 
     `pixel`: greatest distance in px after going to the other view and back. `relative`: greatest
-    difference of depth. `votes`: views that must agree, fewer where there are fewer. `alike`: a pixel
-    with no greater unlikeness is evidence; smoothness may carry depth over a blank patch, but not
-    farther from evidence than `carry` of the picture's width. `speckle`: smaller islands are dropped, px.
+    difference of depth. `grey`: greatest difference of brightness, grey levels of 255 beside the noise,
+    once the two pictures are levelled: blank things that are not the same would else agree. `votes`:
+    views that must agree, fewer where there are fewer. `alike`: a pixel with no greater unlikeness is
+    evidence; smoothness may carry depth over a blank patch, but not farther from evidence than `carry`
+    of the picture's width. `speckle`: smaller islands are dropped, px.
     """
 
     pixel: float = 1.0
     relative: float = 0.02
+    grey: float = 10.0
     votes: int = 2
     alike: float = 0.5
     carry: float = 0.08
@@ -33,7 +36,8 @@ def votes(surface: Surface, lenses: Sequence[Lens], others: Sequence[Surface], l
     """How many other views' surfaces agree with each pixel's, uint8 height x width."""
     count = np.zeros(surface.inverse_depth.shape, np.uint8)
     for lens, other in zip(lenses, others, strict=True):
-        count += _agrees(surface.inverse_depth, lens, other.inverse_depth, limits)
+        same = _agrees(surface.inverse_depth, lens, other.inverse_depth, limits)
+        count += same & _as_bright(surface.inverse_depth, lens, same, limits)
     return count
 
 
@@ -67,3 +71,24 @@ def _agrees(inverse_depth: Array, lens: Lens, other: Array, limits: Agreement) -
     off = np.abs(seen - expected)
     near = (seen > 0) & (z > 1e-6) & (off < limits.relative * seen)
     return np.asarray(near & (off * lens.pixels_per_inverse_depth(x, y) < limits.pixel))
+
+
+def _as_bright(inverse_depth: Array, lens: Lens, same: Array, limits: Agreement) -> Array:
+    """Where the other view, seen through the surface, is as bright as this one (bool, height x width)."""
+    seen = lens.through_depth(inverse_depth)
+    reference = lens.reference.grey
+    gain, bias = _level(seen[same], reference[same])
+    difference = cv2.blur(gain * seen + bias - reference, (5, 5))
+    noise = float(np.sqrt(max(lens.reference.noise, lens.source.noise)))
+    return np.asarray(np.abs(difference) < limits.grey + noise)
+
+
+def _level(seen: Array, reference: Array) -> tuple[float, float]:
+    """Gain and bias that make one brightness the other's, by its spread; exposures may differ."""
+    if seen.size < 100:
+        return 1.0, 0.0
+    a, b = (
+        np.percentile(values[:: max(1, values.size // 20_000)], [10, 50, 90]) for values in (seen, reference)
+    )
+    gain = float(np.clip((b[2] - b[0]) / max(a[2] - a[0], 1.0), 0.5, 2.0))
+    return gain, float(b[1] - gain * a[1])

@@ -12,7 +12,8 @@ from reconstruction.geometry import Array
 from reconstruction.native import load_open3d
 
 NEIGHBOURS = 16
-POISSON_DEPTH = 9
+DEEPEST_POISSON = 9
+"""Halvings of the cloud's box: 2^9 cells along its longest side."""
 FARTHEST_SPACINGS = 4.0
 """The mesh is cut off where the cloud is farther away than this many times the distance of its points."""
 MOST_MESH_POINTS = 400_000
@@ -67,15 +68,14 @@ def _mesh(o3d: Any, cloud: Any) -> Any:
         return o3d.geometry.TriangleMesh()
     if len(cloud.points) > MOST_MESH_POINTS:
         cloud = cloud.random_down_sample(MOST_MESH_POINTS / len(cloud.points))
-    mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(
-        cloud, depth=POISSON_DEPTH, n_threads=-1
-    )
     spacing = float(np.median(np.asarray(cloud.compute_nearest_neighbor_distance())))
+    side = float(np.max(cloud.get_max_bound() - cloud.get_min_bound()))
+    depth = int(np.clip(np.ceil(np.log2(side / max(2 * spacing, 1e-9))), 5, DEEPEST_POISSON))
+    mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(cloud, depth=depth, n_threads=-1)
     vertices = o3d.geometry.PointCloud(mesh.vertices)
     away = np.asarray(vertices.compute_point_cloud_distance(cloud))
     # Poisson closes every surface: what no point supports would be invented.
-    cell = float(np.max(cloud.get_max_bound() - cloud.get_min_bound())) / 2**POISSON_DEPTH
-    mesh.remove_vertices_by_mask(away > FARTHEST_SPACINGS * max(spacing, cell))
+    mesh.remove_vertices_by_mask(away > FARTHEST_SPACINGS * max(spacing, side / 2**depth))
     mesh.remove_unreferenced_vertices()
     return mesh
 

@@ -14,6 +14,7 @@ import numpy as np
 
 from capture_app.errors import BadInputError, NotAvailableError
 from capture_app.session.durable import write_whole
+from reconstruction.colmap_maps import read_maps
 from reconstruction.dataset import Dataset
 from reconstruction.depth_range import find_depth_range
 from reconstruction.geometry import Array
@@ -22,7 +23,7 @@ from reconstruction.mesh import Model, build_model, up_of
 from reconstruction.multiview_input import Shot, instants_of, load_shots
 from reconstruction.multiview_result import MultiviewResult, ViewResult
 from reconstruction.native import versions
-from reconstruction.patchmatch import Gpu, find_gpu, read_maps, run_patch_match
+from reconstruction.patchmatch import Gpu, find_gpu, run_patch_match
 from reconstruction.photo import Photo
 from reconstruction.pictures import colour_depth
 from reconstruction.sources import choose_sources, guessed_depths, reference_of

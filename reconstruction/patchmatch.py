@@ -12,11 +12,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
 from capture_app.errors import NotAvailableError, SimulshotError
-from reconstruction.geometry import Array
-from reconstruction.matcher import DepthView
 
 ENVIRONMENT = "SIMULSHOT_CUDA_PYTHON"
 HINT = (
@@ -87,34 +83,3 @@ def run_patch_match(gpu: Gpu, workspace: Path, nearest: float, farthest: float) 
             f"PatchMatch on {gpu.name} ended with {how}: {said[-1] if said else 'no message'}",
             hint="--matcher sweep does without a GPU",
         )
-
-
-def read_maps(workspace: Path, names: Mapping[str, str]) -> dict[str, DepthView]:
-    """Depth and normals that PatchMatch left in the workspace, by camera; `names` are the picture files.
-
-    Raises:
-        SimulshotError: a map is missing or broken.
-    """
-    found = {}
-    for camera, file in names.items():
-        depth = read_array(workspace / "stereo" / "depth_maps" / f"{file}.geometric.bin")
-        normal = read_array(workspace / "stereo" / "normal_maps" / f"{file}.geometric.bin")
-        found[camera] = DepthView(np.maximum(depth, 0), normal * (depth > 0)[..., None])
-    return found
-
-
-def read_array(path: Path) -> Array:
-    """A map in COLMAP's format, `width&height&channels&` and float32 column by column: height x width (x c).
-
-    Raises:
-        SimulshotError: it is missing or not whole.
-    """
-    try:
-        data = path.read_bytes()
-        width, height, channels = (int(part) for part in data.split(b"&", 3)[:3])
-        start = len(b"&".join(data.split(b"&", 3)[:3])) + 1
-        values = np.frombuffer(data, np.float32, offset=start)
-        shaped = values.reshape(channels, height, width).transpose(1, 2, 0)
-    except (OSError, ValueError) as error:
-        raise SimulshotError(f"{path} is no map of COLMAP's: {error}") from error
-    return np.array(shaped[..., 0] if channels == 1 else shaped)

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from capture_app.errors import BadInputError
+from reconstruction.colmap_maps import write_maps
 from reconstruction.geometry import Array, View
 from reconstruction.matcher import DepthView
 from reconstruction.native import load_pycolmap
@@ -21,7 +22,7 @@ POINTS_PER_VIEW = 300
 class FusionOptions:
     """When COLMAP joins pixels of several views into a point."""
 
-    views: int = 2
+    views: int = 3
     normal_deg: float = 30.0
     depth: float = 0.01
     pixel: float = 1.5
@@ -57,7 +58,7 @@ def write_workspace(
     (stereo / "fusion.cfg").write_text("".join(f"{file}\n" for file in names.values()))
     (stereo / "patch-match.cfg").write_text("".join(f"{file}\n__auto__, 20\n" for file in names.values()))
     for name, found in (depth_views or {}).items():
-        _write_maps(pycolmap, stereo, names[name], found)
+        write_maps(folder, names[name], found)
 
 
 def fuse(folder: Path, cloud: Path, views: int, options: FusionOptions | None = None) -> int:
@@ -84,17 +85,6 @@ def fuse(folder: Path, cloud: Path, views: int, options: FusionOptions | None = 
             hint="cameras must see the same things, at the same time, from places some way apart",
         )
     return count
-
-
-def _write_maps(pycolmap: Any, stereo: Path, file: str, found: DepthView) -> None:
-    known = found.depth[found.depth > 0]
-    near, far = (float(known.min()), float(known.max())) if known.size else (0.1, 1.0)
-    depth = pycolmap.DepthMap.from_array(
-        np.ascontiguousarray(found.depth, np.float32), depth_min=0.9 * near, depth_max=1.1 * far
-    )
-    depth.write(stereo / "depth_maps" / f"{file}.geometric.bin")
-    normal = pycolmap.NormalMap.from_array(np.ascontiguousarray(found.normals, np.float32))
-    normal.write(stereo / "normal_maps" / f"{file}.geometric.bin")
 
 
 def _shared_points(views: Mapping[str, View], depth_views: Mapping[str, DepthView]) -> Array:

@@ -1,0 +1,220 @@
+"""The matcher on slanted planes with exact truth, and the pieces that it is made of."""
+
+from dataclasses import replace
+
+import cv2
+import numpy as np
+import pytest
+
+from capture_app.errors import BadInputError
+from reconstruction.consistency import Agreement, without_speckles
+from reconstruction.depth_range import find_depth_range
+from reconstruction.geometry import Array, View
+from reconstruction.matcher import DepthView, match_views
+from reconstruction.photo import Lens, Photo, mean_of_best, resized
+from reconstruction.planes import fit_planes, normals
+from reconstruction.semiglobal import aggregate, cheapest
+from reconstruction.sources import choose_sources, guessed_depths, reference_of, score_source
+from reconstruction.sweep import SweepOptions, sweep
+from tests.reconstruction.conftest import texture
+
+WIDTH, HEIGHT, FOCAL = 128, 96, 110.0
+MATRIX = np.array([[FOCAL, 0, 63.5], [0, FOCAL, 47.5], [0, 0, 1.0]])
+PAINT = texture(3).astype(np.float32)
+SLOPE = np.array([0.35, -0.5])
+PLACES = {"left": (-0.15, 0.0), "middle": (0.0, 0.02), "right": (0.15, 0.0)}
+
+
+def view_at(x: float, y: float = 0.0, z: float = 0.0) -> View:
+    """A camera that looks along z."""
+    return View(WIDTH, HEIGHT, MATRIX, np.zeros(5), np.eye(3), -np.array([x, y, z]))
+
+
+def photo_of(view: View, slope: Array = SLOPE, seed: int = 0, gain: float = 1.0) -> tuple[Photo, Array]:
+    """The plane z = 2 + slope . (x, y), textured, and its depth in the picture."""
+    rays = view.rays(view.grid())
+    reach = (2 + view.centre[:2] @ slope) / (1 - rays[:, :2] @ slope)
+    at = (view.centre[:2] + reach[:, None] * rays[:, :2]) * 150 + 250
+    shape = (view.height, view.width)
+    xs, ys = (np.mod(at[:, i], 511).astype(np.float32).reshape(shape) for i in (0, 1))
+    image = gain * cv2.remap(PAINT, xs, ys, cv2.INTER_LINEAR)
+    image += np.random.default_rng(seed).normal(0, 1, shape).astype(np.float32)
+    return Photo(view, np.asarray(image, np.float32), 5, 9.0), reach.reshape(shape)
+
+
+@pytest.fixture(scope="module")
+def photos() -> dict[str, Photo]:
+    return {name: photo_of(view_at(*at), seed=i)[0] for i, (name, at) in enumerate(PLACES.items())}
+
+
+@pytest.fixture(scope="module")
+def matched(photos: dict[str, Photo]) -> dict[str, DepthView]:
+    sources = choose_sources({name: photo.view for name, photo in photos.items()}, (2.0,))
+    return match_views(photos, sources, *find_depth_range(photos, sources))
+
+
+def test_slanted_plane_is_found_to_a_fraction_of_a_percent(matched: dict[str, DepthView]) -> None:
+    truth = photo_of(view_at(*PLACES["middle"]))[1]
+    found = matched["middle"].depth
+    inside = np.zeros(found.shape, bool)
+    inside[8:-8, 20:-20] = True
+    error = np.abs(found - truth)[inside] / truth[inside]
+    assert np.mean(found[inside] > 0) > 0.97
+    assert np.median(error) < 0.004
+    assert np.mean(error < 0.02) > 0.95
+
+
+def test_normals_face_the_camera_and_stand_on_the_plane(matched: dict[str, DepthView]) -> None:
+    view = matched["middle"]
+    there = view.depth > 0
+    true = np.array([*SLOPE, -1.0]) / np.linalg.norm([*SLOPE, -1.0])
+    angle = np.degrees(np.arccos(np.clip(view.normals[there] @ true, -1, 1)))
+    assert np.median(angle) < 6
+    assert np.all(view.normals[~there] == 0)
+    rays = photo_of(view_at(*PLACES["middle"]))[0].rays
+    assert np.mean((view.normals * rays.transpose(1, 2, 0)).sum(-1)[there] < 0) > 0.999
+
+
+def test_no_depth_where_views_show_different_things(photos: dict[str, Photo]) -> None:
+    rng = np.random.default_rng(1)
+    strangers = {}
+    for name, photo in photos.items():
+        noise = cv2.GaussianBlur(rng.normal(128, 90, photo.grey.shape).astype(np.float32), (0, 0), 1.2)
+        strangers[name] = replace(photo, grey=noise)
+    sources = choose_sources({name: photo.view for name, photo in photos.items()}, (2.0,))
+    found = match_views(strangers, sources, 1.4, 4.0)
+    assert max(np.mean(view.depth > 0) for view in found.values()) < 0.06
+
+
+def test_blank_views_are_empty_though_their_depths_agree(photos: dict[str, Photo]) -> None:
+    blank = {name: replace(photo, grey=np.full_like(photo.grey, 90.0)) for name, photo in photos.items()}
+    sources = choose_sources({name: photo.view for name, photo in photos.items()}, (2.0,))
+    assert all(not view.depth.any() for view in match_views(blank, sources, 1.4, 4.0).values())
+    with pytest.raises(BadInputError, match="nothing in common"):
+        find_depth_range(blank, sources)
+
+
+def test_brightness_may_differ_between_cameras(photos: dict[str, Photo]) -> None:
+    dark = dict(photos)
+    dark["right"] = photo_of(view_at(*PLACES["right"]), seed=9, gain=0.7)[0]
+    sources = choose_sources({name: photo.view for name, photo in photos.items()}, (2.0,))
+    found = match_views(dark, sources, 1.4, 4.0, limits=Agreement(votes=2))
+    assert np.mean(found["middle"].depth[8:-8, 20:-20] > 0) > 0.9
+
+
+def test_two_views_are_enough_and_the_range_is_found(photos: dict[str, Photo]) -> None:
+    pair = {name: photos[name] for name in ("left", "right")}
+    sources = choose_sources({name: photo.view for name, photo in pair.items()}, (2.0,))
+    nearest, farthest = find_depth_range(pair, sources)
+    truth = photo_of(view_at(*PLACES["left"]))[1]
+    assert nearest < np.percentile(truth, 10) < np.percentile(truth, 80) < farthest
+    found = match_views(pair, sources, nearest, farthest)["left"].depth
+    there = found > 0
+    assert there.mean() > 0.55
+    assert np.mean(np.abs(found - truth)[there] < 0.02 * truth[there]) > 0.95
+
+
+def test_large_pictures_are_swept_small_and_finished_at_full_size(
+    photos: dict[str, Photo], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("reconstruction.sweep.MOST_CELLS", 90_000)
+    others = [photos["left"], photos["right"]]
+    surface = sweep(photos["middle"], others, 1.4, 4.0, SweepOptions())
+    truth = photo_of(view_at(*PLACES["middle"]))[1]
+    assert surface.inverse_depth.shape == truth.shape
+    error = np.abs(surface.inverse_depth * truth - 1)[8:-8, 24:-24]
+    assert np.median(error) < 0.006
+
+
+def test_lens_projects_as_the_geometry_says(photos: dict[str, Photo]) -> None:
+    lens = Lens(photos["middle"], photos["right"])
+    x, y, z = lens.project(np.full((HEIGHT, WIDTH), 0.5, np.float32))
+    # A point at 2 m, seen 0.15 m further right and 0.02 m higher.
+    assert x[10, 30] == pytest.approx(30 - 0.15 / 2 * FOCAL, abs=1e-3)
+    assert y[10, 30] == pytest.approx(10 + 0.02 / 2 * FOCAL, abs=1e-3)
+    assert z[10, 30] == pytest.approx(1.0)
+    moved = lens.pixels_per_inverse_depth(x, y)
+    assert moved[10, 30] == pytest.approx(np.hypot(0.15, 0.02) * FOCAL, rel=1e-3)
+
+
+def test_a_plane_and_the_same_depth_map_look_alike(photos: dict[str, Photo]) -> None:
+    lens = Lens(photos["middle"], photos["right"])
+    by_plane = lens.through_plane(0.45)
+    by_map = lens.through_depth(np.full((HEIGHT, WIDTH), 0.45, np.float32))
+    assert np.abs(by_plane - by_map)[5:-5, 5:-12].max() < 1.5
+
+
+def test_resized_view_keeps_the_rays_of_the_corners() -> None:
+    view = view_at(0)
+    half = resized(view, WIDTH // 2, HEIGHT // 2)
+    corner, same = np.array([[-0.5, -0.5]]), np.array([[-0.5, -0.5]])
+    assert half.rays(corner) == pytest.approx(view.rays(same))
+    assert half.rays(np.array([[63.5, 47.5]])) == pytest.approx(view.rays(np.array([[127.5, 95.5]])))
+
+
+def test_mean_of_best_leaves_out_the_worst() -> None:
+    costs = [np.full((1, 1), value, np.float32) for value in (0.9, 0.1, 0.4, 0.2)]
+    for best, mean in ((1, 0.1), (2, 0.15), (3, 0.7 / 3)):
+        assert mean_of_best(costs, best)[0, 0] == pytest.approx(mean)
+
+
+def test_semiglobal_fills_a_blank_patch_and_keeps_an_edge() -> None:
+    truth = np.full((24, 40), 3)
+    truth[:, 20:] = 9
+    costs = np.full((24, 12, 40), 200, np.uint8)
+    np.put_along_axis(costs, truth[:, None, :], 10, 1)
+    costs[8:16, :, 5:12] = 100
+    grey = np.where(truth == 3, 50, 200).astype(np.float32)
+    place, own = cheapest(aggregate(costs, grey, 20, 300), costs)
+    assert np.array_equal(np.rint(place), truth)
+    assert own[0, 0] == 10
+    assert own[10, 8] == 100
+
+
+def test_parabola_finds_the_place_between_two_depths() -> None:
+    levels = np.arange(8)
+    total = ((levels - 3.3) ** 2 * 100).astype(np.int16)[None, :, None]
+    place, _ = cheapest(total, total.astype(np.uint8))
+    assert place[0, 0] == pytest.approx(3.3, abs=0.02)
+
+
+def test_planes_are_fitted_on_each_side_of_an_edge() -> None:
+    ys, xs = np.mgrid[0:40, 0:60].astype(np.float32)
+    truth = np.where(xs < 30, 0.3 + 0.001 * xs - 0.0004 * ys, 0.6 - 0.0005 * xs).astype(np.float32)
+    noisy = truth + np.random.default_rng(0).normal(0, 0.002, truth.shape).astype(np.float32)
+    level, right, down = fit_planes(noisy, 0.02, reach=2, stride=2, rounds=3)
+    assert np.abs(level - truth).mean() < 0.4 * np.abs(noisy - truth).mean()
+    assert np.median(right[:, :25]) == pytest.approx(0.001, abs=2e-4)
+    assert np.median(down[:, :25]) == pytest.approx(-0.0004, abs=2e-4)
+    assert np.median(right[:, 35:]) == pytest.approx(-0.0005, abs=2e-4)
+
+
+def test_normal_of_a_wall_that_faces_the_camera() -> None:
+    photo = photo_of(view_at(0))[0]
+    flat = np.full(photo.grey.shape, 0.5, np.float32)
+    zero = np.zeros_like(flat)
+    assert normals(flat, zero, zero, photo.rays)[5, 7] == pytest.approx([0, 0, -1])
+
+
+def test_speckles_go_and_large_islands_stay() -> None:
+    good = np.zeros((40, 40), bool)
+    good[2:5, 2:5] = True
+    good[10:35, 10:35] = True
+    kept = without_speckles(good, np.full((40, 40), 0.4, np.float32), 50)
+    assert not kept[3, 3]
+    assert kept[20, 20]
+    assert not without_speckles(np.zeros((4, 4), bool), np.ones((4, 4)), 5).any()
+
+
+def test_sources_see_the_same_from_elsewhere() -> None:
+    views = {"a": view_at(0), "b": view_at(0.2), "far": view_at(30.0), "same": view_at(1e-4)}
+    chosen = choose_sources(views, (2.0,))
+    assert chosen["a"] == ("b",)
+    assert chosen["far"] == ()
+    assert score_source(views["a"], views["same"], 2.0) < 0.01
+
+
+def test_the_middle_camera_is_the_reference() -> None:
+    views = {name: view_at(*at) for name, at in PLACES.items()}
+    assert reference_of(views, (2.0, 3.0)) == "middle"
+    assert guessed_depths(views)[0] == pytest.approx(4 * np.hypot(0.15, 0.02))

@@ -1,0 +1,250 @@
+"""`reconstruct multiview`: its files, its figures, and its lines about what it cannot use."""
+
+import json
+import stat
+import sys
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from capture_app.errors import BadInputError, NotAvailableError, SimulshotError
+from capture_app.session.reader import Session
+from reconstruction import patchmatch
+from reconstruction.cli import main
+from reconstruction.colmap_maps import read_array, read_maps
+from reconstruction.dataset import Dataset
+from reconstruction.matcher import DepthView
+from reconstruction.multiview import judge
+from reconstruction.multiview_input import instants_of, shot_of
+from reconstruction.patchmatch import ENVIRONMENT, Gpu, find_gpu, run_patch_match
+from reconstruction.workspace import write_workspace
+from tests.reconstruction.conftest import Scene, make_view, write_session
+
+VIEWS = {
+    "left": make_view((-0.14, 0.0, 0.0), yaw=1.5),
+    "middle": make_view((0.0, 0.03, 0.0), distortion=(-0.05, 0.01, 0.0, 0.0, 0.0)),
+    "right": make_view((0.14, 0.0, 0.0), yaw=-1.5),
+}
+
+
+@pytest.fixture(scope="module")
+def trio(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Session:
+    """Three cameras that see the boards, one of them with distortion; five instants."""
+    return write_session(tmp_path_factory.mktemp("trio"), scene, VIEWS)
+
+
+def failing(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
+    """Exit code and the only line on stderr."""
+    with pytest.raises(SystemExit) as stop:
+        main(list(arguments))
+    lines = capsys.readouterr().err.strip().splitlines()
+    assert isinstance(stop.value.code, int)
+    return stop.value.code, lines[-1]
+
+
+def test_depth_cloud_and_mesh_of_an_instant(
+    trio: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    main(["multiview", str(trio.folder), "--instant", "2", "--out", str(out), "--json"])
+    said = capsys.readouterr()
+    result = json.loads(said.out)
+    assert "depth of middle" in said.err
+    assert result["reference"] == "middle"
+    assert result["matcher"] == "sweep"
+    assert result["seconds"] > 0
+    assert result["within_2pct"] > 0.8
+    assert result["mover_within_2pct"] > 0.8
+    assert result["fused_points"] > 5000
+    assert result["mesh_triangles"] > 1000
+    assert all((out / name).exists() for name in result["files"])
+    assert json.loads((out / "multiview.json").read_text())["seconds"] == result["seconds"]
+    with np.load(out / "depth" / "left.npz") as data:
+        assert data["depth"].shape == (240, 320)
+        assert data["normals"].shape == (240, 320, 3)
+    assert cv2.imread(str(out / "turntable.png")).std() > 10
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["out"]
+
+
+def test_offset_cameras_lose_what_moves_and_keep_the_rest(
+    trio: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    results = {}
+    for name, extra in (("synced", ()), ("offset", ("--offsets-ms", "66,0,-66"))):
+        main(["multiview", str(trio.folder), "--instant", "2", "--no-mesh", "--json",
+              "--out", str(tmp_path / name), *extra])  # fmt: skip
+        results[name] = json.loads(capsys.readouterr().out)
+    offset = {view["camera"]: view for view in results["offset"]["views"]}
+    assert [offset[name]["instant"] for name in VIEWS] == [4, 2, 0]
+    assert results["offset"]["mover_within_2pct"] < 0.1
+    static = [result["static_within_2pct"] for result in results.values()]
+    assert abs(static[0] - static[1]) < 0.03
+
+
+def test_what_cannot_be_used_is_one_clear_line(
+    trio: Session, scene: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    at = ["multiview", str(trio.folder), "--out", str(out)]
+    code, line = failing(capsys, *at, "--instant", "9")
+    assert code == 3
+    assert "no instant 9" in line
+    assert "0 to 4" in line
+    assert failing(capsys, *at, "--offsets-ms", "1,2")[1].count("left, middle, right") == 1
+    assert "reach from 0 to 133 ms" in failing(capsys, *at, "--offsets-ms", "-66,0,66")[1]
+    assert failing(capsys, *at, "--offsets-ms", "a,b,c")[0] == 2
+    lonely = write_session(tmp_path / "lonely", scene, {"only": VIEWS["left"]}, instants=1)
+    code, line = failing(capsys, "multiview", str(lonely.folder), "--out", str(out))
+    assert code == 3
+    assert "one camera only" in line
+    apart = {"left": VIEWS["left"], "away": make_view((0.2, 0, 0), yaw=58)}
+    session = write_session(tmp_path / "apart", scene, apart, instants=1)
+    code, line = failing(capsys, "multiview", str(session.folder), "--out", str(out))
+    assert code == 3
+    assert "no camera sees what another sees" in line
+    (out / "mine").mkdir(parents=True)
+    assert "holds other files (mine)" in failing(capsys, *at)[1]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["apart", "lonely", "out"]
+
+
+def test_patchmatch_without_a_gpu_says_so(
+    trio: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    code, line = failing(
+        capsys, "multiview", str(trio.folder), "--matcher", "patchmatch", "--out", str(tmp_path / "out")
+    )
+    assert code == 6
+    assert "none is here" in line
+    assert "--matcher sweep" in line
+
+
+def test_dark_cameras_are_left_out_by_name() -> None:
+    with pytest.raises(BadInputError, match="empty"):
+        shot_of("left", 0, np.zeros((240, 320, 3), np.uint8), VIEWS["left"])
+
+
+def test_truth_is_moved_as_the_picture_is(trio: Session) -> None:
+    dataset = Dataset.open(trio.folder)
+    shot = shot_of("middle", 2, dataset.image("middle", 2), VIEWS["middle"])
+    assert not shot.photo.view.distortion.any()
+    ys, xs = np.mgrid[0:240, 0:320].astype(np.float32)
+    moved = np.hypot(shot.flatten(xs) - xs, shot.flatten(ys) - ys)
+    assert 0.5 < moved[5:-5, 5:-5].max() < 8
+    ray = VIEWS["middle"].rays(np.array([[float(shot.flatten(xs)[20, 30]), float(shot.flatten(ys)[20, 30])]]))
+    assert ray == pytest.approx(shot.photo.view.rays(np.array([[30.0, 20.0]])), abs=0.005)
+
+
+def test_instants_are_the_nearest_to_the_offsets(trio: Session) -> None:
+    dataset = Dataset.open(trio.folder)
+    assert instants_of(dataset, 1, ()) == {"left": 1, "middle": 1, "right": 1}
+    assert instants_of(dataset, 1, (-33, 0, 60)) == {"left": 0, "middle": 1, "right": 3}
+
+
+def test_shares_count_what_is_empty_as_wrong() -> None:
+    truth = np.array([[2.0, 2.0, 2.0, 2.0, 0.0]])
+    depth = np.array([[2.01, 2.1, 0.0, 1.99, 3.0]])
+    movers = np.array([[True, True, False, False, False]])
+    shares = judge(depth, truth, movers)
+    assert shares["within_2pct"] == 0.5
+    assert shares["mover_within_2pct"] == 0.5
+    assert shares["static_within_2pct"] == 0.5
+    assert shares["mover_coverage"] == 1.0
+    assert judge(depth, np.zeros_like(truth), movers)["within_2pct"] is None
+
+
+def fake(path: Path, text: str) -> Path:
+    """A program that stands in for one this machine does not have."""
+    path.write_text(text)
+    path.chmod(path.stat().st_mode | stat.S_IXUSR)
+    return path
+
+
+def test_gpu_is_found_by_its_driver_and_the_other_environment_by_its_name(tmp_path: Path) -> None:
+    with pytest.raises(NotAvailableError, match="none is here"):
+        find_gpu({"PATH": str(tmp_path)})
+    fake(tmp_path / "nvidia-smi", "#!/bin/sh\nexit 9\n")
+    with pytest.raises(NotAvailableError, match="none is here"):
+        find_gpu({"PATH": str(tmp_path)})
+    fake(tmp_path / "nvidia-smi", "#!/bin/sh\necho Some GPU\n")
+    with pytest.raises(NotAvailableError, match="pycolmap-cuda12"):
+        find_gpu({"PATH": str(tmp_path)})
+    with pytest.raises(NotAvailableError, match="not there"):
+        find_gpu({"PATH": str(tmp_path), ENVIRONMENT: str(tmp_path / "python")})
+    found = find_gpu({"PATH": str(tmp_path), ENVIRONMENT: sys.executable})
+    assert found == Gpu("Some GPU", Path(sys.executable))
+
+
+def test_patch_match_runs_in_another_process_and_its_death_is_told(tmp_path: Path) -> None:
+    note = tmp_path / "asked"
+    python = fake(tmp_path / "python", f'#!/bin/sh\nprintf "%s\\n" "$3" "$4" "$5" > {note}\n')
+    run_patch_match(Gpu("Some GPU", python), tmp_path / "workspace", 1.5, 4.0)
+    assert note.read_text().split() == [str(tmp_path / "workspace"), "1.5", "4.0"]
+    fake(python, "#!/bin/sh\necho no kernel image >&2\nexit 3\n")
+    with pytest.raises(SimulshotError, match="exit code 3: no kernel image"):
+        run_patch_match(Gpu("Some GPU", python), tmp_path, 1.5, 4.0)
+    fake(python, "#!/bin/sh\nkill -6 $$\n")
+    with pytest.raises(SimulshotError, match="signal 6"):
+        run_patch_match(Gpu("Some GPU", python), tmp_path, 1.5, 4.0)
+
+
+def test_maps_in_the_workspace_are_read_back(tmp_path: Path) -> None:
+    view = VIEWS["left"]
+    rng = np.random.default_rng(0)
+    depth = rng.uniform(1, 3, (view.height, view.width)).astype(np.float32)
+    depth[:50] = 0
+    facing = np.zeros((view.height, view.width, 3), np.float32)
+    facing[50:] = rng.normal(size=(view.height - 50, view.width, 3))
+    picture = np.full((view.height, view.width, 3), 77, np.uint8)
+    write_workspace(tmp_path, {"left": view}, {"left": picture}, {"left": DepthView(depth, facing)})
+    found = read_maps(tmp_path, {"left": "left.png"})["left"]
+    assert np.array_equal(found.depth, depth)
+    assert np.array_equal(found.normals, facing)
+    assert (tmp_path / "stereo" / "fusion.cfg").read_text() == "left.png\n"
+    broken = tmp_path / "broken.bin"
+    broken.write_bytes(b"3&2&1&1234")
+    with pytest.raises(SimulshotError, match="no map"):
+        read_array(broken)
+
+
+def test_auto_uses_the_gpu_where_there_is_one(
+    trio: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The other process is stood in for by one that writes true maps: all up to it is real."""
+
+    def stand_in(gpu: Gpu, workspace: Path, nearest: float, farthest: float) -> None:
+        assert (workspace / "stereo" / "patch-match.cfg").read_text().count("__auto__") == 3
+        assert 1.0 < nearest < 2.3
+        assert farthest > 3.9
+        dataset = Dataset.open(trio.folder)
+        for name, view in VIEWS.items():
+            truth = dataset.truth(name, 1)
+            assert truth is not None
+            shot = shot_of(name, 1, dataset.image(name, 1), view)
+            facing = np.zeros((*truth[0].shape, 3), np.float32)
+            facing[..., 2] = -1
+            depth_view = DepthView(shot.flatten(truth[0]), facing)
+            scratch = tmp_path / f"scratch-{name}"
+            scratch.mkdir()
+            write_workspace(scratch, {name: shot.photo.view}, {name: shot.colours}, {name: depth_view})
+            for kind in ("depth_maps", "normal_maps"):
+                file = f"stereo/{kind}/{name}.png.geometric.bin"
+                (workspace / file).write_bytes((scratch / file).read_bytes())
+
+    monkeypatch.setattr("reconstruction.multiview.find_gpu", lambda: Gpu("Some GPU", Path("python")))
+    monkeypatch.setattr("reconstruction.multiview.run_patch_match", stand_in)
+    main(
+        ["multiview", str(trio.folder), "--instant", "1", "--no-mesh", "--json", "--out", str(tmp_path / "o")]
+    )
+    result = json.loads(capsys.readouterr().out)
+    assert result["matcher"] == "patchmatch"
+    assert result["matcher_note"] == "on Some GPU"
+    assert result["within_2pct"] > 0.99
+    assert result["fused_points"] > 5000
+
+
+def test_the_cuda_module_is_never_imported_here() -> None:
+    assert "pycolmap" in patchmatch.PROGRAM
+    assert not hasattr(patchmatch, "pycolmap")

@@ -133,6 +133,7 @@ def _frames(camera: CameraRecord, ready: BurstReady[SensorFrame]) -> list[TakenF
             exposure_start_ns=exposure_start_ns(camera, pick.leader_ns, pick.frame.exposure_ns),
             uncertainty_ns=pick.uncertainty_ns,
             hard_bound_ns=pick.hard_bound_ns,
+            outlier_ns=pick.outlier_ns,
             late=tolerance_ns is not None and abs(pick.residual_ns) > tolerance_ns,
         )
         for pick in ready.picks

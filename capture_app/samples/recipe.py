@@ -63,6 +63,7 @@ class TakenFrame(_Part, frozen=True, kw_only=True):
     uncertainty_ns: Count | None = None
     hard_bound_ns: Count | None = None
     late: bool = False
+    outlier_ns: int = 0
 
 
 class Take(_Part, frozen=True, kw_only=True):

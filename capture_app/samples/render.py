@@ -154,4 +154,5 @@ def _develop(
         white_balance=(1.0, 1.0),
         sequence=taken.sequence,
         late=taken.late,
+        outlier_ns=taken.outlier_ns,
     )

@@ -160,6 +160,7 @@ class SessionWriter:
         sequence: int | None = None,
         dropped: bool = False,
         late: bool = False,
+        outlier_ns: int = 0,
     ) -> ImageRecord:
         """Save one image's file bytes as they are; once this returns no crash can lose it.
 
@@ -189,6 +190,7 @@ class SessionWriter:
             sequence=sequence,
             dropped=dropped,
             late=late,
+            outlier_ns=outlier_ns,
         )
         self._place(record, lambda path: write_named(path, data))
         return record

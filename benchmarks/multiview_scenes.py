@@ -1,0 +1,193 @@
+"""Scenes with exact truth for the multi-view benchmark: the package's studio, a plainer one, or a file's."""
+
+import importlib.util
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from reconstruction.geometry import Array, View
+from reconstruction.native import load_open3d
+
+OFFSETS_MS = (66, -33, 0, 33, -66)
+PLACES = ((-0.32, 0.03), (-0.16, -0.05), (0.0, 0.0), (0.16, 0.06), (0.32, -0.04))
+
+
+@dataclass(frozen=True)
+class Condition:
+    """Pictures (uint8 BGR), true depth (m, 0 = none) and movers by camera."""
+
+    pictures: dict[str, Array]
+    depth: dict[str, Array]
+    movers: dict[str, Array]
+
+
+@dataclass(frozen=True)
+class Rendered:
+    """One instant of a scene: synchronized, and with `OFFSETS_MS` between the cameras."""
+
+    name: str
+    views: dict[str, View]
+    synced: Condition
+    offset: Condition
+
+
+def studio(at_s: float = 1.37) -> Rendered:
+    """The package's own scene, five of its views, 640x480."""
+    from capture_app.simulation.scene import load
+
+    scene = load("studio")
+    names = ("cam05", "cam00", "cam06", "cam01", "cam04")
+    views = {n: View.from_calibration(scene.calibration().cameras[n], 640, 480) for n in names}
+
+    def shoot(offsets: tuple[int, ...]) -> Condition:
+        pictures, depth, movers = {}, {}, {}
+        for number, (name, offset_ms) in enumerate(zip(names, offsets, strict=True)):
+            start_ns = round(at_s * 1e9) + offset_ms * 1_000_000
+            pictures[name] = scene.render(name, start_ns, 4_000_000, 30_000, seed=number)
+            depth[name], _, movers[name] = scene.ground_truth(name, start_ns, 4_000_000, 30_000)
+        return Condition(pictures, depth, movers)
+
+    return Rendered("studio", views, shoot((0,) * 5), shoot(OFFSETS_MS))
+
+
+def from_file(path: Path) -> Rendered:
+    """A scene of a Python file with `Scene().render(camera, s)`, `.gt(camera, s)`, `cams5()` and `K`."""
+    spec = importlib.util.spec_from_file_location("benchmark_scene", path)
+    assert spec is not None
+    assert spec.loader is not None
+    module: Any = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    scene, cameras = module.Scene(), module.cams5()
+    names = [f"cam{i}" for i in range(len(cameras))]
+    views = {
+        name: View(640, 480, np.asarray(module.K), np.zeros(5), camera["R"], camera["t"])
+        for name, camera in zip(names, cameras, strict=True)
+    }
+
+    def shoot(offsets: tuple[int, ...]) -> Condition:
+        pictures, depth, movers = {}, {}, {}
+        for number, (name, camera, offset_ms) in enumerate(zip(names, cameras, offsets, strict=True)):
+            at_s = 0.06 + offset_ms / 1000
+            pictures[name] = scene.render(camera, at_s, seed=100 * number + offset_ms % 97)
+            z, thing = scene.gt(camera, at_s)
+            depth[name], movers[name] = np.where(np.isfinite(z), z, 0).astype(np.float32), thing >= 2
+        return Condition(pictures, depth, movers)
+
+    return Rendered(path.stem, views, shoot((0,) * 5), shoot(OFFSETS_MS))
+
+
+def plain(width: int = 640, height: int = 480) -> Rendered:
+    """A scene nothing was tuned to: weak texture, thin rods, a ramp and a long floor, a box that flies."""
+    o3d = load_open3d()
+    base = View(width, height, _matrix(width, height), np.zeros(5), np.eye(3), np.zeros(3))
+    views = {}
+    for number, (x, y) in enumerate(PLACES):
+        ahead = np.array([0.2 * x, 0.15, 3.2]) - (x, y, 0)
+        ahead /= np.linalg.norm(ahead)
+        right = np.cross([0, 1.0, 0], ahead)
+        right /= np.linalg.norm(right)
+        turn = np.stack([right, np.cross(ahead, right), ahead])
+        views[f"cam{number}"] = replace(base, rotation=turn, translation=-turn @ np.array([x, y, 0]))
+    still = _still_things(o3d)
+
+    def shoot(offsets: tuple[int, ...]) -> Condition:
+        pictures, depth, movers = {}, {}, {}
+        for number, (name, offset_ms) in enumerate(zip(views, offsets, strict=True)):
+            at_s = offset_ms / 1000
+            things = [*still, *_moving_things(o3d, at_s)]
+            rng = np.random.default_rng(number + 31 * offset_ms % 97)
+            pictures[name], depth[name], which = _shoot(o3d, views[name], things, rng)
+            movers[name] = which >= len(still)
+        return Condition(pictures, depth, movers)
+
+    return Rendered(f"plain {width}x{height}", views, shoot((0,) * 5), shoot(OFFSETS_MS))
+
+
+def _matrix(width: int, height: int) -> Array:
+    focal = 0.8 * width
+    return np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1.0]])
+
+
+def _paint(seed: int, contrast: float, tint: tuple[float, float, float], finest: int = 10) -> Array:
+    """Cloudy noise, float32 1024 x 1024 x 3 around mid-grey times `tint`."""
+    rng = np.random.default_rng(seed)
+    image = np.zeros((1024, 1024), np.float32)
+    for octave in range(3, finest):
+        cells = rng.standard_normal((2**octave, 2**octave)).astype(np.float32)
+        image += 0.8**octave * cv2.resize(cells, (1024, 1024), interpolation=cv2.INTER_CUBIC)
+    image *= contrast / image.std()
+    return (120 + image)[..., None] * np.array(tint, np.float32)
+
+
+def _box(o3d: Any, centre: Array, size: tuple[float, float, float], turn: tuple[float, float, float]) -> Any:
+    mesh = o3d.geometry.TriangleMesh.create_box(*size).translate(-np.array(size) / 2)
+    mesh.rotate(cv2.Rodrigues(np.array(turn))[0], center=(0, 0, 0))
+    return mesh.translate(centre)
+
+
+def _still_things(o3d: Any) -> list[tuple[Any, Array]]:
+    rods = o3d.geometry.TriangleMesh()
+    for x in np.linspace(-0.9, 0.9, 7):
+        rods += _box(o3d, np.array([x, 0.1, 2.7 + 0.1 * x]), (0.025, 1.6, 0.025), (0, 0, 0.1 * x))
+    return [
+        (_box(o3d, np.array([0, 0, 5.2]), (9, 6, 0.1), (0, 0.12, 0)), _paint(11, 7.0, (0.9, 1.0, 1.1))),
+        (_box(o3d, np.array([0, 1.15, 3.0]), (9, 0.1, 9), (0.02, 0, 0.03)), _paint(12, 22.0, (0.7, 0.9, 1.0))),
+        (_box(o3d, np.array([1.2, 0.7, 3.6]), (1.1, 0.1, 1.6), (0.6, 0.3, 0)), _paint(13, 9.0, (1, 0.8, 0.7))),
+        (_box(o3d, np.array([-1.3, 0.7, 3.4]), (0.7, 0.9, 0.7), (0, 0.5, 0)), _paint(14, 28.0, (0.8, 1.1, 0.8))),
+        (rods, _paint(15, 30.0, (0.6, 0.6, 1.2))),
+    ]
+
+
+def _moving_things(o3d: Any, at_s: float) -> list[tuple[Any, Array]]:
+    place = np.array([0.15 + 1.6 * at_s, -0.1 - 2.2 * at_s + 4.9 * at_s**2, 2.1])
+    return [(_box(o3d, place, (0.5, 0.45, 0.3), (0.3, 0.4 + 3 * at_s, 0.1)), _paint(16, 26.0, (1, 0.9, 0.9)))]
+
+
+def _shoot(
+    o3d: Any, view: View, things: list[tuple[Any, Array]], rng: np.random.Generator
+) -> tuple[Array, Array, Array]:
+    """Picture with 2 x 2 samples a pixel and noise, true depth, and which thing (number) is seen."""
+    light = np.zeros((view.height, view.width, 3), np.float32)
+    for right, down in ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25)):
+        light += _cast(o3d, view, things, right, down)[0] / 4
+    _, depth, which = _cast(o3d, view, things, 0.0, 0.0)
+    noisy = light + rng.normal(0, 1.5, light.shape)
+    return np.clip(noisy, 0, 255).astype(np.uint8), depth, which
+
+
+def _cast(
+    o3d: Any, view: View, things: list[tuple[Any, Array]], right: float, down: float
+) -> tuple[Array, Array, Array]:
+    scene = o3d.t.geometry.RaycastingScene(nthreads=2)
+    numbers = [
+        scene.add_triangles(o3d.t.geometry.TriangleMesh.from_legacy(mesh)) for mesh, _ in things
+    ]
+    rays = (np.linalg.inv(view.matrix) @ (np.c_[view.grid() + (right, down), np.ones(view.width * view.height)]).T).T
+    world = rays @ view.rotation
+    origin = np.broadcast_to(view.centre, world.shape)
+    hits = scene.cast_rays(o3d.core.Tensor(np.hstack([origin, world]).astype(np.float32)))
+    depth, number = hits["t_hit"].numpy(), hits["geometry_ids"].numpy()
+    normal = hits["primitive_normals"].numpy()
+    colours = np.zeros((len(world), 3), np.float32)
+    which = np.full(len(world), -1)
+    for index, (geometry, (mesh, paint)) in enumerate(zip(numbers, things, strict=True)):
+        seen = np.flatnonzero(number == geometry)
+        which[seen] = index
+        # Texture sticks to the thing: its own middle is where the paint's coordinates begin.
+        at = view.centre + world[seen] * depth[seen, None] - mesh.get_center()
+        axis = np.abs(normal[seen]).argmax(1)
+        a, b = np.where(axis == 0, 1, 0), np.where(axis == 2, 1, 2)
+        rows = np.arange(len(seen))
+        uv = np.column_stack([at[rows, a], at[rows, b]]) * 260 + 37 * axis[:, None]
+        where = np.zeros((-(-len(seen) // 1024) * 1024, 2), np.float32)
+        where[: len(seen)] = np.mod(uv, 1023)
+        got = cv2.remap(paint, where.reshape(-1, 1024, 2), None, cv2.INTER_LINEAR)
+        ray = world[seen] / np.linalg.norm(world[seen], axis=1, keepdims=True)
+        shade = 0.5 + 0.5 * np.abs((normal[seen] * ray).sum(1))
+        colours[seen] = got.reshape(-1, 3)[: len(seen)] * shade[:, None]
+    shape = (view.height, view.width)
+    depth = np.where(np.isfinite(depth), depth, 0).astype(np.float32)
+    return colours.reshape(*shape, 3), depth.reshape(shape), which.reshape(shape)

@@ -4,6 +4,7 @@
 # make test-slow   the tests that take minutes
 # make samples   render the sample sessions again from their recipes: the same bytes
 # make bench-sync   clock synchronization on an emulated WiFi link, beside other filters (root, 10 min)
+# make test-crash   writers killed at every step, every bit flipped (slow)
 # make help   all targets
 
 PYTHON ?= python3
@@ -15,7 +16,7 @@ OUT ?= demo
 LIBRARIES := libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
 	libusb-1.0.so.0:libusb-1.0-0 libudev.so.1:libudev1 libidn2.so.0:libidn2-0
 
-.PHONY: help install demo samples test test-v4l2 bench-sync check format system clean
+.PHONY: help install demo samples test test-v4l2 bench-sync test-crash check format system clean
 .DEFAULT_GOAL := help
 
 help:
@@ -40,6 +41,9 @@ samples: $(VENV)/.installed
 
 bench-sync: $(VENV)/.installed
 	$(BIN)/python benchmarks/sync_link.py $(BENCH)
+
+test-crash: $(VENV)/.installed-dev
+	$(BIN)/pytest -m slow tests/session/test_crash.py
 
 check: $(VENV)/.installed-dev
 	$(BIN)/ruff check .

@@ -1,4 +1,4 @@
-"""`capture-app sessions`: list, show, verify, import and export sessions on disk."""
+"""`capture-app sessions`: list, show, verify, repair, import and export sessions on disk."""
 
 import sys
 from pathlib import Path
@@ -9,6 +9,7 @@ import msgspec
 
 from capture_app.commands.session_export import export
 from capture_app.commands.session_render import render
+from capture_app.commands.session_repair import repair
 from capture_app.commands.session_text import list_text, show_text, sync_of
 from capture_app.errors import BadInputError, IncompleteError, SimulshotError
 from capture_app.session.reader import Session, list_sessions
@@ -22,11 +23,12 @@ _json_option = click.option("--json", "as_json", is_flag=True, help="One JSON ob
 
 @click.group()
 def sessions() -> None:
-    """List, show, verify, import and export sessions."""
+    """List, show, verify, repair, import and export sessions."""
 
 
 sessions.add_command(export)
 sessions.add_command(render)
+sessions.add_command(repair)
 
 
 @sessions.command("list")

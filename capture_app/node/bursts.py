@@ -93,6 +93,11 @@ class BurstSession:
             share.report = report_of(plan, told)
             has = (writer.image(told.camera.name, n) is not None for n in range(len(burst.instants_ns)))
             share.instants = {instant for instant, there in enumerate(has) if there}
+        for camera, instant in writer.damaged:
+            gap = MissingImage(
+                camera=camera, instant=instant, reason="its file was damaged or lost after it came"
+            )
+            session._lost[camera, instant] = gap
         session._take_over_losses()
         return session
 
@@ -181,7 +186,7 @@ class BurstSession:
             share.report, share.given_up, share.silent = report, "", False
             share.heard_ns = max(share.heard_ns, now_ns)
             held = await asyncio.to_thread(self._held, share)
-        await self._finish_if_complete()
+        await self.finish_if_complete()
         return held
 
     async def take_image(self, upload: ImageUpload, payload: AsyncIterator[bytes], now_ns: int) -> str:
@@ -202,7 +207,7 @@ class BurstSession:
             await self.stop("the leader's disk is full")
             raise
         share.heard_ns = max(share.heard_ns, now_ns)
-        await self._finish_if_complete()
+        await self.finish_if_complete()
         return upload.record.sha256
 
     async def give_up(self, camera: str, reason: str, *, silent: bool = False) -> None:
@@ -210,7 +215,7 @@ class BurstSession:
         share = self._shares.get(camera)
         if share is not None and not share.is_complete():
             share.given_up, share.silent = reason, silent
-            await self._finish_if_complete()
+            await self.finish_if_complete()
 
     async def give_up_silent(self, lost: Mapping[str, str], now_ns: int) -> None:
         """Wait no longer for cameras without a stream, or lost (name to reason), or stalled."""
@@ -225,6 +230,21 @@ class BurstSession:
         """Finish with what is there."""
         for name in self._shares:
             await self.give_up(name, reason, silent=True)
+        await self.finish_if_complete()
+
+    async def finish_if_complete(self) -> None:
+        """Write the manifest once nothing is waited for; harmless before and after."""
+        if self.finished.is_set() or not all(share.is_complete() for share in self._shares.values()):
+            return
+        async with self._all_quiet():
+            if self.finished.is_set() or not all(share.is_complete() for share in self._shares.values()):
+                return
+            try:
+                self.session = await asyncio.to_thread(self._finish)
+            except SimulshotError as error:
+                self.message = f"{error}; then: capture-app sessions repair {self.folder}"
+                await asyncio.to_thread(self._writer.abort)
+            self.finished.set()
 
     async def leave(self) -> None:
         """Go away without finishing: `resume` goes on from here."""
@@ -320,19 +340,6 @@ class BurstSession:
             if changed != plan:
                 self._writer.set_plan(changed)
 
-    async def _finish_if_complete(self) -> None:
-        if self.finished.is_set() or not all(share.is_complete() for share in self._shares.values()):
-            return
-        async with self._all_quiet():
-            if self.finished.is_set() or not all(share.is_complete() for share in self._shares.values()):
-                return
-            try:
-                self.session = await asyncio.to_thread(self._finish)
-            except SimulshotError as error:
-                self.message = f"{error}; then: capture-app sessions repair {self.folder}"
-                await asyncio.to_thread(self._writer.abort)
-            self.finished.set()
-
     def _finish(self) -> Path | None:
         missing = [gap for share in self._shares.values() for gap in self._missing_of(share)]
         if missing:
@@ -378,7 +385,7 @@ class BurstSession:
             missing = Session.open(self.folder).manifest.missing
         except SimulshotError:
             return
-        self._lost = {(gap.camera, gap.instant): gap for gap in missing}
+        self._lost |= {(gap.camera, gap.instant): gap for gap in missing}
         for name, share in self._shares.items():
             share.given_up = next((gap.reason for gap in missing if gap.camera == name), "it never came")
             share.silent = True

@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import random
 import secrets
-from collections.abc import AsyncGenerator, AsyncIterator, Callable, Coroutine
+from collections.abc import AsyncGenerator, AsyncIterator, Callable, Coroutine, Sequence
 from pathlib import Path
 from typing import Any, Self
 
@@ -14,7 +14,7 @@ from capture_app.net.transfer import TransferServer, bind
 from capture_app.net.udp import Pump
 from capture_app.node.bursts import BurstSession, create_numbered
 from capture_app.node.messages import BurstRequest, CameraReport, ImageUpload, NodeSpace, ToLeader
-from capture_app.node.revival import Revival
+from capture_app.node.revival import RETURN_NS, Revival
 from capture_app.node.service import Service
 from capture_app.node.space import check_room, guessed_image_bytes
 from capture_app.node.status import BurstStatus, NodeStatus, RigStatus
@@ -45,7 +45,10 @@ class LeaderNode:
         period_ns: int | None = None,
         clock: NodeClock | None = None,
         on_news: Callable[[News], None] | None = None,
+        revive: Sequence[Path] | None = None,
+        return_ns: int = RETURN_NS,
     ) -> None:
+        """`revive` are the interrupted sessions to finish, else all; nodes have `return_ns` to come back."""
         self.sessions = sessions
         self.address = Address(host, port)
         self._host = host
@@ -56,6 +59,8 @@ class LeaderNode:
         self._bursts: dict[int, BurstSession] = {}
         self._last_burst: BurstSession | None = None
         self._saved: list[str] = []
+        self._revive = revive
+        self._return_ns = return_ns
         self._image_bytes: dict[str, int] = {}
         self._spools: dict[str, NodeSpace] = {}
         self.revival = Revival(sessions, self._revived)
@@ -86,7 +91,7 @@ class LeaderNode:
         await self._server.start(listening)
         self._pump.start(datagrams)
         self._spawn(self._keep_house())
-        self._spawn(self.revival.begin(self._clock.now_ns()))
+        self._spawn(self.revival.begin(self._clock.now_ns(), folders=self._revive, wait_ns=self._return_ns))
 
     async def stop(self) -> None:
         """Close the port; bursts under way are saved with what has come."""

@@ -1,7 +1,7 @@
 """Sessions of earlier runs of a leader: taken up again where they were interrupted or lack images."""
 
 import asyncio
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from capture_app.errors import BadInputError, DiskFullError, SimulshotError, TryAgainError
@@ -27,21 +27,34 @@ class Revival:
         self._open: dict[Key, BurstSession] = {}
         self._folders: dict[Key, Path] = {}
         self._opening = asyncio.Lock()
+        self._begun = asyncio.Event()
 
     def sessions(self) -> tuple[BurstSession, ...]:
         """Those that are open."""
         return tuple(session for session in self._open.values() if not session.finished.is_set())
 
-    async def begin(self, now_ns: int, *, wait_ns: int = RETURN_NS) -> None:
-        """Take up all interrupted bursts; their nodes have until `wait_ns` after `now_ns` to come back."""
-        for folder in await asyncio.to_thread(lambda: list(interrupted(self._root))):
+    async def begin(
+        self, now_ns: int, *, folders: Sequence[Path] | None = None, wait_ns: int = RETURN_NS
+    ) -> None:
+        """Take up these sessions, else all interrupted ones; nodes have `wait_ns` to come back to them."""
+        if folders is None:
+            folders = await asyncio.to_thread(lambda: list(interrupted(self._root)))
+        for folder in folders:
             async with self._opening:
                 try:
                     key = (await asyncio.to_thread(read_plan, folder)).key
-                    await self._take_up(key, folder, now_ns + wait_ns - PATIENCE_NS)
+                    session = await self._take_up(key, folder, now_ns + wait_ns - PATIENCE_NS)
+                    await session.finish_if_complete()
                 except SimulshotError:
                     # One that cannot be taken up is left as it is; `sessions repair` says why.
                     continue
+        self._begun.set()
+
+    async def all_finished(self) -> None:
+        """Wait until all that `begin` takes up is finished."""
+        await self._begun.wait()
+        for session in self.sessions():
+            await session.finished.wait()
 
     async def revive(self, report: CameraReport, now_ns: int) -> BurstSession:
         """Return the session that a report is of, opened again where it was closed.

@@ -8,12 +8,12 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from capture_app.session.durable import write_whole
-from capture_app.session.ground_truth import TIMES
+from capture_app.session.ground_truth import TIMES, TRUE_TIMES_JOURNAL
 from capture_app.session.manifest import CALIBRATION, EVENTS, JOURNAL, MANIFEST, RECIPE
 from capture_app.session.plan import PLAN
 
 CHECKSUMS = "checksums.sha256"
-COVERED = (MANIFEST, JOURNAL, EVENTS, PLAN, CALIBRATION, TIMES, RECIPE)
+COVERED = (MANIFEST, JOURNAL, EVENTS, PLAN, CALIBRATION, TIMES, TRUE_TIMES_JOURNAL, RECIPE)
 
 
 def write_checksums(folder: Path, manifest: bytes) -> None:

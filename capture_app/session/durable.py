@@ -27,10 +27,12 @@ def write_named(path: Path, data: bytes) -> None:
     """Do the same but for the last step: the name outlives a power cut only once its folder is synced."""
     aside = path.with_name(path.name + PART)
     try:
-        with aside.open("wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
+        handle = os.open(aside, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666)
+        try:
+            _write_all(handle, data)
+            os.fsync(handle)
+        finally:
+            os.close(handle)
         aside.replace(path)
     except OSError:
         # On a full disk the half that was written takes the room that something else could use.
@@ -58,6 +60,12 @@ def make_folders(folder: Path, inside: Path) -> None:
     sync_folder(folder.parent)
 
 
+def _write_all(handle: int, data: bytes) -> None:
+    left = memoryview(data)
+    while left:
+        left = left[os.write(handle, left) :]
+
+
 class AppendOnly:
     """A file of lines that only ever grows; a crash can tear its last lines and no other."""
 
@@ -71,9 +79,7 @@ class AppendOnly:
         """Add lines (without their newlines), all or none; `durable` waits until they are on the disk."""
         data = b"".join(line + b"\n" for line in lines)
         try:
-            left = memoryview(data)
-            while left:
-                left = left[os.write(self._handle, left) :]
+            _write_all(self._handle, data)
             if durable:
                 os.fdatasync(self._handle)
         except OSError as error:

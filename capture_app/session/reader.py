@@ -141,7 +141,7 @@ def _without_manifest(folder: Path) -> BadInputError | IncompleteError:
         return IncompleteError(f"{folder} is still being written", hint="wait until the burst is saved")
     return IncompleteError(
         f"{folder} is incomplete: its capture ended before {MANIFEST} was written",
-        hint=f"the images that {JOURNAL} lists are intact",
+        hint=f"its images are safe; finish it with: capture-app sessions repair {folder}",
     )
 
 

@@ -31,8 +31,8 @@ RESERVE = f"reserve{PART}"
 """Room that is kept for the manifest, so that a session can be finished on a full disk."""
 
 
-def recover_images(folder: Path) -> list[ImageRecord]:
-    """Return the images that the journal lists and that are as it says; the journal then lists no other.
+def recover_images(folder: Path) -> tuple[list[ImageRecord], list[ImageRecord]]:
+    """Return the images that the journal lists, safe and damaged; the journal then lists the safe ones only.
 
     Files that it does not list, and those whose bytes have changed, are moved into `set_aside`.
     Needs the session's lock. Raises OSError.
@@ -50,7 +50,7 @@ def recover_images(folder: Path) -> list[ImageRecord]:
     journal = b"".join(msgspec.json.encode(record) + b"\n" for record in safe)
     if journal != data:
         write_whole(folder / JOURNAL, journal)
-    return safe
+    return safe, [record for record in told.values() if record not in safe]
 
 
 def _images_of_whole_manifest(folder: Path) -> tuple[ImageRecord, ...]:

@@ -76,6 +76,8 @@ class SessionWriter:
         self._under_way: set[tuple[str, int]] = set()
         self._all_there = threading.Condition(self._mutex)
         self._plan: Plan | None = None
+        self.damaged: tuple[tuple[str, int], ...] = ()
+        """Images that were saved and are not as they were, of a session that was resumed."""
         self._open = True
         self._lock = lock_folder(folder)
         try:
@@ -102,7 +104,6 @@ class SessionWriter:
         try:
             Path(root).mkdir(parents=True, exist_ok=True)
             folder.mkdir()
-            sync_folder(Path(root))
         except FileExistsError:
             raise BadInputError(f"{folder} exists already", hint="give the session another name") from None
         except OSError as error:
@@ -110,7 +111,11 @@ class SessionWriter:
                 raise disk_error(error, folder) from error
             raise BadInputError(f"cannot make {folder}: {error.strerror}") from error
         try:
+            sync_folder(Path(root))
             return cls(folder, name, created, software)
+        except OSError as error:
+            shutil.rmtree(folder, ignore_errors=True)
+            raise disk_error(error, folder) from error
         except DiskFullError:
             shutil.rmtree(folder, ignore_errors=True)
             raise
@@ -303,11 +308,12 @@ class SessionWriter:
                 shutil.rmtree(self.folder)
 
     def _recover(self) -> None:
-        if not (self.folder / JOURNAL).exists():
+        if not (self.folder / JOURNAL).exists() and not (self.folder / PLAN).exists():
             return
         if (self.folder / PLAN).exists():
             self._plan = read_plan(self.folder)
-        images = recover_images(self.folder)
+        images, damaged = recover_images(self.folder)
+        self.damaged = tuple((image.camera, image.instant) for image in damaged)
         self._images = {(image.camera, image.instant): image for image in images}
         self._true_times = recover_true_times(self.folder, images)
 

@@ -1,0 +1,89 @@
+"""Bursts whose leader or node is killed in the middle, finished afterwards."""
+
+import asyncio
+import json
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from capture_app.session.manifest import JOURNAL, MANIFEST
+from capture_app.session.reader import Session
+from capture_app.session.verify import verify
+
+from .test_rig import burst, join, lead, output
+
+if TYPE_CHECKING:
+    from tests.end_to_end.conftest import Start
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    """Wait for what files tell."""
+
+    def wait() -> None:
+        give_up_s = time.monotonic() + 60
+        while not condition():
+            assert time.monotonic() < give_up_s
+            time.sleep(0.02)
+
+    await asyncio.to_thread(wait)
+
+
+async def lines_of(path: Path, least: int) -> None:
+    """Wait until a journal lists so many images."""
+    await until(lambda: path.exists() and path.read_bytes().count(b"\n") >= least)
+
+
+async def test_a_leader_killed_in_a_burst_finishes_it_at_the_next_start(
+    start: "Start", tmp_path: Path
+) -> None:
+    leader, address = await lead(start, tmp_path / "sessions")
+    port = int(address.rpartition(":")[2])
+    nodes = await asyncio.gather(join(start, address, "a"), join(start, address, "b"))
+    await asyncio.gather(*(node.says("ready") for node in nodes))
+    asking = await start("burst", "--leader", address, "--wait-ready", "60", "--frames", "12")
+    session = tmp_path / "sessions" / "burst-001"
+    await lines_of(session / JOURNAL, 2)
+    await leader.kill()
+    await asking.finish()
+    assert not (session / MANIFEST).exists()
+    safe = {path: path.read_bytes() for path in session.glob("images/rig1/*/*.jpg")}
+
+    leader, _ = await lead(start, tmp_path / "sessions", port)
+    await leader.says("burst-001 of an earlier run: 24 of 24 images")
+    await until((session / MANIFEST).exists)
+    opened = Session.open(session)
+    assert verify(opened) == []
+    assert (len(opened.manifest.images), opened.manifest.missing) == (24, ())
+    assert opened.manifest.origin == "simulated"
+    assert {path: path.read_bytes() for path in safe} == safe
+    # The rig goes on as if nothing had happened.
+    assert (await burst(start, address, "--frames", "1", "--nodes", "2"))["received"] == 2
+
+
+async def test_what_a_killed_node_had_spooled_is_fetched_when_it_is_started_again(
+    start: "Start", tmp_path: Path
+) -> None:
+    leader, address = await lead(start, tmp_path / "sessions")
+    port = int(address.rpartition(":")[2])
+    node = await join(start, address, "a")
+    await node.says("ready")
+    asking = await start("burst", "--leader", address, "--wait-ready", "60", "--frames", "20")
+    session = tmp_path / "sessions" / "burst-001"
+    await lines_of(session / JOURNAL, 1)
+    await leader.kill()
+    await asking.finish()
+    # The node goes on into its spool without a leader, until its plug is pulled too.
+    (spooled,) = (tmp_path / "state/simulshot/spool/a").iterdir()
+    await lines_of(spooled / JOURNAL, 20)
+    await node.kill()
+
+    options = ("--wait", "60", "--listen", f"127.0.0.1:{port}", "--json")
+    command = await start("sessions", "repair", str(session), *options)
+    await join(start, address, "a")
+    repaired = json.loads(await output(command))["sessions"]
+    assert (repaired[0]["ok"], repaired[0]["missing"]) == (True, 0), repaired
+    opened = Session.open(session)
+    assert verify(opened) == []
+    assert len(opened.manifest.images) == 20
+    await until(lambda: not spooled.exists())

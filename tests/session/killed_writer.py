@@ -1,0 +1,211 @@
+"""A writer that is killed again and again, and repaired; prints what each run left as a line of JSON.
+
+    killed_writer.py ROOT steps FIRST COUNT EVERY
+    killed_writer.py ROOT repairs FIRST COUNT EVERY EVERY_IN_REPAIR
+    killed_writer.py ROOT moments SEED COUNT
+
+`steps` kills before, and in the middle of, each call that changes the disk; `repairs` kills the repair of a
+killed writer so; `moments` sends SIGKILL at random times. Each run is a forked child of this one process.
+"""
+
+import asyncio
+import hashlib
+import json
+import os
+import random
+import shutil
+import signal
+import sys
+import threading
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from capture_app.node.repair import repair
+from capture_app.session.manifest import MANIFEST, BurstRecord, CameraRecord
+from capture_app.session.plan import PLAN, CameraPlan, Plan
+from capture_app.session.reader import Session
+from capture_app.session.store import SessionWriter
+from capture_app.session.verify import Problem, ProblemKind, verify
+
+CAMERAS, INSTANTS, PERIOD_NS = 2, 4, 33_000_000
+NAME = "killed"
+CHANGING = (
+    "write", "fsync", "fdatasync", "replace", "mkdir", "unlink", "rmdir", "truncate", "ftruncate",
+    "posix_fallocate", "rename",
+)  # fmt: skip
+
+
+def picture(camera: int, instant: int) -> bytes:
+    return hashlib.sha256(b"%d %d" % (camera, instant)).digest() * 300
+
+
+def write(root: Path, confirmed: int, threads: int = 1) -> None:
+    """Write a session, and tell on a pipe which images are promised to be safe."""
+    writer = SessionWriter.create(root, NAME)
+    cameras = tuple(camera_record(number) for number in range(CAMERAS))
+    burst = BurstRecord(instants_ns=tuple(PERIOD_NS * n for n in range(INSTANTS)), period_ns=PERIOD_NS)
+    plan = Plan(
+        name=NAME, created=writer.created, software=writer.software, leader=1, number=1, burst=burst,
+        cameras=tuple(CameraPlan(camera=camera) for camera in cameras),
+    )  # fmt: skip
+    writer.set_plan(plan)
+
+    def add(mine: int) -> None:
+        for instant in range(INSTANTS):
+            for camera in range(CAMERAS):
+                if (instant * CAMERAS + camera) % threads == mine:
+                    name, at_ns = f"cam{camera}", PERIOD_NS * instant
+                    writer.add_ground_truth(name, instant, b"truth", at_ns)
+                    writer.add_image(picture(camera, instant), camera=name, instant=instant, leader_ns=at_ns)
+                    REAL["write"](confirmed, bytes((camera, instant)))
+
+    workers = [threading.Thread(target=add, args=(mine,)) for mine in range(1, threads)]
+    for worker in workers:
+        worker.start()
+    add(0)
+    for worker in workers:
+        worker.join()
+    writer.add_event({"event": "done"})
+    writer.finish(cameras, burst, origin="simulated")
+    REAL["write"](confirmed, b"\xff\xff")
+
+
+def camera_record(number: int) -> CameraRecord:
+    return CameraRecord(
+        name=f"cam{number}", kind="sim", model="m", width=8, height=8, period_ns=PERIOD_NS,
+        timestamp_source="start-of-exposure",
+    )  # fmt: skip
+
+
+REAL: dict[str, Any] = {name: getattr(os, name) for name in CHANGING}
+
+
+def die_at(step: int) -> None:
+    """Kill this process at the n-th change of the disk: odd steps before it, even ones half-way through."""
+    left = step
+
+    def deadly(name: str) -> Callable[..., Any]:
+        def call(*arguments: Any, **options: Any) -> Any:
+            nonlocal left
+            left -= 2
+            if left <= 0:
+                if left == 0 and name == "write":
+                    REAL["write"](arguments[0], bytes(arguments[1])[: len(arguments[1]) // 2])
+                elif left == 0:
+                    REAL[name](*arguments, **options)
+                os.kill(os.getpid(), signal.SIGKILL)
+            return REAL[name](*arguments, **options)
+
+        return call
+
+    for name in CHANGING:
+        setattr(os, name, deadly(name))
+
+
+def run(work: Callable[[int], None], kill_after_s: float | None = None) -> tuple[int, bytes]:
+    """Run in a child, and return how it ended and what it told."""
+    reading, telling = os.pipe()
+    child = os.fork()
+    if not child:
+        status = 1
+        try:
+            os.close(reading)
+            work(telling)
+            status = 0
+        finally:
+            os._exit(status)
+    os.close(telling)
+    if kill_after_s is not None:
+        time.sleep(kill_after_s)
+        os.kill(child, signal.SIGKILL)
+    told = b""
+    while block := os.read(reading, 4096):
+        told += block
+    os.close(reading)
+    return os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]), told
+
+
+def mend(root: Path) -> None:
+    asyncio.run(repair(root / NAME, wait_s=0, host="127.0.0.1", port=0, on_news=lambda _: None))
+
+
+def judge(root: Path, status: int, told: bytes) -> dict[str, Any]:
+    """What the run left: promised images that are gone or other than they were, and lies."""
+    promised = {(told[n], told[n + 1]) for n in range(0, len(told), 2)} - {(255, 255)}
+    folder = root / NAME
+    result = {"ended": status, "promised": len(promised), "lost": [], "lies": [], "state": "nothing"}
+    if not (folder / PLAN).exists():
+        result["lost"] = sorted(promised)
+        return result
+    if status == 0 and not (folder / MANIFEST).exists():
+        result["lies"] = ["no manifest after the end"]
+    mend(root)
+    session = Session.open(folder)
+    there = {(image.camera, image.instant): image for image in session.manifest.images}
+    for camera, instant in sorted(promised):
+        image = there.get((f"cam{camera}", instant))
+        if image is None or session.image_file(image).read_bytes() != picture(camera, instant):
+            result["lost"] = [*result["lost"], (camera, instant)]
+    result["lies"] = [*result["lies"], *(str(lie) for lie in verify(session) if not no_picture(lie))]
+    result["state"] = "finished"
+    result["images"] = len(there)
+    return result
+
+
+def no_picture(lie: Problem) -> bool:
+    """The images of this test are no pictures, which is the one thing that verify may say of them."""
+    return lie.kind is ProblemKind.UNREADABLE and "decoded" in lie.what
+
+
+def tell(step: object, result: dict[str, Any]) -> None:
+    print(json.dumps({"step": step, **result}), flush=True)
+
+
+def killed_at(step: int, root: Path) -> Callable[[int], None]:
+    def work(pipe: int) -> None:
+        die_at(step)
+        write(root, pipe)
+
+    return work
+
+
+def kill_steps(root: Path, first: int, count: int, every: int) -> None:
+    for step in range(first, first + count * every, every):
+        shutil.rmtree(root / NAME, ignore_errors=True)
+        status, told = run(killed_at(step, root))
+        tell(step, judge(root, status, told))
+        if status == 0:
+            break
+
+
+def kill_repairs(root: Path, first: int, count: int, every: int, every_in_repair: int) -> None:
+    for writer_step in range(first, first + count * every, every):
+        for step in range(1, 1000, every_in_repair):
+            shutil.rmtree(root / NAME, ignore_errors=True)
+            status, told = run(killed_at(writer_step, root))
+            if status == 0 or not (root / NAME / PLAN).exists():
+                break
+            status, _ = run(lambda pipe, step=step: (die_at(step), mend(root)))  # type: ignore[misc]
+            tell([writer_step, step], judge(root, status, told))
+            if status == 0:
+                break
+
+
+def kill_moments(root: Path, seed: int, count: int) -> None:
+    chance = random.Random(seed)
+    shutil.rmtree(root / NAME, ignore_errors=True)
+    began_s = time.monotonic()
+    assert run(lambda pipe: write(root, pipe, 3))[0] == 0
+    whole_s = time.monotonic() - began_s
+    for number in range(count):
+        shutil.rmtree(root / NAME, ignore_errors=True)
+        moment_s = chance.uniform(0, 1.2 * whole_s)
+        status, told = run(lambda pipe: write(root, pipe, 3), moment_s)
+        tell(number, judge(root, status, told))
+
+
+if __name__ == "__main__":
+    mode = {"steps": kill_steps, "repairs": kill_repairs, "moments": kill_moments}[sys.argv[2]]
+    mode(Path(sys.argv[1]), *map(int, sys.argv[3:]))  # type: ignore[operator]

@@ -134,9 +134,18 @@ def _still_things(o3d: Any) -> list[tuple[Any, Array]]:
         rods += _box(o3d, np.array([x, 0.1, 2.7 + 0.1 * x]), (0.025, 1.6, 0.025), (0, 0, 0.1 * x))
     return [
         (_box(o3d, np.array([0, 0, 5.2]), (9, 6, 0.1), (0, 0.12, 0)), _paint(11, 7.0, (0.9, 1.0, 1.1))),
-        (_box(o3d, np.array([0, 1.15, 3.0]), (9, 0.1, 9), (0.02, 0, 0.03)), _paint(12, 22.0, (0.7, 0.9, 1.0))),
-        (_box(o3d, np.array([1.2, 0.7, 3.6]), (1.1, 0.1, 1.6), (0.6, 0.3, 0)), _paint(13, 9.0, (1, 0.8, 0.7))),
-        (_box(o3d, np.array([-1.3, 0.7, 3.4]), (0.7, 0.9, 0.7), (0, 0.5, 0)), _paint(14, 28.0, (0.8, 1.1, 0.8))),
+        (
+            _box(o3d, np.array([0, 1.15, 3.0]), (9, 0.1, 9), (0.02, 0, 0.03)),
+            _paint(12, 22.0, (0.7, 0.9, 1.0)),
+        ),
+        (
+            _box(o3d, np.array([1.2, 0.7, 3.6]), (1.1, 0.1, 1.6), (0.6, 0.3, 0)),
+            _paint(13, 9.0, (1, 0.8, 0.7)),
+        ),
+        (
+            _box(o3d, np.array([-1.3, 0.7, 3.4]), (0.7, 0.9, 0.7), (0, 0.5, 0)),
+            _paint(14, 28.0, (0.8, 1.1, 0.8)),
+        ),
         (rods, _paint(15, 30.0, (0.6, 0.6, 1.2))),
     ]
 
@@ -162,10 +171,9 @@ def _cast(
     o3d: Any, view: View, things: list[tuple[Any, Array]], right: float, down: float
 ) -> tuple[Array, Array, Array]:
     scene = o3d.t.geometry.RaycastingScene(nthreads=2)
-    numbers = [
-        scene.add_triangles(o3d.t.geometry.TriangleMesh.from_legacy(mesh)) for mesh, _ in things
-    ]
-    rays = (np.linalg.inv(view.matrix) @ (np.c_[view.grid() + (right, down), np.ones(view.width * view.height)]).T).T
+    numbers = [scene.add_triangles(o3d.t.geometry.TriangleMesh.from_legacy(mesh)) for mesh, _ in things]
+    pixels = view.grid() + np.array([right, down])
+    rays = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(view.matrix).T
     world = rays @ view.rotation
     origin = np.broadcast_to(view.centre, world.shape)
     hits = scene.cast_rays(o3d.core.Tensor(np.hstack([origin, world]).astype(np.float32)))

@@ -15,6 +15,8 @@ from reconstruction.photo import Lens, Photo
 from reconstruction.planes import fit_planes, normals
 from reconstruction.sweep import Surface, SweepOptions, sweep
 
+MOST_WORKERS = 8
+"""Each takes some hundred MB for its sweep."""
 MOST_VOTERS = 8
 """Other views that are asked whether they agree: the sources first, then those that share most."""
 
@@ -89,7 +91,7 @@ def _threads(workers: int | None) -> Iterator[ThreadPoolExecutor]:
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
-        with ThreadPoolExecutor(workers or len(os.sched_getaffinity(0))) as pool:
+        with ThreadPoolExecutor(workers or min(MOST_WORKERS, len(os.sched_getaffinity(0)))) as pool:
             yield pool
     finally:
         cv2.setNumThreads(before)

@@ -33,13 +33,19 @@ def build_model(fused: Path, folder: Path, centre: Array, up: Array) -> Model:
     """Clean the fused cloud, mesh it, and write cloud.ply, mesh.ply and turntable.png into the folder.
 
     `centre` is the rig's middle and `up` (3,) the direction that is up in its pictures, in the rig's frame.
+
+    Raises:
+        OSError: a file could not be written.
     """
     o3d = load_open3d()
     cloud = _clean(o3d.io.read_point_cloud(str(fused)))
-    o3d.io.write_point_cloud(str(folder / "cloud.ply"), cloud)
     mesh = _mesh(o3d, cloud)
-    o3d.io.write_triangle_mesh(str(folder / "mesh.ply"), mesh)
-    cv2.imwrite(str(folder / "turntable.png"), turntable(o3d, mesh, centre, up))
+    written = o3d.io.write_point_cloud(str(folder / "cloud.ply"), cloud)
+    written &= o3d.io.write_triangle_mesh(str(folder / "mesh.ply"), mesh)
+    if not written:
+        raise OSError(f"cannot write the cloud and the mesh into {folder}")
+    picture = cv2.imencode(".png", turntable(o3d, mesh, centre, up))[1]
+    (folder / "turntable.png").write_bytes(picture.tobytes())
     return Model(len(cloud.points), len(mesh.triangles), ("cloud.ply", "mesh.ply", "turntable.png"))
 
 

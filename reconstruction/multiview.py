@@ -26,6 +26,7 @@ from reconstruction.native import versions
 from reconstruction.patchmatch import Gpu, find_gpu, run_patch_match
 from reconstruction.photo import Photo
 from reconstruction.pictures import colour_depth
+from reconstruction.pipeline import Progress
 from reconstruction.sources import choose_sources, guessed_depths, reference_of
 from reconstruction.workspace import fuse, write_workspace
 
@@ -72,7 +73,7 @@ class _Clock:
 
 
 def multiview(
-    session: Path, out: Path, options: MultiviewOptions, say: Callable[[str], None] = lambda text: None
+    session: Path, out: Path, options: MultiviewOptions, progress: Progress | None = None
 ) -> MultiviewResult:
     """Make the depth, the cloud and the mesh of one instant; `out` appears whole or not at all.
 
@@ -86,8 +87,13 @@ def multiview(
     dataset = Dataset.open(session)
     instants = instants_of(dataset, options.instant, options.offsets_ms)
     shots, left_out, calibration, unit = load_shots(dataset, instants)
-    for camera, why in left_out.items():
-        say(f"{camera} is left out: {why}")
+
+    def say(text: str) -> None:
+        if progress is not None:
+            progress.total = len(shots) + (3 if options.mesh else 2)
+            progress.step(text)
+
+    say("how near and how far the scene is")
     photos = {camera: shot.photo for camera, shot in shots.items()}
     guess = choose_sources({c: p.view for c, p in photos.items()}, _guess(photos))
     if not any(guess.values()):
@@ -100,7 +106,6 @@ def multiview(
     depths = (nearest, 2 / (1 / nearest + 1 / farthest), farthest)
     sources = choose_sources(views, depths)
     clock.stage("range")
-    say(f"{len(shots)} cameras, depth {nearest:.3g} to {farthest:.3g} {unit}")
     part = out.absolute().with_name(f".{out.name}.{os.getpid()}.part")
     try:
         _make_folder(part)
@@ -113,9 +118,9 @@ def multiview(
             usable = {camera: views[camera] for camera in found}
             colours = {camera: shots[camera].colours for camera in found}
             write_workspace(part / "workspace", usable, colours, found)
+        say("joining the maps to a cloud")
         fused = fuse(part / "workspace", part / "fused.ply", len(found))
         clock.stage("fusion")
-        say(f"{fused} points")
         reference = reference_of({camera: views[camera] for camera in found}, depths)
         results = tuple(
             _judged(dataset, shots[camera], depth, sources[camera], part) for camera, depth in found.items()
@@ -123,6 +128,7 @@ def multiview(
         clock.stage("judging")
         model = Model(fused, 0, ())
         if options.mesh:
+            say("cloud, mesh and pictures")
             centre = np.mean([views[camera].centre for camera in found], axis=0)
             model = build_model(
                 part / "fused.ply", part, centre, up_of([views[camera].rotation for camera in found])

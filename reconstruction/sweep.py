@@ -29,11 +29,11 @@ class SweepOptions:
     its step (in steps of the first sweep) and half its width.
     """
 
-    step_px: float = 0.65
+    step_px: float = 0.8
     window: int = 5
     fine_window: int = 7
     small_step: int = 20
-    large_step: int = 600
+    large_step: int = 800
     fine_small_step: int = 10
     fine_large_step: int = 300
     finer: tuple[tuple[float, int], ...] = ((0.5, 4), (0.25, 4))

@@ -52,7 +52,9 @@ def write_workspace(
         (folder / part).mkdir(exist_ok=True)
     names = {name: f"{name}.png" for name in views}
     for name, file in names.items():
-        cv2.imwrite(str(folder / "images" / file), pictures[name], [cv2.IMWRITE_PNG_COMPRESSION, 1])
+        # OpenCV's own writer says nothing of a full disk.
+        packed = cv2.imencode(".png", pictures[name], [cv2.IMWRITE_PNG_COMPRESSION, 1])[1]
+        (folder / "images" / file).write_bytes(packed.tobytes())
     points = _between(views, reach) if depth_views is None else _shared_points(views, depth_views)
     _model(pycolmap, views, names, points).write(folder / "sparse")
     (stereo / "fusion.cfg").write_text("".join(f"{file}\n" for file in names.values()))
@@ -75,6 +77,8 @@ def fuse(folder: Path, cloud: Path, views: int, options: FusionOptions | None = 
     asked.max_depth_error = limits.depth
     asked.max_reproj_error = limits.pixel
     asked.max_traversal_depth = limits.chain
+    # More threads race for the pixels: another cloud every time, and hardly sooner.
+    asked.num_threads = 1
     fused = pycolmap.stereo_fusion(
         cloud, folder, "COLMAP", "option-all", "geometric", asked, output_type="ply"
     )

@@ -57,9 +57,12 @@ def multiview(
 
     from reconstruction.multiview import Matcher, MultiviewOptions
     from reconstruction.multiview import multiview as run
+    from reconstruction.pipeline import Progress
 
     options = MultiviewOptions(instant=instant, offsets_ms=offsets_ms, matcher=Matcher(matcher), mesh=mesh)
-    result = run(session, out, options, lambda text: click.echo(text, err=True))
+    result = run(session, out, options, Progress(1))
+    for camera, why in result.left_out.items():
+        click.echo(f"{camera} is left out: {why}", err=True)
     if as_json:
         click.echo(msgspec.json.encode(result).decode())
         return

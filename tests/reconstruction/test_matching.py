@@ -114,6 +114,17 @@ def test_two_views_are_enough_and_the_range_is_found(photos: dict[str, Photo]) -
     assert np.mean(np.abs(found - truth)[there] < 0.02 * truth[there]) > 0.95
 
 
+def test_cameras_may_have_pictures_of_different_sizes(photos: dict[str, Photo]) -> None:
+    mixed = dict(photos)
+    mixed["right"] = photo_of(resized(view_at(*PLACES["right"]), 192, 144), seed=5)[0]
+    sources = choose_sources({name: photo.view for name, photo in mixed.items()}, (2.0,))
+    found = match_views(mixed, sources, 1.4, 4.0)
+    assert found["right"].depth.shape == (144, 192)
+    truth = photo_of(view_at(*PLACES["middle"]))[1]
+    right = np.abs(found["middle"].depth - truth) < 0.02 * truth
+    assert np.mean(right[8:-8, 20:-20]) > 0.9
+
+
 def test_large_pictures_are_swept_small_and_finished_at_full_size(
     photos: dict[str, Photo], monkeypatch: pytest.MonkeyPatch
 ) -> None:

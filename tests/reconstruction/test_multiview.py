@@ -19,6 +19,7 @@ from reconstruction.matcher import DepthView
 from reconstruction.multiview import judge
 from reconstruction.multiview_input import instants_of, shot_of
 from reconstruction.patchmatch import ENVIRONMENT, Gpu, find_gpu, run_patch_match
+from reconstruction.photo import Photo
 from reconstruction.workspace import write_workspace
 from tests.reconstruction.conftest import Scene, make_view, write_session
 
@@ -51,7 +52,7 @@ def test_depth_cloud_and_mesh_of_an_instant(
     main(["multiview", str(trio.folder), "--instant", "2", "--out", str(out), "--json"])
     said = capsys.readouterr()
     result = json.loads(said.out)
-    assert "depth of middle" in said.err
+    assert "/6] depth of middle" in said.err
     assert result["reference"] == "middle"
     assert result["matcher"] == "sweep"
     assert result["seconds"] > 0
@@ -107,6 +108,24 @@ def test_what_cannot_be_used_is_one_clear_line(
     (out / "mine").mkdir(parents=True)
     assert "holds other files (mine)" in failing(capsys, *at)[1]
     assert sorted(path.name for path in tmp_path.iterdir()) == ["apart", "lonely", "out"]
+
+
+def test_full_disk_leaves_nothing_behind(
+    trio: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def full(path: Path, data: bytes) -> int:
+        raise OSError(28, "No space left on device", str(path))
+
+    def match(photos: dict[str, Photo], *rest: object, **more: object) -> dict[str, DepthView]:
+        shape = {name: photo.grey.shape for name, photo in photos.items()}
+        return {n: DepthView(np.ones(s, np.float32), np.zeros((*s, 3), np.float32)) for n, s in shape.items()}
+
+    monkeypatch.setattr("reconstruction.multiview.match_views", match)
+    monkeypatch.setattr(Path, "write_bytes", full)
+    code, line = failing(capsys, "multiview", str(trio.folder), "--out", str(tmp_path / "out"))
+    assert code == 1
+    assert "No space left" in line
+    assert not list(tmp_path.iterdir())
 
 
 def test_patchmatch_without_a_gpu_says_so(

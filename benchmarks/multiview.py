@@ -1,0 +1,190 @@
+"""Accuracy, time and memory of multi-view depth, beside a straightforward sweep and plain SGBM, in one run.
+
+    python benchmarks/multiview.py                       the package's studio and a plainer scene, 640x480
+    python benchmarks/multiview.py --scene plain --size 1920x1080
+    python benchmarks/multiview.py --scene path/to/scene.py --json
+
+Each method runs in a process of its own, on the same pictures, after the other. Shares are of all pixels
+that have a true depth, empty ones counted as wrong, of the rig's middle camera. Simulated pictures.
+"""
+
+import argparse
+import json
+import multiprocessing
+import pickle
+import resource
+import sys
+import tempfile
+import time
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parent))
+
+from multiview_cloud import cloud_scores, normal_error_deg
+from multiview_plain import sgbm_pairs, simple_sweep
+from multiview_scenes import Condition, Rendered, from_file, plain, studio
+
+from reconstruction.depth_range import find_depth_range
+from reconstruction.geometry import Array, View
+from reconstruction.matcher import match_views
+from reconstruction.multiview import judge
+from reconstruction.multiview_input import shot_of
+from reconstruction.sources import choose_sources, guessed_depths, reference_of
+from reconstruction.workspace import fuse, write_workspace
+
+Result = dict[str, Any]
+
+
+def ours(views: dict[str, View], condition: Condition, reference: str, scratch: Path) -> Result:
+    """The package: every view's depth, checked by the others, fused."""
+    begun, cpu = time.perf_counter(), time.process_time()
+    shots = {name: shot_of(name, 0, condition.pictures[name], view) for name, view in views.items()}
+    photos = {name: shot.photo for name, shot in shots.items()}
+    nearest, farthest = find_depth_range(photos, choose_sources(views, guessed_depths(views)))
+    sources = choose_sources(views, (nearest, 2 / (1 / nearest + 1 / farthest), farthest))
+    found = match_views(photos, sources, nearest, farthest)
+    matched, matched_cpu = time.perf_counter() - begun, time.process_time() - cpu
+    colours = {name: shot.colours for name, shot in shots.items()}
+    write_workspace(scratch / "workspace", views, colours, found)
+    points = fuse(scratch / "workspace", scratch / "fused.ply", len(found))
+    fused = time.perf_counter() - begun
+    result = _shares(found[reference].depth, condition, reference)
+    result |= {"map_s": matched / len(found), "map_cpu_s": matched_cpu / len(found), "all_fused_s": fused}
+    result |= {"peak_mb": _peak_mb(), "points": points, "views_within_2pct": {
+        name: judge(view.depth, condition.depth[name], condition.movers[name])["within_2pct"]
+        for name, view in found.items()
+    }}  # fmt: skip
+    result |= cloud_scores(scratch / "fused.ply", views, condition.depth)
+    facing = found[reference].normals
+    result["normals_deg"] = normal_error_deg(facing, condition.depth[reference], views[reference])
+    return result
+
+
+def straightforward(views: dict[str, View], condition: Condition, reference: str, scratch: Path) -> Result:
+    """A plane sweep as one would write it at first, of all views, with a check between them."""
+    greys = {
+        name: cv2.cvtColor(p, cv2.COLOR_BGR2GRAY).astype(np.float32) for name, p in condition.pictures.items()
+    }
+    true = np.concatenate([z[z > 0] for z in condition.depth.values()])
+    begun, cpu = time.perf_counter(), time.process_time()
+    found = simple_sweep(views, greys, 0.9 * float(true.min()), 1.1 * float(true.max()), reference)
+    seconds, cpu_seconds = time.perf_counter() - begun, time.process_time() - cpu
+    result = _shares(found, condition, reference)
+    return result | {
+        "map_s": seconds / len(views), "map_cpu_s": cpu_seconds / len(views), "peak_mb": _peak_mb()
+    }  # fmt: skip
+
+
+def sgbm(views: dict[str, View], condition: Condition, reference: str, scratch: Path) -> Result:
+    """Plain SGBM of every pair of neighbours; the reference's map is the better of its two."""
+    begun, cpu = time.perf_counter(), time.process_time()
+    maps = sgbm_pairs(views, condition.pictures)
+    seconds, cpu_seconds = time.perf_counter() - begun, time.process_time() - cpu
+    mine = [_shares(depth, condition, reference) for (name, _), depth in maps.items() if name == reference]
+    best = max(mine, key=lambda shares: shares["within_2pct"])
+    return best | {
+        "map_s": seconds / len(maps), "map_cpu_s": cpu_seconds / len(maps), "peak_mb": _peak_mb()
+    }  # fmt: skip
+
+
+METHODS: dict[str, Callable[[dict[str, View], Condition, str, Path], Result]] = {
+    "multiview": ours,
+    "straightforward sweep": straightforward,
+    "SGBM, best pair": sgbm,
+}
+
+
+def _shares(depth: Array, condition: Condition, reference: str) -> Result:
+    shares = judge(depth, condition.depth[reference], condition.movers[reference])
+    return {**shares, "coverage": float(np.mean(depth > 0))}
+
+
+def _peak_mb() -> float:
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1000
+
+
+def _child(method: str, condition: str, path: str) -> Result:
+    with Path(path).open("rb") as file:
+        rendered: Rendered = pickle.load(file)  # noqa: S301
+    depths = np.concatenate([z[z > 0] for z in rendered.synced.depth.values()])
+    reference = reference_of(
+        rendered.views, (float(np.percentile(depths, 5)), float(np.percentile(depths, 95)))
+    )
+    with tempfile.TemporaryDirectory() as scratch:
+        return METHODS[method](rendered.views, getattr(rendered, condition), reference, Path(scratch))
+
+
+def run(rendered: Rendered, methods: Sequence[str], conditions: Sequence[str]) -> list[Result]:
+    """Every method on the conditions, one after the other, each in a new process."""
+    spawn = multiprocessing.get_context("spawn")
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "scene.pickle"
+        path.write_bytes(pickle.dumps(rendered))
+        for method in methods:
+            for condition in conditions:
+                pool = spawn.Pool(1)
+                found = pool.apply(_child, (method, condition, str(path)))
+                pool.close()
+                pool.join()
+                rows.append({"scene": rendered.name, "method": method, "condition": condition, **found})
+                print(_line(rows[-1]), file=sys.stderr, flush=True)
+    return rows
+
+
+HEAD = (
+    f"{'scene':18} {'method':22} {'':7} {'<2%':>6} {'movers':>6} {'static':>6} {'cover':>6} {'median':>7} "
+    f"{'s/map':>6} {'cpu':>6} {'MB':>5} {'fused s':>7} {'F 1cm':>6} {'normal':>6}"
+)
+
+
+def _line(row: Result) -> str:
+    def number(name: str, form: str, scale: float = 1.0) -> str:
+        value = row.get(name)
+        return format(scale * value, form) if value is not None else " " * int(form.split(".")[0])
+
+    return (
+        f"{row['scene'][:18]:18} {row['method'][:22]:22} {row['condition']:7} "
+        f"{number('within_2pct', '6.1f', 100)} {number('mover_within_2pct', '6.1f', 100)} "
+        f"{number('static_within_2pct', '6.1f', 100)} {number('coverage', '6.1f', 100)} "
+        f"{number('median_error_pct', '6.2f')}% {number('map_s', '6.2f')} {number('map_cpu_s', '6.2f')} "
+        f"{number('peak_mb', '5.0f')} {number('all_fused_s', '7.1f')} {number('f_score_1cm', '6.2f')} "
+        f"{number('normals_deg', '6.1f')}"
+    )
+
+
+def main() -> None:
+    """Print a table, or JSON."""
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--scene", action="append", help="studio, plain, or a Python file [default: both]")
+    parser.add_argument("--size", default="640x480", help="of the plain scene")
+    parser.add_argument("--method", action="append", choices=list(METHODS), help="[default: all]")
+    parser.add_argument("--condition", action="append", choices=["synced", "offset"], help="[default: both]")
+    parser.add_argument("--json", action="store_true")
+    chosen = parser.parse_args()
+    width, height = (int(part) for part in chosen.size.split("x"))
+    rows: list[Result] = []
+    for name in chosen.scene or ("studio", "plain"):
+        rendered = (
+            studio()
+            if name == "studio"
+            else plain(width, height)
+            if name == "plain"
+            else from_file(Path(name))
+        )
+        rows += run(rendered, chosen.method or list(METHODS), chosen.condition or ("synced", "offset"))
+    if chosen.json:
+        print(json.dumps(rows, indent=2))
+        return
+    print("\n".join([HEAD, *map(_line, rows)]))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,68 @@
+"""How a fused cloud and a map of normals compare with the true surfaces."""
+
+from pathlib import Path
+
+import numpy as np
+
+from reconstruction.geometry import Array, View
+from reconstruction.native import load_open3d
+from reconstruction.photo import Photo
+from reconstruction.planes import fit_planes, normals
+
+NEAR_M = 0.01
+
+
+def cloud_scores(cloud: Path, views: dict[str, View], depth: dict[str, Array]) -> dict[str, float]:
+    """Precision, recall and F-score at 1 cm.
+
+    The truth is what at least two of the views see, as one point a centimetre: nothing else can be known.
+    """
+    o3d = load_open3d()
+    every = [_points(view, depth[name]) for name, view in views.items()]
+    shared = []
+    for name, points in zip(views, every, strict=True):
+        seen = np.zeros(len(points), bool)
+        for other, other_view in views.items():
+            if other != name:
+                seen |= _sees(other_view, depth[other], points)
+        shared.append(points[seen])
+    truth = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.concatenate(every)))
+    wanted = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.concatenate(shared)))
+    wanted = wanted.voxel_down_sample(NEAR_M)
+    found = o3d.io.read_point_cloud(str(cloud))
+    precision = float(np.mean(np.asarray(found.compute_point_cloud_distance(truth)) < NEAR_M))
+    recall = float(np.mean(np.asarray(wanted.compute_point_cloud_distance(found)) < NEAR_M))
+    return {
+        "precision_1cm": precision,
+        "recall_1cm": recall,
+        "f_score_1cm": 2 * precision * recall / max(precision + recall, 1e-9),
+    }
+
+
+def normal_error_deg(found: Array, depth: Array, view: View) -> float:
+    """Median angle between normals (height x width x 3, 0 = none) and those of the true depth, degrees."""
+    photo = Photo(view, depth, 5, 1.0)
+    inverse = np.where(depth > 0, 1 / np.maximum(depth, 1e-6), 0).astype(np.float32)
+    level, right, down = fit_planes(inverse, 0.03 * float(np.median(inverse)), reach=1)
+    true = normals(level, right, down, photo.rays)
+    there = np.abs(found).sum(-1) > 0
+    cosine = np.clip((true * found).sum(-1)[there & (depth > 0)], -1, 1)
+    return float(np.degrees(np.median(np.arccos(cosine))))
+
+
+def _points(view: View, depth: Array) -> Array:
+    rays = view.rays(view.grid())
+    z = depth.reshape(-1)
+    there = z > 0
+    return np.asarray((rays[there] * z[there, None] - view.translation) @ view.rotation)
+
+
+def _sees(view: View, depth: Array, points: Array) -> Array:
+    """Which points a view sees: not hidden behind its true depth."""
+    there = points @ view.rotation.T + view.translation
+    z = np.maximum(there[:, 2], 1e-6)
+    x = np.rint(there[:, 0] / z * view.matrix[0, 0] + view.matrix[0, 2]).astype(int)
+    y = np.rint(there[:, 1] / z * view.matrix[1, 1] + view.matrix[1, 2]).astype(int)
+    inside = (x >= 0) & (y >= 0) & (x < view.width) & (y < view.height) & (there[:, 2] > 0)
+    at = depth[np.clip(y, 0, view.height - 1), np.clip(x, 0, view.width - 1)]
+    return np.asarray(inside & (np.abs(at - there[:, 2]) < 0.01 * there[:, 2]))

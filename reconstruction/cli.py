@@ -12,6 +12,7 @@ import click
 
 from capture_app import __version__
 from capture_app.errors import ExitCode, SimulshotError
+from reconstruction.commands.batch import batch
 from reconstruction.commands.multiview import multiview
 
 
@@ -94,6 +95,7 @@ def compare(
     click.echo(f"report: {out / result.report}")
 
 
+app.add_command(batch)
 app.add_command(multiview)
 
 

@@ -1,0 +1,98 @@
+"""`reconstruct batch`."""
+
+import sys
+from pathlib import Path
+
+import click
+
+from capture_app.errors import ExitCode
+
+MOST_INSTANTS = 100_000
+
+
+class _Instants(click.ParamType[tuple[int, ...]]):
+    """Numbers of instants and ranges of them, with commas between."""
+
+    name = "K,K-L,..."
+
+    def convert(
+        self, value: object, param: click.Parameter | None, ctx: click.Context | None
+    ) -> tuple[int, ...]:
+        """Split the text."""
+        found: list[int] = []
+        try:
+            for part in str(value).split(","):
+                first, _, last = part.partition("-")
+                span = range(int(first), int(last or first) + 1)
+                if not 0 < len(span) <= MOST_INSTANTS:
+                    raise ValueError
+                found += span
+        except ValueError:
+            self.fail(f"{value!r} is not instants, as in 0,4-8", param, ctx)
+        return tuple(dict.fromkeys(found))
+
+
+@click.command()
+@click.argument("sessions", type=click.Path(path_type=Path), nargs=-1, required=True)
+@click.option(
+    "--condition",
+    "conditions",
+    multiple=True,
+    default=("synced",),
+    show_default=True,
+    help="synced; distinct: each camera off by another of -66,-33,0,33,66 ms; MS: every second camera so "
+    "much later; or MS,MS,...: one for each camera. May be given several times.",
+)
+@click.option("--instants", type=_Instants(), help="Instants, as in 0,4-8 [default: all].")
+@click.option(
+    "--matcher",
+    type=click.Choice(["sweep", "patchmatch"]),
+    default="sweep",
+    show_default=True,
+    help="sweep: on the CPU. patchmatch: COLMAP's, on an NVIDIA GPU.",
+)
+@click.option(
+    "--executor",
+    type=click.Choice(["local"]),
+    default="local",
+    show_default=True,
+    help="local: processes of this machine.",
+)
+@click.option(
+    "--jobs", type=click.IntRange(min=1), help="Units at a time [default: one per core, if memory allows]."
+)
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
+@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+def batch(
+    sessions: tuple[Path, ...],
+    conditions: tuple[str, ...],
+    instants: tuple[int, ...] | None,
+    matcher: str,
+    executor: str,
+    jobs: int | None,
+    out: Path,
+    as_json: bool,
+) -> None:
+    """Make the depth and the cloud of many instants of SESSIONS, in one condition or several.
+
+    What is in the --out folder already is not made again: after an interruption, or with more sessions,
+    instants or conditions, repeat the command.
+    """
+    import msgspec
+
+    from reconstruction.batch import BatchOptions, exit_code
+    from reconstruction.batch import batch as run
+    from reconstruction.executors import LocalExecutor
+
+    options = BatchOptions(conditions=conditions, instants=instants, matcher=matcher)
+    result = run(sessions, out, options, LocalExecutor(jobs), lambda text: click.echo(text, err=True))
+    if as_json:
+        click.echo(msgspec.json.encode(result).decode())
+    else:
+        click.echo(f"{result.made} made, {result.there} there already, {result.failed} failed")
+        click.echo(f"summary: {out / 'summary.html'}")
+    code = exit_code(result)
+    if code is not ExitCode.OK:
+        count = f"{result.failed} of {len(result.units)} failed"
+        click.echo(f"reconstruct: error: {count}; repeat the command to try these again", err=True)
+        sys.exit(int(code))

@@ -1,0 +1,68 @@
+"""Cheap units for the tests of batches, and a batch of them that can be killed.
+
+`python -m tests.reconstruction.fake_units OUT SESSION` makes all units of a session in three conditions.
+"""
+
+import errno
+import os
+import signal
+import sys
+from pathlib import Path
+
+import click
+
+from reconstruction.units import Unit
+
+MAKE = "tests.reconstruction.fake_units:make"
+LOG = "FAKE_UNITS_LOG"
+CONDITIONS = ("synced", "33", "66")
+BLOCKS = 20
+
+
+def make(unit: Unit, folder: Path) -> None:
+    """Files whose bytes follow from the key, with a line in the log when it begins and when it ends."""
+    _log(f"begin {unit.key}")
+    (folder / "depth").mkdir(parents=True)
+    for k in range(BLOCKS):
+        (folder / "depth" / f"{k}.bin").write_bytes(unit.key.encode() * 1000 * (k + 1))
+    (folder / "unit.json").write_text('{"coverage": 0.5}\n')
+    _log(f"end {unit.key}")
+
+
+def make_or_fail(unit: Unit, folder: Path) -> None:
+    """Fails in another way at every instant but the last."""
+    if unit.instant == 0:
+        raise ValueError("unheard of\nin two lines")
+    if unit.instant == 1:
+        os.kill(os.getpid(), signal.SIGSEGV)
+    if unit.instant == 2:
+        folder.mkdir()
+        (folder / "half").write_text("half")
+        raise OSError(errno.ENOSPC, "No space left on device")
+    if unit.instant == 3:
+        raise MemoryError
+    make(unit, folder)
+
+
+def _log(line: str) -> None:
+    if LOG in os.environ:
+        with Path(os.environ[LOG]).open("a") as file:
+            file.write(line + "\n")
+
+
+def main() -> None:
+    """Run a batch of the units, or of real ones where a third argument asks for it."""
+    from reconstruction import unit_plan
+    from reconstruction.batch import BatchOptions, batch
+    from reconstruction.executors import LocalExecutor
+
+    # Whoever edits the program while a test runs makes no new units.
+    unit_plan.program = lambda: "fixed"  # type: ignore[assignment]
+    out, session, *real = sys.argv[1:]
+    options = BatchOptions(conditions=("synced",) if real else CONDITIONS)
+    made = unit_plan.MAKE if real else MAKE
+    batch([Path(session)], Path(out), options, LocalExecutor(2), lambda text: click.echo(text), made)
+
+
+if __name__ == "__main__":
+    main()

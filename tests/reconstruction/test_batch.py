@@ -1,0 +1,200 @@
+"""`reconstruct batch`: its units, what it does with those that fail, and its summary."""
+
+import csv
+import fcntl
+import json
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
+
+import pytest
+
+from capture_app.errors import BadInputError, DiskFullError, ExitCode
+from capture_app.session.reader import Session
+from reconstruction import unit_plan, units
+from reconstruction.batch import BatchOptions, batch, exit_code
+from reconstruction.cli import main
+from reconstruction.executors import LocalExecutor
+from reconstruction.unit_plan import DISTINCT_MS, Condition, plan
+from reconstruction.units import Outcome, Unit, perform
+from tests.reconstruction.conftest import VIEWS, Scene, write_session
+from tests.reconstruction.fake_units import MAKE
+
+FAILING = "tests.reconstruction.fake_units:make_or_fail"
+
+
+class Here:
+    """An executor that works in this process."""
+
+    def run(self, make: str, units: Sequence[Unit], root: Path) -> Iterator[Outcome]:
+        return (perform(make, unit, root) for unit in units)
+
+
+@pytest.fixture
+def run(boards: Session, tmp_path: Path) -> Callable[..., Any]:
+    def run(*, executor: Any = None, make: str = MAKE, sessions: Any = None, **options: Any) -> Any:
+        lines: list[str] = []
+        result = batch(
+            sessions or [boards.folder], tmp_path / "out", BatchOptions(**options), executor or Here(),
+            lines.append, make,
+        )  # fmt: skip
+        return SimpleNamespace(result=result, lines=lines, out=tmp_path / "out")
+
+    return run
+
+
+def test_real_units_in_processes_and_nothing_twice(
+    boards: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    asked = [str(boards.folder), "--instants", "2", "--condition", "synced", "--condition", "66"]
+    main(["batch", *asked, "--out", str(out), "--json"])
+    printed = capsys.readouterr()
+    result = json.loads(printed.out)
+    assert (result["made"], result["there"], result["failed"]) == (2, 0, 0)
+    assert [line[:5] for line in printed.err.splitlines()] == ["[1/2]", "[2/2]"]
+    assert "left" in printed.err.splitlines()[0]
+    synced, offset = result["groups"]
+    assert synced["mover_within_2pct"] > 0.5 > 0.1 > offset["mover_within_2pct"]
+    assert abs(synced["static_within_2pct"] - offset["static_within_2pct"]) < 0.5
+    for row in result["units"]:
+        assert (out / row["folder"] / "fused.ply").stat().st_size > 1000
+    before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+    main(["batch", *asked, "--out", str(out)])
+    printed = capsys.readouterr()
+    assert printed.out.splitlines()[0] == "0 made, 2 there already, 0 failed"
+    assert before == {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+
+
+def test_units_that_fail_leave_the_others_alone(run: Callable[..., Any], boards: Session) -> None:
+    sessions = [boards.folder, boards.folder / "nowhere"]
+    done = run(executor=LocalExecutor(2), make=FAILING, sessions=sessions)
+    problems = {row.instant: row.problem for row in done.result.units}
+    assert problems[0] == "ValueError: unheard of in two lines"
+    assert "SIGSEGV" in problems[1]
+    assert "disk is full" in problems[2]
+    assert "memory" in problems[3]
+    assert problems[4] == ""
+    assert "no session at" in problems[None]
+    assert (done.result.made, done.result.failed) == (1, 5)
+    assert exit_code(done.result) is ExitCode.INCOMPLETE
+    assert sum("failed: " in line for line in done.lines) == 5
+    assert not [path for path in (done.out / "work").iterdir() if path.is_dir()]
+    # Only what failed is tried again.
+    again = run(make=MAKE)
+    assert (again.result.made, again.result.there, again.result.failed) == (4, 1, 0)
+    assert exit_code(again.result) is ExitCode.OK
+
+
+def test_the_summary_says_the_same_in_three_formats(run: Callable[..., Any]) -> None:
+    done = run(conditions=("synced", "66"), instants=(0, 4, 99))
+    rows = list(csv.DictReader((done.out / "summary.csv").read_text().splitlines()))
+    told = json.loads((done.out / "summary.json").read_text())
+    page = (done.out / "summary.html").read_text()
+    assert [(row["instant"], row["condition"]) for row in rows] == [
+        (str(unit["instant"]), unit["condition"]) for unit in told["units"]
+    ]
+    assert [group["failed"] for group in told["groups"]] == [1, 2]
+    assert [group["instants"] for group in told["groups"]] == [2, 1]
+    assert "no instant 99" in rows[-1]["problem"]
+    assert page.count("<tr>") == 2 + 2 + len(rows)
+    assert "3 units made, 3 failed" in page
+    assert rows[0]["coverage"] == "0.5"
+
+
+def test_all_failed_alike_is_that_exit_code(run: Callable[..., Any], tmp_path: Path) -> None:
+    done = run(sessions=[tmp_path / "a", tmp_path / "b"])
+    assert exit_code(done.result) is ExitCode.BAD_INPUT
+
+
+def test_one_camera_only_is_one_line(run: Callable[..., Any], scene: Scene, tmp_path: Path) -> None:
+    lonely = write_session(tmp_path, scene, {"left": VIEWS["left"]}, instants=2)
+    done = run(sessions=[lonely.folder])
+    assert [row.problem[:31] for row in done.result.units] == ["the session has one camera only"]
+
+
+def test_conditions() -> None:
+    assert Condition.parse("synced").offsets_ms(5, 3) == ()
+    assert Condition.parse("66").offsets_ms(4, 3) == (0, 66, 0, 66)
+    assert Condition.parse("0,-33,5").offsets_ms(3, 3) == (0, -33, 5)
+    distinct = Condition.parse("distinct")
+    draws = [distinct.offsets_ms(5, instant) for instant in range(20)]
+    assert all(sorted(draw) == sorted(DISTINCT_MS) for draw in draws)
+    assert len(set(draws)) > 10
+    assert draws == [distinct.offsets_ms(5, instant) for instant in range(20)]
+    assert len(distinct.offsets_ms(7, 0)) == 7
+    for text in ("", "late", "1,,2", "nan", "inf"):
+        with pytest.raises(BadInputError):
+            Condition.parse(text)
+
+
+def test_a_key_is_of_all_that_the_result_depends_on(
+    boards: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def keys(folder: Path = boards.folder, condition: str = "synced", matcher: str = "sweep") -> Any:
+        return [unit.key for unit in plan(folder, [Condition.parse(condition)], None, matcher)[0]]
+
+    first = keys()
+    assert len(set(first)) == 5
+    assert keys() == first
+    copied = shutil.copytree(boards.folder, tmp_path / "elsewhere" / boards.folder.name)
+    assert keys(copied) == first
+    assert not set(keys(matcher="patchmatch")) & set(first)
+    assert not set(keys(condition="0,0,0")) & set(first)
+    truth = boards.ground_truth("left", 1)
+    assert truth is not None
+    (copied / truth.relative_to(boards.folder)).write_bytes(b"other")
+    assert [a == b for a, b in zip(keys(copied), first, strict=True)] == [True, False, True, True, True]
+    (copied / "calibration.json").unlink()
+    assert not set(keys(copied)) & set(first)
+    monkeypatch.setattr(unit_plan, "program", lambda: "another version")
+    assert not set(keys()) & set(first)
+
+
+def test_a_damaged_image_is_no_input(boards: Session, tmp_path: Path) -> None:
+    copied = shutil.copytree(boards.folder, tmp_path / boards.folder.name)
+    image = copied / boards.image_file(boards.images_by_instant()[0]["left"]).relative_to(boards.folder)
+    data = bytearray(image.read_bytes())
+    data[-20] ^= 1
+    image.write_bytes(data)
+    outcomes = [
+        perform(unit_plan.MAKE, unit, tmp_path / "out")
+        for unit in plan(copied, [Condition.parse("synced")], [0], "sweep")[0]
+    ]
+    assert [outcome.code for outcome in outcomes] == [ExitCode.INCOMPLETE]
+    assert "is damaged" in outcomes[0].problem
+
+
+def test_nothing_is_begun_on_a_full_disk(run: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(units.shutil, "disk_usage", lambda path: SimpleNamespace(free=1 << 10))
+    done = run(instants=(0,))
+    assert done.result.made == 0
+    assert "is full" in done.result.units[0].problem
+    assert done.result.units[0].code == DiskFullError.exit_code
+
+
+@contextmanager
+def locked(path: Path) -> Iterator[None]:
+    path.parent.mkdir(parents=True)
+    with path.open("ab") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
+def test_two_batches_do_not_share_a_folder(run: Callable[..., Any], tmp_path: Path) -> None:
+    with (
+        locked(tmp_path / "out" / "work" / "batch.lock"),
+        pytest.raises(BadInputError, match="another batch"),
+    ):
+        run()
+
+
+def test_foreign_files_are_left_alone(run: Callable[..., Any], tmp_path: Path) -> None:
+    (tmp_path / "out").mkdir()
+    (tmp_path / "out" / "thesis.txt").write_text("mine")
+    with pytest.raises(BadInputError, match=r"thesis\.txt"):
+        run()
+    assert [path.name for path in (tmp_path / "out").iterdir()] == ["thesis.txt"]

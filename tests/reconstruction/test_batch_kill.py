@@ -1,0 +1,110 @@
+"""A batch that is killed goes on where it was: no unit twice, and the same bytes in the end."""
+
+import os
+import random
+import subprocess
+import sys
+import time
+from collections import Counter
+from pathlib import Path
+
+import pytest
+
+from capture_app.session.reader import Session
+from tests.reconstruction.fake_units import LOG
+
+ROOT = Path(__file__).parents[2]
+
+
+def start(out: Path, session: Path, log: Path, *more: str) -> "subprocess.Popen[bytes]":
+    command = [sys.executable, "-m", "tests.reconstruction.fake_units", str(out), str(session), *more]
+    environment = {**os.environ, LOG: str(log)}
+    return subprocess.Popen(command, cwd=ROOT, env=environment, stdout=subprocess.DEVNULL)
+
+
+def lines(log: Path) -> list[str]:
+    return log.read_text().splitlines() if log.exists() else []
+
+
+def results(out: Path) -> dict[str, bytes]:
+    """Every file of a batch that is a result, by its path."""
+    return {
+        str(path.relative_to(out)): path.read_bytes()
+        for path in out.rglob("*")
+        if path.is_file() and "work" not in path.relative_to(out).parts
+    }
+
+
+def finished(out: Path) -> dict[str, tuple[int, int]]:
+    """The finished units' folders, and which file on the disk each one's unit.json is."""
+    found = [(path, path.stat()) for path in out.glob("units/*/*/unit.json")]
+    return {str(path.parent.relative_to(out)): (stat.st_ino, stat.st_mtime_ns) for path, stat in found}
+
+
+def kill_and_compare(boards: Session, tmp_path: Path, kills: int, seed: int) -> None:
+    chance = random.Random(seed)
+    whole, out, log = tmp_path / "whole", tmp_path / "out", tmp_path / "log"
+    assert start(whole, boards.folder, tmp_path / "other").wait(120) == 0
+    for _ in range(kills):
+        wanted = len(lines(log)) + chance.randint(1, 4)
+        running = start(out, boards.folder, log)
+        while running.poll() is None and len(lines(log)) < wanted:
+            time.sleep(0.001)
+        time.sleep(chance.uniform(0, 0.02))
+        before = finished(out)
+        running.kill()
+        running.wait()
+        after = finished(out)
+        assert after.items() >= before.items()
+    assert start(out, boards.folder, log).wait(120) == 0
+    assert finished(out).items() >= after.items()
+    assert results(out) == results(whole)
+    begun = Counter(line.split()[1] for line in lines(log) if line.startswith("begin"))
+    assert len(begun) == len(finished(out)) == 12
+    # What was begun again is what was under way at a kill: at most one unit in each of two processes.
+    assert sum(begun.values()) - len(begun) <= 2 * kills
+    assert not [path for path in (out / "work").iterdir() if path.is_dir()]
+
+
+def test_a_killed_batch_resumes(boards: Session, tmp_path: Path) -> None:
+    kill_and_compare(boards, tmp_path, 3, 1)
+
+
+@pytest.mark.slow
+def test_a_batch_killed_twenty_times_resumes(boards: Session, tmp_path: Path) -> None:
+    for seed in range(7):
+        (tmp_path / str(seed)).mkdir()
+        kill_and_compare(boards, tmp_path / str(seed), 3, seed)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_real_units_killed_twenty_times_give_the_same_bytes(boards: Session, tmp_path: Path) -> None:
+    chance = random.Random(3)
+    whole, out, log = tmp_path / "whole", tmp_path / "out", tmp_path / "log"
+    began = time.monotonic()
+    assert start(whole, boards.folder, log, "real").wait(900) == 0
+    took = time.monotonic() - began
+    kills = 0
+    kept: dict[str, tuple[int, int]] = {}
+    for _ in range(20):
+        running = start(out, boards.folder, log, "real")
+        try:
+            running.wait(chance.uniform(0.1, 0.7) * took)
+        except subprocess.TimeoutExpired:
+            running.kill()
+            running.wait()
+            kills += 1
+        now = finished(out)
+        assert now.items() >= kept.items()
+        kept = now
+        if len(now) == 5:
+            # All done: begin again, so that it is twenty real kills.
+            assert start(out, boards.folder, log, "real").wait(900) == 0
+            assert finished(out) == now
+            assert results(out) == results(whole)
+            out, kept = tmp_path / f"out{kills}", {}
+    assert start(out, boards.folder, log, "real").wait(900) == 0
+    assert finished(out).items() >= kept.items()
+    assert results(out) == results(whole)
+    assert kills >= 15

@@ -52,7 +52,9 @@ def write_workspace(
         (folder / part).mkdir(exist_ok=True)
     names = {name: f"{name}.png" for name in views}
     for name, file in names.items():
-        cv2.imwrite(str(folder / "images" / file), pictures[name], [cv2.IMWRITE_PNG_COMPRESSION, 1])
+        # OpenCV's own writer says nothing of a full disk.
+        packed = cv2.imencode(".png", pictures[name], [cv2.IMWRITE_PNG_COMPRESSION, 1])[1]
+        (folder / "images" / file).write_bytes(packed.tobytes())
     points = _between(views, reach) if depth_views is None else _shared_points(views, depth_views)
     _model(pycolmap, views, names, points).write(folder / "sparse")
     (stereo / "fusion.cfg").write_text("".join(f"{file}\n" for file in names.values()))

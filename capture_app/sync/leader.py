@@ -56,6 +56,8 @@ TRIGGER_GIVE_UP_NS = 5000 * _MS
 AFTER_BURST_NS = 1000 * _MS
 """The goal stays as it is for so long after a burst's last instant, until every client has picked."""
 MAX_CLIENTS = 10_000
+FEW_CAMERAS, WEIGH_EVERY_NS = 20, _MS // 5
+"""With more cameras than a few the goal is weighed the less often the more they are, not at each heartbeat."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 """Names become those of folders in a session: nothing that could leave it."""
 
@@ -138,6 +140,7 @@ class Leader:
         self._joins = 0
         self.onward: Onward | None = None
         """Of a relay: from its clock to the root's, for the clients to add to their estimates."""
+        self._weigh_due_ns = 0
         self._present = 0
         self._silence_ns = 0
         """Nobody can have been silent for too long before this time."""
@@ -301,8 +304,10 @@ class Leader:
             self.agreement is None
             or self.onward is not None
             or (self._busy_until_ns is not None and now_ns < self._busy_until_ns)
+            or (len(self._bound) > FEW_CAMERAS and now_ns < self._weigh_due_ns)
         ):
             return
+        self._weigh_due_ns = now_ns + len(self._bound) * WEIGH_EVERY_NS
         standings = [
             Standing(
                 member.name,

@@ -57,7 +57,7 @@ AFTER_BURST_NS = 1000 * _MS
 """The goal stays as it is for so long after a burst's last instant, until every client has picked."""
 MAX_CLIENTS = 10_000
 FEW_CAMERAS, WEIGH_EVERY_NS = 20, _MS // 5
-"""With more cameras than a few the goal is weighed the less often the more they are, not at each heartbeat."""
+"""The goal of more cameras than a few is weighed so seldom for each of them, not at each heartbeat."""
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 """Names become those of folders in a session: nothing that could leave it."""
 

@@ -1,139 +1,153 @@
-"""A rendered panel of LEDs that shows the time, after the paper's (section 5): 10x10 LEDs and a row of ten.
+"""The paper's LED panel (section 6.1) as a rolling-shutter camera sees it, and the time read off its picture.
 
-Of the 10x10 one column is lit for `tau`, then the next; in the row below each LED is lit for ten `tau`.
-Together they tell the true time modulo 100 `tau`. A pixel is as bright as its LED was lit during its row's
-exposure.
+A panel has 10 x 10 LEDs, of which one column is lit for tau and then the next, and a row of 10 LEDs, each lit
+for 10 tau. Two panels stand side by side: with tau = 200 us a picture tells its time to microseconds within
+20 ms, with tau = 10 ms to a millisecond within a second.
 """
 
-from __future__ import annotations
-
-import functools
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_app.simulation.sensor import SensorFrame
+WIDTH, HEIGHT = 640, 480
+COUNT = 10
+FINE_TAU_NS = 200_000
+COARSE_TAU_NS = 10_000_000
+CYCLE_NS = COUNT * COUNT * COARSE_TAU_NS
+"""Pictures tell their time within this: 1 s."""
+PITCH = 26
+SPOT_SIGMA = 2.6
+SPOT = 7
+"""LEDs are spots of this sigma and reach, in pixels."""
+MIDDLE = 2
+"""Rows on each side of an LED's middle that its time is read from."""
+LIGHT, DARK, NOISE = 200.0, 9.0, 2.0
+"""Levels of a lit LED and of the room, and the noise of a pixel, of 255."""
+UNEVEN = 0.05
+"""LEDs differ in brightness by this (standard deviation)."""
+_CORNERS = ((40.0, 80.0), (350.0, 80.0))
+_ROW_BELOW = 11.2
 
-if TYPE_CHECKING:
-    from capture_app.session.calibration import CameraCalibration
-
-COLUMNS = 10
-ROWS = 10
-LEDS = 2 * COLUMNS
-"""Numbers of LEDs that light differently: 0 to 9 the columns, 10 to 19 the row of ten."""
-BOTTOM_ROW_AT = 10.7
-"""Where the row of ten is, counted in LEDs from the first row."""
-DARK, BRIGHT = 14.0, 226.0
-"""Grey levels of an LED that is off, and what it gains where it is lit all the exposure."""
-_NOISE = 1.5
-_WIDTH, _HEIGHT = 640, 480
-_COLOUR = np.array([0.42, 0.55, 1.0], np.float32)
-
-VIEWS = {"cam00": (0.0, (0.0, 0.0)), "cam01": (-2.5, (-14.0, 6.0))}
-"""Tilt in degrees and shift in px of the views by name; any other view is straight."""
-
-Floats = NDArray[np.float32]
-
-
-@dataclass(frozen=True)
-class PanelView:
-    """A camera's view of the panel; `tilt` turns the picture by so many degrees, `shift` in px."""
-
-    tau_ns: int = 200_000
-    row_time_ns: int = 10_000
-    tilt_deg: float = 0.0
-    shift: tuple[float, float] = (0.0, 0.0)
-    scale: float = 1.0
-
-    @property
-    def width(self) -> int:
-        """Width in pixels."""
-        return round(_WIDTH * self.scale)
-
-    @property
-    def height(self) -> int:
-        """Height in pixels."""
-        return round(_HEIGHT * self.scale)
-
-    @property
-    def calibration(self) -> CameraCalibration | None:
-        """None: the panel is flat and nobody measures depth on it."""
-        return None
-
-    def render(self, frame: SensorFrame, *, seed: int) -> NDArray[np.uint8]:
-        """Return the picture, BGR uint8 of height x width x 3; grey levels are linear in light."""
-        starts_ns = frame.start_true_ns + self.row_time_ns * np.arange(self.height, dtype=np.int64)
-        lit = lit_share(starts_ns, frame.exposure_ns, self.tau_ns)
-        led, weight, board = _drawn(self)
-        share = np.take_along_axis(lit, led, axis=1)
-        light = board + (weight * (DARK + BRIGHT * share))[..., None] * _COLOUR
-        rng = np.random.default_rng([seed % 2**64, frame.start_true_ns % 2**64])
-        light = light + _NOISE * rng.standard_normal(light.shape, dtype=np.float32)
-        return np.asarray(np.clip(np.rint(light), 0, 255), np.uint8)
-
-    def ground_truth(
-        self, frame: SensorFrame
-    ) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.bool_]]:
-        """Return arrays that say that the panel has no depth, no objects and nothing that moves."""
-        shape = (self.height, self.width)
-        return np.zeros(shape, np.float32), np.zeros(shape, np.uint8), np.zeros(shape, np.bool_)
-
-    def led_centres(self) -> Floats:
-        """Where the LEDs are in the picture, in px: (ROWS + 1, COLUMNS, 2), the row of ten last."""
-        rows = np.array([*range(ROWS), BOTTOM_ROW_AT])
-        x, y = np.meshgrid(np.arange(COLUMNS), rows)
-        places = np.stack([x, y, np.ones_like(x, float)], axis=-1) @ self._image_from_panel().T
-        return np.asarray(places[..., :2], np.float32)
-
-    def _image_from_panel(self) -> NDArray[np.float64]:
-        """Similarity (3, 3) from places counted in LEDs to pixels."""
-        pitch = 36.0 * self.scale
-        angle = np.radians(self.tilt_deg)
-        turn = pitch * np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
-        middle = np.array([(COLUMNS - 1) / 2, BOTTOM_ROW_AT / 2])
-        centre = np.array([self.width - 1, self.height - 1]) / 2 + np.array(self.shift) * self.scale
-        matrix = np.eye(3)
-        matrix[:2, :2] = turn
-        matrix[:2, 2] = centre - turn @ middle
-        return matrix
+Image = NDArray[np.uint8]
+Floats = NDArray[np.float64]
 
 
-def lit_share(starts_ns: NDArray[np.int64], exposure_ns: int, tau_ns: int) -> Floats:
-    """Share of each exposure (N) during which each LED was lit: (N, LEDS), columns first."""
-    numbers = np.arange(COLUMNS)
-    shares = []
-    for step_ns in (tau_ns, COLUMNS * tau_ns):
-        after, before = (_lit_until(starts_ns + late_ns, numbers, step_ns) for late_ns in (exposure_ns, 0))
-        shares.append((after - before) / exposure_ns)
-    return np.concatenate(shares, axis=1).astype(np.float32)
+@dataclass(frozen=True, slots=True)
+class Lamp:
+    """An LED: where it is in the picture, in pixels, and when it is lit: from `first` * `lit_ns` on."""
+
+    x: float
+    y: float
+    lit_ns: int
+    first: int
 
 
-def _lit_until(times_ns: NDArray[np.int64], numbers: NDArray[np.int_], step_ns: int) -> NDArray[np.int64]:
-    """How long each LED (columns) was lit in all until each time (rows), in ns."""
-    turn, within = np.divmod(times_ns, COLUMNS * step_ns)
-    return turn[:, None] * step_ns + np.clip(within[:, None] - numbers * step_ns, 0, step_ns)
+def _lamps() -> tuple[Lamp, ...]:
+    lamps = []
+    for (left, top), tau_ns in zip(_CORNERS, (FINE_TAU_NS, COARSE_TAU_NS), strict=True):
+        for column in range(COUNT):
+            x = left + column * PITCH
+            lamps += [Lamp(x, top + row * PITCH, tau_ns, column) for row in range(COUNT)]
+            lamps.append(Lamp(x, top + _ROW_BELOW * PITCH, COUNT * tau_ns, column))
+    return tuple(lamps)
 
 
-@functools.lru_cache(maxsize=16)
-def _drawn(view: PanelView) -> tuple[NDArray[np.intp], Floats, Floats]:
-    """For each pixel its LED's number, how much of its light it gets, and the board's own colour."""
-    y, x = np.mgrid[: view.height, : view.width].astype(np.float64)
-    panel = np.stack([x, y, np.ones_like(x)], axis=-1) @ np.linalg.inv(view._image_from_panel()).T
-    column = np.clip(np.rint(panel[..., 0]), 0, COLUMNS - 1)
-    row = np.clip(np.rint(panel[..., 1]), 0, ROWS - 1)
-    bottom = panel[..., 1] > (ROWS - 1 + BOTTOM_ROW_AT) / 2
-    row = np.where(bottom, BOTTOM_ROW_AT, row)
-    away = np.hypot(panel[..., 0] - column, panel[..., 1] - row)
-    disc = np.clip((0.36 - away) / 0.05 + 0.5, 0, 1)
-    glow = 0.14 * np.exp(-np.maximum(away - 0.3, 0) / 0.12)
-    led = (column + COLUMNS * bottom).astype(np.intp)
-    middle = np.array([(COLUMNS - 1) / 2, BOTTOM_ROW_AT / 2])
-    half = np.array([COLUMNS / 2 + 0.35, BOTTOM_ROW_AT / 2 + 0.85])
-    inside = (np.abs(panel[..., :2] - middle) < half).all(axis=-1)
-    board = np.where(inside[..., None], (26.0, 30.0, 22.0), (58.0, 64.0, 70.0)).astype(np.float32)
-    board = cv2.GaussianBlur(board, (0, 0), 0.8)
-    weight = np.where(inside, np.maximum(disc, glow), 0.0).astype(np.float32)
-    return led, weight, np.asarray(board, np.float32)
+LAMPS = _lamps()
+
+
+def render(
+    start_ns: int, *, exposure_ns: int, row_time_ns: float, rng: np.random.Generator, true_ppm: float = 0.0
+) -> Image:
+    """Return the picture (HEIGHT x WIDTH, grey) whose first row's exposure starts at `start_ns`.
+
+    Each row is exposed `row_time_ns` after the one above it, for `exposure_ns`; `true_ppm` is the error of
+    the camera's crystal. The panel's time is 0 at 0 ns.
+    """
+    stretch = 1.0 + true_ppm * 1e-6
+    picture = np.full((HEIGHT, WIDTH), DARK)
+    for lamp in LAMPS:
+        rows, columns = _window(lamp)
+        begin_ns = start_ns % CYCLE_NS + rows * (row_time_ns * stretch)
+        lit = lit_share(begin_ns, exposure_ns * stretch, lamp.lit_ns, lamp.first)
+        bright = LIGHT * (1.0 + UNEVEN * rng.standard_normal())
+        picture[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] += (
+            bright * lit[:, None] * _spot(lamp, rows, columns)
+        )
+    picture += NOISE * rng.standard_normal(picture.shape)
+    levels: Image = np.clip(np.rint(picture), 0, 255).astype(np.uint8)
+    return levels
+
+
+def read_time(picture: Image, *, exposure_ns: int, row_time_ns: float) -> float:
+    """Return when the exposure of a picture's first row began, in ns within CYCLE_NS, by its LEDs' light."""
+    lit_ns = np.array([lamp.lit_ns for lamp in LAMPS])
+    first = np.array([lamp.first for lamp in LAMPS])
+    rows, light = _profiles(picture)
+
+    def best(candidates: Floats, lamps: slice | NDArray[np.bool_], lines: slice) -> float:
+        begin = candidates[:, None, None] + rows[lamps, lines] * row_time_ns
+        model = lit_share(begin, exposure_ns, lit_ns[lamps, None], first[lamps, None])
+        misfit = ((model - light[lamps, lines]) ** 2).sum(axis=(1, 2))
+        return float(candidates[int(np.argmin(misfit))])
+
+    every, middle = slice(None), slice(MIDDLE, MIDDLE + 1)
+    time_ns = best(np.arange(0.0, CYCLE_NS, 1e6), lit_ns >= COARSE_TAU_NS, middle)
+    # Where a lamp is about to hand over to the next, a coarse step may take the wrong turn.
+    for turn_ns, reach_ns, step_ns, lines in (
+        (COUNT * COARSE_TAU_NS, COARSE_TAU_NS, 40e3, middle),
+        (COUNT * FINE_TAU_NS, 80e3, 2e3, every),
+        (0, 3e3, 100.0, every),
+    ):
+        near = time_ns + np.arange(-reach_ns, reach_ns, step_ns)
+        turns = [near + turn * turn_ns for turn in ((-1, 0, 1) if turn_ns else (0,))]
+        time_ns = best(np.concatenate(turns), every, lines)
+    return time_ns % CYCLE_NS
+
+
+def difference_ns(one_ns: float, other_ns: float) -> float:
+    """Return `one` minus `other`, both within CYCLE_NS, as the nearest of what it can be."""
+    return (one_ns - other_ns + CYCLE_NS / 2) % CYCLE_NS - CYCLE_NS / 2
+
+
+def lit_share(
+    begin_ns: NDArray[np.floating[Any]],
+    exposure_ns: float,
+    lit_ns: NDArray[np.int64] | int,
+    first: NDArray[np.int64] | int,
+) -> Floats:
+    """Share of an exposure from `begin` in which an LED is lit: one of COUNT by turns, each for `lit` ns."""
+
+    def lit_until(time_ns: NDArray[np.floating[Any]]) -> Floats:
+        turn = np.floor_divide(time_ns, COUNT * lit_ns)
+        within = time_ns - turn * (COUNT * lit_ns)
+        return np.asarray(turn * lit_ns + np.clip(within - first * lit_ns, 0, lit_ns))
+
+    share: Floats = (lit_until(begin_ns + exposure_ns) - lit_until(begin_ns)) / exposure_ns
+    return share
+
+
+def _window(lamp: Lamp) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    rows = np.arange(round(lamp.y) - SPOT, round(lamp.y) + SPOT + 1)
+    columns = np.arange(round(lamp.x) - SPOT, round(lamp.x) + SPOT + 1)
+    return rows, columns
+
+
+def _spot(lamp: Lamp, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Floats:
+    down = np.exp(-0.5 * ((rows - lamp.y) / SPOT_SIGMA) ** 2)
+    across = np.exp(-0.5 * ((columns - lamp.x) / SPOT_SIGMA) ** 2)
+    return np.asarray(down[:, None] * across[None, :])
+
+
+def _profiles(picture: Image) -> tuple[NDArray[np.int64], Floats]:
+    """Rows of each LED's bright middle, and its light there, 1 for lit all the time: both LAMPS x lines."""
+    all_rows, all_light = [], []
+    for lamp in LAMPS:
+        rows, columns = _window(lamp)
+        rows = rows[SPOT - MIDDLE : SPOT + MIDDLE + 1]
+        spot = _spot(lamp, rows, columns)
+        light = picture[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] - DARK
+        all_rows.append(rows)
+        all_light.append((light * spot).sum(axis=1) / (LIGHT * (spot**2).sum(axis=1)))
+    return np.array(all_rows), np.array(all_light)

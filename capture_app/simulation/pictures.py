@@ -142,7 +142,7 @@ def open_picture_source(
             raise BadInputError(f"the test card {TEST_CARD!r} has no view {view!r}", hint="leave view= out")
         return ColourBars(camera, round(width * scale), round(height * scale))
     if scene == LED_PANEL:
-        return _led_panel(view or camera, row_time_ns, scale)
+        return _led_panel(view, row_time_ns, scale)
     loaded = _load_scene(scene, scale)
     view = view or camera
     if view not in loaded.views:
@@ -154,10 +154,13 @@ def open_picture_source(
 
 
 def _led_panel(view: str, row_time_ns: int, scale: float) -> PictureSource:
-    from capture_app.simulation.led_panel import VIEWS, PanelView
+    from capture_app.simulation.led_view import PanelView
 
-    tilt_deg, shift = VIEWS.get(view, (0.0, (0.0, 0.0)))
-    return PanelView(row_time_ns=row_time_ns, tilt_deg=tilt_deg, shift=shift, scale=scale)
+    if view:
+        raise BadInputError(f"the panel {LED_PANEL!r} has no view {view!r}", hint="leave view= out")
+    if scale != 1:
+        raise BadInputError(f"the panel {LED_PANEL!r} is of one size", hint="leave scale= out")
+    return PanelView(row_time_ns)
 
 
 def _load_scene(name: str, scale: float) -> Scene:

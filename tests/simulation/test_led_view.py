@@ -1,0 +1,49 @@
+"""Simulated cameras can look at the LED panel, and their pictures tell the time."""
+
+import numpy as np
+import pytest
+
+from capture_app.errors import BadInputError
+from capture_app.simulation import led_panel
+from capture_app.simulation.pictures import LED_PANEL, PictureSource, open_picture_source
+from capture_app.simulation.sensor import SensorFrame
+
+ROW_NS, EXPOSURE_NS = 10_840, 97_560
+
+
+def view(**more: float) -> PictureSource:
+    return open_picture_source(LED_PANEL, "", camera="cam00", width=1, height=1, row_time_ns=ROW_NS, **more)
+
+
+def frame(start_ns: int) -> SensorFrame:
+    return SensorFrame(
+        sequence=0,
+        stream=0,
+        start_true_ns=start_ns,
+        timestamp_true_ns=start_ns,
+        readout_end_true_ns=start_ns,
+        exposure_ns=EXPOSURE_NS,
+        dropped=False,
+    )
+
+
+@pytest.mark.parametrize("start_ns", [5, 3_987_654_321])
+def test_a_picture_tells_when_it_was_taken(start_ns: int) -> None:
+    picture = view().render(frame(start_ns), seed=1)
+    assert picture.shape == (480, 640, 3)
+    read_ns = led_panel.read_time(picture[..., 2], exposure_ns=EXPOSURE_NS, row_time_ns=ROW_NS)
+    assert abs(led_panel.difference_ns(read_ns, start_ns % led_panel.CYCLE_NS)) < 5_000
+
+
+def test_pictures_are_a_function_of_frame_and_seed() -> None:
+    assert np.array_equal(view().render(frame(5), seed=1), view().render(frame(5), seed=1))
+    assert not np.array_equal(view().render(frame(5), seed=1), view().render(frame(5), seed=2))
+
+
+def test_the_panel_has_one_size_and_one_view() -> None:
+    assert view().calibration is None
+    assert not view().ground_truth(frame(5))[2].any()
+    with pytest.raises(BadInputError, match="size"):
+        view(scale=0.5)
+    with pytest.raises(BadInputError, match="no view"):
+        open_picture_source(LED_PANEL, "cam09", camera="x", width=1, height=1, row_time_ns=ROW_NS)

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 OWN_OPTIONS: dict[str, str] = {
     "clock-filters": "capture_app.commands.experiment_clock_filters",
     "link": "capture_app.commands.experiment_link",
+    "scale": "capture_app.commands.experiment_scale",
 }
 """Experiments with options of their own: the module whose `experiment` is their command."""
 

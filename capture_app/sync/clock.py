@@ -76,10 +76,6 @@ class ClockFilter:
         self._not_before_ns: int | None = None
         self.reset()
 
-    def look_back(self, window_ns: int) -> None:
-        """Change how far back samples count, in ns, from the next second on."""
-        self._window_ns = window_ns
-
     def reset(self) -> None:
         """Forget all samples."""
         self.samples = 0

@@ -22,7 +22,10 @@ class Edge:
         """Keep a bound if it can matter; `skew`, as known so far, ranks the runners-up."""
         steepest = self._steepest
         # A bound is superfluous if no clock could drift fast enough to get past another one to it.
-        if all(value + steepest * abs(t_ns - t) > value_ns for t, value in self.points):
+        for t, value in self.points:
+            if value + steepest * abs(t_ns - t) <= value_ns:
+                break
+        else:
             self.points = [(t, v) for t, v in self.points if value_ns + steepest * abs(t_ns - t) > v]
             self.points.append((t_ns, value_ns))
         level = value_ns - skew * (t_ns % BLOCK_NS)

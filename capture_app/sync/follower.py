@@ -50,9 +50,8 @@ SETTLE_NS = 60 * _MS
 ROUND_EVERY_NS = (2_000 * _MS, 60_000 * _MS)
 GROWTH = 1.4
 """A round is so much later than the one before it, until the leader's pace is reached: as the skew shows."""
-WINDOW_EXCHANGES = 300
-WINDOW_NS = (60_000 * _MS, 300_000 * _MS)
-"""As far back as it takes for so many exchanges; any further a clock is no longer a straight line."""
+WINDOW_NS = 300_000 * _MS
+"""Several rounds, for the skew between them; any longer, and a clock is no longer a straight line."""
 CLOCK = CameraDescription(
     kind=CLOCK_ONLY,
     model="",
@@ -97,7 +96,7 @@ class Follower:
 
     def __init__(self, config: FollowerConfig, rng: random.Random) -> None:
         self.config = config
-        self.clock = ClockFilter()
+        self.clock = ClockFilter(window_ns=WINDOW_NS)
         self.malformed = 0
         self.goal: Goal | None = None
         self.path: tuple[int, ...] = ()
@@ -271,8 +270,6 @@ class Follower:
             self._request_due_ns -= (past_ns - round(parent.slot * longest_ns)) % longest_ns
             if self._request_due_ns < now_ns + longest_ns // 4:
                 self._request_due_ns += longest_ns
-        window_ns = WINDOW_EXCHANGES * parent.pace_ns
-        self.clock.look_back(min(max(window_ns, WINDOW_NS[0]), WINDOW_NS[1]))
 
     def _settle(self, parent: _Parent, now_ns: int) -> None:
         """Estimate the time anew at the end of a round, or look for another parent if none answered."""

@@ -1,0 +1,187 @@
+"""A tree of relays in virtual time: budgets add up, bounds hold, a dead relay is replaced, bytes repeat."""
+
+import random
+from dataclasses import replace
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from msgspec import structs
+
+from capture_app.simulation.tree import ROOT, Death, Tree, TreeSpec, run_share
+from capture_app.simulation.wander import wandering_clock
+from capture_app.sync.client import Client, ClientConfig
+from capture_app.sync.follower import HELLOS, Address, Follower, FollowerConfig
+from capture_app.sync.leader import CLIENT_SILENT_NS, CLOCK_SILENT_NS, Leader, LeaderConfig
+from capture_app.sync.messages import CLOCK_ONLY, CameraDescription, Hello, Welcome, decode, encode
+from capture_app.sync.onward import MAX_DEPTH, onward
+from capture_app.sync.relay import Relay
+from capture_app.sync.state import NodeState
+from capture_app.sync.timebase import TimeMap
+
+S = 1_000_000_000
+SMALL = TreeSpec(
+    clients=9, relays=3, duration_s=12.0, client_pace_s=0.1, relay_pace_s=0.1, sample_every_s=1.0
+)
+CAMERA = CameraDescription(
+    kind="simulated",
+    model="",
+    width=640,
+    height=480,
+    period_ns=33_333_333,
+    phase_control="none",
+    timestamp_source="start-of-exposure",
+)
+
+
+def time_map(offset_ns: int, skew: float, epoch_ns: int, uncertainty_ns: float, bound_ns: float) -> TimeMap:
+    return TimeMap(epoch_ns, offset_ns, skew, uncertainty_ns, bound_ns, 1e-6, 1e-5, 10, 1000)
+
+
+@given(
+    offsets=st.tuples(st.integers(-(10**14), 10**14), st.integers(-(10**14), 10**14)),
+    skews=st.tuples(st.floats(-1e-4, 1e-4), st.floats(-1e-4, 1e-4)),
+    wrong=st.tuples(st.floats(-1.0, 1.0), st.floats(-1.0, 1.0)),
+    away_ns=st.integers(-(10**10), 10**11),
+    told_before_ns=st.integers(0, 60 * S),
+)
+def test_the_hard_bound_of_two_maps_covers_what_both_can_be_wrong(
+    offsets: tuple[int, int],
+    skews: tuple[float, float],
+    wrong: tuple[float, float],
+    away_ns: int,
+    told_before_ns: int,
+) -> None:
+    first = time_map(offsets[0], skews[0], 5 * S, 30e3, 500e3)
+    told_ns = first.leader_from_local(first.epoch_local_ns) - told_before_ns
+    second = time_map(offsets[1], skews[1], told_ns, 20e3, 400e3)
+    both = first.then(second)
+    local_ns = first.epoch_local_ns + away_ns
+    # Each map is wrong by a share of its own bound, at the instant in question.
+    relay_ns = first.leader_from_local(local_ns) + round(wrong[0] * first.hard_bound_at(local_ns))
+    root_ns = second.leader_from_local(relay_ns) + round(wrong[1] * second.hard_bound_at(relay_ns))
+    assert abs(both.leader_from_local(local_ns) - root_ns) <= both.hard_bound_at(local_ns)
+    assert both.hard_bound_ns >= first.hard_bound_ns + second.hard_bound_ns
+    assert max(30e3, 20e3) < both.uncertainty_ns < 50e3 + 60e9 * 1e-6 * 1.01
+
+
+def test_everybody_gets_the_time_and_every_hard_bound_holds() -> None:
+    result = run_share(SMALL, 5, 0, 1)
+    assert result.judged > 80
+    assert result.within_bound == result.judged
+    assert result.within_95 >= 0.93 * result.judged
+    assert max(abs(error) for error in result.errors_us[-1]) < 300.0
+
+
+def test_the_same_seed_gives_the_same_bytes() -> None:
+    spec = replace(SMALL, clients=4, relays=2, duration_s=4.0)
+    first, again, other = (run_share(spec, seed, 0, 1) for seed in (1, 1, 2))
+    assert (first.digest, repr(first.errors_us)) == (again.digest, repr(again.errors_us))
+    assert first.digest != other.digest
+
+
+def test_clients_of_a_dead_relay_join_another_and_hold_the_time_meanwhile() -> None:
+    spec = replace(SMALL, duration_s=30.0, deaths=(Death(0, 10 * S),))
+    tree = Tree(spec, seed=3)
+    result = tree.measure()
+    assert result.within_bound == result.judged
+    assert max(abs(error) for errors in result.errors_us[5:] for error in errors) < 400.0
+    for number in range(spec.clients):
+        follower = tree.nodes[f"client{number}", 0].follower
+        assert follower is not None
+        assert follower.state is NodeState.READY
+        assert follower.parent != ("relay0", 0)
+        relay = tree.nodes[follower.parent].follower
+        assert relay is not None
+        assert follower.path == (1, relay.config.instance)
+
+
+class FarLeader:
+    """A camera's client as the tree knows nodes: with an address on everything."""
+
+    def __init__(self, client: Client[None], leader: Address) -> None:
+        self._client, self._leader = client, leader
+        self.handle_timer, self.next_timer = client.handle_timer, client.next_timer
+
+    def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
+        self._client.receive_datagram(data, now_ns)
+
+    def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
+        return [(data, self._leader) for data in self._client.datagrams_to_send(now_ns)]
+
+
+def test_a_camera_below_a_relay_holds_the_root_time() -> None:
+    tree = Tree(replace(SMALL, clients=2, relays=1, duration_s=6.0), seed=4)
+    rng = random.Random(4)
+    client: Client[None] = Client(ClientConfig("cam", 9, CAMERA, 60_000, 10), rng)
+    parent = ("relay0", 0)
+    clock = tree.add("cam", FarLeader(client, parent), rng, (parent,))
+    tree.run()
+    assert client.time_map is not None
+    local_ns = clock.local_from_true(tree.now_true_ns)
+    error_ns = client.time_map.leader_from_local(local_ns) - tree.now_true_ns
+    relay = tree.nodes[parent].engine
+    assert isinstance(relay, Relay)
+    assert relay.follower.time_map is not None
+    assert abs(error_ns) < 200_000
+    assert abs(error_ns) <= client.time_map.hard_bound_at(local_ns)
+    assert client.time_map.hard_bound_ns > relay.follower.time_map.hard_bound_ns
+    assert relay.leader.goal == tree.root.goal
+
+
+@pytest.mark.parametrize("path", [(1, 77), tuple(range(100, 100 + MAX_DEPTH))])
+def test_nobody_follows_itself_or_too_long_a_path(path: tuple[int, ...]) -> None:
+    parents = (("a", 0), ("b", 0))
+    follower = Follower(FollowerConfig("me", 77, parents), random.Random(1))
+    follower.handle_timer(0)
+    assert [address for _, address in follower.datagrams_to_send(0)] == [("a", 0)]
+    told = onward(path, time_map(0, 0.0, 0, 1.0, 2.0))
+    welcome = Welcome(77, 5, 6, 0, 0, 33_333_333, onward=told)
+    follower.receive_datagram(encode(welcome), ("a", 0), 1000)
+    assert follower.state is NodeState.JOINING
+    follower.handle_timer(S)
+    assert [address for _, address in follower.datagrams_to_send(S)] == [("b", 0)]
+
+
+def test_the_next_parent_is_asked_after_some_silence() -> None:
+    follower = Follower(FollowerConfig("me", 77, (("a", 0), ("b", 0))), random.Random(1))
+    asked = []
+    for _ in range(2 * HELLOS + 1):
+        now_ns = max(0, follower.next_timer())
+        follower.handle_timer(now_ns)
+        asked += [address[0] for _, address in follower.datagrams_to_send(now_ns)]
+    assert "".join(asked) == "a" * HELLOS + "b" * HELLOS + "a"
+
+
+def test_a_relay_takes_nobody_in_before_it_has_the_time() -> None:
+    relay = Relay(FollowerConfig("r", 3, (ROOT,)), LeaderConfig(0, 0), random.Random(1))
+    relay.receive_datagram(encode(Hello("cam", 5, CAMERA)), ("cam", 0), 0)
+    assert relay.datagrams_to_send(0) == []
+
+
+def test_a_leader_of_many_asks_for_a_slower_pace_and_bears_silent_clocks() -> None:
+    leader = Leader(LeaderConfig(1, 0, exchanges_per_s=100.0), random.Random(1))
+    paces = []
+    for i in range(10):
+        camera = CAMERA if i < 5 else structs.replace(CAMERA, kind=CLOCK_ONLY)
+        leader.receive_datagram(encode(Hello(f"n{i}", i, camera)), (f"n{i}", 0), i)
+        (data, _), *_ = leader.datagrams_to_send(i)
+        welcome = decode(data)
+        assert isinstance(welcome, Welcome)
+        paces.append(welcome.pace_ns)
+    assert paces[0] == 0
+    assert paces[-1] == 100_000_000
+    leader.handle_timer(CLIENT_SILENT_NS + 100)
+    lost = [view.name for view in leader.clients(0) if view.report.state is NodeState.LOST]
+    assert lost == [f"n{i}" for i in range(5)]
+    leader.handle_timer(CLOCK_SILENT_NS + 100)
+    assert all(view.report.state is NodeState.LOST for view in leader.clients(0))
+    assert leader.next_timer() is None
+
+
+@given(seed=st.integers(0, 2**32), true_ns=st.integers(0, 4 * 3600 * S))
+def test_a_wandering_clock_runs_forwards_and_can_be_read_backwards(seed: int, true_ns: int) -> None:
+    clock = wandering_clock(random.Random(seed))
+    local_ns = clock.local_from_true(true_ns)
+    assert abs(clock.true_from_local(local_ns) - true_ns) <= 20
+    assert clock.local_from_true(true_ns + 1000) > local_ns

@@ -10,6 +10,7 @@ if TYPE_CHECKING:
 
 EXPERIMENTS: dict[str, str] = {
     "clock-filters": "Clock estimators under six laws of delay: mean, minimum, ours.",
+    "scale": "Thousands of clocks for an hour: one leader beside a tree of relays.",
     "link": "The same estimators on a real link, between two processes.",
 }
 """Name and what it shows; the module has the same name, with underscores."""

@@ -32,8 +32,8 @@ from multiview_scenes import Condition, Rendered, from_file, plain, studio
 from reconstruction.depth_range import find_depth_range
 from reconstruction.geometry import Array, View
 from reconstruction.matcher import match_views
-from reconstruction.multiview import judge
 from reconstruction.multiview_input import shot_of
+from reconstruction.multiview_judge import judge
 from reconstruction.sources import choose_sources, guessed_depths, reference_of
 from reconstruction.workspace import fuse, write_workspace
 

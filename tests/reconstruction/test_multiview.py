@@ -16,8 +16,8 @@ from reconstruction.cli import main
 from reconstruction.colmap_maps import read_array, read_maps
 from reconstruction.dataset import Dataset
 from reconstruction.matcher import DepthView
-from reconstruction.multiview import judge
 from reconstruction.multiview_input import instants_of, shot_of
+from reconstruction.multiview_judge import judge
 from reconstruction.patchmatch import ENVIRONMENT, Gpu, find_gpu, run_patch_match
 from reconstruction.photo import Photo
 from reconstruction.workspace import write_workspace

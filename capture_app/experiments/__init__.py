@@ -12,6 +12,9 @@ EXPERIMENTS: dict[str, str] = {
     "clock-filters": "Clock estimators under six laws of delay: mean, minimum, ours.",
     "scale": "Thousands of clocks for an hour: one leader beside a tree of relays.",
     "link": "The same estimators on a real link, between two processes.",
+    "led-panel": "The whole chain, read off pictures of the paper's LED panel.",
+    "naive": "Triggers without synchronization, modelled from the paper, against the chain.",
+    "phase": "Injections, restarts, frame durations: how many, how long, beside the paper's way.",
 }
 """Name and what it shows; the module has the same name, with underscores."""
 

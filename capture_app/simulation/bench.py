@@ -5,7 +5,7 @@ test adds.
 """
 
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 from capture_app.simulation.sensor import Sensor, SensorFrame, SensorProfile
@@ -46,6 +46,7 @@ class Bench:
         known: InjectionProfile | None = None,
         goal: Goal | None = None,
         clock_noise_ns: int = 0,
+        starts_seen: Sequence[int] = (),
     ) -> None:
         """Without `ppm` a crystal is drawn, with a standard deviation of 15 ppm; without `goal` a goal."""
         rng = random.Random(seed)
@@ -72,6 +73,8 @@ class Bench:
         self.dropped = 0
         self._clock_rng, self._clock_noise_ns = random.Random(rng.getrandbits(64)), clock_noise_ns
         self._next: SensorFrame
+        for latency_ns in starts_seen:
+            self.aligner.start_seen(latency_ns)
         self.start(rng.randrange(START_NS))
 
     @property

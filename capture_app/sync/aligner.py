@@ -129,6 +129,12 @@ class Aligner:
         """What the injections have shown about this device."""
         return self._injection.profile if self._injection else None
 
+    def start_seen(self, latency_ns: int) -> None:
+        """Take in how long a start of this device took before, in ns from the command to the first frame."""
+        if self._reset is not None:
+            self._reset.started(0, self._phase.period_ns)
+            self._reset.learn(Moved(latency_ns, None, 0.0))
+
     def frame(self, stamp: FrameStamp) -> int:
         """Take a frame in; return how many were dropped just before it."""
         dropped = self._phase.add(stamp)

@@ -241,8 +241,8 @@ class Leader:
         """Order a burst of `frames` instants, every `spacing` periods, snapped to the rig's grid.
 
         `at_leader_ns` may lie in the past, as far back as the clients' ring buffers reach; the default is
-        half a second from now, put off by up to the leader's freedom. Raises BadInputError for an impossible burst, IncompleteError where no
-        client is there to take it.
+        half a second from now, put off by up to the leader's freedom. Raises BadInputError for an
+        impossible burst, IncompleteError where no client is there to take it.
         """
         present = [
             member

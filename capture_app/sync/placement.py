@@ -11,7 +11,7 @@ MOST_PPM = 1000.0
 
 @dataclass(frozen=True, slots=True)
 class Forecast:
-    """What is known of a camera's frames: the leader time of one in ns, and their drift from the rig's grid."""
+    """What is known of a camera's frames: the leader time of one in ns, and their drift from the grid."""
 
     frame_leader_ns: int
     drift_ppm: float

@@ -1,45 +1,21 @@
 """The command `reconstruct`; what is heavy is imported when it is needed."""
 
-import math
 import os
 import signal
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import click
 
 from capture_app import __version__
 from capture_app.errors import ExitCode, SimulshotError
+from reconstruction.commands.arguments import Finite, Pair
 from reconstruction.commands.batch import batch
+from reconstruction.commands.dose import dose
 from reconstruction.commands.multiview import multiview
-
-
-class _Finite(click.FloatRange):
-    """A range that holds numbers only."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Refuse what compares with nothing."""
-        number = super().convert(value, param, ctx)
-        if not math.isfinite(number):
-            self.fail(f"{value!r} is not a number of ms", param, ctx)
-        return float(number)
-
-
-class _Pair(click.ParamType[tuple[str, str]]):
-    """Two cameras' names with a comma between."""
-
-    name = "A,B"
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, str]:
-        """Split the text."""
-        names = [part.strip() for part in str(value).split(",")]
-        if len(names) != 2 or not all(names):
-            self.fail(f"{value!r} is not two cameras with a comma between, as in cam00,cam01", param, ctx)
-        return names[0], names[1]
+from reconstruction.commands.stereo import stereo
+from reconstruction.commands.stitch import stitch
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -52,13 +28,13 @@ def app() -> None:
 @click.argument("session", type=click.Path(path_type=Path))
 @click.option(
     "--offset-ms",
-    type=_Finite(min=0, min_open=True, max=1e6),
+    type=Finite(min=0, min_open=True, max=1e6),
     default=66.0,
     show_default=True,
     help="How late the second camera is in the offset condition, ms; the nearest whole frame is taken.",
 )
-@click.option("--stereo", type=_Pair(), help="The two cameras for depth [default: chosen by what they see].")
-@click.option("--stitch", type=_Pair(), help="The two cameras for the panorama [default: likewise].")
+@click.option("--stereo", type=Pair(), help="The two cameras for depth [default: chosen by what they see].")
+@click.option("--stitch", type=Pair(), help="The two cameras for the panorama [default: likewise].")
 @click.option(
     "--instants",
     type=click.IntRange(min=1),
@@ -96,7 +72,10 @@ def compare(
 
 
 app.add_command(batch)
+app.add_command(dose)
 app.add_command(multiview)
+app.add_command(stereo)
+app.add_command(stitch)
 
 
 def main(arguments: Sequence[str] | None = None) -> None:

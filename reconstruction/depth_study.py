@@ -13,6 +13,7 @@ from reconstruction.pipeline import Progress, Stages
 from reconstruction.results import Picture, StereoResult
 from reconstruction.scene_motion import SceneMotion
 from reconstruction.stereo import DepthMap, StereoPair, scene_disparities
+from reconstruction.tally import Tally, differences
 
 CONDITIONS = ("synced", "offset")
 RANGE_INSTANTS = 8
@@ -58,7 +59,7 @@ class DepthStudy:
             ValueError: the pair sees too little in common.
         """
         views = self.views[self.reference], self.views[self.other]
-        key = (self.reference, self.other, tuple(self.pairs), repr(views))
+        key = (self.reference, self.other, tuple(now for now, _ in self.pairs), repr(views))
         progress.step(f"depth range of {self.reference} and {self.other}")
         disparities = stages.record("disparities", tuple[float, float], self._disparities, *key)
         self.pair = StereoPair(*views, disparities)
@@ -136,7 +137,7 @@ class DepthStudy:
     def result(self, instants: Sequence[Instant], why: str) -> StereoResult:
         """Scores of both conditions."""
         assert self.pair is not None
-        tallies = {condition: metrics.Tally() for condition in CONDITIONS}
+        tallies = {condition: Tally() for condition in CONDITIONS}
         per_instant = []
         for one in instants:
             row: dict[str, float | int | None] = {
@@ -146,7 +147,7 @@ class DepthStudy:
             }
             reference = self.dataset.grey(self.reference, one.now)
             for condition, later in (("synced", one.now), ("offset", one.later)):
-                single = metrics.Tally()
+                single = Tally()
                 for tally in (tallies[condition], single):
                     tally.add(one.maps[condition], one.moving, one.static, one.truth)
                 other = self.dataset.grey(self.other, later)
@@ -162,9 +163,10 @@ class DepthStudy:
         return StereoResult(
             reference=self.reference,
             other=self.other,
-            synced=tallies["synced"].scores(),
-            offset=tallies["offset"].scores(),
+            synced=tallies["synced"].scores(intervals=True),
+            offset=tallies["offset"].scores(intervals=True),
             per_instant=tuple(per_instant),
+            differences=differences(tallies["synced"], tallies["offset"]),
             why=why,
         )
 

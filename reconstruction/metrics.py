@@ -1,15 +1,13 @@
-"""What a condition is worth: on moving pixels, and beside them on still ones, which must not change."""
+"""Where a condition is judged: on moving pixels, and beside them on still ones, which must not change."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
 
 from reconstruction.geometry import Array, View, other_from_reference
 from reconstruction.movers import grow
-from reconstruction.results import DepthScores
-from reconstruction.stereo import DepthMap, StereoPair, noise_level
+from reconstruction.stereo import StereoPair, noise_level
 
 FEWEST_PIXELS = 30
 """Fewer moving pixels than this in an image tell nothing."""
@@ -18,65 +16,6 @@ PATCHES = 40
 ROWS_PX = 28
 """How far from its row a patch is looked for."""
 LIKENESS = 0.75
-
-
-@dataclass
-class _Kind:
-    pixels: int = 0
-    covered: int = 0
-    right: int = 0
-    judged: int = 0
-    differences: list[Array] = field(default_factory=list)
-    rows: list[float] = field(default_factory=list)
-
-
-class Tally:
-    """Scores of one condition, added up over instants; every pixel counts the same."""
-
-    def __init__(self) -> None:
-        self._moving, self._static = _Kind(), _Kind()
-        self._instants = 0
-
-    def add(self, found: DepthMap, moving: Array, static: Array, truth: Array | None) -> None:
-        """Count one instant: masks (bool) and true depth (calibration's unit, NaN = unknown)."""
-        self._instants += 1
-        for kind, mask in ((self._moving, moving), (self._static, static)):
-            kind.pixels += int(mask.sum())
-            kind.covered += int((found.depth[mask] > 0).sum())
-            seen = found.difference[mask & np.isfinite(found.difference)]
-            kind.differences.append(seen[:: max(1, len(seen) // 20000)])
-            if truth is not None:
-                known = mask & np.isfinite(truth)
-                kind.judged += int(known.sum())
-                kind.right += int(np.sum(np.abs(found.depth[known] - truth[known]) < 0.02 * truth[known]))
-
-    def add_rows(self, moving: Sequence[float], static: Sequence[float]) -> None:
-        """Add row errors (px) of patches on movers and on what stands still."""
-        self._moving.rows += moving
-        self._static.rows += static
-
-    def scores(self) -> DepthScores:
-        """The shares and medians over everything counted."""
-        m, s = self._moving, self._static
-        return DepthScores(
-            mover_coverage=_share(m.covered, m.pixels),
-            static_coverage=_share(s.covered, s.pixels),
-            mover_within_2pct=_share(m.right, m.judged),
-            static_within_2pct=_share(s.right, s.judged),
-            mover_epipolar_px=_median(m.rows),
-            static_epipolar_px=_median(s.rows),
-            mover_photometric=_median(np.concatenate(m.differences)) if m.differences else None,
-            static_photometric=_median(np.concatenate(s.differences)) if s.differences else None,
-            instants=self._instants,
-        )
-
-
-def _share(part: int, whole: int) -> float | None:
-    return part / whole if whole else None
-
-
-def _median(values: Sequence[float] | Array) -> float | None:
-    return float(np.median(values)) if len(values) else None
 
 
 def still_depth(depths: Sequence[Array], moving: Sequence[Array]) -> Array:

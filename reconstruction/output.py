@@ -10,11 +10,10 @@ import msgspec
 
 from capture_app.errors import BadInputError
 from capture_app.session.durable import write_whole
-from reconstruction.results import CompareResult
 
 METRICS = "metrics.json"
 STAGES = "stages"
-OURS = {METRICS, "report.html", "pictures", STAGES}
+OURS = {METRICS, "report.html", "pictures", "depth.tiff", STAGES}
 
 
 class Output:
@@ -51,7 +50,7 @@ class Output:
         if not self._finished:
             shutil.rmtree(self.folder, ignore_errors=True)
 
-    def finish(self, result: CompareResult) -> None:
+    def finish(self, result: msgspec.Struct) -> None:
         """Write the metrics and put the folder in its place."""
         write_whole(self.folder / METRICS, msgspec.json.format(msgspec.json.encode(result), indent=2))
         old = self.target.with_name(f".{self.target.name}.{os.getpid()}.old")

@@ -9,11 +9,13 @@ from reconstruction import pictures, stitch
 from reconstruction.dataset import Dataset
 from reconstruction.features import find_points, match_points
 from reconstruction.geometry import Array, View
+from reconstruction.intervals import interval, pooled_samples
 from reconstruction.movers import grow
 from reconstruction.pairs import fit_homography
 from reconstruction.pipeline import Progress
-from reconstruction.results import Picture, StitchResult, StitchScores
+from reconstruction.results import Interval, Picture, StitchResult, StitchScores
 from reconstruction.scene_motion import SceneMotion
+from reconstruction.tally import FEWEST_FOR_INTERVAL
 
 REGISTRATION_INSTANTS = 3
 
@@ -93,7 +95,11 @@ class PanoramaStudy:
                     )
                 )
         return StitchResult(
-            cameras=self.cameras, synced=_scores(misfits[0]), offset=_scores(misfits[1]), why=why
+            cameras=self.cameras,
+            synced=_scores(misfits[0]),
+            offset=_scores(misfits[1]),
+            differences=_differences(*misfits),
+            why=why,
         )
 
     def pictures(self, out: Path) -> list[Picture]:
@@ -151,13 +157,50 @@ class PanoramaStudy:
         return np.asarray(self._masks(now, later, later)[0] & self.registration.overlap)
 
 
+MEASURES = {
+    "overlap_flow_p95_px": "flow_p95_px",
+    "static_overlap_mad": "static_mad",
+    "mover_overlap_mad": "mover_mad",
+    "mover_flow_p95_px": "mover_flow_p95_px",
+}
+
+
+def _values(misfits: list[stitch.Misfit], measure: str) -> Array:
+    """A measure at every instant, NaN = none."""
+    found = [getattr(misfit, MEASURES[measure]) for misfit in misfits]
+    return np.array([np.nan if value is None else value for value in found], float)
+
+
+def _mean(values: Array) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if len(known) else None
+
+
+def _samples(values: Array) -> Array:
+    if len(values) < FEWEST_FOR_INTERVAL:
+        return np.zeros(0)
+    singles = [values[i : i + 1][np.isfinite(values[i : i + 1])] for i in range(len(values))]
+    return pooled_samples(singles, lambda pooled: float(pooled.mean()))
+
+
 def _scores(misfits: list[stitch.Misfit]) -> StitchScores:
-    moving = [m.mover_flow_p95_px for m in misfits if m.mover_flow_p95_px is not None]
-    differing = [m.mover_mad for m in misfits if m.mover_mad is not None]
+    values = {measure: _values(misfits, measure) for measure in MEASURES}
+    found = {measure: interval(_mean(v), _samples(v)) for measure, v in values.items()}
     return StitchScores(
-        overlap_flow_p95_px=float(np.mean([m.flow_p95_px for m in misfits])),
-        static_overlap_mad=float(np.mean([m.static_mad for m in misfits])),
-        mover_overlap_mad=float(np.mean(differing)) if differing else None,
-        mover_flow_p95_px=float(np.mean(moving)) if moving else None,
+        overlap_flow_p95_px=float(values["overlap_flow_p95_px"].mean()),
+        static_overlap_mad=float(values["static_overlap_mad"].mean()),
+        mover_overlap_mad=_mean(values["mover_overlap_mad"]),
+        mover_flow_p95_px=_mean(values["mover_flow_p95_px"]),
+        intervals={measure: one for measure, one in found.items() if one is not None},
         instants=len(misfits),
     )
+
+
+def _differences(synced: list[stitch.Misfit], offset: list[stitch.Misfit]) -> dict[str, Interval]:
+    found = {}
+    for measure in MEASURES:
+        change = _values(offset, measure) - _values(synced, measure)
+        one = interval(_mean(change), _samples(change))
+        if one is not None:
+            found[measure] = one
+    return found

@@ -11,21 +11,25 @@ import msgspec
 import numpy as np
 
 Result = TypeVar("Result")
-VERSION = 1
+VERSION = 2
 """Raised whenever a stage computes something else: old outputs are then made again."""
 
 
 class Progress:
     """Progress lines on stderr, `[3/9] what`, one for each step."""
 
-    def __init__(self, total: int) -> None:
+    def __init__(self, total: int, *, silent: bool = False) -> None:
+        """`silent`: count only, as a part of what another progress tells."""
         self.total = total
         self.done = 0
+        self.silent = silent
 
     def step(self, text: str) -> None:
         """Say what begins now."""
         self.done += 1
         self.total = max(self.total, self.done)
+        if self.silent:
+            return
         click.echo(f"[{self.done}/{self.total}] {text}", err=True)
         sys.stderr.flush()
 

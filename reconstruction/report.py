@@ -1,6 +1,5 @@
 """The report of a comparison: one self-contained HTML page for somebody who knows nothing of cameras."""
 
-import base64
 from contextlib import suppress
 from html import escape
 from importlib.resources import files
@@ -10,14 +9,14 @@ from string import Template
 from capture_app.errors import BadInputError
 from capture_app.session.durable import PART, write_whole
 from reconstruction import wording
-from reconstruction.report_tables import claims, depth_table, panorama_table
+from reconstruction.report_burst import burst_section, embed
+from reconstruction.report_dose import dose_section
+from reconstruction.report_tables import claims, depth_table, instants_table, panorama_table
 from reconstruction.results import CompareResult, Picture
 
 REPORT = "report.html"
 LONG_HEADLINE = 70
 """Characters from which a headline is set smaller."""
-
-_KINDS = {b"\x89PNG\r\n\x1a\n": "image/png", b"\xff\xd8\xff": "image/jpeg"}
 
 
 def write_report(result: CompareResult, out: Path) -> Path:
@@ -57,6 +56,8 @@ def _page(result: CompareResult, out: Path) -> str:
         claims=claims(result),
         why=_why(result),
         pictures=_pictures(result, out),
+        burst=burst_section(result.burst, out),
+        dose=dose_section(result.dose),
         measures=_measures(result),
         making=_making(result),
     )
@@ -96,8 +97,8 @@ def _pictures(result: CompareResult, out: Path) -> str:
 
 def _figure(picture: Picture, out: Path, offset_ms: float) -> str:
     title = escape(picture.title)
-    synced, (wide, high) = _embed(out / picture.synced)
-    offset, _ = _embed(out / picture.offset)
+    synced, (wide, high) = embed(out / picture.synced)
+    offset, _ = embed(out / picture.offset)
     late = escape(wording.lateness(offset_ms))
     caption = f"<figcaption>{escape(picture.caption)}</figcaption>" if picture.caption else ""
     slider = (
@@ -118,26 +119,6 @@ def _figure(picture: Picture, out: Path, offset_ms: float) -> str:
 {caption}</figure>"""
 
 
-def _embed(path: Path) -> tuple[str, tuple[int, int]]:
-    import cv2
-    import numpy as np
-
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise BadInputError(
-            f"the report lacks the picture {path}: {error.strerror or error}",
-            hint="compare the session again",
-        ) from error
-    kind = next((kind for magic, kind in _KINDS.items() if data.startswith(magic)), None)
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if kind else None
-    if image is None:
-        raise BadInputError(
-            f"the picture {path} is not a readable PNG or JPEG", hint="compare the session again"
-        )
-    return f"data:{kind};base64,{base64.b64encode(data).decode()}", (image.shape[1], image.shape[0])
-
-
 def _measures(result: CompareResult) -> str:
     parts = [
         depth_table(result.stereo, result.actual_offset_ms)
@@ -146,6 +127,7 @@ def _measures(result: CompareResult) -> str:
         panorama_table(result.stitch, result.actual_offset_ms)
         if result.stitch
         else _skipped("No panorama was made", result.stitch_skipped),
+        instants_table(result.stereo) if result.stereo else "",
     ]
     fair = "The same cameras, the same calibration, the same method: only the instant of one picture differs."
     words = f"<p>{fair} {escape(wording.control(result))}</p>" if result.stereo or result.stitch else ""

@@ -99,11 +99,16 @@ def depth_table(stereo: StereoResult, offset_ms: float) -> str:
         if all(value is None for value in (*moving, *resting)):
             continue
         bars = show is wording.share
+        ranges = [
+            [_range(scores, f"{kind}_{key}", bars) for scores in (stereo.synced, stereo.offset)]
+            for kind in ("mover", "static")
+        ]
         rows.append(
             _row(
                 name,
                 text,
                 [(v, show(v), "", bars) for v in moving] + [(v, show(v), "control", bars) for v in resting],
+                [*ranges[0], *ranges[1]],
             )
         )
     heads = _heads(offset_ms)
@@ -151,7 +156,9 @@ def panorama_table(stitch: StitchResult, offset_ms: float) -> str:
         values = [_score(scores, key) for scores in (stitch.synced, stitch.offset)]
         if any(value is not None for value in values):
             kind = "control" if key.startswith("static") else ""
-            rows.append(_row(name, text, [(v, wording.quantity(v, unit), kind, False) for v in values]))
+            ranges = [_range(scores, key, share=False) for scores in (stitch.synced, stitch.offset)]
+            cells = [(v, wording.quantity(v, unit), kind, False) for v in values]
+            rows.append(_row(name, text, cells, ranges))
     return f"""<table style="--columns: 2">
 <caption>Panorama of cameras {escape(" and ".join(stitch.cameras))}</caption>
 <thead><tr><td></td>{_heads(offset_ms)}</tr></thead>
@@ -173,10 +180,56 @@ def _heads(offset_ms: float) -> str:
     )
 
 
-def _row(name: str, text: str, cells: list[tuple[float | None, str, str, bool]]) -> str:
+def _range(scores: DepthScores | StitchScores, name: str, share: bool) -> str:
+    """The 95 % interval over the instants, small; empty where there is none."""
+    found = scores.intervals.get(name)
+    if found is None:
+        return ""
+    low, high = (
+        (f"{100 * value:.0f}" if share else wording.quantity(value)) for value in (found.low, found.high)
+    )
+    return f'<small title="95 % interval over the instants">{low} to {high}</small>'
+
+
+def _row(name: str, text: str, cells: list[tuple[float | None, str, str, bool]], ranges: list[str]) -> str:
     tones = ("synced", "offset") * 2
     shown = "".join(
-        f'<td class="{f"{tone} {kind}".strip()}">{escape(words)}{_meter(value) if bar else ""}</td>'
-        for (value, words, kind, bar), tone in zip(cells, tones, strict=False)
+        f'<td class="{f"{tone} {kind}".strip()}">{escape(words)}{_meter(value) if bar else ""}{ranged}</td>'
+        for (value, words, kind, bar), ranged, tone in zip(cells, ranges, tones, strict=False)
     )
     return f'<tr><th scope="row">{escape(name)}<small>{escape(text)}</small></th>{shown}</tr>\n'
+
+
+_INSTANT_COLUMNS: tuple[tuple[str, str, _Format], ...] = (
+    ("mover_within_2pct", "Right within 2 %", wording.share),
+    ("mover_coverage", "Given a distance", wording.share),
+    ("mover_epipolar_px", "Between rows", lambda value: wording.quantity(value, "px")),
+)
+
+
+def instants_table(stereo: StereoResult) -> str:
+    """Every instant's numbers on moving things, synchronized and offset, folded away."""
+    columns = [
+        column
+        for column in _INSTANT_COLUMNS
+        if any(row.get(f"synced_{column[0]}") is not None for row in stereo.per_instant)
+    ]
+    if not columns:
+        return ""
+    heads = "".join(f'<th scope="colgroup" colspan="2">{name}</th>' for _, name, _ in columns)
+    sides = '<th scope="col" class="synced">synced</th><th scope="col" class="offset">late</th>'
+    rows = []
+    for row in stereo.per_instant:
+        cells = "".join(
+            f"<td>{escape(show(row.get(f'{condition}_{key}')))}</td>"
+            for key, _, show in columns
+            for condition in ("synced", "offset")
+        )
+        rows.append(f"<tr><td>{row['instant']}</td><td>{row['mover_pixels']}</td>{cells}</tr>")
+    return f"""<details><summary>Every instant by itself</summary>
+<div class="wide"><table>
+<thead><tr><td></td><td></td>{heads}</tr>
+<tr><th scope="col">Instant</th><th scope="col">Moving pixels</th>{sides * len(columns)}</tr></thead>
+<tbody>
+{"".join(rows)}</tbody></table></div></details>
+"""

@@ -7,6 +7,14 @@ class _Result(Struct, frozen=True, kw_only=True):
     """Base of all results."""
 
 
+class Interval(_Result, frozen=True, kw_only=True):
+    """A value and the middle 95 % of its bootstrap over the instants."""
+
+    value: float
+    low: float
+    high: float
+
+
 class DepthScores(_Result, frozen=True, kw_only=True):
     """Stereo depth in one condition; shares are of all pixels of that kind, empty ones counted as wrong.
 
@@ -23,6 +31,8 @@ class DepthScores(_Result, frozen=True, kw_only=True):
     mover_photometric: float | None = None
     """Median absolute grey-level difference after warping one view onto the other by its depth."""
     static_photometric: float | None = None
+    intervals: dict[str, Interval] = {}
+    """By measure, where there are enough instants."""
     instants: int = 0
 
 
@@ -46,6 +56,8 @@ class StereoResult(_Result, frozen=True, kw_only=True):
     synced: DepthScores
     offset: DepthScores
     per_instant: tuple[dict[str, float | int | None], ...] = ()
+    differences: dict[str, Interval] = {}
+    """Offset minus synced by measure, paired by instant."""
     why: str = ""
     """Why this pair was taken."""
 
@@ -59,6 +71,8 @@ class StitchScores(_Result, frozen=True, kw_only=True):
     mover_overlap_mad: float | None = None
     mover_flow_p95_px: float | None = None
     """As overlap_flow_p95_px, on moving things only."""
+    intervals: dict[str, Interval] = {}
+    """By measure, where there are enough instants."""
     instants: int = 0
 
 
@@ -68,8 +82,56 @@ class StitchResult(_Result, frozen=True, kw_only=True):
     cameras: tuple[str, ...]
     synced: StitchScores
     offset: StitchScores
+    differences: dict[str, Interval] = {}
+    """Offset minus synced by measure, paired by instant."""
     why: str = ""
     """Why this pair was taken."""
+
+
+class DosePoint(_Result, frozen=True, kw_only=True):
+    """Depth with the second camera so much later; shares as in DepthScores, with intervals."""
+
+    offset_ms: float
+    offset_frames: int
+    scores: DepthScores
+
+
+class DoseResult(_Result, frozen=True, kw_only=True):
+    """A pair's depth against offset, on the same instants and by the same calibration throughout."""
+
+    reference: str
+    other: str
+    measure: str
+    """What the curve shows: mover_within_2pct where truth is known, else mover_coverage."""
+    points: tuple[DosePoint, ...]
+    instants: int
+    falls: bool
+    """No point's interval lies wholly above its predecessor's."""
+    bearable_ms: float | None = None
+    """The offset at which the curve has lost a tenth (linear between its points), or at which half of what
+    moves has moved by one pixel, whichever comes first."""
+    speed_px_per_ms: float | None = None
+    """How fast what moves does so in the reference's picture, the median over its pixels."""
+    own_error_us: float | None = None
+    """The session's own largest error of an image's time by its record."""
+    own_error_px: float | None = None
+    """By how much what moves does so in that time."""
+    why: str = ""
+    session: str = ""
+    calibration: str = ""
+    report: str = ""
+    seconds: float = 0.0
+    versions: dict[str, str] = {}
+
+
+class BurstGrid(_Result, frozen=True, kw_only=True):
+    """Small pictures of the burst: a row for each camera, a column for each instant; "" = no image."""
+
+    cameras: tuple[str, ...]
+    instants: tuple[int, ...]
+    times_ms: tuple[float, ...]
+    """Since the burst's first instant."""
+    thumbnails: tuple[tuple[str, ...], ...]
 
 
 class CompareResult(_Result, frozen=True, kw_only=True):
@@ -92,6 +154,8 @@ class CompareResult(_Result, frozen=True, kw_only=True):
     """Largest distance of an image from its instant, by the session's own record."""
     sync_bound_us: float | None = None
     pictures: tuple[Picture, ...] = ()
+    dose: DoseResult | None = None
+    burst: BurstGrid | None = None
     report: str = ""
     seconds: float = 0.0
     versions: dict[str, str] = {}

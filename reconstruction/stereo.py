@@ -1,6 +1,6 @@
 """Dense depth of a pair: semi-global matching, then checks that keep only what both views agree on."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import cv2
 import numpy as np
@@ -47,6 +47,8 @@ class DepthMap:
     depth: Array
     raw: Array
     difference: Array
+    confidence: Array = field(default_factory=lambda: np.zeros((0, 0), np.float32))
+    """0 (not believed) to 1: half from how well both directions agree, half from how alike they look."""
 
 
 def match(reference: Array, other: Array, low: int, count: int) -> Array:
@@ -125,7 +127,17 @@ class StereoPair:
             depth=self.rectification.depth(np.nan_to_num(checked)),
             raw=self.rectification.depth(np.nan_to_num(raw)),
             difference=self._difference(difference),
+            confidence=self._confidence(checked, difference, raw, backward, noise_level(a)),
         )
+
+    def _confidence(
+        self, checked: Array, difference: Array, raw: Array, backward: Array, noise: float
+    ) -> Array:
+        apart = np.nan_to_num(np.abs(sample(backward, raw) - raw), nan=np.inf) / self.checks.agreement_px
+        unlike = cv2.blur(np.nan_to_num(difference, nan=255.0), (3, 3)) / (self.checks.grey + 3 * noise)
+        sure = 1 - 0.5 * np.minimum(apart, 1) - 0.5 * np.minimum(unlike, 1)
+        believed = np.where(np.isfinite(checked), np.maximum(sure, 0.05), 0).astype(np.float32)
+        return self.rectification.to_reference(believed)
 
     def _difference(self, canvas: Array) -> Array:
         marked = self.rectification.to_reference(np.nan_to_num(canvas, nan=-2.0) + 1.0)

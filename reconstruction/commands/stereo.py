@@ -1,0 +1,45 @@
+"""`reconstruct stereo`."""
+
+from pathlib import Path
+
+import click
+
+from reconstruction.commands.arguments import Pair
+
+
+@click.command()
+@click.argument("session", type=click.Path(path_type=Path))
+@click.option("--instant", type=click.IntRange(min=0), default=0, show_default=True, help="Of the burst.")
+@click.option(
+    "--other-instant",
+    type=click.IntRange(min=0),
+    help="Take the second camera's image of another instant [default: the same].",
+)
+@click.option("--pair", type=Pair(), help="The two cameras [default: chosen by what they see].")
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the result.")
+@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+def stereo(
+    session: Path,
+    instant: int,
+    other_instant: int | None,
+    pair: tuple[str, str] | None,
+    out: Path,
+    as_json: bool,
+) -> None:
+    """Make a depth map from two cameras of SESSION, with its confidence and a picture."""
+    import msgspec
+
+    from reconstruction.single_stereo import StereoOptions
+    from reconstruction.single_stereo import stereo as run
+
+    result = run(session, out, StereoOptions(instant=instant, other_instant=other_instant, pair=pair))
+    if as_json:
+        click.echo(msgspec.json.encode(result).decode())
+        return
+    click.echo(
+        f"{result.reference} and {result.other}: depth for {100 * result.coverage:.0f} % of the picture, "
+        f"{result.nearest:.3g} to {result.farthest:.3g} {result.unit}"
+    )
+    if result.within_2pct is not None:
+        click.echo(f"within 2 % of the truth: {100 * result.within_2pct:.1f} %")
+    click.echo(f"depth: {out / result.depth}, picture: {out / result.picture}")

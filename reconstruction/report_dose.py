@@ -1,0 +1,121 @@
+"""The dose curve's part of a report, and the report of `reconstruct dose` alone."""
+
+from html import escape
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+
+from capture_app.session.durable import write_whole
+from reconstruction import wording
+from reconstruction.dose_plot import dose_plot
+from reconstruction.results import DoseResult, Interval
+
+REPORT = "report.html"
+
+
+def dose_sentence(dose: DoseResult) -> str:
+    """What a user takes away from the curve."""
+    late = dose.points[-1]
+    first, last = (getattr(p.scores, dose.measure) for p in (dose.points[0], late))
+    what = "the right distance is found" if dose.measure.endswith("2pct") else "a distance is found"
+    start = (
+        f"Synchronized, {what} for {wording.share(first, decimals=0)} of what moves; "
+        f"{wording.lateness(late.offset_ms)}, for {wording.share(last, decimals=0)}."
+    )
+    if dose.bearable_ms is None:
+        return f"{start} No lateness up to that costs a tenth of it."
+    return f"{start} This motion bears about {_time(dose.bearable_ms)} of lateness."
+
+
+def dose_section(dose: DoseResult | None) -> str:
+    """The curve with its words and numbers."""
+    if dose is None:
+        return ""
+    notes = [
+        "The solid line is what moves, the dashed one what stands still: the control. Shaded: where the "
+        f"value lies with 95 % confidence, from {wording.count(dose.instants, 'instant')}."
+    ]
+    if dose.speed_px_per_ms:
+        notes.append(
+            f"Half of what moves does so by more than {wording.quantity(dose.speed_px_per_ms, 'pixels')} "
+            "a millisecond in the picture."
+        )
+    if dose.own_error_us is not None:
+        moved = (
+            f", in which it moves {wording.quantity(dose.own_error_px, 'px')}" if dose.own_error_px else ""
+        )
+        error = wording.microseconds(dose.own_error_us)
+        notes.append(f"This session's own largest error is {error}{moved}.")
+    return f"""<section aria-labelledby="dose">
+<h2 id="dose">How much lateness this motion bears</h2>
+<p>{escape(dose_sentence(dose))}</p>
+<div class="curve">{dose_plot(dose)}
+<div>{"".join(f"<p>{escape(note)}</p>" for note in notes)}</div></div>
+{_table(dose)}
+</section>"""
+
+
+def write_dose_report(result: DoseResult, out: Path) -> Path:
+    """Write the page of the curve alone into the folder `out`."""
+    folder = files("reconstruction") / "report_page"
+    name = Path(result.session).name or result.session
+    headline, lead = wording.headline(dose_sentence(result))
+    entries = {
+        "Session": result.session,
+        "Depth": f"cameras {result.reference} and {result.other}, "
+        f"{wording.count(result.instants, 'instant')} (taken for {result.why})",
+        "Calibration": result.calibration,
+        "Software": ", ".join(f"{key} {value}" for key, value in result.versions.items()),
+    }
+    making = "".join(f"<dt>{escape(key)}</dt><dd>{escape(words)}</dd>" for key, words in entries.items())
+    page = Template((folder / "page.html").read_text("utf-8")).substitute(
+        title=escape(f"{name}: how much lateness its motion bears"),
+        css=(folder / "page.css").read_text("utf-8"),
+        script=(folder / "page.js").read_text("utf-8"),
+        session=escape(name),
+        headline=escape(headline),
+        size="long",
+        lead=f'<p class="lead">{escape(lead)}</p>' if lead else "",
+        claims="",
+        why="",
+        pictures="",
+        burst="",
+        dose=dose_section(result),
+        measures="",
+        making=f'<section aria-labelledby="making"><h2 id="making">How it was made</h2>'
+        f'<dl class="making">{making}</dl></section>',
+    )
+    target = out / REPORT
+    write_whole(target, page.encode("utf-8", "replace"))
+    return target
+
+
+def _time(value_ms: float) -> str:
+    return wording.microseconds(value_ms * 1000) if value_ms < 1 else wording.milliseconds(round(value_ms, 1))
+
+
+def _table(dose: DoseResult) -> str:
+    rows = []
+    for point in dose.points:
+        scores = point.scores
+        cells = [
+            wording.milliseconds(round(point.offset_ms, 1)),
+            _ranged(scores.mover_within_2pct, scores.intervals.get("mover_within_2pct")),
+            _ranged(scores.mover_coverage, scores.intervals.get("mover_coverage")),
+            wording.quantity(scores.mover_epipolar_px, "px"),
+            wording.share(scores.static_coverage),
+        ]
+        rows.append("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>")
+    heads = ("Late by", "Right within 2 %", "Given a distance", "Between rows", "At rest, given one")
+    return (
+        '<div class="wide"><table><caption>By lateness, moving things (95 % intervals)</caption><thead><tr>'
+        + "".join(f'<th scope="col">{head}</th>' for head in heads)
+        + f"</tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
+    )
+
+
+def _ranged(value: float | None, found: Interval | None) -> str:
+    text = wording.share(value)
+    return (
+        f"{text} ({100 * found.low:.0f} to {100 * found.high:.0f})" if found and value is not None else text
+    )

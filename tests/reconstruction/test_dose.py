@@ -1,0 +1,104 @@
+"""The dose curve: it falls on what moves, not on what stands still, and its words and drawing say so."""
+
+import json
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+import pytest
+
+from capture_app.session.reader import Session
+from reconstruction.cli import main
+from reconstruction.dose import bearable_ms, falls
+from reconstruction.dose_plot import dose_plot
+from reconstruction.results import DepthScores, DosePoint, DoseResult, Interval
+from reconstruction.stereo import DepthMap
+from reconstruction.tally import Tally, differences
+
+
+def point(ms: float, value: float, low: float | None = None, high: float | None = None) -> DosePoint:
+    around = Interval(value=value, low=value if low is None else low, high=value if high is None else high)
+    scores = DepthScores(
+        mover_coverage=value, static_coverage=0.9, intervals={"mover_coverage": around}, instants=5
+    )
+    return DosePoint(offset_ms=ms, offset_frames=round(ms / 16.7), scores=scores)
+
+
+def test_a_curve_falls_unless_a_point_rises_beyond_both_intervals() -> None:
+    assert falls([point(0, 0.9), point(17, 0.2, 0.1, 0.3), point(33, 0.25, 0.2, 0.4)], "mover_coverage")
+    assert not falls([point(0, 0.9), point(17, 0.2, 0.1, 0.3), point(33, 0.5, 0.4, 0.6)], "mover_coverage")
+
+
+def test_what_is_borne_is_the_first_limit_that_is_reached() -> None:
+    points = [point(0, 0.8), point(20, 0.4)]
+    assert bearable_ms(points, "mover_coverage", None) == pytest.approx(4.0)
+    assert bearable_ms(points, "mover_coverage", 0.5) == pytest.approx(2.0)
+    assert bearable_ms([point(0, 0.8), point(20, 0.79)], "mover_coverage", None) is None
+
+
+def test_the_session_s_own_error_is_marked_where_it_lies_on_the_drawing() -> None:
+    def drawing(own_error_us: float | None) -> str:
+        dose = DoseResult(
+            reference="a",
+            other="b",
+            measure="mover_coverage",
+            points=(point(0, 0.9, 0.8, 1.0), point(33, 0.1)),
+            instants=5,
+            falls=True,
+            own_error_us=own_error_us,
+        )
+        text = dose_plot(dose)
+        ElementTree.fromstring(text)
+        return text
+
+    assert "this session" in drawing(1500.0)
+    assert "this session" not in drawing(50_000.0)
+    assert "this session" not in drawing(None)
+
+
+def test_intervals_hold_the_value_and_pairs_are_drawn_together() -> None:
+    rng = np.random.default_rng(3)
+    moving, static = np.ones((20, 20), bool), np.zeros((20, 20), bool)
+    tallies = (Tally(), Tally())
+    for share in rng.uniform(0.2, 0.9, 12):
+        good = np.zeros((20, 20))
+        good.flat[: round(400 * share)] = 1.0
+        worse = good.copy()
+        worse.flat[:40] = 0.0
+        for tally, depth in zip(tallies, (good, worse), strict=True):
+            tally.add(DepthMap(depth, depth, np.full((20, 20), np.nan)), moving, static, None)
+    found = tallies[0].scores(intervals=True).intervals["mover_coverage"]
+    assert found.low < found.value < found.high
+    # The instants differ much, the pairs hardly: every one has lost the same tenth.
+    change = differences(*tallies)["mover_coverage"]
+    assert change.low == pytest.approx(-0.1)
+    assert change.high == pytest.approx(-0.1)
+    assert found.high - found.low > 0.1
+
+
+def test_dose_falls_on_what_moves_and_not_on_what_stands_still(
+    boards: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    main(["dose", str(boards.folder), "--stereo", "left,right", "--out", str(out), "--json"])
+    result = json.loads(capsys.readouterr().out)
+    assert result == json.loads((out / "metrics.json").read_text())
+    assert [point["offset_frames"] for point in result["points"]] == [0, 1, 2]
+    moving = [point["scores"]["mover_within_2pct"] for point in result["points"]]
+    still = [point["scores"]["static_coverage"] for point in result["points"]]
+    assert moving[0] > 0.9
+    assert max(moving[1:]) < 0.1
+    assert max(still) - min(still) < 0.02
+    assert result["falls"]
+    assert 0 < result["bearable_ms"] < 33
+    assert "This motion bears about" in (out / "report.html").read_text("utf-8")
+
+
+def test_an_unknown_camera_is_refused_in_one_line(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], boards: Session
+) -> None:
+    with pytest.raises(SystemExit) as end:
+        main(["dose", str(boards.folder), "--stereo", "left,nobody", "--out", str(tmp_path / "out")])
+    assert end.value.code == 3
+    assert "no camera 'nobody'" in capsys.readouterr().err
+    assert not (tmp_path / "out").exists()

@@ -1,0 +1,129 @@
+"""`reconstruct stitch` and `reconstruct stereo` as commands of their own."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+
+from capture_app.session.reader import Session
+from reconstruction.cli import main
+from reconstruction.panorama import Stitching
+from tests.reconstruction.conftest import texture
+
+FOCAL = 630.0
+
+
+def turned(paint: np.ndarray[Any, Any], yaw_deg: float) -> np.ndarray[Any, Any]:
+    """What a camera that only turns sees of a far wall, BGR uint8 360 x 480."""
+    yaw = np.radians(yaw_deg)
+    turn = np.array([[np.cos(yaw), 0, np.sin(yaw)], [0, 1, 0], [-np.sin(yaw), 0, np.cos(yaw)]])
+    into = np.array([[FOCAL, 0, 240], [0, FOCAL, 180], [0, 0, 1.0]])
+    wall = np.array([[FOCAL, 0, 512], [0, FOCAL, 512], [0, 0, 1.0]])
+    seen = cv2.warpPerspective(
+        paint, wall @ turn @ np.linalg.inv(into), (480, 360), flags=cv2.WARP_INVERSE_MAP | cv2.INTER_LINEAR
+    )
+    return np.asarray(cv2.cvtColor(seen, cv2.COLOR_GRAY2BGR))
+
+
+def tiled(seed: int) -> np.ndarray[Any, Any]:
+    """A texture with sharp corners, uint8 1024 x 1024."""
+    rng = np.random.default_rng(seed)
+    paint = texture(seed, 1024)
+    for _ in range(900):
+        x, y, w, h = (int(v) for v in (*rng.integers(0, 1000, 2), *rng.integers(4, 24, 2)))
+        cv2.rectangle(paint, (x, y), (x + w, y + h), int(rng.integers(20, 235)), -1)
+    return paint
+
+
+@pytest.fixture(scope="module")
+def wall() -> dict[str, Any]:
+    """Three pictures of one wall, and one of something else."""
+    paint = tiled(11)
+    pictures = [turned(paint, yaw) for yaw in (-16, 0, 16)]
+    # The stranger comes in the middle: what follows it must still be taken for itself.
+    return {"p0": pictures[0], "alien": turned(tiled(12), 0), "p1": pictures[1], "p2": pictures[2]}
+
+
+def test_three_pictures_come_out_whole_and_a_stranger_is_left_out_with_the_reason(
+    wall: dict[str, Any],
+) -> None:
+    stitching = Stitching(wall)
+    assert stitching.used == ("p0", "p1", "p2")
+    assert "shares" in stitching.left_out["alien"]
+    made = stitching.compose(wall)
+    assert made.picture.shape[1] > 1.5 * 480
+    assert {(o.first, o.second) for o in made.overlaps} >= {("p0", "p1"), ("p1", "p2")}
+    assert all(o.flow_p95_px < 2 for o in made.overlaps)
+    again = Stitching(wall).compose(wall)
+    assert np.array_equal(made.picture, again.picture)
+
+
+def test_what_moved_in_the_overlap_shows_before_blending(wall: dict[str, Any]) -> None:
+    pictures = {name: wall[name].copy() for name in ("p0", "p1", "p2")}
+    stitching = Stitching(pictures)
+    still = stitching.compose(pictures)
+    pictures["p1"][120:260, 240:480] = np.roll(pictures["p1"][120:260, 240:480], 12, axis=0)
+    moved = stitching.compose(pictures)
+    flow = [max(o.flow_p95_px for o in made.overlaps) for made in (still, moved)]
+    assert flow[1] > flow[0] + 3
+    marked = [int((made.ghosts == (40, 130, 250)).all(2).sum()) for made in (still, moved)]
+    assert marked[1] > marked[0] + 200
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_pictures_that_make_no_panorama_are_refused_and_leave_nothing(
+    tmp_path: Path, wall: dict[str, Any], capsys: pytest.CaptureFixture[str], count: int
+) -> None:
+    (tmp_path / "in").mkdir()
+    for name in ("p0", "alien")[:count]:
+        cv2.imwrite(str(tmp_path / "in" / f"{name}.png"), wall[name])
+    with pytest.raises(SystemExit) as end:
+        main(["stitch", str(tmp_path / "in"), "--out", str(tmp_path / "out")])
+    assert end.value.code == 3
+    errors = capsys.readouterr().err.strip().splitlines()
+    assert len(errors) == 1
+    assert errors[0].startswith("reconstruct: error: ")
+    assert [path.name for path in tmp_path.iterdir()] == ["in"]
+
+
+def test_stereo_writes_depth_confidence_and_picture(
+    boards: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    arguments = ["stereo", str(boards.folder), "--pair", "left,right", "--out", str(out), "--json"]
+    main([*arguments, "--instant", "2"])
+    result = json.loads(capsys.readouterr().out)
+    depth = cv2.imread(str(out / result["depth"]), cv2.IMREAD_UNCHANGED)
+    confidence = cv2.imread(str(out / result["confidence"]), cv2.IMREAD_UNCHANGED)
+    assert depth.dtype == np.float32
+    assert np.array_equal(depth > 0, confidence > 0)
+    assert result["coverage"] == pytest.approx(float((depth > 0).mean()))
+    assert result["within_2pct"] > 0.7
+    truth = np.load(boards.ground_truth("left", 2))["depth_m"]  # type: ignore[arg-type]
+    wrong = (depth > 0) & (np.abs(depth - truth) > 0.02 * truth)
+    right = (depth > 0) & ~wrong
+    assert confidence[right].mean() > confidence[wrong].mean() + 20
+    with pytest.raises(SystemExit):
+        main([*arguments, "--instant", "9"])
+    assert "no image of left at instant 9" in capsys.readouterr().err
+
+
+@pytest.mark.shared
+@pytest.mark.parametrize(("name", "count"), [("boat", 6), ("weir_", 3)])
+def test_real_pictures_come_out_whole(
+    shared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, count: int
+) -> None:
+    folder = tmp_path / "pictures"
+    folder.mkdir()
+    for i in range(1, count + 1):
+        image = cv2.imread(str(shared / "footage" / "stitching" / f"{name}{i}.jpg"))
+        small = cv2.resize(image, None, fx=800 / image.shape[1], fy=800 / image.shape[1])
+        cv2.imwrite(str(folder / f"{i}.jpg"), small)
+    main(["stitch", str(folder), "--out", str(tmp_path / "out"), "--json"])
+    result = json.loads(capsys.readouterr().out)
+    assert len(result["used"]) == count
+    assert result["left_out"] == {}
+    assert result["synced"]["width"] > 1.7 * 800

@@ -91,10 +91,10 @@ def multiview(
 
     say("how near and how far the scene is")
     nearest, farthest = find_depth_range(
-        {camera: shot.photo for camera, shot in shots.items()}, _first_sources(shots)
+        {camera: shot.photo for camera, shot in shots.items()}, _sources(shots, guessed_depths(_views(shots)))
     )
     depths = (nearest, 2 / (1 / nearest + 1 / farthest), farthest)
-    sources = choose_sources(_views(shots), depths)
+    sources = _sources(shots, depths)
     left_out |= {camera: "no other camera sees what it sees" for camera in shots if not sources[camera]}
     shots = {camera: shot for camera, shot in shots.items() if sources[camera]}
     clock.stage("range")
@@ -160,10 +160,9 @@ def _views(shots: Mapping[str, Shot]) -> dict[str, View]:
     return {camera: shot.photo.view for camera, shot in shots.items()}
 
 
-def _first_sources(shots: Mapping[str, Shot]) -> dict[str, tuple[str, ...]]:
-    """Sources before any depth is known."""
-    views = _views(shots)
-    sources = choose_sources(views, guessed_depths(views))
+def _sources(shots: Mapping[str, Shot], depths: Sequence[float]) -> dict[str, tuple[str, ...]]:
+    """Whom each camera is matched with, for a scene at these depths."""
+    sources = choose_sources(_views(shots), depths)
     if not any(sources.values()):
         raise BadInputError(
             "no camera sees what another sees",

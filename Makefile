@@ -3,7 +3,8 @@
 # make test-v4l2   the rig on real camera drivers in a virtual machine (slow)
 # make test-slow   the tests that take minutes
 # make samples   render the sample sessions again from their recipes: the same bytes
-# make bench-sync   clock synchronization on an emulated WiFi link, beside other filters (root, 10 min)
+# make bench-sync bench-multiview   clock synchronization on an emulated WiFi link, beside other filters (root, 10 min)
+# make bench-multiview   depth from many views, beside a plain sweep and SGBM (BENCH="--scene plain ...")
 # make test-crash   writers killed at every step, every bit flipped (slow)
 # make help   all targets
 
@@ -41,6 +42,9 @@ samples: $(VENV)/.installed
 
 bench-sync: $(VENV)/.installed
 	$(BIN)/python benchmarks/sync_link.py $(BENCH)
+
+bench-multiview: $(VENV)/.installed
+	$(BIN)/python benchmarks/multiview.py $(BENCH)
 
 test-crash: $(VENV)/.installed-dev
 	$(BIN)/pytest -m slow tests/session/test_crash.py

@@ -1,9 +1,10 @@
 # make demo   capture a synchronized burst with five simulated cameras and compare it with offset frames
 # make test   the tests            make check   lint, types, architecture
 # make test-v4l2   the rig on real camera drivers in a virtual machine (slow)
+# make test-slurm   batches on a real SLURM of this one machine (root)
 # make test-slow   the tests that take minutes
 # make samples   render the sample sessions again from their recipes: the same bytes
-# make bench-sync bench-multiview   clock synchronization on an emulated WiFi link, beside other filters (root, 10 min)
+# make bench-sync   clock synchronization on an emulated WiFi link, beside other filters (root, 10 min)
 # make bench-multiview   depth from many views, beside a plain sweep and SGBM (BENCH="--scene plain ...")
 # make test-crash   writers killed at every step, every bit flipped (slow)
 # make help   all targets
@@ -17,7 +18,7 @@ OUT ?= demo
 LIBRARIES := libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
 	libusb-1.0.so.0:libusb-1.0-0 libudev.so.1:libudev1 libidn2.so.0:libidn2-0
 
-.PHONY: help install demo samples test test-v4l2 bench-sync test-crash check format system clean
+.PHONY: help install demo samples test test-v4l2 test-slurm bench-sync bench-multiview test-crash check format system clean
 .DEFAULT_GOAL := help
 
 help:
@@ -33,6 +34,14 @@ test: $(VENV)/.installed-dev
 
 test-v4l2: $(VENV)/.installed-dev
 	$(BIN)/pytest -m v4l2 tests/end_to_end
+
+test-slurm: $(VENV)/.installed-dev
+	@{ [ -x /usr/sbin/slurmctld ] && [ -x /usr/sbin/munged ]; } || { \
+	  if [ "$$(id -u)" = 0 ] && command -v apt-get >/dev/null; then \
+	    echo "installing slurm-wlm and munge ..." >&2; apt-get update -qq && \
+	    DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends slurm-wlm munge >/dev/null; \
+	  else echo "no SLURM here (Debian: slurm-wlm munge), and only root can install and start it" >&2; fi; }
+	$(BIN)/pytest -m slurm tests/slurm
 
 test-slow: $(VENV)/.installed-dev
 	$(BIN)/pytest -m slow

@@ -61,11 +61,14 @@ def batch(
         outcomes = _work(todo, there, root, executor, say, make)
         tidy(root)
         rows = [_row(unit, root, outcomes) for unit in units] + [failed_row(failure) for failure in failures]
+        made = sum(outcome.made for outcome in outcomes.values())
+        failed = sum(bool(row.problem) for row in rows)
         result = BatchResult(
             out=str(out),
-            made=sum(outcome.made for outcome in outcomes.values()),
-            there=there,
-            failed=sum(bool(row.problem) for row in rows),
+            made=made,
+            # Also what somebody else finished meanwhile.
+            there=len(rows) - made - failed,
+            failed=failed,
             groups=summarize(rows),
             units=tuple(rows),
             seconds=round(time.monotonic() - began, 3),

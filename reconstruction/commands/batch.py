@@ -53,13 +53,22 @@ class _Instants(click.ParamType[tuple[int, ...]]):
 )
 @click.option(
     "--executor",
-    type=click.Choice(["local"]),
+    type=click.Choice(["local", "slurm"]),
     default="local",
     show_default=True,
-    help="local: processes of this machine.",
+    help="local: processes of this machine. slurm: jobs of the cluster that this machine belongs to.",
 )
 @click.option(
-    "--jobs", type=click.IntRange(min=1), help="Units at a time [default: one per core, if memory allows]."
+    "--slurm",
+    "settings",
+    multiple=True,
+    metavar="NAME=VALUE",
+    help="A setting for SLURM, as in partition=gpu, time=30 (minutes), mem=8GB, cpus_per_task=4.",
+)
+@click.option(
+    "--jobs",
+    type=click.IntRange(min=1),
+    help="Units at a time [default: one per core, if memory allows; slurm: what the cluster takes].",
 )
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
 @click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
@@ -69,6 +78,7 @@ def batch(
     instants: tuple[int, ...] | None,
     matcher: str,
     executor: str,
+    settings: tuple[str, ...],
     jobs: int | None,
     out: Path,
     as_json: bool,
@@ -82,10 +92,19 @@ def batch(
 
     from reconstruction.batch import BatchOptions, exit_code
     from reconstruction.batch import batch as run
-    from reconstruction.executors import LocalExecutor
+    from reconstruction.executors import Executor, LocalExecutor
 
+    chosen: Executor
+    if executor == "slurm":
+        from reconstruction.slurm import SlurmExecutor
+
+        chosen = SlurmExecutor(jobs, settings)
+    elif settings:
+        raise click.UsageError("--slurm is for --executor slurm")
+    else:
+        chosen = LocalExecutor(jobs)
     options = BatchOptions(conditions=conditions, instants=instants, matcher=matcher)
-    result = run(sessions, out, options, LocalExecutor(jobs), lambda text: click.echo(text, err=True))
+    result = run(sessions, out, options, chosen, lambda text: click.echo(text, err=True))
     if as_json:
         click.echo(msgspec.json.encode(result).decode())
     else:

@@ -4,6 +4,7 @@ import csv
 import fcntl
 import json
 import shutil
+import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -12,12 +13,13 @@ from typing import Any
 
 import pytest
 
-from capture_app.errors import BadInputError, DiskFullError, ExitCode
+from capture_app.errors import BadInputError, DiskFullError, ExitCode, NotAvailableError
 from capture_app.session.reader import Session
 from reconstruction import unit_plan, units
 from reconstruction.batch import BatchOptions, batch, exit_code
 from reconstruction.cli import main
 from reconstruction.executors import LocalExecutor
+from reconstruction.slurm import SlurmExecutor
 from reconstruction.unit_plan import DISTINCT_MS, Condition, plan
 from reconstruction.units import Outcome, Unit, perform
 from tests.reconstruction.conftest import VIEWS, Scene, write_session
@@ -174,6 +176,15 @@ def test_nothing_is_begun_on_a_full_disk(run: Callable[..., Any], monkeypatch: p
     assert done.result.made == 0
     assert "is full" in done.result.units[0].problem
     assert done.result.units[0].code == DiskFullError.exit_code
+
+
+def test_where_there_is_no_cluster(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    monkeypatch.setenv("PATH", str(tmp_path))
+    with pytest.raises(NotAvailableError, match=r"squeue.*--executor local"):
+        SlurmExecutor()
+    monkeypatch.setitem(sys.modules, "submitit", None)
+    with pytest.raises(NotAvailableError, match=r"pip install 'simulshot\[slurm\]'"):
+        SlurmExecutor()
 
 
 @contextmanager

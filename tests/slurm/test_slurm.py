@@ -1,0 +1,137 @@
+"""`reconstruct batch --executor slurm` on a real SLURM of one machine (make test-slurm)."""
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from capture_app.session.reader import Session
+from tests.reconstruction.conftest import VIEWS, Board, Scene, jump, texture, write_session
+from tests.slurm.cluster import cluster, why_not
+
+pytestmark = [pytest.mark.slurm, pytest.mark.timeout(600)]
+ROOT = Path(__file__).parents[2]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def slurm(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    reason = why_not()
+    if reason:
+        pytest.skip(reason)
+    with cluster(tmp_path_factory.mktemp("slurm")) as conf, pytest.MonkeyPatch.context() as patch:
+        patch.setenv("SLURM_CONF", str(conf))
+        patch.setenv("PYTHONPATH", str(ROOT))
+        yield
+
+
+@pytest.fixture(scope="module")
+def session(tmp_path_factory: pytest.TempPathFactory) -> Session:
+    still, moving = (
+        Board((-9, -9, 9, 9), 4.0, texture(1)),
+        Board((-0.3, -0.3, 0.3, 0.3), 2.2, texture(5), jump),
+    )
+    views = {name: VIEWS[name] for name in ("left", "right")}
+    return write_session(tmp_path_factory.mktemp("sessions"), Scene([still, moving]), views, instants=4)
+
+
+def start(session: Session, out: Path, *more: str) -> "subprocess.Popen[str]":
+    command = [
+        sys.executable, "-m", "reconstruction.cli", "batch", str(session.folder), "--out", str(out), "--json",
+        "--executor", "slurm", "--slurm", "mem=500MB", *more,
+    ]  # fmt: skip
+    return subprocess.Popen(command, cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+
+
+def queue() -> list[str]:
+    command = ["squeue", "--me", "--noheader", "--array", "--format=%i"]
+    return subprocess.run(command, capture_output=True, text=True, check=True).stdout.split()
+
+
+def queue_empties() -> None:
+    while queue():
+        time.sleep(0.2)
+
+
+def results(out: Path) -> dict[str, bytes]:
+    return {
+        str(path.relative_to(out)): path.read_bytes()
+        for path in out.rglob("*")
+        if path.is_file() and "work" not in path.relative_to(out).parts
+    }
+
+
+def test_the_cluster_makes_the_same_bytes_as_this_machine(session: Session, tmp_path: Path) -> None:
+    asked = ["--instants", "0-1", "--condition", "synced", "--condition", "66"]
+    running = start(session, tmp_path / "there", *asked, "--jobs", "2")
+    printed, talk = running.communicate()
+    assert running.returncode == 0, talk
+    assert json.loads(printed)["made"] == 4
+    assert [line[:5] for line in talk.splitlines()] == ["[1/4]", "[2/4]", "[3/4]", "[4/4]"]
+    here = [sys.executable, "-m", "reconstruction.cli", "batch", str(session.folder), *asked]
+    subprocess.run([*here, "--out", str(tmp_path / "here")], cwd=ROOT, check=True, capture_output=True)
+    assert results(tmp_path / "here") == results(tmp_path / "there")
+
+
+def test_a_repeated_command_waits_for_the_jobs_of_a_killed_one(session: Session, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    running = start(session, out)
+    while not list(out.glob("work/slurm/*.job")):
+        assert running.poll() is None, running.communicate()
+        time.sleep(0.05)
+    running.kill()
+    running.communicate()
+    submitted = {path.name: path.read_text() for path in out.glob("work/slurm/*.job")}
+    again = start(session, out)
+    printed, talk = again.communicate()
+    assert again.returncode == 0, talk
+    result = json.loads(printed)
+    assert result["made"] + result["there"] == 4
+    told = {path.name: path.read_text() for path in out.glob("work/slurm/*.job")}
+    assert told.items() >= submitted.items()
+    assert len(list(out.glob("units/*/*/unit.json"))) == 4
+
+
+def test_an_interrupt_cancels_the_jobs(session: Session, tmp_path: Path) -> None:
+    running = start(session, tmp_path / "out", "--jobs", "1")
+    while not queue():
+        assert running.poll() is None, running.communicate()
+        time.sleep(0.05)
+    running.send_signal(signal.SIGINT)
+    running.communicate()
+    assert running.returncode == 130
+    queue_empties()
+
+
+def test_a_job_that_is_ended_and_a_unit_that_fails_are_lines(session: Session, tmp_path: Path) -> None:
+    image = session.image_file(session.images_by_instant()[1]["left"])
+    kept = image.read_bytes()
+    image.write_bytes(kept[:-20] + bytes(20))
+    try:
+        running = start(session, tmp_path / "out", "--instants", "0-2", "--jobs", "1")
+        while len(queue()) < 3:
+            assert running.poll() is None, running.communicate()
+            time.sleep(0.05)
+        subprocess.run(["scancel", sorted(queue())[-1]], check=True)
+        printed, talk = running.communicate()
+    finally:
+        image.write_bytes(kept)
+    assert running.returncode == 7, talk
+    problems = {row["instant"]: row["problem"] for row in json.loads(printed)["units"]}
+    assert problems[0] == ""
+    assert "is damaged" in problems[1]
+    assert "ended without a result" in problems[2]
+
+
+def test_a_setting_that_slurm_has_not(session: Session, tmp_path: Path) -> None:
+    running = start(session, tmp_path / "out", "--slurm", "partition=nowhere")
+    talk = running.communicate()[1]
+    assert running.returncode == 1
+    assert talk.startswith("reconstruct: error: SLURM takes no jobs: ")
+    assert len(talk.splitlines()) == 1
+    assert "nowhere" in talk
+    assert not queue()

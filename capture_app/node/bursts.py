@@ -2,10 +2,13 @@
 
 import asyncio
 import threading
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import AsyncExitStack, asynccontextmanager
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
+from typing import ParamSpec, TypeVar
 
 import msgspec
 
@@ -27,6 +30,10 @@ PATIENCE_NS = 10_000_000_000
 STALL_NS = 180_000_000_000
 """A camera that has a stream open and sends nothing for this long has too."""
 AFTER_LAST_INSTANT_NS = 2_000_000_000
+DISK_THREADS = 24
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 
 @dataclass(slots=True)
@@ -61,6 +68,8 @@ class BurstSession:
         self.message = ""
         self._writer = writer
         self._planning = threading.Lock()
+        # Images of many cameras share the cost of the disk's syncs only where they wait for it together.
+        self._disk = ThreadPoolExecutor(DISK_THREADS, "disk")
         self._lost: dict[tuple[str, int], MissingImage] = {}
         """What an earlier finish of this session gave up, and why."""
         self._resumed = False
@@ -116,7 +125,7 @@ class BurstSession:
             cameras=tuple(camera_plan(share.camera, None) for share in self._shares.values()),
         )
         async with self._all_quiet():
-            await asyncio.to_thread(self._writer.set_plan, plan)
+            await self._on_disk(self._writer.set_plan, plan)
 
     @property
     def status(self) -> BurstStatus:
@@ -181,11 +190,11 @@ class BurstSession:
             self._must_be_open()
             if share.report is None and report.events:
                 events = ({"camera": report.camera.name, **event} for event in report.events)
-                await asyncio.to_thread(self._writer.add_event, *events)
-            await asyncio.to_thread(self._note_report, report)
+                await self._on_disk(self._writer.add_event, *events)
+            await self._on_disk(self._note_report, report)
             share.report, share.given_up, share.silent = report, "", False
             share.heard_ns = max(share.heard_ns, now_ns)
-            held = await asyncio.to_thread(self._held, share)
+            held = await self._on_disk(self._held, share)
         await self.finish_if_complete()
         return held
 
@@ -240,17 +249,17 @@ class BurstSession:
             if self.finished.is_set() or not all(share.is_complete() for share in self._shares.values()):
                 return
             try:
-                self.session = await asyncio.to_thread(self._finish)
+                self.session = await self._on_disk(self._finish)
             except SimulshotError as error:
                 self.message = f"{error}; then: capture-app sessions repair {self.folder}"
-                await asyncio.to_thread(self._writer.abort)
+                await self._on_disk(self._writer.abort)
             self.finished.set()
 
     async def leave(self) -> None:
         """Go away without finishing: `resume` goes on from here."""
         async with self._all_quiet():
             if not self.finished.is_set():
-                await asyncio.to_thread(self._writer.abort)
+                await self._on_disk(self._writer.abort)
                 self.message = (
                     f"left unfinished: the next leader goes on, or capture-app sessions repair {self.folder}"
                 )
@@ -260,13 +269,17 @@ class BurstSession:
         """End a burst that never began, and delete its folder."""
         async with self._all_quiet():
             if not self.finished.is_set():
-                await asyncio.to_thread(self._writer.discard)
+                await self._on_disk(self._writer.discard)
                 self.message = reason
                 self.finished.set()
 
     def is_empty(self) -> bool:
         """Whether no image has come yet."""
         return not any(share.instants for share in self._shares.values())
+
+    async def _on_disk(self, work: Callable[P, T], *arguments: P.args, **options: P.kwargs) -> T:
+        loop = asyncio.get_running_loop()
+        return await loop.run_in_executor(self._disk, partial(work, *arguments, **options))
 
     def _share(self, camera: str) -> _Share:
         try:
@@ -296,16 +309,16 @@ class BurstSession:
             if share.incoming is not None:
                 share.incoming.close()
             share.incoming = incoming
-            await asyncio.to_thread(incoming.open)
+            await self._on_disk(incoming.open)
         try:
             async for chunk in payload:
-                await asyncio.to_thread(incoming.add, chunk)
+                await self._on_disk(incoming.add, chunk)
         finally:
             incoming.close()
         async with share.writing:
             self._must_be_open()
             if upload.record.instant not in share.instants:
-                await asyncio.to_thread(self._keep, incoming)
+                await self._on_disk(self._keep, incoming)
                 share.instants.add(upload.record.instant)
 
     def _keep(self, incoming: Incoming) -> None:

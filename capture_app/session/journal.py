@@ -13,7 +13,6 @@ from capture_app.session.manifest import ImageRecord
 @dataclass(slots=True)
 class _Entry:
     line: bytes
-    folder: Path
     done: bool = False
     error: OSError | None = None
 
@@ -32,7 +31,8 @@ class Journal:
 
         Raises OSError; the line is then not in the journal.
         """
-        mine = _Entry(line, folder)
+        sync_folder(folder)
+        mine = _Entry(line)
         with self._arriving:
             self._waiting.append(mine)
         with self._syncing:
@@ -50,8 +50,6 @@ class Journal:
         with self._arriving:
             entries, self._waiting = self._waiting, []
         try:
-            for folder in {entry.folder for entry in entries}:
-                sync_folder(folder)
             self._file.append(*(entry.line for entry in entries), durable=True)
         except OSError as error:
             for entry in entries:

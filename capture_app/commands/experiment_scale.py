@@ -14,9 +14,9 @@ from capture_app.commands.options import json_option, talk
     "sizes",
     type=click.IntRange(2, 10_000),
     multiple=True,
-    help="A number of clients; may be repeated. Default: 10 and 100.",
+    help="A number of clients; may be repeated. Default: 10 and 40.",
 )
-@click.option("--minutes", type=click.FloatRange(2.0, 1440.0), help="Simulated time. Default: 10.")
+@click.option("--minutes", type=click.FloatRange(2.0, 1440.0), help="Simulated time. Default: 5.")
 @click.option(
     "--full", is_flag=True, help="10, 100, 1,000 and 5,000 clients for an hour (20 min on 2 cores)."
 )

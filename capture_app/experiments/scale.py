@@ -19,9 +19,9 @@ from capture_app.simulation.tree import TreeResult, TreeSpec, run_share
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-SIZES = (10, 100)
+SIZES = (10, 40)
 FULL_SIZES = (10, 100, 1000, 5000)
-MINUTES, FULL_MINUTES = 10.0, 60.0
+MINUTES, FULL_MINUTES = 5.0, 60.0
 SETTLED_S = 60.0
 """Errors of later instants count; those before it are in the picture."""
 SHARE_CLIENTS = 300

@@ -1,0 +1,38 @@
+"""`experiment scale`: figures of a leader beside a tree, the same in one process and in two."""
+
+import pytest
+from click.testing import CliRunner
+
+from capture_app.experiments import scale
+from capture_app.experiments.scale import ScaleOptions, run
+
+
+def test_one_leader_beside_a_tree(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(scale, "SHARE_CLIENTS", 3)
+    talk: list[str] = []
+    one, two = (
+        run(
+            trials=1,
+            seed=2,
+            talk=talk.append,
+            options=ScaleOptions(sizes=(6,), minutes=1.2, jobs=jobs),
+        )
+        for jobs in (1, 2)
+    )
+    tree, alone = one.result.ours["6"], one.result.baseline["one_leader"]["6"]
+    assert (tree["relays"], alone["relays"]) == (2, 0)
+    for figures in (tree, alone):
+        assert figures["coverage_hard_bound"] == 1.0
+        assert 0.0 < figures["pair_error_us"]["median"] < figures["pair_error_us"]["p99"] < 400.0
+    assert tree["leader_messages_per_s"] > 0.0 < tree["relay_messages_per_s"]
+    assert len(talk) == 4
+    again = two.result.ours["6"]
+    assert (again["digest"], again["pair_error_us"]) == (tree["digest"], tree["pair_error_us"])
+
+
+def test_help_names_the_full_size() -> None:
+    from capture_app.commands.experiment import experiment
+
+    shown = CliRunner().invoke(experiment, ["scale", "--help"])
+    assert shown.exit_code == 0
+    assert "--full" in shown.output

@@ -3,7 +3,7 @@
 import fcntl
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import closing, contextmanager
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -127,7 +127,8 @@ def _work(
             ahead = f", about {_duration(left)} left" if len(outcomes) < len(units) else ""
             say(f"[{there + len(outcomes)}/{there + len(units)}] {label}: {how}{ahead}")
             if outcome.made:
-                with (root / WORK / TIMINGS).open("a") as file:
+                # No reason to stop: on a full disk the units say so.
+                with suppress(OSError), (root / WORK / TIMINGS).open("a") as file:
                     file.write(f"{outcome.key},{outcome.seconds:.3f},{label}\n")
     return outcomes
 

@@ -58,8 +58,10 @@ def batch(
             say(f"failed: {_where(failure)}: {failure.problem}")
         if there:
             say(f"{there} of {len(units)} units are there already")
-        outcomes = _work(todo, there, root, executor, say, make)
-        tidy(root)
+        try:
+            outcomes = _work(todo, there, root, executor, say, make)
+        finally:
+            tidy(root)
         rows = [_row(unit, root, outcomes) for unit in units] + [failed_row(failure) for failure in failures]
         made = sum(outcome.made for outcome in outcomes.values())
         failed = sum(bool(row.problem) for row in rows)

@@ -10,7 +10,7 @@ import click
 
 from capture_app import __version__
 from capture_app.errors import ExitCode, SimulshotError
-from reconstruction.commands.arguments import Finite, Pair
+from reconstruction.commands.arguments import Finite, Offsets, Pair
 from reconstruction.commands.batch import batch
 from reconstruction.commands.dose import dose
 from reconstruction.commands.multiview import multiview
@@ -42,6 +42,20 @@ def app() -> None:
     show_default=True,
     help="Use at most so many instants, spread over the burst.",
 )
+@click.option(
+    "--offsets-ms",
+    type=Offsets(),
+    multiple=True,
+    help="A further condition: how late each camera is, ms; may be given several times.",
+)
+@click.option(
+    "--drawn", is_flag=True, help="A further condition: every camera off by one of -66, -33, 0, 33, 66 ms."
+)
+@click.option(
+    "--against",
+    type=click.Path(path_type=Path),
+    help="A further condition: another session of the same cameras, such as one without synchronization.",
+)
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the result.")
 @click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
 def compare(
@@ -50,6 +64,9 @@ def compare(
     stereo: tuple[str, str] | None,
     stitch: tuple[str, str] | None,
     instants: int,
+    offsets_ms: tuple[tuple[tuple[str, float], ...], ...],
+    drawn: bool,
+    against: Path | None,
     out: Path,
     as_json: bool,
 ) -> None:
@@ -61,8 +78,20 @@ def compare(
 
     from reconstruction.compare import CompareOptions
     from reconstruction.compare import compare as run
+    from reconstruction.conditions import Condition
 
-    options = CompareOptions(offset_ms=offset_ms, stereo=stereo, stitch=stitch, most_instants=instants)
+    options = CompareOptions(
+        offset_ms=offset_ms,
+        stereo=stereo,
+        stitch=stitch,
+        most_instants=instants,
+        conditions=tuple(
+            Condition(" ".join(f"{camera}={late:g}" for camera, late in listed), listed)
+            for listed in offsets_ms
+        ),
+        drawn=drawn,
+        against=against,
+    )
     result = run(session, out, options)
     if as_json:
         click.echo(msgspec.json.encode(result).decode())

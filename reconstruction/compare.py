@@ -9,15 +9,24 @@ import msgspec
 
 from capture_app.errors import NotAvailableError
 from reconstruction.burst_grid import burst_grid
+from reconstruction.conditions import Condition, check_cameras, drawn
 from reconstruction.dataset import Dataset
 from reconstruction.depth_study import DepthStudy
 from reconstruction.dose import MOST_MS, measure, offsets
+from reconstruction.further import Chosen, judge, judge_session
 from reconstruction.native import versions
 from reconstruction.output import Output
 from reconstruction.panorama_study import PanoramaStudy
 from reconstruction.pipeline import Progress, Stages
 from reconstruction.report import write_report
-from reconstruction.results import CompareResult, DoseResult, Picture, StereoResult, StitchResult
+from reconstruction.results import (
+    CompareResult,
+    ConditionResult,
+    DoseResult,
+    Picture,
+    StereoResult,
+    StitchResult,
+)
 from reconstruction.rig import Rig
 from reconstruction.scene_motion import SceneMotion
 from reconstruction.variants import Offset, choose_offset, thin, usable_pairs
@@ -35,6 +44,12 @@ class CompareOptions:
     stereo: tuple[str, str] | None = None
     stitch: tuple[str, str] | None = None
     most_instants: int = 16
+    conditions: tuple[Condition, ...] = ()
+    """Further ones beside the pair that is `offset_ms` apart."""
+    drawn: bool = False
+    """Also the one that draws every camera's offset."""
+    against: Path | None = None
+    """Another session as a condition."""
 
 
 def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
@@ -70,8 +85,14 @@ class _Comparison:
         self.middle = offset.pairs[len(offset.pairs) // 2][0]
         for pair in (options.stereo, options.stitch):
             self.rig.check_pair(pair)
+        self.conditions = [*options.conditions, *([drawn(dataset.cameras)] if options.drawn else [])]
+        for condition in self.conditions:
+            check_cameras(dataset, condition)
+        self.against = Dataset.open(options.against) if options.against is not None else None
+        self.panorama: PanoramaStudy | None = None
         each = 1 + min(len(offset.pairs), options.most_instants)
-        self.progress = Progress(4 + each + each + 1)
+        further = len(self.conditions) + (self.against is not None)
+        self.progress = Progress(4 + each + each + further + 1)
         self.dose: DoseResult | None = None
         self.pictures: list[Picture] = []
 
@@ -86,6 +107,7 @@ class _Comparison:
         stitched, stitch_skipped = self._stitch()
         if stereo is None and stitched is None and isinstance(no_views, NotAvailableError):
             raise no_views
+        conditions = self._further(stereo, stitched)
         self.progress.last("report")
         return CompareResult(
             session=str(session),
@@ -101,10 +123,25 @@ class _Comparison:
             sync_residual_us=self.dataset.residual_us(),
             sync_bound_us=self.dataset.bound_us(),
             pictures=tuple(self.pictures),
+            conditions=conditions,
             dose=self.dose,
             burst=burst_grid(self.dataset, self.folder),
             versions=versions(),
         )
+
+    def _further(
+        self, stereo: StereoResult | None, stitched: StitchResult | None
+    ) -> tuple[ConditionResult, ...]:
+        """What was asked for beside the two conditions."""
+        chosen = Chosen(self.rig, self.options.most_instants, stereo, stitched, self.panorama)
+        found = []
+        for condition in self.conditions:
+            self.progress.step(f"condition {condition.name}")
+            found.append(judge(chosen, condition))
+        if self.against is not None:
+            self.progress.step(f"session {self.against.name}")
+            found.append(judge_session(chosen, self.against, self.stages.folder, self.offset.step))
+        return tuple(found)
 
     def _pairs(self, cameras: tuple[str, str]) -> list[tuple[int, int]]:
         found = usable_pairs(self.dataset, self.offset, *cameras)
@@ -156,4 +193,5 @@ class _Comparison:
         except ValueError as error:
             return None, str(error)
         self.pictures += study.pictures(self.folder)
+        self.panorama = study
         return result, ""

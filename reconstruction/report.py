@@ -11,7 +11,7 @@ from capture_app.session.durable import PART, write_whole
 from reconstruction import wording
 from reconstruction.report_burst import burst_section, embed
 from reconstruction.report_dose import dose_section
-from reconstruction.report_tables import claims, depth_table, instants_table, panorama_table
+from reconstruction.report_tables import claims, conditions_table, depth_table, instants_table, panorama_table
 from reconstruction.results import CompareResult, Picture
 
 REPORT = "report.html"
@@ -127,6 +127,7 @@ def _measures(result: CompareResult) -> str:
         panorama_table(result.stitch, result.actual_offset_ms)
         if result.stitch
         else _skipped("No panorama was made", result.stitch_skipped),
+        conditions_table(result),
         instants_table(result.stereo) if result.stereo else "",
     ]
     fair = "The same cameras, the same calibration, the same method: only the instant of one picture differs."

@@ -5,7 +5,14 @@ from collections.abc import Callable
 from html import escape
 
 from reconstruction import wording
-from reconstruction.results import CompareResult, DepthScores, StereoResult, StitchResult, StitchScores
+from reconstruction.results import (
+    CompareResult,
+    ConditionResult,
+    DepthScores,
+    StereoResult,
+    StitchResult,
+    StitchScores,
+)
 
 _Format = Callable[[float | None], str]
 
@@ -233,3 +240,67 @@ def instants_table(stereo: StereoResult) -> str:
 <tbody>
 {"".join(rows)}</tbody></table></div></details>
 """
+
+
+def conditions_table(result: CompareResult) -> str:
+    """All conditions by a few measures, with intervals; nothing where there are no further ones."""
+    if not result.conditions:
+        return ""
+    rows = [
+        _condition_row(
+            "synchronized",
+            result.stereo.synced if result.stereo else None,
+            result.stitch.synced if result.stitch else None,
+            "",
+        ),
+        _condition_row(
+            wording.lateness(result.actual_offset_ms),
+            result.stereo.offset if result.stereo else None,
+            result.stitch.offset if result.stitch else None,
+            "",
+        ),
+    ]
+    for one in result.conditions:
+        rows.append(
+            _condition_row(
+                f"session {one.name}" if one.session else one.name,
+                one.stereo.offset if one.stereo else None,
+                one.stitch.offset if one.stitch else None,
+                _details(one),
+            )
+        )
+    heads = "".join(
+        f'<th scope="col">{name}</th>'
+        for name in (
+            "Condition",
+            "Right within 2 %",
+            "Given a distance",
+            "At rest, given one",
+            "Panorama misfit",
+        )
+    )
+    return f"""<div class="wide"><table><caption>All conditions, moving things</caption>
+<thead><tr>{heads}</tr></thead><tbody>{"".join(rows)}</tbody></table></div>"""
+
+
+def _details(one: ConditionResult) -> str:
+    late = (("depth", one.stereo_offset_ms), ("panorama", one.stitch_offset_ms))
+    parts = [f"{what}: {wording.lateness(ms)}" for what, ms in late if ms is not None]
+    return "; ".join([*parts, *one.skipped])
+
+
+def _condition_row(name: str, depth: DepthScores | None, panorama: StitchScores | None, details: str) -> str:
+    cells = []
+    for key, scores, show in (
+        ("mover_within_2pct", depth, wording.share),
+        ("mover_coverage", depth, wording.share),
+        ("static_coverage", depth, wording.share),
+        ("overlap_flow_p95_px", panorama, lambda value: wording.quantity(value, "px")),
+    ):
+        if scores is None:
+            cells.append("<td>n/a</td>")
+            continue
+        ranged = _range(scores, key, share=show is wording.share)
+        cells.append(f"<td>{escape(show(_score(scores, key)))}{ranged}</td>")
+    small = f"<small>{escape(details)}</small>" if details else ""
+    return f'<tr><th scope="row">{escape(name)}{small}</th>{"".join(cells)}</tr>'

@@ -134,6 +134,25 @@ class BurstGrid(_Result, frozen=True, kw_only=True):
     thumbnails: tuple[tuple[str, ...], ...]
 
 
+class ConditionResult(_Result, frozen=True, kw_only=True):
+    """A further condition beside the synchronized one, on the same pairs of cameras.
+
+    In `stereo` and `stitch`, `synced` is the comparison's own session and `offset` this condition.
+    """
+
+    name: str
+    offsets_ms: dict[str, float] = {}
+    """How late each camera is; empty for another session."""
+    session: str = ""
+    """The other session that this condition is; it is not paired by instant."""
+    stereo_offset_ms: float | None = None
+    """How much later the pair's second camera is in fact."""
+    stitch_offset_ms: float | None = None
+    stereo: StereoResult | None = None
+    stitch: StitchResult | None = None
+    skipped: tuple[str, ...] = ()
+
+
 class CompareResult(_Result, frozen=True, kw_only=True):
     """Everything `reconstruct compare` found; written as `metrics.json` and printed by --json."""
 
@@ -154,6 +173,7 @@ class CompareResult(_Result, frozen=True, kw_only=True):
     """Largest distance of an image from its instant, by the session's own record."""
     sync_bound_us: float | None = None
     pictures: tuple[Picture, ...] = ()
+    conditions: tuple[ConditionResult, ...] = ()
     dose: DoseResult | None = None
     burst: BurstGrid | None = None
     report: str = ""

@@ -183,9 +183,15 @@ def noise_level(image: Array) -> float:
 
 def level(a: Array, b: Array) -> Array:
     """b with gain and bias changed so that it is as bright as a (robust; NaN is left out)."""
+    gain, bias = levelling(a, b)
+    return np.asarray(gain * b + bias, np.float32)
+
+
+def levelling(a: Array, b: Array) -> tuple[float, float]:
+    """Gain and bias that make b as bright as a (robust; NaN is left out)."""
     ok = np.isfinite(b)
     if ok.sum() < 100:
-        return b
+        return 1.0, 0.0
     x, y = b[ok][::7].astype(np.float64), a[ok][::7].astype(np.float64)
     keep = np.ones(len(x), bool)
     gain, bias = 1.0, 0.0
@@ -195,8 +201,7 @@ def level(a: Array, b: Array) -> Array:
         gain, bias = np.polyfit(x[keep], y[keep], 1)
         error = np.abs(gain * x + bias - y)
         keep = error < 3 * max(float(np.median(error)), 0.5)
-    gain = float(np.clip(gain, 0.5, 2.0))
-    return np.asarray(gain * b + bias, np.float32)
+    return float(np.clip(gain, 0.5, 2.0)), float(bias)
 
 
 def fill_small_holes(checked: Array, raw: Array) -> Array:

@@ -9,7 +9,7 @@ import numpy as np
 from reconstruction.geometry import Array, View
 from reconstruction.movers import grow
 from reconstruction.pairs import Homography
-from reconstruction.stereo import level
+from reconstruction.stereo import level, levelling
 
 LEAST_SIDE_PX = 64
 LARGEST_GROWTH = 4.0
@@ -156,8 +156,10 @@ def measure(registration: Registration, first: Array, second: Array, moving: Arr
     """
     overlap = registration.overlap
     a = registration.warp(first, 0)
-    matched = np.where(overlap, registration.warp(second, 1).astype(np.float32), np.nan)
-    b = level(a, matched.astype(np.float32))
+    # Brightness is matched on what stands still, so that movers have no hand in the control.
+    matched = registration.warp(second, 1).astype(np.float32)
+    gain, bias = levelling(a, np.where(overlap & still, matched, np.float32(np.nan)))
+    b = np.asarray(gain * matched + bias, np.float32)
     difference = np.abs(a.astype(np.float32) - b)
     length = np.linalg.norm(_flow(a, np.where(overlap, b, a)), axis=2)
     on_movers, on_still = overlap & moving, overlap & still

@@ -1,0 +1,125 @@
+"""Further conditions of a comparison, on the pairs already chosen: lists of offsets, another session."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from reconstruction.calibration import views_of
+from reconstruction.conditions import Condition, pair_offset
+from reconstruction.dataset import Dataset
+from reconstruction.depth_study import DepthStudy
+from reconstruction.panorama_study import PanoramaStudy
+from reconstruction.pipeline import Progress, Stages
+from reconstruction.results import ConditionResult, StereoResult, StitchResult
+from reconstruction.rig import Rig
+from reconstruction.scene_motion import SceneMotion
+from reconstruction.variants import thin, usable_pairs
+
+Pair = tuple[str, str]
+
+
+@dataclass(frozen=True)
+class Chosen:
+    """What the comparison has fixed: the pairs (None = there is none) and their synchronized results."""
+
+    rig: Rig
+    most_instants: int
+    stereo: StereoResult | None
+    stitch: StitchResult | None
+    panorama: PanoramaStudy | None
+
+
+def judge(chosen: Chosen, condition: Condition) -> ConditionResult:
+    """Score a condition against the synchronized one, on the same instants and pixels."""
+    rig = chosen.rig
+    stereo: StereoResult | None = None
+    stitched: StitchResult | None = None
+    late: dict[str, float] = {}
+    skipped = []
+    quiet = Progress(0, silent=True)
+    if chosen.stereo is not None:
+        cameras = (chosen.stereo.reference, chosen.stereo.other)
+        try:
+            pairs, late["stereo"] = _pairs(chosen, condition, cameras)
+            study = DepthStudy(rig.dataset, rig.motion, rig.views, cameras, pairs, rig.unit)
+            stereo = study.result(study.run(rig.stages, quiet), chosen.stereo.why)
+        except ValueError as error:
+            skipped.append(f"depth: {error}")
+    if chosen.stitch is not None and chosen.panorama is not None:
+        cameras = (chosen.stitch.cameras[0], chosen.stitch.cameras[1])
+        try:
+            pairs, late["stitch"] = _pairs(chosen, condition, cameras)
+            whole = PanoramaStudy(rig.dataset, rig.motion, rig.views, cameras, pairs)
+            whole.registration = chosen.panorama.registration
+            stitched = whole.result(quiet, chosen.stitch.why)
+        except ValueError as error:
+            skipped.append(f"panorama: {error}")
+    return ConditionResult(
+        name=condition.name,
+        offsets_ms=dict(condition.offsets_ms),
+        stereo_offset_ms=late.get("stereo"),
+        stitch_offset_ms=late.get("stitch"),
+        stereo=stereo,
+        stitch=stitched,
+        skipped=tuple(skipped),
+    )
+
+
+def judge_session(chosen: Chosen, other: Dataset, folder: Path, step: int) -> ConditionResult:
+    """Score another session's images of the same instant: by its own calibration, else by this one's."""
+    stages = Stages(folder, other.fingerprint())
+    motion = SceneMotion(other, step)
+    quiet = Progress(0, silent=True)
+    calibration = other.calibration() or chosen.rig.calibration
+    views = views_of(other, calibration) if calibration is not None else {}
+    stereo: StereoResult | None = None
+    stitched: StitchResult | None = None
+    skipped = []
+    if chosen.stereo is not None and calibration is not None:
+        cameras = (chosen.stereo.reference, chosen.stereo.other)
+        try:
+            study = DepthStudy(other, motion, views, cameras, _same(other, cameras, chosen), calibration.unit)
+            theirs = study.result(study.run(stages, quiet), "")
+            stereo = StereoResult(
+                reference=cameras[0],
+                other=cameras[1],
+                synced=chosen.stereo.synced,
+                offset=theirs.synced,
+                why=chosen.stereo.why,
+            )
+        except (ValueError, KeyError) as error:
+            skipped.append(f"depth: {error}")
+    if chosen.stitch is not None:
+        cameras = (chosen.stitch.cameras[0], chosen.stitch.cameras[1])
+        try:
+            whole = PanoramaStudy(other, motion, views, cameras, _same(other, cameras, chosen))
+            whole.register()
+            stitched = StitchResult(
+                cameras=cameras,
+                synced=chosen.stitch.synced,
+                offset=whole.result(quiet, "").synced,
+                why=chosen.stitch.why,
+            )
+        except (ValueError, KeyError) as error:
+            skipped.append(f"panorama: {error}")
+    return ConditionResult(
+        name=other.name,
+        session=str(other.session.folder),
+        stereo=stereo,
+        stitch=stitched,
+        skipped=tuple(skipped),
+    )
+
+
+def _pairs(chosen: Chosen, condition: Condition, cameras: Pair) -> tuple[list[tuple[int, int]], float]:
+    offset = pair_offset(chosen.rig.dataset, condition, *cameras)
+    found = usable_pairs(chosen.rig.dataset, offset, *cameras)
+    if not found:
+        raise ValueError(f"{cameras[0]} and {cameras[1]} have no images at this offset")
+    return thin(found, chosen.most_instants), offset.actual_ms
+
+
+def _same(other: Dataset, cameras: Pair, chosen: Chosen) -> list[tuple[int, int]]:
+    there = [k for k in other.instants(cameras[0]) if other.has(cameras[1], k)]
+    if not there:
+        raise ValueError(f"{other.name} has no images of {cameras[0]} and {cameras[1]} of one instant")
+    return thin([(k, k) for k in there], chosen.most_instants)

@@ -36,7 +36,8 @@ from capture_app.node.messages import BurstRequest, CameraReport, ImageUpload, N
 from capture_app.node.plans import record_of
 from capture_app.node.service import Service
 from capture_app.node.status import BurstStatus, RigStatus
-from capture_app.node.uploader import BurstWork, Uploader
+from capture_app.node.uploader import Uploader
+from capture_app.node.work import BurstWork
 from capture_app.session.manifest import BurstRecord
 from capture_app.session.store import Session, SessionWriter
 from capture_app.session.verify import verify

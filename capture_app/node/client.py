@@ -13,11 +13,13 @@ from capture_app.cameras.base import Camera, CameraInfo, CapturedFrame, PhaseCon
 from capture_app.errors import CameraError, SimulshotError
 from capture_app.net.address import Address, resolve
 from capture_app.net.udp import Pump, ToPeer, client_socket
+from capture_app.node.device_profiles import DeviceProfiles
 from capture_app.node.messages import CameraReport, JsonValue
 from capture_app.node.plans import record_of
 from capture_app.node.records import camera_record, description, event_line, true_clock
 from capture_app.node.spool import Spool
-from capture_app.node.uploader import BurstWork, Uploader
+from capture_app.node.uploader import Uploader
+from capture_app.node.work import BurstWork
 from capture_app.session.manifest import MissingImage
 from capture_app.simulation.clock import HostClock, NodeClock
 from capture_app.sync.client import Client, ClientConfig
@@ -56,10 +58,12 @@ class ClientNode:
         ring_frames: int = RING_FRAMES,
         talk: Callable[[str], None] | None = None,
         spool: Path | None = None,
+        profiles: DeviceProfiles | None = None,
     ) -> None:
         """`open_camera` is called again after each failure of the device; `talk` gets what a user may see.
 
         `spool` is the folder that bursts are kept in until the leader has them; without one, memory is.
+        `profiles` tell how devices like this one were moved before, and are told.
         """
         self.name = name
         self._open_camera = open_camera
@@ -67,6 +71,7 @@ class ClientNode:
         self._clock: NodeClock = clock or HostClock()
         self._tolerance_ns = tolerance_ns
         self._ring_frames = ring_frames
+        self._profiles = profiles
         self._talk = talk or _silent
         self._camera: Camera
         self._info: CameraInfo
@@ -115,6 +120,7 @@ class ClientNode:
             camera=description(self._info),
             tolerance_ns=self._tolerance_ns,
             ring_frames=self._ring_frames,
+            injection_profile=self._profiles.find(self._info) if self._profiles else None,
         )
         self._engine = Client(config, random.Random(secrets.randbits(64)))
         self._engine.stream_started(started_ns)
@@ -223,6 +229,10 @@ class ClientNode:
         if state is not self._last_state:
             self._last_state = state
             self._talk(str(state))
+            profile = self._engine.aligner.injection_profile
+            if state is NodeState.READY and self._profiles is not None and profile is not None:
+                # Proven: with it the camera came into phase.
+                self._profiles.keep(self._info, profile)
 
     def _take_event(self, event: ClientEvent[CapturedFrame]) -> None:
         now_ns = self._clock.now_ns()

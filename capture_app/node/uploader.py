@@ -2,7 +2,6 @@
 
 import asyncio
 import contextlib
-import hashlib
 import os
 import threading
 from collections import deque
@@ -29,7 +28,8 @@ from capture_app.node.messages import (
     Stored,
 )
 from capture_app.node.space import free_bytes, guessed_image_bytes
-from capture_app.node.spool import Spool, SpooledBurst
+from capture_app.node.spool import Spool
+from capture_app.node.work import BurstWork, Developed
 from capture_app.session.manifest import CameraRecord, MissingImage
 from capture_app.sync.trigger import Pick
 
@@ -41,41 +41,6 @@ LOW_PRIORITY = 10
 """Niceness of the thread that develops pictures: the clock exchange comes first."""
 
 Talk = Callable[[str], None]
-
-
-@dataclass(slots=True)
-class Developed:
-    """An image ready to send as often as it takes: its bytes in memory, or in the spool alone."""
-
-    upload: ImageUpload
-    data: bytes | None
-
-
-@dataclass(slots=True)
-class BurstWork:
-    """A burst's frames on their way to the leader."""
-
-    report: CameraReport
-    picks: deque[Pick[CapturedFrame]]
-    images: deque[Developed] = field(default_factory=deque)
-    confirmed: set[int] = field(default_factory=set)
-    """Instants that the leader has."""
-    spooled: SpooledBurst | None = None
-    spooling: bool = True
-    """Whether the spool is to be used; False once it was full."""
-
-    def load(self, image: Developed) -> bytes | None:
-        """An image's bytes; None where the spool does not have them as they were."""
-        if image.data is not None:
-            return image.data
-        assert self.spooled is not None
-        try:
-            data = self.spooled.file(image.upload).read_bytes()
-        except OSError:
-            return None
-        record = image.upload.record
-        whole = len(data) == record.bytes + image.upload.truth_bytes
-        return data if whole and hashlib.sha256(data[: record.bytes]).hexdigest() == record.sha256 else None
 
 
 class _LaterError(NetworkError):

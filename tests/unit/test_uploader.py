@@ -14,7 +14,8 @@ from capture_app.net.transfer import Channel, TransferServer, bind
 from capture_app.node import uploader as uploader_module
 from capture_app.node.bursts import record_of
 from capture_app.node.messages import CameraReport, ImageUpload, Noted, Refusal, Stored, ToLeader
-from capture_app.node.uploader import BurstWork, Uploader
+from capture_app.node.uploader import Uploader
+from capture_app.node.work import BurstWork
 from capture_app.sync.messages import CameraDescription
 from capture_app.sync.trigger import Pick
 

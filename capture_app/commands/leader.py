@@ -1,7 +1,7 @@
 """`capture-app leader`: wait for nodes, take bursts that are asked for, save sessions."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypedDict
 
 import click
 
@@ -16,6 +16,14 @@ from capture_app.net.address import DEFAULT_PORT
 
 if TYPE_CHECKING:
     from capture_app.node.leader import LeaderNode, News
+
+
+class EngineOptions(TypedDict):
+    """What the engine is told: see `LeaderConfig`."""
+
+    period_ns: int | None
+    align_row: float | None
+    freedom_ns: int
 
 
 @click.command()
@@ -48,6 +56,27 @@ if TYPE_CHECKING:
 @click.option(
     "--camera", "cameras", multiple=True, metavar="SPEC", help="A camera of this machine too (repeatable)."
 )
+@click.option(
+    "--align",
+    type=click.Choice(["first-row", "centre"]),
+    default="first-row",
+    show_default=True,
+    help="What of a frame is aligned: its first row's start, or the middle of a row's exposure.",
+)
+@click.option(
+    "--align-row",
+    type=click.FloatRange(0.0, 1.0),
+    default=0.5,
+    show_default=True,
+    help="With --align centre: which row, as a share of the height.",
+)
+@click.option(
+    "--freedom-ms",
+    type=click.FloatRange(0.0, 60_000.0),
+    default=0.0,
+    show_default=True,
+    help="Put a burst off by up to this, to where the frames are predicted to meet best.",
+)
 @spool_option
 @json_option
 def leader(
@@ -55,6 +84,9 @@ def leader(
     port: int,
     sessions: Path,
     fps: float | None,
+    align: str,
+    align_row: float,
+    freedom_ms: float,
     cameras: tuple[str, ...],
     spool: Path,
     as_json: bool,
@@ -63,15 +95,19 @@ def leader(
 
     Joins, losses and bursts are told on stderr, and with --json on stdout as one JSON object a line.
     """
-    period_ns = None if fps is None else round(1e9 / fps)
-    run_until_stopped(_lead(host, port, sessions, period_ns, cameras, spool, as_json))
+    engine: EngineOptions = {
+        "period_ns": None if fps is None else round(1e9 / fps),
+        "align_row": align_row if align == "centre" else None,
+        "freedom_ns": round(freedom_ms * 1e6),
+    }
+    run_until_stopped(_lead(host, port, sessions, engine, cameras, spool, as_json))
 
 
 async def _lead(
     host: str,
     port: int,
     sessions: Path,
-    period_ns: int | None,
+    engine: "EngineOptions",
     cameras: tuple[str, ...],
     spool: Path,
     as_json: bool,
@@ -88,7 +124,7 @@ async def _lead(
         if as_json:
             print_json_line(_as_line(news))
 
-    node = LeaderNode(host=host, port=port, sessions=sessions, period_ns=period_ns, on_news=on_news)
+    node = LeaderNode(host=host, port=port, sessions=sessions, on_news=on_news, **engine)
     async with node, asyncio.TaskGroup() as tasks:
         talk(f"leader at {node.address}, sessions go to {sessions}")
         talk(f"join with: capture-app node --leader {node.address} --camera SPEC")

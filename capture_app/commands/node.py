@@ -62,6 +62,7 @@ def node(
     """Run one camera until Ctrl-C; a leader that is not there yet, or goes away, is waited for."""
     from capture_app.cameras.catalog import open_camera, parse_spec
     from capture_app.node.client import ClientNode
+    from capture_app.node.device_profiles import DeviceProfiles, data_folder
     from capture_app.simulation.clock import parse_clock
 
     parse_spec(spec)
@@ -74,5 +75,6 @@ def node(
         tolerance_ns=None if tolerance_us is None else round(tolerance_us * 1000),
         talk=lambda line: talk(f"{name}: {line}"),
         spool=spool,
+        profiles=DeviceProfiles(data_folder()),
     )
     run_until_stopped(client.run(), until_eof=until_eof)

@@ -14,7 +14,7 @@ from capture_app.experiments.result import Outcome, Result, Table, error_figures
 from capture_app.simulation.led_panel import CYCLE_NS, read_time, render
 from capture_app.simulation.profiles import PROFILES
 
-TRIALS = 200
+TRIALS = 100
 CHAIN_SHARE = 0.05
 """Share of the trials that the whole chain gets: it takes a second each, the others none."""
 CHAIN_LEAST = 3

@@ -43,17 +43,22 @@ class LeaderNode:
         host: str = "0.0.0.0",  # noqa: S104 - cameras are other machines
         port: int = DEFAULT_PORT,
         period_ns: int | None = None,
+        align_row: float | None = None,
+        freedom_ns: int = 0,
         clock: NodeClock | None = None,
         on_news: Callable[[News], None] | None = None,
         revive: Sequence[Path] | None = None,
         return_ns: int = RETURN_NS,
     ) -> None:
-        """`revive` are the interrupted sessions to finish, else all; nodes have `return_ns` to come back."""
+        """`revive` are the interrupted sessions to finish, else all; nodes have `return_ns` to come back.
+
+        `period_ns`, `align_row` and `freedom_ns` are the engine's, see `LeaderConfig`.
+        """
         self.sessions = sessions
         self.address = Address(host, port)
         self._host = host
         self._port = port
-        self._period_ns = period_ns
+        self._period_ns, self._align_row, self._freedom_ns = period_ns, align_row, freedom_ns
         self._clock: NodeClock = clock or HostClock()
         self._on_news = on_news or (lambda _: None)
         self._bursts: dict[int, BurstSession] = {}
@@ -84,7 +89,13 @@ class LeaderNode:
         port = listening.getsockname()[1]
         self.address = Address(reachable_host(self._host, listening.family), port)
         self._instance = secrets.randbits(32)
-        config = LeaderConfig(instance=self._instance, transfer_port=port, period_ns=self._period_ns)
+        config = LeaderConfig(
+            instance=self._instance,
+            transfer_port=port,
+            period_ns=self._period_ns,
+            align_row=self._align_row,
+            freedom_ns=self._freedom_ns,
+        )
         self._engine = Leader(config, random.Random(secrets.randbits(64)))
         self._server = TransferServer(ToLeader, Service(self).serve)
         self._pump = Pump(self._engine, self._clock.now_ns, self._drain)

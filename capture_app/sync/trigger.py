@@ -33,8 +33,8 @@ class Burst:
 class Pick(Generic[F]):
     """The frame picked for an instant; times in ns, the error bars those of its leader time.
 
-    `outlier_ns` is how far the driver's own stamp lay off the line of its stream's frames; where that is not 0
-    the times are the line's.
+    `outlier_ns` is how far the driver's own stamp lay off the line of its stream's frames; where that is not
+    0 the times are the line's.
     """
 
     instant: int

@@ -1,0 +1,81 @@
+"""Frame durations, groups that can only restart, and the panel's pictures, in stepped time."""
+
+import random
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from capture_app.experiments.phase_trials import (
+    align,
+    inject_like_libsoftwaresync,
+    learned,
+    reset_like_the_paper,
+    reset_together,
+    unknown_phone,
+)
+from capture_app.simulation.bench import Bench
+from capture_app.simulation.led_panel import CYCLE_NS, difference_ns, read_time, render
+from capture_app.simulation.profiles import PROFILES
+
+S = 1_000_000_000
+
+
+@pytest.mark.parametrize("ppm", [-20.0, 20.0])
+def test_frame_durations_hold_a_phase_to_half_a_row(ppm: float) -> None:
+    profile = replace(
+        PROFILES["pi"],
+        row_time_ns=20_000,
+        frame_length_rows=1667,
+        min_frame_rows=800,
+        timestamp_noise_ns=3_000,
+        outlier_share=0.01,
+        drop_share=0.01,
+    )
+    bench = Bench(profile, 3, 50_000, ppm=ppm)
+    looks = [look for look in bench.run(30 * S) if look.now_ns > 6 * S]
+    errors = sorted(abs(look.error_ns) for look in looks)
+    assert errors[int(0.99 * len(errors))] <= 16_000
+    assert all(look.aligned for look in looks)
+    assert bench.aligner.corrections == 1, "one large step; the small ones disturb nothing"
+    assert bench.aligner.drops == bench.dropped
+
+
+def test_small_steps_go_on_while_a_burst_is_due_and_large_ones_wait() -> None:
+    bench = Bench(PROFILES["pi"], 5, 50_000, ppm=100.0)
+    bench.run(4 * S)
+    before = len(bench.commands)
+    looks = bench.run(4 * S, hold=True)
+    assert len(bench.commands) > before
+    assert all(abs(look.error_ns) < 40_000 for look in looks)
+    fresh = Bench(PROFILES["pi"], 5, 50_000)
+    fresh.run(4 * S, hold=True)
+    assert fresh.commands == []
+
+
+def test_unknown_phones_take_two_injections_and_known_ones_one() -> None:
+    phones = [unknown_phone(random.Random(n)) for n in range(20)]
+    unknown = [align(phone, n, 20_000) for n, phone in enumerate(phones)]
+    known = [align(PROFILES["phone-a"], n, 20_000, known=learned(PROFILES["phone-a"])) for n in range(20)]
+    assert sum(way.moves for way in unknown) <= 2.05 * len(unknown)
+    assert all(way.moves == 1 for way in known)
+    theirs = [inject_like_libsoftwaresync(phone, n, 20_000) for n, phone in enumerate(phones)]
+    assert sum(way.seconds is None for way in theirs) > len(theirs) / 2
+
+
+def test_cameras_that_only_restart_meet_sooner_than_the_papers_way() -> None:
+    webcam = PROFILES["webcam"]
+    ours = [reset_together(webcam, 4, 20.0, n, 1_000_000, aimed=True).seconds for n in range(4)]
+    theirs = [reset_like_the_paper(webcam, 4, 20.0, n, 1_000_000).seconds for n in range(30)]
+    mine = [s for s in ours if s is not None]
+    assert len(mine) == len(ours)
+    assert sum(mine) / len(mine) < sum(s or 5000.0 for s in theirs) / len(theirs) / 3
+
+
+def test_the_panels_pictures_tell_their_time_to_microseconds() -> None:
+    rng = np.random.default_rng(4)
+    for row_time_ns in (10_840, 12_300):
+        start_ns = int(rng.integers(0, 10 * CYCLE_NS))
+        picture = render(start_ns, exposure_ns=97_560, row_time_ns=row_time_ns, rng=rng, true_ppm=20.0)
+        read_ns = read_time(picture, exposure_ns=97_560, row_time_ns=row_time_ns)
+        assert abs(difference_ns(read_ns, start_ns % CYCLE_NS)) < 8_000

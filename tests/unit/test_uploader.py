@@ -1,19 +1,23 @@
 """The uploader against a leader that misbehaves, over real loopback streams."""
 
 import asyncio
+import hashlib
 from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 import pytest
 
 from capture_app.cameras.base import CapturedFrame
+from capture_app.errors import DiskFullError
 from capture_app.net.address import Address
 from capture_app.net.transfer import Channel, TransferServer, bind
 from capture_app.node import uploader as uploader_module
 from capture_app.node.bursts import record_of
-from capture_app.node.messages import CameraReport, ImageUpload, Noted, Refusal, Stored, ToLeader
+from capture_app.node.messages import CameraReport, Held, ImageUpload, Noted, Refusal, Stored, ToLeader
+from capture_app.node.spool import Spool, SpooledBurst
 from capture_app.node.uploader import Uploader
 from capture_app.node.work import BurstWork
 from capture_app.sync.messages import CameraDescription
@@ -55,12 +59,13 @@ Serve = Callable[[Channel[ToLeader]], Awaitable[None]]
 
 
 @asynccontextmanager
-async def uploading(serve: Serve, said: list[str]) -> AsyncIterator[Uploader]:
+async def uploading(serve: Serve, said: list[str], spool: Spool | None = None) -> AsyncIterator[Uploader]:
     datagrams, listening = bind("127.0.0.1", 0)
     datagrams.close()
     server: TransferServer[ToLeader] = TransferServer(ToLeader, serve)
     await server.start(listening)
-    uploader = Uploader(said.append)
+    uploader = Uploader(said.append, spool)
+    uploader.load_spool()
     uploader.leader_found(Address("127.0.0.1", listening.getsockname()[1]))
     task = asyncio.create_task(uploader.run())
     try:
@@ -69,6 +74,7 @@ async def uploading(serve: Serve, said: list[str]) -> AsyncIterator[Uploader]:
         task.cancel()
         with suppress(asyncio.CancelledError):
             await task
+        uploader.close()
         await server.stop()
 
 
@@ -153,3 +159,68 @@ async def test_a_burst_that_the_leader_does_not_want_is_dropped_and_the_next_one
         uploader.add(work(Picture(b"0"), Picture(b"1")))
         assert [await got.get(), await got.get()] == [0, 1]
     assert any("not of this leader" in line for line in said)
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    while not condition():  # noqa: ASYNC110 - a file appears
+        await asyncio.sleep(0.01)
+
+
+async def test_a_spool_keeps_what_the_leader_has_not_confirmed(tmp_path: Path) -> None:
+    """A node that is stopped in the middle sends the rest, byte for byte, when it is started again."""
+    stored: dict[int, bytes] = {}
+    down, done = asyncio.Event(), asyncio.Event()
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        while not down.is_set() and (received := await channel.receive()) is not None:
+            message, payload = received
+            if isinstance(message, ImageUpload):
+                stored[message.record.instant] = payload
+                await channel.send(Stored(sha256=message.record.sha256))
+                # After the first image it is as if the leader's plug had been pulled.
+                (down if len(stored) == 1 else done).set()
+            else:
+                held = tuple(
+                    Held(instant=n, sha256=hashlib.sha256(data).hexdigest(), bytes=len(data), stored=True)
+                    for n, data in stored.items()
+                )
+                await channel.send(Noted(held=held))
+
+    pictures = [Picture(f"picture {n}".encode()) for n in range(3)]
+    async with uploading(serve, [], Spool(tmp_path, "a")) as uploader:
+        uploader.add(work(*pictures))
+        await down.wait()
+        await until((tmp_path / "a/00000001-000001/000002.jpg").exists)
+    down.clear()
+    said: list[str] = []
+    async with uploading(serve, said, Spool(tmp_path, "a")):
+        await done.wait()
+        await until(lambda: not any((tmp_path / "a").iterdir()))
+    assert stored == {n: picture.data for n, picture in enumerate(pictures)}
+    assert [picture.developed for picture in pictures] == [1, 1, 1]
+    assert any("still in" in line for line in said)
+
+
+async def test_a_full_spool_is_told_and_memory_takes_its_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stored: asyncio.Queue[bytes] = asyncio.Queue()
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        while (received := await channel.receive()) is not None:
+            message, payload = received
+            if isinstance(message, ImageUpload):
+                await channel.send(Stored(sha256=message.record.sha256))
+                stored.put_nowait(payload)
+            else:
+                await channel.send(Noted())
+
+    def full(*_: object) -> None:
+        raise DiskFullError("the disk of /spool is full")
+
+    monkeypatch.setattr(SpooledBurst, "keep", full)
+    said: list[str] = []
+    async with uploading(serve, said, Spool(tmp_path, "a")) as uploader:
+        uploader.add(work(Picture(b"0"), Picture(b"1")))
+        assert [await stored.get(), await stored.get()] == [b"0", b"1"]
+    assert any("kept in memory" in line for line in said)

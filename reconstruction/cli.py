@@ -12,6 +12,7 @@ from capture_app import __version__
 from capture_app.errors import ExitCode, SimulshotError
 from reconstruction.commands.arguments import Finite, Offsets, Pair
 from reconstruction.commands.batch import batch
+from reconstruction.commands.calibrate import calibrate
 from reconstruction.commands.dose import dose
 from reconstruction.commands.multiview import multiview
 from reconstruction.commands.stereo import stereo
@@ -101,6 +102,7 @@ def compare(
 
 
 app.add_command(batch)
+app.add_command(calibrate)
 app.add_command(dose)
 app.add_command(multiview)
 app.add_command(stereo)

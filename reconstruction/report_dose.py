@@ -95,18 +95,22 @@ def _time(value_ms: float) -> str:
 
 
 def _table(dose: DoseResult) -> str:
+    true = dose.measure == "mover_within_2pct"
     rows = []
     for point in dose.points:
         scores = point.scores
-        cells = [
-            wording.milliseconds(round(point.offset_ms, 1)),
-            _ranged(scores.mover_within_2pct, scores.intervals.get("mover_within_2pct")),
+        cells = [wording.milliseconds(round(point.offset_ms, 1))]
+        if true:
+            cells.append(_ranged(scores.mover_within_2pct, scores.intervals.get("mover_within_2pct")))
+        cells += [
             _ranged(scores.mover_coverage, scores.intervals.get("mover_coverage")),
             wording.quantity(scores.mover_epipolar_px, "px"),
             wording.share(scores.static_coverage),
         ]
         rows.append("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>")
-    heads = ("Late by", "Right within 2 %", "Given a distance", "Between rows", "At rest, given one")
+    heads = ["Late by", "Given a distance", "Between rows", "At rest, given one"]
+    if true:
+        heads.insert(1, "Right within 2 %")
     return (
         '<div class="wide"><table><caption>By lateness, moving things (95 % intervals)</caption><thead><tr>'
         + "".join(f'<th scope="col">{head}</th>' for head in heads)

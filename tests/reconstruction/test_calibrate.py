@@ -1,0 +1,131 @@
+"""`reconstruct calibrate`: judged, refused with a reason, stored once."""
+
+import json
+import shutil
+from pathlib import Path
+
+import cv2
+import msgspec
+import numpy as np
+import pytest
+
+from capture_app.session.calibration import Calibration
+from capture_app.session.manifest import BurstRecord, CameraRecord
+from capture_app.session.reader import Session
+from capture_app.session.store import SessionWriter
+from reconstruction.charuco import Board
+from reconstruction.cli import main
+from reconstruction.geometry import View
+from tests.reconstruction.conftest import HEIGHT, PERIOD_NS, VIEWS, WIDTH, make_view
+
+BOARD = Board(6, 5, 0.10, 0.075, "4X4_50")
+SEEN_BY = {"left": VIEWS["left"], "right": VIEWS["right"]}
+TEXEL_PX = 60
+
+
+def board_session(root: Path) -> Session:
+    """A recording of the board, held at eight places, by two cameras."""
+    paint = BOARD.made().generateImage((BOARD.across * TEXEL_PX, BOARD.down * TEXEL_PX), marginSize=0)
+    writer = SessionWriter.create(root, "board")
+    for k in range(8):
+        angles = np.radians([18 * np.sin(2.1 * k), 22 * np.cos(1.3 * k), 7 * k])
+        turn = cv2.Rodrigues(angles)[0]
+        centre = np.array([0.12 * np.sin(k), 0.1 * np.cos(2 * k), 1.15 + 0.06 * (k % 3)])
+        corner = centre - turn @ np.array([BOARD.across * 0.05, BOARD.down * 0.05, 0])
+        for name, view in SEEN_BY.items():
+            into = view.matrix @ view.rotation @ np.column_stack([turn[:, 0], turn[:, 1], corner])
+            into[:, 2] += view.matrix @ view.translation
+            metres = np.diag([0.10 / TEXEL_PX, 0.10 / TEXEL_PX, 1.0])
+            # Painted four times as large and made smaller, for edges as a camera sees them.
+            grown = np.diag([4.0, 4.0, 1.0]) @ np.array([[1, 0, 0.375], [0, 1, 0.375], [0, 0, 1.0]])
+            large = cv2.warpPerspective(
+                paint, grown @ into @ metres, (4 * WIDTH, 4 * HEIGHT), borderValue=(190.0,)
+            )
+            image = cv2.resize(large, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
+            data = cv2.imencode(".png", image)[1].tobytes()
+            writer.add_image(data, camera=name, instant=k, leader_ns=k * PERIOD_NS, suffix=".png")
+    cameras = [
+        CameraRecord(
+            name=name,
+            kind="simulated",
+            model="boards",
+            width=WIDTH,
+            height=HEIGHT,
+            period_ns=PERIOD_NS,
+            timestamp_source="start of exposure",
+        )
+        for name in SEEN_BY
+    ]
+    burst = BurstRecord(instants_ns=tuple(k * PERIOD_NS for k in range(8)), period_ns=PERIOD_NS)
+    return writer.finish(cameras, burst, origin="simulated")
+
+
+def baseline(first: View, second: View) -> float:
+    return float(np.linalg.norm(first.centre - second.centre))
+
+
+def test_a_board_gives_the_rig_and_is_stored_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    session = board_session(tmp_path)
+    arguments = ["calibrate", str(session.folder), "--from", "charuco", "--board", "6x5", "--json"]
+    arguments += ["--square-mm", "100", "--marker-mm", "75"]
+    main(arguments)
+    result = json.loads(capsys.readouterr().out)
+    assert result["stored"]
+    assert result["quality"]["reprojection_px"] < 0.5
+    assert result["quality"]["fitting"] > 0.95
+    found = Session.open(session.folder).calibration()
+    assert found is not None
+    views = [View.from_calibration(found.cameras[name], WIDTH, HEIGHT) for name in ("left", "right")]
+    assert baseline(*views) == pytest.approx(baseline(VIEWS["left"], VIEWS["right"]), rel=0.05)
+    assert views[0].focal == pytest.approx(VIEWS["left"].focal, rel=0.05)
+
+    stored = (session.folder / "calibration.json").read_bytes()
+    with pytest.raises(SystemExit) as end:
+        main(arguments)
+    assert end.value.code == 3
+    assert "--force" in capsys.readouterr().err
+    assert (session.folder / "calibration.json").read_bytes() == stored
+    main([*arguments, "--force"])
+    assert not list(session.folder.glob("*.part"))
+
+
+def test_a_good_calibration_is_reported_and_another_rig_s_is_refused(
+    boards: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    main(["calibrate", str(boards.folder), "--from", "session", "--json"])
+    quality = json.loads(capsys.readouterr().out)["quality"]
+    # The boards are painted alike in many places, so some points are matched wrongly.
+    assert quality["fitting"] > 0.5
+    assert quality["reprojection_px"] < 1
+    assert set(quality["coverage"]) == set(VIEWS)
+
+    folder = tmp_path / "moved"
+    shutil.copytree(boards.folder, folder)
+    own = boards.calibration()
+    assert own is not None
+    other = make_view((0.1, 0.01, 0.0), yaw=-1.5, pitch=4.0, roll=9.0)
+    turned = tuple(tuple(float(v) for v in row) for row in other.rotation)
+    wrong = msgspec.structs.replace(own.cameras["right"], rotation=turned)
+    broken: Calibration = msgspec.structs.replace(
+        own, cameras={**own.cameras, "right": wrong, "aside": wrong}
+    )
+    (folder / "calibration.json").write_bytes(msgspec.json.encode(broken))
+    with pytest.raises(SystemExit) as end:
+        main(["calibrate", str(folder), "--from", "session"])
+    assert end.value.code == 3
+    errors = capsys.readouterr().err.strip().splitlines()
+    assert len(errors) == 1
+    assert "not good enough: only" in errors[0]
+
+
+def test_a_recording_without_the_board_is_refused(
+    boards: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = tmp_path / "bare"
+    shutil.copytree(boards.folder, folder)
+    (folder / "calibration.json").unlink()
+    with pytest.raises(SystemExit) as end:
+        main(["calibrate", str(folder), "--from", "charuco"])
+    assert end.value.code == 3
+    assert "shows the board in 0 images" in capsys.readouterr().err
+    assert not (folder / "calibration.json").exists()

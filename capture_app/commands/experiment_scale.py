@@ -18,7 +18,7 @@ from capture_app.commands.options import json_option, talk
 )
 @click.option("--minutes", type=click.FloatRange(2.0, 1440.0), help="Simulated time. Default: 5.")
 @click.option(
-    "--full", is_flag=True, help="10, 100, 1,000 and 5,000 clients for an hour (20 min on 2 cores)."
+    "--full", is_flag=True, help="10, 100, 1,000 and 5,000 clients for an hour (half an hour on 2 cores)."
 )
 @click.option("--jobs", type=click.IntRange(1, 256), help="Processes; default: one for each core.")
 @trials_option

@@ -178,7 +178,7 @@ class Client(Generic[F]):
     def report(self, now_ns: int) -> Report:
         """What this client tells the leader about itself."""
         time_map, phase = self._time_map, self.phase(now_ns)
-        message = self.failure or self.aligner.problem or self._why_joining
+        message = self.failure or self.aligner.problem or self._why_joining or self._why_no_centre()
         return Report(
             state=self.state,
             message=message[:200],
@@ -348,6 +348,13 @@ class Client(Generic[F]):
     def _offset_ns(self, member: _Membership) -> int:
         """Time from a frame's timestamp to the moment of it that is aligned; 0 where nobody can tell."""
         return offset_ns(self.config.camera, member.align_row) or 0
+
+    def _why_no_centre(self) -> str:
+        """Say that exposure centres were asked for and this camera's is not known."""
+        member = self._member
+        if member is None or offset_ns(self.config.camera, member.align_row) is not None:
+            return ""
+        return "its rows or exposure are not known: it is aligned by its timestamps, not by a row's centre"
 
     def _goal_of_stamps(self, member: _Membership) -> Goal:
         """The grid that the frames' timestamps should lie on."""

@@ -91,7 +91,7 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
             shared = _still_points(rig)
         views = views_of(dataset, found)
     quality = judge(views, shared)
-    refuse_bad(quality)
+    refuse_bad(quality, len(dataset.cameras))
     if stores:
         _store(target, found)
     return CalibrateResult(

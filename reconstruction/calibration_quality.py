@@ -14,6 +14,7 @@ Shared = Mapping[tuple[str, str], tuple[Array, Array]]
 """For pairs of cameras, pixels (n, 2) of the same points in the first and in the second."""
 FITTING_PX = 4.0
 """Points that are further from themselves than this were matched wrongly, or the calibration is wrong."""
+FEWEST_POINTS = 50
 LEAST_FITTING = 0.4
 MOST_REPROJECTION_PX = 2.0
 LEAST_ANGLE_DEG = 0.3
@@ -59,11 +60,15 @@ def judge(views: Mapping[str, View], shared: Shared) -> Quality:
     )
 
 
-def refuse_bad(quality: Quality) -> None:
-    """Raise BadInputError with the reason where a calibration is not fit to measure with."""
+def refuse_bad(quality: Quality, cameras: int) -> None:
+    """Raise BadInputError with the reason where a rig's calibration is not fit to measure with."""
     why = ""
-    if quality.reprojection_px is None or quality.angle_deg is None:
+    if 2 * len(quality.coverage) < cameras:
+        why = f"it places {len(quality.coverage)} of {cameras} cameras only"
+    elif quality.reprojection_px is None or quality.angle_deg is None:
         why = "no two of its cameras see enough of the same points to judge it"
+    elif quality.points < FEWEST_POINTS:
+        why = f"its cameras share {quality.points} points only, and it takes {FEWEST_POINTS} to judge it"
     elif quality.fitting < LEAST_FITTING:
         why = (
             f"only {100 * quality.fitting:.0f} % of the points that two cameras share fit to within "

@@ -9,10 +9,12 @@ import msgspec
 import numpy as np
 import pytest
 
+from capture_app.errors import BadInputError
 from capture_app.session.calibration import Calibration
 from capture_app.session.manifest import BurstRecord, CameraRecord
 from capture_app.session.reader import Session
 from capture_app.session.store import SessionWriter
+from reconstruction.calibration_quality import Quality, refuse_bad
 from reconstruction.charuco import Board
 from reconstruction.cli import main
 from reconstruction.geometry import View
@@ -116,6 +118,17 @@ def test_a_good_calibration_is_reported_and_another_rig_s_is_refused(
     errors = capsys.readouterr().err.strip().splitlines()
     assert len(errors) == 1
     assert "not good enough: only" in errors[0]
+
+
+def test_few_cameras_or_few_points_are_refused() -> None:
+    found = Quality(
+        points=35, fitting=0.8, reprojection_px=0.4, angle_deg=13.0, coverage={"a": 0.2, "b": 0.2}
+    )
+    with pytest.raises(BadInputError, match="2 of 5 cameras only"):
+        refuse_bad(found, 5)
+    with pytest.raises(BadInputError, match="share 35 points only"):
+        refuse_bad(found, 2)
+    refuse_bad(msgspec.structs.replace(found, points=60), 2)
 
 
 def test_a_recording_without_the_board_is_refused(

@@ -42,11 +42,12 @@ from capture_app.sync.messages import (
     request_at,
     request_before_t0,
 )
+from capture_app.sync.pending_bursts import PendingBursts
 from capture_app.sync.phase import FrameStamp, PhaseEstimate
 from capture_app.sync.ring_buffer import RingBuffer
 from capture_app.sync.state import NodeState
 from capture_app.sync.timebase import MAX_PERIOD_NS, MIN_PERIOD_NS, Goal, TimeMap
-from capture_app.sync.trigger import pick_frames, possible
+from capture_app.sync.trigger import possible
 
 F = TypeVar("F")
 
@@ -142,8 +143,9 @@ class Client(Generic[F]):
         self._request_due_ns = _AT_ONCE_NS
         self._request_grid_ns = 0
         self._reported_problem = ""
-        self._triggers: dict[int, Trigger] = {}
-        self._done_bursts: deque[int] = deque(maxlen=64)
+        self._bursts: PendingBursts[F] = PendingBursts()
+        self._last_member: _Membership | None = None
+        """What a leader that fell silent had told: its bursts are finished all the same."""
         self._outbox: deque[Control] = deque()
         self._request: bytes | None = None
         self._commands: deque[CameraCommand] = deque()
@@ -318,7 +320,7 @@ class Client(Generic[F]):
         if welcome.leader != self._leader_of_clock:
             self.clock.reset()
             self._time_map = None
-            self._done_bursts.clear()
+            self._bursts.forget()
             self._leader_of_clock = welcome.leader
         goal = Goal(welcome.anchor_leader_ns, welcome.period_ns)
         self._member = _Membership(
@@ -367,8 +369,7 @@ class Client(Generic[F]):
         return goal.instant(goal.index_of(phase.at_leader_ns)) + phase.error_ns
 
     def _leave(self, reason: str, now_ns: int) -> None:
-        self._member = None
-        self._triggers.clear()
+        self._last_member, self._member = self._member, None
         self._request = None
         self._why_joining = reason
         self._hello_due_ns = now_ns
@@ -460,8 +461,7 @@ class Client(Generic[F]):
         return member.answered and member.agreed_leader_ns is not None
 
     def _burst_is_near(self, now_ns: int, time_map: TimeMap) -> bool:
-        near_leader_ns = time_map.leader_from_local(now_ns + HOLD_BEFORE_BURST_NS)
-        return any(trigger.first_leader_ns <= near_leader_ns for trigger in self._triggers.values())
+        return self._bursts.any_before(time_map.leader_from_local(now_ns + HOLD_BEFORE_BURST_NS))
 
     def _take_trigger(self, member: _Membership, trigger: Trigger) -> None:
         refusal = ""
@@ -471,32 +471,21 @@ class Client(Generic[F]):
             refusal = "its clock is not synchronized yet"
         elif not possible(trigger.count, trigger.step_ns):
             refusal = f"a burst of {trigger.count} frames every {trigger.step_ns} ns is not possible"
-        elif trigger.burst not in self._done_bursts:
-            self._triggers[trigger.burst] = trigger
+        else:
+            self._bursts.take(trigger)
         self._outbox.append(TriggerAck(member.client, trigger.burst, refusal))
 
     def _finish_bursts(self, now_ns: int) -> None:
-        member, time_map = self._member, self._time_map
+        member, time_map = self._member or self._last_member, self._time_map
         if member is None or time_map is None:
             return
-        period_ns = member.goal.period_ns
-        for trigger in list(self._triggers.values()):
-            last_leader_ns = trigger.first_leader_ns + (trigger.count - 1) * trigger.step_ns
-            moment_ns = self._offset_ns(member)
-            last_local_ns = time_map.local_from_leader(last_leader_ns) - moment_ns
-            newest_ns = self.ring.newest_local_ns
-            seen = newest_ns is not None and newest_ns > last_local_ns + period_ns // 2
-            if not seen and now_ns < last_local_ns + 30 * period_ns:
-                continue
-            del self._triggers[trigger.burst]
-            self._done_bursts.append(trigger.burst)
-            instants_ns = tuple(trigger.first_leader_ns + k * trigger.step_ns for k in range(trigger.count))
-            picks, gaps = pick_frames(
-                self.ring,
-                time_map,
-                instants_ns,
-                period_ns,
-                offset_ns=moment_ns,
-                outlier_ns=self.aligner.outlier_ns,
-            )
-            self._events.append(BurstReady(trigger.burst, picks, gaps, time_map, self.phase(last_local_ns)))
+        due = self._bursts.pick_due(
+            self.ring,
+            time_map,
+            member.goal,
+            now_ns,
+            offset_ns=self._offset_ns(member),
+            outlier_ns=self.aligner.outlier_ns,
+        )
+        for burst, last_local_ns, picks, gaps in due:
+            self._events.append(BurstReady(burst, picks, gaps, time_map, self.phase(last_local_ns)))

@@ -135,6 +135,17 @@ def test_clients_find_a_restarted_leader_and_serve_its_first_burst() -> None:
     assert len(errors_ns(rig, burst.number, burst.instants_ns)) == 4
 
 
+def test_a_burst_is_finished_although_its_leader_is_gone() -> None:
+    rig = VirtualRig(specs(2, "perfect"), seed=1)
+    assert rig.run_until(rig.all_ready, limit_ns=30 * S)
+    burst = rig.trigger(frames=3, at_leader_ns=rig.now_true_ns + S)
+    rig.run_for(S // 10)
+    rig.leader.receive_datagram = lambda *_: None  # type: ignore[method-assign]
+    rig.run_for(5 * S)
+    assert all(node.client.state is NodeState.JOINING for node in rig.nodes.values())
+    assert len(errors_ns(rig, burst.number, burst.instants_ns)) == 6
+
+
 def test_a_burst_that_nobody_can_take_is_refused() -> None:
     rig = VirtualRig([], seed=1)
     with pytest.raises(IncompleteError, match="no camera has joined"):

@@ -1,0 +1,68 @@
+"""The bursts that a client has promised, until their frames are picked; they outlive the leader."""
+
+from collections import deque
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+from capture_app.sync.messages import Trigger
+from capture_app.sync.ring_buffer import RingBuffer
+from capture_app.sync.timebase import Goal, TimeMap
+from capture_app.sync.trigger import Gap, Pick, pick_frames
+
+F = TypeVar("F")
+
+PATIENCE_PERIODS = 30
+"""A camera that gives no frames is waited for so long after a burst's last instant."""
+
+
+class PendingBursts(Generic[F]):
+    """Triggers taken from one leader, whose numbers tell its bursts apart."""
+
+    def __init__(self) -> None:
+        self._triggers: dict[int, Trigger] = {}
+        self._done: deque[int] = deque(maxlen=64)
+
+    def forget(self) -> None:
+        """Another leader counts its bursts anew."""
+        self._triggers.clear()
+        self._done.clear()
+
+    def take(self, trigger: Trigger) -> None:
+        """Remember a trigger; one that comes again changes nothing."""
+        if trigger.burst not in self._done:
+            self._triggers[trigger.burst] = trigger
+
+    def any_before(self, leader_ns: int) -> bool:
+        """Whether a burst begins before a leader time in ns, or has begun."""
+        return any(trigger.first_leader_ns <= leader_ns for trigger in self._triggers.values())
+
+    def pick_due(
+        self,
+        ring: RingBuffer[F],
+        time_map: TimeMap,
+        goal: Goal,
+        now_ns: int,
+        *,
+        offset_ns: int,
+        outlier_ns: Callable[[int], int],
+    ) -> list[tuple[int, int, tuple[Pick[F], ...], tuple[Gap, ...]]]:
+        """Pick the frames of all bursts whose last frame is there, or given up.
+
+        Returns number, local time of the last instant in ns, picks and gaps of each; `offset_ns` and
+        `outlier_ns` as for `pick_frames`.
+        """
+        newest_ns = ring.newest_local_ns
+        due = []
+        for trigger in list(self._triggers.values()):
+            instants_ns = tuple(trigger.first_leader_ns + k * trigger.step_ns for k in range(trigger.count))
+            last_local_ns = time_map.local_from_leader(instants_ns[-1]) - offset_ns
+            seen = newest_ns is not None and newest_ns > last_local_ns + goal.period_ns // 2
+            if not seen and now_ns < last_local_ns + PATIENCE_PERIODS * goal.period_ns:
+                continue
+            del self._triggers[trigger.burst]
+            self._done.append(trigger.burst)
+            picks, gaps = pick_frames(
+                ring, time_map, instants_ns, goal.period_ns, offset_ns=offset_ns, outlier_ns=outlier_ns
+            )
+            due.append((trigger.burst, last_local_ns, picks, gaps))
+        return due

@@ -2,17 +2,15 @@
 
 import random
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from capture_app.sync.aligner import Aligner
-from capture_app.sync.clock import ClockFilter, ClockSample
 from capture_app.sync.commands import CameraCommand
 from capture_app.sync.events import (
     BurstReady,
     CannotAlign,
     ClientEvent,
-    ClockStepped,
     ClockSynced,
     FramesDropped,
     Joined,
@@ -39,15 +37,16 @@ from capture_app.sync.messages import (
     WireError,
     decode,
     encode,
-    request_at,
-    request_before_t0,
 )
 from capture_app.sync.pending_bursts import PendingBursts
 from capture_app.sync.phase import FrameStamp, PhaseEstimate
 from capture_app.sync.ring_buffer import RingBuffer
 from capture_app.sync.state import NodeState
 from capture_app.sync.timebase import MAX_PERIOD_NS, MIN_PERIOD_NS, Goal, TimeMap
+from capture_app.sync.timekeeper import BACKLOG_NS, FIRST_PACE_NS, NEAR_NS, PACE_NS, Timekeeper
 from capture_app.sync.trigger import possible
+
+__all__ = ["BACKLOG_NS", "FIRST_PACE_NS", "NEAR_NS", "PACE_NS", "Client", "ClientConfig"]
 
 F = TypeVar("F")
 
@@ -57,15 +56,6 @@ _AT_ONCE_NS = -(2**62)
 HELLO_EVERY_NS = 500 * _MS
 HEARTBEAT_EVERY_NS = 500 * _MS
 LEADER_SILENT_NS = 2500 * _MS
-FIRST_SAMPLES = 300
-"""K of the paper: samples taken in quick succession before the clock counts as synchronized."""
-FIRST_PACE_NS = 3 * _MS
-PACE_NS = 25 * _MS
-NEAR_NS = 750_000
-"""Shorter round trips are those of a wire."""
-BACKLOG_NS = 100 * _MS
-OUTSTANDING = 512
-MAP_EVERY_NS = 100 * _MS
 HOLD_BEFORE_BURST_NS = 2000 * _MS
 """No correction of the phase is begun this long before a burst: its long frame would be in the burst."""
 
@@ -91,18 +81,12 @@ class _Membership:
     client: int
     goal: Goal
     heard_ns: int
-    slot: float
     align_row: float | None = None
     agreed_leader_ns: int | None = None
     asked: bool = False
     """Whether the leader was told the phase as it is now."""
     answered: bool = False
     """Whether it has answered since."""
-    pace_ns: int = 0
-    onward: TimeMap | None = None
-    """Where the leader is a relay: from its clock to the root's."""
-    synced: bool = False
-    outstanding: dict[int, int] = field(default_factory=dict)
 
 
 class Client(Generic[F]):
@@ -115,7 +99,6 @@ class Client(Generic[F]):
     def __init__(self, config: ClientConfig, rng: random.Random) -> None:
         camera = config.camera
         self.config = config
-        self.clock = ClockFilter()
         self.aligner = Aligner(
             control=camera.phase_control,
             period_ns=camera.period_ns,
@@ -129,25 +112,21 @@ class Client(Generic[F]):
             rng=rng,
             profile=config.injection_profile,
         )
+        self._timekeeper = Timekeeper(rng.getrandbits(32))
+        self.clock = self._timekeeper.clock
         self.ring: RingBuffer[F] = RingBuffer(config.ring_frames)
         self.malformed = 0
         self.failure = ""
         self._member: _Membership | None = None
-        self._leader_of_clock: int | None = None
+        self._leader: int | None = None
         self._why_joining = ""
-        self._time_map: TimeMap | None = None
-        self._map_due_ns = _AT_ONCE_NS
-        self._sequence = rng.getrandbits(32)
         self._hello_due_ns = _AT_ONCE_NS
         self._heartbeat_due_ns = _AT_ONCE_NS
-        self._request_due_ns = _AT_ONCE_NS
-        self._request_grid_ns = 0
         self._reported_problem = ""
         self._bursts: PendingBursts[F] = PendingBursts()
         self._last_member: _Membership | None = None
         """What a leader that fell silent had told: its bursts are finished all the same."""
         self._outbox: deque[Control] = deque()
-        self._request: bytes | None = None
         self._commands: deque[CameraCommand] = deque()
         self._events: deque[ClientEvent[F]] = deque()
 
@@ -160,7 +139,7 @@ class Client(Generic[F]):
             return NodeState.FAILED
         if self._member is None:
             return NodeState.JOINING
-        if not self._member.synced:
+        if not self._timekeeper.synced:
             return NodeState.SYNCING
         ready = self.aligner.aligned or (self.aligner.settled and self.config.camera.phase_control == "none")
         return NodeState.READY if ready else NodeState.ALIGNING
@@ -168,18 +147,18 @@ class Client(Generic[F]):
     @property
     def time_map(self) -> TimeMap | None:
         """The newest estimate of the leader's clock."""
-        return self._time_map
+        return self._timekeeper.time_map
 
     def phase(self, local_ns: int) -> PhaseEstimate | None:
         """The stream's distance from the rig's grid at a local time in ns."""
-        if self._member is None or self._time_map is None:
+        if self._member is None or self.time_map is None:
             return None
-        at_leader_ns = self._time_map.leader_from_local(local_ns)
-        return self.aligner.estimate(self._time_map, self._goal_of_stamps(self._member), at_leader_ns)
+        at_leader_ns = self.time_map.leader_from_local(local_ns)
+        return self.aligner.estimate(self.time_map, self._goal_of_stamps(self._member), at_leader_ns)
 
     def report(self, now_ns: int) -> Report:
         """What this client tells the leader about itself."""
-        time_map, phase = self._time_map, self.phase(now_ns)
+        time_map, phase = self.time_map, self.phase(now_ns)
         message = self.failure or self.aligner.problem or self._why_joining or self._why_no_centre()
         return Report(
             state=self.state,
@@ -212,7 +191,9 @@ class Client(Generic[F]):
         member = self._member
         match message:
             case TimeReply() if member is not None and message.client == member.client:
-                self._take_time(member, message, now_ns)
+                if self._timekeeper.take_reply(message, now_ns):
+                    member.heard_ns = now_ns
+                self._note_clock(now_ns)
             case Welcome() if member is None and message.instance == self.config.instance:
                 self._join(message, now_ns)
             case Refused() if member is None and message.instance == self.config.instance:
@@ -269,10 +250,8 @@ class Client(Generic[F]):
         if now_ns - member.heard_ns >= LEADER_SILENT_NS:
             self._leave("the leader is silent", now_ns)
             return
-        if now_ns >= self._map_due_ns:
-            self._update_map(member, now_ns)
-        if now_ns >= self._request_due_ns:
-            self._prepare_request(member, now_ns)
+        self._timekeeper.handle_timer(now_ns)
+        self._note_clock(now_ns)
         if now_ns >= self._heartbeat_due_ns:
             self._heartbeat_due_ns = now_ns + HEARTBEAT_EVERY_NS
             member.asked = self.aligner.settled
@@ -287,18 +266,14 @@ class Client(Generic[F]):
         if member is None:
             return self._hello_due_ns
         silent_ns = member.heard_ns + LEADER_SILENT_NS
-        return min(silent_ns, self._map_due_ns, self._request_due_ns, self._heartbeat_due_ns)
+        return min(silent_ns, self._timekeeper.next_timer(), self._heartbeat_due_ns)
 
     def datagrams_to_send(self, now_ns: int) -> list[bytes]:
         """Return the datagrams for the leader; a time request carries `now_ns`, so send them at once."""
         datagrams = []
-        if self._request is not None and self._member is not None:
-            datagrams.append(request_at(self._request, now_ns))
-            self._request = None
-            outstanding = self._member.outstanding
-            outstanding[self._sequence] = now_ns
-            if len(outstanding) > OUTSTANDING:
-                del outstanding[next(iter(outstanding))]
+        request = None if self._member is None else self._timekeeper.request_to_send(now_ns)
+        if request is not None:
+            datagrams.append(request)
         while self._outbox:
             datagrams.append(encode(self._outbox.popleft()))
         return datagrams
@@ -317,32 +292,27 @@ class Client(Generic[F]):
         if not MIN_PERIOD_NS <= welcome.period_ns <= MAX_PERIOD_NS:
             self.malformed += 1
             return
-        if welcome.leader != self._leader_of_clock:
-            self.clock.reset()
-            self._time_map = None
+        if welcome.leader != self._leader:
+            self._timekeeper.forget()
             self._bursts.forget()
-            self._leader_of_clock = welcome.leader
+            self._leader = welcome.leader
         goal = Goal(welcome.anchor_leader_ns, welcome.period_ns)
         self._member = _Membership(
             welcome.leader,
             welcome.client,
             goal,
             heard_ns=now_ns,
-            slot=welcome.slot,
             align_row=welcome.align_row,
-            pace_ns=welcome.pace_ns,
-            onward=welcome.onward.time_map() if welcome.onward else None,
         )
-        self._request_grid_ns = now_ns
+        self._timekeeper.follow(welcome, now_ns)
         self._why_joining = ""
-        self._heartbeat_due_ns = self._request_due_ns = self._map_due_ns = now_ns
+        self._heartbeat_due_ns = now_ns
         self._events.append(Joined(welcome.transfer_port, welcome.leader))
 
     def _take_answer(self, member: _Membership, answer: HeartbeatAck, now_ns: int) -> None:
         member.goal = Goal(answer.anchor_leader_ns, answer.period_ns)
         member.align_row, member.agreed_leader_ns = answer.align_row, answer.agreed_leader_ns
-        member.pace_ns = answer.pace_ns
-        member.onward = answer.onward.time_map() if answer.onward else None
+        self._timekeeper.take_terms(answer)
         if member.asked and not member.answered:
             member.answered = True
             self._align(now_ns)
@@ -370,62 +340,20 @@ class Client(Generic[F]):
 
     def _leave(self, reason: str, now_ns: int) -> None:
         self._last_member, self._member = self._member, None
-        self._request = None
+        self._timekeeper.stop()
         self._why_joining = reason
         self._hello_due_ns = now_ns
         self._events.append(LeaderLost(reason))
 
-    def _take_time(self, member: _Membership, reply: TimeReply, now_ns: int) -> None:
-        t0_ns = member.outstanding.pop(reply.sequence, None)
-        if t0_ns is None or t0_ns != reply.t0_ns:
-            return
-        member.heard_ns = now_ns
-        sample = ClockSample(t0_ns, reply.t1_ns, reply.t2_ns, now_ns)
-        if sample.round_trip_ns < NEAR_NS and self._request_due_ns <= now_ns + self._pace_ns(member):
-            # The next one is sent at once: a machine that is awake sends as quickly as the leader, one
-            # that just woke up is microseconds slower, and on a link as short as this they count.
-            self._prepare_request(member, now_ns)
-        if not self.clock.add(sample):
-            member.synced = False
-            self._time_map = None
-            self._events.append(ClockStepped())
-        if not member.synced and self.clock.samples >= FIRST_SAMPLES:
-            self._update_map(member, now_ns)
-
-    def _pace_ns(self, member: _Membership) -> int:
-        return max(PACE_NS, member.pace_ns) if member.synced else FIRST_PACE_NS
-
-    def _prepare_request(self, member: _Membership, now_ns: int) -> None:
-        """Prepare a request, and set when the next is due: on the grid of this client's slot.
-
-        What a late timer has missed is made up for, but never in a burst.
-        """
-        pace_ns = self._pace_ns(member)
-        grid_ns = max(self._request_grid_ns + pace_ns, now_ns - BACKLOG_NS)
-        if self._time_map is not None:
-            past_ns = self._time_map.leader_from_local(grid_ns) - round(member.slot * pace_ns)
-            grid_ns += pace_ns // 2 - (past_ns + pace_ns // 2) % pace_ns
-        self._request_grid_ns = grid_ns
-        self._request_due_ns = max(grid_ns, now_ns + pace_ns // 2)
-        self._sequence = (self._sequence + 1) & 0xFFFFFFFF
-        self._request = request_before_t0(member.client, self._sequence)
-
-    def _update_map(self, member: _Membership, now_ns: int) -> None:
-        self._map_due_ns = now_ns + MAP_EVERY_NS
-        time_map = self.clock.time_map(now_ns)
-        if time_map is None:
-            return
-        if member.onward is not None:
-            time_map = time_map.then(member.onward)
-        self._time_map = time_map
-        if not member.synced and self.clock.samples >= FIRST_SAMPLES:
-            member.synced = True
-            self._heartbeat_due_ns = now_ns
-            self._events.append(ClockSynced(time_map))
+    def _note_clock(self, now_ns: int) -> None:
+        while (event := self._timekeeper.next_event()) is not None:
+            self._events.append(event)
+            if isinstance(event, ClockSynced):
+                self._heartbeat_due_ns = now_ns
 
     def _align(self, now_ns: int) -> None:
-        member, time_map = self._member, self._time_map
-        if member is None or time_map is None or not member.synced:
+        member, time_map = self._member, self.time_map
+        if member is None or time_map is None or not self._timekeeper.synced:
             return
         was_ready = self.state is NodeState.READY
         before, corrections = self.phase(now_ns), self.aligner.corrections
@@ -467,7 +395,7 @@ class Client(Generic[F]):
         refusal = ""
         if self.failure:
             refusal = self.failure
-        elif not member.synced:
+        elif not self._timekeeper.synced:
             refusal = "its clock is not synchronized yet"
         elif not possible(trigger.count, trigger.step_ns):
             refusal = f"a burst of {trigger.count} frames every {trigger.step_ns} ns is not possible"
@@ -476,7 +404,7 @@ class Client(Generic[F]):
         self._outbox.append(TriggerAck(member.client, trigger.burst, refusal))
 
     def _finish_bursts(self, now_ns: int) -> None:
-        member, time_map = self._member or self._last_member, self._time_map
+        member, time_map = self._member or self._last_member, self.time_map
         if member is None or time_map is None:
             return
         due = self._bursts.pick_due(

@@ -40,8 +40,8 @@ def test_slots_are_far_from_each_other() -> None:
 def test_clients_that_join_together_do_not_send_together(
     pace_ns: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("capture_app.sync.client.PACE_NS", pace_ns)
-    monkeypatch.setattr("capture_app.sync.client.NEAR_NS", 0)
+    monkeypatch.setattr("capture_app.sync.timekeeper.PACE_NS", pace_ns)
+    monkeypatch.setattr("capture_app.sync.timekeeper.NEAR_NS", 0)
     rng = random.Random(3)
     specs = [
         NodeSpec(f"cam{i}", PROFILES["phone-a"], SimulatedClock(rng.randrange(10**13), rng.gauss(0, 20)), LAN)

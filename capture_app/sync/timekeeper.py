@@ -1,0 +1,146 @@
+"""A client's hold of its leader's time: requests in its slot, at the leader's pace, and the newest map."""
+
+from collections import deque
+
+from capture_app.sync.clock import ClockFilter, ClockSample
+from capture_app.sync.events import ClockStepped, ClockSynced
+from capture_app.sync.messages import HeartbeatAck, TimeReply, Welcome, request_at, request_before_t0
+from capture_app.sync.timebase import TimeMap
+
+_MS = 1_000_000
+_AT_ONCE_NS = -(2**62)
+FIRST_SAMPLES = 300
+"""K of the paper: samples taken in quick succession before the clock counts as synchronized."""
+FIRST_PACE_NS = 3 * _MS
+PACE_NS = 25 * _MS
+NEAR_NS = 750_000
+"""Shorter round trips are those of a wire."""
+BACKLOG_NS = 100 * _MS
+OUTSTANDING = 512
+MAP_EVERY_NS = 100 * _MS
+
+
+class Timekeeper:
+    """The time of the leader that is followed; `now_ns` is always the node's own clock.
+
+    Its map outlives a leader that fell silent, until `forget`.
+    """
+
+    def __init__(self, first_sequence: int) -> None:
+        self.clock = ClockFilter()
+        self.time_map: TimeMap | None = None
+        """The newest estimate of the leader's clock, the root's where the leader is a relay."""
+        self.synced = False
+        self._client = 0
+        self._slot = 0.0
+        self._told_pace_ns = 0
+        self._onward: TimeMap | None = None
+        """Where the leader is a relay: from its clock to the root's."""
+        self._sequence = first_sequence
+        self._outstanding: dict[int, int] = {}
+        self._request: bytes | None = None
+        self._grid_ns = 0
+        self._request_due_ns = self._map_due_ns = _AT_ONCE_NS
+        self._events: deque[ClockStepped | ClockSynced] = deque()
+
+    # In
+
+    def forget(self) -> None:
+        """Another leader has another clock."""
+        self.clock.reset()
+        self.time_map = None
+
+    def follow(self, welcome: Welcome, now_ns: int) -> None:
+        """Begin to ask a leader that has taken this client in."""
+        self.synced = False
+        self._client, self._slot = welcome.client, welcome.slot
+        self._outstanding = {}
+        self.take_terms(welcome)
+        self._grid_ns = self._request_due_ns = self._map_due_ns = now_ns
+
+    def take_terms(self, message: Welcome | HeartbeatAck) -> None:
+        """Note the pace that the leader bears, and where its clock stands to the root's."""
+        self._told_pace_ns = message.pace_ns
+        self._onward = message.onward.time_map() if message.onward else None
+
+    def stop(self) -> None:
+        """Ask no more: the leader is gone."""
+        self._request = None
+
+    def take_reply(self, reply: TimeReply, now_ns: int) -> bool:
+        """Take in a reply that arrived at `now_ns`; False if it answers nothing that was asked."""
+        t0_ns = self._outstanding.pop(reply.sequence, None)
+        if t0_ns is None or t0_ns != reply.t0_ns:
+            return False
+        sample = ClockSample(t0_ns, reply.t1_ns, reply.t2_ns, now_ns)
+        if sample.round_trip_ns < NEAR_NS and self._request_due_ns <= now_ns + self._pace_ns:
+            # The next one is sent at once: a machine that is awake sends as quickly as the leader, one
+            # that just woke up is microseconds slower, and on a link as short as this they count.
+            self._prepare_request(now_ns)
+        if not self.clock.add(sample):
+            self.synced = False
+            self.time_map = None
+            self._events.append(ClockStepped())
+        if not self.synced and self.clock.samples >= FIRST_SAMPLES:
+            self._update_map(now_ns)
+        return True
+
+    def handle_timer(self, now_ns: int) -> None:
+        """Do what is due."""
+        if now_ns >= self._map_due_ns:
+            self._update_map(now_ns)
+        if now_ns >= self._request_due_ns:
+            self._prepare_request(now_ns)
+
+    # Out
+
+    def next_timer(self) -> int:
+        """Local time in ns at which `handle_timer` wants to be called."""
+        return min(self._map_due_ns, self._request_due_ns)
+
+    def request_to_send(self, now_ns: int) -> bytes | None:
+        """Return the request that is due, None where none is; it carries `now_ns`, so send it at once."""
+        if self._request is None:
+            return None
+        request, self._request = request_at(self._request, now_ns), None
+        self._outstanding[self._sequence] = now_ns
+        if len(self._outstanding) > OUTSTANDING:
+            del self._outstanding[next(iter(self._outstanding))]
+        return request
+
+    def next_event(self) -> ClockStepped | ClockSynced | None:
+        """Return the next thing that happened, None where there is none."""
+        return self._events.popleft() if self._events else None
+
+    # The parts
+
+    @property
+    def _pace_ns(self) -> int:
+        return max(PACE_NS, self._told_pace_ns) if self.synced else FIRST_PACE_NS
+
+    def _prepare_request(self, now_ns: int) -> None:
+        """Prepare a request, and set when the next is due: on the grid of this client's slot.
+
+        What a late timer has missed is made up for, but never in a burst.
+        """
+        pace_ns = self._pace_ns
+        grid_ns = max(self._grid_ns + pace_ns, now_ns - BACKLOG_NS)
+        if self.time_map is not None:
+            past_ns = self.time_map.leader_from_local(grid_ns) - round(self._slot * pace_ns)
+            grid_ns += pace_ns // 2 - (past_ns + pace_ns // 2) % pace_ns
+        self._grid_ns = grid_ns
+        self._request_due_ns = max(grid_ns, now_ns + pace_ns // 2)
+        self._sequence = (self._sequence + 1) & 0xFFFFFFFF
+        self._request = request_before_t0(self._client, self._sequence)
+
+    def _update_map(self, now_ns: int) -> None:
+        self._map_due_ns = now_ns + MAP_EVERY_NS
+        time_map = self.clock.time_map(now_ns)
+        if time_map is None:
+            return
+        if self._onward is not None:
+            time_map = time_map.then(self._onward)
+        self.time_map = time_map
+        if not self.synced and self.clock.samples >= FIRST_SAMPLES:
+            self.synced = True
+            self._events.append(ClockSynced(time_map))

@@ -18,8 +18,8 @@ from capture_app.sync.events import (
     LeaderLost,
     PhaseCorrected,
 )
-from capture_app.sync.exposure import offset_ns
 from capture_app.sync.injection import InjectionProfile
+from capture_app.sync.membership import Membership
 from capture_app.sync.messages import (
     CameraDescription,
     Control,
@@ -42,7 +42,7 @@ from capture_app.sync.pending_bursts import PendingBursts
 from capture_app.sync.phase import FrameStamp, PhaseEstimate
 from capture_app.sync.ring_buffer import RingBuffer
 from capture_app.sync.state import NodeState
-from capture_app.sync.timebase import MAX_PERIOD_NS, MIN_PERIOD_NS, Goal, TimeMap
+from capture_app.sync.timebase import MAX_PERIOD_NS, MIN_PERIOD_NS, TimeMap
 from capture_app.sync.timekeeper import BACKLOG_NS, FIRST_PACE_NS, NEAR_NS, PACE_NS, Timekeeper
 from capture_app.sync.trigger import possible
 
@@ -73,22 +73,6 @@ class ClientConfig:
     """What is known from before about what a long frame does to this camera."""
 
 
-@dataclass(slots=True)
-class _Membership:
-    """What the leader told this client when it joined, and when it was last heard, local ns."""
-
-    leader: int
-    client: int
-    goal: Goal
-    heard_ns: int
-    align_row: float | None = None
-    agreed_leader_ns: int | None = None
-    asked: bool = False
-    """Whether the leader was told the phase as it is now."""
-    answered: bool = False
-    """Whether it has answered since."""
-
-
 class Client(Generic[F]):
     """One camera's side of the protocol; `F` is whatever the node keeps of a frame.
 
@@ -117,14 +101,14 @@ class Client(Generic[F]):
         self.ring: RingBuffer[F] = RingBuffer(config.ring_frames)
         self.malformed = 0
         self.failure = ""
-        self._member: _Membership | None = None
+        self._member: Membership | None = None
         self._leader: int | None = None
         self._why_joining = ""
         self._hello_due_ns = _AT_ONCE_NS
         self._heartbeat_due_ns = _AT_ONCE_NS
         self._reported_problem = ""
         self._bursts: PendingBursts[F] = PendingBursts()
-        self._last_member: _Membership | None = None
+        self._last_member: Membership | None = None
         """What a leader that fell silent had told: its bursts are finished all the same."""
         self._outbox: deque[Control] = deque()
         self._commands: deque[CameraCommand] = deque()
@@ -154,12 +138,13 @@ class Client(Generic[F]):
         if self._member is None or self.time_map is None:
             return None
         at_leader_ns = self.time_map.leader_from_local(local_ns)
-        return self.aligner.estimate(self.time_map, self._goal_of_stamps(self._member), at_leader_ns)
+        return self.aligner.estimate(self.time_map, self._member.goal_of_stamps, at_leader_ns)
 
     def report(self, now_ns: int) -> Report:
         """What this client tells the leader about itself."""
         time_map, phase = self.time_map, self.phase(now_ns)
-        message = self.failure or self.aligner.problem or self._why_joining or self._why_no_centre()
+        why_no_centre = "" if self._member is None else self._member.why_no_centre
+        message = self.failure or self.aligner.problem or self._why_joining or why_no_centre
         return Report(
             state=self.state,
             message=message[:200],
@@ -205,7 +190,9 @@ class Client(Generic[F]):
                 if (message.leader, message.period_ns) != (member.leader, member.goal.period_ns):
                     self._leave("the leader has another grid of instants", now_ns)
                 else:
-                    self._take_answer(member, message, now_ns)
+                    self._timekeeper.take_terms(message)
+                    if member.take_answer(message):
+                        self._align(now_ns)
             case Unknown() if member is not None and message.client == member.client:
                 self._leave("the leader was restarted", now_ns)
             case Trigger() if member is not None and message.client == member.client:
@@ -296,41 +283,11 @@ class Client(Generic[F]):
             self._timekeeper.forget()
             self._bursts.forget()
             self._leader = welcome.leader
-        goal = Goal(welcome.anchor_leader_ns, welcome.period_ns)
-        self._member = _Membership(
-            welcome.leader,
-            welcome.client,
-            goal,
-            heard_ns=now_ns,
-            align_row=welcome.align_row,
-        )
+        self._member = Membership.begin(self.config.camera, welcome, now_ns)
         self._timekeeper.follow(welcome, now_ns)
         self._why_joining = ""
         self._heartbeat_due_ns = now_ns
         self._events.append(Joined(welcome.transfer_port, welcome.leader))
-
-    def _take_answer(self, member: _Membership, answer: HeartbeatAck, now_ns: int) -> None:
-        member.goal = Goal(answer.anchor_leader_ns, answer.period_ns)
-        member.align_row, member.agreed_leader_ns = answer.align_row, answer.agreed_leader_ns
-        self._timekeeper.take_terms(answer)
-        if member.asked and not member.answered:
-            member.answered = True
-            self._align(now_ns)
-
-    def _offset_ns(self, member: _Membership) -> int:
-        """Time from a frame's timestamp to the moment of it that is aligned; 0 where nobody can tell."""
-        return offset_ns(self.config.camera, member.align_row) or 0
-
-    def _why_no_centre(self) -> str:
-        """Say that exposure centres were asked for and this camera's is not known."""
-        member = self._member
-        if member is None or offset_ns(self.config.camera, member.align_row) is not None:
-            return ""
-        return "its rows or exposure are not known: it is aligned by its timestamps, not by a row's centre"
-
-    def _goal_of_stamps(self, member: _Membership) -> Goal:
-        """The grid that the frames' timestamps should lie on."""
-        return Goal(member.goal.anchor_leader_ns - self._offset_ns(member), member.goal.period_ns)
 
     def _told_frame_leader_ns(self, phase: PhaseEstimate | None) -> int | None:
         if self._member is None or phase is None or not self.aligner.settled:
@@ -362,10 +319,10 @@ class Client(Generic[F]):
             member.asked = member.answered = False
         elif not member.asked:
             self._heartbeat_due_ns = min(self._heartbeat_due_ns, now_ns)
-        hold = self._burst_is_near(now_ns, time_map) or not self._may_move(member)
+        hold = self._burst_is_near(now_ns, time_map) or not member.may_move
         command = self.aligner.step(
             time_map,
-            self._goal_of_stamps(member),
+            member.goal_of_stamps,
             now_ns,
             hold=hold,
             agreed_leader_ns=member.agreed_leader_ns,
@@ -382,16 +339,10 @@ class Client(Generic[F]):
         if was_ready is not (self.state is NodeState.READY):
             self._heartbeat_due_ns = now_ns
 
-    def _may_move(self, member: _Membership) -> bool:
-        """Whether the leader leaves it to this client to move: restarts wait for what suits all cameras."""
-        if self.config.camera.phase_control != "reset":
-            return True
-        return member.answered and member.agreed_leader_ns is not None
-
     def _burst_is_near(self, now_ns: int, time_map: TimeMap) -> bool:
         return self._bursts.any_before(time_map.leader_from_local(now_ns + HOLD_BEFORE_BURST_NS))
 
-    def _take_trigger(self, member: _Membership, trigger: Trigger) -> None:
+    def _take_trigger(self, member: Membership, trigger: Trigger) -> None:
         refusal = ""
         if self.failure:
             refusal = self.failure
@@ -412,7 +363,7 @@ class Client(Generic[F]):
             time_map,
             member.goal,
             now_ns,
-            offset_ns=self._offset_ns(member),
+            offset_ns=member.offset_ns,
             outlier_ns=self.aligner.outlier_ns,
         )
         for burst, last_local_ns, picks, gaps in due:

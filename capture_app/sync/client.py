@@ -5,6 +5,8 @@ from collections import deque
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
+from msgspec.structs import replace
+
 from capture_app.sync.aligner import Aligner
 from capture_app.sync.commands import CameraCommand
 from capture_app.sync.events import (
@@ -42,6 +44,7 @@ from capture_app.sync.pending_bursts import PendingBursts
 from capture_app.sync.phase import FrameStamp, PhaseEstimate
 from capture_app.sync.ring_buffer import RingBuffer
 from capture_app.sync.state import NodeState
+from capture_app.sync.time_report import time_report
 from capture_app.sync.timebase import MAX_PERIOD_NS, MIN_PERIOD_NS, TimeMap
 from capture_app.sync.timekeeper import BACKLOG_NS, FIRST_PACE_NS, NEAR_NS, PACE_NS, Timekeeper
 from capture_app.sync.trigger import possible
@@ -142,18 +145,11 @@ class Client(Generic[F]):
 
     def report(self, now_ns: int) -> Report:
         """What this client tells the leader about itself."""
-        time_map, phase = self.time_map, self.phase(now_ns)
+        phase = self.phase(now_ns)
         why_no_centre = "" if self._member is None else self._member.why_no_centre
         message = self.failure or self.aligner.problem or self._why_joining or why_no_centre
-        return Report(
-            state=self.state,
-            message=message[:200],
-            offset_ns=None if time_map is None else time_map.leader_from_local(now_ns) - now_ns,
-            skew_ppm=None if time_map is None else time_map.skew * 1e6,
-            uncertainty_ns=None if time_map is None else round(time_map.uncertainty_at(now_ns)),
-            hard_bound_ns=None if time_map is None else round(time_map.hard_bound_at(now_ns)),
-            round_trip_ns=None if time_map is None else time_map.round_trip_ns,
-            samples=self.clock.samples,
+        return replace(
+            time_report(self.state, message, self.time_map, self.clock.samples, now_ns),
             phase_error_ns=None if phase is None else phase.error_ns,
             period_ns=None if phase is None else phase.period_ns,
             drift_ppm=None if phase is None else phase.drift_ppm,

@@ -18,7 +18,6 @@ from capture_app.sync.messages import (
     HeartbeatAck,
     Hello,
     Refused,
-    Report,
     TimeReply,
     Unknown,
     Welcome,
@@ -30,6 +29,7 @@ from capture_app.sync.messages import (
 )
 from capture_app.sync.onward import MAX_DEPTH, Onward
 from capture_app.sync.state import NodeState
+from capture_app.sync.time_report import time_report
 from capture_app.sync.timebase import MAX_PERIOD_NS, MIN_PERIOD_NS, Goal, TimeMap
 
 Address = tuple[str, int]
@@ -257,7 +257,8 @@ class Follower:
         if self._left > 0:
             self._request_due_ns = now_ns + SPACING_NS
             return
-        self._outbox.append(Heartbeat(parent.client, self._report(now_ns)))
+        report = time_report(self.state, self._why_joining, self.time_map, self.clock.samples, now_ns)
+        self._outbox.append(Heartbeat(parent.client, report))
         self._settle_due_ns = now_ns + SETTLE_NS
         longest_ns = min(max(ROUND_EXCHANGES * parent.pace_ns, ROUND_EVERY_NS[0]), ROUND_EVERY_NS[1])
         self._every_ns = min(max(round(self._every_ns * GROWTH), ROUND_EVERY_NS[0] // 4), longest_ns)
@@ -288,18 +289,3 @@ class Follower:
         if not parent.synced:
             parent.synced = True
             self._events.append(ClockSynced(self.time_map))
-
-    def _report(self, now_ns: int) -> Report:
-        time_map = self.time_map
-        if time_map is None:
-            return Report(state=self.state, message=self._why_joining[:200], samples=self.clock.samples)
-        return Report(
-            state=self.state,
-            message=self._why_joining[:200],
-            offset_ns=time_map.leader_from_local(now_ns) - now_ns,
-            skew_ppm=time_map.skew * 1e6,
-            uncertainty_ns=round(time_map.uncertainty_at(now_ns)),
-            hard_bound_ns=round(time_map.hard_bound_at(now_ns)),
-            round_trip_ns=time_map.round_trip_ns,
-            samples=self.clock.samples,
-        )

@@ -72,8 +72,12 @@ def match(cameras: Mapping[str, Sequence[TimedFrame]], period_ns: int) -> list[d
                 left.append((frame.leader_ns, name, frame))
                 continue
             rival = groups[number].get(name)
-            if rival is None or away_ns < abs(lead_ns[number] - rival.leader_ns):
+            nearer = rival is None or away_ns < abs(lead_ns[number] - rival.leader_ns)
+            if nearer:
                 groups[number][name] = frame
+            farther = rival if nearer else frame
+            if farther is not None:
+                left.append((farther.leader_ns, name, farther))
     return groups + _group(sorted(left, key=lambda one: one[:2]), period_ns)
 
 

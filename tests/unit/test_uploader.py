@@ -20,6 +20,7 @@ from capture_app.node.messages import CameraReport, Held, ImageUpload, Noted, Re
 from capture_app.node.spool import Spool, SpooledBurst
 from capture_app.node.uploader import Uploader
 from capture_app.node.work import BurstWork
+from capture_app.session.manifest import JOURNAL
 from capture_app.sync.messages import CameraDescription
 from capture_app.sync.trigger import Pick
 
@@ -190,7 +191,9 @@ async def test_a_spool_keeps_what_the_leader_has_not_confirmed(tmp_path: Path) -
     async with uploading(serve, [], Spool(tmp_path, "a")) as uploader:
         uploader.add(work(*pictures))
         await down.wait()
-        await until((tmp_path / "a/00000001-000001/000002.jpg").exists)
+        # An image is safe when its line is: the file comes before it.
+        journal = tmp_path / "a/00000001-000001" / JOURNAL
+        await until(lambda: journal.exists() and journal.read_bytes().count(b"\n") == 3)
     down.clear()
     said: list[str] = []
     async with uploading(serve, said, Spool(tmp_path, "a")):

@@ -226,6 +226,8 @@ class ClockFilter:
         self._lines = self._all_lines()
         kept: dict[int, Block] = {}
         for index in sorted(self._blocks, reverse=True):
+            if index < self._newest_ns // BLOCK_NS:
+                self._blocks[index].settle()
             before = self._lines.corners
             if index < oldest or not self._clip_block(self._lines, self._blocks[index]):
                 self._lines.corners = before

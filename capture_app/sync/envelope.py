@@ -1,8 +1,11 @@
 """What a second of one-sided bounds leaves behind: the few that can ever matter."""
 
+from capture_app.sync.hull import lower_hull
+
 BLOCK_NS = 1_000_000_000
 RUNNERS_UP = 24
 """Tightest bounds kept per direction, to see how sharp the edge of the delays is."""
+SETTLED_POINTS = 12
 
 Bound = tuple[int, int]
 """Local time and bound, both in ns; bounds from below are kept with their sign turned."""
@@ -36,6 +39,14 @@ class Edge:
             self.tightest.sort()
             del self.tightest[RUNNERS_UP:]
 
+    def settle(self) -> None:
+        """Keep only the bounds that a straight line can touch: on a steady link nearly all are in the way.
+
+        What a clock bends within a second is nanoseconds, and leaving bounds out never makes one too tight.
+        """
+        if len(self.points) > SETTLED_POINTS:
+            self.points = lower_hull(self.points)
+
 
 class Block:
     """One second of samples."""
@@ -47,3 +58,8 @@ class Block:
         self.lower = Edge(steepest)
         self.round_trip_ns: int | None = None
         """The least, in ns."""
+
+    def settle(self) -> None:
+        """The second is over: keep what still can matter."""
+        self.upper.settle()
+        self.lower.settle()

@@ -4,6 +4,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import exp, sqrt
 
+from capture_app.sync.hull import lower_hull
+
 VOTES = 33
 SHARPEST = 5
 """How many of the tightest bounds of each direction tell how sharp their edge is."""
@@ -96,7 +98,7 @@ def widest(uppers: Sequence[Point], lowers: Sequence[Point], steepest: float) ->
 
 def _room(uppers: Sequence[Point], lowers: Sequence[Point]) -> Callable[[float], tuple[float, float]]:
     """The gap between the two directions and its middle, both in ns, as a function of the skew."""
-    above_hull, below_hull = _hull(uppers), _hull(lowers)
+    above_hull, below_hull = lower_hull(uppers), lower_hull(lowers)
 
     def room(skew: float) -> tuple[float, float]:
         above = min([v - skew * t for t, v in above_hull])
@@ -104,19 +106,6 @@ def _room(uppers: Sequence[Point], lowers: Sequence[Point]) -> Callable[[float],
         return above + below, (above - below) / 2.0
 
     return room
-
-
-def _hull(points: Sequence[Point]) -> list[Point]:
-    """Lower convex hull, by time."""
-    hull: list[Point] = []
-    for t, v in sorted(points):
-        while len(hull) >= 2:
-            (t1, v1), (t2, v2) = hull[-2], hull[-1]
-            if (v2 - v1) * (t - t1) < (v - v1) * (t2 - t1):
-                break
-            hull.pop()
-        hull.append((t, v))
-    return hull
 
 
 def _highest(concave: Callable[[float], float], low: float, high: float) -> float:

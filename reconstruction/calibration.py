@@ -52,7 +52,9 @@ def find_calibration(
         NotAvailableError: COLMAP is not installed here.
         BadInputError: it found no cameras.
     """
-    pycolmap = load_pycolmap()
+    pycolmap = load_pycolmap(
+        "finding the cameras' positions from the images", hint=", or give it a calibration.json"
+    )
     chosen = [instants[int(i)] for i in np.linspace(0, len(instants) - 1, min(MOST_INSTANTS, len(instants)))]
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
         root = Path(scratch)

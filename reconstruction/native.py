@@ -8,8 +8,8 @@ from types import ModuleType
 from capture_app.errors import NotAvailableError
 
 
-def load_pycolmap() -> ModuleType:
-    """COLMAP's Python module, with its chatter turned off.
+def load_pycolmap(purpose: str, *, hint: str = "") -> ModuleType:
+    """COLMAP's Python module, with its chatter turned off; `purpose` is what the error says it is for.
 
     OpenCV must be imported first: in the other order the first PNG that OpenCV writes aborts the process.
 
@@ -17,7 +17,7 @@ def load_pycolmap() -> ModuleType:
         NotAvailableError: it is not installed or cannot be loaded on this machine.
     """
     importlib.import_module("cv2")
-    module = _load("pycolmap", "finding the cameras' positions from the images")
+    module = _load("pycolmap", purpose, hint)
     module.logging.minloglevel = 3
     return module
 
@@ -42,7 +42,7 @@ def versions() -> dict[str, str]:
     return found
 
 
-def _load(name: str, purpose: str) -> ModuleType:
+def _load(name: str, purpose: str, hint: str = "") -> ModuleType:
     try:
         return importlib.import_module(name)
     except (ImportError, OSError) as error:
@@ -50,5 +50,5 @@ def _load(name: str, purpose: str) -> ModuleType:
             f"{purpose} needs {name}, which this machine cannot load: {error}",
             hint=f"{name} has no package for every machine (this one: {platform.system()} "
             f"{platform.machine()}, Python {platform.python_version()}); "
-            "copy the session to a 64-bit PC, or give it a calibration.json",
+            f"copy the session to a 64-bit PC{hint}",
         ) from error

@@ -44,7 +44,7 @@ def write_workspace(
     points of them that views share; without, points between the two depths of `reach`, by which COLMAP
     chooses what to match, and `patch-match.cfg` asks for all cameras.
     """
-    pycolmap = load_pycolmap()
+    pycolmap = load_pycolmap("fusing depth maps")
     stereo = folder / "stereo"
     for part in ("depth_maps", "normal_maps", "consistency_graphs"):
         (stereo / part).mkdir(parents=True, exist_ok=True)
@@ -69,7 +69,7 @@ def fuse(folder: Path, cloud: Path, views: int, options: FusionOptions | None = 
     Raises:
         BadInputError: no point is seen alike by enough views.
     """
-    pycolmap = load_pycolmap()
+    pycolmap = load_pycolmap("fusing depth maps")
     limits = options or FusionOptions()
     asked = pycolmap.StereoFusionOptions()
     asked.min_num_pixels = min(limits.views, views)

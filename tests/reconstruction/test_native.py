@@ -13,7 +13,7 @@ WRITES_A_PNG = """
 import sys
 from reconstruction.native import load_pycolmap
 assert "cv2" not in sys.modules
-load_pycolmap()
+load_pycolmap("testing")
 import cv2
 import numpy as np
 assert cv2.imwrite(sys.argv[1], np.zeros((8, 8, 3), np.uint8))
@@ -39,7 +39,7 @@ def test_nothing_else_imports_colmap() -> None:
 def test_a_machine_without_colmap_is_told_why(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pycolmap", None)
     with pytest.raises(NotAvailableError, match="needs pycolmap, which this machine cannot load") as caught:
-        native.load_pycolmap()
+        native.load_pycolmap("mapping", hint=", or give it a calibration.json")
     assert caught.value.exit_code == ExitCode.NOT_AVAILABLE
     assert "calibration.json" in str(caught.value)
 

@@ -37,7 +37,7 @@ def rotation_errors_deg(instants: Sequence[int], folder: Path) -> list[float]:
 
 
 def _mapped(database: Path, pictures: Path, camera: Any) -> Any:
-    pycolmap: Any = load_pycolmap()
+    pycolmap: Any = load_pycolmap("mapping")
     reader = pycolmap.ImageReaderOptions()
     reader.camera_model = "PINHOLE"
     reader.camera_params = f"{camera.fx},{camera.fy},{camera.cx + 0.5},{camera.cy + 0.5}"

@@ -13,8 +13,7 @@ from typing import Any
 
 from capture_app.errors import BadInputError
 from capture_app.session.importers.matching import TimedFrame, check_order
-from capture_app.session.importers.sources import JPEG_QUALITY, Source, Video
-from capture_app.session.verify import image_size
+from capture_app.session.importers.sources import JPEG_QUALITY, Source, Video, read_images
 
 _METADATA = "sync_metadata_"
 _LEADER, _LOCAL = "leader_sensor_timestamp_ns", "local_sensor_timestamp_ns"
@@ -57,16 +56,11 @@ class PhoneShots(Source):
 
     def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
         """See `Source.frames`."""
-        for index in sorted(indices):
-            file = self._shots[index].image
-            try:
-                data = file.read_bytes() if file.suffix == ".jpg" else _from_nv21(file)
-            except OSError as error:
-                raise BadInputError(f"cannot read {file}: {error.strerror}") from error
-            size = image_size(data)
-            if size is None:
-                raise BadInputError(f"{file} is not an image that can be decoded")
-            yield index, data, size
+        return read_images([shot.image for shot in self._shots], indices, _read_shot)
+
+
+def _read_shot(file: Path) -> bytes:
+    return file.read_bytes() if file.suffix == ".jpg" else _from_nv21(file)
 
 
 class PhoneVideo(Video):

@@ -2,7 +2,7 @@
 
 import re
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -87,16 +87,26 @@ class ImageFolder(Source):
 
     def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
         """See `Source.frames`."""
-        for index in sorted(indices):
-            file = self._files[index]
-            try:
-                data = file.read_bytes()
-            except OSError as error:
-                raise BadInputError(f"cannot read {file}: {error.strerror}") from error
-            size = image_size(data)
-            if size is None:
-                raise BadInputError(f"{file} is not an image that can be decoded")
-            yield index, data, size
+        return read_images(self._files, indices)
+
+
+def read_images(
+    files: Sequence[Path], indices: Sequence[int], read: Callable[[Path], bytes] = Path.read_bytes
+) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
+    """Yield what `Source.frames` does from a file an index; `read` makes an image's bytes of a file.
+
+    Raises BadInputError for a file that cannot be read or decoded.
+    """
+    for index in sorted(indices):
+        file = files[index]
+        try:
+            data = read(file)
+        except OSError as error:
+            raise BadInputError(f"cannot read {file}: {error.strerror}") from error
+        size = image_size(data)
+        if size is None:
+            raise BadInputError(f"{file} is not an image that can be decoded")
+        yield index, data, size
 
 
 class Video(Source):

@@ -134,11 +134,8 @@ def _develop(
         dropped=False,
     )
     seed = seed_of(f"{recipe.seed}/{taken.camera}/{taken.true_ns}")
-    if recipe.depth:
-        truth = SimulatedTruth(source, frame)
-        writer.add_ground_truth(taken.camera, taken.instant, truth.encode(), taken.true_ns)
-    else:
-        writer.add_true_time(taken.camera, taken.instant, taken.true_ns)
+    truth = SimulatedTruth(source, frame).encode() if recipe.depth else None
+    writer.add_ground_truth(taken.camera, taken.instant, truth, taken.true_ns)
     writer.add_image(
         SimulatedPayload(source, frame, seed, recipe.jpeg_quality).encode(),
         camera=taken.camera,

@@ -26,13 +26,7 @@ from capture_app.session.durable import (
     write_named,
     write_whole,
 )
-from capture_app.session.ground_truth import (
-    TIMES,
-    TRUE_TIMES_JOURNAL,
-    TrueTime,
-    TrueTimes,
-    ground_truth_path,
-)
+from capture_app.session.encoding import checked, pretty
 from capture_app.session.journal import Journal
 from capture_app.session.manifest import (
     CALIBRATION,
@@ -48,8 +42,9 @@ from capture_app.session.manifest import (
 )
 from capture_app.session.plan import PLAN, Plan, read_plan
 from capture_app.session.reader import Session, SessionSummary, list_sessions
-from capture_app.session.recovery import RESERVE, recover_images, recover_true_times, remove_leftovers
+from capture_app.session.recovery import RESERVE, recover_images, remove_leftovers
 from capture_app.session.synchronization import sync_record
+from capture_app.session.truth_store import TruthStore
 
 __all__ = ["IMAGE_SUFFIXES", "Session", "SessionSummary", "SessionWriter", "list_sessions"]
 
@@ -69,9 +64,7 @@ class SessionWriter:
         self.created = created or now
         self.software = software or f"simulshot {__version__}"
         self._images: dict[tuple[str, int], ImageRecord] = {}
-        self._true_times: dict[tuple[str, int], TrueTime] = {}
-        self._true_clocks: dict[str, dict[str, float | int | str]] = {}
-        self._truth_journal: AppendOnly | None = None
+        self._truth = TruthStore(folder)
         self._mutex = threading.RLock()
         self._under_way: set[tuple[str, int]] = set()
         self._all_there = threading.Condition(self._mutex)
@@ -140,7 +133,7 @@ class SessionWriter:
         Raises DiskFullError where not even the manifest will find room.
         """
         with self._writing():
-            write_whole(self.folder / PLAN, _pretty(_checked(plan, Plan)))
+            write_whole(self.folder / PLAN, pretty(checked(plan, Plan)))
             if self._plan is None:
                 images = len(plan.cameras) * len(plan.burst.instants_ns)
                 reserve(self.folder / RESERVE, RESERVED_BYTES + RESERVED_BYTES_PER_IMAGE * images)
@@ -224,35 +217,28 @@ class SessionWriter:
         with self._writing():
             self._events.append(*(msgspec.json.encode(event) for event in events), durable=False)
 
-    def add_ground_truth(self, camera: str, instant: int, data: bytes, true_ns: int) -> Path:
-        """Save the .npz of a simulated image and its true first-row time in ns of the host's clock."""
+    def add_ground_truth(self, camera: str, instant: int, data: bytes | None, true_ns: int) -> Path | None:
+        """Save the .npz of a simulated image and its true first-row time in ns of the host's clock.
+
+        Returns where the .npz lies; `data` is None where there is none, only the time.
+        """
         check_name(camera, "camera")
         with self._writing():
-            path = self.folder / ground_truth_path(camera, instant)
-            make_folders(path.parent, self.folder)
-            write_whole(path, data)
-            sha256 = hashlib.sha256(data).hexdigest()
-            self._note_true_time(TrueTime(camera=camera, instant=instant, true_ns=true_ns, sha256=sha256))
-        return path
-
-    def add_true_time(self, camera: str, instant: int, true_ns: int) -> None:
-        """Keep the true first-row time, in ns of the host's clock, of an image without its .npz."""
-        with self._writing():
-            self._note_true_time(TrueTime(camera=camera, instant=instant, true_ns=true_ns))
+            return self._truth.add(camera, instant, true_ns, data=data, crash_safe=self._plan is not None)
 
     @property
     def knows_true_times(self) -> bool:
         """Whether any image came with its true time: the session is a simulated one."""
-        return bool(self._true_times)
+        return self._truth.knows_times
 
     def set_ground_truth_clocks(self, clocks: Mapping[str, Mapping[str, float | int | str]]) -> None:
         """Keep the true parameters of each simulated camera's clock, by camera and by name with unit."""
-        self._true_clocks = {name: dict(values) for name, values in clocks.items()}
+        self._truth.set_clocks(clocks)
 
     def set_calibration(self, calibration: Calibration) -> None:
         """Save the rig's calibration. Raises BadInputError where it holds what JSON cannot (NaN)."""
         with self._writing():
-            write_whole(self.folder / CALIBRATION, _pretty(_checked(calibration, Calibration)))
+            write_whole(self.folder / CALIBRATION, pretty(checked(calibration, Calibration)))
 
     def finish(
         self,
@@ -282,12 +268,12 @@ class SessionWriter:
                 missing=tuple(sorted(gone, key=lambda m: (m.instant, m.camera))),
                 note=note,
             )
-            _checked(manifest, Manifest)
+            checked(manifest, Manifest)
             check_references(self.folder / MANIFEST, manifest)
             sync = sync_record(cameras, burst, manifest.images, manifest.missing)
-            data = _pretty(_checked(msgspec.structs.replace(manifest, sync=sync), Manifest))
+            data = pretty(checked(msgspec.structs.replace(manifest, sync=sync), Manifest))
             remove_leftovers(self.folder)
-            self._write_true_times()
+            self._truth.write()
             self._events.sync()
             write_checksums(self.folder, data)
             write_whole(self.folder / MANIFEST, data)
@@ -315,11 +301,11 @@ class SessionWriter:
         images, damaged = recover_images(self.folder)
         self.damaged = tuple((image.camera, image.instant) for image in damaged)
         self._images = {(image.camera, image.instant): image for image in images}
-        self._true_times = recover_true_times(self.folder, images)
+        self._truth.recover(images)
 
     def _place(self, record: ImageRecord, put: Callable[[Path], None]) -> None:
         """Put an image's file in its place and note it; images of several threads go side by side."""
-        line = _checked(record, ImageRecord)
+        line = checked(record, ImageRecord)
         of = (record.camera, record.instant)
         path = self.folder / record.path
         with self._writing():
@@ -341,15 +327,6 @@ class SessionWriter:
                 self._under_way.discard(of)
                 self._all_there.notify_all()
 
-    def _note_true_time(self, true: TrueTime) -> None:
-        self._true_times[true.camera, true.instant] = true
-        if self._plan is None:
-            return
-        if self._truth_journal is None:
-            make_folders((self.folder / TRUE_TIMES_JOURNAL).parent, self.folder)
-            self._truth_journal = AppendOnly(self.folder / TRUE_TIMES_JOURNAL)
-        self._truth_journal.append(msgspec.json.encode(true), durable=True)
-
     @contextmanager
     def _writing(self) -> Iterator[None]:
         with self._mutex:
@@ -365,30 +342,8 @@ class SessionWriter:
             self._all_there.wait()
         self._open = False
         # Nothing that was promised waits in these: a sync that fails now loses no image.
-        for file in (self._journal, self._events, self._truth_journal):
-            if file is not None:
-                with suppress(OSError):
-                    file.close()
+        for file in (self._journal, self._events):
+            with suppress(OSError):
+                file.close()
+        self._truth.close()
         os.close(self._lock)
-
-    def _write_true_times(self) -> None:
-        if not self._true_times and not self._true_clocks:
-            return
-        images = tuple(true for _, true in sorted(self._true_times.items()))
-        times = TrueTimes(images=images, clocks=self._true_clocks)
-        make_folders((self.folder / TIMES).parent, self.folder)
-        write_whole(self.folder / TIMES, _pretty(_checked(times, TrueTimes)))
-
-
-def _checked(value: msgspec.Struct, kind: type[msgspec.Struct]) -> bytes:
-    """Encode a struct, and prove that a reader will take it: constructors check nothing."""
-    data = msgspec.json.encode(value)
-    try:
-        msgspec.json.decode(data, type=kind)
-    except msgspec.ValidationError as error:
-        raise BadInputError(f"a {kind.__name__} that no reader would accept: {error}") from error
-    return data
-
-
-def _pretty(data: bytes) -> bytes:
-    return msgspec.json.format(data, indent=1) + b"\n"

@@ -134,6 +134,24 @@ class BurstGrid(_Result, frozen=True, kw_only=True):
     thumbnails: tuple[tuple[str, ...], ...]
 
 
+class BulletTime(_Result, frozen=True, kw_only=True):
+    """One instant from camera to camera, synchronized and with cameras late: paths of pictures by camera."""
+
+    cameras: tuple[str, ...]
+    """In the order of the sweep."""
+    instant: int
+    synced: tuple[str, ...]
+    offset: tuple[str, ...]
+    late_ms: tuple[float, ...]
+    """How late each camera's offset picture is."""
+    steady: bool
+    """The pictures are turned and zoomed so that what moves stays where it is."""
+    by_place: bool
+    """The order is that of the cameras' places, not of their names."""
+    file: str
+    """An animation of both side by side."""
+
+
 class ConditionResult(_Result, frozen=True, kw_only=True):
     """A further condition beside the synchronized one, on the same pairs of cameras.
 
@@ -176,6 +194,7 @@ class CompareResult(_Result, frozen=True, kw_only=True):
     conditions: tuple[ConditionResult, ...] = ()
     dose: DoseResult | None = None
     burst: BurstGrid | None = None
+    bullet_time: BulletTime | None = None
     report: str = ""
     seconds: float = 0.0
     versions: dict[str, str] = {}

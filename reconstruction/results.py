@@ -18,13 +18,17 @@ class Interval(_Result, frozen=True, kw_only=True):
 class DepthScores(_Result, frozen=True, kw_only=True):
     """Stereo depth in one condition; shares are of all pixels of that kind, empty ones counted as wrong.
 
-    Movers are pixels of moving things, static ones the rest. `*_within_2pct` need ground truth.
+    Movers are pixels of moving things, static ones the rest. `*_within_*pct` need ground truth.
     """
 
     mover_coverage: float | None
     static_coverage: float | None
+    mover_within_1pct: float | None = None
+    static_within_1pct: float | None = None
     mover_within_2pct: float | None = None
     static_within_2pct: float | None = None
+    mover_within_5pct: float | None = None
+    static_within_5pct: float | None = None
     mover_epipolar_px: float | None = None
     """Median vertical disparity of matches on movers, in px of the rectified images."""
     static_epipolar_px: float | None = None
@@ -34,18 +38,6 @@ class DepthScores(_Result, frozen=True, kw_only=True):
     intervals: dict[str, Interval] = {}
     """By measure, where there are enough instants."""
     instants: int = 0
-
-
-class Picture(_Result, frozen=True, kw_only=True):
-    """One picture of the comparison: paths relative to the output folder."""
-
-    key: str
-    title: str
-    synced: str
-    offset: str
-    caption: str = ""
-    panels: int = 1
-    """Panels side by side within each file; a slider over more than one would mix them."""
 
 
 class StereoResult(_Result, frozen=True, kw_only=True):
@@ -60,6 +52,106 @@ class StereoResult(_Result, frozen=True, kw_only=True):
     """Offset minus synced by measure, paired by instant."""
     why: str = ""
     """Why this pair was taken."""
+
+
+class Picture(_Result, frozen=True, kw_only=True):
+    """One picture of the comparison: paths relative to the output folder."""
+
+    key: str
+    title: str
+    synced: str
+    offset: str
+    caption: str = ""
+    panels: int = 1
+    """Panels side by side within each file; a slider over more than one would mix them."""
+
+
+class MultiviewScores(DepthScores, frozen=True, kw_only=True):
+    """Depth of the reference camera by all of them, in one condition, and the cloud fused from all maps."""
+
+    mover_consistency: float | None = None
+    """Share of pixels whose depth two other cameras found too, each for itself, before any other check."""
+    static_consistency: float | None = None
+    mover_points: float | None = None
+    """Fused points on moving things, of an instant; the mean over the instants."""
+    static_points: float | None = None
+    mover_f_score: float | None = None
+    """Of the fused cloud against the true surfaces of the instant, within the comparison's tolerance."""
+    static_f_score: float | None = None
+    mover_precision: float | None = None
+    """Share of the fused points that lie on a true surface."""
+    static_precision: float | None = None
+    mover_recall: float | None = None
+    """Share of the true surfaces, as far as two cameras see them, that have a fused point."""
+    static_recall: float | None = None
+
+
+class MultiviewComparison(_Result, frozen=True, kw_only=True):
+    """Depth from all cameras, synchronized and with every camera off by another time.
+
+    Judged on the camera in the middle, the reference, whose own picture is the same in both.
+    """
+
+    reference: str
+    cameras: tuple[str, ...]
+    synced: MultiviewScores
+    offset: MultiviewScores
+    offsets_ms: dict[str, float] = {}
+    """How late each camera is against the reference; empty where it is drawn anew for each instant."""
+    tolerance_m: float | None = None
+    """How near a fused point and a true surface must be for the F-score; None where no truth is known."""
+    width_px: int = 0
+    """Of the reference's picture as it was matched: large ones are made smaller for a comparison."""
+    per_instant: tuple[dict[str, float | int | None], ...] = ()
+    """Keys as in StereoResult.per_instant, and `synced_mover_points` and `offset_mover_points`."""
+    differences: dict[str, Interval] = {}
+    """Offset minus synced by measure, paired by instant."""
+    pictures: tuple[Picture, ...] = ()
+    """Their offset side is not that of the pair: it is every camera off by another time."""
+    left_out: dict[str, str] = {}
+    """Cameras without depth, and why."""
+    cloud_skipped: str = ""
+    """Why there is no fused cloud, or no F-score of it."""
+
+
+class PoseScores(_Result, frozen=True, kw_only=True):
+    """Where the cameras stand, found from the pictures of single instants alone, in one condition.
+
+    A pair is placed right where both cameras were placed, and the rotation between them and the direction
+    from one to the other are within `PoseComparison.right_deg` of the true ones.
+    """
+
+    registered: float
+    """Cameras that were placed at an instant; the mean over the instants."""
+    right_pairs: float
+    """Share of all pairs of cameras that were placed right."""
+    rotation_deg: float | None = None
+    """Error of the rotation between two cameras, the median over the pairs that were placed; degrees."""
+    direction_deg: float | None = None
+    """Error of the direction from one camera to the other, likewise."""
+    intervals: dict[str, Interval] = {}
+    """By measure, where there are enough instants."""
+    instants: int = 0
+
+
+class PoseComparison(_Result, frozen=True, kw_only=True):
+    """Poses found instant by instant, synchronized and with every camera off by another time."""
+
+    cameras: tuple[str, ...]
+    synced: PoseScores
+    offset: PoseScores
+    harmed: bool
+    """Lateness costs more than a tenth of the pairs that are placed right."""
+    right_deg: float
+    truth: str
+    """What the poses are held against."""
+    offsets_ms: dict[str, float] = {}
+    """As in MultiviewComparison."""
+    per_instant: tuple[dict[str, float | int | None], ...] = ()
+    """`instant`, and each measure of PoseScores as `synced_*` and `offset_*`."""
+    differences: dict[str, Interval] = {}
+    why: str = ""
+    """Why poses were looked at."""
 
 
 class StitchScores(_Result, frozen=True, kw_only=True):
@@ -164,10 +256,12 @@ class ConditionResult(_Result, frozen=True, kw_only=True):
     session: str = ""
     """The other session that this condition is; it is not paired by instant."""
     stereo_offset_ms: float | None = None
-    """How much later the pair's second camera is in fact."""
+    """How much later the pair's second camera is in fact; None where that is drawn anew for each instant."""
     stitch_offset_ms: float | None = None
     stereo: StereoResult | None = None
     stitch: StitchResult | None = None
+    multiview: MultiviewComparison | None = None
+    poses: PoseComparison | None = None
     skipped: tuple[str, ...] = ()
 
 
@@ -185,8 +279,12 @@ class CompareResult(_Result, frozen=True, kw_only=True):
     """Where the calibration came from."""
     stereo: StereoResult | None = None
     stitch: StitchResult | None = None
+    multiview: MultiviewComparison | None = None
+    poses: PoseComparison | None = None
     stereo_skipped: str = ""
     stitch_skipped: str = ""
+    multiview_skipped: str = ""
+    poses_skipped: str = ""
     sync_residual_us: float | None = None
     """Largest distance of an image from its instant, by the session's own record."""
     sync_bound_us: float | None = None

@@ -82,7 +82,6 @@ class ClientNode:
         """Each with the local time in ns that the engine reckoned with."""
         self._engine_ns = 0
         self._streams_before = self._last_stream = 0
-        self._leader_instance = 0
         self._events: deque[dict[str, JsonValue]] = deque(maxlen=EVENTS_KEPT)
         self._last_state: NodeState | None = None
 
@@ -240,7 +239,6 @@ class ClientNode:
             self._uploader.add(self._work_of(event))
             return
         if isinstance(event, Joined):
-            self._leader_instance = event.leader
             camera = record_of(self.name, description(self._info))
             self._uploader.leader_found(Address(self._leader.host, event.transfer_port), camera)
         line = {"local_ns": now_ns, **event_line(event)}
@@ -252,7 +250,7 @@ class ClientNode:
         assert self._engine is not None
         assert self._tolerance_ns is not None
         report = CameraReport(
-            leader=self._leader_instance,
+            leader=ready.leader,
             burst=ready.burst,
             camera=camera_record(
                 self.name, self._info, ready, self._engine.aligner.corrections, self._tolerance_ns

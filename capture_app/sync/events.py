@@ -70,8 +70,9 @@ class CannotAlign:
 
 @dataclass(frozen=True, slots=True)
 class BurstReady(Generic[F]):
-    """The frames of a burst are picked: save and send them."""
+    """The frames of a burst are picked: save and send them; `leader` is the run that ordered it."""
 
+    leader: int
     burst: int
     picks: tuple[Pick[F], ...]
     gaps: tuple[Gap, ...]

@@ -211,7 +211,9 @@ class Leader:
         self._bursts += 1
         self._busy_until_ns = max(now_ns, instants_ns[-1]) + AFTER_BURST_NS
         for member in present:
-            trigger = Trigger(member.number, self._bursts, instants_ns[0], step_ns, frames)
+            trigger = Trigger(
+                member.number, self.config.instance, self._bursts, instants_ns[0], step_ns, frames
+            )
             self._orders.add(member, trigger, now_ns)
         names = tuple(member.name for member in present)
         return Burst(self._bursts, instants_ns, self.goal.period_ns, requested_ns, names)

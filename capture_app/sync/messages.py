@@ -168,9 +168,13 @@ class Unknown(Struct, frozen=True, tag="unknown"):
 
 
 class Trigger(Struct, frozen=True, tag="trigger"):
-    """Save the frames nearest to first + k * step, k < count, leader time; past or future."""
+    """Save the frames nearest to first + k * step, k < count, leader time; past or future.
+
+    `leader` is the run of the tree's root that ordered it: within that run its number tells a burst.
+    """
 
     client: int
+    leader: int
     burst: int
     first_leader_ns: int
     step_ns: int
@@ -181,6 +185,7 @@ class TriggerAck(Struct, frozen=True, tag="triggered"):
     """A client will save the burst, or says why it cannot."""
 
     client: int
+    leader: int
     burst: int
     refusal: Text = ""
 
@@ -193,6 +198,12 @@ class Goodbye(Struct, frozen=True, tag="goodbye"):
 
 Control = Hello | Welcome | Refused | Heartbeat | HeartbeatAck | Unknown | Trigger | TriggerAck | Goodbye
 Message = TimeRequest | TimeReply | Control
+
+
+def root_of(message: Welcome | HeartbeatAck) -> int:
+    """Return the run of the tree's root, whose time it is and who orders bursts."""
+    return message.leader if message.onward is None else message.onward.path[0]
+
 
 _encoder = msgspec.msgpack.Encoder()
 _decoder = msgspec.msgpack.Decoder(Control)

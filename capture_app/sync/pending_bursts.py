@@ -16,21 +16,22 @@ PATIENCE_PERIODS = 30
 
 
 class PendingBursts(Generic[F]):
-    """Triggers taken from one leader, whose numbers tell its bursts apart."""
+    """Triggers taken from one tree's root, by its run and number, whichever relay has brought them."""
 
     def __init__(self) -> None:
-        self._triggers: dict[int, Trigger] = {}
-        self._done: deque[int] = deque(maxlen=64)
+        self._triggers: dict[tuple[int, int], Trigger] = {}
+        self._done: deque[tuple[int, int]] = deque(maxlen=64)
 
     def forget(self) -> None:
-        """Another leader counts its bursts anew."""
+        """Another root has another time: what it did not order itself cannot be picked by it."""
         self._triggers.clear()
         self._done.clear()
 
     def take(self, trigger: Trigger) -> None:
         """Remember a trigger; one that comes again changes nothing."""
-        if trigger.burst not in self._done:
-            self._triggers[trigger.burst] = trigger
+        key = trigger.leader, trigger.burst
+        if key not in self._done:
+            self._triggers[key] = trigger
 
     def any_before(self, leader_ns: int) -> bool:
         """Whether a burst begins before a leader time in ns, or has begun."""
@@ -45,24 +46,24 @@ class PendingBursts(Generic[F]):
         *,
         offset_ns: int,
         outlier_ns: Callable[[int], int],
-    ) -> list[tuple[int, int, tuple[Pick[F], ...], tuple[Gap, ...]]]:
+    ) -> list[tuple[Trigger, int, tuple[Pick[F], ...], tuple[Gap, ...]]]:
         """Pick the frames of all bursts whose last frame is there, or given up.
 
-        Returns number, local time of the last instant in ns, picks and gaps of each; `offset_ns` and
+        Returns trigger, local time of the last instant in ns, picks and gaps of each; `offset_ns` and
         `outlier_ns` as for `pick_frames`.
         """
         newest_ns = ring.newest_local_ns
         due = []
-        for trigger in list(self._triggers.values()):
+        for key, trigger in list(self._triggers.items()):
             instants_ns = tuple(trigger.first_leader_ns + k * trigger.step_ns for k in range(trigger.count))
             last_local_ns = time_map.local_from_leader(instants_ns[-1]) - offset_ns
             seen = newest_ns is not None and newest_ns > last_local_ns + goal.period_ns // 2
             if not seen and now_ns < last_local_ns + PATIENCE_PERIODS * goal.period_ns:
                 continue
-            del self._triggers[trigger.burst]
-            self._done.append(trigger.burst)
+            del self._triggers[key]
+            self._done.append(key)
             picks, gaps = pick_frames(
                 ring, time_map, instants_ns, goal.period_ns, offset_ns=offset_ns, outlier_ns=outlier_ns
             )
-            due.append((trigger.burst, last_local_ns, picks, gaps))
+            due.append((trigger, last_local_ns, picks, gaps))
         return due

@@ -238,7 +238,7 @@ def test_nothing_on_the_network_keeps_a_rig_from_getting_ready(
         message: object = {
             "time": lambda f=fields: TimeReply(client, 5, *f),
             "welcome": lambda f=fields: Welcome(instance, 7, client, 1, *f),
-            "trigger": lambda f=fields: Trigger(client, 9, *f),
+            "trigger": lambda f=fields: Trigger(client, 7, 9, *f),
             "unknown": lambda: Unknown(client),
             "alive": lambda f=fields: HeartbeatAck(client, 7, *f),
             "refused": lambda: Refused(instance, "no"),

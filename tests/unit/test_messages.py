@@ -50,8 +50,8 @@ control: st.SearchStrategy[Control] = st.one_of(
     st.builds(Refused, u32, text),
     st.builds(Heartbeat, u32, reports),
     st.builds(HeartbeatAck, u32, u32, i64, i64),
-    st.builds(Trigger, u32, u32, i64, i64, u32),
-    st.builds(TriggerAck, u32, u32, text),
+    st.builds(Trigger, u32, u32, u32, i64, i64, u32),
+    st.builds(TriggerAck, u32, u32, u32, text),
 )
 
 

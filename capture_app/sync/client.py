@@ -2,28 +2,22 @@
 
 import random
 from collections import deque
-from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from msgspec.structs import replace
 
-from capture_app.sync.aligner import Aligner
 from capture_app.sync.commands import CameraCommand
 from capture_app.sync.events import (
     BurstReady,
-    CannotAlign,
     ClientEvent,
     ClockSynced,
     FramesDropped,
     Joined,
     JoinRefused,
     LeaderLost,
-    PhaseCorrected,
 )
-from capture_app.sync.injection import InjectionProfile
 from capture_app.sync.membership import Membership
 from capture_app.sync.messages import (
-    CameraDescription,
     Control,
     Goodbye,
     Heartbeat,
@@ -39,12 +33,12 @@ from capture_app.sync.messages import (
     WireError,
     decode,
     encode,
-    root_of,
 )
 from capture_app.sync.pending_bursts import PendingBursts
 from capture_app.sync.phase import FrameStamp, PhaseEstimate
 from capture_app.sync.ring_buffer import RingBuffer
 from capture_app.sync.state import NodeState
+from capture_app.sync.steering import ClientConfig, Steering
 from capture_app.sync.time_report import time_report
 from capture_app.sync.timebase import MAX_PERIOD_NS, MIN_PERIOD_NS, TimeMap
 from capture_app.sync.timekeeper import BACKLOG_NS, FIRST_PACE_NS, NEAR_NS, PACE_NS, Timekeeper
@@ -64,19 +58,6 @@ HOLD_BEFORE_BURST_NS = 2000 * _MS
 """No correction of the phase is begun this long before a burst: its long frame would be in the burst."""
 
 
-@dataclass(frozen=True, slots=True)
-class ClientConfig:
-    """What a client is; times in ns."""
-
-    name: str
-    instance: int
-    camera: CameraDescription
-    tolerance_ns: int
-    ring_frames: int
-    injection_profile: InjectionProfile | None = None
-    """What is known from before about what a long frame does to this camera."""
-
-
 class Client(Generic[F]):
     """One camera's side of the protocol; `F` is whatever the node keeps of a frame.
 
@@ -85,21 +66,9 @@ class Client(Generic[F]):
     """
 
     def __init__(self, config: ClientConfig, rng: random.Random) -> None:
-        camera = config.camera
         self.config = config
-        self.aligner = Aligner(
-            control=camera.phase_control,
-            period_ns=camera.period_ns,
-            tolerance_ns=config.tolerance_ns,
-            row_time_ns=camera.row_time_ns,
-            exposure_ns=camera.exposure_ns,
-            min_exposure_ns=camera.min_exposure_ns,
-            max_exposure_ns=camera.max_exposure_ns,
-            min_frame_duration_ns=camera.min_frame_duration_ns,
-            max_frame_duration_ns=camera.max_frame_duration_ns,
-            rng=rng,
-            profile=config.injection_profile,
-        )
+        self._steering = Steering(config, rng)
+        self.aligner = self._steering.aligner
         self._timekeeper = Timekeeper(rng.getrandbits(32))
         self.clock = self._timekeeper.clock
         self.ring: RingBuffer[F] = RingBuffer(config.ring_frames)
@@ -107,16 +76,13 @@ class Client(Generic[F]):
         self.failure = ""
         self._member: Membership | None = None
         self._leader: int | None = None
-        self._root: int | None = None
         self._why_joining = ""
         self._hello_due_ns = _AT_ONCE_NS
         self._heartbeat_due_ns = _AT_ONCE_NS
-        self._reported_problem = ""
         self._bursts: PendingBursts[F] = PendingBursts()
         self._last_member: Membership | None = None
         """What a leader that fell silent had told: its bursts are finished all the same."""
         self._outbox: deque[Control] = deque()
-        self._commands: deque[CameraCommand] = deque()
         self._events: deque[ClientEvent[F]] = deque()
 
     # What the outside sees
@@ -130,8 +96,7 @@ class Client(Generic[F]):
             return NodeState.JOINING
         if not self._timekeeper.synced:
             return NodeState.SYNCING
-        ready = self.aligner.aligned or (self.aligner.settled and self.config.camera.phase_control == "none")
-        return NodeState.READY if ready else NodeState.ALIGNING
+        return NodeState.READY if self._steering.ready else NodeState.ALIGNING
 
     @property
     def time_map(self) -> TimeMap | None:
@@ -142,13 +107,12 @@ class Client(Generic[F]):
         """The stream's distance from the rig's grid at a local time in ns."""
         if self._member is None or self.time_map is None:
             return None
-        at_leader_ns = self.time_map.leader_from_local(local_ns)
-        return self.aligner.estimate(self.time_map, self._member.goal_of_stamps, at_leader_ns)
+        return self._steering.phase(self._member, self.time_map, local_ns)
 
     def report(self, now_ns: int) -> Report:
         """What this client tells the leader about itself."""
-        phase = self.phase(now_ns)
-        why_no_centre = "" if self._member is None else self._member.why_no_centre
+        phase, member = self.phase(now_ns), self._member
+        why_no_centre = "" if member is None else member.why_no_centre
         message = self.failure or self.aligner.problem or self._why_joining or why_no_centre
         return replace(
             time_report(self.state, message, self.time_map, self.clock.samples, now_ns),
@@ -158,7 +122,7 @@ class Client(Generic[F]):
             corrections=self.aligner.corrections,
             frames=self.aligner.frames,
             drops=self.aligner.drops,
-            frame_leader_ns=self._told_frame_leader_ns(phase),
+            frame_leader_ns=None if member is None else self._steering.frame_leader_ns(member, phase),
             tolerance_ns=self.config.tolerance_ns,
         )
 
@@ -189,7 +153,6 @@ class Client(Generic[F]):
                     self._leave("the leader has another grid of instants", now_ns)
                 else:
                     self._timekeeper.take_terms(message)
-                    self._obey(root_of(message))
                     if member.take_answer(message):
                         self._align(now_ns)
             case Unknown() if member is not None and message.client == member.client:
@@ -266,7 +229,7 @@ class Client(Generic[F]):
 
     def next_command(self) -> CameraCommand | None:
         """Return the next command for the camera, None where there is none."""
-        return self._commands.popleft() if self._commands else None
+        return self._steering.next_command()
 
     def next_event(self) -> "ClientEvent[F] | None":
         """Return the next thing that happened, None where there is none."""
@@ -280,25 +243,13 @@ class Client(Generic[F]):
             return
         if welcome.leader != self._leader:
             self._timekeeper.forget()
+            self._bursts.forget()
             self._leader = welcome.leader
-        self._obey(root_of(welcome))
         self._member = Membership.begin(self.config.camera, welcome, now_ns)
         self._timekeeper.follow(welcome, now_ns)
         self._why_joining = ""
         self._heartbeat_due_ns = now_ns
         self._events.append(Joined(welcome.transfer_port, welcome.leader))
-
-    def _obey(self, root: int) -> None:
-        """Bursts are the root's, in its time: a relay that changes does not end them, another root does."""
-        if root != self._root:
-            self._bursts.forget()
-            self._root = root
-
-    def _told_frame_leader_ns(self, phase: PhaseEstimate | None) -> int | None:
-        if self._member is None or phase is None or not self.aligner.settled:
-            return None
-        goal = self._member.goal
-        return goal.instant(goal.index_of(phase.at_leader_ns)) + phase.error_ns
 
     def _leave(self, reason: str, now_ns: int) -> None:
         self._last_member, self._member = self._member, None
@@ -317,32 +268,10 @@ class Client(Generic[F]):
         member, time_map = self._member, self.time_map
         if member is None or time_map is None or not self._timekeeper.synced:
             return
-        was_ready = self.state is NodeState.READY
-        before, corrections = self.phase(now_ns), self.aligner.corrections
-        self.aligner.catch_up(now_ns)
-        if not self.aligner.settled:
-            member.asked = member.answered = False
-        elif not member.asked:
+        if self._steering.step(member, time_map, now_ns, hold=self._burst_is_near(now_ns, time_map)):
             self._heartbeat_due_ns = min(self._heartbeat_due_ns, now_ns)
-        hold = self._burst_is_near(now_ns, time_map) or not member.may_move
-        command = self.aligner.step(
-            time_map,
-            member.goal_of_stamps,
-            now_ns,
-            hold=hold,
-            agreed_leader_ns=member.agreed_leader_ns,
-        )
-        if command is not None:
-            self._commands.append(command)
-        if self.aligner.corrections > corrections and command is not None:
-            self._events.append(PhaseCorrected(command, before))
-            self._heartbeat_due_ns = now_ns
-        if self.aligner.problem != self._reported_problem:
-            self._reported_problem = self.aligner.problem
-            if self._reported_problem:
-                self._events.append(CannotAlign(self._reported_problem))
-        if was_ready is not (self.state is NodeState.READY):
-            self._heartbeat_due_ns = now_ns
+        while (event := self._steering.next_event()) is not None:
+            self._events.append(event)
 
     def _burst_is_near(self, now_ns: int, time_map: TimeMap) -> bool:
         return self._bursts.any_before(time_map.leader_from_local(now_ns + HOLD_BEFORE_BURST_NS))
@@ -357,7 +286,7 @@ class Client(Generic[F]):
             refusal = f"a burst of {trigger.count} frames every {trigger.step_ns} ns is not possible"
         else:
             self._bursts.take(trigger)
-        self._outbox.append(TriggerAck(member.client, trigger.leader, trigger.burst, refusal))
+        self._outbox.append(TriggerAck(member.client, trigger.burst, refusal))
 
     def _finish_bursts(self, now_ns: int) -> None:
         member, time_map = self._member or self._last_member, self.time_map
@@ -371,7 +300,5 @@ class Client(Generic[F]):
             offset_ns=member.offset_ns,
             outlier_ns=self.aligner.outlier_ns,
         )
-        for trigger, last_local_ns, picks, gaps in due:
-            phase = self.phase(last_local_ns)
-            ready = BurstReady(trigger.leader, trigger.burst, picks, gaps, time_map, phase)
-            self._events.append(ready)
+        for burst, last_local_ns, picks, gaps in due:
+            self._events.append(BurstReady(burst, picks, gaps, time_map, self.phase(last_local_ns)))

@@ -1,0 +1,101 @@
+"""A client's stream on its way onto the rig's grid: the camera's commands, and what is told of them."""
+
+import random
+from collections import deque
+from dataclasses import dataclass
+
+from capture_app.sync.aligner import Aligner
+from capture_app.sync.commands import CameraCommand
+from capture_app.sync.events import CannotAlign, PhaseCorrected
+from capture_app.sync.injection import InjectionProfile
+from capture_app.sync.membership import Membership
+from capture_app.sync.messages import CameraDescription
+from capture_app.sync.phase import PhaseEstimate
+from capture_app.sync.timebase import TimeMap
+
+
+@dataclass(frozen=True, slots=True)
+class ClientConfig:
+    """What a client is; times in ns."""
+
+    name: str
+    instance: int
+    camera: CameraDescription
+    tolerance_ns: int
+    ring_frames: int
+    injection_profile: InjectionProfile | None = None
+    """What is known from before about what a long frame does to this camera."""
+
+
+class Steering:
+    """One camera's aligner with its commands; `now_ns` is the node's own clock."""
+
+    def __init__(self, config: ClientConfig, rng: random.Random) -> None:
+        camera = config.camera
+        self.aligner = Aligner(
+            control=camera.phase_control,
+            period_ns=camera.period_ns,
+            tolerance_ns=config.tolerance_ns,
+            row_time_ns=camera.row_time_ns,
+            exposure_ns=camera.exposure_ns,
+            min_exposure_ns=camera.min_exposure_ns,
+            max_exposure_ns=camera.max_exposure_ns,
+            min_frame_duration_ns=camera.min_frame_duration_ns,
+            max_frame_duration_ns=camera.max_frame_duration_ns,
+            rng=rng,
+            profile=config.injection_profile,
+        )
+        self._can_move = camera.phase_control != "none"
+        self._told_problem = ""
+        self._commands: deque[CameraCommand] = deque()
+        self._events: deque[PhaseCorrected | CannotAlign] = deque()
+
+    @property
+    def ready(self) -> bool:
+        """Whether the stream is where it should be, or where it will stay."""
+        return self.aligner.aligned or (self.aligner.settled and not self._can_move)
+
+    def phase(self, member: Membership, time_map: TimeMap, local_ns: int) -> PhaseEstimate | None:
+        """The stream's distance from the rig's grid at a local time in ns."""
+        at_leader_ns = time_map.leader_from_local(local_ns)
+        return self.aligner.estimate(time_map, member.goal_of_stamps, at_leader_ns)
+
+    def frame_leader_ns(self, member: Membership, phase: PhaseEstimate | None) -> int | None:
+        """Leader time in ns of the aligned moment of a frame; None while the phase is not settled."""
+        if phase is None or not self.aligner.settled:
+            return None
+        return member.goal.instant(member.goal.index_of(phase.at_leader_ns)) + phase.error_ns
+
+    def step(self, member: Membership, time_map: TimeMap, now_ns: int, *, hold: bool) -> bool:
+        """Judge the stream and command what it needs, unless on hold; whether the leader should know now."""
+        was_ready, aligner = self.ready, self.aligner
+        before, corrections = self.phase(member, time_map, now_ns), aligner.corrections
+        aligner.catch_up(now_ns)
+        if not aligner.settled:
+            member.asked = member.answered = False
+        news = aligner.settled and not member.asked
+        command = aligner.step(
+            time_map,
+            member.goal_of_stamps,
+            now_ns,
+            hold=hold or not member.may_move,
+            agreed_leader_ns=member.agreed_leader_ns,
+        )
+        if command is not None:
+            self._commands.append(command)
+        if aligner.corrections > corrections and command is not None:
+            self._events.append(PhaseCorrected(command, before))
+            news = True
+        if aligner.problem != self._told_problem:
+            self._told_problem = aligner.problem
+            if aligner.problem:
+                self._events.append(CannotAlign(aligner.problem))
+        return news or was_ready is not self.ready
+
+    def next_command(self) -> CameraCommand | None:
+        """Return the next command for the camera, None where there is none."""
+        return self._commands.popleft() if self._commands else None
+
+    def next_event(self) -> PhaseCorrected | CannotAlign | None:
+        """Return the next thing that happened, None where there is none."""
+        return self._events.popleft() if self._events else None

@@ -33,6 +33,7 @@ from capture_app.sync.messages import (
     WireError,
     decode,
     encode,
+    root_of,
 )
 from capture_app.sync.pending_bursts import PendingBursts
 from capture_app.sync.phase import FrameStamp, PhaseEstimate
@@ -76,6 +77,7 @@ class Client(Generic[F]):
         self.failure = ""
         self._member: Membership | None = None
         self._leader: int | None = None
+        self._root: int | None = None
         self._why_joining = ""
         self._hello_due_ns = _AT_ONCE_NS
         self._heartbeat_due_ns = _AT_ONCE_NS
@@ -153,6 +155,7 @@ class Client(Generic[F]):
                     self._leave("the leader has another grid of instants", now_ns)
                 else:
                     self._timekeeper.take_terms(message)
+                    self._obey(root_of(message))
                     if member.take_answer(message):
                         self._align(now_ns)
             case Unknown() if member is not None and message.client == member.client:
@@ -243,13 +246,19 @@ class Client(Generic[F]):
             return
         if welcome.leader != self._leader:
             self._timekeeper.forget()
-            self._bursts.forget()
             self._leader = welcome.leader
+        self._obey(root_of(welcome))
         self._member = Membership.begin(self.config.camera, welcome, now_ns)
         self._timekeeper.follow(welcome, now_ns)
         self._why_joining = ""
         self._heartbeat_due_ns = now_ns
         self._events.append(Joined(welcome.transfer_port, welcome.leader))
+
+    def _obey(self, root: int) -> None:
+        """Bursts are the root's, in its time: a relay that changes does not end them, another root does."""
+        if root != self._root:
+            self._bursts.forget()
+            self._root = root
 
     def _leave(self, reason: str, now_ns: int) -> None:
         self._last_member, self._member = self._member, None
@@ -286,7 +295,7 @@ class Client(Generic[F]):
             refusal = f"a burst of {trigger.count} frames every {trigger.step_ns} ns is not possible"
         else:
             self._bursts.take(trigger)
-        self._outbox.append(TriggerAck(member.client, trigger.burst, refusal))
+        self._outbox.append(TriggerAck(member.client, trigger.leader, trigger.burst, refusal))
 
     def _finish_bursts(self, now_ns: int) -> None:
         member, time_map = self._member or self._last_member, self.time_map
@@ -300,5 +309,7 @@ class Client(Generic[F]):
             offset_ns=member.offset_ns,
             outlier_ns=self.aligner.outlier_ns,
         )
-        for burst, last_local_ns, picks, gaps in due:
-            self._events.append(BurstReady(burst, picks, gaps, time_map, self.phase(last_local_ns)))
+        for trigger, last_local_ns, picks, gaps in due:
+            phase = self.phase(last_local_ns)
+            ready = BurstReady(trigger.leader, trigger.burst, picks, gaps, time_map, phase)
+            self._events.append(ready)

@@ -8,6 +8,7 @@ from pathlib import Path
 import msgspec
 
 from capture_app.errors import NotAvailableError
+from reconstruction.bullet_time import bullet_time
 from reconstruction.burst_grid import burst_grid
 from reconstruction.conditions import Condition, check_cameras, drawn
 from reconstruction.dataset import Dataset
@@ -126,6 +127,7 @@ class _Comparison:
             conditions=conditions,
             dose=self.dose,
             burst=burst_grid(self.dataset, self.folder),
+            bullet_time=bullet_time(self.dataset, self.motion, self.rig.views, self.folder),
             versions=versions(),
         )
 

@@ -121,10 +121,22 @@ def trim(seen: Array) -> tuple[slice, slice]:
     return slice(top, bottom), slice(left, right)
 
 
-def save(folder: Path, name: str, picture: Array) -> str:
-    """Write a picture into folder/pictures; its path relative to the folder."""
+def fit(picture: Array, width: int, height: int) -> Array:
+    """A picture made as large as fits into a canvas, in its middle."""
+    scale = min(width / picture.shape[1], height / picture.shape[0])
+    wide, high = max(1, round(picture.shape[1] * scale)), max(1, round(picture.shape[0] * scale))
+    canvas = np.full((height, width, 3), EMPTY, np.uint8)
+    left, top = (width - wide) // 2, (height - high) // 2
+    how = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
+    canvas[top : top + high, left : left + wide] = cv2.resize(picture, (wide, high), interpolation=how)
+    return canvas
+
+
+def save(folder: Path, name: str, picture: Array, *, quality: int = 92) -> str:
+    """Write a picture into folder/pictures; its path relative to the folder. `quality` is for JPEG."""
     target = folder / "pictures" / name
     target.parent.mkdir(parents=True, exist_ok=True)
-    if not cv2.imwrite(str(target), picture, [cv2.IMWRITE_JPEG_QUALITY, 92] if name.endswith(".jpg") else []):
+    how = [cv2.IMWRITE_JPEG_QUALITY, quality] if name.endswith(".jpg") else []
+    if not cv2.imwrite(str(target), picture, how):
         raise OSError(f"cannot write {target}")
     return f"pictures/{name}"

@@ -1,0 +1,135 @@
+"""The bullet-time sweep: one instant from camera to camera, and the same with cameras at other times."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from reconstruction import pictures, wording
+from reconstruction.animation import save_animation
+from reconstruction.camera_order import walk_past
+from reconstruction.conditions import drawn
+from reconstruction.dataset import Dataset
+from reconstruction.geometry import Array, View
+from reconstruction.results import BulletTime
+from reconstruction.scene_motion import SceneMotion
+from reconstruction.steady import hold, point_of_interest, seen_from
+from reconstruction.variants import thin
+
+MOST_CAMERAS = 20
+LONG_SIDE_PX = 512
+QUALITY = 82
+MOST_LOOKED_AT = 6
+"""Instants among which the one with the most motion is taken."""
+LEAST_MOVING_PX = 40
+"""Fewer moving pixels in a picture say nothing of where the subject is."""
+
+
+def bullet_time(
+    dataset: Dataset, motion: SceneMotion, views: Mapping[str, View], out: Path
+) -> BulletTime | None:
+    """Write the sweep's pictures and an animation of it into out/pictures; None where there is no sweep.
+
+    The cameras come in the order of their places where they are calibrated, else by name. Pictures of
+    calibrated cameras are turned and zoomed so that what moves stays where it is; nothing in them is made up.
+    In the other condition each camera is late by one of `conditions.DRAWN_MS`, as far as the burst goes.
+    """
+    calibrated = {name: views[name] for name in dataset.cameras if name in views}
+    order = walk_past(calibrated) if len(calibrated) > 1 else tuple(sorted(dataset.cameras))
+    order = order[:: -(-len(order) // MOST_CAMERAS)]
+    chosen = _instant(dataset, motion, order)
+    if chosen is None:
+        return None
+    instant, late = chosen
+    order = tuple(late)
+    held = _held(motion, calibrated, order, instant)
+    halves = tuple(
+        [_frame(dataset, name, k, calibrated, held, dataset.size(order[0])) for name, k in taken]
+        for taken in (((name, instant) for name in order), late.items())
+    )
+    late_ms = tuple((dataset.instants_ns[k] - dataset.instants_ns[instant]) / 1e6 for k in late.values())
+    titles = "synchronized", [_title(name, ms) for name, ms in zip(order, late_ms, strict=True)]
+    synced, offset = (
+        tuple(
+            pictures.save(out, f"sweep_{name}_{kind}.jpg", frame, quality=QUALITY)
+            for name, frame in zip(order, frames, strict=True)
+        )
+        for kind, frames in zip(("synced", "offset"), halves, strict=True)
+    )
+    return BulletTime(
+        cameras=order,
+        instant=instant,
+        synced=synced,
+        offset=offset,
+        late_ms=late_ms,
+        steady=bool(held),
+        by_place=len(calibrated) > 1,
+        file=save_animation(out, "sweep", (halves[0], halves[1]), titles),
+    )
+
+
+def _instant(
+    dataset: Dataset, motion: SceneMotion, order: tuple[str, ...]
+) -> tuple[int, dict[str, int]] | None:
+    """The instant to stop at, and from which instant each camera's picture comes when it is late.
+
+    Most cameras must have both, then the most must be at distinct times, then the most must move.
+    """
+    asked = dict(drawn(order).offsets_ms)
+    times = dataset.instants_ns
+    there = {name: dataset.instants(name) for name in order}
+    found: dict[int, dict[str, int]] = {}
+    for k, time in enumerate(times):
+        found[k] = {
+            name: min(there[name], key=lambda j: (abs(times[j] - time - asked[name] * 1e6), j))
+            for name in order
+            if k in there[name]
+        }
+    ranks = {k: (len(late), len(set(late.values()))) for k, late in found.items()}
+    best = max(ranks.values())
+    if min(best) < 2:
+        return None
+    likely = [k for k, rank in ranks.items() if rank == best]
+    likely = [k for k, _ in thin([(k, k) for k in likely], MOST_LOOKED_AT)]
+    instant = max(likely, key=lambda k: sum(int(motion.seen_moving(n, k).sum()) for n in found[k]))
+    return instant, found[instant]
+
+
+def _held(
+    motion: SceneMotion, views: Mapping[str, View], order: tuple[str, ...], instant: int
+) -> dict[str, View]:
+    """Views that keep still what moves; none where the cameras do not all see it in one place."""
+    ours = {name: views[name] for name in order if name in views}
+    seen = {}
+    for name in ours:
+        moving = motion.seen_moving(name, instant)
+        if int(moving.sum()) >= LEAST_MOVING_PX:
+            seen[name] = np.argwhere(moving).mean(0)[::-1]
+    point = point_of_interest(ours, seen) if len(ours) == len(order) else None
+    if point is None:
+        return {}
+    widest = max(view.width for view in ours.values()), max(view.height for view in ours.values())
+    return hold(ours, point, *_canvas(widest))
+
+
+def _frame(
+    dataset: Dataset,
+    camera: str,
+    instant: int,
+    views: Mapping[str, View],
+    held: Mapping[str, View],
+    size: tuple[int, int],
+) -> Array:
+    image = dataset.image(camera, instant)
+    if camera in held:
+        return seen_from(held[camera], views[camera], image, pictures.EMPTY)
+    return pictures.fit(image, *_canvas(size))
+
+
+def _canvas(size: tuple[int, int]) -> tuple[int, int]:
+    scale = min(1.0, LONG_SIDE_PX / max(size))
+    return round(size[0] * scale), round(size[1] * scale)
+
+
+def _title(camera: str, late_ms: float) -> str:
+    return f"{camera}: " + (wording.lateness(late_ms).replace(wording.GAP, " ") if late_ms else "on time")

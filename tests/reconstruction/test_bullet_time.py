@@ -1,0 +1,139 @@
+"""The bullet-time sweep: cameras in the order of their places, the subject held still, honest pictures."""
+
+from itertools import pairwise
+
+import cv2
+import numpy as np
+import pytest
+
+from reconstruction.animation import save_animation
+from reconstruction.bullet_time import bullet_time
+from reconstruction.calibration import views_of
+from reconstruction.camera_order import walk_past
+from reconstruction.dataset import Dataset
+from reconstruction.geometry import View
+from reconstruction.scene_motion import SceneMotion
+from reconstruction.steady import hold, pixel_of, point_of_interest, seen_from
+
+from .conftest import HEIGHT, WIDTH, jump, make_view
+
+
+def on_arc(angle_deg: float, radius: float = 3.0, roll: float = 0.0) -> View:
+    """A camera on an arc around (0, 0, 3) that looks at it."""
+    angle = np.radians(angle_deg)
+    at = (radius * np.sin(angle), 0.0, 3.0 - radius * np.cos(angle))
+    return make_view(at, yaw=-angle_deg, roll=roll)
+
+
+def test_the_walk_follows_a_row_whatever_the_names():
+    row = {
+        name: make_view((x, 0.0, 0.0)) for name, x in zip("dbaec", (-0.4, -0.2, 0.0, 0.2, 0.4), strict=True)
+    }
+    assert walk_past(row) == ("d", "b", "a", "e", "c")
+
+
+def test_the_walk_goes_round_a_ring_and_never_across():
+    angles = dict(zip("abcdefgh", (45, 180, 0, 270, 90, 225, 135, 315), strict=True))
+    walk = walk_past({name: on_arc(angle) for name, angle in angles.items()})
+    steps = [(angles[b] - angles[a]) % 360 for a, b in pairwise(walk)]
+    assert set(steps) in ({45}, {315})
+
+
+def test_cameras_in_one_spot_are_walked_from_left_to_right():
+    names = walk_past(
+        {"r": make_view((0, 0, 0), yaw=30), "l": make_view((0, 0, 0), yaw=-30), "m": make_view((0, 0, 0))}
+    )
+    assert names == ("l", "m", "r")
+
+
+def test_what_cameras_saw_is_placed_where_it_is():
+    views = {name: on_arc(angle) for name, angle in zip("abc", (-20, 0, 15), strict=True)}
+    point = np.array([0.1, -0.2, 2.7])
+    seen = {name: pixel_of(view, point) for name, view in views.items()}
+
+    assert point_of_interest(views, seen) == pytest.approx(point, abs=1e-6)
+
+    seen["a"] = seen["a"] + (0.5 * WIDTH, 0)
+    assert point_of_interest(views, seen) is None
+    assert point_of_interest(views, {"a": seen["b"]}) is None
+
+
+def test_no_point_is_held_that_a_camera_does_not_show():
+    views = {"a": on_arc(-10), "b": on_arc(10), "aside": make_view((0, 0, 0), yaw=120)}
+    seen = {name: np.array([WIDTH / 2, HEIGHT / 2]) for name in "ab"}
+    assert point_of_interest(views, seen) is None
+
+
+def test_held_views_show_the_point_at_one_place_and_one_scale():
+    point = np.array([0.0, 0.0, 3.0])
+    views = {"a": on_arc(-25, 2.6, roll=8), "b": on_arc(0), "c": on_arc(25, 3.5, roll=-5)}
+    held = hold(views, point, 200, 150)
+
+    places = [pixel_of(view, point) for view in held.values()]
+    assert np.ptp(places, axis=0) == pytest.approx([0, 0], abs=1e-6)
+    below = point + np.array([0, 0.3, 0])
+    heights = [pixel_of(view, below)[1] - pixel_of(view, point)[1] for view in held.values()]
+    assert heights == pytest.approx([heights[0]] * 3, rel=1e-3)
+    for name, view in held.items():
+        assert view.centre == pytest.approx(views[name].centre)
+
+
+def test_a_held_picture_is_filled_with_what_the_camera_saw():
+    views = {name: on_arc(angle) for name, angle in zip("abc", (-15, 0, 15), strict=True)}
+    held = hold(views, np.array([0.0, 0.0, 3.0]), 160, 120)
+    grey = np.full((HEIGHT, WIDTH, 3), 120, np.uint8)
+    for name, view in views.items():
+        assert (seen_from(held[name], view, grey, (0, 0, 255)) == 120).all()
+
+
+def test_the_mover_stays_when_synchronized_and_jumps_when_not(boards, tmp_path):
+    dataset = Dataset(boards)
+    views = {name: view for name, view in views_of(dataset, dataset.calibration()).items() if name != "aside"}
+    sweep = bullet_time(dataset, SceneMotion(dataset, 2), views, tmp_path)
+
+    assert sweep is not None
+    assert sweep.cameras == ("left", "right")
+    assert sweep.steady
+    assert sweep.by_place
+    assert len(set(sweep.late_ms)) == 2
+
+    board = np.array([*jump(sweep.instant), 2.2])
+    x, y = np.mean([pixel_of(view, board) for view in views.values()], axis=0).round().astype(int)
+
+    def moved(paths: tuple[str, ...]) -> float:
+        """How far the board's middle is from one picture to the next, px."""
+        first, second = (cv2.imread(str(tmp_path / path), cv2.IMREAD_GRAYSCALE) for path in paths)
+        assert first.shape == (HEIGHT, WIDTH)
+        alike = cv2.matchTemplate(second, first[y - 15 : y + 16, x - 15 : x + 16], cv2.TM_CCOEFF_NORMED)
+        at = cv2.minMaxLoc(alike)[3]
+        return float(np.hypot(at[0] + 15 - x, at[1] + 15 - y))
+
+    assert moved(sweep.synced) < 4
+    assert moved(sweep.offset) > 15
+    shown = cv2.imreadanimation(str(tmp_path / sweep.file))[1]
+    assert len(shown.frames) == 2
+
+
+def test_without_calibration_the_sweep_goes_by_name_and_invents_nothing(boards, tmp_path):
+    dataset = Dataset(boards)
+    sweep = bullet_time(dataset, SceneMotion(dataset, 2), {}, tmp_path)
+
+    assert sweep is not None
+    assert sweep.cameras == ("aside", "left", "right")
+    assert not sweep.steady
+    assert not sweep.by_place
+    kept = cv2.imread(str(tmp_path / sweep.synced[1]))
+    assert np.abs(kept.astype(int) - dataset.image("left", sweep.instant)).mean() < 4
+
+
+def test_the_animation_goes_there_and_back(tmp_path):
+    first = [np.full((60, 80, 3), grey, np.uint8) for grey in (0, 90, 180, 250)]
+    path = save_animation(tmp_path, "sweep", (first, first[::-1]), ("synchronized", ["a", "b", "c", "d"]))
+
+    data = (tmp_path / path).read_bytes()
+    assert path == "pictures/sweep.gif"
+    assert data.startswith(b"GIF89a")
+    assert b"NETSCAPE2.0\x03\x01\x00\x00" in data
+    frames = cv2.imreadanimation(str(tmp_path / path))[1].frames
+    levels = [round(float(frame[200, 200, :3].mean()), -1) for frame in frames]
+    assert levels == pytest.approx([0, 90, 180, 250, 180, 90], abs=12)

@@ -2,7 +2,7 @@
 
 from capture_app.node.leader import News
 from capture_app.node.status import BurstStatus
-from capture_app.sync.events import BurstRefused, NodeJoined, NodeLost, NodeReturned
+from capture_app.sync.events import BurstRefused, NodeJoined, NodeLost, NodeMoved, NodeReturned
 
 
 def in_words(news: News) -> str:
@@ -12,6 +12,8 @@ def in_words(news: News) -> str:
             return f"{news.name} joined"
         case NodeReturned():
             return f"{news.name} is back"
+        case NodeMoved():
+            return f"{news.name} is at {news.relay or 'this leader'} now"
         case NodeLost():
             return f"{news.name} is lost: {news.reason}"
         case BurstRefused():

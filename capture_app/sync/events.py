@@ -108,6 +108,14 @@ class NodeReturned:
 
 
 @dataclass(frozen=True, slots=True)
+class NodeMoved:
+    """A client that is here joined another relay; None where it left its relay for this leader."""
+
+    name: str
+    relay: str | None
+
+
+@dataclass(frozen=True, slots=True)
 class NodeLost:
     """A client fell silent, or left of its own will."""
 
@@ -132,4 +140,4 @@ class BurstRefused:
     reason: str
 
 
-LeaderEvent = NodeJoined | NodeReturned | NodeLost | BurstAccepted | BurstRefused
+LeaderEvent = NodeJoined | NodeReturned | NodeMoved | NodeLost | BurstAccepted | BurstRefused

@@ -4,21 +4,19 @@ import random
 from collections import deque
 from dataclasses import dataclass
 
-from capture_app.errors import BadInputError, IncompleteError
-from capture_app.sync.agreement import WEIGHTS, Agreement, Standing
+from capture_app.sync.agreement import Agreement
 from capture_app.sync.events import LeaderEvent
 from capture_app.sync.messages import (
-    CLOCK_ONLY,
+    WITHOUT_CAMERA,
     CameraDescription,
     Control,
+    FromClient,
     Goodbye,
     Heartbeat,
     HeartbeatAck,
     Hello,
     Refused,
-    Report,
     TimeRequest,
-    Trigger,
     TriggerAck,
     Unknown,
     Welcome,
@@ -29,11 +27,19 @@ from capture_app.sync.messages import (
     reply_before_t2,
 )
 from capture_app.sync.onward import Onward
-from capture_app.sync.orders import Orders
-from capture_app.sync.placement import Forecast, calmest
-from capture_app.sync.roster import CLIENT_SILENT_NS, CLOCK_SILENT_NS, Address, Member, Roster, spread
+from capture_app.sync.orders import Orders, Wanted
+from capture_app.sync.roster import (
+    CLIENT_SILENT_NS,
+    CLOCK_SILENT_NS,
+    Address,
+    ClientView,
+    Member,
+    Roster,
+    spread,
+)
 from capture_app.sync.timebase import Goal
-from capture_app.sync.trigger import MAX_BURST_NS, MAX_FRAMES, Burst, burst_instants, possible
+from capture_app.sync.trigger import Burst
+from capture_app.sync.uplink import Uplink
 
 __all__ = [
     "CLIENT_SILENT_NS",
@@ -70,27 +76,21 @@ class LeaderConfig:
     """Time requests that all clients together may send: the more there are, the slower is each one's pace."""
 
 
-@dataclass(frozen=True, slots=True)
-class ClientView:
-    """A client as the leader sees it; `age_ns` is the time since it was last heard."""
-
-    name: str
-    address: Address
-    camera: CameraDescription
-    report: Report
-    age_ns: int
-
-
 class Leader:
-    """The leader's side of the protocol; `now_ns` is the leader's clock, which is the rig's time."""
+    """The leader's side of the protocol; `now_ns` is the leader's clock, which is the rig's time.
 
-    def __init__(self, config: LeaderConfig, rng: random.Random) -> None:
+    A relay's has an `uplink`: what its clients say goes there too, and bursts come from there.
+    """
+
+    def __init__(self, config: LeaderConfig, rng: random.Random, uplink: Uplink | None = None) -> None:
         self.config = config
         self.agreement: Agreement | None = None
+        self.align_row = config.align_row
         self.malformed = 0
+        self._uplink = uplink
+        self._grid_is_for_cameras = config.period_ns is not None
         self._roster = Roster(rng)
         self._orders = Orders()
-        self._bursts = 0
         self._busy_until_ns: int | None = None
         self.onward: Onward | None = None
         """Of a relay: from its clock to the root's, for the clients to add to their estimates."""
@@ -107,7 +107,7 @@ class Leader:
     @property
     def pace_ns(self) -> int:
         """Mean time between two time requests of one client that this leader can bear, in ns; 0: any."""
-        pace_ns = round(self._roster.present * 1e9 / self.config.exchanges_per_s)
+        pace_ns = round(self._roster.asking * 1e9 / self.config.exchanges_per_s)
         return min(SLOWEST_PACE_NS, pace_ns) if pace_ns > FREE_PACE_NS else 0
 
     # In
@@ -119,10 +119,13 @@ class Leader:
         except WireError:
             self.malformed += 1
             return
+        if isinstance(message, FromClient):
+            self.take(message, address, now_ns)
+
+    def take(self, message: FromClient, address: Address, now_ns: int) -> None:
+        """Take in a message that arrived at `now_ns`."""
         if isinstance(message, Hello):
             self._take_hello(message, address, now_ns)
-            return
-        if not isinstance(message, TimeRequest | Heartbeat | TriggerAck | Goodbye):
             return
         member = self._roster.present_of(message.client)
         if member is None:
@@ -131,14 +134,17 @@ class Leader:
             return
         member.address = address
         member.heard_ns = now_ns
+        if isinstance(message, TimeRequest):
+            self._times.append((reply_before_t2(message, now_ns), address))
+            return
+        passed_on = self._uplink is not None and self._uplink.heard(member, message)
         match message:
-            case TimeRequest():
-                self._times.append((reply_before_t2(message, now_ns), address))
             case Heartbeat():
                 member.report = message.report
-                if member.camera.phase_control in WEIGHTS:
+                if member.name in self._roster.bound:
                     self._agree(now_ns)
-                self._outbox.append((self._answer(member), address))
+                if not passed_on:
+                    self.answer(member)
             case TriggerAck():
                 answer = self._orders.take_ack(member, message)
                 if answer is not None:
@@ -174,63 +180,65 @@ class Leader:
 
     def clients(self, now_ns: int) -> tuple[ClientView, ...]:
         """Return all clients that are or were here, by name; lost ones say so in their report."""
-        return tuple(
-            ClientView(member.name, member.address, member.camera, member.report, now_ns - member.heard_ns)
-            for _, member in sorted(self._roster.members.items())
-        )
+        return self._roster.views(now_ns)
 
     # Bursts
 
     def trigger(
-        self, now_ns: int, *, frames: int, spacing: int = 1, at_leader_ns: int | None = None
+        self,
+        now_ns: int,
+        *,
+        frames: int,
+        spacing: int = 1,
+        at_leader_ns: int | None = None,
+        number: int | None = None,
     ) -> Burst:
         """Order a burst of `frames` instants, every `spacing` periods, snapped to the rig's grid.
 
         `at_leader_ns` may lie in the past, as far back as the clients' ring buffers reach; the default is
-        half a second from now, put off by up to the leader's freedom. Raises BadInputError for an
-        impossible burst, IncompleteError where no client is there to take it.
+        half a second from now, put off by up to the leader's freedom. `number` must be a new one; the
+        default is the next. Raises BadInputError for an impossible burst, IncompleteError where no client
+        is there to take it.
         """
-        present = [
-            member
-            for _, member in sorted(self._roster.members.items())
-            if not member.lost and member.camera.kind != CLOCK_ONLY
-        ]
-        if not present or self.goal is None:
-            raise IncompleteError(
-                "no camera has joined", hint="start nodes with `capture-app node --leader HOST:PORT`"
-            )
-        step_ns = spacing * self.goal.period_ns
-        if not possible(frames, step_ns):
-            raise BadInputError(
-                f"a burst of {frames} frames, every {spacing} periods, is not possible",
-                hint=f"1 to {MAX_FRAMES} frames, spacing 1 or more, {MAX_BURST_NS // 10**9} s at most",
-            )
-        requested_ns = now_ns + TRIGGER_LEAD_NS if at_leader_ns is None else at_leader_ns
-        placed_ns = self._place(present, requested_ns) if at_leader_ns is None else requested_ns
-        instants_ns = burst_instants(self.goal, placed_ns, frames, spacing)
-        self._bursts += 1
-        self._busy_until_ns = max(now_ns, instants_ns[-1]) + AFTER_BURST_NS
-        for member in present:
-            trigger = Trigger(
-                member.number, self.config.instance, self._bursts, instants_ns[0], step_ns, frames
-            )
-            self._orders.add(member, trigger, now_ns)
-        names = tuple(member.name for member in present)
-        return Burst(self._bursts, instants_ns, self.goal.period_ns, requested_ns, names)
+        asked_ns = now_ns + TRIGGER_LEAD_NS
+        freedom_ns = self.config.freedom_ns if at_leader_ns is None else 0
+        burst = self._orders.begin(
+            self._roster.cameras(),
+            Wanted(frames, spacing, asked_ns if at_leader_ns is None else at_leader_ns, freedom_ns, number),
+            self.goal,
+            self.config.instance,
+            now_ns,
+        )
+        self._busy_until_ns = max(now_ns, burst.instants_ns[-1]) + AFTER_BURST_NS
+        return burst
+
+    # What a relay passes down
+
+    @property
+    def members(self) -> dict[str, Member]:
+        """All members by name, lost ones too."""
+        return self._roster.members
+
+    def tell(self, member: Member, message: Control) -> None:
+        """Send a message to a member."""
+        self._outbox.append((message, member.address))
+
+    def answer(self, member: Member) -> None:
+        """Tell a member what holds now."""
+        self.tell(member, self._answer(member))
+
+    def answer_all(self) -> None:
+        """Tell every member what holds now."""
+        for member in self._roster.members.values():
+            if not member.lost:
+                self.answer(member)
+
+    def give_up(self, member: Member, reason: str) -> None:
+        """Take a member to be lost; if it is not, it will ask to join again."""
+        self._events.append(self._roster.lose(member, reason))
+        self.tell(member, Unknown(member.number))
 
     # The parts
-
-    def _place(self, present: list[Member], requested_ns: int) -> int:
-        if self.goal is None or self.config.freedom_ns <= 0:
-            return requested_ns
-        forecasts = [
-            Forecast(report.frame_leader_ns, 0.0 if held else report.drift_ppm or 0.0)
-            for report, held in (
-                (member.report, member.camera.phase_control == "frame-duration") for member in present
-            )
-            if report.frame_leader_ns is not None
-        ]
-        return calmest(self.goal, forecasts, requested_ns, self.config.freedom_ns)
 
     def _answer(self, member: Member) -> HeartbeatAck:
         assert self.agreement is not None, "the first hello sets the goal"
@@ -241,7 +249,7 @@ class Leader:
             goal.anchor_leader_ns,
             goal.period_ns,
             self.agreement.agreed_leader_ns,
-            self.config.align_row,
+            self.align_row,
             self.pace_ns,
             self.onward,
         )
@@ -256,29 +264,16 @@ class Leader:
         ):
             return
         self._weigh_due_ns = now_ns + len(self._roster.bound) * WEIGH_EVERY_NS
-        standings = [
-            Standing(
-                member.name,
-                member.camera.phase_control,
-                member.report.frame_leader_ns,
-                member.report.drift_ppm or 0.0,
-                max(1, member.report.tolerance_ns),
-            )
-            for member in self._roster.bound.values()
-            if not member.lost
-        ]
-        if self.agreement.update(standings, now_ns):
-            for member in self._roster.members.values():
-                if not member.lost:
-                    self._outbox.append((self._answer(member), member.address))
+        if self.agreement.update(self._roster.standings(), now_ns):
+            self.answer_all()
 
     def _take_hello(self, hello: Hello, address: Address, now_ns: int) -> None:
-        refusal = self._roster.refusal(hello)
+        refusal = self._roster.refusal(hello) or ("" if self._uplink is None else self._uplink.refusal(hello))
         if refusal:
             self._outbox.append((Refused(hello.instance, refusal), address))
             return
-        if self.agreement is None:
-            self.agreement = Agreement(Goal(now_ns, self.config.period_ns or hello.camera.period_ns))
+        self._set_grid(hello.camera, now_ns)
+        assert self.agreement is not None
         member, event = self._roster.admit(hello, address, now_ns)
         if event is not None:
             self._events.append(event)
@@ -290,8 +285,21 @@ class Leader:
             self.agreement.goal.anchor_leader_ns,
             self.agreement.goal.period_ns,
             member.slot,
-            self.config.align_row,
+            self.align_row,
             self.pace_ns,
             self.onward,
         )
         self._outbox.append((welcome, address))
+        if self._uplink is not None:
+            self._uplink.heard(member, hello)
+
+    def _set_grid(self, camera: CameraDescription, now_ns: int) -> None:
+        """The first camera's rate is the rig's; who has none is given a grid that lasts until then."""
+        is_camera = camera.kind not in WITHOUT_CAMERA
+        if self.agreement is not None and (self._grid_is_for_cameras or self._uplink or not is_camera):
+            return
+        self._grid_is_for_cameras = self._grid_is_for_cameras or is_camera
+        goal = Goal(now_ns, self.config.period_ns or camera.period_ns)
+        if self.agreement is None or goal.period_ns != self.agreement.goal.period_ns:
+            self.agreement = Agreement(goal)
+            self.answer_all()

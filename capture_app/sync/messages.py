@@ -36,6 +36,9 @@ Text = Annotated[str, Meta(max_length=200)]
 Pace = Annotated[int, Meta(ge=0, le=60_000_000_000)]
 CLOCK_ONLY = "clock"
 """The kind in the description of a node without a camera: a relay, or one that only keeps the time."""
+RELAY = "relay"
+"""The kind of a relay that tells its parent of the cameras below it, and brings them its bursts."""
+WITHOUT_CAMERA = (CLOCK_ONLY, RELAY)
 Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
@@ -87,6 +90,8 @@ class Hello(Struct, frozen=True, tag="hello"):
     name: Name
     instance: int
     camera: CameraDescription
+    via: Name | None = None
+    """The relay that it joined, where relays pass this on; None where it asks for itself."""
 
 
 class Welcome(Struct, frozen=True, tag="welcome"):
@@ -198,6 +203,7 @@ class Goodbye(Struct, frozen=True, tag="goodbye"):
 
 Control = Hello | Welcome | Refused | Heartbeat | HeartbeatAck | Unknown | Trigger | TriggerAck | Goodbye
 Message = TimeRequest | TimeReply | Control
+FromClient = TimeRequest | Hello | Heartbeat | TriggerAck | Goodbye
 
 
 def root_of(message: Welcome | HeartbeatAck) -> int:

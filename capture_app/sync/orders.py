@@ -1,14 +1,34 @@
-"""The triggers that a leader has out, until each client has answered its own or is given up."""
+"""Bursts that a leader orders, and their triggers, which are out until each is answered or given up."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
+from capture_app.errors import BadInputError, IncompleteError
 from capture_app.sync.events import BurstAccepted, BurstRefused
 from capture_app.sync.messages import Trigger, TriggerAck
+from capture_app.sync.placement import Forecast, calmest
 from capture_app.sync.roster import Member
+from capture_app.sync.timebase import Goal
+from capture_app.sync.trigger import MAX_BURST_NS, MAX_FRAMES, Burst, burst_instants, possible
 
 _MS = 1_000_000
 TRIGGER_AGAIN_NS = 50 * _MS
 TRIGGER_GIVE_UP_NS = 5000 * _MS
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """A burst that is asked for: `frames` instants, every `spacing` periods, from a leader time in ns on.
+
+    It may be put off by `freedom_ns`, to where the cameras' frames meet best; without a number it gets the
+    next one.
+    """
+
+    frames: int
+    spacing: int
+    at_leader_ns: int
+    freedom_ns: int = 0
+    number: int | None = None
 
 
 @dataclass(slots=True)
@@ -26,10 +46,35 @@ class Orders:
 
     def __init__(self) -> None:
         self._orders: list[_Order] = []
+        self._bursts = 0
 
-    def add(self, member: Member, trigger: Trigger, now_ns: int) -> None:
-        """Order a burst of a member: the trigger is due at once."""
-        self._orders.append(_Order(member, trigger, now_ns + TRIGGER_GIVE_UP_NS))
+    def begin(
+        self, cameras: Sequence[Member], wanted: Wanted, goal: Goal | None, leader: int, now_ns: int
+    ) -> Burst:
+        """Order a burst of these cameras, on the rig's grid, for the leader of that run.
+
+        Raises BadInputError for an impossible burst, IncompleteError where there is nobody to take it.
+        """
+        if not cameras or goal is None:
+            raise IncompleteError(
+                "no camera has joined", hint="start nodes with `capture-app node --leader HOST:PORT`"
+            )
+        frames, step_ns = wanted.frames, wanted.spacing * goal.period_ns
+        if not possible(frames, step_ns):
+            raise BadInputError(
+                f"a burst of {frames} frames, every {wanted.spacing} periods, is not possible",
+                hint=f"1 to {MAX_FRAMES} frames, spacing 1 or more, {MAX_BURST_NS // 10**9} s at most",
+            )
+        placed_ns = wanted.at_leader_ns
+        if wanted.freedom_ns > 0:
+            placed_ns = calmest(goal, _forecasts(cameras), placed_ns, wanted.freedom_ns)
+        instants_ns = burst_instants(goal, placed_ns, frames, wanted.spacing)
+        number = self._bursts = self._bursts + 1 if wanted.number is None else wanted.number
+        for member in cameras:
+            trigger = Trigger(member.number, leader, number, instants_ns[0], step_ns, frames)
+            self._orders.append(_Order(member, trigger, now_ns + TRIGGER_GIVE_UP_NS))
+        names = tuple(member.name for member in cameras)
+        return Burst(number, instants_ns, goal.period_ns, wanted.at_leader_ns, names)
 
     def take_ack(self, member: Member, ack: TriggerAck) -> BurstAccepted | BurstRefused | None:
         """Take in a member's answer; None where it has been answered, or given up, before."""
@@ -61,3 +106,14 @@ class Orders:
     def next_timer(self) -> int | None:
         """Leader time in ns at which a trigger is to be sent, None for never."""
         return min((order.due_ns for order in self._orders), default=None)
+
+
+def _forecasts(cameras: Sequence[Member]) -> list[Forecast]:
+    return [
+        Forecast(
+            member.report.frame_leader_ns,
+            0.0 if member.camera.phase_control == "frame-duration" else member.report.drift_ppm or 0.0,
+        )
+        for member in cameras
+        if member.report.frame_leader_ns is not None
+    ]

@@ -4,9 +4,9 @@ import random
 import re
 from dataclasses import dataclass
 
-from capture_app.sync.agreement import WEIGHTS
-from capture_app.sync.events import NodeJoined, NodeLost, NodeReturned
-from capture_app.sync.messages import CLOCK_ONLY, CameraDescription, Hello, Report
+from capture_app.sync.agreement import WEIGHTS, Standing
+from capture_app.sync.events import NodeJoined, NodeLost, NodeMoved, NodeReturned
+from capture_app.sync.messages import CLOCK_ONLY, WITHOUT_CAMERA, CameraDescription, Hello, Report
 from capture_app.sync.state import NodeState
 from capture_app.sync.timebase import MAX_PERIOD_NS, MIN_PERIOD_NS
 
@@ -21,6 +21,19 @@ _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 """Names become those of folders in a session: nothing that could leave it."""
 
 
+@dataclass(frozen=True, slots=True)
+class ClientView:
+    """A client as the leader sees it; `age_ns` is the time since it was last heard."""
+
+    name: str
+    address: Address
+    camera: CameraDescription
+    report: Report
+    age_ns: int
+    via: str | None = None
+    """The relay that it joined."""
+
+
 @dataclass(slots=True)
 class Member:
     """A client that is or was here, lost or alive."""
@@ -33,6 +46,8 @@ class Member:
     report: Report
     heard_ns: int
     slot: float
+    via: str | None = None
+    """The relay that it joined, where that speaks for it."""
     lost: str = ""
 
 
@@ -54,11 +69,20 @@ class Roster:
         """Those that do not move to any goal: the goal is moved to suit them."""
         self.present = 0
         """How many are not lost."""
+        self.asking = 0
+        """How many of those ask the time here, not a relay."""
         self._rng = rng
         self._by_number: dict[int, Member] = {}
         self._joins = 0
         self._silence_ns = 0
         """Nobody can have been silent for too long before this time."""
+
+    def views(self, now_ns: int) -> tuple[ClientView, ...]:
+        """Return all that are or were here, by name; lost ones say so in their report."""
+        return tuple(
+            ClientView(m.name, m.address, m.camera, m.report, now_ns - m.heard_ns, m.via)
+            for _, m in sorted(self.members.items())
+        )
 
     def present_of(self, number: int) -> Member | None:
         """Return the member of that number, None where there is none or it is lost."""
@@ -80,31 +104,44 @@ class Roster:
 
     def admit(
         self, hello: Hello, address: Address, now_ns: int
-    ) -> tuple[Member, NodeJoined | NodeReturned | None]:
+    ) -> tuple[Member, NodeJoined | NodeReturned | NodeMoved | None]:
         """Take in a client that is not refused; None where it is here already and merely asks again."""
         known = self.members.get(hello.name)
-        if known is not None and not known.lost:
-            known.heard_ns = now_ns
-            return known, None
+        moved = known is not None and not known.lost
         if known is not None:
+            if not known.lost and known.via == hello.via:
+                known.heard_ns = now_ns
+                return known, None
+            # A relay that it has left knows it by the old number, and is told that this is nobody's.
             self._by_number.pop(known.number, None)
+            self._count(known, -1)
         number = self._free_number()
         report = Report(state=NodeState.JOINING)
         member = Member(
-            hello.name, hello.instance, number, address, hello.camera, report, now_ns, spread(self._joins)
+            hello.name,
+            hello.instance,
+            number,
+            address,
+            hello.camera,
+            report,
+            now_ns,
+            spread(self._joins),
+            hello.via,
         )
         self._joins += 1
-        self.present += 1
+        self._count(member, 1)
         self._silence_ns = min(self._silence_ns, now_ns + CLIENT_SILENT_NS)
         self.members[hello.name] = self._by_number[number] = member
         self.bound.pop(hello.name, None)
-        if hello.camera.phase_control in WEIGHTS:
+        if hello.camera.phase_control in WEIGHTS and hello.camera.kind not in WITHOUT_CAMERA:
             self.bound[hello.name] = member
+        if moved:
+            return member, NodeMoved(hello.name, hello.via)
         return member, NodeJoined(hello.name) if known is None else NodeReturned(hello.name)
 
     def lose(self, member: Member, reason: str) -> NodeLost:
         """A member is gone; its counts of frames stay."""
-        self.present -= 1
+        self._count(member, -1)
         member.lost = reason
         member.report = Report(
             state=NodeState.LOST, message=reason, frames=member.report.frames, drops=member.report.drops
@@ -130,6 +167,33 @@ class Roster:
     def next_timer(self) -> int | None:
         """Leader time in ns at which somebody could have been silent for too long, None for never."""
         return self._silence_ns if self.present else None
+
+    def cameras(self) -> list[Member]:
+        """Return those that are here and have a camera, by name."""
+        return [
+            member
+            for _, member in sorted(self.members.items())
+            if not member.lost and member.camera.kind not in WITHOUT_CAMERA
+        ]
+
+    def standings(self) -> list[Standing]:
+        """Return what those say of themselves that do not move to any goal."""
+        return [
+            Standing(
+                member.name,
+                member.camera.phase_control,
+                member.report.frame_leader_ns,
+                member.report.drift_ppm or 0.0,
+                max(1, member.report.tolerance_ns),
+            )
+            for member in self.bound.values()
+            if not member.lost
+        ]
+
+    def _count(self, member: Member, change: int) -> None:
+        if not member.lost:
+            self.present += change
+            self.asking += change if member.via is None else 0
 
     def _free_number(self) -> int:
         while True:

@@ -6,6 +6,7 @@ from typing import Generic, TypeVar
 
 from msgspec.structs import replace
 
+from capture_app.sync.beacon import Agreed, Beacon
 from capture_app.sync.commands import CameraCommand
 from capture_app.sync.events import (
     BurstReady,
@@ -105,6 +106,11 @@ class Client(Generic[F]):
         """The newest estimate of the leader's clock."""
         return self._timekeeper.time_map
 
+    @property
+    def own_map(self) -> TimeMap | None:
+        """The same before anything was agreed with other clients: what the leader's answers alone tell."""
+        return self._timekeeper.own_map
+
     def phase(self, local_ns: int) -> PhaseEstimate | None:
         """The stream's distance from the rig's grid at a local time in ns."""
         if self._member is None or self.time_map is None:
@@ -115,6 +121,7 @@ class Client(Generic[F]):
         """What this client tells the leader about itself."""
         phase, member = self.phase(now_ns), self._member
         why_no_centre = "" if member is None else member.why_no_centre
+        correction = self._timekeeper.listener.correction
         message = self.failure or self.aligner.problem or self._why_joining or why_no_centre
         return replace(
             time_report(self.state, message, self.time_map, self.clock.samples, now_ns),
@@ -126,6 +133,8 @@ class Client(Generic[F]):
             drops=self.aligner.drops,
             frame_leader_ns=None if member is None else self._steering.frame_leader_ns(member, phase),
             tolerance_ns=self.config.tolerance_ns,
+            moved_ns=None if correction is None else correction.moved_ns,
+            apart_ns=None if correction is None else round(correction.apart_ns),
         )
 
     # In
@@ -158,6 +167,9 @@ class Client(Generic[F]):
                     self._obey(root_of(message))
                     if member.take_answer(message):
                         self._align(now_ns)
+            case Agreed() if member is not None and message.client == member.client:
+                member.heard_ns = now_ns
+                self._timekeeper.listener.take(message)
             case Unknown() if member is not None and message.client == member.client:
                 self._leave("the leader was restarted", now_ns)
             case Trigger() if member is not None and message.client == member.client:
@@ -165,6 +177,16 @@ class Client(Generic[F]):
                 self._take_trigger(member, message)
             case _:
                 pass
+
+    def receive_broadcast(self, data: bytes, now_ns: int) -> None:
+        """Take in a datagram of the group that the leader named; of those only its beacons count."""
+        try:
+            message = decode(data)
+        except WireError:
+            self.malformed += 1
+            return
+        if isinstance(message, Beacon) and self._member is not None and message.leader == self._member.leader:
+            self._timekeeper.listener.hear(message.number, now_ns)
 
     def frame_arrived(self, stamp: FrameStamp, frame: F, now_ns: int) -> None:
         """Take in a frame in the order of the stream."""
@@ -208,6 +230,9 @@ class Client(Generic[F]):
             self._heartbeat_due_ns = now_ns + HEARTBEAT_EVERY_NS
             member.asked = self.aligner.settled
             self._outbox.append(Heartbeat(member.client, self.report(now_ns)))
+        heard = self._timekeeper.heard(now_ns)
+        if heard is not None:
+            self._outbox.append(heard)
         self._finish_bursts(now_ns)
 
     # Out
@@ -252,7 +277,7 @@ class Client(Generic[F]):
         self._timekeeper.follow(welcome, now_ns)
         self._why_joining = ""
         self._heartbeat_due_ns = now_ns
-        self._events.append(Joined(welcome.transfer_port, welcome.leader))
+        self._events.append(Joined(welcome.transfer_port, welcome.leader, welcome.beacons))
 
     def _obey(self, root: int) -> None:
         """Bursts are the root's, in its time: a relay that changes does not end them, another root does."""

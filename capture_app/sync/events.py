@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
+from capture_app.sync.beacon import Group
 from capture_app.sync.commands import CameraCommand
 from capture_app.sync.phase import PhaseEstimate
 from capture_app.sync.timebase import TimeMap
@@ -13,10 +14,14 @@ F = TypeVar("F")
 
 @dataclass(frozen=True, slots=True)
 class Joined:
-    """The leader of that instance took this client in; images go to that TCP port of it."""
+    """The leader of that instance took this client in; images go to that TCP port of it.
+
+    `beacons` is where its beacons can be heard, None where it sends none.
+    """
 
     transfer_port: int
     leader: int
+    beacons: Group | None = None
 
 
 @dataclass(frozen=True, slots=True)

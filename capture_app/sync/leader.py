@@ -5,6 +5,8 @@ from collections import deque
 from dataclasses import dataclass
 
 from capture_app.sync.agreement import Agreement
+from capture_app.sync.beacon import Group, Heard
+from capture_app.sync.broadcaster import Broadcaster
 from capture_app.sync.events import LeaderEvent
 from capture_app.sync.messages import (
     WITHOUT_CAMERA,
@@ -74,6 +76,8 @@ class LeaderConfig:
     """A burst that is asked for now may be put off by so much, to where the cameras' frames meet best."""
     exchanges_per_s: float = 1000.0
     """Time requests that all clients together may send: the more there are, the slower is each one's pace."""
+    beacons: Group | None = None
+    """Where to send beacons, so that clients which hear the same ones agree; None for none."""
 
 
 class Leader:
@@ -91,6 +95,7 @@ class Leader:
         self._grid_is_for_cameras = config.period_ns is not None
         self._roster = Roster(rng)
         self._orders = Orders()
+        self._broadcaster = Broadcaster(config.instance, config.beacons)
         self._busy_until_ns: int | None = None
         self.onward: Onward | None = None
         """Of a relay: from its clock to the root's, for the clients to add to their estimates."""
@@ -137,6 +142,11 @@ class Leader:
         if isinstance(message, TimeRequest):
             self._times.append((reply_before_t2(message, now_ns), address))
             return
+        if isinstance(message, Heard):
+            agreed = self._broadcaster.take(message, now_ns)
+            if agreed is not None:
+                self._outbox.append((agreed, address))
+            return
         passed_on = self._uplink is not None and self._uplink.heard(member, message)
         match message:
             case Heartbeat():
@@ -157,12 +167,13 @@ class Leader:
         self._events.extend(self._roster.lose_silent(now_ns))
         self._events.extend(self._orders.give_up(now_ns))
         self._outbox.extend((trigger, member.address) for member, trigger in self._orders.due(now_ns))
+        self._broadcaster.handle_timer(now_ns, self._roster.asking)
 
     # Out
 
     def next_timer(self) -> int | None:
         """Leader time in ns at which `handle_timer` wants to be called, None for never."""
-        timers_ns = self._roster.next_timer(), self._orders.next_timer()
+        timers_ns = self._roster.next_timer(), self._orders.next_timer(), self._broadcaster.next_timer()
         return min((due_ns for due_ns in timers_ns if due_ns is not None), default=None)
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
@@ -173,6 +184,11 @@ class Leader:
             message, address = self._outbox.popleft()
             datagrams.append((encode(message), address))
         return datagrams
+
+    def beacon_to_send(self) -> bytes | None:
+        """Return the beacon that is due, for the group of the configuration; None where none is."""
+        beacon = self._broadcaster.beacon_to_send()
+        return None if beacon is None else encode(beacon)
 
     def next_event(self) -> LeaderEvent | None:
         """Return the next thing that happened, None where there is none."""
@@ -288,6 +304,7 @@ class Leader:
             self.align_row,
             self.pace_ns,
             self.onward,
+            self.config.beacons,
         )
         self._outbox.append((welcome, address))
         if self._uplink is not None:

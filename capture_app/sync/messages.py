@@ -11,6 +11,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta, Struct
 
+from capture_app.sync.beacon import Agreed, Beacon, Group, Heard
 from capture_app.sync.onward import Onward
 from capture_app.sync.state import NodeState
 
@@ -113,6 +114,8 @@ class Welcome(Struct, frozen=True, tag="welcome"):
     """Mean time between two time requests of one client that this leader can bear; 0: as it likes."""
     onward: Onward | None = None
     """Where the leader is a relay: from its clock to the root's."""
+    beacons: Group | None = None
+    """Where the leader's beacons can be heard; None where it sends none."""
 
 
 class Refused(Struct, frozen=True, tag="refused"):
@@ -143,6 +146,10 @@ class Report(Struct, frozen=True, kw_only=True):
     """Leader time of the aligned moment of a frame near now; None while the phase is not known."""
     tolerance_ns: int = 0
     """Largest phase error that this client leaves alone."""
+    moved_ns: int | None = None
+    """By how much agreement with other clients moved this clock; None where there is none."""
+    apart_ns: int | None = None
+    """95 % error of this clock against those of the other clients that hear the same beacons."""
 
 
 class Heartbeat(Struct, frozen=True, tag="heartbeat"):
@@ -201,9 +208,22 @@ class Goodbye(Struct, frozen=True, tag="goodbye"):
     client: int
 
 
-Control = Hello | Welcome | Refused | Heartbeat | HeartbeatAck | Unknown | Trigger | TriggerAck | Goodbye
+Control = (
+    Hello
+    | Welcome
+    | Refused
+    | Heartbeat
+    | HeartbeatAck
+    | Unknown
+    | Trigger
+    | TriggerAck
+    | Goodbye
+    | Beacon
+    | Heard
+    | Agreed
+)
 Message = TimeRequest | TimeReply | Control
-FromClient = TimeRequest | Hello | Heartbeat | TriggerAck | Goodbye
+FromClient = TimeRequest | Hello | Heartbeat | TriggerAck | Goodbye | Heard
 
 
 def root_of(message: Welcome | HeartbeatAck) -> int:

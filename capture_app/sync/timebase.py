@@ -1,6 +1,6 @@
 """The map from a node's own clock to the leader's, with its error bars."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import hypot
 
 MIN_PERIOD_NS = 100_000
@@ -47,6 +47,16 @@ class TimeMap:
     def hard_bound_at(self, local_ns: int) -> float:
         """The most that `leader_from_local(local_ns)` can be wrong, in ns, link asymmetry included."""
         return self.hard_bound_ns + self.skew_bound * abs(local_ns - self.epoch_local_ns)
+
+    def moved(self, by_ns: int, uncertainty_ns: float) -> "TimeMap":
+        """Return the map moved by so much, with another uncertainty; what is proven is wider by the move."""
+        hard_bound_ns = self.hard_bound_ns + abs(by_ns)
+        return replace(
+            self,
+            offset_ns=self.offset_ns + by_ns,
+            uncertainty_ns=min(uncertainty_ns, hard_bound_ns),
+            hard_bound_ns=hard_bound_ns,
+        )
 
     def then(self, onward: "TimeMap") -> "TimeMap":
         """Return the map to the leader's own leader: `onward` maps the leader's clock to that one's.

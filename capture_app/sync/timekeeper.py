@@ -2,8 +2,10 @@
 
 from collections import deque
 
+from capture_app.sync.beacon import Heard
 from capture_app.sync.clock import ClockFilter, ClockSample
 from capture_app.sync.events import ClockStepped, ClockSynced
+from capture_app.sync.listener import Listener
 from capture_app.sync.messages import HeartbeatAck, TimeReply, Welcome, request_at, request_before_t0
 from capture_app.sync.timebase import TimeMap
 
@@ -28,6 +30,9 @@ class Timekeeper:
 
     def __init__(self, first_sequence: int) -> None:
         self.clock = ClockFilter()
+        self.listener = Listener()
+        self.own_map: TimeMap | None = None
+        """What the exchanges alone tell of the leader's clock, before anything was agreed with others."""
         self.time_map: TimeMap | None = None
         """The newest estimate of the leader's clock, the root's where the leader is a relay."""
         self.synced = False
@@ -48,7 +53,8 @@ class Timekeeper:
     def forget(self) -> None:
         """Another leader has another clock."""
         self.clock.reset()
-        self.time_map = None
+        self.listener.forget()
+        self.time_map = self.own_map = None
 
     def follow(self, welcome: Welcome, now_ns: int) -> None:
         """Begin to ask a leader that has taken this client in."""
@@ -79,7 +85,8 @@ class Timekeeper:
             self._prepare_request(now_ns)
         if not self.clock.add(sample):
             self.synced = False
-            self.time_map = None
+            self.listener.forget()
+            self.time_map = self.own_map = None
             self._events.append(ClockStepped())
         if not self.synced and self.clock.samples >= FIRST_SAMPLES:
             self._update_map(now_ns)
@@ -96,7 +103,15 @@ class Timekeeper:
 
     def next_timer(self) -> int:
         """Local time in ns at which `handle_timer` wants to be called."""
-        return min(self._map_due_ns, self._request_due_ns)
+        due_ns = min(self._map_due_ns, self._request_due_ns)
+        tell_due_ns = self.listener.next_timer() if self.synced else None
+        return due_ns if tell_due_ns is None else min(due_ns, tell_due_ns)
+
+    def heard(self, now_ns: int) -> Heard | None:
+        """Return what is to be told now of the beacons that were heard, None where nothing is due."""
+        if not self.synced or self.own_map is None:
+            return None
+        return self.listener.tell(self._client, self.own_map, now_ns)
 
     def request_to_send(self, now_ns: int) -> bytes | None:
         """Return the request that is due, None where none is; it carries `now_ns`, so send it at once."""
@@ -138,6 +153,8 @@ class Timekeeper:
         time_map = self.clock.time_map(now_ns)
         if time_map is None:
             return
+        self.own_map = time_map
+        time_map = self.listener.corrected(time_map, now_ns)
         if self._onward is not None:
             time_map = time_map.then(self._onward)
         self.time_map = time_map

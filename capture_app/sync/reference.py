@@ -1,0 +1,136 @@
+"""Reference broadcast: clients that hear one packet at one instant agree on when that was.
+
+After Elson, Girod and Estrin, *Fine-grained network time synchronization using reference broadcasts*, OSDI
+2002. When the packet was sent drops out, and with it the way from the leader; what remains is how differently
+the clients hear. What is wrong in all their clocks alike cannot be seen.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import hypot
+from statistics import median
+
+from capture_app.sync.robust import SIGMA_FROM_MAD
+
+LEAST_COMMON = 6
+"""Beacons that two must both have heard before anything is said of them."""
+SAME_INSTANT_NS = 30_000
+"""One sigma of the difference of two arrivals, at most. Receivers of one packet differ by 6 to 11 us
+(Elson et al.); copies sent one after the other, or by two access points, by 50 us or more: a copy waits
+for up to 15 slots of 9 us by chance."""
+MOST_VOTERS = 50
+"""More clients make the medians no better; the others listen to these."""
+ROUNDS = 10
+CLIP = 2.5
+"""Residuals beyond this many sigma do not count."""
+
+
+@dataclass(frozen=True, slots=True)
+class Hearing:
+    """When a client heard each beacon, leader time by its own estimate, and that one's errors; all in ns."""
+
+    arrivals: Mapping[int, int]
+    uncertainty_ns: float
+    hard_bound_ns: float
+
+
+@dataclass(frozen=True, slots=True)
+class Place:
+    """How much later than agreed a client thinks that it hears, and its 95 % error, both in ns."""
+
+    late_ns: float
+    apart_ns: float
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """Clients that hear the same beacons at the same instants, and when they agree that was, leader ns."""
+
+    clients: tuple[int, ...]
+    agreed_ns: Mapping[int, int]
+    uncertainty_ns: float
+    """95 % error of the agreed times against the leader: that of the middle one of the clients."""
+
+    def place(self, hearing: Hearing) -> Place | None:
+        """Place a client of this cell; None where it heard too few of the beacons that were agreed on."""
+        late_ns = [at_ns - self.agreed_ns[n] for n, at_ns in hearing.arrivals.items() if n in self.agreed_ns]
+        if len(late_ns) < LEAST_COMMON:
+            return None
+        middle_ns, sigma_ns = middle(late_ns)
+        # What a mean of many would leave is far less, but nobody can see by how much two receivers differ
+        # always: it is taken to be as much as each of them differs by chance.
+        return Place(middle_ns, 2.0 * sigma_ns)
+
+
+def middle(values: Sequence[float]) -> tuple[float, float]:
+    """Return a mean that outliers do not move, and sigma of the values about it, in their unit."""
+    centre = median(values)
+    sigma = SIGMA_FROM_MAD * median([abs(value - centre) for value in values])
+    kept = [value for value in values if abs(value - centre) <= CLIP * sigma]
+    return sum(kept) / len(kept), sigma
+
+
+def hear_alike(one: Hearing, other: Hearing) -> bool:
+    """Whether two clients may hear the same packets at the same instants, and it is worth to compare them.
+
+    Arrivals that scatter by more than the two clocks are thought to differ would mend nothing; arrivals that
+    differ by more than the clocks can are not of one instant.
+    """
+    apart_ns = [at_ns - other.arrivals[n] for n, at_ns in one.arrivals.items() if n in other.arrivals]
+    if len(apart_ns) < LEAST_COMMON:
+        return False
+    middle_ns, sigma_ns = middle(apart_ns)
+    return (
+        sigma_ns <= min(SAME_INSTANT_NS, hypot(one.uncertainty_ns, other.uncertainty_ns))
+        and abs(middle_ns) <= one.hard_bound_ns + other.hard_bound_ns + 2.0 * sigma_ns
+    )
+
+
+def cells(hearings: Mapping[int, Hearing]) -> list[Cell]:
+    """Sort clients, by number, into cells of two or more; each is compared with the best hearer of a cell."""
+    groups: list[list[int]] = []
+    for client in sorted(hearings, key=lambda number: (-len(hearings[number].arrivals), number)):
+        for group in groups:
+            if hear_alike(hearings[client], hearings[group[0]]):
+                group.append(client)
+                break
+        else:
+            groups.append([client])
+    return [_agree(group, hearings) for group in groups if len(group) > 1]
+
+
+def _agree(group: Sequence[int], hearings: Mapping[int, Hearing]) -> Cell:
+    """Find each beacon's time and each client's lateness by median polish (Tukey 1977).
+
+    Medians over clients and over beacons in turn: a minority that lies, or missing arrivals, move nothing.
+    The middle client is late by 0.
+    """
+    voters = [hearings[client].arrivals for client in group[:MOST_VOTERS]]
+    votes: dict[int, int] = {}
+    for arrivals in voters:
+        for number in arrivals:
+            votes[number] = votes.get(number, 0) + 1
+    # Floats are for differences only: leader times may be too large for them.
+    base_ns = {n: at_ns for arrivals in reversed(voters) for n, at_ns in arrivals.items() if votes[n] > 1}
+    rows = [
+        {n: float(at_ns - base_ns[n]) for n, at_ns in arrivals.items() if n in base_ns} for arrivals in voters
+    ]
+    late = [0.0] * len(rows)
+    times: dict[int, float] = {}
+    for _ in range(ROUNDS):
+        before, columns = late, {n: list[float]() for n in base_ns}
+        for row, late_ns in zip(rows, late, strict=True):
+            for n, at_ns in row.items():
+                columns[n].append(at_ns - late_ns)
+        times = {n: median(column) for n, column in columns.items()}
+        late = [median([at_ns - times[n] for n, at_ns in row.items()]) for row in rows]
+        common = median(late)
+        late = [late_ns - common for late_ns in late]
+        times = {n: at_ns + common for n, at_ns in times.items()}
+        if late == before:
+            break
+    return Cell(
+        tuple(group),
+        {n: base_ns[n] + round(at_ns) for n, at_ns in times.items()},
+        median([hearings[client].uncertainty_ns for client in group]),
+    )

@@ -8,7 +8,6 @@ import numpy as np
 from reconstruction import pictures, wording
 from reconstruction.animation import save_animation
 from reconstruction.camera_order import walk_past
-from reconstruction.conditions import drawn
 from reconstruction.dataset import Dataset
 from reconstruction.geometry import Array, View
 from reconstruction.results import BulletTime
@@ -17,6 +16,8 @@ from reconstruction.steady import hold, point_of_interest, seen_from
 from reconstruction.variants import thin
 
 MOST_CAMERAS = 20
+LATE_MS = (0.0, 66.0, -33.0, 33.0, -66.0)
+"""How late the cameras of the other condition are, in the sweep's order; neighbours are far apart in time."""
 LONG_SIDE_PX = 512
 QUALITY = 82
 MOST_LOOKED_AT = 6
@@ -32,7 +33,7 @@ def bullet_time(
 
     The cameras come in the order of their places where they are calibrated, else by name. Pictures of
     calibrated cameras are turned and zoomed so that what moves stays where it is; nothing in them is made up.
-    In the other condition each camera is late by one of `conditions.DRAWN_MS`, as far as the burst goes.
+    In the other condition each camera is late by one of `LATE_MS`, as far as the burst goes.
     """
     calibrated = {name: views[name] for name in dataset.cameras if name in views}
     order = walk_past(calibrated) if len(calibrated) > 1 else tuple(sorted(dataset.cameras))
@@ -75,7 +76,7 @@ def _instant(
 
     Most cameras must have both, then the most must be at distinct times, then the most must move.
     """
-    asked = dict(drawn(order).offsets_ms)
+    asked = {name: LATE_MS[place % len(LATE_MS)] for place, name in enumerate(order)}
     times = dataset.instants_ns
     there = {name: dataset.instants(name) for name in order}
     found: dict[int, dict[str, int]] = {}
@@ -132,4 +133,4 @@ def _canvas(size: tuple[int, int]) -> tuple[int, int]:
 
 
 def _title(camera: str, late_ms: float) -> str:
-    return f"{camera}: " + (wording.lateness(late_ms).replace(wording.GAP, " ") if late_ms else "on time")
+    return f"{camera}: {wording.timeliness(late_ms)}".replace(wording.GAP, " ")

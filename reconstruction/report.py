@@ -9,9 +9,12 @@ from string import Template
 from capture_app.errors import BadInputError
 from capture_app.session.durable import PART, write_whole
 from reconstruction import wording
+from reconstruction.report_bullet_time import bullet_time_section
 from reconstruction.report_burst import burst_section, embed
+from reconstruction.report_claims import claims
+from reconstruction.report_conditions import conditions_table, instants_table
 from reconstruction.report_dose import dose_section
-from reconstruction.report_tables import claims, conditions_table, depth_table, instants_table, panorama_table
+from reconstruction.report_tables import depth_table, panorama_table
 from reconstruction.results import CompareResult, Picture
 
 REPORT = "report.html"
@@ -56,6 +59,7 @@ def _page(result: CompareResult, out: Path) -> str:
         claims=claims(result),
         why=_why(result),
         pictures=_pictures(result, out),
+        sweep=bullet_time_section(result.bullet_time, out),
         burst=burst_section(result.burst, out),
         dose=dose_section(result.dose),
         measures=_measures(result),

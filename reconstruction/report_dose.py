@@ -79,6 +79,7 @@ def write_dose_report(result: DoseResult, out: Path) -> Path:
         claims="",
         why="",
         pictures="",
+        sweep="",
         burst="",
         dose=dose_section(result),
         measures="",

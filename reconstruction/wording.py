@@ -68,6 +68,11 @@ def lateness(offset_ms: float) -> str:
     return f"{shown} {'early' if offset_ms < 0 else 'late'}"
 
 
+def timeliness(late_ms: float) -> str:
+    """`on time`, `33 ms late` or `33 ms early`."""
+    return lateness(late_ms) if abs(late_ms) >= 0.05 else "on time"
+
+
 def walk(offset_ms: float) -> str:
     """How far somebody walks meanwhile."""
     metres = abs(offset_ms) / 1e3 * WALKING_M_PER_S

@@ -18,3 +18,65 @@ for (const choice of document.querySelectorAll("input[name=view]")) {
   choice.addEventListener("change", apply);
   apply();
 }
+
+// The bullet-time sweep: both reels show the same camera; plays there and back until somebody steps.
+const still = matchMedia("(prefers-reduced-motion: reduce)");
+for (const sweep of document.querySelectorAll(".sweep")) {
+  const reels = [...sweep.querySelectorAll(".reel")].map((reel) => [...reel.children]);
+  const tag = sweep.querySelector(".offset > .tag");
+  const range = sweep.querySelector(".at");
+  const button = sweep.querySelector(".play");
+  const where = sweep.querySelector(".where");
+  const last = reels[0].length - 1;
+  let now = 0, way = 1, playing = false, inView = true, timer = 0;
+
+  const show = (next) => {
+    const before = now;
+    now = Math.max(0, Math.min(last, next));
+    for (const reel of reels) {
+      reel.forEach((frame, k) => {
+        frame.classList.toggle("on", k === now);
+        frame.classList.toggle("was", k === before && k !== now);
+      });
+    }
+    const { camera, time } = reels[1][now].dataset;
+    tag.textContent = `Not synchronized: ${time}`;
+    where.textContent = `${camera} (${now + 1} of ${last + 1})`;
+    range.value = now;
+    range.setAttribute("aria-valuetext", `${camera}; not synchronized: ${time}`);
+  };
+  const wait = () => {
+    clearTimeout(timer);
+    if (playing && inView) timer = setTimeout(turn, now === 0 || now === last ? 900 : 350);
+  };
+  const turn = () => {
+    if (now + way < 0 || now + way > last) way = -way;
+    show(now + way);
+    wait();
+  };
+  const play = (on) => {
+    playing = on;
+    button.textContent = on ? "Pause" : "Play";
+    wait();
+  };
+
+  button.addEventListener("click", () => play(!playing));
+  range.addEventListener("input", () => { play(false); show(Number(range.value)); });
+  for (const step of sweep.querySelectorAll(".step")) {
+    step.addEventListener("click", () => { play(false); show(now + Number(step.dataset.step)); });
+  }
+  for (const reel of sweep.querySelectorAll(".reel")) {
+    const drag = (event) => {
+      if (!event.buttons) return;
+      const box = reel.getBoundingClientRect();
+      play(false);
+      show(Math.floor(((event.clientX - box.left) / box.width) * (last + 1)));
+    };
+    reel.addEventListener("pointerdown", drag);
+    reel.addEventListener("pointermove", drag);
+    reel.addEventListener("dragstart", (event) => event.preventDefault());
+  }
+  new IntersectionObserver(([entry]) => { inView = entry.isIntersecting; wait(); }).observe(sweep);
+  show(0);
+  play(!still.matches);
+}

@@ -54,6 +54,8 @@ _MS = 1_000_000
 _AT_ONCE_NS = -(2**62)
 """Before any time of any clock: a local clock may well be negative."""
 HELLO_EVERY_NS = 500 * _MS
+HELLOS = 3
+"""Unanswered ones after which another leader is asked, where there is one."""
 HEARTBEAT_EVERY_NS = 500 * _MS
 LEADER_SILENT_NS = 2500 * _MS
 HOLD_BEFORE_BURST_NS = 2000 * _MS
@@ -76,6 +78,8 @@ class Client(Generic[F]):
         self.ring: RingBuffer[F] = RingBuffer(config.ring_frames)
         self.malformed = 0
         self.failure = ""
+        self.hellos = 0
+        """How often it has asked to join since it was last a member; HELLOS when its leader fell silent."""
         self._member: Membership | None = None
         self._leader: int | None = None
         self._root: int | None = None
@@ -155,6 +159,7 @@ class Client(Generic[F]):
             case Welcome() if member is None and message.instance == self.config.instance:
                 self._join(message, now_ns)
             case Refused() if member is None and message.instance == self.config.instance:
+                self.hellos = 0 if message.soon else self.hellos
                 if message.reason != self._why_joining:
                     self._why_joining = message.reason
                     self._events.append(JoinRefused(message.reason))
@@ -162,9 +167,10 @@ class Client(Generic[F]):
                 member.heard_ns = now_ns
                 if (message.leader, message.period_ns) != (member.leader, member.goal.period_ns):
                     self._leave("the leader has another grid of instants", now_ns)
+                elif root_of(message) != self._root:
+                    self._leave("the relay follows another leader", now_ns)
                 else:
                     self._timekeeper.take_terms(message)
-                    self._obey(root_of(message))
                     if member.take_answer(message):
                         self._align(now_ns)
             case Agreed() if member is not None and message.client == member.client:
@@ -218,11 +224,13 @@ class Client(Generic[F]):
         member = self._member
         if member is None:
             if now_ns >= self._hello_due_ns:
+                self.hellos += 1
                 self._hello_due_ns = now_ns + HELLO_EVERY_NS
                 self._outbox.append(Hello(self.config.name, self.config.instance, self.config.camera))
             return
         if now_ns - member.heard_ns >= LEADER_SILENT_NS:
             self._leave("the leader is silent", now_ns)
+            self.hellos = HELLOS
             return
         self._timekeeper.handle_timer(now_ns)
         self._note_clock(now_ns)
@@ -272,18 +280,16 @@ class Client(Generic[F]):
         if welcome.leader != self._leader:
             self._timekeeper.forget()
             self._leader = welcome.leader
-        self._obey(root_of(welcome))
+        if root_of(welcome) != self._root:
+            # Bursts are the root's, in its time: another relay does not end them.
+            self._bursts.forget()
+            self._root = root_of(welcome)
+        self.hellos = 0
         self._member = Membership.begin(self.config.camera, welcome, now_ns)
         self._timekeeper.follow(welcome, now_ns)
         self._why_joining = ""
         self._heartbeat_due_ns = now_ns
         self._events.append(Joined(welcome.transfer_port, welcome.leader, welcome.beacons))
-
-    def _obey(self, root: int) -> None:
-        """Bursts are the root's, in its time: a relay that changes does not end them, another root does."""
-        if root != self._root:
-            self._bursts.forget()
-            self._root = root
 
     def _leave(self, reason: str, now_ns: int) -> None:
         self._last_member, self._member = self._member, None

@@ -14,9 +14,11 @@ from capture_app.sync.messages import (
     CLOCK_ONLY,
     CameraDescription,
     Control,
+    Goodbye,
     Heartbeat,
     HeartbeatAck,
     Hello,
+    Message,
     Refused,
     TimeReply,
     Unknown,
@@ -45,6 +47,8 @@ FIRST_EXCHANGES = 300
 ROUND_EXCHANGES = 50
 LEAST_EXCHANGES = 10
 SPACING_NS = 4 * _MS
+SILENT_HEARTBEATS = 4
+"""A parent that has said nothing for as long as this many heartbeats is gone."""
 SETTLE_NS = 60 * _MS
 """From a round's last request to the estimate."""
 ROUND_EVERY_NS = (2_000 * _MS, 60_000 * _MS)
@@ -70,6 +74,10 @@ class FollowerConfig:
     name: str
     instance: int
     parents: tuple[Address, ...]
+    camera: CameraDescription = CLOCK
+    """What it tells of itself; a relay of cameras is of another kind."""
+    heartbeat_every_ns: int | None = None
+    """Without it, it speaks once a round, and notices but then that its parent is silent."""
 
 
 @dataclass(slots=True)
@@ -83,6 +91,7 @@ class _Parent:
     path: tuple[int, ...]
     onward: TimeMap | None
     synced: bool = False
+    heard_ns: int = 0
     answers: int = 0
     """Time replies since the last round began."""
     outstanding: dict[int, int] = field(default_factory=dict)
@@ -99,10 +108,13 @@ class Follower:
         self.clock = ClockFilter(window_ns=WINDOW_NS)
         self.malformed = 0
         self.goal: Goal | None = None
+        self.agreed_leader_ns: int | None = None
+        self.align_row: float | None = None
         self.path: tuple[int, ...] = ()
         """Instances from the root to the parent of the newest estimate."""
         self.time_map: TimeMap | None = None
         """From this node's clock to the root's; it outlives its parent, with error bars that grow."""
+        self._root: int | None = None
         self._turn = 0
         self._hellos = 0
         self._parent: _Parent | None = None
@@ -110,6 +122,7 @@ class Follower:
         self._why_joining = ""
         self._sequence = rng.getrandbits(32)
         self._hello_due_ns = _AT_ONCE_NS
+        self._heartbeat_due_ns = _NEVER_NS
         self._request_due_ns = self._settle_due_ns = _NEVER_NS
         self._left = 0
         self._every_ns = 0
@@ -121,6 +134,16 @@ class Follower:
     def parent(self) -> Address:
         """The address of the one that is followed, or asked at present."""
         return self.config.parents[self._turn]
+
+    @property
+    def root(self) -> int | None:
+        """The run of the root that `goal` is of; that of `time_map` is the first of `path`."""
+        return self._root
+
+    @property
+    def number(self) -> int | None:
+        """What the parent knows this node by; None where it has none at present."""
+        return None if self._parent is None else self._parent.client
 
     @property
     def state(self) -> NodeState:
@@ -140,6 +163,10 @@ class Follower:
         except WireError:
             self.malformed += 1
             return
+        self.take(message, now_ns)
+
+    def take(self, message: Message, now_ns: int) -> None:
+        """Take in a message of the present parent that arrived at `now_ns`."""
         parent = self._parent
         match message:
             case TimeReply() if parent is not None and message.client == parent.client:
@@ -147,6 +174,7 @@ class Follower:
             case Welcome() if parent is None and message.instance == self.config.instance:
                 self._join(message, now_ns)
             case Refused() if parent is None and message.instance == self.config.instance:
+                self._hellos = 0 if message.soon else self._hellos
                 if message.reason != self._why_joining:
                     self._why_joining = message.reason
                     self._events.append(JoinRefused(message.reason))
@@ -154,7 +182,7 @@ class Follower:
                 if message.leader != parent.leader or not self._take_onward(parent, message):
                     self._leave("the parent has changed", now_ns)
                 else:
-                    parent.pace_ns = message.pace_ns
+                    parent.pace_ns, parent.heard_ns = message.pace_ns, now_ns
             case Unknown() if parent is not None and message.client == parent.client:
                 self._leave("the parent was restarted", now_ns)
             case _:
@@ -167,6 +195,13 @@ class Follower:
             if now_ns >= self._hello_due_ns:
                 self._hello(now_ns)
             return
+        every_ns = self.config.heartbeat_every_ns
+        if every_ns is not None and now_ns - parent.heard_ns >= SILENT_HEARTBEATS * every_ns:
+            self._give_up(now_ns)
+            return
+        if every_ns is not None and now_ns >= self._heartbeat_due_ns:
+            self._heartbeat_due_ns = now_ns + every_ns
+            self._report(parent, now_ns)
         if now_ns >= self._settle_due_ns:
             self._settle(parent, now_ns)
         if now_ns >= self._request_due_ns:
@@ -178,7 +213,7 @@ class Follower:
         """Local time in ns at which `handle_timer` wants to be called."""
         if self._parent is None:
             return self._hello_due_ns
-        return min(self._request_due_ns, self._settle_due_ns)
+        return min(self._request_due_ns, self._settle_due_ns, self._heartbeat_due_ns)
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
         """Return datagrams and where to; a time request carries `now_ns`, so send them at once."""
@@ -190,6 +225,13 @@ class Follower:
         while self._outbox:
             datagrams.append((encode(self._outbox.popleft()), self.parent))
         return datagrams
+
+    def leave(self) -> None:
+        """Say goodbye: this node is about to stop."""
+        if self._parent is not None:
+            self._outbox.append(Goodbye(self._parent.client))
+        self._parent = None
+        self._hello_due_ns = _NEVER_NS
 
     def next_event(self) -> FollowerEvent | None:
         """Return the next thing that happened, None where there is none."""
@@ -203,7 +245,7 @@ class Follower:
             self._hellos = 0
         self._hellos += 1
         self._hello_due_ns = now_ns + HELLO_EVERY_NS
-        self._outbox.append(Hello(self.config.name, self.config.instance, CLOCK))
+        self._outbox.append(Hello(self.config.name, self.config.instance, self.config.camera))
 
     def _join(self, welcome: Welcome, now_ns: int) -> None:
         parent = _Parent(welcome.leader, welcome.client, welcome.slot, welcome.pace_ns, (), None)
@@ -219,6 +261,8 @@ class Follower:
         self._hellos = 0
         self._left, self._every_ns = FIRST_EXCHANGES, 0
         self._request_due_ns, self._settle_due_ns = now_ns, _NEVER_NS
+        parent.heard_ns = now_ns
+        self._heartbeat_due_ns = _NEVER_NS if self.config.heartbeat_every_ns is None else now_ns
         self._events.append(Joined(welcome.transfer_port, welcome.leader))
 
     def _take_onward(self, parent: _Parent, message: Welcome | HeartbeatAck) -> bool:
@@ -228,7 +272,10 @@ class Follower:
         parent.onward = None if told is None else told.time_map()
         if self.config.instance in parent.path or len(parent.path) > MAX_DEPTH:
             return False
+        self._root = parent.path[0]
         self.goal = Goal(message.anchor_leader_ns, message.period_ns)
+        self.align_row = message.align_row
+        self.agreed_leader_ns = message.agreed_leader_ns if isinstance(message, HeartbeatAck) else None
         return told is None or parent.onward is not None
 
     def _leave(self, reason: str, now_ns: int) -> None:
@@ -238,11 +285,16 @@ class Follower:
         self._hello_due_ns = now_ns
         self._events.append(LeaderLost(reason))
 
+    def _give_up(self, now_ns: int) -> None:
+        self._hellos = HELLOS
+        self._leave("the parent is silent", now_ns)
+
     def _take_time(self, parent: _Parent, reply: TimeReply, now_ns: int) -> None:
         t0_ns = parent.outstanding.pop(reply.sequence, None)
         if t0_ns is None or t0_ns != reply.t0_ns:
             return
         parent.answers += 1
+        parent.heard_ns = now_ns
         if not self.clock.add(ClockSample(t0_ns, reply.t1_ns, reply.t2_ns, now_ns)):
             parent.synced = False
             self._left, self._every_ns = FIRST_EXCHANGES, 0
@@ -257,8 +309,8 @@ class Follower:
         if self._left > 0:
             self._request_due_ns = now_ns + SPACING_NS
             return
-        report = time_report(self.state, self._why_joining, self.time_map, self.clock.samples, now_ns)
-        self._outbox.append(Heartbeat(parent.client, report))
+        if self.config.heartbeat_every_ns is None:
+            self._report(parent, now_ns)
         self._settle_due_ns = now_ns + SETTLE_NS
         longest_ns = min(max(ROUND_EXCHANGES * parent.pace_ns, ROUND_EVERY_NS[0]), ROUND_EVERY_NS[1])
         self._every_ns = min(max(round(self._every_ns * GROWTH), ROUND_EVERY_NS[0] // 4), longest_ns)
@@ -272,12 +324,15 @@ class Follower:
             if self._request_due_ns < now_ns + longest_ns // 4:
                 self._request_due_ns += longest_ns
 
+    def _report(self, parent: _Parent, now_ns: int) -> None:
+        report = time_report(self.state, self._why_joining, self.time_map, self.clock.samples, now_ns)
+        self._outbox.append(Heartbeat(parent.client, report))
+
     def _settle(self, parent: _Parent, now_ns: int) -> None:
         """Estimate the time anew at the end of a round, or look for another parent if none answered."""
         self._settle_due_ns = _NEVER_NS
         if parent.answers == 0:
-            self._hellos = HELLOS
-            self._leave("the parent is silent", now_ns)
+            self._give_up(now_ns)
             return
         parent.answers = 0
         parent.outstanding.clear()

@@ -239,6 +239,10 @@ class Leader:
         """Send a message to a member."""
         self._outbox.append((message, member.address))
 
+    def refuse(self, hello: Hello, reason: str, address: Address, *, soon: bool = False) -> None:
+        """Tell a client why it is not taken in; `soon` it may be."""
+        self._outbox.append((Refused(hello.instance, reason, soon), address))
+
     def answer(self, member: Member) -> None:
         """Tell a member what holds now."""
         self.tell(member, self._answer(member))
@@ -286,7 +290,7 @@ class Leader:
     def _take_hello(self, hello: Hello, address: Address, now_ns: int) -> None:
         refusal = self._roster.refusal(hello) or ("" if self._uplink is None else self._uplink.refusal(hello))
         if refusal:
-            self._outbox.append((Refused(hello.instance, refusal), address))
+            self.refuse(hello, refusal, address)
             return
         self._set_grid(hello.camera, now_ns)
         assert self.agreement is not None

@@ -123,6 +123,8 @@ class Refused(Struct, frozen=True, tag="refused"):
 
     instance: int
     reason: Text
+    soon: bool = False
+    """It is about to be able to: no reason to ask another."""
 
 
 class Report(Struct, frozen=True, kw_only=True):

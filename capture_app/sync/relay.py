@@ -7,37 +7,86 @@ to the root's goes beside them, error budget included, and each client adds the 
 import random
 from dataclasses import replace
 
+import msgspec
+
 from capture_app.sync.agreement import Agreement
 from capture_app.sync.events import LeaderEvent
 from capture_app.sync.follower import Address, Follower, FollowerConfig, FollowerEvent
 from capture_app.sync.leader import Leader, LeaderConfig
+from capture_app.sync.messages import (
+    RELAY,
+    CameraDescription,
+    FromClient,
+    HeartbeatAck,
+    Hello,
+    Message,
+    Refused,
+    Trigger,
+    Unknown,
+    Welcome,
+    WireError,
+    decode,
+)
 from capture_app.sync.onward import onward
+from capture_app.sync.uplink import Uplink
+
+HEARTBEAT_EVERY_NS = 500_000_000
+OF_CAMERAS = CameraDescription(
+    kind=RELAY,
+    model="relay",
+    width=0,
+    height=0,
+    period_ns=33_333_333,
+    phase_control="none",
+    timestamp_source="none",
+)
+"""What a relay tells of itself whose clients have cameras: it is to notice within seconds who is gone."""
 
 
 class Relay:
     """Both state machines behind one socket; `now_ns` is the relay's own clock.
 
-    Nobody is taken in before the root's time is known. `leader.instance` is the follower's.
+    Nobody is taken in before the root's time is known. `leader.instance` is the follower's. A relay that
+    loses its parent holds the time over, also for new clients; bursts come again with a parent.
     """
 
     def __init__(self, config: FollowerConfig, leader: LeaderConfig, rng: random.Random) -> None:
         self.follower = Follower(config, rng)
-        self.leader = Leader(replace(leader, instance=config.instance), rng)
-        self._parents = frozenset(config.parents)
+        self.uplink = Uplink(config.name)
+        self.leader = Leader(replace(leader, instance=config.instance), rng, self.uplink)
+        self.malformed = 0
+        self._number: int | None = None
 
     def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
         """Take in a datagram that arrived at `now_ns`, of a parent or of a client."""
-        if address in self._parents:
-            self.follower.receive_datagram(data, address, now_ns)
-            self._pass_on()
+        try:
+            message = decode(data)
+        except WireError:
+            self.malformed += 1
+            return
+        # A parent to be may well be a client: what is said tells to whom.
+        if not isinstance(message, FromClient):
+            if address == self.follower.parent:
+                self._take_from_parent(message, now_ns)
         elif self.leader.onward is not None:
-            self.leader.receive_datagram(data, address, now_ns)
+            self.leader.take(message, address, now_ns)
+        elif isinstance(message, Hello) and self.follower.number is not None:
+            self.leader.refuse(message, "the relay does not know the time yet", address, soon=True)
 
     def handle_timer(self, now_ns: int) -> None:
         """Do what is due; call it at `next_timer`, or any time."""
         self.follower.handle_timer(now_ns)
         self._pass_on()
         self.leader.handle_timer(now_ns)
+
+    def leave(self) -> None:
+        """Say goodbye to the parent, and send the clients on: this relay is about to stop."""
+        self.follower.leave()
+        for member in self.leader.members.values():
+            if not member.lost:
+                self.leader.give_up(member, "the relay stops")
+        # They ask again at once, and must not be taken in here.
+        self.leader.onward = self.follower.time_map = None
 
     def next_timer(self) -> int:
         """Local time in ns at which `handle_timer` wants to be called."""
@@ -46,18 +95,55 @@ class Relay:
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
         """Return datagrams and where to; time messages carry `now_ns`, so send them at once."""
-        return self.leader.datagrams_to_send(now_ns) + self.follower.datagrams_to_send(now_ns)
+        datagrams = self.leader.datagrams_to_send(now_ns) + self.follower.datagrams_to_send(now_ns)
+        return datagrams + [(data, self.follower.parent) for data in self.uplink.datagrams_to_send()]
 
     def next_event(self) -> FollowerEvent | LeaderEvent | None:
         """Return the next thing that happened on either side, None where there is none."""
         return self.follower.next_event() or self.leader.next_event()
 
+    # The parts
+
+    def _take_from_parent(self, message: Message, now_ns: int) -> None:
+        """Take in what is meant for this relay itself, or for one of its members."""
+        uplink, members = self.uplink, self.leader.members
+        match message:
+            case Welcome() if message.instance != self.follower.config.instance:
+                uplink.welcomed(message.instance, message.client, members)
+            case Refused() if message.instance != self.follower.config.instance:
+                refused = uplink.refused(message.instance, message.reason, members)
+                if refused is not None:
+                    self.leader.give_up(refused, message.reason)
+            case Unknown() if message.client != self.follower.number:
+                uplink.unknown(message.client)
+            case HeartbeatAck() if member := uplink.member(message.client):
+                # What it tells holds for all, and is fresher than this relay's own answers.
+                mine = msgspec.structs.replace(message, client=self.follower.number or 0)
+                self.follower.take(mine, now_ns)
+                self._pass_on()
+                self.leader.answer(member)
+            case Trigger() if member := uplink.member(message.client):
+                self.leader.tell(member, msgspec.structs.replace(message, client=member.number))
+            case _:
+                self.follower.take(message, now_ns)
+                self._pass_on()
+
     def _pass_on(self) -> None:
         """Tell the clients how this clock stands to the root's, and the root's grid of instants."""
         follower, leader = self.follower, self.leader
-        if follower.time_map is None or follower.goal is None:
+        if follower.number != self._number:
+            self._number = follower.number
+            self.uplink.restart(open=self._number is not None)
+        if follower.time_map is None or follower.goal is None or follower.root != follower.path[0]:
+            # Another root's grid means nothing before its time is known.
             return
         if leader.onward is None or leader.onward.epoch_local_ns != follower.time_map.epoch_local_ns:
             leader.onward = onward(follower.path, follower.time_map)
-        if leader.goal != follower.goal:
+        moved = (leader.goal, leader.align_row) != (follower.goal, follower.align_row)
+        if leader.agreement is None or moved:
             leader.agreement = Agreement(follower.goal)
+        # Without a parent nobody is to be restarted: there is no telling what suits the others.
+        leader.agreement.agreed_leader_ns = follower.agreed_leader_ns if self._number is not None else None
+        leader.align_row = follower.align_row
+        if moved:
+            leader.answer_all()

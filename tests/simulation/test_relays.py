@@ -1,0 +1,298 @@
+"""Cameras below relays in virtual time: bursts, goals and names are the whole tree's, and relays may die."""
+
+import random
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
+
+import pytest
+from msgspec import structs
+
+from capture_app.simulation.tree import ROOT, Tree, TreeSpec
+from capture_app.simulation.wander import WanderingClock
+from capture_app.sync.candidates import Candidates
+from capture_app.sync.client import Client, ClientConfig
+from capture_app.sync.events import BurstAccepted, BurstReady, JoinRefused, LeaderEvent, NodeMoved
+from capture_app.sync.follower import Address, FollowerConfig
+from capture_app.sync.leader import ClientView, LeaderConfig
+from capture_app.sync.messages import CameraDescription
+from capture_app.sync.phase import FrameStamp
+from capture_app.sync.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
+from capture_app.sync.state import NodeState
+
+S = 1_000_000_000
+PERIOD_NS = 33_333_333
+CAMERA = CameraDescription(
+    kind="sim",
+    model="",
+    width=640,
+    height=480,
+    period_ns=PERIOD_NS,
+    phase_control="none",
+    timestamp_source="start-of-exposure",
+)
+
+
+@dataclass
+class Camera:
+    """A client whose frames come at whole periods of its own clock; each frame is its own timestamp."""
+
+    client: Client[int]
+    leaders: tuple[Address, ...]
+    events: list[object] = field(default_factory=list)
+    clock: WanderingClock = field(init=False)
+    candidates: Candidates[int] = field(init=False)
+    _next_ns: int | None = None
+    _frames: int = 0
+
+    def __post_init__(self) -> None:
+        self.candidates = Candidates(self.client, self.leaders)
+        self.receive_datagram = self.candidates.receive_datagram
+        self.datagrams_to_send = self.candidates.datagrams_to_send
+
+    def next_timer(self) -> int:
+        due_ns = self.candidates.next_timer()
+        return due_ns if self._next_ns is None else min(self._next_ns, due_ns)
+
+    def handle_timer(self, now_ns: int) -> None:
+        if self._next_ns is None:
+            self._next_ns = now_ns
+        while now_ns >= self._next_ns:
+            self.client.frame_arrived(FrameStamp(self._frames, 0, self._next_ns), self._next_ns, now_ns)
+            self._frames += 1
+            self._next_ns += PERIOD_NS
+        self.candidates.handle_timer(now_ns)
+        while (event := self.client.next_event()) is not None:
+            self.events.append(event)
+
+    @property
+    def ready(self) -> list[BurstReady[int]]:
+        return [event for event in self.events if isinstance(event, BurstReady)]
+
+
+class Rig:
+    """A root and whatever a test puts below it, on the paper's link."""
+
+    def __init__(self, seed: int = 7) -> None:
+        self.tree = Tree(TreeSpec(clients=0, relays=0, join_within_s=0.0), seed=seed)
+        self.tree.root.config = replace(self.tree.root.config, exchanges_per_s=1000.0)
+        self.events: list[LeaderEvent] = []
+        self.cameras: dict[str, Camera] = {}
+        self.relays: dict[str, Relay] = {}
+
+    def relay(self, name: str, *parents: Address) -> Address:
+        rng = random.Random(name)
+        config = FollowerConfig(name, rng.getrandbits(32), parents, OF_CAMERAS, HEARTBEAT_EVERY_NS)
+        relay = self.relays[name] = Relay(config, LeaderConfig(0, 0), rng)
+        self.tree.add(name, relay, rng, parents, relay.follower)
+        return name, 0
+
+    def camera(self, name: str, *leaders: Address, at: str = "", control: str = "none") -> Camera:
+        rng = random.Random(at or name)
+        camera = structs.replace(CAMERA, phase_control=control)
+        client: Client[int] = Client(ClientConfig(name, rng.getrandbits(32), camera, 60_000, 90), rng)
+        node = self.cameras[at or name] = Camera(client, leaders)
+        node.clock = self.tree.add(at or name, node, rng, leaders)
+        return node
+
+    def run(self, seconds: float) -> None:
+        end_ns = self.tree.now_true_ns + round(seconds * S)
+        while self.tree.now_true_ns < end_ns:
+            self.tree._run_until(min(end_ns, self.tree.now_true_ns + S // 20))
+            while (event := self.tree.root.next_event()) is not None:
+                self.events.append(event)
+
+    def run_until(self, condition: Callable[[], bool], limit_s: float = 60.0) -> None:
+        for _ in range(round(limit_s * 20)):
+            if condition():
+                return
+            self.run(0.05)
+        raise AssertionError([event for camera in self.cameras.values() for event in camera.events])
+
+    def kill(self, name: str) -> None:
+        self.tree.nodes[name, 0].alive = False
+
+    def views(self) -> dict[str, ClientView]:
+        return {view.name: view for view in self.tree.root.clients(self.tree.now_true_ns)}
+
+    def all_ready(self) -> bool:
+        views = self.views()
+        return all(
+            name in views and views[name].report.state is NodeState.READY
+            for name in (*self.cameras, *self.relays)
+            if self.tree.nodes[name, 0].alive
+        )
+
+    def check_burst(self, frames: int = 3) -> None:
+        """Order a burst of all, and hold what they picked against the truth."""
+        had = {name: len(camera.ready) for name, camera in self.cameras.items()}
+        burst = self.tree.root.trigger(self.tree.now_true_ns, frames=frames)
+        self.tree.nodes[ROOT].due_ns = None
+        self.tree._push(self.tree.now_true_ns, self.tree.nodes[ROOT], b"", ROOT)
+        self.run(2.0)
+        assert set(burst.clients) == set(self.cameras)
+        accepted = {e.name for e in self.events if isinstance(e, BurstAccepted) and e.burst == burst.number}
+        assert accepted == set(self.cameras)
+        for name, camera in self.cameras.items():
+            assert len(camera.ready) == had[name] + 1, name
+            ready = camera.ready[-1]
+            assert (ready.leader, ready.burst) == (self.tree.root.config.instance, burst.number)
+            assert [pick.instant for pick in ready.picks] == list(range(frames))
+            for pick in ready.picks:
+                true_ns = camera.clock.true_from_local(pick.frame)
+                assert abs(pick.leader_ns - true_ns) <= pick.hard_bound_ns
+                assert abs(pick.leader_ns - true_ns) < 300_000
+                assert abs(pick.residual_ns) <= PERIOD_NS // 2
+
+
+def test_a_burst_reaches_cameras_below_relays_of_relays_in_the_roots_time() -> None:
+    rig = Rig()
+    upper = rig.relay("upper", ROOT)
+    lower = rig.relay("lower", upper)
+    rig.camera("near", ROOT)
+    rig.camera("middle", upper)
+    rig.camera("far", lower)
+    rig.run_until(rig.all_ready)
+    rig.check_burst()
+    views = rig.views()
+    assert {name: views[name].via for name in views} == {
+        "near": None,
+        "upper": None,
+        "middle": "upper",
+        "lower": "upper",
+        "far": "lower",
+    }
+    bounds = [views[name].report.hard_bound_ns or 0 for name in ("upper", "lower", "far")]
+    assert bounds == sorted(bounds), "each clock on the way adds its own error"
+    assert bounds[0] > 0
+    assert rig.tree.root.pace_ns == 0
+
+
+def test_a_camera_that_can_only_restart_is_weighed_by_the_root_wherever_it_is() -> None:
+    rig = Rig()
+    relay = rig.relay("relay", ROOT)
+    rig.camera("near", ROOT)
+    far = rig.camera("far", relay, control="reset")
+    goal = rig.tree.root.goal
+    rig.run_until(lambda: rig.all_ready() and rig.tree.root.goal != goal)
+    assert rig.tree.root.goal == rig.relays["relay"].leader.goal
+    assert far.client.aligner.aligned
+
+
+def test_two_cameras_of_one_name_are_told_apart_anywhere_in_the_tree() -> None:
+    rig = Rig()
+    one, two = rig.relay("one", ROOT), rig.relay("two", ROOT)
+    first = rig.camera("cam", one, at="cam")
+    rig.run_until(lambda: first.client.state is NodeState.READY)
+    second = rig.camera("cam", two, at="other")
+    rig.run(4.0)
+    assert first.client.state is NodeState.READY
+    assert second.client.state is NodeState.JOINING
+    assert JoinRefused("another camera named cam is here") in second.events
+    rig.kill("cam")
+    rig.run_until(lambda: second.client.state is NodeState.READY)
+    assert rig.views()["cam"].via == "two"
+
+
+@pytest.mark.parametrize("next_parent", ["root", "relay"])
+def test_the_clients_of_a_dead_relay_go_on_below_the_next_parent(next_parent: str) -> None:
+    rig = Rig()
+    dying, other = rig.relay("dying", ROOT), rig.relay("other", ROOT)
+    below = rig.relay("below", dying, ROOT if next_parent == "root" else other)
+    rig.camera("a", dying, ROOT if next_parent == "root" else other)
+    rig.camera("b", below)
+    rig.run_until(rig.all_ready)
+    rig.check_burst()
+    rig.kill("dying")
+    rig.run(4.5)
+    del rig.relays["dying"]
+    rig.run_until(rig.all_ready)
+    rig.check_burst()
+    expected = None if next_parent == "root" else "other"
+    assert (rig.views()["a"].via, rig.views()["below"].via) == (expected, expected)
+
+
+def test_a_relay_that_stops_in_order_sends_its_clients_on_at_once() -> None:
+    rig = Rig()
+    relay = rig.relay("relay", ROOT)
+    camera = rig.camera("cam", relay, ROOT)
+    rig.run_until(rig.all_ready)
+    rig.relays.pop("relay").leave()
+    rig.tree._push(rig.tree.now_true_ns, rig.tree.nodes[relay], b"", ROOT)
+    rig.run(0.2)
+    rig.kill("relay")
+    assert rig.views()["relay"].report.state is NodeState.LOST
+    rig.run_until(lambda: camera.client.state is NodeState.READY)
+    assert rig.views()["cam"].via is None
+
+
+def test_a_promised_burst_survives_the_relay_that_brought_it() -> None:
+    rig = Rig()
+    relay = rig.relay("relay", ROOT)
+    camera = rig.camera("cam", relay, ROOT)
+    rig.run_until(rig.all_ready)
+    at_ns = rig.tree.now_true_ns + 8 * S
+    burst = rig.tree.root.trigger(rig.tree.now_true_ns, frames=2, at_leader_ns=at_ns)
+    rig.tree._push(rig.tree.now_true_ns, rig.tree.nodes[ROOT], b"", ROOT)
+    rig.run(0.5)
+    rig.kill("relay")
+    rig.run(9.0)
+    assert [event.name for event in rig.events if isinstance(event, BurstAccepted)] == ["cam"]
+    (ready,) = camera.ready
+    assert ready.burst == burst.number
+    assert len(ready.picks) == 2
+    assert rig.views()["cam"].via is None
+
+
+def test_a_relay_without_its_root_holds_the_time_over_even_for_new_clients() -> None:
+    rig = Rig()
+    relay = rig.relay("relay", ROOT)
+    old = rig.camera("old", relay)
+    rig.run_until(rig.all_ready)
+    rig.kill("root")
+    rig.run(10.0)
+    assert rig.relays["relay"].follower.number is None
+    new = rig.camera("new", relay)
+    rig.run_until(lambda: new.client.state is NodeState.READY)
+    for camera in (old, new):
+        time_map = camera.client.time_map
+        assert time_map is not None
+        local_ns = camera.clock.local_from_true(rig.tree.now_true_ns)
+        error_ns = time_map.leader_from_local(local_ns) - rig.tree.now_true_ns
+        assert abs(error_ns) <= time_map.hard_bound_at(local_ns)
+        assert abs(error_ns) < 1_000_000
+    rig.tree.nodes[ROOT].alive = True
+    rig.run_until(lambda: rig.all_ready())
+    rig.check_burst()
+
+
+def test_a_camera_that_moves_without_having_been_lost_is_not_there_twice() -> None:
+    rig = Rig()
+    relay = rig.relay("relay", ROOT)
+    camera = rig.camera("cam", relay, ROOT)
+    rig.run_until(rig.all_ready)
+    assert rig.views()["cam"].via == "relay", "it had the patience to wait until the relay knew the time"
+    camera.client.hellos = 10
+    camera.client._leave("it was told to", camera.clock.local_from_true(rig.tree.now_true_ns))
+    rig.run_until(lambda: rig.views()["cam"].via is None)
+    rig.run(5.0)
+    assert NodeMoved("cam", None) in rig.events
+    assert rig.views()["cam"].via is None
+    assert camera.client.state is NodeState.READY
+    rig.check_burst()
+
+
+def test_the_first_camera_sets_the_rate_though_a_relay_joined_before() -> None:
+    rig = Rig()
+    rig.tree.root.config = replace(rig.tree.root.config, period_ns=None)
+    rig.tree.root._grid_is_for_cameras = False
+    relay = rig.relay("relay", ROOT)
+    rig.run(3.0)
+    camera = structs.replace(CAMERA, period_ns=20_000_000)
+    rng = random.Random(1)
+    client: Client[int] = Client(ClientConfig("cam", 5, camera, 60_000, 90), rng)
+    rig.tree.add("cam", Camera(client, (relay,)), rng, (relay,))
+    rig.run(6.0)
+    goal = rig.tree.root.goal
+    assert goal is not None
+    assert goal.period_ns == 20_000_000
+    assert rig.relays["relay"].leader.goal == goal

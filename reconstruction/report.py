@@ -14,6 +14,7 @@ from reconstruction.report_burst import burst_section, embed
 from reconstruction.report_claims import claims
 from reconstruction.report_conditions import conditions_table, instants_table
 from reconstruction.report_dose import dose_section
+from reconstruction.report_making import making_section
 from reconstruction.report_tables import depth_table, panorama_table
 from reconstruction.results import CompareResult, Picture
 
@@ -63,7 +64,7 @@ def _page(result: CompareResult, out: Path) -> str:
         burst=burst_section(result.burst, out),
         dose=dose_section(result.dose),
         measures=_measures(result),
-        making=_making(result),
+        making=making_section(result),
     )
 
 
@@ -89,7 +90,9 @@ there: it shows up twice, cut apart, or in the wrong place."""
 def _pictures(result: CompareResult, out: Path) -> str:
     if not result.pictures:
         return ""
-    figures = "\n".join(_figure(picture, out, result.actual_offset_ms) for picture in result.pictures)
+    # What can be wiped comes first: it shows the difference at once.
+    ordered = sorted(result.pictures, key=lambda picture: picture.panels > 1)
+    figures = "\n".join(_figure(picture, out, result.actual_offset_ms) for picture in ordered)
     return f"""<section aria-labelledby="pictures">
 <h2 id="pictures">See the difference</h2>
 <fieldset class="view"><legend>Show the two</legend>
@@ -145,34 +148,4 @@ def _measures(result: CompareResult) -> str:
 
 def _skipped(what: str, why: str) -> str:
     reason = f": {escape(why)}" if why else ""
-    return f'<p class="note"><b>{what}</b>{reason}</p>'
-
-
-def _making(result: CompareResult) -> str:
-    rows = [("Session", f"<code>{escape(result.session)}</code>")]
-    if stereo := result.stereo:
-        rows.append(("Depth", _pair((stereo.reference, stereo.other), stereo.synced.instants, stereo.why)))
-    if stitch := result.stitch:
-        rows.append(("Panorama", _pair(stitch.cameras, stitch.synced.instants, stitch.why)))
-    asked, actual = (wording.milliseconds(ms) for ms in (result.offset_ms, result.actual_offset_ms))
-    frames = wording.count(result.offset_frames, "frame")
-    rows.append(("Offset", escape(f"{asked} asked for; {actual} given, which is {frames}")))
-    rows.append(("Calibration", escape(result.calibration)))
-    if sync := wording.synchronization(result.sync_residual_us, result.sync_bound_us):
-        rows.append(("Synchronization", escape(sync)))
-    rows.append(("Time taken", escape(wording.seconds(result.seconds))))
-    if result.versions:
-        versions = ", ".join(f"{name} {version}" for name, version in result.versions.items())
-        rows.append(("Software", escape(versions)))
-    entries = "\n".join(f"<dt>{name}</dt><dd>{words}</dd>" for name, words in rows)
-    return f"""<section aria-labelledby="making">
-<h2 id="making">How it was made</h2>
-<dl class="making">
-{entries}
-</dl>
-</section>"""
-
-
-def _pair(cameras: tuple[str, ...], instants: int, why: str) -> str:
-    words = f"cameras {' and '.join(cameras)}, {wording.count(instants, 'instant')}"
-    return escape(f"{words} (taken for {why})" if why else words)
+    return f'<p class="note"><b>{what}</b>{reason}.</p>'

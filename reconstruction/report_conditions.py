@@ -4,78 +4,98 @@ from collections.abc import Callable
 from html import escape
 
 from reconstruction import wording
-from reconstruction.report_cells import interval, score_of
+from reconstruction.report_cells import (
+    COVERAGE,
+    EPIPOLAR,
+    STILL_COVERAGE,
+    WITHIN,
+    interval,
+    listing,
+    score_of,
+)
 from reconstruction.results import CompareResult, ConditionResult, DepthScores, StereoResult, StitchScores
+
+_Show = Callable[[float | None], str]
+_Row = tuple[str, str, DepthScores | None, StitchScores | None]
+
+
+def _pixels(value: float | None) -> str:
+    return wording.quantity(value, "px")
+
+
+_COLUMNS: tuple[tuple[str, str, _Show], ...] = (
+    ("mover_within_2pct", WITHIN, wording.share),
+    ("mover_coverage", COVERAGE, wording.share),
+    ("static_coverage", STILL_COVERAGE, wording.share),
+    ("overlap_flow_p95_px", "Panorama's misfit", _pixels),
+)
 
 
 def conditions_table(result: CompareResult) -> str:
     """All conditions by a few measures, with intervals; nothing where there are no further ones."""
     if not result.conditions:
         return ""
-    rows = [
-        _condition_row(
-            "synchronized",
-            result.stereo.synced if result.stereo else None,
-            result.stitch.synced if result.stitch else None,
-            "",
-        ),
-        _condition_row(
+    stereo, stitch = result.stereo, result.stitch
+    rows: list[_Row] = [
+        ("synchronized", "", stereo.synced if stereo else None, stitch.synced if stitch else None),
+        (
             wording.lateness(result.actual_offset_ms),
-            result.stereo.offset if result.stereo else None,
-            result.stitch.offset if result.stitch else None,
-            "",
+            "one camera of each pair",
+            stereo.offset if stereo else None,
+            stitch.offset if stitch else None,
         ),
     ]
-    for one in result.conditions:
-        rows.append(
-            _condition_row(
-                f"session {one.name}" if one.session else one.name,
-                one.stereo.offset if one.stereo else None,
-                one.stitch.offset if one.stitch else None,
-                _details(one),
-            )
+    rows += [
+        (
+            f"session {one.name}" if one.session else one.name,
+            _details(one),
+            one.stereo.offset if one.stereo else None,
+            one.stitch.offset if one.stitch else None,
         )
-    heads = "".join(
-        f'<th scope="col">{name}</th>'
-        for name in (
-            "Condition",
-            "Right within 2 %",
-            "Given a distance",
-            "At rest, given one",
-            "Panorama misfit",
-        )
+        for one in result.conditions
+    ]
+    columns = [column for column in _COLUMNS if any(_value(row, column[0]) is not None for row in rows)]
+    if not columns:
+        return ""
+    return listing(
+        "All conditions, moving things",
+        "".join(f'<th scope="col">{name}</th>' for name in ("Condition", *(name for _, name, _ in columns))),
+        [_condition_row(row, columns) for row in rows],
     )
-    return f"""<div class="wide"><table><caption>All conditions, moving things</caption>
-<thead><tr>{heads}</tr></thead><tbody>{"".join(rows)}</tbody></table></div>"""
 
 
 def _details(one: ConditionResult) -> str:
     late = (("depth", one.stereo_offset_ms), ("panorama", one.stitch_offset_ms))
     parts = [f"{what}: {wording.lateness(ms)}" for what, ms in late if ms is not None]
+    if one.session:
+        parts.append("other pictures, not paired by instant")
     return "; ".join([*parts, *one.skipped])
 
 
-def _condition_row(name: str, depth: DepthScores | None, panorama: StitchScores | None, details: str) -> str:
+def _scores(row: _Row, key: str) -> DepthScores | StitchScores | None:
+    return row[3] if key.startswith("overlap") else row[2]
+
+
+def _value(row: _Row, key: str) -> float | None:
+    scores = _scores(row, key)
+    return None if scores is None else score_of(scores, key)
+
+
+def _condition_row(row: _Row, columns: list[tuple[str, str, _Show]]) -> str:
+    name, details = row[:2]
     cells = []
-    for key, scores, show in (
-        ("mover_within_2pct", depth, wording.share),
-        ("mover_coverage", depth, wording.share),
-        ("static_coverage", depth, wording.share),
-        ("overlap_flow_p95_px", panorama, lambda value: wording.quantity(value, "px")),
-    ):
-        if scores is None:
-            cells.append("<td>n/a</td>")
-            continue
-        ranged = interval(scores, key, share=show is wording.share)
-        cells.append(f"<td>{escape(show(score_of(scores, key)))}{ranged}</td>")
+    for key, _, show in columns:
+        scores = _scores(row, key)
+        ranged = interval(scores, key, share=show is wording.share) if scores else ""
+        cells.append(f"<td>{escape(show(_value(row, key)))}{ranged}</td>")
     small = f"<small>{escape(details)}</small>" if details else ""
     return f'<tr><th scope="row">{escape(name)}{small}</th>{"".join(cells)}</tr>'
 
 
-_INSTANT_COLUMNS: tuple[tuple[str, str, Callable[[float | None], str]], ...] = (
-    ("mover_within_2pct", "Right within 2 %", wording.share),
-    ("mover_coverage", "Given a distance", wording.share),
-    ("mover_epipolar_px", "Between rows", lambda value: wording.quantity(value, "px")),
+_INSTANT_COLUMNS: tuple[tuple[str, str, _Show], ...] = (
+    ("mover_within_2pct", WITHIN, wording.share),
+    ("mover_coverage", COVERAGE, wording.share),
+    ("mover_epipolar_px", EPIPOLAR, _pixels),
 )
 
 
@@ -89,7 +109,10 @@ def instants_table(stereo: StereoResult) -> str:
     if not columns:
         return ""
     heads = "".join(f'<th scope="colgroup" colspan="2">{name}</th>' for _, name, _ in columns)
-    sides = '<th scope="col" class="synced">synced</th><th scope="col" class="offset">late</th>'
+    sides = (
+        '<th scope="col" class="synced"><span class="dot"></span>Synced</th>'
+        '<th scope="col" class="offset"><span class="dot"></span>Late</th>'
+    )
     rows = []
     for row in stereo.per_instant:
         cells = "".join(
@@ -97,11 +120,11 @@ def instants_table(stereo: StereoResult) -> str:
             for key, _, show in columns
             for condition in ("synced", "offset")
         )
-        rows.append(f"<tr><td>{row['instant']}</td><td>{row['mover_pixels']}</td>{cells}</tr>")
-    return f"""<details><summary>Every instant by itself</summary>
-<div class="wide"><table>
-<thead><tr><td></td><td></td>{heads}</tr>
-<tr><th scope="col">Instant</th><th scope="col">Moving pixels</th>{sides * len(columns)}</tr></thead>
-<tbody>
-{"".join(rows)}</tbody></table></div></details>
-"""
+        rows.append(f'<tr><th scope="row">{row["instant"]}</th><td>{row["mover_pixels"]}</td>{cells}</tr>')
+    table = listing(
+        f"Moving things, cameras {stereo.reference} and {stereo.other}",
+        f'<td></td><td></td>{heads}</tr>\n<tr><th scope="col">Instant</th><th scope="col">Moving pixels</th>'
+        f"{sides * len(columns)}",
+        rows,
+    )
+    return f"<details><summary>Every instant by itself</summary>\n{table}</details>\n"

@@ -8,6 +8,7 @@ from string import Template
 from capture_app.session.durable import write_whole
 from reconstruction import wording
 from reconstruction.dose_plot import dose_plot
+from reconstruction.report_cells import COVERAGE, EPIPOLAR, STILL_COVERAGE, WITHIN, listing
 from reconstruction.results import DoseResult, Interval
 
 REPORT = "report.html"
@@ -37,8 +38,8 @@ def dose_section(dose: DoseResult | None) -> str:
     ]
     if dose.speed_px_per_ms:
         notes.append(
-            f"Half of what moves does so by more than {wording.quantity(dose.speed_px_per_ms, 'pixels')} "
-            "a millisecond in the picture."
+            f"Half of what moves goes farther than {wording.quantity(dose.speed_px_per_ms, 'pixels')} "
+            "in a millisecond in the picture."
         )
     if dose.own_error_us is not None:
         moved = (
@@ -100,27 +101,26 @@ def _table(dose: DoseResult) -> str:
     rows = []
     for point in dose.points:
         scores = point.scores
-        cells = [wording.milliseconds(round(point.offset_ms, 1))]
-        if true:
-            cells.append(_ranged(scores.mover_within_2pct, scores.intervals.get("mover_within_2pct")))
+        cells = [_ranged(scores.mover_within_2pct, scores.intervals.get("mover_within_2pct"))] if true else []
         cells += [
             _ranged(scores.mover_coverage, scores.intervals.get("mover_coverage")),
             wording.quantity(scores.mover_epipolar_px, "px"),
             wording.share(scores.static_coverage),
         ]
-        rows.append("<tr>" + "".join(f"<td>{escape(cell)}</td>" for cell in cells) + "</tr>")
-    heads = ["Late by", "Given a distance", "Between rows", "At rest, given one"]
-    if true:
-        heads.insert(1, "Right within 2 %")
-    return (
-        '<div class="wide"><table><caption>By lateness, moving things (95 % intervals)</caption><thead><tr>'
-        + "".join(f'<th scope="col">{head}</th>' for head in heads)
-        + f"</tr></thead><tbody>{''.join(rows)}</tbody></table></div>"
+        late = escape(wording.milliseconds(round(point.offset_ms, 1)))
+        rows.append(
+            f'<tr><th scope="row">{late}</th>' + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>"
+        )
+    heads = ["Late by", *([WITHIN] if true else []), COVERAGE, EPIPOLAR, STILL_COVERAGE]
+    return listing(
+        "By lateness, moving things (small: 95 % intervals)",
+        "".join(f'<th scope="col">{head}</th>' for head in heads),
+        rows,
     )
 
 
 def _ranged(value: float | None, found: Interval | None) -> str:
-    text = wording.share(value)
-    return (
-        f"{text} ({100 * found.low:.0f} to {100 * found.high:.0f})" if found and value is not None else text
-    )
+    text = escape(wording.share(value))
+    if found is None or value is None:
+        return text
+    return f"{text}<small>{100 * found.low:.1f} to {100 * found.high:.1f}</small>"

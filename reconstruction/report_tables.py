@@ -4,7 +4,7 @@ from collections.abc import Callable
 from html import escape
 
 from reconstruction import wording
-from reconstruction.report_cells import interval, meter, score_of
+from reconstruction.report_cells import COVERAGE, EPIPOLAR, WITHIN, interval, meter, score_of
 from reconstruction.results import StereoResult, StitchResult
 
 _Format = Callable[[float | None], str]
@@ -12,19 +12,19 @@ _Format = Callable[[float | None], str]
 _DEPTH_ROWS: tuple[tuple[str, str, str, _Format], ...] = (
     (
         "within_2pct",
-        "Measured correctly",
+        WITHIN,
         "Share whose distance is within 2 % of the truth; holes count as wrong. More is better.",
         wording.share,
     ),
     (
         "coverage",
-        "Given a distance",
+        COVERAGE,
         "Share for which the two pictures agree on a distance; it may still be wrong. More is better.",
         wording.share,
     ),
     (
         "epipolar_px",
-        "Up-and-down mismatch",
+        EPIPOLAR,
         "A point should lie in the same row of both pictures; this is how far off it is. Less is better.",
         lambda value: wording.quantity(value, "px"),
     ),

@@ -19,6 +19,17 @@ for (const choice of document.querySelectorAll("input[name=view]")) {
   apply();
 }
 
+// What scrolls sideways can be scrolled by keys.
+const reach = () => {
+  for (const wide of document.querySelectorAll(".wide")) {
+    if (wide.scrollWidth > wide.clientWidth) wide.tabIndex = 0;
+    else wide.removeAttribute("tabindex");
+  }
+};
+addEventListener("resize", reach);
+addEventListener("toggle", reach, true);
+reach();
+
 // The bullet-time sweep: both reels show the same camera; plays there and back until somebody steps.
 const still = matchMedia("(prefers-reduced-motion: reduce)");
 for (const sweep of document.querySelectorAll(".sweep")) {

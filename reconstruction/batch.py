@@ -17,8 +17,9 @@ from reconstruction.batch_summary import (
     unit_row,
     write_summary,
 )
+from reconstruction.conditions import Condition
 from reconstruction.executors import Executor
-from reconstruction.unit_plan import MAKE, Condition, Failure, plan
+from reconstruction.unit_plan import MAKE, Failure, plan
 from reconstruction.units import UNITS, WORK, Outcome, Unit, is_done, tidy
 
 TIMINGS = "timings.csv"

@@ -10,7 +10,7 @@ import msgspec
 from capture_app.errors import NotAvailableError
 from reconstruction.bullet_time import bullet_time
 from reconstruction.burst_grid import burst_grid
-from reconstruction.conditions import Condition, check_cameras, drawn
+from reconstruction.conditions import Condition
 from reconstruction.dataset import Dataset
 from reconstruction.depth_study import DepthStudy
 from reconstruction.dose import MOST_MS, measure, offsets
@@ -47,8 +47,6 @@ class CompareOptions:
     most_instants: int = 16
     conditions: tuple[Condition, ...] = ()
     """Further ones beside the pair that is `offset_ms` apart."""
-    drawn: bool = False
-    """Also the one that draws every camera's offset."""
     against: Path | None = None
     """Another session as a condition."""
 
@@ -86,9 +84,9 @@ class _Comparison:
         self.middle = offset.pairs[len(offset.pairs) // 2][0]
         for pair in (options.stereo, options.stitch):
             self.rig.check_pair(pair)
-        self.conditions = [*options.conditions, *([drawn(dataset.cameras)] if options.drawn else [])]
+        self.conditions = options.conditions
         for condition in self.conditions:
-            check_cameras(dataset, condition)
+            condition.check(dataset)
         self.against = Dataset.open(options.against) if options.against is not None else None
         self.panorama: PanoramaStudy | None = None
         each = 1 + min(len(offset.pairs), options.most_instants)

@@ -10,13 +10,20 @@ from reconstruction import metrics, pictures
 from reconstruction.dataset import Dataset
 from reconstruction.geometry import Array, View
 from reconstruction.pipeline import Progress, Stages
-from reconstruction.results import Picture, StereoResult
+from reconstruction.results import DepthScores, Picture, StereoResult
 from reconstruction.scene_motion import SceneMotion
 from reconstruction.stereo import DepthMap, StereoPair, scene_disparities
-from reconstruction.tally import Tally, differences
+from reconstruction.tally import Tally, count_depth, differences
 
 CONDITIONS = ("synced", "offset")
 RANGE_INSTANTS = 8
+ROW = {
+    "mover_coverage": ("mover", "coverage"),
+    "static_coverage": ("static", "coverage"),
+    "mover_within_2pct": ("mover", "within_2pct"),
+    "mover_epipolar_px": ("mover", "epipolar_px"),
+}
+"""What is told of every single instant."""
 
 
 @dataclass(frozen=True)
@@ -147,26 +154,27 @@ class DepthStudy:
             }
             reference = self.dataset.grey(self.reference, one.now)
             for condition, later in (("synced", one.now), ("offset", one.later)):
+                found = one.maps[condition]
+                other = self.dataset.grey(self.other, later)
+                counts = []
+                for mask in (one.moving, one.static):
+                    count = count_depth(found.depth, found.difference, mask, one.truth)
+                    rows = metrics.row_errors(self.pair, reference, other, mask)
+                    count.values["epipolar_px"] = np.array(rows, float)
+                    counts.append(count)
                 single = Tally()
                 for tally in (tallies[condition], single):
-                    tally.add(one.maps[condition], one.moving, one.static, one.truth)
-                other = self.dataset.grey(self.other, later)
-                rows = [metrics.row_errors(self.pair, reference, other, m) for m in (one.moving, one.static)]
-                tallies[condition].add_rows(*rows)
-                single.add_rows(*rows)
-                scores = single.scores()
-                row[f"{condition}_mover_coverage"] = scores.mover_coverage
-                row[f"{condition}_static_coverage"] = scores.static_coverage
-                row[f"{condition}_mover_within_2pct"] = scores.mover_within_2pct
-                row[f"{condition}_mover_epipolar_px"] = scores.mover_epipolar_px
+                    tally.add(*counts)
+                for name, pair in ROW.items():
+                    row[f"{condition}_{name}"] = single.value(*pair)
             per_instant.append(row)
         return StereoResult(
             reference=self.reference,
             other=self.other,
-            synced=tallies["synced"].scores(intervals=True),
-            offset=tallies["offset"].scores(intervals=True),
+            synced=tallies["synced"].scores(DepthScores, intervals=True),
+            offset=tallies["offset"].scores(DepthScores, intervals=True),
             per_instant=tuple(per_instant),
-            differences=differences(tallies["synced"], tallies["offset"]),
+            differences=differences(tallies["synced"], tallies["offset"], DepthScores),
             why=why,
         )
 

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from reconstruction.calibration import views_of
-from reconstruction.conditions import Condition, pair_offset
+from reconstruction.conditions import Condition, listed, pair_instants
 from reconstruction.dataset import Dataset
 from reconstruction.depth_study import DepthStudy
 from reconstruction.panorama_study import PanoramaStudy
@@ -12,7 +12,7 @@ from reconstruction.pipeline import Progress, Stages
 from reconstruction.results import ConditionResult, StereoResult, StitchResult
 from reconstruction.rig import Rig
 from reconstruction.scene_motion import SceneMotion
-from reconstruction.variants import thin, usable_pairs
+from reconstruction.variants import thin
 
 Pair = tuple[str, str]
 
@@ -33,7 +33,7 @@ def judge(chosen: Chosen, condition: Condition) -> ConditionResult:
     rig = chosen.rig
     stereo: StereoResult | None = None
     stitched: StitchResult | None = None
-    late: dict[str, float] = {}
+    late: dict[str, float | None] = {}
     skipped = []
     quiet = Progress(0, silent=True)
     if chosen.stereo is not None:
@@ -55,7 +55,7 @@ def judge(chosen: Chosen, condition: Condition) -> ConditionResult:
             skipped.append(f"panorama: {error}")
     return ConditionResult(
         name=condition.name,
-        offsets_ms=dict(condition.offsets_ms),
+        offsets_ms=listed(condition, rig.dataset),
         stereo_offset_ms=late.get("stereo"),
         stitch_offset_ms=late.get("stitch"),
         stereo=stereo,
@@ -110,12 +110,9 @@ def judge_session(chosen: Chosen, other: Dataset, folder: Path, step: int) -> Co
     )
 
 
-def _pairs(chosen: Chosen, condition: Condition, cameras: Pair) -> tuple[list[tuple[int, int]], float]:
-    offset = pair_offset(chosen.rig.dataset, condition, *cameras)
-    found = usable_pairs(chosen.rig.dataset, offset, *cameras)
-    if not found:
-        raise ValueError(f"{cameras[0]} and {cameras[1]} have no images at this offset")
-    return thin(found, chosen.most_instants), offset.actual_ms
+def _pairs(chosen: Chosen, condition: Condition, cameras: Pair) -> tuple[list[tuple[int, int]], float | None]:
+    found, late_ms = pair_instants(chosen.rig.dataset, condition, *cameras)
+    return thin(found, chosen.most_instants), late_ms
 
 
 def _same(other: Dataset, cameras: Pair, chosen: Chosen) -> list[tuple[int, int]]:

@@ -1,7 +1,6 @@
 """Which units a session has, and how one of them is made: the depth of an instant in a condition."""
 
 import hashlib
-import random
 import shutil
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -12,6 +11,7 @@ import msgspec
 
 from capture_app.errors import BadInputError, IncompleteError
 from capture_app.session.durable import write_whole
+from reconstruction.conditions import Condition
 from reconstruction.dataset import Dataset
 from reconstruction.multiview import RESULT as MULTIVIEW_RESULT
 from reconstruction.multiview import Matcher, MultiviewOptions, multiview
@@ -21,55 +21,8 @@ from reconstruction.units import Unit
 
 MAKE = "reconstruction.unit_plan:make_depth"
 RESULT = "unit.json"
-SYNCED = "synced"
-DISTINCT = "distinct"
-DISTINCT_MS = (-66.0, -33.0, 0.0, 33.0, 66.0)
-"""What the paper's unsynchronized cameras are off by: up to two frames of 30 a second, either way."""
 TIMES = ("seconds", "seconds_of")
 """What differs from run to run; kept apart from the results."""
-
-
-@dataclass(frozen=True)
-class Condition:
-    """How the cameras' images are apart in time: together, drawn at random, or as listed (ms)."""
-
-    name: str
-    listed_ms: tuple[float, ...] = ()
-
-    @classmethod
-    def parse(cls, text: str) -> "Condition":
-        """`synced`; `distinct`; `MS`: every second camera so much later; `MS,MS,...`: one for each camera.
-
-        Raises:
-            BadInputError: it is none of these.
-        """
-        text = text.strip()
-        if text in (SYNCED, DISTINCT):
-            return cls(text)
-        try:
-            listed = tuple(float(part) for part in text.split(","))
-        except ValueError:
-            listed = ()
-        if not listed or not all(abs(ms) < 1e6 for ms in listed):
-            raise BadInputError(
-                f"{text!r} is no condition", hint=f"{SYNCED}, {DISTINCT}, 66, or one number for each camera"
-            )
-        return cls("_".join(f"{ms:g}" for ms in listed) + "ms", listed)
-
-    def offsets_ms(self, cameras: int, instant: int) -> tuple[float, ...]:
-        """How much later each camera's image is; none for all together.
-
-        Drawn ones depend on the instant only, and are all different as long as there are enough of them.
-        """
-        if self.name == SYNCED:
-            return ()
-        if self.name == DISTINCT:
-            drawn = random.Random(f"{DISTINCT} {instant}")
-            rounds = -(-cameras // len(DISTINCT_MS))
-            return tuple(ms for _ in range(rounds) for ms in drawn.sample(DISTINCT_MS, 5))[:cameras]
-        if len(self.listed_ms) == 1:
-            return tuple(self.listed_ms[0] * (camera % 2) for camera in range(cameras))
-        return self.listed_ms
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -105,8 +58,9 @@ def plan(
         refused = None
         before = len(units)
         for instant in range(len(dataset.instants_ns)) if instants is None else instants:
-            offsets = condition.offsets_ms(len(dataset.cameras), instant)
+            offsets = condition.offsets_ms(dataset.cameras, instant)
             try:
+                condition.check(dataset)
                 chosen = instants_of(dataset, instant, offsets)
             except BadInputError as error:
                 refused = Failure(

@@ -1,9 +1,14 @@
 """Values that several commands take on the command line."""
 
 import math
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
+
+from capture_app.errors import BadInputError
+
+if TYPE_CHECKING:
+    from reconstruction.conditions import Condition
 
 
 class Finite(click.FloatRange):
@@ -32,23 +37,21 @@ class Pair(click.ParamType[tuple[str, str]]):
         return names[0], names[1]
 
 
-class Offsets(click.ParamType[tuple[tuple[str, float], ...]]):
-    """Cameras and how late they are: CAMERA=MS with commas between."""
+class Offsets(click.ParamType["Condition"]):
+    """How late each camera is: CAMERA=MS with commas between, or MS for each, or MS for every second one."""
 
-    name = "CAM=MS,..."
+    name = "CAM=MS,...|MS,..."
 
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[tuple[str, float], ...]:
-        """Split the text."""
-        found: dict[str, float] = {}
-        for part in str(value).split(","):
-            camera, _, text = part.partition("=")
-            try:
-                late = float(text)
-            except ValueError:
-                late = math.nan
-            if not camera.strip() or not math.isfinite(late) or camera.strip() in found:
-                self.fail(f"{value!r} is not cameras with ms, as in cam00=0,cam01=66", param, ctx)
-            found[camera.strip()] = late
-        return tuple(found.items())
+    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> "Condition":
+        """Read the list."""
+        from reconstruction.conditions import SYNCED, Condition
+
+        if isinstance(value, Condition):
+            return value
+        try:
+            found = Condition.parse(str(value))
+        except BadInputError:
+            found = None
+        if found is None or found.name == SYNCED:
+            self.fail(f"{value!r} is not how late cameras are, as in cam00=0,cam01=66 or 0,66", param, ctx)
+        return found

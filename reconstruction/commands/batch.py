@@ -41,7 +41,7 @@ class _Instants(click.ParamType[tuple[int, ...]]):
     default=("synced",),
     show_default=True,
     help="synced; distinct: each camera off by another of -66,-33,0,33,66 ms; MS: every second camera so "
-    "much later; or MS,MS,...: one for each camera. May be given several times.",
+    "much later; MS,MS,... or CAMERA=MS,...: how much later each is. May be given several times.",
 )
 @click.option("--instants", type=_Instants(), help="Instants, as in 0,4-8 [default: all].")
 @click.option(

@@ -18,9 +18,10 @@ from capture_app.session.reader import Session
 from reconstruction import unit_plan, units
 from reconstruction.batch import BatchOptions, batch, exit_code
 from reconstruction.cli import main
+from reconstruction.conditions import Condition
 from reconstruction.executors import LocalExecutor
 from reconstruction.slurm import SlurmExecutor
-from reconstruction.unit_plan import DISTINCT_MS, Condition, plan
+from reconstruction.unit_plan import plan
 from reconstruction.units import Outcome, Unit, perform
 from tests.reconstruction.conftest import VIEWS, Scene, write_session
 from tests.reconstruction.fake_units import MAKE
@@ -116,21 +117,6 @@ def test_one_camera_only_is_one_line(run: Callable[..., Any], scene: Scene, tmp_
     lonely = write_session(tmp_path, scene, {"left": VIEWS["left"]}, instants=2)
     done = run(sessions=[lonely.folder])
     assert [row.problem[:31] for row in done.result.units] == ["the session has one camera only"]
-
-
-def test_conditions() -> None:
-    assert Condition.parse("synced").offsets_ms(5, 3) == ()
-    assert Condition.parse("66").offsets_ms(4, 3) == (0, 66, 0, 66)
-    assert Condition.parse("0,-33,5").offsets_ms(3, 3) == (0, -33, 5)
-    distinct = Condition.parse("distinct")
-    draws = [distinct.offsets_ms(5, instant) for instant in range(20)]
-    assert all(sorted(draw) == sorted(DISTINCT_MS) for draw in draws)
-    assert len(set(draws)) > 10
-    assert draws == [distinct.offsets_ms(5, instant) for instant in range(20)]
-    assert len(distinct.offsets_ms(7, 0)) == 7
-    for text in ("", "late", "1,,2", "nan", "inf"):
-        with pytest.raises(BadInputError):
-            Condition.parse(text)
 
 
 def test_a_key_is_of_all_that_the_result_depends_on(

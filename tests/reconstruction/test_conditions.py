@@ -5,32 +5,71 @@ from pathlib import Path
 
 import pytest
 
+from capture_app.errors import BadInputError
 from capture_app.session.reader import Session
 from reconstruction.cli import main
-from reconstruction.conditions import DRAWN_MS, Condition, drawn, pair_offset
+from reconstruction.conditions import DISTINCT, DISTINCT_MS, SYNCED, Condition, pair_instants, shown_with
 from reconstruction.dataset import Dataset
+from tests.reconstruction.conftest import VIEWS, Scene, write_session
 
 
-@pytest.mark.parametrize("cameras", [2, 5, 8])
-def test_drawn_offsets_are_distinct_as_far_as_they_go(cameras: int) -> None:
-    names = [f"cam{i:02d}" for i in range(cameras)]
-    offsets = [late for _, late in drawn(names).offsets_ms]
-    assert len(offsets) == cameras
-    assert len(set(offsets)) == min(cameras, len(DRAWN_MS))
-    assert drawn(names) == drawn(names)
+def test_conditions_are_read_from_text() -> None:
+    names = ["cam00", "cam01", "cam02", "cam03"]
+    assert Condition.parse("synced").offsets_ms(names, 3) == ()
+    assert Condition.parse("66").offsets_ms(names, 3) == (0, 66, 0, 66)
+    assert Condition.parse("0,-33,5").offsets_ms(names[:3], 3) == (0, -33, 5)
+    named = Condition.parse("cam02=66, cam00=-33.5")
+    assert named.offsets_ms(names, 3) == (-33.5, 0, 66, 0)
+    assert "/" not in named.name
+    for text in ("", "late", "1,,2", "nan", "inf", "cam00=", "cam00=1,2", "cam00=1,cam00=2", "=3"):
+        with pytest.raises(BadInputError, match="no condition"):
+            Condition.parse(text)
+
+
+@pytest.mark.parametrize("count", [2, 5, 8])
+def test_drawn_offsets_are_distinct_as_far_as_they_go(count: int) -> None:
+    names = [f"cam{i:02d}" for i in range(count)]
+    distinct = Condition(DISTINCT)
+    draws = [distinct.offsets_ms(names, instant) for instant in range(20)]
+    assert all(len(draw) == count and len(set(draw)) == min(count, len(DISTINCT_MS)) for draw in draws)
+    assert all(set(draw) <= set(DISTINCT_MS) for draw in draws)
+    assert len(set(draws)) > 5
+    assert draws == [distinct.offsets_ms(names, instant) for instant in range(20)]
+
+
+def test_the_reference_shows_the_same_picture_in_every_condition(boards: Session) -> None:
+    dataset = Dataset(boards)
+    for instant in range(5):
+        shown = shown_with(dataset, Condition(DISTINCT), "right", instant)
+        assert shown["right"] == instant
+        assert len(set(shown.values())) == 3
+    listed = shown_with(dataset, Condition.parse("66,33,0"), "right", 1)
+    assert listed == {"left": 2, "right": 1, "aside": 0}
+    assert shown_with(dataset, Condition(SYNCED), "left", 2) == {"left": 2, "right": 2, "aside": 2}
+    with pytest.raises(ValueError, match="no instant is -33 ms from instant 0"):
+        shown_with(dataset, Condition.parse("66,33,0"), "right", 0)
+
+
+def test_a_burst_that_is_too_short_to_draw_from_is_said(scene: Scene, tmp_path: Path) -> None:
+    short = Dataset(write_session(tmp_path, scene, VIEWS, instants=2, truth=False))
+    with pytest.raises(ValueError, match="too short to draw"):
+        shown_with(short, Condition(DISTINCT), "left", 0)
 
 
 def test_a_pair_sees_the_difference_of_its_offsets_in_either_direction(boards: Session) -> None:
     dataset = Dataset(boards)
-    condition = Condition("list", (("left", 66.0), ("right", 33.0)))
-    early = pair_offset(dataset, condition, "left", "right")
-    late = pair_offset(dataset, condition, "right", "left")
-    assert early.frames == -1
-    assert early.pairs == ((1, 0), (2, 1), (3, 2), (4, 3))
-    assert late.frames == 1
-    assert late.pairs == ((0, 1), (1, 2), (2, 3), (3, 4))
+    condition = Condition.parse("left=66,right=33")
+    early, early_ms = pair_instants(dataset, condition, "left", "right")
+    late, late_ms = pair_instants(dataset, condition, "right", "left")
+    assert early == [(1, 0), (2, 1), (3, 2), (4, 3)]
+    assert late == [(0, 1), (1, 2), (2, 3), (3, 4)]
+    assert (early_ms, late_ms) == (pytest.approx(-33.3, abs=0.1), pytest.approx(33.3, abs=0.1))
     with pytest.raises(ValueError, match="equally late"):
-        pair_offset(dataset, Condition("same", (("left", 66.0), ("right", 66.0))), "left", "right")
+        pair_instants(dataset, Condition.parse("left=66,right=66"), "left", "right")
+    drawn, drawn_ms = pair_instants(dataset, Condition(DISTINCT), "left", "right")
+    assert drawn_ms is None
+    assert [now for now, _ in drawn] == [0, 1, 2, 3, 4]
+    assert all(now != later for now, later in drawn)
 
 
 def test_compare_judges_further_conditions_beside_the_synchronized_one(
@@ -67,7 +106,13 @@ def test_compare_judges_further_conditions_beside_the_synchronized_one(
 
 @pytest.mark.parametrize(
     ("text", "code", "words"),
-    [("left=66,nobody=0", 3, "no camera 'nobody'"), ("left", 2, "cam00=0"), ("left=soon", 2, "cam00=0")],
+    [
+        ("left=66,nobody=0", 3, "no camera 'nobody'"),
+        ("66,33", 3, "2 offsets for 3 cameras"),
+        ("left", 2, "cam00=0"),
+        ("left=soon", 2, "cam00=0"),
+        ("synced", 2, "cam00=0"),
+    ],
 )
 def test_wrong_lists_are_one_line(
     boards: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, code: int, words: str

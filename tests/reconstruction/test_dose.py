@@ -12,8 +12,7 @@ from reconstruction.cli import main
 from reconstruction.dose import bearable_ms, falls
 from reconstruction.dose_plot import dose_plot
 from reconstruction.results import DepthScores, DosePoint, DoseResult, Interval
-from reconstruction.stereo import DepthMap
-from reconstruction.tally import Tally, differences
+from reconstruction.tally import Tally, count_depth, differences
 
 
 def point(ms: float, value: float, low: float | None = None, high: float | None = None) -> DosePoint:
@@ -59,6 +58,7 @@ def test_the_session_s_own_error_is_marked_where_it_lies_on_the_drawing() -> Non
 def test_intervals_hold_the_value_and_pairs_are_drawn_together() -> None:
     rng = np.random.default_rng(3)
     moving, static = np.ones((20, 20), bool), np.zeros((20, 20), bool)
+    unknown = np.full((20, 20), np.nan)
     tallies = (Tally(), Tally())
     for share in rng.uniform(0.2, 0.9, 12):
         good = np.zeros((20, 20))
@@ -66,11 +66,11 @@ def test_intervals_hold_the_value_and_pairs_are_drawn_together() -> None:
         worse = good.copy()
         worse.flat[:40] = 0.0
         for tally, depth in zip(tallies, (good, worse), strict=True):
-            tally.add(DepthMap(depth, depth, np.full((20, 20), np.nan)), moving, static, None)
-    found = tallies[0].scores(intervals=True).intervals["mover_coverage"]
+            tally.add(*(count_depth(depth, unknown, mask, None) for mask in (moving, static)))
+    found = tallies[0].scores(DepthScores, intervals=True).intervals["mover_coverage"]
     assert found.low < found.value < found.high
     # The instants differ much, the pairs hardly: every one has lost the same tenth.
-    change = differences(*tallies)["mover_coverage"]
+    change = differences(*tallies, DepthScores)["mover_coverage"]
     assert change.low == pytest.approx(-0.1)
     assert change.high == pytest.approx(-0.1)
     assert found.high - found.low > 0.1

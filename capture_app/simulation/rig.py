@@ -10,9 +10,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 
+from capture_app.simulation.broadcast import Ear, RadioCell, heard
 from capture_app.simulation.clock import SimulatedClock
 from capture_app.simulation.link import PAPER_LINK, Air, Channel, Link, Medium
 from capture_app.simulation.sensor import Sensor, SensorFrame, SensorProfile
+from capture_app.sync.beacon import Group
 from capture_app.sync.client import Client, ClientConfig
 from capture_app.sync.commands import InjectFrame, RestartStream, SetFrameDuration
 from capture_app.sync.events import BurstReady, ClientEvent, LeaderEvent
@@ -25,6 +27,8 @@ from capture_app.sync.trigger import Burst
 
 _DELIVERY_NS = 5_000_000
 """From a frame's last row to the driver's callback."""
+PLAIN_EAR = Ear()
+_GROUP = Group("239.255.47.10", 47011)
 
 
 def describe(profile: SensorProfile) -> CameraDescription:
@@ -57,6 +61,9 @@ class NodeSpec:
     tolerance_ns: int = 60_000
     start_true_ns: int = 0
     injection_profile: InjectionProfile | None = None
+    cell: RadioCell | None = None
+    """Where it hears what is sent to all; None for nowhere."""
+    ear: Ear = PLAIN_EAR
 
 
 @dataclass(slots=True)
@@ -84,8 +91,9 @@ class VirtualRig:
         period_ns: int | None = None,
         align_row: float | None = None,
         freedom_ns: int = 0,
+        beacons: bool = False,
     ) -> None:
-        """`period_ns`, `align_row` and `freedom_ns` are the leader's, see `LeaderConfig`."""
+        """`period_ns`, `align_row`, `freedom_ns` and `beacons` are the leader's, see `LeaderConfig`."""
         self.now_true_ns = 0
         self.nodes: dict[str, VirtualNode] = {}
         self.leader_events: list[LeaderEvent] = []
@@ -95,13 +103,16 @@ class VirtualRig:
         self._airs: dict[Medium, Air] = {}
         self._leader_timer_ns = -1
         self._period_ns, self._align_row, self._freedom_ns = period_ns, align_row, freedom_ns
+        self._beacons = _GROUP if beacons else None
         self.leader = self._new_leader()
         for spec in specs:
             self._at(spec.start_true_ns, partial(self.start, spec))
 
     def _new_leader(self) -> Leader:
         instance = self._rng.getrandbits(32)
-        config = LeaderConfig(instance, 0, self._period_ns, self._align_row, self._freedom_ns)
+        config = LeaderConfig(
+            instance, 0, self._period_ns, self._align_row, self._freedom_ns, beacons=self._beacons
+        )
         return Leader(config, random.Random(self._rng.getrandbits(64)))
 
     # What a test or an experiment does to it
@@ -231,6 +242,17 @@ class VirtualRig:
             node.client.receive_datagram(data, self._local(node))
             self._pump(node)
 
+    def _broadcast(self, data: bytes) -> None:
+        nodes = ((name, node.spec) for name, node in self.nodes.items())
+        ears = {name: (spec.cell, spec.ear) for name, spec in nodes if spec.cell is not None}
+        for name, delay_ns in heard(ears, self.now_true_ns, self._rng):
+            self._at(self.now_true_ns + delay_ns, partial(self._hear, data, self.nodes[name]))
+
+    def _hear(self, data: bytes, node: VirtualNode) -> None:
+        if node.alive:
+            node.client.receive_broadcast(data, self._local(node))
+            self._pump(node)
+
     def _pump_leader(self) -> None:
         due_ns = self.leader.next_timer()
         if due_ns is not None and self.now_true_ns >= due_ns:
@@ -239,6 +261,9 @@ class VirtualRig:
             node = self.nodes[name]
             for delay_ns in node.channel.deliveries("to_client", self.now_true_ns, self._rng):
                 self._at(self.now_true_ns + delay_ns, partial(self._to_client, data, node))
+        beacon = self.leader.beacon_to_send()
+        if beacon is not None:
+            self._broadcast(beacon)
         while (event := self.leader.next_event()) is not None:
             self.leader_events.append(event)
         due_ns = self.leader.next_timer()

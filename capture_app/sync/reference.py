@@ -12,12 +12,14 @@ from statistics import median
 
 from capture_app.sync.robust import SIGMA_FROM_MAD
 
-LEAST_COMMON = 6
-"""Beacons that two must both have heard before anything is said of them."""
-SAME_INSTANT_NS = 30_000
-"""One sigma of the difference of two arrivals, at most. Receivers of one packet differ by 6 to 11 us
-(Elson et al.); copies sent one after the other, or by two access points, by 50 us or more: a copy waits
-for up to 15 slots of 9 us by chance."""
+LEAST_COMMON = 12
+"""Beacons that two must both have heard before anything is said of them: fewer may look alike by chance."""
+SAME_INSTANT_NS = 20_000
+"""One sigma of the difference of two arrivals, at most. One receiver of a packet scatters by 6 to 11 us
+(Elson et al.), two by 9 to 16. Copies that go out one after the other scatter by 42: each waits for 0 to 15
+slots of 9 us by chance."""
+DECILES = 2.563
+"""From the first decile to the last, in sigma, of normal noise."""
 MOST_VOTERS = 50
 """More clients make the medians no better; the others listen to these."""
 ROUNDS = 10
@@ -56,18 +58,19 @@ class Cell:
         late_ns = [at_ns - self.agreed_ns[n] for n, at_ns in hearing.arrivals.items() if n in self.agreed_ns]
         if len(late_ns) < LEAST_COMMON:
             return None
-        middle_ns, sigma_ns = middle(late_ns)
-        # What a mean of many would leave is far less, but nobody can see by how much two receivers differ
+        middle_ns = middle(late_ns)
+        # The mean of many is far better than each, but nobody can see by how much two receivers differ
         # always: it is taken to be as much as each of them differs by chance.
-        return Place(middle_ns, 2.0 * sigma_ns)
+        off_ns = sorted(abs(value - middle_ns) for value in late_ns)
+        return Place(middle_ns, off_ns[int(0.95 * len(off_ns))])
 
 
-def middle(values: Sequence[float]) -> tuple[float, float]:
-    """Return a mean that outliers do not move, and sigma of the values about it, in their unit."""
+def middle(values: Sequence[float]) -> float:
+    """Return a mean that outliers do not move."""
     centre = median(values)
     sigma = SIGMA_FROM_MAD * median([abs(value - centre) for value in values])
     kept = [value for value in values if abs(value - centre) <= CLIP * sigma]
-    return sum(kept) / len(kept), sigma
+    return sum(kept) / len(kept)
 
 
 def hear_alike(one: Hearing, other: Hearing) -> bool:
@@ -79,10 +82,12 @@ def hear_alike(one: Hearing, other: Hearing) -> bool:
     apart_ns = [at_ns - other.arrivals[n] for n, at_ns in one.arrivals.items() if n in other.arrivals]
     if len(apart_ns) < LEAST_COMMON:
         return False
-    middle_ns, sigma_ns = middle(apart_ns)
+    apart_ns.sort()
+    tenth = len(apart_ns) // 10
+    scatter_ns = (apart_ns[-1 - tenth] - apart_ns[tenth]) / DECILES
     return (
-        sigma_ns <= min(SAME_INSTANT_NS, hypot(one.uncertainty_ns, other.uncertainty_ns))
-        and abs(middle_ns) <= one.hard_bound_ns + other.hard_bound_ns + 2.0 * sigma_ns
+        scatter_ns <= min(SAME_INSTANT_NS, hypot(one.uncertainty_ns, other.uncertainty_ns))
+        and abs(median(apart_ns)) <= one.hard_bound_ns + other.hard_bound_ns + 2.0 * scatter_ns
     )
 
 

@@ -3,9 +3,12 @@
     python benchmarks/multiview.py                       the package's studio and a plainer scene, 640x480
     python benchmarks/multiview.py --scene plain --size 1920x1080
     python benchmarks/multiview.py --scene path/to/scene.py --json
+    python benchmarks/multiview.py --session sample_sessions/jumper --instants 13
 
 Each method runs in a process of its own, on the same pictures, after the other. Shares are of all pixels
 that have a true depth, empty ones counted as wrong, of the rig's middle camera. Simulated pictures.
+With --session, `reconstruct multiview` runs on every instant of a session, synchronized and offset;
+--instants renders the session's recipe again with so many, as a burst of 5 has room for the offsets once.
 """
 
 import argparse
@@ -27,6 +30,9 @@ sys.path.insert(0, str(Path(__file__).parent))
 from multiview_cloud import cloud_scores, normal_error_deg
 from multiview_plain import sgbm_pairs, simple_sweep
 from multiview_scenes import Condition, Rendered, from_file, plain, studio
+from multiview_session import HEAD as SESSION_HEAD
+from multiview_session import line as session_line
+from multiview_session import longer, medians, run_session
 
 from reconstruction.depth_range import find_depth_range
 from reconstruction.geometry import Array, View
@@ -159,6 +165,19 @@ def _line(row: Result) -> str:
     )
 
 
+def sessions(session: Path, instants: int | None, conditions: list[str], as_json: bool) -> None:
+    """Print the table of a session, or JSON."""
+    with tempfile.TemporaryDirectory() as folder:
+        if instants is not None:
+            session = longer(session, instants, Path(folder))
+        rows = run_session(session, Path(folder), conditions)
+    found = medians(rows)
+    if as_json:
+        print(json.dumps({"rows": rows, "medians": found}, indent=2))
+        return
+    print("\n".join([SESSION_HEAD, *map(session_line, rows), json.dumps(found, indent=2)]))
+
+
 def main() -> None:
     """Print a table, or JSON."""
     parser = argparse.ArgumentParser(
@@ -168,8 +187,13 @@ def main() -> None:
     parser.add_argument("--size", default="640x480", help="of the plain scene")
     parser.add_argument("--method", action="append", choices=list(METHODS), help="[default: all]")
     parser.add_argument("--condition", action="append", choices=["synced", "offset"], help="[default: both]")
+    parser.add_argument("--session", type=Path, help="a session with truth, instead of scenes")
+    parser.add_argument("--instants", type=int, help="render the session's recipe with so many instants")
     parser.add_argument("--json", action="store_true")
     chosen = parser.parse_args()
+    if chosen.session is not None:
+        sessions(chosen.session, chosen.instants, chosen.condition or ["synced", "offset"], chosen.json)
+        return
     width, height = (int(part) for part in chosen.size.split("x"))
     rows: list[Result] = []
     for name in chosen.scene or ("studio", "plain"):

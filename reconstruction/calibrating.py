@@ -12,7 +12,7 @@ from capture_app.errors import BadInputError
 from capture_app.session.calibration import Calibration
 from capture_app.session.durable import write_whole
 from capture_app.session.manifest import CALIBRATION
-from reconstruction import charuco
+from reconstruction import charuco, charuco_board
 from reconstruction.calibration import find_calibration, views_of
 from reconstruction.calibration_quality import Quality, Shared, judge, refuse_bad
 from reconstruction.dataset import Dataset
@@ -35,7 +35,7 @@ class CalibrateOptions:
     """`recording`: the session that shows the board, None = the session itself."""
 
     source: Source = Source.SFM
-    board: charuco.Board | None = None
+    board: charuco_board.Board | None = None
     recording: Path | None = None
     force: bool = False
 
@@ -75,9 +75,9 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
                 f"{options.recording} was taken by other cameras ({', '.join(recording.cameras)})",
                 hint=f"{session} has {', '.join(dataset.cameras)}",
             )
-        corners = charuco.find_corners(recording, options.board)
+        corners = charuco_board.find_corners(recording, options.board)
         found = charuco.calibrate(recording, options.board, corners)
-        shared = charuco.shared_corners(corners)
+        shared = charuco_board.shared_corners(corners)
         views = views_of(recording, found)
     else:
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:

@@ -1,6 +1,5 @@
 """Calibration from a recording of a ChArUco board: every camera by itself, then the rig pair by pair."""
 
-from dataclasses import dataclass
 from itertools import combinations
 
 import cv2
@@ -8,64 +7,12 @@ import numpy as np
 
 from capture_app.errors import BadInputError
 from capture_app.session.calibration import Calibration, CameraCalibration
+from reconstruction.charuco_board import FEWEST_CORNERS, Board, Corners
 from reconstruction.dataset import Dataset
 from reconstruction.geometry import Array
 
-FEWEST_CORNERS = 6
 FEWEST_BOARDS = 4
 MOST_BOARDS = 40
-
-
-@dataclass(frozen=True)
-class Board:
-    """Squares across and down, lengths in m, and the name of the markers' dictionary (as `4X4_50`)."""
-
-    across: int
-    down: int
-    square_m: float
-    marker_m: float
-    dictionary: str
-
-    def made(self) -> cv2.aruco.CharucoBoard:
-        """OpenCV's board. Raises BadInputError where there is no such one."""
-        kind = getattr(cv2.aruco, f"DICT_{self.dictionary.upper()}", None)
-        if kind is None:
-            raise BadInputError(f"no dictionary {self.dictionary!r}", hint="as 4X4_50, 5X5_100, 6X6_250")
-        if not 0 < self.marker_m < self.square_m:
-            raise BadInputError("a board's markers are smaller than its squares")
-        words = cv2.aruco.getPredefinedDictionary(kind)
-        return cv2.aruco.CharucoBoard((self.across, self.down), self.square_m, self.marker_m, words)
-
-
-Corners = dict[tuple[str, int], dict[int, Array]]
-"""By camera and instant, pixels (2,) of the board's corners by their number."""
-
-
-def find_corners(dataset: Dataset, board: Board) -> Corners:
-    """Look for the board in every image; images that show less than FEWEST_CORNERS are left out."""
-    detector = cv2.aruco.CharucoDetector(board.made())
-    found: Corners = {}
-    for camera in dataset.cameras:
-        for instant in dataset.instants(camera):
-            at, ids, _, _ = detector.detectBoard(dataset.grey(camera, instant))
-            if ids is not None and len(ids) >= FEWEST_CORNERS:
-                pixels = np.asarray(at, float).reshape(-1, 2)
-                found[camera, instant] = dict(zip(np.ravel(ids).tolist(), pixels, strict=True))
-    return found
-
-
-def shared_corners(corners: Corners) -> dict[tuple[str, str], tuple[Array, Array]]:
-    """For pairs of cameras, the pixels of corners that both see at the same instant."""
-    shared: dict[tuple[str, str], tuple[list[Array], list[Array]]] = {}
-    for (a, at_a), (b, at_b) in combinations(sorted(corners), 2):
-        if a == b or at_a != at_b:
-            continue
-        first, second = corners[a, at_a], corners[b, at_b]
-        both = sorted(first.keys() & second.keys())
-        kept = shared.setdefault((a, b), ([], []))
-        kept[0].extend(first[i] for i in both)
-        kept[1].extend(second[i] for i in both)
-    return {pair: (np.array(x), np.array(y)) for pair, (x, y) in shared.items() if x}
 
 
 def calibrate(dataset: Dataset, board: Board, corners: Corners) -> Calibration:

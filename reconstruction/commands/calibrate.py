@@ -39,7 +39,7 @@ def calibrate(
 
     from reconstruction.calibrating import CalibrateOptions, Source
     from reconstruction.calibrating import calibrate as run
-    from reconstruction.charuco import Board
+    from reconstruction.charuco_board import Board
 
     size = re.fullmatch(r"(\d{1,2})x(\d{1,2})", board)
     if size is None or min(map(int, size.groups())) < 3:

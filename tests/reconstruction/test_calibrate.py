@@ -11,13 +11,15 @@ import pytest
 
 from capture_app.errors import BadInputError
 from capture_app.session.calibration import Calibration
+from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.session.manifest import BurstRecord, CameraRecord
 from capture_app.session.reader import Session
 from capture_app.session.store import SessionWriter
 from reconstruction.calibration_quality import Quality, refuse_bad
-from reconstruction.charuco import Board
+from reconstruction.charuco_board import Board, Finder, find_corners
 from reconstruction.cli import main
-from reconstruction.geometry import View
+from reconstruction.dataset import Dataset
+from reconstruction.geometry import View, other_from_reference
 from tests.reconstruction.conftest import HEIGHT, PERIOD_NS, VIEWS, WIDTH, make_view
 
 BOARD = Board(6, 5, 0.10, 0.075, "4X4_50")
@@ -25,9 +27,13 @@ SEEN_BY = {"left": VIEWS["left"], "right": VIEWS["right"]}
 TEXEL_PX = 60
 
 
-def board_session(root: Path) -> Session:
-    """A recording of the board, held at eight places, by two cameras."""
+def board_session(root: Path, *, two_sided: bool = False) -> Session:
+    """A recording of the board, held at eight places, by two cameras.
+
+    `two_sided`: printed white on black, and the right camera's pictures show its back as in a mirror.
+    """
     paint = BOARD.made().generateImage((BOARD.across * TEXEL_PX, BOARD.down * TEXEL_PX), marginSize=0)
+    paint = 255 - paint if two_sided else paint
     writer = SessionWriter.create(root, "board")
     for k in range(8):
         angles = np.radians([18 * np.sin(2.1 * k), 22 * np.cos(1.3 * k), 7 * k])
@@ -44,6 +50,8 @@ def board_session(root: Path) -> Session:
                 paint, grown @ into @ metres, (4 * WIDTH, 4 * HEIGHT), borderValue=(190.0,)
             )
             image = cv2.resize(large, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
+            if two_sided and name == "right":
+                image = np.ascontiguousarray(image[:, ::-1])
             data = cv2.imencode(".png", image)[1].tobytes()
             writer.add_image(data, camera=name, instant=k, leader_ns=k * PERIOD_NS, suffix=".png")
     cameras = [
@@ -129,6 +137,62 @@ def test_few_cameras_or_few_points_are_refused() -> None:
     with pytest.raises(BadInputError, match="share 35 points only"):
         refuse_bad(found, 2)
     refuse_bad(msgspec.structs.replace(found, points=60), 2)
+
+
+def test_a_board_on_glass_printed_light_on_dark_is_found_from_both_sides(tmp_path: Path) -> None:
+    plain = find_corners(Dataset.open(board_session(tmp_path / "plain").folder), BOARD)
+    other = find_corners(Dataset.open(board_session(tmp_path / "other", two_sided=True).folder), BOARD)
+    assert len(plain) == 16
+    for (camera, instant), corners in plain.items():
+        seen = other[camera, instant]
+        both = sorted(corners.keys() & seen.keys())
+        assert len(both) > 0.8 * len(corners)
+        expected = np.array([corners[i] for i in both])
+        if camera == "right":
+            expected[:, 0] = WIDTH - 1 - expected[:, 0]
+        away = np.linalg.norm(np.array([seen[i] for i in both]) - expected, axis=1)
+        assert np.median(away) < 0.2
+
+
+def test_corners_that_make_no_flat_board_are_no_board() -> None:
+    finder = Finder(BOARD)
+    ids = np.arange(8)
+    places = np.asarray(BOARD.made().getChessboardCorners())[ids, :2] * 900 + 40
+    assert finder._flat(ids, places)
+    assert not finder._flat(ids, places * (-1, 1) + (300, 0))
+    places[3] += 40
+    assert not finder._flat(ids, places)
+
+
+@pytest.mark.shared
+def test_webcams_all_around_a_real_board_are_calibrated_as_their_owner_did(
+    shared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder = shared / "footage" / "caliscope_4cam"
+    recording = folder / "calibration" / "extrinsic"
+    options = ImportOptions(
+        timestamps=recording / "timestamps.csv", every=4, calibration=(str(folder / "camera_array.toml"),)
+    )
+    session = import_recording([str(recording)], tmp_path, "board", options)
+    theirs = session.calibration()
+    assert theirs is not None
+    # White on black, on glass; cam_1 sees it from behind.
+    board = ["--board", "4x5", "--square-mm", "54", "--marker-mm", "40.5", "--dictionary", "4X4_1000"]
+    main(["calibrate", str(session.folder), "--from", "charuco", *board, "--force", "--json"])
+    quality = json.loads(capsys.readouterr().out)["quality"]
+    assert quality["fitting"] > 0.98
+    assert quality["reprojection_px"] < 0.5
+    ours = Session.open(session.folder).calibration()
+    assert ours is not None
+    for name in ("cam_1", "cam_2", "cam_3"):
+        places = []
+        for found in (ours, theirs):
+            a, b = (View.from_calibration(found.cameras[n], 1280, 720) for n in ("cam_0", name))
+            places.append(other_from_reference(a, b))
+        # Theirs rests on a recording for each lens, ours on this one alone.
+        assert np.degrees(np.linalg.norm(cv2.Rodrigues(places[0][0] @ places[1][0].T)[0])) < 4
+        far = [float(np.linalg.norm(translation)) for _, translation in places]
+        assert far[0] == pytest.approx(far[1], rel=0.08)
 
 
 def test_a_recording_without_the_board_is_refused(

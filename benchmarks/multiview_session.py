@@ -1,0 +1,96 @@
+"""`reconstruct multiview` on every instant of a session with truth, synchronized and offset; the medians."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+OFFSETS_MS = "66,-33,0,33,-66"
+"""One for each of five cameras, all different: cameras that share one would agree with each other."""
+SHARES = ("within_2pct", "mover_within_2pct", "static_within_2pct", "mover_coverage")
+
+Row = dict[str, Any]
+
+
+def run_session(session: Path, scratch: Path, conditions: list[str]) -> list[Row]:
+    """A row for each instant and condition; instants without room for the offsets have no offset row."""
+    count = len(json.loads((session / "session.json").read_text())["burst"]["instants_ns"])
+    rows = []
+    for instant in range(count):
+        for condition in conditions:
+            extra = () if condition == "synced" else ("--offsets-ms", OFFSETS_MS)
+            row = _one(session, instant, scratch / f"{instant}-{condition}", extra)
+            if row is not None:
+                rows.append({"scene": session.name, "instant": instant, "condition": condition, **row})
+                print(line(rows[-1]), file=sys.stderr, flush=True)
+    return rows
+
+
+def longer(session: Path, instants: int, scratch: Path) -> Path:
+    """The session's recipe rendered again with more instants; the engine takes the burst anew."""
+    recipe = json.loads((session / "recipe.json").read_text())
+    recipe |= {"frames": instants, "name": f"{recipe['name']}-{instants}"}
+    recipe.pop("take", None)
+    (scratch / "recipe.json").write_text(json.dumps(recipe))
+    command = [sys.executable, "-m", "capture_app.cli", "sessions", "render", str(scratch / "recipe.json")]
+    subprocess.run([*command, "--out", str(scratch)], check=True, stdout=sys.stderr)
+    return scratch / str(recipe["name"])
+
+
+def medians(rows: list[Row]) -> Row:
+    """What the issue asks for: medians over the instants, and how far still pixels are apart."""
+    found: Row = {}
+    for condition in dict.fromkeys(row["condition"] for row in rows):
+        chosen = [row for row in rows if row["condition"] == condition]
+        found[condition] = {"instants": len(chosen)} | {
+            name: round(median(row[name] for row in chosen), 4)
+            for name in (*SHARES, "worst_view", "cpu_s", "matching_s", "peak_mb")
+        }
+    both = {row["instant"] for row in rows if row["condition"] == "offset"}
+    still = {(r["instant"], r["condition"]): r["static_within_2pct"] for r in rows if r["instant"] in both}
+    if both:
+        apart = [abs(still[k, "synced"] - still[k, "offset"]) for k in both if (k, "synced") in still]
+        found["static_apart"] = round(median(apart), 4) if apart else None
+    return found
+
+
+def line(row: Row) -> str:
+    """A row of the table."""
+    shares = " ".join(f"{100 * row[name]:6.1f}" for name in (*SHARES, "worst_view"))
+    name = f"{row['scene'][:14]:14} {row['instant']!s:>7} {row['condition']:7}"
+    return f"{name} {shares} {row['cpu_s']:6.1f} {row['matching_s']:6.1f} {row['peak_mb']:5.0f}"
+
+
+HEAD = (
+    f"{'session':14} {'instant':>7} {'':7} {'<2%':>6} {'movers':>6} {'static':>6} {'m.cov.':>6} {'worst':>6} "
+    f"{'cpu s':>6} {'wall s':>6} {'MB':>5}   (wall: matching and fusion)"
+)
+
+
+def _one(session: Path, instant: int, out: Path, extra: tuple[str, ...]) -> Row | None:
+    command = [sys.executable, "-m", "reconstruction.cli", "multiview", str(session), "--no-mesh", "--json"]
+    command += ["--matcher", "sweep", "--instant", str(instant), "--out", str(out), *extra]
+    log = out.with_suffix(".log")
+    with log.open("w") as errors, subprocess.Popen(command, stdout=subprocess.PIPE, stderr=errors) as child:
+        assert child.stdout is not None
+        said = child.stdout.read()
+        _, status, used = os.wait4(child.pid, 0)
+        child.returncode = os.waitstatus_to_exitcode(status)
+    if child.returncode:
+        if "ms from instant" in log.read_text():
+            return None
+        sys.exit(f"{' '.join(command)}\nended with {child.returncode}: {log.read_text()}")
+    result = json.loads(said)
+    main = next(view for view in result["views"] if view["camera"] == result["reference"])
+    stages = result["seconds_of"]
+    return {name: main[name] for name in SHARES} | {
+        "camera": result["reference"],
+        "worst_view": min(view["within_2pct"] for view in result["views"]),
+        "cpu_s": used.ru_utime + used.ru_stime,
+        "matching_s": stages["range"] + stages["matching"] + stages["fusion"],
+        "peak_mb": used.ru_maxrss * 1024 / 1e6,
+        "fused_points": result["fused_points"],
+    }

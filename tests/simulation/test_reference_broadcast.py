@@ -1,0 +1,166 @@
+"""Clients in virtual time that hear the same beacons: they agree; where they cannot, nothing is worse."""
+
+import random
+from dataclasses import replace
+from itertools import combinations
+
+import pytest
+
+from capture_app.simulation.broadcast import Ear, RadioCell
+from capture_app.simulation.clock import SimulatedClock
+from capture_app.simulation.link import DelayLaw, Link
+from capture_app.simulation.profiles import PROFILES
+from capture_app.simulation.rig import NodeSpec, VirtualNode, VirtualRig
+from capture_app.sync.beacon import Agreed, Heard
+from capture_app.sync.messages import Welcome, decode, encode
+
+S = 1_000_000_000
+US = 1_000
+CAMERA = replace(PROFILES["perfect"], phase_control="none")
+WAYS_US = ((300, 700), (800, 400), (500, 500), (600, 450))
+"""Least delays to and from the leader: what no exchange can see is half their difference."""
+
+
+def link(there_us: int, back_us: int) -> Link:
+    return Link(
+        DelayLaw(there_us * US, there_us * US + 300 * US, shape=1.0),
+        DelayLaw(back_us * US, back_us * US + 300 * US, shape=1.0),
+    )
+
+
+def specs(*cells: RadioCell | None) -> list[NodeSpec]:
+    rng = random.Random(5)
+    return [
+        NodeSpec(
+            f"cam{k}",
+            CAMERA,
+            SimulatedClock(rng.randrange(-9 * 3600 * S, 9 * 3600 * S), rng.gauss(0.0, 20.0)),
+            link(*WAYS_US[k]),
+            cell=cell,
+            ear=Ear(constant_ns=rng.randrange(5 * US)),
+        )
+        for k, cell in enumerate(cells)
+    ]
+
+
+def errors_us(rig: VirtualRig, node: VirtualNode) -> tuple[float, float]:
+    """The node's clock against the leader's, with what was agreed and without; the bounds must hold."""
+    local_ns = node.spec.clock.local_from_true(rig.now_true_ns)
+    errors = []
+    for time_map in (node.client.time_map, node.client.own_map):
+        assert time_map is not None
+        error_ns = time_map.leader_from_local(local_ns) - rig.now_true_ns
+        assert abs(error_ns) <= time_map.hard_bound_at(local_ns)
+        errors.append(error_ns / US)
+    return errors[0], errors[1]
+
+
+def apart_us(rig: VirtualRig, which: int = 0) -> float:
+    """Largest difference between two clients: 0 with, 1 without what was agreed."""
+    errors = [errors_us(rig, node)[which] for node in rig.nodes.values()]
+    return max(abs(a - b) for a, b in combinations(errors, 2))
+
+
+def run(rig: VirtualRig, seconds: int) -> None:
+    for _ in range(seconds):
+        rig.run_for(S)
+        for node in rig.nodes.values():
+            if node.client.time_map is not None:
+                errors_us(rig, node)
+
+
+def told(rig: VirtualRig) -> list[int | None]:
+    return [client.report.apart_ns for client in rig.leader.clients(rig.now_true_ns)]
+
+
+def test_clients_of_one_cell_agree_without_the_links_asymmetry() -> None:
+    cell = RadioCell()
+    rig = VirtualRig(specs(cell, cell, cell), seed=2, beacons=True)
+    run(rig, 15)
+    assert apart_us(rig, which=1) > 300.0, "what exchanges alone leave"
+    assert apart_us(rig) < 25.0
+    assert all(apart_ns is not None and apart_ns < 60_000 for apart_ns in told(rig))
+
+
+@pytest.mark.parametrize(
+    "cells",
+    [
+        (None, None, None),
+        (RadioCell(), None, None),
+        (RadioCell("one"), RadioCell("other"), RadioCell("third")),
+        (RadioCell(copy_ns=300_000),) * 3,
+    ],
+    ids=["nobody hears", "one hears", "each elsewhere", "copies one after the other"],
+)
+def test_where_nothing_is_heard_together_all_is_as_before(cells: tuple[RadioCell | None, ...]) -> None:
+    rig = VirtualRig(specs(*cells), seed=2, beacons=True)
+    run(rig, 15)
+    for node in rig.nodes.values():
+        assert node.client.time_map == node.client.own_map
+        assert node.client.malformed == 0
+    assert told(rig) == [None] * 3
+
+
+def test_a_cell_does_not_move_those_who_are_not_of_it() -> None:
+    cell, other = RadioCell("one"), RadioCell("other")
+    rig = VirtualRig(specs(cell, cell, cell, other), seed=3, beacons=True)
+    run(rig, 15)
+    outsider = rig.nodes["cam3"].client
+    assert outsider.time_map == outsider.own_map
+    del rig.nodes["cam3"]
+    assert apart_us(rig) < 25.0
+
+
+def test_a_cell_that_falls_silent_is_forgotten_softly() -> None:
+    cell = RadioCell()
+    rig = VirtualRig(specs(cell, cell), seed=2, beacons=True)
+    run(rig, 12)
+    assert apart_us(rig) < 30.0
+    for node in rig.nodes.values():
+        node.spec = replace(node.spec, cell=None)
+    run(rig, 20)
+    assert all(node.client.time_map == node.client.own_map for node in rig.nodes.values())
+
+
+def test_the_same_seed_gives_the_same_run() -> None:
+    maps = []
+    for _ in range(2):
+        rig = VirtualRig(specs(RadioCell(), RadioCell()), seed=4, beacons=True)
+        rig.run_for(8 * S)
+        maps.append([node.client.time_map for node in rig.nodes.values()])
+        assert any(client.report.apart_ns is not None for client in rig.leader.clients(rig.now_true_ns))
+    assert maps[0] == maps[1]
+
+
+class OldLeader:
+    """Takes out of a leader's datagrams what nodes of before do not know."""
+
+    def __init__(self, rig: VirtualRig) -> None:
+        self.unknown = 0
+        self._send, self._take = rig.leader.datagrams_to_send, rig.leader.receive_datagram
+        rig.leader.datagrams_to_send = self.send  # type: ignore[method-assign]
+        rig.leader.receive_datagram = self.take  # type: ignore[method-assign]
+
+    def send(self, now_ns: int) -> list[tuple[bytes, tuple[str, int]]]:
+        datagrams = []
+        for data, address in self._send(now_ns):
+            message = decode(data)
+            if isinstance(message, Welcome):
+                assert message.beacons is not None
+            if not isinstance(message, Agreed):
+                datagrams.append((encode(message), address))
+        return datagrams
+
+    def take(self, data: bytes, address: tuple[str, int], now_ns: int) -> None:
+        if isinstance(decode(data), Heard):
+            self.unknown += 1
+        else:
+            self._take(data, address, now_ns)
+
+
+def test_a_leader_that_does_not_answer_changes_nothing() -> None:
+    rig = VirtualRig(specs(RadioCell(), RadioCell()), seed=2, beacons=True)
+    old = OldLeader(rig)
+    run(rig, 8)
+    assert old.unknown > 3
+    assert all(node.client.time_map == node.client.own_map for node in rig.nodes.values())

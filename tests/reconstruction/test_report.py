@@ -22,6 +22,7 @@ from reconstruction.results import (
     StitchResult,
     StitchScores,
 )
+from tests.reconstruction.report_sample import CAMERAS, whole_result
 
 NASTY = "jump <script>alert('x')</script> & \"pinwheel\" $css {x}"
 VOID = {"meta", "link", "img", "input", "br", "circle", "path"}
@@ -284,6 +285,46 @@ def test_how_it_was_made_names_what_decides_the_numbers(tmp_path):
         "opencv 5.0.0",
     ):
         assert words in page.text
+
+
+def test_the_sweep_shows_each_camera_twice_and_says_how_late_it_is(tmp_path):
+    result = whole_result(tmp_path)
+    page = Page.read(write_report(result, tmp_path))
+
+    frames = [a for a in page.all("span") if a.get("class") == "frame"]
+    assert [a["data-camera"] for a in frames] == [*CAMERAS, *CAMERAS]
+    assert [a["data-time"].replace(wording.GAP, " ") for a in frames[3:]] == [
+        "on time", "67 ms late", "33 ms early"
+    ]  # fmt: skip
+    assert "nothing in it is made up" in page.text
+    assert "As a file to share: pictures/sweep.gif" in page.text
+
+    loose = msgspec.structs.replace(result.bullet_time, steady=False, by_place=False)
+    page = Page.read(write_report(msgspec.structs.replace(result, bullet_time=loose), tmp_path))
+    assert "made up" not in page.text
+    assert "from camera to camera, by name" in page.text
+
+
+def test_every_file_beside_the_page_is_named(tmp_path):
+    result = whole_result(tmp_path)
+    page = Page.read(write_report(result, tmp_path))
+
+    shown = page.text[page.text.index("Every file beside this page") :]
+    made = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.png")}
+    assert len(made) > 30
+    assert all(path in shown for path in made)
+    for path in ("metrics.json", "pictures/sweep.gif", "stages/", "sessions/jump"):
+        assert path in shown
+
+
+def test_a_measure_has_one_name_and_an_interval_one_decimal(tmp_path):
+    page = Page.read(write_report(whole_result(tmp_path), tmp_path))
+
+    assert page.text.count("Measured correctly") == 3
+    assert "87.1 to 92.5" in page.text
+    assert "Brightness mismatch" not in page.text
+    conditions = page.text[page.text.index("All conditions") :]
+    assert re.match(r".*session naive\s*other pictures, not paired by instant", conditions)
 
 
 @pytest.mark.parametrize("broken", ["missing", "text", "cut"])

@@ -1,119 +1,15 @@
 """The report in a real browser, where there is one: slider by keys and pointer, widths, no complaints."""
 
-import json
-import os
-import shutil
-import subprocess
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
-import cv2
-import numpy as np
 import pytest
 
 from reconstruction.report import write_report
-from reconstruction.results import CompareResult, DepthScores, Picture, StereoResult
+from tests.reconstruction.browser import CHROMIUM, Browser
+from tests.reconstruction.report_sample import CAMERAS, SHAPES, whole_result
 
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
-
-
-class Browser:
-    """One page of a headless Chromium, driven over its debugging pipe (JSON ended by NUL)."""
-
-    def __init__(self, profile: Path) -> None:
-        read, its_write = os.pipe()
-        its_read, write = os.pipe()
-        command = [
-            "bash",
-            "-c",
-            f'exec "$@" 3<&{its_read} 4>&{its_write}',
-            "bash",
-            str(CHROMIUM),
-            "--headless",
-            "--no-sandbox",
-            "--disable-gpu",
-            "--disable-dev-shm-usage",
-            "--no-first-run",
-            "--disable-background-networking",
-            "--disable-component-update",
-            "--disable-sync",
-            f"--user-data-dir={profile}",
-            "--remote-debugging-pipe",
-        ]
-        self._process = subprocess.Popen(
-            command, pass_fds=(its_read, its_write), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
-        )
-        os.close(its_read)
-        os.close(its_write)
-        self._reader, self._writer = os.fdopen(read, "rb"), os.fdopen(write, "wb", buffering=0)
-        self._pending = b""
-        self._sent = 0
-        self._session: str | None = None
-        self.complaints: list[Any] = []
-        self._loaded = False
-
-    def start(self) -> None:
-        target = self.do("Target.createTarget", url="about:blank")["targetId"]
-        self._session = self.do("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
-        for domain in ("Page", "Runtime", "Log"):
-            self.do(f"{domain}.enable")
-
-    def do(self, method: str, **params: Any) -> dict[str, Any]:
-        self._sent += 1
-        message = {"id": self._sent, "method": method, "params": params}
-        if self._session:
-            message["sessionId"] = self._session
-        self._writer.write(json.dumps(message).encode() + b"\0")
-        while True:
-            answer = self._receive()
-            if answer.get("id") == self._sent:
-                assert "error" not in answer, answer
-                return answer["result"]
-
-    def _receive(self) -> dict[str, Any]:
-        while b"\0" not in self._pending:
-            data = os.read(self._reader.fileno(), 1 << 16)
-            assert data, "the browser is gone"
-            self._pending += data
-        line, _, self._pending = self._pending.partition(b"\0")
-        message: dict[str, Any] = json.loads(line)
-        if message.get("method") in ("Runtime.consoleAPICalled", "Runtime.exceptionThrown", "Log.entryAdded"):
-            self.complaints.append(message["params"])
-        self._loaded |= message.get("method") == "Page.loadEventFired"
-        return message
-
-    def open(self, path: Path, *, width: int) -> None:
-        self.do(
-            "Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False
-        )
-        self._loaded = False
-        self.do("Page.navigate", url=path.as_uri())
-        while not self._loaded:
-            self._receive()
-
-    def ask(self, expression: str) -> Any:
-        return self.do("Runtime.evaluate", expression=expression, returnByValue=True)["result"].get("value")
-
-    def press(self, key: str, code: int) -> None:
-        for kind in ("rawKeyDown", "keyUp"):
-            self.do("Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode=code)
-
-    def click(self, x: float, y: float) -> None:
-        for kind in ("mousePressed", "mouseReleased"):
-            self.do("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
-
-    def close(self) -> None:
-        try:
-            self._session = None
-            self.do("Browser.close")
-            self._process.wait(20)
-        finally:
-            self._process.kill()
-            self._process.wait()
-            self._reader.close()
-            self._writer.close()
 
 
 @pytest.fixture(scope="module")
@@ -129,24 +25,7 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
 @pytest.fixture(scope="module")
 def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("compared")
-    pictures = []
-    for key, shape in (("depth", (480, 640)), ("pano", (200, 2400)), ("upright", (900, 300))):
-        names = [f"{key}_{side}.png" for side in ("synced", "offset")]
-        for grey, name in enumerate(names):
-            assert cv2.imwrite(str(out / name), np.full(shape, 100 + 80 * grey, np.uint8))
-        pictures.append(Picture(key=key, title=key, synced=names[0], offset=names[1]))
-    scores = DepthScores(mover_coverage=0.9, static_coverage=0.7, mover_within_2pct=0.9, instants=5)
-    result = CompareResult(
-        session="jump",
-        offset_ms=66,
-        offset_frames=2,
-        actual_offset_ms=66,
-        verdict="It matters.",
-        calibration="given",
-        stereo=StereoResult(reference="a", other="b", synced=scores, offset=scores),
-        pictures=tuple(pictures),
-    )
-    return write_report(result, out)
+    return write_report(whole_result(out), out)
 
 
 AT = "getComputedStyle(document.querySelector('.pair')).getPropertyValue('--at')"
@@ -176,12 +55,9 @@ def test_the_slider_moves_by_keys_and_says_where_it_is(browser, report):
 def test_the_slider_follows_the_pointer(browser, report, share):
     browser.open(report, width=1280)
     browser.ask("document.querySelector('.pair').scrollIntoView()")
-    box = browser.ask(
-        "(r => [r.left, r.top, r.width, r.height])"
-        "(document.querySelector('.pair img').getBoundingClientRect())"
-    )
+    left, top, wide, high = browser.box(".pair img")
 
-    browser.click(box[0] + share * box[2], box[1] + box[3] / 2)
+    browser.click(left + share * wide, top + high / 2)
 
     assert browser.ask(AT) == f"{100 * share:.0f}%"
 
@@ -191,13 +67,14 @@ def test_the_slider_follows_the_pointer(browser, report, share):
 def test_nothing_sticks_out_at_any_width(browser, report, width, view):
     browser.open(report, width=width)
     browser.ask(f"document.querySelector('input[value={view}]').click()")
+    browser.ask("document.querySelectorAll('details').forEach(part => part.open = true)")
 
     assert browser.ask("document.documentElement.scrollWidth") <= width
     shapes = browser.ask(
-        "[...document.querySelectorAll('.side img')].map(i => i.getBoundingClientRect())"
+        "[...document.querySelectorAll('.pair img')].map(i => i.getBoundingClientRect())"
         ".map(r => [r.width, r.height, r.right])"
     )
-    wanted = [640 / 480] * 2 + [2400 / 200] * 2 + [300 / 900] * 2
+    wanted = [wide / high for high, wide in SHAPES.values() for _ in range(2)]
     for (wide, high, right), shape in zip(shapes, wanted, strict=True):
         assert wide / high == pytest.approx(shape, rel=0.02)
         assert right <= width
@@ -208,12 +85,128 @@ def test_nothing_sticks_out_at_any_width(browser, report, width, view):
     assert overlaid == (view == "over")
 
 
+def test_the_slider_is_dragged(browser, report):
+    browser.open(report, width=1280)
+    browser.ask("document.querySelector('.pair').scrollIntoView()")
+    left, top, wide, high = browser.box(".pair img")
+
+    browser.drag((left + wide / 2, top + high / 2), (left + 0.2 * wide, top + high / 2))
+
+    assert browser.ask(AT) == "20%"
+
+
+SHOWN = "[...document.querySelectorAll('.reel')].map(reel => reel.querySelector('.on').dataset.camera)"
+PLAYING = "document.querySelector('.play').textContent"
+SPOKEN = "document.querySelector('.sweep .at').getAttribute('aria-valuetext')"
+
+
+@pytest.fixture
+def still(browser, report):
+    """The report as somebody sees it who asked for less motion."""
+    browser.prefer(**{"prefers-reduced-motion": "reduce"})
+    browser.open(report, width=1280)
+    yield
+    browser.prefer()
+
+
+def test_the_sweep_plays_and_is_paused_by_a_key(browser, report):
+    browser.open(report, width=1280)
+    browser.ask("document.querySelector('.sweep').scrollIntoView()")
+    assert browser.ask(PLAYING) == "Pause"
+    browser.wait_until(f"{SHOWN}[0] !== '{CAMERAS[0]}'")
+
+    browser.ask("document.querySelector('.play').focus()")
+    browser.press(" ", 32, text=" ")
+    assert browser.ask(PLAYING) == "Play"
+    shown = browser.ask(SHOWN)
+    assert shown[0] == shown[1]
+    browser.ask("new Promise(done => setTimeout(done, 1000))", wait=True)
+    assert browser.ask(SHOWN) == shown
+
+
+@pytest.mark.usefixtures("still")
+def test_who_asked_for_less_motion_sees_none_until_it_is_played(browser):
+    assert browser.ask(PLAYING) == "Play"
+    assert browser.ask("getComputedStyle(document.querySelector('.frame.on')).transitionDuration") == "0s"
+    browser.ask("document.querySelector('.sweep').scrollIntoView()")
+    browser.ask("document.querySelector('.play').click()")
+    browser.wait_until(f"{SHOWN}[0] !== '{CAMERAS[0]}'")
+
+
+@pytest.mark.usefixtures("still")
+def test_the_sweep_goes_camera_by_camera_by_keys(browser):
+    browser.ask("document.querySelector('.sweep .at').focus()")
+    for camera in (*CAMERAS[1:], CAMERAS[-1]):
+        browser.press("ArrowRight", 39)
+        assert browser.ask(SHOWN) == [camera, camera]
+    assert browser.ask(SPOKEN).replace("\u202f", " ") == f"{CAMERAS[-1]}; not synchronized: 33 ms early"
+
+    browser.press("Home", 36)
+    assert browser.ask(SHOWN) == [CAMERAS[0]] * 2
+    tag = browser.ask("document.querySelector('.sweep .offset > .tag').textContent")
+    assert tag == "Not synchronized: on time"
+
+
+@pytest.mark.usefixtures("still")
+def test_the_sweep_goes_camera_by_camera_by_pointer(browser):
+    browser.ask("document.querySelector('.sweep').scrollIntoView()")
+    left, top, wide, high = browser.box(".sweep [data-step='1']")
+    browser.click(left + wide / 2, top + high / 2)
+    assert browser.ask(SHOWN) == [CAMERAS[1]] * 2
+
+    left, top, wide, high = browser.box(".reel")
+    browser.drag((left + 0.5 * wide, top + high / 2), (left + 0.95 * wide, top + high / 2))
+    assert browser.ask(SHOWN) == [CAMERAS[2]] * 2
+
+
+FAINT = """
+const light = c => {
+  const [r, g, b] = c.map(v => (v /= 255) <= 0.04045 ? v / 12.92 : ((v + 0.055) / 1.055) ** 2.4);
+  return 0.2126 * r + 0.7152 * g + 0.0722 * b;
+};
+const colour = text => {
+  const [r, g, b, a = 1] = text.match(/[\\d.]+/g).map(Number);
+  return {rgb: [r, g, b], a};
+};
+const ground = part => {
+  for (; part; part = part.parentElement) {
+    const {rgb, a} = colour(getComputedStyle(part).backgroundColor);
+    if (a > 0.8) return rgb;
+  }
+};
+const faint = [];
+for (const part of document.querySelectorAll('body *')) {
+  const words = [...part.childNodes].filter(n => n.nodeType === 3).map(n => n.data.trim()).join('');
+  if (!words || part.closest('script, style') || !part.getClientRects().length) continue;
+  const style = getComputedStyle(part);
+  const ink = part.closest('svg') ? style.fill : style.color;
+  const [a, b] = [light(colour(ink).rgb), light(ground(part))].sort((x, y) => y - x);
+  const ratio = (a + 0.05) / (b + 0.05);
+  if (ratio < 4.5) faint.push(`${words.slice(0, 30)}: ${ratio.toFixed(2)}`);
+}
+faint"""
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_every_word_stands_out_from_its_ground(browser, report, scheme):
+    browser.prefer(**{"prefers-color-scheme": scheme})
+    browser.open(report, width=1280)
+    browser.ask("document.querySelectorAll('details').forEach(part => part.open = true)")
+
+    dark = browser.ask("getComputedStyle(document.documentElement).backgroundColor") == "rgb(20, 22, 26)"
+    assert dark == (scheme == "dark")
+    assert browser.ask(FAINT) == []
+    browser.prefer()
+
+
 def test_print_shows_both_pictures_whole(browser, report):
     browser.open(report, width=1280)
     browser.do("Emulation.setEmulatedMedia", media="print")
     try:
         assert browser.ask("getComputedStyle(document.querySelector('.side.synced')).clipPath") == "none"
         assert browser.ask("getComputedStyle(document.querySelector('.wipe')).display") == "none"
+        strip = browser.ask("[...document.querySelectorAll('.frame')].map(f => getComputedStyle(f).opacity)")
+        assert strip == ["1"] * 2 * len(CAMERAS)
     finally:
         browser.do("Emulation.setEmulatedMedia", media="")
 

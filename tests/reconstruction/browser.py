@@ -1,0 +1,139 @@
+"""A headless Chromium for tests of pages, driven over its debugging pipe."""
+
+import json
+import os
+import shutil
+import subprocess
+from pathlib import Path
+from typing import Any
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+
+
+class Browser:
+    """One page of a headless Chromium, driven over its debugging pipe (JSON ended by NUL)."""
+
+    def __init__(self, profile: Path) -> None:
+        read, its_write = os.pipe()
+        its_read, write = os.pipe()
+        command = [
+            "bash",
+            "-c",
+            f'exec "$@" 3<&{its_read} 4>&{its_write}',
+            "bash",
+            str(CHROMIUM),
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--disable-dev-shm-usage",
+            "--no-first-run",
+            "--disable-background-networking",
+            "--disable-component-update",
+            "--disable-sync",
+            f"--user-data-dir={profile}",
+            "--remote-debugging-pipe",
+        ]
+        self._process = subprocess.Popen(
+            command, pass_fds=(its_read, its_write), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+        )
+        os.close(its_read)
+        os.close(its_write)
+        self._reader, self._writer = os.fdopen(read, "rb"), os.fdopen(write, "wb", buffering=0)
+        self._pending = b""
+        self._sent = 0
+        self._session: str | None = None
+        self.complaints: list[Any] = []
+        self._loaded = False
+
+    def start(self) -> None:
+        target = self.do("Target.createTarget", url="about:blank")["targetId"]
+        self._session = self.do("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        for domain in ("Page", "Runtime", "Log"):
+            self.do(f"{domain}.enable")
+
+    def do(self, method: str, **params: Any) -> dict[str, Any]:
+        self._sent += 1
+        message = {"id": self._sent, "method": method, "params": params}
+        if self._session:
+            message["sessionId"] = self._session
+        self._writer.write(json.dumps(message).encode() + b"\0")
+        while True:
+            answer = self._receive()
+            if answer.get("id") == self._sent:
+                assert "error" not in answer, answer
+                return answer["result"]
+
+    def _receive(self) -> dict[str, Any]:
+        while b"\0" not in self._pending:
+            data = os.read(self._reader.fileno(), 1 << 16)
+            assert data, "the browser is gone"
+            self._pending += data
+        line, _, self._pending = self._pending.partition(b"\0")
+        message: dict[str, Any] = json.loads(line)
+        if message.get("method") in ("Runtime.consoleAPICalled", "Runtime.exceptionThrown", "Log.entryAdded"):
+            self.complaints.append(message["params"])
+        self._loaded |= message.get("method") == "Page.loadEventFired"
+        return message
+
+    def open(self, path: Path, *, width: int) -> None:
+        self.do(
+            "Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False
+        )
+        self._loaded = False
+        self.do("Page.navigate", url=path.as_uri())
+        while not self._loaded:
+            self._receive()
+
+    def ask(self, expression: str, *, wait: bool = False) -> Any:
+        """The value of an expression, of a promise's if `wait`."""
+        answer = self.do("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=wait)
+        assert "exceptionDetails" not in answer, answer["exceptionDetails"]
+        return answer["result"].get("value")
+
+    def wait_until(self, condition: str) -> None:
+        """Return once an expression is true; after ten seconds it is an error."""
+        look = f"""new Promise((done, fail) => {{
+          setTimeout(() => fail(new Error("never came true")), 10000);
+          const look = () => {condition} ? done() : setTimeout(look, 20);
+          look();
+        }})"""
+        self.ask(look, wait=True)
+
+    def box(self, selector: str) -> list[float]:
+        """Left, top, width and height of an element on the screen, px."""
+        found: list[float] = self.ask(
+            "(r => [r.left, r.top, r.width, r.height])"
+            f"(document.querySelector({json.dumps(selector)}).getBoundingClientRect())"
+        )
+        return found
+
+    def prefer(self, **features: str) -> None:
+        """Media features such as prefers-color-scheme; those not named are the browser's own."""
+        wanted = [{"name": name, "value": value} for name, value in features.items()]
+        self.do("Emulation.setEmulatedMedia", features=wanted)
+
+    def press(self, key: str, code: int, *, text: str = "") -> None:
+        for kind in ("keyDown" if text else "rawKeyDown", "keyUp"):
+            self.do(
+                "Input.dispatchKeyEvent", type=kind, key=key, code=key, windowsVirtualKeyCode=code, text=text
+            )
+
+    def click(self, x: float, y: float) -> None:
+        for kind in ("mousePressed", "mouseReleased"):
+            self.do("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=1)
+
+    def drag(self, start: tuple[float, float], end: tuple[float, float]) -> None:
+        steps = (("mousePressed", start), ("mouseMoved", end), ("mouseReleased", end))
+        for kind, (x, y) in steps:
+            self.do("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
+
+    def close(self) -> None:
+        try:
+            self._session = None
+            self.do("Browser.close")
+            self._process.wait(20)
+        finally:
+            self._process.kill()
+            self._process.wait()
+            self._reader.close()
+            self._writer.close()

@@ -1,0 +1,119 @@
+"""A comparison with everything a report can show, made of small grey pictures."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from reconstruction.results import (
+    BulletTime,
+    BurstGrid,
+    CompareResult,
+    ConditionResult,
+    DepthScores,
+    DosePoint,
+    DoseResult,
+    Interval,
+    Picture,
+    StereoResult,
+    StitchResult,
+    StitchScores,
+)
+
+CAMERAS = ("cam_left", "cam_middle", "cam_right")
+LATE_MS = (0.0, 66.666, -33.333)
+SHAPES = {"depth": (480, 640), "pano": (200, 2400), "upright": (900, 300)}
+"""Height and width of the pictures with a slider, px."""
+RANGED = {"mover_within_2pct": Interval(value=0.9, low=0.871, high=0.925)}
+
+
+def grey(out: Path, name: str, shape: tuple[int, int], level: int) -> str:
+    """Write a picture of one grey; its path relative to the folder."""
+    path = f"pictures/{name}.png"
+    (out / "pictures").mkdir(exist_ok=True)
+    assert cv2.imwrite(str(out / path), np.full(shape, level, np.uint8))
+    return path
+
+
+def whole_result(out: Path) -> CompareResult:
+    """The result; its pictures lie in `out`."""
+    scores = DepthScores(
+        mover_coverage=0.9, static_coverage=0.7, mover_within_2pct=0.9, instants=5, intervals=RANGED
+    )
+    panorama = StitchScores(overlap_flow_p95_px=1.3, static_overlap_mad=4.2, instants=5)
+    stereo = StereoResult(
+        reference=CAMERAS[0],
+        other=CAMERAS[1],
+        synced=scores,
+        offset=scores,
+        per_instant=(
+            {
+                "instant": 0,
+                "mover_pixels": 2801,
+                "synced_mover_coverage": 0.9,
+                "offset_mover_coverage": 0.1,
+                "synced_mover_epipolar_px": 0.1,
+                "offset_mover_epipolar_px": 9.5,
+            },
+        ),
+    )
+    pictures = tuple(
+        Picture(
+            key=key,
+            title=f"A picture of {key}",
+            synced=grey(out, f"{key}_synced", shape, 100),
+            offset=grey(out, f"{key}_offset", shape, 180),
+            caption="Bright is near.",
+        )
+        for key, shape in SHAPES.items()
+    )
+    sweep = {
+        side: tuple(
+            grey(out, f"sweep_{name}_{side}", (96, 128), 60 + 40 * k) for k, name in enumerate(CAMERAS)
+        )
+        for side in ("synced", "offset")
+    }
+    return CompareResult(
+        session="sessions/jump",
+        offset_ms=66,
+        offset_frames=2,
+        actual_offset_ms=66.666,
+        verdict="It matters. A lot.",
+        calibration="given",
+        stereo=stereo,
+        stitch=StitchResult(cameras=CAMERAS[::2], synced=panorama, offset=panorama),
+        sync_residual_us=50,
+        sync_bound_us=850,
+        pictures=pictures,
+        conditions=(ConditionResult(name="naive", session="sessions/naive", stereo=stereo),),
+        dose=DoseResult(
+            reference=CAMERAS[0],
+            other=CAMERAS[1],
+            measure="mover_within_2pct",
+            points=tuple(DosePoint(offset_ms=33.333 * k, offset_frames=k, scores=scores) for k in range(3)),
+            instants=3,
+            falls=True,
+            bearable_ms=3.5,
+            speed_px_per_ms=0.2,
+            own_error_us=50,
+            own_error_px=0.01,
+        ),
+        burst=BurstGrid(
+            cameras=CAMERAS,
+            instants=tuple(range(8)),
+            times_ms=tuple(33.3 * k for k in range(8)),
+            thumbnails=tuple(
+                tuple(grey(out, f"burst_{name}_{k}", (60, 80), 20 * k) for k in range(8)) for name in CAMERAS
+            ),
+        ),
+        bullet_time=BulletTime(
+            cameras=CAMERAS,
+            instant=2,
+            **sweep,
+            late_ms=LATE_MS,
+            steady=True,
+            by_place=True,
+            file="pictures/sweep.gif",
+        ),
+        versions={"opencv": "5.0.0"},
+    )

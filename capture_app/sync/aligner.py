@@ -248,6 +248,7 @@ class Aligner:
             shift_ns=round((aim_ns - error_ns) % self._phase.period_ns),
             period_ns=self._phase.period_ns,
             tolerance_ns=self._tolerance_ns,
+            aim_ns=aim_ns,
         )
         return self._give(self._controller.command(move), now_local_ns)
 

@@ -25,6 +25,9 @@ FINEST_NS = 1_000
 """Step of exposures where the row time is not known."""
 WORTHWHILE = 0.7
 """An injection must leave at most this share of the error; below a row, waiting for drift is better."""
+TURN_ROWS = 0.1
+INSIDE_TOLERANCE = 0.8
+"""Landing beyond this share of the tolerance is avoided where another number of rows allows it."""
 FRUITLESS = 8
 """Injections in a row without any effect after which a camera counts as one that does not obey."""
 REMEMBERED = 8
@@ -109,21 +112,28 @@ class InjectionController:
         return floor(self._max_ns / self._row_ns - INSIDE_ROW)
 
     def _rows_for(self, profile: InjectionProfile, move: Move) -> int | None:
-        """Rows whose shift, whole periods aside, comes nearest; None if no shift comes as near."""
+        """Rows whose shift, whole periods aside, comes nearest; None if no shift comes as near.
+
+        A gain of g moves in steps of g rows, but a period is seldom a multiple of them: with 0 to g - 1
+        whole periods more, all rows between them come into reach.
+        """
         step_ns = profile.gain * self._row_ns
-        best_rows, best_miss = None, WORTHWHILE * min(move.shift_ns, move.period_ns - move.shift_ns)
-        for turns in (0, 1):
+        best_rows, least = None, WORTHWHILE * min(move.shift_ns, move.period_ns - move.shift_ns)
+        for turns in range(max(2, profile.gain)):
             shift_ns = move.shift_ns + turns * move.period_ns
-            rows = round(shift_ns / step_ns + profile.neutral_rows)
-            rows = min(rows, self._most_rows())
-            miss = abs((rows - profile.neutral_rows) * step_ns - shift_ns)
-            # A whole period more is only worth it where it comes nearer by a good part of a row.
-            if rows > profile.neutral_rows and miss + turns * 0.1 * self._row_ns < best_miss:
-                best_rows, best_miss = rows, miss
-        if best_rows is None and move.shift_ns > move.period_ns / 2:
+            below = floor(shift_ns / step_ns + profile.neutral_rows)
+            for rows in (below, below + 1):
+                late_ns = (rows - profile.neutral_rows) * step_ns - shift_ns
+                # A whole period more is only worth it where it comes nearer by a good part of a row.
+                cost = abs(late_ns) + turns * TURN_ROWS * self._row_ns
+                # Beyond the tolerance it would have to be done again, however near it is to the aim.
+                cost += max(0.0, abs(move.aim_ns + late_ns) - INSIDE_TOLERANCE * move.tolerance_ns)
+                if profile.neutral_rows < rows <= self._most_rows() and cost < least:
+                    best_rows, least = rows, cost
+        most = self._most_rows()
+        if best_rows is None and profile.neutral_rows < most < move.shift_ns / step_ns + profile.neutral_rows:
             # Out of reach in one go: as far as the longest exposure gets.
-            rows = self._most_rows()
-            return rows if rows > profile.neutral_rows else None
+            return most
         return best_rows
 
     def _fit(self) -> InjectionProfile:

@@ -16,6 +16,8 @@ class Move:
     """How much later than now the frames should come, in [0, period)."""
     period_ns: float
     tolerance_ns: int
+    aim_ns: float = 0.0
+    """How much later than the goal's own instant the wanted one is, to meet the drift half-way."""
 
 
 @dataclass(frozen=True, slots=True)

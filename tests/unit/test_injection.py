@@ -99,10 +99,47 @@ def test_a_shift_out_of_reach_is_done_in_part() -> None:
 
 
 def test_an_error_below_what_rows_can_do_is_left_to_drift() -> None:
+    period_ns = 370 * 90_000
     inject = InjectionController(
-        period_ns=PERIOD_NS, row_time_ns=30_000, profile=InjectionProfile(30_000, 3, 1100.0)
+        period_ns=period_ns, row_time_ns=30_000, profile=InjectionProfile(30_000, 3, 1100.0)
     )
-    assert inject.command(move(25_000)) is None
+    assert inject.command(Move(0, 25_000, 25_000, period_ns, 20_000)) is None
+
+
+@pytest.mark.parametrize("frame_rows", [2222, 2221])
+@pytest.mark.parametrize("wanted_rows", [1, 2, 301, 302])
+def test_whole_periods_bring_the_rows_between_two_steps_into_reach(frame_rows: int, wanted_rows: int) -> None:
+    row_ns, neutral = 15_000, 2200
+    period_ns = frame_rows * row_ns
+    inject = InjectionController(
+        period_ns=period_ns, row_time_ns=row_ns, profile=InjectionProfile(row_ns, 3, neutral)
+    )
+    command = inject.command(Move(0, 0, wanted_rows * row_ns, period_ns, 20_000))
+    assert command is not None
+    shift_rows = 3 * (command.exposure_ns // row_ns - neutral)
+    assert (shift_rows - wanted_rows) % frame_rows == 0
+
+
+def test_a_small_error_that_no_rows_can_mend_is_not_made_a_large_one() -> None:
+    period_ns = 1110 * 30_000
+    inject = InjectionController(
+        period_ns=period_ns, row_time_ns=30_000, profile=InjectionProfile(30_000, 1, 1090.0)
+    )
+    assert inject.command(Move(0, 0, period_ns - 16_000, period_ns, 15_000)) is None
+
+
+def test_no_aim_at_drift_takes_a_phase_out_of_its_tolerance() -> None:
+    row_ns, neutral, frame_rows = 15_000, 2200, 2222
+    period_ns = frame_rows * row_ns
+    inject = InjectionController(
+        period_ns=period_ns, row_time_ns=row_ns, profile=InjectionProfile(row_ns, 2, neutral)
+    )
+    # 12 us early would be best, by 101 rows or by 103: 21 us too early or 9 us too late.
+    shift_ns = 101 * row_ns + 9_000
+    command = inject.command(Move(0, 0, shift_ns, period_ns, 20_000, aim_ns=-12_000.0))
+    assert command is not None
+    landed_ns = 2 * row_ns * (command.exposure_ns // row_ns - neutral) - shift_ns - 12_000
+    assert abs(landed_ns) <= 20_000
 
 
 def test_one_bad_observation_is_outvoted() -> None:

@@ -13,6 +13,7 @@ from capture_app.errors import ExitCode, SimulshotError
 COMMANDS = {
     "leader": "Run a leader: nodes join it, bursts are taken and saved here.",
     "node": "Run one camera and join a leader.",
+    "relay": "Carry a leader's time, bursts and images to nodes beyond its reach.",
     "status": "Show the nodes of a running leader.",
     "burst": "Take a burst with a running leader.",
     "cameras": "List the cameras of this machine.",

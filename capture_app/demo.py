@@ -12,8 +12,9 @@ from msgspec import Struct
 from capture_app.errors import BadInputError, IncompleteError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.node.child import Child, Talk
-from capture_app.node.leader import LeaderNode, News
+from capture_app.node.leader import LeaderNode
 from capture_app.node.status import BurstStatus
+from capture_app.node.wording import News
 from capture_app.session.store import Session
 from capture_app.simulation.clock import SimulatedClock
 

@@ -15,7 +15,8 @@ from capture_app.commands.options import (
 from capture_app.net.address import DEFAULT_PORT
 
 if TYPE_CHECKING:
-    from capture_app.node.leader import LeaderNode, News
+    from capture_app.node.leader import LeaderNode
+    from capture_app.node.wording import News
 
 
 class EngineOptions(TypedDict):
@@ -139,6 +140,7 @@ async def _lead(
 async def _run_camera(node: "LeaderNode", name: str, spec: str, spool: Path) -> None:
     from capture_app.cameras.catalog import open_camera
     from capture_app.node.client import ClientNode
+    from capture_app.node.device_profiles import DeviceProfiles, data_folder
     from capture_app.simulation.clock import HostClock
 
     clock = HostClock()
@@ -149,6 +151,7 @@ async def _run_camera(node: "LeaderNode", name: str, spec: str, spool: Path) -> 
         clock=clock,
         talk=lambda line: talk(f"{name}: {line}"),
         spool=spool,
+        profiles=DeviceProfiles(data_folder()),
     )
     await camera.run()
 

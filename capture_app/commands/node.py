@@ -6,21 +6,23 @@ from pathlib import Path
 
 import click
 
-from capture_app.commands.options import leader_option, run_until_stopped, spool_option, talk
+from capture_app.commands.options import leaders_option, run_until_stopped, spool_option, talk
 from capture_app.net.address import Address
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 
 
-def _host_name() -> str:
+def host_name() -> str:
+    """Return this host's name as that of a node."""
     name = re.sub(r"[^A-Za-z0-9_.-]+", "-", socket.gethostname().split(".")[0]).lstrip("_.-")
     return name[:64] or "node"
 
 
-def _check_name(ctx: click.Context, param: click.Parameter, value: str) -> str:
+def check_name(ctx: click.Context, param: click.Parameter, value: str) -> str:
+    """Check a node's name, which becomes that of a folder."""
     if not _NAME.fullmatch(value):
         raise click.BadParameter(
-            f"{value!r} is no name for a camera: letters, digits, '_', '.' and '-', at most 64, a letter or "
+            f"{value!r} is no name for a node: letters, digits, '_', '.' and '-', at most 64, a letter or "
             "digit first"
         )
     return value
@@ -28,12 +30,12 @@ def _check_name(ctx: click.Context, param: click.Parameter, value: str) -> str:
 
 @click.command()
 @click.option(
-    "--name", default=_host_name, callback=_check_name, help="Name of this node.  [default: this host's name]"
+    "--name", default=host_name, callback=check_name, help="Name of this node.  [default: this host's name]"
 )
 @click.option(
     "--camera", "spec", required=True, metavar="SPEC", help="The camera, as `capture-app cameras` lists it."
 )
-@leader_option
+@leaders_option
 @click.option(
     "--clock",
     "clock_text",
@@ -53,13 +55,17 @@ def _check_name(ctx: click.Context, param: click.Parameter, value: str) -> str:
 def node(
     name: str,
     spec: str,
-    leader: Address,
+    leaders: tuple[Address, ...],
     clock_text: str,
     tolerance_us: float | None,
     spool: Path,
     until_eof: bool,
 ) -> None:
-    """Run one camera until Ctrl-C; a leader that is not there yet, or goes away, is waited for."""
+    """Run one camera until Ctrl-C; a leader that is not there yet, or goes away, is waited for.
+
+    The leader may be a relay. With several --leader of one rig, leaders or relays, the next one is asked when
+    one is gone.
+    """
     from capture_app.cameras.catalog import open_camera, parse_spec
     from capture_app.node.client import ClientNode
     from capture_app.node.device_profiles import DeviceProfiles, data_folder
@@ -70,7 +76,8 @@ def node(
     client = ClientNode(
         name=name,
         open_camera=lambda: open_camera(spec, clock=clock, name=name),
-        leader=leader,
+        leader=leaders[0],
+        others=leaders[1:],
         clock=clock,
         tolerance_ns=None if tolerance_us is None else round(tolerance_us * 1000),
         talk=lambda line: talk(f"{name}: {line}"),

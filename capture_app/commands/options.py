@@ -39,6 +39,17 @@ leader_option = click.option(
     help="Where the leader listens.",
 )
 
+leaders_option = click.option(
+    "--leader",
+    "leaders",
+    type=AddressType(),
+    multiple=True,
+    default=(str(Address("127.0.0.1", DEFAULT_PORT)),),
+    show_default=True,
+    metavar="HOST:PORT",
+    help="Where the leader, or a relay, listens; again for others to ask when it is gone, the best first.",
+)
+
 
 def state_folder() -> Path:
     """The folder for what this user's programs keep between runs."""

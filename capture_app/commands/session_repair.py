@@ -42,9 +42,8 @@ def repair(path: Path, wait_s: float, listen: Address, as_json: bool) -> None:
     """
     import asyncio
 
-    from capture_app.node.leader import News
     from capture_app.node.repair import repair as repair_sessions
-    from capture_app.node.wording import in_words
+    from capture_app.node.wording import News, in_words
 
     def on_news(news: News) -> None:
         if line := in_words(news):

@@ -16,24 +16,32 @@ if TYPE_CHECKING:
 @leader_option
 @json_option
 def status(leader: Address, as_json: bool) -> None:
-    """Show the nodes of a running leader: state, clock, phase and drops."""
+    """Show the nodes of a running leader, or of its whole tree: state, clock, phase and drops.
+
+    A clock bound is all that the time can be wrong by, the relays on its way included.
+    """
     from capture_app.node.control import ask_status
 
     rig = asyncio.run(ask_status(leader))
     if as_json:
         print_json(rig)
         return
-    click.echo(f"leader {rig.leader}, {len(rig.nodes)} nodes, {_period(rig.period_ns)}")
+    from capture_app.node.snapshots import as_tree
+
+    who = f"leader {rig.leader}" if rig.relay is None else f"relay {rig.relay} at {rig.leader}"
+    click.echo(f"{who}, {len(rig.nodes)} nodes, {_period(rig.period_ns)}")
+    if rig.message:
+        click.echo(rig.message)
     if rig.nodes:
         head = ("node", "state", "clock bound us", "round trip us", "phase error us", "drops", "camera", "")
-        print_table(head, [_row(node) for node in rig.nodes])
+        print_table(head, [_row(node) for node in as_tree(rig.nodes)])
     for path in rig.sessions:
         click.echo(f"saved {path}")
 
 
 def _row(node: "NodeStatus") -> tuple[str, ...]:
     return (
-        node.name,
+        "  " * (node.depth - 1) + node.name,
         str(node.state),
         _us(node.hard_bound_ns),
         _us(node.round_trip_ns),

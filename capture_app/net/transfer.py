@@ -127,6 +127,23 @@ class Channel(Generic[M]):
         except OSError as error:
             raise NetworkError(f"the transfer broke off: {error}") from error
 
+    async def join(self, other: "Channel[Any]") -> None:
+        """Pass all bytes on between two streams, both ways and unread, until either closes or breaks off."""
+        ways = (
+            asyncio.create_task(_pass_on(self._reader, other._writer)),
+            asyncio.create_task(_pass_on(other._reader, self._writer)),
+        )
+        try:
+            await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
+        finally:
+            for way in ways:
+                way.cancel()
+            await asyncio.gather(*ways, return_exceptions=True)
+
+    def abort(self) -> None:
+        """Break the stream off, so that whoever waits for it goes on at once."""
+        self._writer.transport.abort()
+
     async def close(self) -> None:
         """Close the stream; harmless where it has broken already."""
         self._writer.close()
@@ -138,6 +155,13 @@ class Channel(Generic[M]):
 
     async def __aexit__(self, *_: object) -> None:
         await self.close()
+
+
+async def _pass_on(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+    with contextlib.suppress(OSError):
+        while chunk := await reader.read(CHUNK_BYTES):
+            writer.write(chunk)
+            await writer.drain()
 
 
 async def connect(address: Address, messages: Any, *, timeout_s: float = CONNECT_TIMEOUT_S) -> Channel[Any]:

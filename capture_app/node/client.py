@@ -10,9 +10,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from capture_app.cameras.base import Camera, CameraInfo, CapturedFrame, PhaseControl
-from capture_app.errors import CameraError, SimulshotError
+from capture_app.errors import CameraError, NetworkError, SimulshotError
 from capture_app.net.address import Address, resolve
-from capture_app.net.udp import Pump, ToPeer, client_socket
+from capture_app.net.udp import Pump, client_socket
 from capture_app.node.device_profiles import DeviceProfiles
 from capture_app.node.messages import CameraReport, JsonValue
 from capture_app.node.plans import record_of
@@ -22,6 +22,7 @@ from capture_app.node.uploader import Uploader
 from capture_app.node.work import BurstWork
 from capture_app.session.manifest import MissingImage
 from capture_app.simulation.clock import HostClock, NodeClock
+from capture_app.sync.candidates import Candidates
 from capture_app.sync.client import Client, ClientConfig
 from capture_app.sync.commands import CameraCommand, RestartStream
 from capture_app.sync.events import (
@@ -53,6 +54,7 @@ class ClientNode:
         name: str,
         open_camera: Callable[[], Camera],
         leader: Address,
+        others: tuple[Address, ...] = (),
         clock: NodeClock | None = None,
         tolerance_ns: int | None = None,
         ring_frames: int = RING_FRAMES,
@@ -62,12 +64,13 @@ class ClientNode:
     ) -> None:
         """`open_camera` is called again after each failure of the device; `talk` gets what a user may see.
 
+        `others` are asked in turn where the leader, or relay, is gone; they must be of the same rig.
         `spool` is the folder that bursts are kept in until the leader has them; without one, memory is.
         `profiles` tell how devices like this one were moved before, and are told.
         """
         self.name = name
         self._open_camera = open_camera
-        self._leader = leader
+        self._leaders = (leader, *others)
         self._clock: NodeClock = clock or HostClock()
         self._tolerance_ns = tolerance_ns
         self._ring_frames = ring_frames
@@ -76,6 +79,7 @@ class ClientNode:
         self._camera: Camera
         self._info: CameraInfo
         self._engine: Client[CapturedFrame] | None = None
+        self._candidates: Candidates[CapturedFrame]
         self._pump: Pump | None = None
         self._uploader = Uploader(self._talk, None if spool is None else Spool(spool, name))
         self._commands: asyncio.Queue[tuple[CameraCommand, int]] = asyncio.Queue()
@@ -98,17 +102,28 @@ class ClientNode:
             self._uploader.close()
 
     async def _open_and_run(self) -> None:
-        family, peer = await resolve(self._leader)
+        found = [await resolve(leader) for leader in self._leaders]
+        family = found[0][0]
+        if any(other != family for other, _ in found):
+            raise NetworkError(
+                f"{' and '.join(map(str, self._leaders))} are not of one kind (IPv4 and IPv6)",
+                hint="give all of them as IPv4, or all as IPv6",
+            )
+        peers = tuple(peer for _, peer in found)
         self._camera = self._open_camera()
         started_ns = self._clock.now_ns()
         failed = await self._start_camera()
         try:
-            await self._run_with_camera(failed, started_ns, client_socket(family), peer)
+            await self._run_with_camera(failed, started_ns, client_socket(family), peers)
         finally:
             await self._camera.stop()
 
     async def _run_with_camera(
-        self, failed: "asyncio.Future[Exception]", started_ns: int, sock: socket.socket, peer: Address
+        self,
+        failed: "asyncio.Future[Exception]",
+        started_ns: int,
+        sock: socket.socket,
+        peers: tuple[Address, ...],
     ) -> None:
         if self._tolerance_ns is None:
             only_restarts = self._info.phase_control is PhaseControl.RESET
@@ -123,7 +138,8 @@ class ClientNode:
         )
         self._engine = Client(config, random.Random(secrets.randbits(64)))
         self._engine.stream_started(started_ns)
-        self._pump = Pump(ToPeer(self._engine, peer), self._clock.now_ns, self._drain)
+        self._candidates = Candidates(self._engine, peers)
+        self._pump = Pump(self._candidates, self._clock.now_ns, self._drain)
         self._pump.start(sock)
         try:
             async with asyncio.TaskGroup() as tasks:
@@ -240,7 +256,10 @@ class ClientNode:
             return
         if isinstance(event, Joined):
             camera = record_of(self.name, description(self._info))
-            self._uploader.leader_found(Address(self._leader.host, event.transfer_port), camera)
+            leader = Address(self._candidates.leader[0], event.transfer_port)
+            self._uploader.leader_found(leader, camera)
+            if len(self._leaders) > 1:
+                self._talk(f"joined {leader}")
         line = {"local_ns": now_ns, **event_line(event)}
         self._events.append(line)
         if isinstance(event, LeaderLost | JoinRefused | CannotAlign):

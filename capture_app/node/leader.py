@@ -16,21 +16,20 @@ from capture_app.node.bursts import BurstSession, create_numbered
 from capture_app.node.messages import BurstRequest, CameraReport, ImageUpload, NodeSpace, ToLeader
 from capture_app.node.revival import RETURN_NS, Revival
 from capture_app.node.service import Service
+from capture_app.node.snapshots import cameras_here, node_statuses
 from capture_app.node.space import check_room, guessed_image_bytes
-from capture_app.node.status import BurstStatus, NodeStatus, RigStatus
+from capture_app.node.status import BurstStatus, RigStatus
+from capture_app.node.wording import News
 from capture_app.session.store import SessionWriter
 from capture_app.simulation.clock import HostClock, NodeClock
-from capture_app.sync.events import BurstRefused, LeaderEvent
-from capture_app.sync.leader import ClientView, Leader, LeaderConfig
+from capture_app.sync.events import BurstRefused
+from capture_app.sync.leader import Leader, LeaderConfig
 from capture_app.sync.state import NodeState
 from capture_app.sync.trigger import Burst
 
 SNAPSHOT_EVERY_S = 0.25
 HOUSEKEEPING_EVERY_S = 0.25
 MAX_OPEN_BURSTS = 16
-
-News = LeaderEvent | BurstStatus
-"""What a leader tells about: nodes that come and go, and bursts that make progress."""
 
 
 class LeaderNode:
@@ -126,7 +125,7 @@ class LeaderNode:
             leader=str(self.address),
             now_ns=now_ns,
             period_ns=None if goal is None else goal.period_ns,
-            nodes=tuple(_node_status(view) for view in self._engine.clients(now_ns)),
+            nodes=node_statuses(self._engine.clients(now_ns)),
             burst=None if self._last_burst is None else self._last_burst.status,
             sessions=tuple(self._saved),
         )
@@ -256,13 +255,13 @@ class LeaderNode:
             for view in views
             if view.report.state is not NodeState.READY
         ]
-        if len(views) < nodes:
-            late.append(f"{len(views)} of {nodes} nodes are here")
+        cameras = len(cameras_here(tuple(views)))
+        if cameras < nodes:
+            late.append(f"{cameras} of {nodes} nodes are here")
         return ", ".join(late)
 
     def _check_somebody_is_here(self) -> None:
-        views = self._engine.clients(self._clock.now_ns())
-        if all(view.report.state is NodeState.LOST for view in views):
+        if not cameras_here(self._engine.clients(self._clock.now_ns())):
             raise IncompleteError(
                 "no node is here", hint=f"start one with: capture-app node --leader {self.address}"
             )
@@ -292,12 +291,10 @@ class LeaderNode:
 
     def _expected_image_bytes(self) -> dict[str, int]:
         """The likely size in bytes of an image of each node that is here."""
-        views = self._engine.clients(self._clock.now_ns())
         return {
             view.name: self._image_bytes.get(view.name)
             or guessed_image_bytes(view.camera.width, view.camera.height)
-            for view in views
-            if view.report.state is not NodeState.LOST
+            for view in cameras_here(self._engine.clients(self._clock.now_ns()))
         }
 
     async def _keep_house(self) -> None:
@@ -323,29 +320,3 @@ class LeaderNode:
         task = asyncio.ensure_future(work)
         self._tasks.add(task)
         task.add_done_callback(self._tasks.discard)
-
-
-def _node_status(view: ClientView) -> NodeStatus:
-    report = view.report
-    return NodeStatus(
-        name=view.name,
-        address=str(Address(*view.address)),
-        state=report.state,
-        kind=view.camera.kind,
-        model=view.camera.model,
-        phase_control=view.camera.phase_control,
-        offset_ns=report.offset_ns,
-        hard_bound_ns=report.hard_bound_ns,
-        uncertainty_ns=report.uncertainty_ns,
-        round_trip_ns=report.round_trip_ns,
-        skew_ppm=report.skew_ppm,
-        samples=report.samples,
-        phase_error_ns=report.phase_error_ns,
-        period_ns=report.period_ns,
-        drift_ppm=report.drift_ppm,
-        corrections=report.corrections,
-        frames=report.frames,
-        drops=report.drops,
-        last_seen_ns=view.age_ns,
-        message=report.message,
-    )

@@ -7,7 +7,8 @@ from msgspec import Struct
 
 from capture_app.errors import BadInputError, NetworkError, SimulshotError
 from capture_app.node.bursts import BurstSession
-from capture_app.node.leader import LeaderNode, News
+from capture_app.node.leader import LeaderNode
+from capture_app.node.wording import News
 from capture_app.session.manifest import JOURNAL, MANIFEST
 from capture_app.session.plan import PLAN
 from capture_app.session.reader import Session, is_being_written

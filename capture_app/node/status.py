@@ -26,6 +26,10 @@ class NodeStatus(Struct, frozen=True, kw_only=True):
     corrections: int = 0
     frames: int = 0
     drops: int = 0
+    parent: str | None = None
+    """The relay that it joined; None where that is the leader itself."""
+    depth: int = 1
+    """How many clocks its time has come through: 1 below the leader, 2 below a relay of it."""
     last_seen_ns: int = 0
     """Age of the last message, in ns."""
     message: str = ""
@@ -51,6 +55,10 @@ class RigStatus(Struct, frozen=True, kw_only=True):
 
     leader: str
     """host:port that nodes join."""
+    relay: str | None = None
+    """Name of the relay that tells this because it has no leader at present; None from a leader."""
+    message: str = ""
+    """What a user should know of the rig as a whole."""
     now_ns: int
     period_ns: int | None
     nodes: tuple[NodeStatus, ...] = ()

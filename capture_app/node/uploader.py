@@ -2,21 +2,17 @@
 
 import asyncio
 import contextlib
-import os
-import threading
 from collections import deque
 from collections.abc import Callable
-from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
 from typing import Any
 
 import msgspec
 
-from capture_app.cameras.base import CapturedFrame
 from capture_app.errors import NetworkError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.net.transfer import Channel, connect
-from capture_app.node.develop import DevelopError, develop, without
+from capture_app.node.develop import without
+from capture_app.node.developer import Developer
 from capture_app.node.messages import (
     CameraReport,
     FromLeader,
@@ -31,7 +27,6 @@ from capture_app.node.space import free_bytes, guessed_image_bytes
 from capture_app.node.spool import Spool
 from capture_app.node.work import BurstWork, Developed
 from capture_app.session.manifest import CameraRecord, MissingImage
-from capture_app.sync.trigger import Pick
 
 RETRY_S = (0.5, 1.0, 2.0, 4.0)
 ANSWER_TIMEOUT_S = 30.0
@@ -47,23 +42,21 @@ class _LaterError(NetworkError):
     """The leader cannot take a burst now."""
 
 
-@dataclass(slots=True)
 class Uploader:
     """Develops bursts into the spool, and sends them in their order over a stream that it reopens."""
 
-    talk: Talk
-    spool: Spool | None = None
-    leader: Address | None = None
-    _waiting: deque[BurstWork] = field(default_factory=deque)
-    _refused: deque[BurstWork] = field(default_factory=lambda: deque(maxlen=MAX_WAITING_BURSTS))
-    _news: asyncio.Event = field(default_factory=asyncio.Event)
-    _exposed: asyncio.Event = field(default_factory=asyncio.Event)
-    _camera: CameraRecord | None = None
-    _image_bytes: int = 0
-    _space_is_due: bool = False
-    _developer: ThreadPoolExecutor = field(
-        default_factory=lambda: ThreadPoolExecutor(1, "develop", initializer=_lower_priority)
-    )
+    def __init__(self, talk: Talk, spool: Spool | None = None) -> None:
+        self.talk = talk
+        self.spool = spool
+        self.leader: Address | None = None
+        self._waiting: deque[BurstWork] = deque()
+        self._refused: deque[BurstWork] = deque(maxlen=MAX_WAITING_BURSTS)
+        self._news = asyncio.Event()
+        self._exposed = asyncio.Event()
+        self._camera: CameraRecord | None = None
+        self._space_is_due = False
+        self._developer = Developer(talk, spool)
+        self._stream: Channel[Any] | None = None
 
     def load_spool(self) -> None:
         """Take on what an earlier run of this node has left in the spool. Raises SimulshotError."""
@@ -99,7 +92,7 @@ class Uploader:
                 tasks.create_task(self._send_all())
                 tasks.create_task(self._watch_space())
         finally:
-            self._developer.shutdown(wait=False, cancel_futures=True)
+            self._developer.close()
 
     def close(self) -> None:
         """Let another node use the spool."""
@@ -108,6 +101,9 @@ class Uploader:
 
     def leader_found(self, leader: Address, camera: CameraRecord | None = None) -> None:
         """Images go to that address from now on; what was refused before is offered again."""
+        if leader != self.leader and self._stream is not None:
+            # Nobody may ever close the stream to a relay whose plug was pulled.
+            self._stream.abort()
         self.leader = leader
         self._camera = camera or self._camera
         self._waiting.extendleft(reversed(self._refused))
@@ -124,38 +120,8 @@ class Uploader:
             if work is None:
                 await self._exposed.wait()
                 continue
-            await self._develop_next(work, work.picks[0])
+            await self._developer.develop_next(work)
             self._news.set()
-
-    async def _develop_next(self, work: BurstWork, pick: Pick[CapturedFrame]) -> None:
-        loop = asyncio.get_running_loop()
-        try:
-            developed = await loop.run_in_executor(self._developer, self._develop, work, pick)
-        except DevelopError as error:
-            lost = MissingImage(camera=work.report.camera.name, instant=pick.instant, reason=str(error))
-            work.report = without(work.report, lost)
-            self.talk(f"burst {work.report.burst}: instant {pick.instant} is lost: {error}")
-            developed = None
-        # While it was developed, the leader may have refused the burst.
-        if work.picks and work.picks[0] is pick:
-            work.picks.popleft()
-            if developed is not None:
-                work.images.append(developed)
-
-    def _develop(self, work: BurstWork, pick: Pick[CapturedFrame]) -> Developed:
-        upload, data = develop(work.report, pick)
-        self._image_bytes = len(data)
-        if self.spool is None or not work.spooling:
-            return Developed(upload, data)
-        try:
-            if work.spooled is None:
-                work.spooled = self.spool.begin(work.report)
-            work.spooled.keep(upload, data)
-        except SimulshotError as error:
-            work.spooling = False
-            self.talk(f"burst {work.report.burst} is kept in memory until the leader has it: {error}")
-            return Developed(upload, data)
-        return Developed(upload, None)
 
     # Sending
 
@@ -167,6 +133,7 @@ class Uploader:
                 await self._news.wait()
             try:
                 async with await connect(self.leader, FromLeader) as channel:
+                    self._stream = channel
                     while self._waiting or self._space_is_due:
                         if self._space_is_due:
                             await self._tell_space(channel)
@@ -183,6 +150,8 @@ class Uploader:
                     self.talk(f"images wait: {error}")
                 await asyncio.sleep(RETRY_S[min(failures, len(RETRY_S) - 1)])
                 failures += 1
+            finally:
+                self._stream = None
 
     async def _send_burst(self, channel: Channel[Any], work: BurstWork) -> None:
         # A leader that was away has kept what it acknowledged; only the stream's own state is new.
@@ -296,7 +265,7 @@ class Uploader:
         self._space_is_due = False
         if self.spool is None or self._camera is None:
             return
-        size = self._image_bytes or guessed_image_bytes(self._camera.width, self._camera.height)
+        size = self._developer.image_bytes or guessed_image_bytes(self._camera.width, self._camera.height)
         space = NodeSpace(
             camera=self._camera.name,
             free_bytes=free_bytes(self.spool.folder),
@@ -304,9 +273,3 @@ class Uploader:
             spool=str(self.spool.folder),
         )
         await self._ask(channel, space)
-
-
-def _lower_priority() -> None:
-    # Linux knows a niceness for each thread; where there is none, all threads stay equal.
-    with contextlib.suppress(OSError):
-        os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), LOW_PRIORITY)

@@ -1,8 +1,23 @@
 """What happens at a leader, in a line each, for the terminal and the screen alike."""
 
-from capture_app.node.leader import News
+from capture_app.net.address import Address
 from capture_app.node.status import BurstStatus
-from capture_app.sync.events import BurstRefused, NodeJoined, NodeLost, NodeMoved, NodeReturned
+from capture_app.sync.events import (
+    BurstRefused,
+    ClockStepped,
+    ClockSynced,
+    Joined,
+    JoinRefused,
+    LeaderEvent,
+    LeaderLost,
+    NodeJoined,
+    NodeLost,
+    NodeMoved,
+    NodeReturned,
+)
+
+News = LeaderEvent | BurstStatus
+"""What a leader tells about: nodes that come and go, and bursts that make progress."""
 
 
 def in_words(news: News) -> str:
@@ -21,6 +36,23 @@ def in_words(news: News) -> str:
         case BurstStatus():
             return burst_in_words(news)
     return ""
+
+
+def follower_in_words(
+    event: Joined | LeaderLost | JoinRefused | ClockSynced | ClockStepped, parent: Address
+) -> str:
+    """A line about how a relay stands with its own leader."""
+    match event:
+        case Joined():
+            return f"joined {parent}"
+        case LeaderLost():
+            return f"lost {parent} ({event.reason}): holding its time over"
+        case JoinRefused():
+            return f"{parent} does not take this relay in: {event.reason}"
+        case ClockSynced():
+            return f"ready: knows the time to {event.time_map.hard_bound_ns / 1000:.0f} us at worst"
+        case ClockStepped():
+            return "a clock was set: finding the time anew"
 
 
 def burst_in_words(burst: BurstStatus) -> str:

@@ -1,0 +1,71 @@
+"""`capture-app relay`: carry a leader's time, bursts and images to nodes that cannot reach the leader."""
+
+import click
+
+from capture_app.commands.node import check_name, host_name
+from capture_app.commands.options import AddressType, json_option, print_json_line, run_until_stopped, talk
+from capture_app.net.address import DEFAULT_PORT, Address
+
+
+@click.command()
+@click.argument("parents", nargs=-1, required=True, type=AddressType(), metavar="LEADER [OTHER]...")
+@click.option(
+    "--name", default=host_name, callback=check_name, help="Name of this relay.  [default: this host's name]"
+)
+@click.option(
+    "--host",
+    default="0.0.0.0",  # noqa: S104 - cameras are other machines
+    show_default=True,
+    help="Address to listen on.",
+)
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=DEFAULT_PORT,
+    show_default=True,
+    help="Port for UDP and TCP; 0 takes a free one.",
+)
+@click.option(
+    "--clock",
+    "clock_text",
+    default="host",
+    show_default=True,
+    metavar="CLOCK",
+    help="host, or sim[:offset_s=…,skew_ppm=…] for a clock that is hours off.",
+)
+@json_option
+def relay(
+    parents: tuple[Address, ...], name: str, host: str, port: int, clock_text: str, as_json: bool
+) -> None:
+    """Run a relay until Ctrl-C: nodes join it as they join a leader, and are part of the leader's rig.
+
+    LEADER is the leader or another relay; OTHER ones, of the same rig, are asked in turn when it is gone. The
+    relay holds the leader's time, brings bursts to its nodes and their images to the leader. `status` and
+    `burst` may be asked of it as well. Without a leader it holds the time over, and says so.
+    """
+    run_until_stopped(_relay(parents, name, host, port, clock_text, as_json))
+
+
+async def _relay(
+    parents: tuple[Address, ...], name: str, host: str, port: int, clock_text: str, as_json: bool
+) -> None:
+    import asyncio
+
+    from capture_app.node.relay import RelayNode
+    from capture_app.simulation.clock import parse_clock
+
+    node = RelayNode(
+        name=name,
+        parents=parents,
+        host=host,
+        port=port,
+        clock=parse_clock(clock_text, node=name),
+        talk=lambda line: talk(f"{name}: {line}"),
+    )
+    async with node:
+        talk(f"relay at {node.address}, below {', or '.join(map(str, parents))}")
+        talk(f"join with: capture-app node --leader {node.address} --camera SPEC")
+        if as_json:
+            address = {"relay": str(node.address), "port": node.address.port}
+            print_json_line({"event": "listening", "name": name, **address})
+        await asyncio.Event().wait()

@@ -1,0 +1,178 @@
+"""A relay: a leader to its own nodes in its leader's time, that passes on what both have to say."""
+
+import random
+import secrets
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from typing import Any, Self
+
+from capture_app.errors import ExitCode, NetworkError
+from capture_app.net.address import DEFAULT_PORT, Address, reachable_host, resolve
+from capture_app.net.transfer import Channel, TransferServer, bind, connect
+from capture_app.net.udp import Pump
+from capture_app.node.messages import FromLeader, Refusal, StatusAnswer, StatusRequest, ToLeader
+from capture_app.node.snapshots import node_statuses
+from capture_app.node.status import RigStatus
+from capture_app.node.wording import follower_in_words, in_words
+from capture_app.simulation.clock import HostClock, NodeClock
+from capture_app.sync.events import ClockStepped, ClockSynced, Joined, JoinRefused, LeaderLost
+from capture_app.sync.follower import FollowerConfig
+from capture_app.sync.leader import LeaderConfig
+from capture_app.sync.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
+
+WAY_UP_TIMEOUT_S = 2.0
+
+
+class RelayNode:
+    """A running relay; `async with RelayNode(...)` binds its port and serves until the block ends.
+
+    Streams of its nodes go on to the leader byte by byte, through as many relays as there are: an image is
+    safe when the root says so, and whatever breaks off is taken up again between the node and the root.
+    """
+
+    def __init__(
+        self,
+        *,
+        name: str,
+        parents: tuple[Address, ...],
+        host: str = "0.0.0.0",  # noqa: S104 - cameras are other machines
+        port: int = DEFAULT_PORT,
+        clock: NodeClock | None = None,
+        talk: Callable[[str], None] | None = None,
+    ) -> None:
+        """`parents` are leaders or relays of one rig, asked in turn, the best one first."""
+        self.name = name
+        self.address = Address(host, port)
+        self._parents = parents
+        self._clock: NodeClock = clock or HostClock()
+        self._talk = talk or (lambda _: None)
+        self._way_up: Address | None = None
+        self._ways_up: set[Channel[Any]] = set()
+        self._lost_ns: int | None = None
+        self._engine: Relay
+        self._pump: Pump
+        self._server: TransferServer[ToLeader]
+
+    async def __aenter__(self) -> Self:
+        await self.start()
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.stop()
+
+    async def start(self) -> None:
+        """Bind, and ask the parents.
+
+        Raises NetworkError where the port is in use, or a parent's host has no address or none that can be
+        reached from the host to listen on.
+        """
+        found = [await resolve(parent) for parent in self._parents]
+        datagrams, listening = bind(self.address.host, self.address.port)
+        port = listening.getsockname()[1]
+        if any(family != datagrams.family for family, _ in found):
+            datagrams.close()
+            listening.close()
+            raise NetworkError(
+                f"{self.address} and a leader's address are not of one kind (IPv4 and IPv6)",
+                hint="listen on a fitting address with --host",
+            )
+        self.address = Address(reachable_host(self.address.host, listening.family), port)
+        instance = secrets.randbits(32)
+        peers = tuple((peer.host, peer.port) for _, peer in found)
+        config = FollowerConfig(self.name, instance, peers, OF_CAMERAS, HEARTBEAT_EVERY_NS)
+        rng = random.Random(secrets.randbits(64))
+        self._engine = Relay(config, LeaderConfig(instance, transfer_port=port), rng)
+        self._server = TransferServer(ToLeader, self._serve)
+        self._pump = Pump(self._engine, self._clock.now_ns, self._drain)
+        await self._server.start(listening)
+        self._pump.start(datagrams)
+
+    async def stop(self) -> None:
+        """Say goodbye to the leader, send the nodes on to others, and close the port."""
+        self._talk = lambda _: None
+        self._engine.leave()
+        self._pump.turn()
+        self._pump.close()
+        await self._server.stop()
+
+    def status(self) -> RigStatus:
+        """What this relay knows by itself: its own nodes, and how its time stands."""
+        now_ns = self._clock.now_ns()
+        follower, leader = self._engine.follower, self._engine.leader
+        time_map = follower.time_map
+        return RigStatus(
+            leader=str(self.address),
+            relay=self.name,
+            message=self._holding(now_ns),
+            now_ns=now_ns if time_map is None else time_map.leader_from_local(now_ns),
+            period_ns=None if leader.goal is None else leader.goal.period_ns,
+            nodes=node_statuses(leader.clients(now_ns)),
+        )
+
+    # Streams
+
+    async def _serve(self, below: Channel[ToLeader]) -> None:
+        try:
+            async with self._going_up() as above:
+                await below.join(above)
+        except NetworkError as error:
+            await self._answer_alone(below, error)
+
+    @asynccontextmanager
+    async def _going_up(self) -> AsyncIterator[Channel[Any]]:
+        """Open a stream to the parent. Raises NetworkError."""
+        if self._way_up is None:
+            raise NetworkError(self._holding(self._clock.now_ns()))
+        async with await connect(self._way_up, FromLeader, timeout_s=WAY_UP_TIMEOUT_S) as above:
+            self._ways_up.add(above)
+            try:
+                yield above
+            finally:
+                self._ways_up.discard(above)
+
+    async def _answer_alone(self, below: Channel[ToLeader], why: NetworkError) -> None:
+        """Say what can be said without a leader: who is here; all else has to wait."""
+        while (message := await below.receive_head()) is not None:
+            if isinstance(message, StatusRequest):
+                await below.send(StatusAnswer(rig=self.status()))
+            else:
+                exit_code = int(ExitCode.NETWORK)
+                await below.send(Refusal(what=why.what, hint=why.hint, exit_code=exit_code, retry=True))
+
+    # Events
+
+    def _drain(self) -> None:
+        while (event := self._engine.next_event()) is not None:
+            match event:
+                case Joined():
+                    self._way_up = Address(self._engine.follower.parent[0], event.transfer_port)
+                    self._lost_ns = None
+                    self._leave_old_ways()
+                    self._talk(follower_in_words(event, Address(*self._engine.follower.parent)))
+                case LeaderLost():
+                    self._way_up = None
+                    self._lost_ns = self._clock.now_ns()
+                    self._leave_old_ways()
+                    self._talk(follower_in_words(event, Address(*self._engine.follower.parent)))
+                case ClockSynced() | ClockStepped() | JoinRefused():
+                    self._talk(follower_in_words(event, Address(*self._engine.follower.parent)))
+                case _:
+                    if line := in_words(event):
+                        self._talk(line)
+
+    def _leave_old_ways(self) -> None:
+        for above in self._ways_up:
+            above.abort()
+
+    def _holding(self, now_ns: int) -> str:
+        """Say how this relay stands without a leader; empty while it has one."""
+        if self._engine.follower.number is not None:
+            return ""
+        time_map = self._engine.follower.time_map
+        if time_map is None or self._lost_ns is None:
+            return f"relay {self.name} has not found a leader yet"
+        seconds = (now_ns - self._lost_ns) / 1e9
+        return (
+            f"relay {self.name} lost its leader {seconds:.0f} s ago and holds its time over, to"
+            f" {time_map.uncertainty_at(now_ns) / 1000:.0f} us"
+        )

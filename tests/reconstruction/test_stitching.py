@@ -8,6 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
+from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.session.reader import Session
 from reconstruction.cli import main
 from reconstruction.panorama import Stitching
@@ -112,9 +113,11 @@ def test_stereo_writes_depth_confidence_and_picture(
 
 
 @pytest.mark.shared
-@pytest.mark.parametrize(("name", "count"), [("boat", 6), ("weir_", 3)])
+@pytest.mark.parametrize(
+    ("name", "count", "imported"), [("boat", 6, False), ("weir_", 3, False), ("weir_", 3, True)]
+)
 def test_real_pictures_come_out_whole(
-    shared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, count: int
+    shared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, count: int, imported: bool
 ) -> None:
     folder = tmp_path / "pictures"
     folder.mkdir()
@@ -122,7 +125,13 @@ def test_real_pictures_come_out_whole(
         image = cv2.imread(str(shared / "footage" / "stitching" / f"{name}{i}.jpg"))
         small = cv2.resize(image, None, fx=800 / image.shape[1], fy=800 / image.shape[1])
         cv2.imwrite(str(folder / f"{i}.jpg"), small)
-    main(["stitch", str(folder), "--out", str(tmp_path / "out"), "--json"])
+    source = folder
+    if imported:
+        cameras = [f"cam{i}={folder / str(i)}.jpg" for i in range(1, count + 1)]
+        source = import_recording(cameras, tmp_path, "stills", ImportOptions()).folder
+        kept = (source / "images" / "rig1" / "cam1" / "000000.jpg").read_bytes()
+        assert kept == (folder / "1.jpg").read_bytes()
+    main(["stitch", str(source), "--out", str(tmp_path / "out"), "--json"])
     result = json.loads(capsys.readouterr().out)
     assert len(result["used"]) == count
     assert result["left_out"] == {}

@@ -14,6 +14,7 @@ from capture_app.session.importers.sources import (
     images_in,
     natural,
 )
+from capture_app.session.store import IMAGE_SUFFIXES
 
 
 def open_sources(paths: Sequence[str], *, png: bool = False) -> list[Source]:
@@ -55,7 +56,7 @@ def _source(name: str, path: Path, png: bool) -> Source:
     check_name(name, "camera")
     if is_phone(path):
         return phone(name, path, png=png)
-    if path.is_dir():
+    if path.is_dir() or path.suffix.lower() in IMAGE_SUFFIXES:
         return ImageFolder(name, path)
     return PhoneVideo(name, path, png=png) if has_table(path) else Video(name, path, png=png)
 

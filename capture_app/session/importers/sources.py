@@ -50,13 +50,13 @@ class Source(ABC):
 
 
 class ImageFolder(Source):
-    """A folder of image files, in natural order; their bytes are kept as they are."""
+    """A folder of image files, in natural order, or one image; their bytes are kept as they are."""
 
     kind = "images"
 
     def __init__(self, name: str, path: Path) -> None:
         self.name, self.path = name, path
-        self._files = sorted(images_in(path), key=natural)
+        self._files = [path] if path.is_file() else sorted(images_in(path), key=natural)
         if not self._files:
             raise BadInputError(f"no images in {path}", hint=f"looked for {', '.join(IMAGE_SUFFIXES)}")
         suffixes = {file.suffix.lower() for file in self._files}
@@ -66,7 +66,8 @@ class ImageFolder(Source):
             )
         self.suffix = suffixes.pop()
         found = [re.findall(r"\d+", file.stem) for file in self._files]
-        own = [int(digits[-1]) for digits in found if digits]
+        # The number of a single image is its camera's as often as its time's.
+        own = [int(digits[-1]) for digits in found if digits and path.is_dir()]
         self._numbered = len(set(own)) == len(self._files)
         self._numbers = own if self._numbered else list(range(len(self._files)))
 

@@ -53,6 +53,8 @@ def make_timeline(sources: Sequence[Source], clocks: Clocks, talk: Callable[[str
         return _by_times("the recording", recorded, clocks)
     if clocks.same_frames or clocks.offsets_ms:
         return _by_videos(sources, clocks, talk)
+    if all(isinstance(source, ImageFolder) and len(source.files) == 1 for source in sources):
+        return timeline_by_times("the recording", {name: [TimedFrame(0, 0)] for name in names})
     raise _nothing_tells(sources)
 
 

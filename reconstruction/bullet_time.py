@@ -74,21 +74,28 @@ def _instant(
 ) -> tuple[int, dict[str, int]] | None:
     """The instant to stop at, and from which instant each camera's picture comes when it is late.
 
-    Most cameras must have both, then the most must be at distinct times, then the most must move.
+    Of the instants at which most cameras have both pictures, most at distinct times, and these nearest to
+    `LATE_MS`, the one with the most motion.
     """
-    asked = {name: LATE_MS[place % len(LATE_MS)] for place, name in enumerate(order)}
+    wanted_ns = {name: LATE_MS[place % len(LATE_MS)] * 1e6 for place, name in enumerate(order)}
     times = dataset.instants_ns
     there = {name: dataset.instants(name) for name in order}
     found: dict[int, dict[str, int]] = {}
     for k, time in enumerate(times):
         found[k] = {
-            name: min(there[name], key=lambda j: (abs(times[j] - time - asked[name] * 1e6), j))
+            name: min(there[name], key=lambda j: (abs(times[j] - time - wanted_ns[name]), j))
             for name in order
             if k in there[name]
         }
-    ranks = {k: (len(late), len(set(late.values()))) for k, late in found.items()}
+    short_ns = {
+        k: sum(abs(times[j] - times[k] - wanted_ns[n]) for n, j in late.items()) for k, late in found.items()
+    }
+    frame_ns = max(1, dataset.period_ns)
+    ranks = {
+        k: (len(late), len(set(late.values())), -round(short_ns[k] / frame_ns)) for k, late in found.items()
+    }
     best = max(ranks.values())
-    if min(best) < 2:
+    if min(best[:2]) < 2:
         return None
     likely = [k for k, rank in ranks.items() if rank == best]
     likely = [k for k, _ in thin([(k, k) for k in likely], MOST_LOOKED_AT)]
@@ -110,7 +117,7 @@ def _held(
     if point is None:
         return {}
     widest = max(view.width for view in ours.values()), max(view.height for view in ours.values())
-    return hold(ours, point, *_canvas(widest))
+    return hold(ours, point, *_canvas(widest)) or {}
 
 
 def _frame(

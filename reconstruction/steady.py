@@ -10,8 +10,8 @@ from reconstruction.geometry import Array, View
 
 MOST_MISS = 0.12
 """How far the point may be from where a camera saw it, as a share of the picture's width."""
-ZOOMS = np.geomspace(0.6, 2.2, 60)
-"""Tried in turn until every picture is filled."""
+ZOOMS = np.geomspace(0.6, 1.7, 50)
+"""Tried in turn until every picture is filled; beyond, too little of the pictures would be left."""
 
 
 def point_of_interest(views: Mapping[str, View], seen: Mapping[str, Array]) -> Array | None:
@@ -49,12 +49,12 @@ def pixel_of(view: View, point: Array) -> Array | None:
     return np.asarray(found).reshape(2)
 
 
-def hold(views: Mapping[str, View], point: Array, width: int, height: int) -> dict[str, View]:
+def hold(views: Mapping[str, View], point: Array, width: int, height: int) -> dict[str, View] | None:
     """Undistorted views that all show the point at one place, upright and at one scale, width x height px.
 
     Each stands where its camera stands and is only turned and zoomed, so that a picture of it needs nothing
-    that its camera did not see; all are filled where that can be had with `ZOOMS`. The place is where the
-    cameras themselves show the point on average.
+    that its camera did not see. The place is where the cameras themselves show the point on average. None
+    where no zoom fills them all.
     """
     down = np.mean([view.rotation[1] for view in views.values()], axis=0)
     places = []
@@ -74,16 +74,16 @@ def hold(views: Mapping[str, View], point: Array, width: int, height: int) -> di
         turned[name] = View(
             width, height, np.eye(3), np.zeros(5), rotation, np.asarray(-rotation @ view.centre)
         )
-    held = {}
     for zoom in ZOOMS:
+        held = {}
         for name, view in turned.items():
             focal = float(zoom) * scale * away[name]
             held[name] = replace(
                 view, matrix=np.array([[focal, 0, place[0]], [0, focal, place[1]], [0, 0, 1.0]])
             )
         if all(_filled(held[name], view) for name, view in views.items()):
-            break
-    return held
+            return held
+    return None
 
 
 def _filled(held: View, view: View) -> bool:

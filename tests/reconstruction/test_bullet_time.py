@@ -68,6 +68,7 @@ def test_held_views_show_the_point_at_one_place_and_one_scale():
     point = np.array([0.0, 0.0, 3.0])
     views = {"a": on_arc(-25, 2.6, roll=8), "b": on_arc(0), "c": on_arc(25, 3.5, roll=-5)}
     held = hold(views, point, 200, 150)
+    assert held is not None
 
     places = [pixel_of(view, point) for view in held.values()]
     assert np.ptp(places, axis=0) == pytest.approx([0, 0], abs=1e-6)
@@ -81,9 +82,17 @@ def test_held_views_show_the_point_at_one_place_and_one_scale():
 def test_a_held_picture_is_filled_with_what_the_camera_saw():
     views = {name: on_arc(angle) for name, angle in zip("abc", (-15, 0, 15), strict=True)}
     held = hold(views, np.array([0.0, 0.0, 3.0]), 160, 120)
+    assert held is not None
     grey = np.full((HEIGHT, WIDTH, 3), 120, np.uint8)
     for name, view in views.items():
         assert (seen_from(held[name], view, grey, (0, 0, 255)) == 120).all()
+
+
+def test_views_that_look_apart_are_not_held():
+    views = {"left": make_view((0, 0, 0), yaw=-16), "right": make_view((0.05, 0, 0), yaw=16)}
+    point = np.array([0.0, 0.0, 3.0])
+    assert all(pixel_of(view, point) is not None for view in views.values())
+    assert hold(views, point, 160, 120) is None
 
 
 def test_the_mover_stays_when_synchronized_and_jumps_when_not(boards, tmp_path):

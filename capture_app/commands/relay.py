@@ -65,6 +65,8 @@ async def _relay(
     async with node:
         talk(f"relay at {node.address}, below {', or '.join(map(str, parents))}")
         talk(f"join with: capture-app node --leader {node.address} --camera SPEC")
+        if node.also:
+            talk(f"or at {', '.join(map(str, node.also))}, whichever the nodes can reach")
         if as_json:
             address = {"relay": str(node.address), "port": node.address.port}
             print_json_line({"event": "listening", "name": name, **address})

@@ -6,8 +6,11 @@ import socket
 from typing import NamedTuple
 
 from capture_app.errors import NetworkError
+from capture_app.net.interfaces import own_hosts
 
 DEFAULT_PORT = 47010
+ANY_HOST = ("", "0.0.0.0", "::")  # noqa: S104 - cameras are other machines
+"""How to say: listen on all interfaces."""
 
 _BRACKETED = re.compile(r"\[(?P<host>[^\[\]]+)\](?::(?P<port>\d+))?")
 _PLAIN = re.compile(r"(?P<host>[^:\[\]\s]+)(?::(?P<port>\d+))?")
@@ -52,8 +55,11 @@ async def resolve(address: Address) -> tuple[socket.AddressFamily, Address]:
 
 
 def reachable_host(host: str, family: socket.AddressFamily) -> str:
-    """Return the host that nodes should be told; for `any`, the address of the route to the outside."""
-    if host not in ("", "0.0.0.0", "::"):  # noqa: S104
+    """Return the host that nodes should be told; for `any`, the address of the route to the outside.
+
+    Where there is no such route, as in a network of its own, it is the first interface's.
+    """
+    if host not in ANY_HOST:
         return host
     outside = ("10.255.255.255", 9) if family == socket.AF_INET else ("2001:db8::1", 9)
     with socket.socket(family, socket.SOCK_DGRAM) as probe:
@@ -62,4 +68,4 @@ def reachable_host(host: str, family: socket.AddressFamily) -> str:
             probe.connect(outside)
             return str(probe.getsockname()[0])
         except OSError:
-            return "127.0.0.1" if family == socket.AF_INET else "::1"
+            return next(iter(own_hosts(family)), "127.0.0.1" if family == socket.AF_INET else "::1")

@@ -7,7 +7,8 @@ from contextlib import asynccontextmanager
 from typing import Any, Self
 
 from capture_app.errors import ExitCode, NetworkError
-from capture_app.net.address import DEFAULT_PORT, Address, reachable_host, resolve
+from capture_app.net.address import ANY_HOST, DEFAULT_PORT, Address, reachable_host, resolve
+from capture_app.net.interfaces import own_hosts
 from capture_app.net.transfer import Channel, TransferServer, bind, connect
 from capture_app.net.udp import Pump
 from capture_app.node.messages import FromLeader, Refusal, StatusAnswer, StatusRequest, ToLeader
@@ -43,6 +44,8 @@ class RelayNode:
         """`parents` are leaders or relays of one rig, asked in turn, the best one first."""
         self.name = name
         self.address = Address(host, port)
+        self.also: tuple[Address, ...] = ()
+        """Further addresses of this machine that nodes may join it at."""
         self._parents = parents
         self._clock: NodeClock = clock or HostClock()
         self._talk = talk or (lambda _: None)
@@ -76,7 +79,12 @@ class RelayNode:
                 f"{self.address} and a leader's address are not of one kind (IPv4 and IPv6)",
                 hint="listen on a fitting address with --host",
             )
-        self.address = Address(reachable_host(self.address.host, listening.family), port)
+        host = self.address.host
+        self.address = Address(reachable_host(host, listening.family), port)
+        if host in ANY_HOST:
+            # Which side its nodes are on, the relay cannot know.
+            hosts = own_hosts(listening.family)
+            self.also = tuple(Address(other, port) for other in hosts if other != self.address.host)
         instance = secrets.randbits(32)
         peers = tuple((peer.host, peer.port) for _, peer in found)
         config = FollowerConfig(self.name, instance, peers, OF_CAMERAS, HEARTBEAT_EVERY_NS)

@@ -1,8 +1,13 @@
 """Addresses as users type them."""
 
+import ipaddress
+import socket
+
 import pytest
 
-from capture_app.net.address import DEFAULT_PORT, Address, parse_address
+from capture_app.net import address as address_module
+from capture_app.net.address import DEFAULT_PORT, Address, parse_address, reachable_host
+from capture_app.net.interfaces import own_hosts
 
 
 @pytest.mark.parametrize(
@@ -27,3 +32,29 @@ def test_what_is_none(text: str) -> None:
 @pytest.mark.parametrize("address", [Address("::1", 5000), Address("10.0.0.7", 5000)])
 def test_an_address_reads_back_as_it_is_written(address: Address) -> None:
     assert parse_address(str(address)) == address
+
+
+class NoRoute(socket.socket):
+    def connect(self, _: object) -> None:
+        raise OSError("network is unreachable")
+
+
+@pytest.mark.parametrize(
+    ("hosts", "told"),
+    [([], "127.0.0.1"), (["10.77.1.1"], "10.77.1.1"), (["10.77.1.1", "10.77.2.1"], "10.77.1.1")],
+)
+def test_without_a_route_to_the_outside_an_interface_tells_where_to_join(
+    monkeypatch: pytest.MonkeyPatch, hosts: list[str], told: str
+) -> None:
+    monkeypatch.setattr(address_module, "own_hosts", lambda _: hosts)
+    monkeypatch.setattr(address_module.socket, "socket", NoRoute)
+    assert reachable_host("0.0.0.0", socket.AF_INET) == told
+    assert reachable_host("192.168.0.7", socket.AF_INET) == "192.168.0.7"
+
+
+def test_own_hosts_are_addresses_that_can_be_listened_on() -> None:
+    for family in (socket.AF_INET, socket.AF_INET6):
+        for host in own_hosts(family):
+            assert not ipaddress.ip_address(host).is_loopback
+            with socket.socket(family, socket.SOCK_DGRAM) as sock:
+                sock.bind((host, 0))

@@ -1,0 +1,45 @@
+"""The addresses of this machine's own network interfaces, as Linux tells them."""
+
+import fcntl
+import ipaddress
+import socket
+import struct
+from pathlib import Path
+
+_SIOCGIFFLAGS = 0x8913
+_SIOCGIFADDR = 0x8915
+_IFF_UP = 0x1
+_IFF_LOOPBACK = 0x8
+_REQUEST_BYTES = 40
+_GLOBAL_SCOPE = "00"
+_IF_INET6 = Path("/proc/net/if_inet6")
+
+
+def own_hosts(family: socket.AddressFamily) -> list[str]:
+    """Return the addresses of the interfaces that are up, loopback aside; none where nobody tells."""
+    return _hosts_v4() if family == socket.AF_INET else _hosts_v6()
+
+
+def _hosts_v4() -> list[str]:
+    hosts = []
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        for _, name in socket.if_nameindex():
+            request = struct.pack(f"{_REQUEST_BYTES}s", name.encode()[:15])
+            try:
+                (flags,) = struct.unpack_from("@H", fcntl.ioctl(probe, _SIOCGIFFLAGS, request), 16)
+                if flags & _IFF_UP and not flags & _IFF_LOOPBACK:
+                    hosts.append(socket.inet_ntoa(fcntl.ioctl(probe, _SIOCGIFADDR, request)[20:24]))
+            except OSError:
+                # An interface without an IPv4 address, or one that has just gone.
+                continue
+    return hosts
+
+
+def _hosts_v6() -> list[str]:
+    try:
+        lines = _IF_INET6.read_text().splitlines()
+    except OSError:
+        return []
+    fields = (line.split() for line in lines)
+    found = (line for line in fields if len(line) == 6 and line[3] == _GLOBAL_SCOPE)
+    return [str(ipaddress.IPv6Address(int(line[0], 16))) for line in found]

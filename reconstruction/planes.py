@@ -5,6 +5,8 @@ import numpy as np
 
 from reconstruction.geometry import Array
 
+BAND = 32
+
 
 def fit_planes(
     inverse_depth: Array,
@@ -21,43 +23,61 @@ def fit_planes(
     plane found before, so that no plane bridges an edge of depth; the first plane goes through the
     pixel's own depth and has these `slopes`, or none.
     """
-    offsets = np.arange(-reach, reach + 1, dtype=int) * stride
     border = reach * stride
     # What lies beyond the picture is on no plane.
     padded = cv2.copyMakeBorder(
         inverse_depth, border, border, border, border, cv2.BORDER_CONSTANT, value=(-1e6,)
     )
-    height, width = inverse_depth.shape
     unit = 1.0 / border
-    level = inverse_depth
     flat = np.zeros_like(inverse_depth)
-    right, down = (slope / unit for slope in slopes) if slopes else (flat, flat)
-    for _ in range(rounds):
-        sums = np.zeros((9, height, width), np.float32)
-        for dy in offsets:
-            for dx in offsets:
-                x, y = dx * unit, dy * unit
-                near = padded[border + dy : border + dy + height, border + dx : border + dx + width]
-                gap = near - level
-                off = gap - (x * right + y * down)
-                off *= 1.0 / tolerance
-                np.multiply(off, off, out=off)
-                kept = np.maximum(1.0 - off, 0.0)
-                value = gap * kept
-                sums[0] += kept
-                if x:
-                    sums[1] += x * kept
-                    sums[3] += (x * x) * kept
-                    sums[7] += x * value
-                if y:
-                    sums[2] += y * kept
-                    sums[5] += (y * y) * kept
-                    sums[8] += y * value
-                if x and y:
-                    sums[4] += (x * y) * kept
-                sums[6] += value
-        level, right, down = _solve(sums, level, right, down)
-    return level, right * unit, down * unit
+    slopes = (slopes[0] / unit, slopes[1] / unit) if slopes else (flat, flat)
+    found = tuple(np.empty_like(inverse_depth) for _ in range(3))
+    steps = np.arange(-reach, reach + 1, dtype=int) * stride
+    # A band of rows at a time stays in the processor's cache.
+    for top in range(0, len(inverse_depth), BAND):
+        band = slice(top, top + BAND)
+        plane = inverse_depth[band], slopes[0][band], slopes[1][band]
+        around = padded[top : top + BAND + 2 * border]
+        for _ in range(rounds):
+            plane = _solve(_weighed(around, plane, steps, tolerance), *plane)
+        for whole, part in zip(found, plane, strict=True):
+            whole[band] = part
+    return found[0], found[1] * np.float32(unit), found[2] * np.float32(unit)
+
+
+def _weighed(around: Array, plane: tuple[Array, Array, Array], steps: Array, tolerance: float) -> Array:
+    """Sums for the normal equations (9, height, width) over the neighbours, by how near the plane they lie.
+
+    `around` holds the inverse depths of a band with a border; of the neighbours' places and their gaps to
+    the plane's level: n, x, y, xx, xy, yy, gap, x gap, y gap.
+    """
+    level, right, down = plane
+    height, width = level.shape
+    border = int(steps[-1])
+    unit = 1.0 / border
+    sums = np.zeros((9, height, width), np.float32)
+    gap, kept = np.empty_like(level), np.empty_like(level)
+    for dy in steps:
+        for dx in steps:
+            x, y = float(dx * unit), float(dy * unit)
+            near = around[border + dy : border + dy + height, border + dx : border + dx + width]
+            np.subtract(near, level, out=gap)
+            cv2.scaleAdd(right, -x, gap, dst=kept)
+            cv2.scaleAdd(down, -y, kept, dst=kept)
+            kept *= 1.0 / tolerance
+            np.multiply(kept, kept, out=kept)
+            np.subtract(1.0, kept, out=kept)
+            np.maximum(kept, 0.0, out=kept)
+            gap *= kept
+            for number, (value, factor) in enumerate(
+                ((kept, 1.0), (kept, x), (kept, y), (kept, x * x), (kept, x * y), (kept, y * y),
+                 (gap, 1.0), (gap, x), (gap, y))
+            ):  # fmt: skip
+                if factor == 1.0:
+                    sums[number] += value
+                elif factor:
+                    cv2.scaleAdd(value, factor, sums[number], dst=sums[number])
+    return sums
 
 
 def _solve(sums: Array, level: Array, right: Array, down: Array) -> tuple[Array, Array, Array]:

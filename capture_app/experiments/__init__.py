@@ -13,6 +13,7 @@ EXPERIMENTS: dict[str, str] = {
     "scale": "Thousands of clocks for an hour: one leader beside a tree of relays.",
     "link": "The same estimators on a real link, between two processes.",
     "led-panel": "The whole chain, read off pictures of the paper's LED panel.",
+    "reference-broadcast": "Clients that hear the same packets: how far apart, with it and without.",
     "naive": "Triggers without synchronization, modelled from the paper, against the chain.",
     "phase": "Injections, restarts, frame durations: how many, how long, beside the paper's way.",
 }

@@ -7,8 +7,8 @@ from capture_app.sync.reference import LEAST_COMMON
 from capture_app.sync.timebase import TimeMap
 
 _MS = 1_000_000
-KEPT, HALF_NS = 24, 3000 * _MS
-"""Newest beacons that are told of: six seconds at four a second, and half of that."""
+KEPT = 24
+"""Newest beacons that are told of: six seconds at four a second."""
 FADES_NS = 10_000 * _MS
 """Arrivals and agreements older than this count no more: the clock's own estimate is believed again."""
 TELL_EVERY_NS = 1000 * _MS
@@ -101,8 +101,8 @@ class Listener:
             return own
         uncertainty_ns = apart_ns = own.uncertainty_ns + abs(moved_ns)
         if agreed is not None:
-            # What the skew is not known to has changed the clock since those arrivals.
-            left_ns = abs(goal_ns - moved_ns) + own.skew_uncertainty * (now_ns - agreed[0] + HALF_NS)
+            # What is wrong in the skew has moved the clock since.
+            left_ns = abs(goal_ns - moved_ns) + own.skew_uncertainty * (now_ns - agreed[0])
             uncertainty_ns = min(uncertainty_ns, agreed[1].uncertainty_ns + left_ns)
             apart_ns = agreed[1].apart_ns + left_ns
         self.correction = Correction(moved_ns, apart_ns)

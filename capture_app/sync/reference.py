@@ -7,6 +7,7 @@ the clients hear. What is wrong in all their clocks alike cannot be seen.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import combinations
 from math import hypot
 from statistics import median
 
@@ -38,7 +39,7 @@ class Hearing:
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """How much later than agreed a client thinks that it hears, and its 95 % error, both in ns."""
+    """How much later than agreed a client thinks it heard its newest beacon, and the 95 % error; in ns."""
 
     late_ns: float
     apart_ns: float
@@ -55,14 +56,27 @@ class Cell:
 
     def place(self, hearing: Hearing) -> Place | None:
         """Place a client of this cell; None where it heard too few of the beacons that were agreed on."""
-        late_ns = [at_ns - self.agreed_ns[n] for n, at_ns in hearing.arrivals.items() if n in self.agreed_ns]
-        if len(late_ns) < LEAST_COMMON:
+        common = [n for n in hearing.arrivals if n in self.agreed_ns]
+        if len(common) < LEAST_COMMON:
             return None
-        middle_ns = middle(late_ns)
+        newest_ns = self.agreed_ns[max(common)]
+        times_ns = [float(self.agreed_ns[n] - newest_ns) for n in common]
+        late_ns = [float(hearing.arrivals[n] - self.agreed_ns[n]) for n in common]
+        # Seconds ago it was late by something else: its estimate's skew is wrong, too.
+        drift = slope(times_ns, late_ns)
+        late_now_ns = [late - drift * at for at, late in zip(times_ns, late_ns, strict=True)]
+        middle_ns = middle(late_now_ns)
         # The mean of many is far better than each, but nobody can see by how much two receivers differ
         # always: it is taken to be as much as each of them differs by chance.
-        off_ns = sorted(abs(value - middle_ns) for value in late_ns)
+        off_ns = sorted(abs(value - middle_ns) for value in late_now_ns)
         return Place(middle_ns, off_ns[int(0.95 * len(off_ns))])
+
+
+def slope(xs: Sequence[float], ys: Sequence[float]) -> float:
+    """Return the median of the slopes of all pairs (Theil 1950): a third of the points may be anything."""
+    points = list(zip(xs, ys, strict=True))
+    slopes = [(v - y) / (u - x) for (x, y), (u, v) in combinations(points, 2) if u != x]
+    return median(slopes) if slopes else 0.0
 
 
 def middle(values: Sequence[float]) -> float:

@@ -2,7 +2,9 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from html import escape
+from itertools import groupby
 
 from reconstruction import wording
 from reconstruction.results import DepthScores, StitchScores
@@ -14,12 +16,50 @@ STILL_COVERAGE = "At rest: given a distance"
 """What the measures are called, the same in every table."""
 
 
-def listing(caption: str, heads: str, rows: Sequence[str]) -> str:
-    """A table that scrolls by itself where it is wider than the page; `heads` and `rows` are HTML."""
-    return f"""<div class="wide" role="region" aria-label="{escape(caption)}"><table class="listing">
-<caption>{escape(caption)}</caption>
-<thead><tr>{heads}</tr></thead><tbody>
-{"".join(rows)}</tbody></table></div>"""
+@dataclass(frozen=True)
+class Head:
+    """The head of a column: its name, and the group and the tone (`synced`, `offset`) it belongs to."""
+
+    name: str
+    group: str = ""
+    tone: str = ""
+
+    def alone(self) -> str:
+        """Its name where it stands without its group above it."""
+        return f"{self.group}, {self.name.lower()}" if self.group else self.name
+
+    def html(self) -> str:
+        """The column's own head."""
+        dot = '<span class="dot"></span>' if self.tone else ""
+        return f'<th scope="col" class="{self.tone}">{dot}{escape(self.name)}</th>'
+
+
+def listing(caption: str, heads: Sequence[Head], rows: Sequence[Sequence[str]]) -> str:
+    """A table with a row for each thing; on a narrow screen a card for each.
+
+    Cells are HTML; the first of a row names it. Columns of one group must be neighbours.
+    """
+    body = []
+    for row in rows:
+        cells = "".join(
+            f'<td data-head="{escape(head.alone())}">{cell}</td>'
+            for head, cell in zip(heads[1:], row[1:], strict=True)
+        )
+        body.append(f'<tr><th scope="row">{row[0]}</th>{cells}</tr>\n')
+    groups = ""
+    if any(head.group for head in heads):
+        spans = [(group, len(list(ours))) for group, ours in groupby(heads, key=lambda head: head.group)]
+        groups = "".join(
+            f'<th scope="colgroup" colspan="{count}">{escape(group)}</th>'
+            if group
+            else f'<td colspan="{count}"></td>'
+            for group, count in spans
+        )
+        groups = f"<tr>{groups}</tr>\n"
+    return f"""<table class="listing"><caption>{escape(caption)}</caption>
+<thead>{groups}<tr>{"".join(head.html() for head in heads)}</tr></thead>
+<tbody>
+{"".join(body)}</tbody></table>"""
 
 
 def meter(fraction: float | None) -> str:

@@ -9,6 +9,7 @@ from reconstruction.report_cells import (
     EPIPOLAR,
     STILL_COVERAGE,
     WITHIN,
+    Head,
     interval,
     listing,
     score_of,
@@ -59,7 +60,7 @@ def conditions_table(result: CompareResult) -> str:
         return ""
     return listing(
         "All conditions, moving things",
-        "".join(f'<th scope="col">{name}</th>' for name in ("Condition", *(name for _, name, _ in columns))),
+        [Head("Condition"), *(Head(name) for _, name, _ in columns)],
         [_condition_row(row, columns) for row in rows],
     )
 
@@ -81,15 +82,14 @@ def _value(row: _Row, key: str) -> float | None:
     return None if scores is None else score_of(scores, key)
 
 
-def _condition_row(row: _Row, columns: list[tuple[str, str, _Show]]) -> str:
+def _condition_row(row: _Row, columns: list[tuple[str, str, _Show]]) -> list[str]:
     name, details = row[:2]
-    cells = []
+    cells = [escape(name) + (f"<small>{escape(details)}</small>" if details else "")]
     for key, _, show in columns:
         scores = _scores(row, key)
         ranged = interval(scores, key, share=show is wording.share) if scores else ""
-        cells.append(f"<td>{escape(show(_value(row, key)))}{ranged}</td>")
-    small = f"<small>{escape(details)}</small>" if details else ""
-    return f'<tr><th scope="row">{escape(name)}{small}</th>{"".join(cells)}</tr>'
+        cells.append(f"{escape(show(_value(row, key)))}{ranged}")
+    return cells
 
 
 _INSTANT_COLUMNS: tuple[tuple[str, str, _Show], ...] = (
@@ -108,23 +108,16 @@ def instants_table(stereo: StereoResult) -> str:
     ]
     if not columns:
         return ""
-    heads = "".join(f'<th scope="colgroup" colspan="2">{name}</th>' for _, name, _ in columns)
-    sides = (
-        '<th scope="col" class="synced"><span class="dot"></span>Synced</th>'
-        '<th scope="col" class="offset"><span class="dot"></span>Late</th>'
-    )
-    rows = []
-    for row in stereo.per_instant:
-        cells = "".join(
-            f"<td>{escape(show(row.get(f'{condition}_{key}')))}</td>"
-            for key, _, show in columns
-            for condition in ("synced", "offset")
-        )
-        rows.append(f'<tr><th scope="row">{row["instant"]}</th><td>{row["mover_pixels"]}</td>{cells}</tr>')
-    table = listing(
-        f"Moving things, cameras {stereo.reference} and {stereo.other}",
-        f'<td></td><td></td>{heads}</tr>\n<tr><th scope="col">Instant</th><th scope="col">Moving pixels</th>'
-        f"{sides * len(columns)}",
-        rows,
-    )
+    sides = (("synced", "Synced"), ("offset", "Late"))
+    heads = [Head("Instant"), Head("Moving pixels")]
+    heads += [Head(side, group=name, tone=tone) for _, name, _ in columns for tone, side in sides]
+    rows = [
+        [
+            f'<span class="narrow">Instant </span>{row["instant"]}',
+            str(row["mover_pixels"]),
+            *(escape(show(row.get(f"{tone}_{key}"))) for key, _, show in columns for tone, _ in sides),
+        ]
+        for row in stereo.per_instant
+    ]
+    table = listing(f"Moving things, cameras {stereo.reference} and {stereo.other}", heads, rows)
     return f"<details><summary>Every instant by itself</summary>\n{table}</details>\n"

@@ -8,7 +8,7 @@ from string import Template
 from capture_app.session.durable import write_whole
 from reconstruction import wording
 from reconstruction.dose_plot import dose_plot
-from reconstruction.report_cells import COVERAGE, EPIPOLAR, STILL_COVERAGE, WITHIN, listing
+from reconstruction.report_cells import COVERAGE, EPIPOLAR, STILL_COVERAGE, WITHIN, Head, listing
 from reconstruction.results import DoseResult, Interval
 
 REPORT = "report.html"
@@ -107,16 +107,9 @@ def _table(dose: DoseResult) -> str:
             wording.quantity(scores.mover_epipolar_px, "px"),
             wording.share(scores.static_coverage),
         ]
-        late = escape(wording.milliseconds(round(point.offset_ms, 1)))
-        rows.append(
-            f'<tr><th scope="row">{late}</th>' + "".join(f"<td>{cell}</td>" for cell in cells) + "</tr>"
-        )
-    heads = ["Late by", *([WITHIN] if true else []), COVERAGE, EPIPOLAR, STILL_COVERAGE]
-    return listing(
-        "By lateness, moving things (small: 95 % intervals)",
-        "".join(f'<th scope="col">{head}</th>' for head in heads),
-        rows,
-    )
+        rows.append([escape(wording.milliseconds(round(point.offset_ms, 1))), *cells])
+    names = ["Late by", *([WITHIN] if true else []), COVERAGE, EPIPOLAR, STILL_COVERAGE]
+    return listing("By lateness, moving things (small: 95 % intervals)", [Head(name) for name in names], rows)
 
 
 def _ranged(value: float | None, found: Interval | None) -> str:

@@ -62,7 +62,7 @@ def depth_table(stereo: StereoResult, offset_ms: float) -> str:
             )
         )
     heads = _heads(offset_ms)
-    return f"""<table style="--columns: 4">
+    return f"""<table class="twin" style="--columns: 4">
 <caption>Depth from cameras {escape(stereo.reference)} and {escape(stereo.other)}</caption>
 <thead><tr><td></td><th scope="colgroup" colspan="2">Moving things</th>
 <th scope="colgroup" colspan="2">Things at rest (control)</th></tr>
@@ -109,7 +109,7 @@ def panorama_table(stitch: StitchResult, offset_ms: float) -> str:
             ranges = [interval(scores, key, share=False) for scores in (stitch.synced, stitch.offset)]
             cells = [(v, wording.quantity(v, unit), kind, False) for v in values]
             rows.append(_row(name, text, cells, ranges))
-    return f"""<table style="--columns: 2">
+    return f"""<table class="twin" style="--columns: 2">
 <caption>Panorama of cameras {escape(" and ".join(stitch.cameras))}</caption>
 <thead><tr><td></td>{_heads(offset_ms)}</tr></thead>
 <tbody>

@@ -87,7 +87,8 @@ for (const sweep of document.querySelectorAll(".sweep")) {
     reel.addEventListener("pointermove", drag);
     reel.addEventListener("dragstart", (event) => event.preventDefault());
   }
-  new IntersectionObserver(([entry]) => { inView = entry.isIntersecting; wait(); }).observe(sweep);
+  const seen = (entries) => { inView = entries.at(-1).isIntersecting; wait(); };
+  new IntersectionObserver(seen).observe(sweep);
   show(0);
   play(!still.matches);
 }

@@ -1,0 +1,126 @@
+"""Beacons over IPv4 multicast: sent on every interface that clients are reached by, heard on the leader's.
+
+Whatever does not work here is silence: clients then keep the time by their own exchanges, as ever.
+"""
+
+import contextlib
+import socket
+from collections.abc import Callable, Iterable
+
+from capture_app.net.udp import Clock, Pump
+from capture_app.sync.beacon import Group
+
+BEACONS = Group("239.255.47.10", 47011)
+"""The same for all rigs: a beacon says which leader sent it."""
+HOPS = 1
+"""No router passes it on: who hears it is on the same network."""
+
+# Linux's number, which the socket module does not have: hear no groups that others on this host have joined.
+_IP_MULTICAST_ALL = 49
+
+
+def local_address(host: str) -> str | None:
+    """Return this machine's IPv4 address on the way to a host; None where there is no such way."""
+    with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        # Connecting a datagram socket sends nothing: it only asks for the route.
+        probe.connect((host, 9))
+        return str(probe.getsockname()[0])
+    return None
+
+
+class BeaconSender:
+    """Sends to a group on all interfaces by which some hosts are reached."""
+
+    def __init__(self, group: Group) -> None:
+        self._group = group
+        self._interfaces: tuple[str, ...] = ()
+        self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self._socket.setblocking(False)
+        self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, HOPS)
+        # Nodes on this machine hear it too, each in a cell of its own kind.
+        self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
+
+    def reach(self, hosts: Iterable[str]) -> None:
+        """Send on the interfaces that lead to these hosts from now on."""
+        found = {local_address(host) for host in set(hosts) if ":" not in host}
+        self._interfaces = tuple(sorted(address for address in found if address is not None))
+
+    def send(self, data: bytes) -> None:
+        """Send a beacon; where it cannot leave, nobody hears it."""
+        for address in self._interfaces:
+            with contextlib.suppress(OSError):
+                interface = socket.inet_aton(address)
+                self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, interface)
+                self._socket.sendto(data, (self._group.host, self._group.port))
+
+    def close(self) -> None:
+        """Send no more. Calling it twice is harmless."""
+        self._socket.close()
+
+
+class BeaconEar:
+    """Listens to the group of the leader that was joined last; beacons go to `take` with their local time."""
+
+    def __init__(
+        self, take: Callable[[bytes, int], None], clock: Clock, after_turn: Callable[[], None]
+    ) -> None:
+        self._take = take
+        self._clock = clock
+        self._after_turn = after_turn
+        self._pump: Pump | None = None
+
+    def follow(self, group: Group | None, leader_host: str) -> None:
+        """Listen to a group on the interface towards the leader, and no longer to what was before."""
+        self.close()
+        sock = None if group is None else listen(group, leader_host)
+        if sock is not None:
+            self._pump = Pump(_Listening(self._take), self._clock, self._after_turn)
+            self._pump.start(sock)
+
+    def close(self) -> None:
+        """Listen no more. Calling it twice is harmless."""
+        if self._pump is not None:
+            self._pump.close()
+            self._pump = None
+
+
+def listen(group: Group, leader_host: str) -> socket.socket | None:
+    """Return a socket that hears a group on the interface towards a host; None where that cannot be."""
+    address = None if ":" in leader_host else local_address(leader_host)
+    if address is None:
+        return None
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    try:
+        sock.setblocking(False)
+        # Other nodes of this machine listen to the same.
+        sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        with contextlib.suppress(OSError):
+            sock.setsockopt(socket.IPPROTO_IP, _IP_MULTICAST_ALL, 0)
+        sock.bind((group.host, group.port))
+        membership = socket.inet_aton(group.host) + socket.inet_aton(address)
+        sock.setsockopt(socket.IPPROTO_IP, socket.IP_ADD_MEMBERSHIP, membership)
+    except OSError:
+        sock.close()
+        return None
+    return sock
+
+
+class _Listening:
+    """An engine that only hears."""
+
+    def __init__(self, take: Callable[[bytes, int], None]) -> None:
+        self._take = take
+
+    def receive_datagram(self, data: bytes, address: tuple[str, int], now_ns: int) -> None:
+        """Take in one datagram, whoever sent it: only beacons of the leader that was joined count."""
+        self._take(data, now_ns)
+
+    def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, tuple[str, int]]]:
+        """Send nothing."""
+        return []
+
+    def next_timer(self) -> None:
+        """Want nothing."""
+
+    def handle_timer(self, now_ns: int) -> None:
+        """Do nothing."""

@@ -103,12 +103,24 @@ class Bench:
         frame = self.take()
         return None if frame.dropped else self.judge(frame, hold=hold)
 
-    def judge(self, frame: SensorFrame, *, hold: bool = False) -> Look:
-        """Let the aligner judge its stream after that frame, and carry out what it asks for."""
+    def judge(
+        self, frame: SensorFrame, *, hold: bool = False, burst_ns: tuple[int, int] | None = None
+    ) -> Look:
+        """Let the aligner judge its stream after that frame, and carry out what it asks for.
+
+        `burst_ns` are the first and last instant of a burst that is due.
+        """
         now_ns = self.now_ns
         offset_ns = round(self._clock_rng.gauss(0.0, self._clock_noise_ns)) if self._clock_noise_ns else 0
         time_map = TimeMap(0, offset_ns, 0.0, 0.0, 0.0, 0.0, 0.0, 300, 1000)
-        command = self.aligner.step(time_map, self.goal, now_ns, hold=hold, agreed_leader_ns=self.agreed_ns)
+        command = self.aligner.step(
+            time_map,
+            self.goal,
+            now_ns,
+            hold=hold,
+            burst_leader_ns=burst_ns,
+            agreed_leader_ns=self.agreed_ns,
+        )
         error_ns = self.goal.phase_error(frame.start_true_ns)
         look = Look(now_ns, error_ns, self.aligner.aligned, self.aligner.corrections)
         if command is not None:

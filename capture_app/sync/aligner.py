@@ -3,6 +3,7 @@
 import random
 from dataclasses import dataclass
 
+from capture_app.sync.aim import Aim, Course, to_burst, to_meet, to_stay
 from capture_app.sync.commands import CameraCommand, RestartStream, SetFrameDuration
 from capture_app.sync.frame_duration import FrameDurationController
 from capture_app.sync.injection import InjectionController, InjectionProfile
@@ -19,6 +20,8 @@ JUDGED_STARTS_FRAMES = 10
 HOPELESS_PPM = 1000.0
 INJECTION_LEAD_FRAMES = 9
 """From the command until the phase is known again: 2-4 frames of latency, the long ones, five calm ones."""
+BURST_LEAD_FRAMES = 12
+"""From the command to a burst: four of latency, three long ones in the time of six, two to spare."""
 INJECTION_TIMEOUT_NS = 5_000_000_000
 STEP_LEAD_FRAMES = 5
 """From the command until a frame of another duration counts."""
@@ -30,8 +33,6 @@ DEFAULT_HOLD_NS = {
     "reset": 10_000_000_000,
     "none": 2_000_000_000,
 }
-LARGEST_AIM = 0.6
-"""Most that drift is met half-way, as a share of the tolerance."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -202,13 +203,17 @@ class Aligner:
         now_local_ns: int,
         *,
         hold: bool = False,
+        burst_leader_ns: tuple[int, int] | None = None,
         agreed_leader_ns: int | None = None,
     ) -> CameraCommand | None:
         """Judge the stream now, and return the command to carry out at once, if one is needed.
 
-        `hold=True` begins no correction that shows in pictures: a burst is due. A stream that can only be
-        restarted is judged by its phase at `agreed_leader_ns`, if that is still to come.
+        `hold=True` begins no correction that shows in pictures. Nor does any from shortly before a burst
+        on, whose first and last instants are `burst_leader_ns`; before that, injections whose effect is
+        known bring the stream to its goal for that burst. A stream that can only be restarted is judged by
+        its phase at `agreed_leader_ns`, if that is still to come.
         """
+        hold = hold or burst_leader_ns is not None
         self.catch_up(now_local_ns)
         now_leader_ns = time_map.leader_from_local(now_local_ns)
         now = self.estimate(time_map, goal, now_leader_ns)
@@ -221,36 +226,54 @@ class Aligner:
         self.aligned = not self.problem and abs(now.error_ns) <= self._tolerance_ns + grace_ns
         if self.problem or self._controller is None:
             return None
-        drift = now.drift_ppm * 1e-6
-        lead_ns = self._lead_ns()
-        error_ns = now.error_ns + drift * lead_ns + self._phase.shift_to_come(now_local_ns)
-        if self._duration is not None:
-            if hold and abs(error_ns) > self._duration.fine_ns:
-                return None
-            aim_ns = 0.0
-        elif hold:
-            return None
-        elif self._reset is not None and agreed_leader_ns is not None and agreed_leader_ns > now_leader_ns:
-            ahead_ns = agreed_leader_ns - now_leader_ns
-            if abs(now.error_ns + drift * ahead_ns) <= self._tolerance_ns + grace_ns:
-                return None
-            aim_ns = -drift * (ahead_ns - lead_ns)
+        course = Course(
+            now.error_ns + self._phase.shift_to_come(now_local_ns),
+            now.drift_ppm * 1e-6,
+            self._tolerance_ns,
+            grace_ns,
+        )
+        agreed_ns = 0 if agreed_leader_ns is None else max(0, agreed_leader_ns - now_leader_ns)
+        if burst_leader_ns is None:
+            aim = None if hold and self._duration is None else self._aim(course, agreed_ns)
         else:
-            leaving = abs(error_ns) > self._tolerance_ns + grace_ns
-            if not (leaving if self._injection else not self.aligned):
-                return None
-            furthest_ns = LARGEST_AIM * self._tolerance_ns
-            aim_ns = min(max(-drift * self._hold_ns / 2, -furthest_ns), furthest_ns)
-        landing_local_ns = now_local_ns + lead_ns
+            first_ns, last_ns = burst_leader_ns
+            aim = self._aim_before(course, first_ns - now_leader_ns, last_ns - first_ns)
+        if aim is None:
+            return None
+        if self._duration is not None and hold and abs(aim.error_ns) > self._duration.fine_ns:
+            return None
+        landing_local_ns = now_local_ns + aim.lead_ns
         move = Move(
             now_local_ns=now_local_ns,
-            wanted_local_ns=self._wanted(time_map, goal, landing_local_ns) + round(aim_ns),
-            shift_ns=round((aim_ns - error_ns) % self._phase.period_ns),
+            wanted_local_ns=self._wanted(time_map, goal, landing_local_ns) + round(aim.wanted_ns),
+            shift_ns=round((aim.wanted_ns - aim.error_ns) % self._phase.period_ns),
             period_ns=self._phase.period_ns,
             tolerance_ns=self._tolerance_ns,
-            aim_ns=aim_ns,
+            aim_ns=aim.off_centre_ns,
         )
         return self._give(self._controller.command(move), now_local_ns)
+
+    def _aim(self, course: Course, agreed_ns: int) -> Aim | None:
+        """Where the stream should be moved to stay; None if nothing is to be done."""
+        lead_ns = self._lead_ns()
+        if self._duration is not None:
+            return Aim(lead_ns, course.after(lead_ns), 0.0, 0.0)
+        if self._reset is not None:
+            if agreed_ns > 0:
+                return to_meet(course, lead_ns, agreed_ns)
+            return None if self.aligned else to_stay(course, lead_ns, self._hold_ns)
+        if course.is_in(course.after(lead_ns)):
+            return None
+        return to_stay(course, lead_ns, self._hold_ns)
+
+    def _aim_before(self, course: Course, begins_ns: int, lasts_ns: int) -> Aim | None:
+        """Where the stream should be moved for a burst that is due."""
+        if self._duration is not None:
+            return self._aim(course, 0)
+        if self._injection is None or self._injection.profile is None:
+            return None
+        ready_ns = BURST_LEAD_FRAMES * self._phase.period_ns
+        return to_burst(course, self._lead_ns(), ready_ns, begins_ns, lasts_ns)
 
     def _give(self, command: CameraCommand | None, now_local_ns: int) -> CameraCommand | None:
         """Remember what is expected of a command, and pass it on."""

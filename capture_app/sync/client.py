@@ -308,13 +308,13 @@ class Client(Generic[F]):
         member, time_map = self._member, self.time_map
         if member is None or time_map is None or not self._timekeeper.synced:
             return
-        if self._steering.step(member, time_map, now_ns, hold=self._burst_is_near(now_ns, time_map)):
+        if self._steering.step(member, time_map, now_ns, burst_leader_ns=self._burst_near(now_ns, time_map)):
             self._heartbeat_due_ns = min(self._heartbeat_due_ns, now_ns)
         while (event := self._steering.next_event()) is not None:
             self._events.append(event)
 
-    def _burst_is_near(self, now_ns: int, time_map: TimeMap) -> bool:
-        return self._bursts.any_before(time_map.leader_from_local(now_ns + HOLD_BEFORE_BURST_NS))
+    def _burst_near(self, now_ns: int, time_map: TimeMap) -> tuple[int, int] | None:
+        return self._bursts.first_before(time_map.leader_from_local(now_ns + HOLD_BEFORE_BURST_NS))
 
     def _take_trigger(self, member: Membership, trigger: Trigger) -> None:
         refusal = ""

@@ -33,9 +33,13 @@ class PendingBursts(Generic[F]):
         if key not in self._done:
             self._triggers[key] = trigger
 
-    def any_before(self, leader_ns: int) -> bool:
-        """Whether a burst begins before a leader time in ns, or has begun."""
-        return any(trigger.first_leader_ns <= leader_ns for trigger in self._triggers.values())
+    def first_before(self, leader_ns: int) -> tuple[int, int] | None:
+        """First and last instant of the earliest burst that has begun, or does before a leader time in ns."""
+        spans = [
+            (t.first_leader_ns, t.first_leader_ns + (t.count - 1) * t.step_ns)
+            for t in self._triggers.values()
+        ]
+        return min((span for span in spans if span[0] <= leader_ns), default=None)
 
     def pick_due(
         self,

@@ -66,8 +66,18 @@ class Steering:
             return None
         return member.goal.instant(member.goal.index_of(phase.at_leader_ns)) + phase.error_ns
 
-    def step(self, member: Membership, time_map: TimeMap, now_ns: int, *, hold: bool) -> bool:
-        """Judge the stream and command what it needs, unless on hold; whether the leader should know now."""
+    def step(
+        self,
+        member: Membership,
+        time_map: TimeMap,
+        now_ns: int,
+        *,
+        burst_leader_ns: tuple[int, int] | None,
+    ) -> bool:
+        """Judge the stream and command what it needs; whether the leader should know now.
+
+        `burst_leader_ns` are the first and last instant of a burst that is near, None where none is.
+        """
         was_ready, aligner = self.ready, self.aligner
         before, corrections = self.phase(member, time_map, now_ns), aligner.corrections
         aligner.catch_up(now_ns)
@@ -78,7 +88,8 @@ class Steering:
             time_map,
             member.goal_of_stamps,
             now_ns,
-            hold=hold or not member.may_move,
+            hold=not member.may_move,
+            burst_leader_ns=burst_leader_ns,
             agreed_leader_ns=member.agreed_leader_ns,
         )
         if command is not None:

@@ -63,6 +63,43 @@ def test_unknown_phones_take_two_injections_and_known_ones_one() -> None:
     assert sum(way.seconds is None for way in theirs) > len(theirs) / 2
 
 
+def burst_after(bench: Bench, ahead_ns: int) -> int:
+    """Let a burst of one frame come, told so long before; return the true error of its frame in ns."""
+    at_ns = bench.goal.instant(bench.goal.index_of(bench.now_ns + ahead_ns))
+    while True:
+        frame = bench.take()
+        if abs(frame.start_true_ns - at_ns) < bench.goal.period_ns // 2:
+            assert frame.exposure_ns < bench.goal.period_ns, "no long frame in a burst"
+            return bench.goal.phase_error(frame.start_true_ns)
+        assert frame.start_true_ns < at_ns + bench.goal.period_ns
+        if not frame.dropped:
+            bench.judge(frame, burst_ns=(at_ns, at_ns))
+
+
+@pytest.mark.parametrize("ahead_ns", [450_000_000, 1_900_000_000])
+@pytest.mark.parametrize("ppm", [-30.0, 30.0])
+def test_a_phone_is_brought_to_its_goal_for_a_burst(ppm: float, ahead_ns: int) -> None:
+    phone = PROFILES["phone-a"]
+    bench = Bench(phone, 6, 60_000, ppm=ppm, known=learned(phone))
+    bench.run(30 * S, until=lambda look: look.aligned)
+    errors = []
+    for _ in range(5):
+        bench.run(3 * S)
+        errors.append(burst_after(bench, ahead_ns))
+    assert max(map(abs, errors)) < 0.25 * 60_000 + 2_000
+    assert sum(map(abs, errors)) < 5 * phone.row_time_ns
+
+
+def test_a_burst_that_is_too_near_is_left_in_peace() -> None:
+    phone = PROFILES["phone-a"]
+    bench = Bench(phone, 6, 60_000, ppm=30.0, known=learned(phone))
+    bench.run(30 * S, until=lambda look: look.aligned)
+    bench.run(3 * S)
+    commands = len(bench.commands)
+    burst_after(bench, 380_000_000)
+    assert len(bench.commands) == commands
+
+
 def test_cameras_that_only_restart_meet_sooner_than_the_papers_way() -> None:
     webcam = PROFILES["webcam"]
     ours = [reset_together(webcam, 4, 20.0, n, 1_000_000, aimed=True).seconds for n in range(4)]

@@ -1,7 +1,7 @@
 """The verdict says what the figures say, also where they say nothing."""
 
 from reconstruction.results import DepthScores, StereoResult, StitchResult, StitchScores
-from reconstruction.verdict import verdict
+from reconstruction.verdict import together, verdict
 
 
 def stereo(synced: float, offset: float, still: float = 0.8, *, truth: bool = True) -> StereoResult:
@@ -36,6 +36,23 @@ def test_without_truth_nothing_is_called_right() -> None:
 
 def test_a_control_that_changes_takes_the_conclusion_away() -> None:
     assert "timing alone" not in verdict(stereo(0.97, 0.01, still=0.5), None, 66.7, 0.1)
+
+
+def test_cameras_that_were_never_together_are_not_called_synchronized() -> None:
+    def seen(moving: float, rows: float) -> StereoResult:
+        scores = DepthScores(
+            mover_coverage=moving, static_coverage=0.96, mover_epipolar_px=rows, static_epipolar_px=0.05
+        )
+        return StereoResult(reference="a", other="b", synced=scores, offset=scores)
+
+    text = verdict(seen(0.04, 9.8), None, 66.7, 0.1)
+    assert text.startswith("These cameras were not synchronized.")
+    assert "a distance is found for 4 % of what moves but for 96 % of what stands still" in text
+    assert "out of place by 10 pixels" in text
+    # A blank thing that no pair can match, and a pair that matches it well, say nothing against the times.
+    assert together(seen(0.04, 0.2))
+    assert together(seen(0.9, 1.5))
+    assert together(stereo(0.04, 0.02))
 
 
 def test_no_difference_is_said_as_such() -> None:

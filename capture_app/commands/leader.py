@@ -25,6 +25,7 @@ class EngineOptions(TypedDict):
     period_ns: int | None
     align_row: float | None
     freedom_ns: int
+    reference_broadcast: bool
 
 
 @click.command()
@@ -78,6 +79,12 @@ class EngineOptions(TypedDict):
     show_default=True,
     help="Put a burst off by up to this, to where the frames are predicted to meet best.",
 )
+@click.option(
+    "--reference-broadcast/--no-reference-broadcast",
+    default=False,
+    show_default=True,
+    help="Send multicast beacons: nodes alike that hear one access point agree better with each other.",
+)
 @spool_option
 @json_option
 def leader(
@@ -88,6 +95,7 @@ def leader(
     align: str,
     align_row: float,
     freedom_ms: float,
+    reference_broadcast: bool,
     cameras: tuple[str, ...],
     spool: Path,
     as_json: bool,
@@ -100,6 +108,7 @@ def leader(
         "period_ns": None if fps is None else round(1e9 / fps),
         "align_row": align_row if align == "centre" else None,
         "freedom_ns": round(freedom_ms * 1e6),
+        "reference_broadcast": reference_broadcast,
     }
     run_until_stopped(_lead(host, port, sessions, engine, cameras, spool, as_json))
 

@@ -33,6 +33,7 @@ class BeaconSender:
 
     def __init__(self, group: Group) -> None:
         self._group = group
+        self._hosts: frozenset[str] = frozenset()
         self._interfaces: tuple[str, ...] = ()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
@@ -42,16 +43,23 @@ class BeaconSender:
 
     def reach(self, hosts: Iterable[str]) -> None:
         """Send on the interfaces that lead to these hosts from now on."""
-        found = {local_address(host) for host in set(hosts) if ":" not in host}
+        wanted = frozenset(hosts)
+        if wanted == self._hosts:
+            return
+        self._hosts = wanted
+        found = {local_address(host) for host in wanted if ":" not in host}
         self._interfaces = tuple(sorted(address for address in found if address is not None))
 
     def send(self, data: bytes) -> None:
         """Send a beacon; where it cannot leave, nobody hears it."""
         for address in self._interfaces:
-            with contextlib.suppress(OSError):
+            try:
                 interface = socket.inet_aton(address)
                 self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, interface)
                 self._socket.sendto(data, (self._group.host, self._group.port))
+            except OSError:
+                # The interface may have another address now.
+                self._hosts = frozenset()
 
     def close(self) -> None:
         """Send no more. Calling it twice is harmless."""
@@ -74,7 +82,7 @@ class BeaconEar:
         self.close()
         sock = None if group is None else listen(group, leader_host)
         if sock is not None:
-            self._pump = Pump(_Listening(self._take), self._clock, self._after_turn)
+            self._pump = Pump(_Listening(self._take, self._after_turn), self._clock, lambda: None)
             self._pump.start(sock)
 
     def close(self) -> None:
@@ -108,12 +116,14 @@ def listen(group: Group, leader_host: str) -> socket.socket | None:
 class _Listening:
     """An engine that only hears."""
 
-    def __init__(self, take: Callable[[bytes, int], None]) -> None:
+    def __init__(self, take: Callable[[bytes, int], None], after_turn: Callable[[], None]) -> None:
         self._take = take
+        self._after_turn = after_turn
 
     def receive_datagram(self, data: bytes, address: tuple[str, int], now_ns: int) -> None:
         """Take in one datagram, whoever sent it: only beacons of the leader that was joined count."""
         self._take(data, now_ns)
+        self._after_turn()
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, tuple[str, int]]]:
         """Send nothing."""

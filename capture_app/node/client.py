@@ -12,6 +12,7 @@ from pathlib import Path
 from capture_app.cameras.base import Camera, CameraInfo, CapturedFrame, PhaseControl
 from capture_app.errors import CameraError, NetworkError, SimulshotError
 from capture_app.net.address import Address, resolve
+from capture_app.net.multicast import BeaconEar
 from capture_app.net.udp import Pump, client_socket
 from capture_app.node.device_profiles import DeviceProfiles
 from capture_app.node.messages import CameraReport, JsonValue
@@ -81,6 +82,7 @@ class ClientNode:
         self._engine: Client[CapturedFrame] | None = None
         self._candidates: Candidates[CapturedFrame]
         self._pump: Pump | None = None
+        self._ear: BeaconEar
         self._uploader = Uploader(self._talk, None if spool is None else Spool(spool, name))
         self._commands: asyncio.Queue[tuple[CameraCommand, int]] = asyncio.Queue()
         """Each with the local time in ns that the engine reckoned with."""
@@ -140,6 +142,7 @@ class ClientNode:
         self._engine.stream_started(started_ns)
         self._candidates = Candidates(self._engine, peers)
         self._pump = Pump(self._candidates, self._clock.now_ns, self._drain)
+        self._ear = BeaconEar(self._engine.receive_broadcast, self._clock.now_ns, self._pump.turn)
         self._pump.start(sock)
         try:
             async with asyncio.TaskGroup() as tasks:
@@ -153,6 +156,7 @@ class ClientNode:
             self._engine.leave()
             self._pump.turn()
             self._pump.close()
+            self._ear.close()
 
     # The camera
 
@@ -258,6 +262,7 @@ class ClientNode:
             camera = record_of(self.name, description(self._info))
             leader = Address(self._candidates.leader[0], event.transfer_port)
             self._uploader.leader_found(leader, camera)
+            self._ear.follow(event.beacons, leader.host)
             if len(self._leaders) > 1:
                 self._talk(f"joined {leader}")
         line = {"local_ns": now_ns, **event_line(event)}

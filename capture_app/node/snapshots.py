@@ -73,6 +73,8 @@ def _node_status(view: ClientView, depth: int) -> NodeStatus:
         corrections=report.corrections,
         frames=report.frames,
         drops=report.drops,
+        moved_ns=report.moved_ns,
+        apart_ns=report.apart_ns,
         parent=view.via,
         depth=depth,
         last_seen_ns=view.age_ns,

@@ -5,22 +5,19 @@ import threading
 from collections.abc import AsyncIterator, Callable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import AsyncExitStack, asynccontextmanager
-from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import ParamSpec, TypeVar
 
-import msgspec
-
 from capture_app.errors import BadInputError, DiskFullError, SimulshotError, TryAgainError
-from capture_app.node.incoming import Incoming, begun
+from capture_app.node.closing import write_manifest
+from capture_app.node.incoming import Incoming
+from capture_app.node.interrupted import Interrupted
 from capture_app.node.messages import CameraReport, Held, ImageUpload
-from capture_app.node.plans import camera_plan, record_of, report_of, true_clock_of
+from capture_app.node.plans import first_plan, record_of, with_report
+from capture_app.node.share import Share
 from capture_app.node.status import BurstStatus
-from capture_app.session.calibration import Calibration
 from capture_app.session.manifest import BurstRecord, CameraRecord, MissingImage
-from capture_app.session.plan import Plan
-from capture_app.session.reader import Session
 from capture_app.session.store import SessionWriter
 from capture_app.sync.messages import CameraDescription
 from capture_app.sync.trigger import Burst
@@ -36,32 +33,18 @@ P = ParamSpec("P")
 T = TypeVar("T")
 
 
-@dataclass(slots=True)
-class _Share:
-    """What one camera owes to the burst; times in ns of the leader's clock."""
-
-    camera: CameraRecord
-    heard_ns: int
-    streams: int = 0
-    report: CameraReport | None = None
-    instants: set[int] = field(default_factory=set)
-    given_up: str = ""
-    silent: bool = False
-    """Given up because nothing was heard of it: it may still have its images."""
-    incoming: Incoming | None = None
-    # One write at a time: a node that sends again after a broken stream meets its own first try.
-    writing: asyncio.Lock = field(default_factory=asyncio.Lock)
-
-    def is_complete(self) -> bool:
-        return bool(self.given_up) or (self.report is not None and self.instants >= set(self.report.instants))
-
-
 class BurstSession:
     """Collects one burst into a session; finished when every camera has delivered or is given up."""
 
     def __init__(
-        self, burst: Burst, cameras: Mapping[str, CameraDescription | CameraRecord], writer: SessionWriter
+        self,
+        burst: Burst,
+        cameras: Mapping[str, CameraDescription | CameraRecord],
+        writer: SessionWriter,
+        *,
+        shares: dict[str, Share] | None = None,
     ) -> None:
+        """`shares` are those of an earlier run, in the place of the cameras' first ones."""
         self.burst = burst
         self.finished = asyncio.Event()
         self.session: Path | None = None
@@ -74,7 +57,9 @@ class BurstSession:
         """What an earlier finish of this session gave up, and why."""
         self._resumed = False
         begin_ns = burst.instants_ns[-1] + AFTER_LAST_INSTANT_NS
-        self._shares = {name: _Share(record_of(name, cameras[name]), begin_ns) for name in burst.clients}
+        self._shares = shares or {
+            name: Share(record_of(name, cameras[name]), begin_ns) for name in burst.clients
+        }
 
     @classmethod
     def resume(cls, folder: Path, heard_ns: int) -> "BurstSession":
@@ -83,31 +68,10 @@ class BurstSession:
         Blocks on the disk. Raises BadInputError where the session has no plan, TryAgainError where another
         process writes it.
         """
-        writer = SessionWriter.resume(folder)
-        plan = writer.plan
-        assert plan is not None
-        cameras = {share.camera.name: share.camera for share in plan.cameras}
-        burst = Burst(
-            plan.number,
-            plan.burst.instants_ns,
-            plan.burst.period_ns,
-            plan.burst.instants_ns[0] if plan.burst.requested_ns is None else plan.burst.requested_ns,
-            tuple(cameras),
-        )
-        session = cls(burst, cameras, writer)
+        before = Interrupted.read(folder, heard_ns)
+        session = cls(before.burst, {}, before.writer, shares=before.shares)
         session._resumed = True
-        for told in plan.cameras:
-            share = session._shares[told.camera.name]
-            share.heard_ns = heard_ns
-            share.report = report_of(plan, told)
-            has = (writer.image(told.camera.name, n) is not None for n in range(len(burst.instants_ns)))
-            share.instants = {instant for instant, there in enumerate(has) if there}
-        for camera, instant in writer.damaged:
-            gap = MissingImage(
-                camera=camera, instant=instant, reason="its file was damaged or lost after it came"
-            )
-            session._lost[camera, instant] = gap
-        session._take_over_losses()
+        session._lost = before.lost
         return session
 
     async def begin(self, leader: int) -> None:
@@ -115,15 +79,8 @@ class BurstSession:
 
         Raises DiskFullError where there is no room for it.
         """
-        plan = Plan(
-            name=self._writer.name,
-            created=self._writer.created,
-            software=self._writer.software,
-            leader=leader,
-            number=self.burst.number,
-            burst=self._record,
-            cameras=tuple(camera_plan(share.camera, None) for share in self._shares.values()),
-        )
+        cameras = [share.camera for share in self._shares.values()]
+        plan = first_plan(self._writer, leader, self.burst.number, self._record, cameras)
         async with self._all_quiet():
             await self._on_disk(self._writer.set_plan, plan)
 
@@ -194,7 +151,7 @@ class BurstSession:
             await self._on_disk(self._note_report, report)
             share.report, share.given_up, share.silent = report, "", False
             share.heard_ns = max(share.heard_ns, now_ns)
-            held = await self._on_disk(self._held, share)
+            held = await self._on_disk(share.held, self._writer)
         await self.finish_if_complete()
         return held
 
@@ -281,7 +238,7 @@ class BurstSession:
         loop = asyncio.get_running_loop()
         return await loop.run_in_executor(self._disk, partial(work, *arguments, **options))
 
-    def _share(self, camera: str) -> _Share:
+    def _share(self, camera: str) -> Share:
         try:
             return self._shares[camera]
         except KeyError:
@@ -302,7 +259,7 @@ class BurstSession:
                 await stack.enter_async_context(share.writing)
             yield
 
-    async def _receive(self, share: _Share, upload: ImageUpload, payload: AsyncIterator[bytes]) -> None:
+    async def _receive(self, share: Share, upload: ImageUpload, payload: AsyncIterator[bytes]) -> None:
         incoming = Incoming(self.folder, upload)
         async with share.writing:
             self._must_be_open()
@@ -329,32 +286,15 @@ class BurstSession:
             self._writer.add_ground_truth(record.camera, record.instant, truth, upload.true_ns)
         self._writer.add_received(record, incoming.file)
 
-    def _held(self, share: _Share) -> tuple[Held, ...]:
-        name = share.camera.name
-        images = [self._writer.image(name, instant) for instant in sorted(share.instants)]
-        stored = (
-            Held(instant=image.instant, sha256=image.sha256, bytes=image.bytes, stored=True)
-            for image in images
-            if image is not None
-        )
-        return (*stored, *begun(self.folder, name))
-
     def _note_report(self, report: CameraReport) -> None:
-        name = report.camera.name
         with self._planning:
             plan = self._writer.plan
-            if plan is None:
-                return
-            cameras = tuple(
-                camera_plan(report.camera, report) if told.camera.name == name else told
-                for told in plan.cameras
-            )
-            changed = msgspec.structs.replace(plan, cameras=cameras)
-            if changed != plan:
+            if plan is not None and (changed := with_report(plan, report)) != plan:
                 self._writer.set_plan(changed)
 
     def _finish(self) -> Path | None:
-        missing = [gap for share in self._shares.values() for gap in self._missing_of(share)]
+        instants = len(self.burst.instants_ns)
+        missing = [gap for share in self._shares.values() for gap in share.missing(instants, self._lost)]
         if missing:
             reasons = sorted({f"{gap.camera}: {gap.reason}" for gap in missing})
             self.message = f"{len(missing)} images are missing ({'; '.join(reasons)})"
@@ -362,27 +302,7 @@ class BurstSession:
             self._writer.discard()
             self.message = f"no image came, so no session was made; {self.message}"
             return None
-        reports = {name: share.report for name, share in self._shares.items() if share.report is not None}
-        calibrated = {n: r.calibration for n, r in reports.items() if r.calibration is not None}
-        if calibrated:
-            self._writer.set_calibration(Calibration(cameras=calibrated, source="the simulated scene"))
-        self._writer.set_ground_truth_clocks(
-            {name: true for name, report in reports.items() if (true := true_clock_of(report)) is not None}
-        )
-        cameras = [share.report.camera if share.report else share.camera for share in self._shares.values()]
-        origin = "simulated" if self._writer.knows_true_times else "captured"
-        return self._writer.finish(cameras, self._record, missing, origin).folder
-
-    def _missing_of(self, share: _Share) -> list[MissingImage]:
-        name = share.camera.name
-        told = {gap.instant: gap for gap in share.report.missing} if share.report else {}
-        told = {n: gap for (camera, n), gap in self._lost.items() if camera == name} | told
-        return [
-            told.get(instant)
-            or MissingImage(camera=name, instant=instant, reason=share.given_up or "it never came")
-            for instant in range(len(self.burst.instants_ns))
-            if instant not in share.instants
-        ]
+        return write_manifest(self._writer, self._shares, self._record, missing)
 
     @property
     def _record(self) -> BurstRecord:
@@ -391,32 +311,3 @@ class BurstSession:
             period_ns=self.burst.period_ns,
             requested_ns=self.burst.requested_ns,
         )
-
-    def _take_over_losses(self) -> None:
-        """Of a session that was finished before, wait for no camera; what it gave up may still come."""
-        try:
-            missing = Session.open(self.folder).manifest.missing
-        except SimulshotError:
-            return
-        self._lost |= {(gap.camera, gap.instant): gap for gap in missing}
-        for name, share in self._shares.items():
-            share.given_up = next((gap.reason for gap in missing if gap.camera == name), "it never came")
-            share.silent = True
-
-
-def create_numbered(root: Path) -> SessionWriter:
-    """Begin the session `burst-NNN` of the next free number. Raises BadInputError, DiskFullError."""
-    number = 1 + max((_number(path) for path in root.glob("burst-*")), default=0)
-    while True:
-        name = f"burst-{number:03d}"
-        try:
-            return SessionWriter.create(root, name)
-        except BadInputError:
-            if not (root / name).exists():
-                raise
-        number += 1
-
-
-def _number(path: Path) -> int:
-    digits = path.name.removeprefix("burst-")
-    return int(digits) if digits.isdecimal() else 0

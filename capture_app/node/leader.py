@@ -13,18 +13,20 @@ from capture_app.net.address import DEFAULT_PORT, Address, reachable_host
 from capture_app.net.multicast import BEACONS, BeaconSender
 from capture_app.net.transfer import TransferServer, bind
 from capture_app.net.udp import Pump
-from capture_app.node.bursts import BurstSession, create_numbered
+from capture_app.node.bursts import BurstSession
 from capture_app.node.messages import BurstRequest, CameraReport, ImageUpload, NodeSpace, ToLeader
+from capture_app.node.numbering import create_numbered
+from capture_app.node.readiness import check_somebody_is_here, not_ready
 from capture_app.node.revival import RETURN_NS, Revival
 from capture_app.node.service import Service
-from capture_app.node.snapshots import cameras_here, node_statuses
-from capture_app.node.space import check_room, guessed_image_bytes
+from capture_app.node.snapshots import node_statuses
+from capture_app.node.space import check_room, expected_image_bytes
 from capture_app.node.status import BurstStatus, RigStatus
 from capture_app.node.wording import News
 from capture_app.session.store import SessionWriter
 from capture_app.simulation.clock import HostClock, NodeClock
 from capture_app.sync.events import BurstRefused
-from capture_app.sync.leader import Leader, LeaderConfig
+from capture_app.sync.leader import ClientView, Leader, LeaderConfig
 from capture_app.sync.state import NodeState
 from capture_app.sync.trigger import Burst
 
@@ -66,6 +68,7 @@ class LeaderNode:
         self._on_news = on_news or (lambda _: None)
         self._bursts: dict[int, BurstSession] = {}
         self._last_burst: BurstSession | None = None
+        self._last_number = 0
         self._saved: list[str] = []
         self._revive = revive
         self._return_ns = return_ns
@@ -153,12 +156,19 @@ class LeaderNode:
             raise IncompleteError(
                 f"{MAX_OPEN_BURSTS} bursts are still being saved", hint="wait until they are there"
             )
-        self._check_somebody_is_here()
-        check_room(self.sessions, self._expected_image_bytes(), frames, self._spools)
-        writer = await asyncio.to_thread(create_numbered, self.sessions)
+        views = self._views()
+        check_somebody_is_here(views, self.address)
+        check_room(self.sessions, expected_image_bytes(views, self._image_bytes), frames, self._spools)
+        # A number that was given up is never given again: nodes may still know it.
+        writer, number = await asyncio.to_thread(create_numbered, self.sessions, after=self._last_number)
+        self._last_number = max(self._last_number, number)
         try:
             burst = self._engine.trigger(
-                self._clock.now_ns(), frames=frames, spacing=spacing, at_leader_ns=at_leader_ns
+                self._clock.now_ns(),
+                frames=frames,
+                spacing=spacing,
+                at_leader_ns=at_leader_ns,
+                number=number,
             )
         except SimulshotError:
             await asyncio.to_thread(writer.discard)
@@ -184,13 +194,13 @@ class LeaderNode:
 
         Raises IncompleteError that names those that are not, when the time is over.
         """
-        async for _ in self._not_ready(timeout_s, nodes):
+        async for _ in not_ready(self._views, timeout_s, nodes):
             pass
 
     async def take_burst(self, request: BurstRequest) -> AsyncGenerator[BurstStatus, None]:
         """Wait for the nodes as asked, take a burst, and yield its progress until it is done."""
         if request.wait_ready_s:
-            async for reason in self._not_ready(request.wait_ready_s, request.nodes):
+            async for reason in not_ready(self._views, request.wait_ready_s, request.nodes):
                 yield BurstStatus(
                     burst=0,
                     name="",
@@ -238,44 +248,11 @@ class LeaderNode:
 
     # The parts
 
-    async def _not_ready(self, timeout_s: float, nodes: int) -> AsyncGenerator[str, None]:
-        """Yield what keeps the rig from being ready until it is, and raise when the time is over."""
-        loop = asyncio.get_running_loop()
-        deadline_s = loop.time() + timeout_s
-        while reason := self._waiting_for(nodes):
-            if loop.time() >= deadline_s:
-                raise IncompleteError(
-                    f"not ready after {timeout_s:g} s: {reason}",
-                    hint="capture-app status shows each node's state",
-                )
-            yield reason
-            # States change with a node's report, which is no event.
-            await asyncio.sleep(0.1)
-
-    def _waiting_for(self, nodes: int) -> str:
-        """Say what keeps the rig from being ready; empty when it is."""
-        views = [
-            v for v in self._engine.clients(self._clock.now_ns()) if v.report.state is not NodeState.LOST
-        ]
-        late = [
-            f"{view.name} is {view.report.state}"
-            for view in views
-            if view.report.state is not NodeState.READY
-        ]
-        cameras = len(cameras_here(tuple(views)))
-        if cameras < nodes:
-            late.append(f"{cameras} of {nodes} nodes are here")
-        return ", ".join(late)
-
-    def _check_somebody_is_here(self) -> None:
-        if not cameras_here(self._engine.clients(self._clock.now_ns())):
-            raise IncompleteError(
-                "no node is here", hint=f"start one with: capture-app node --leader {self.address}"
-            )
+    def _views(self) -> tuple[ClientView, ...]:
+        return self._engine.clients(self._clock.now_ns())
 
     def _begin(self, burst: Burst, writer: SessionWriter) -> BurstSession:
-        views = self._engine.clients(self._clock.now_ns())
-        session = BurstSession(burst, {view.name: view.camera for view in views}, writer)
+        session = BurstSession(burst, {view.name: view.camera for view in self._views()}, writer)
         self._bursts[burst.number] = self._last_burst = session
         self._spawn(self._follow(session))
         return session
@@ -295,14 +272,6 @@ class LeaderNode:
 
     def _revived(self, session: BurstSession) -> None:
         self._spawn(self._follow(session))
-
-    def _expected_image_bytes(self) -> dict[str, int]:
-        """The likely size in bytes of an image of each node that is here."""
-        return {
-            view.name: self._image_bytes.get(view.name)
-            or guessed_image_bytes(view.camera.width, view.camera.height)
-            for view in cameras_here(self._engine.clients(self._clock.now_ns()))
-        }
 
     async def _keep_house(self) -> None:
         while True:

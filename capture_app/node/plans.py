@@ -1,8 +1,13 @@
 """A node's report in the form that a session keeps it in, to be finished after a crash, and back."""
 
+from collections.abc import Iterable
+
+import msgspec
+
 from capture_app.node.messages import CameraReport, TrueClock
-from capture_app.session.manifest import CameraRecord
+from capture_app.session.manifest import BurstRecord, CameraRecord
 from capture_app.session.plan import CameraPlan, Plan
+from capture_app.session.store import SessionWriter
 from capture_app.sync.messages import CameraDescription
 
 
@@ -20,6 +25,30 @@ def record_of(name: str, camera: CameraDescription | CameraRecord) -> CameraReco
         timestamp_source=camera.timestamp_source,
         row_time_ns=camera.row_time_ns,
     )
+
+
+def first_plan(
+    writer: SessionWriter, leader: int, number: int, burst: BurstRecord, cameras: Iterable[CameraRecord]
+) -> Plan:
+    """What a session is to become, before any camera has reported."""
+    return Plan(
+        name=writer.name,
+        created=writer.created,
+        software=writer.software,
+        leader=leader,
+        number=number,
+        burst=burst,
+        cameras=tuple(camera_plan(camera, None) for camera in cameras),
+    )
+
+
+def with_report(plan: Plan, report: CameraReport) -> Plan:
+    """A plan to which one of its cameras has reported."""
+    cameras = tuple(
+        camera_plan(report.camera, report) if told.camera.name == report.camera.name else told
+        for told in plan.cameras
+    )
+    return msgspec.structs.replace(plan, cameras=cameras)
 
 
 def camera_plan(camera: CameraRecord, report: CameraReport | None) -> CameraPlan:

@@ -1,6 +1,6 @@
 """What an engine knows of its clients as the status that people and programs see: a tree of nodes."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 
 from capture_app.net.address import Address
 from capture_app.node.status import NodeStatus
@@ -33,7 +33,7 @@ def as_tree(nodes: tuple[NodeStatus, ...]) -> Iterator[NodeStatus]:
     yield from (node for node in nodes if node.name not in shown)
 
 
-def cameras_here(views: tuple[ClientView, ...]) -> list[ClientView]:
+def cameras_here(views: Sequence[ClientView]) -> list[ClientView]:
     """Those that are not lost and can take pictures."""
     return [
         view

@@ -1,11 +1,13 @@
 """Whether a burst will find room, on the leader's disk and in the nodes' spools."""
 
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from capture_app.errors import DiskFullError
 from capture_app.node.messages import NodeSpace
+from capture_app.node.snapshots import cameras_here
+from capture_app.sync.leader import ClientView
 
 GUESSED_PIXELS_PER_BYTE = 4
 """Of a camera's JPEG, before any of its images is known."""
@@ -16,6 +18,14 @@ _MARGIN = 1.1
 def guessed_image_bytes(width: int, height: int) -> int:
     """The likely size of an image of so many pixels, in bytes."""
     return width * height // GUESSED_PIXELS_PER_BYTE
+
+
+def expected_image_bytes(views: Sequence[ClientView], known: Mapping[str, int]) -> dict[str, int]:
+    """The likely size in bytes of an image of each camera that is here, from those that came before."""
+    return {
+        view.name: known.get(view.name) or guessed_image_bytes(view.camera.width, view.camera.height)
+        for view in cameras_here(views)
+    }
 
 
 def free_bytes(folder: Path) -> int:

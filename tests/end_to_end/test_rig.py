@@ -97,6 +97,7 @@ async def test_nodes_wait_for_a_leader_and_come_back_to_another_run_of_it(
     done = await burst(start, address, "--frames", "2")
     assert done["received"] == 2
     assert done["session"].endswith("burst-002")
+    assert done["burst"] == 2, "its number is its session's, in whichever run of the leader"
 
 
 async def test_a_node_that_dies_in_a_burst_leaves_a_session_that_says_so(

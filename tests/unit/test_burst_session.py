@@ -8,8 +8,10 @@ import msgspec
 import pytest
 
 from capture_app.errors import BadInputError
-from capture_app.node.bursts import PATIENCE_NS, STALL_NS, BurstSession, create_numbered, record_of
+from capture_app.node.bursts import PATIENCE_NS, STALL_NS, BurstSession
 from capture_app.node.messages import CameraReport, ImageUpload
+from capture_app.node.numbering import create_numbered
+from capture_app.node.plans import record_of
 from capture_app.session.manifest import ImageRecord, MissingImage, image_path
 from capture_app.session.reader import Session, list_sessions
 from capture_app.session.store import SessionWriter
@@ -169,7 +171,10 @@ async def test_damaged_foreign_and_late_images_are_refused(tmp_path: Path) -> No
 
 def test_numbers_of_sessions_are_never_used_twice(tmp_path: Path) -> None:
     (tmp_path / "burst-007").mkdir()
-    for expected in ("burst-008", "burst-009"):
-        writer = create_numbered(tmp_path)
-        assert writer.name == expected
+    for expected in (8, 9):
+        writer, number = create_numbered(tmp_path)
+        assert (writer.name, number) == (f"burst-{expected:03d}", expected)
         writer.abort()
+    writer, number = create_numbered(tmp_path, after=11)
+    assert (writer.name, number) == ("burst-012", 12)
+    writer.abort()

@@ -9,8 +9,9 @@ import msgspec
 import pytest
 
 from capture_app.errors import BadInputError, DiskFullError, NetworkError, TryAgainError
-from capture_app.node.bursts import BurstSession, record_of
+from capture_app.node.bursts import BurstSession
 from capture_app.node.messages import CameraReport, ImageUpload, NodeSpace
+from capture_app.node.plans import record_of
 from capture_app.node.repair import repair
 from capture_app.node.revival import Revival, interrupted
 from capture_app.node.space import check_room

@@ -15,8 +15,8 @@ from capture_app.errors import DiskFullError
 from capture_app.net.address import Address
 from capture_app.net.transfer import Channel, TransferServer, bind
 from capture_app.node import uploader as uploader_module
-from capture_app.node.bursts import record_of
 from capture_app.node.messages import CameraReport, Held, ImageUpload, Noted, Refusal, Stored, ToLeader
+from capture_app.node.plans import record_of
 from capture_app.node.spool import Spool, SpooledBurst
 from capture_app.node.uploader import Uploader
 from capture_app.node.work import BurstWork

@@ -13,9 +13,11 @@ from capture_app.sync.feasible import FeasibleLines
 from capture_app.sync.skew_vote import Point, VotedLine, vote
 from capture_app.sync.timebase import TimeMap
 
-ASYMMETRY_SHARE = 0.022
+ASYMMETRY_SHARE = 0.025
 """One sigma of half the difference of the two least delays, as a share of half the least round trip: what
 no exchange of two messages can see. The paper's link has 0.038."""
+USUAL_WANDER = 0.05
+"""One sigma of the change of the skew, as a share of the most that is allowed: a clock in a room's air."""
 ROUNDING_NS = 2.0
 REACH_NS = 1e13
 """No clock gets further than this from its first sample within a window."""
@@ -136,27 +138,31 @@ class ClockFilter:
         bound = max(highest - offset_ns, offset_ns - lowest) + self._slack(t)
         # The lines describe the latest samples; what the skew has changed since comes on top.
         skew_bound = max(greatest - skew, skew - least) + self._wander * (self._window_ns + abs(t))
+        span = float(self._newest_ns - min(self._blocks) * BLOCK_NS)
+        variance, covariance, skew_variance = fit.spread_at(age, USUAL_WANDER * self._wander, span)
+        uncertainty = min(self._uncertainty(fit, variance), bound)
+        skew_uncertainty = min(2.0 * sqrt(skew_variance), skew_bound)
         round_trips = [b.round_trip_ns for b in self._blocks.values() if b.round_trip_ns is not None]
         return TimeMap(
             epoch_local_ns=now_local_ns,
             offset_ns=self._anchor_ns + offset_ns,
             skew=skew,
-            uncertainty_ns=min(self._uncertainty(fit, age), bound),
+            uncertainty_ns=uncertainty,
             hard_bound_ns=bound,
-            skew_uncertainty=min(2.0 * sqrt(fit.skew_variance), skew_bound),
+            skew_uncertainty=skew_uncertainty,
             skew_bound=skew_bound,
             samples=self.samples,
             round_trip_ns=min(round_trips, default=0),
             age_ns=max(0, now_local_ns - self._newest_ns),
+            shared_uncertainty=min(max(0.0, 4.0 * covariance), uncertainty * skew_uncertainty),
         )
 
-    def _uncertainty(self, fit: VotedLine, age: float) -> float:
-        """95 % of the error in ns, `age` ns after the fit: what the votes, the edges and the link leave."""
+    def _uncertainty(self, fit: VotedLine, variance: float) -> float:
+        """95 % of the error in ns: what the votes (of that variance), the edges and the link leave."""
         if not fit.upper:
-            return fit.gap / 2.0 + sqrt(fit.skew_variance) * 2.0 * abs(age)
+            return fit.gap / 2.0 + 2.0 * sqrt(variance)
         asymmetry = ASYMMETRY_SHARE * fit.gap / 2.0
-        variance = fit.variance_at(age) + self._excess.variance + asymmetry**2
-        return radius_95(self._excess.mean, sqrt(variance)) + self._wander * age * age / 2.0
+        return radius_95(self._excess.mean, sqrt(variance + self._excess.variance + asymmetry**2))
 
     def _begin(self, sample: ClockSample) -> None:
         self._newest_ns = sample.t3_ns

@@ -8,13 +8,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import erf, exp, log, sqrt
 
-MEAN_POWER = 2.0
-"""Mean of the exponential prior of the power: 1 is a sharp edge, 2 that of Gamma(2), 5 a very dull one."""
+MEAN_POWER, POWER_SHAPE = 2.25, 2.0
+"""Mean and shape of the Gamma prior of the power: 1 is a sharp edge, 2 Gamma(2)'s, 5 a very dull one."""
 NEARNESS = 0.95
 """The prior of the distance is the distance to minus this power; 1 would be free of scale.
 
-Both, and the number of delays that are looked at, were chosen on laws that the experiments do not use:
-Gamma 1.25 to 2.5 and 4, lognormal 0.5 and 0.8, Weibull 0.9 and 1.5; 100 to 1,000 delays.
+These, and the number of delays that are looked at, were chosen on 28 laws that the experiments do not use
+(docs/accuracy.md, "How ours comes by its uncertainty").
 """
 NEAREST, FURTHEST, STEPS = 0.01, 8.0, 24
 """Distances tried, in units of the spread of the delays."""
@@ -46,9 +46,9 @@ def excess(least: Sequence[float]) -> Excess:
     for distance in _DISTANCES:
         logs = [log(x + distance) for x in above]
         total = sum(logs)
-        steepness = count * logs[-1] - total + 1.0 / MEAN_POWER
+        steepness = count * logs[-1] - total + POWER_SHAPE / MEAN_POWER
         # A step of the distances is proportional to the distance itself.
-        weight = (1.0 - NEARNESS) * log(distance) - total - (count + 1.0) * log(steepness)
+        weight = (1.0 - NEARNESS) * log(distance) - total - (count + POWER_SHAPE) * log(steepness)
         weighed.append((weight, distance))
     most = max(weight for weight, _ in weighed)
     shares = [(exp(weight - most), distance) for weight, distance in weighed]

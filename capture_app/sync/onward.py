@@ -28,11 +28,12 @@ class Onward(Struct, frozen=True, array_like=True):
     hard_bound_ns: Error
     skew_uncertainty: Error
     skew_bound: Error
+    shared_uncertainty: Error = 0.0
 
     def time_map(self) -> TimeMap | None:
         """The map from the relay's clock to the root's; None where a value is not a number."""
-        numbers = (self.skew, self.uncertainty_ns, self.hard_bound_ns, self.skew_uncertainty, self.skew_bound)
-        if not all(isfinite(number) for number in numbers):
+        errors = (self.uncertainty_ns, self.hard_bound_ns, self.skew_uncertainty, self.skew_bound)
+        if not all(isfinite(number) for number in (self.skew, *errors, self.shared_uncertainty)):
             return None
         return TimeMap(
             epoch_local_ns=self.epoch_local_ns,
@@ -44,6 +45,7 @@ class Onward(Struct, frozen=True, array_like=True):
             skew_bound=self.skew_bound,
             samples=0,
             round_trip_ns=0,
+            shared_uncertainty=self.shared_uncertainty,
         )
 
 
@@ -58,4 +60,5 @@ def onward(path: tuple[int, ...], time_map: TimeMap) -> Onward:
         time_map.hard_bound_ns,
         time_map.skew_uncertainty,
         time_map.skew_bound,
+        time_map.shared_uncertainty,
     )

@@ -9,8 +9,8 @@ from capture_app.sync.hull import lower_hull
 VOTES = 33
 SHARPEST = 5
 """How many of the tightest bounds of each direction tell how sharp their edge is."""
-WIDTH = 0.8
-"""Share of their spread that counts as one e-fold of likelihood; 0.4 to 1.2 do equally well."""
+WIDTH = 0.4
+"""Share of their spread that counts as one e-fold of likelihood; 0.2 to 0.8 do nearly as well."""
 USUAL_SKEW = 20e-6
 """One sigma of the skew between two crystals, before anything is measured; the tails are a Student's."""
 
@@ -33,9 +33,21 @@ class VotedLine:
     lower: Sequence[float]
     """The tightest bounds of each direction at that skew, the tightest first, in ns."""
 
-    def variance_at(self, t: float) -> float:
-        """Variance of the line that the votes leave, t ns after the reference, in ns squared."""
-        return max(0.0, self.variance + 2.0 * self.covariance * t + self.skew_variance * t * t)
+    def spread_at(self, t: float, wander: float, span: float) -> tuple[float, float, float]:
+        """Variance (ns squared), covariance with the skew (ns) and skew's variance, t ns after the reference.
+
+        The votes take the clock for a straight line. Over the `span` in ns that was looked at its skew may
+        have changed, by one sigma of `wander` each ns: the best line through a parabola lies below its end
+        by wander * span^2 / 12, and is less steep there by wander * span / 2.
+        """
+        bend = wander * (span * span / 12.0 + span * t / 2.0 + t * t / 2.0)
+        turn = wander * (span / 2.0 + t)
+        variance = self.variance + 2.0 * self.covariance * t + self.skew_variance * t * t
+        return (
+            max(0.0, variance) + bend * bend,
+            self.covariance + self.skew_variance * t + bend * turn,
+            self.skew_variance + turn * turn,
+        )
 
 
 def vote(

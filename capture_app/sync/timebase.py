@@ -1,7 +1,7 @@
 """The map from a node's own clock to the leader's, with its error bars."""
 
 from dataclasses import dataclass, replace
-from math import hypot
+from math import hypot, sqrt
 
 MIN_PERIOD_NS = 100_000
 MAX_PERIOD_NS = 60_000_000_000
@@ -15,8 +15,9 @@ ROUNDING_NS = 2.0
 class TimeMap:
     """Leader time as a line over local time: leader = local + offset + skew * (local - epoch).
 
-    `uncertainty_ns` (95 %) and `hard_bound_ns` hold at `epoch_local_ns`; both grow away from it, by
-    `skew_uncertainty` and `skew_bound` (dimensionless, ns per ns) times the distance.
+    `uncertainty_ns` (95 %) and `hard_bound_ns` hold at `epoch_local_ns`. Away from it the bound grows by
+    `skew_bound` times the distance, and the square of the uncertainty by that of `skew_uncertainty` times
+    the distance (both dimensionless, ns per ns), ahead by `shared_uncertainty` too.
     """
 
     epoch_local_ns: int
@@ -30,6 +31,8 @@ class TimeMap:
     round_trip_ns: int
     age_ns: int = 0
     """From the newest sample to the epoch."""
+    shared_uncertainty: float = 0.0
+    """Four times the covariance of the errors of offset and skew, in ns, where both have the same sign."""
 
     def leader_from_local(self, local_ns: int) -> int:
         """Leader time in ns of a local time in ns."""
@@ -42,7 +45,10 @@ class TimeMap:
 
     def uncertainty_at(self, local_ns: int) -> float:
         """Estimated 95 % error of `leader_from_local(local_ns)`, in ns."""
-        return self.uncertainty_ns + self.skew_uncertainty * abs(local_ns - self.epoch_local_ns)
+        ahead_ns = local_ns - self.epoch_local_ns
+        shared = 2.0 * self.shared_uncertainty * max(0, ahead_ns)
+        squared = self.uncertainty_ns**2 + shared + (self.skew_uncertainty * ahead_ns) ** 2
+        return min(sqrt(squared), self.hard_bound_at(local_ns))
 
     def hard_bound_at(self, local_ns: int) -> float:
         """The most that `leader_from_local(local_ns)` can be wrong, in ns, link asymmetry included."""
@@ -67,6 +73,7 @@ class TimeMap:
         # The onward map is read at an instant that is itself known to the first bound only.
         stretch = 1.0 + abs(onward.skew) + onward.skew_bound
         pace = 1.0 + abs(self.skew) + self.skew_bound
+        since_ns = max(0, relay_ns - onward.epoch_local_ns)
         return TimeMap(
             epoch_local_ns=self.epoch_local_ns,
             offset_ns=onward.leader_from_local(relay_ns) - self.epoch_local_ns,
@@ -78,6 +85,9 @@ class TimeMap:
             samples=self.samples,
             round_trip_ns=self.round_trip_ns,
             age_ns=self.age_ns,
+            shared_uncertainty=self.shared_uncertainty
+            + onward.shared_uncertainty
+            + onward.skew_uncertainty**2 * since_ns,
         )
 
 

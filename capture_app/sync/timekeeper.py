@@ -15,6 +15,9 @@ FIRST_SAMPLES = 300
 """K of the paper: samples taken in quick succession before the clock counts as synchronized."""
 FIRST_PACE_NS = 3 * _MS
 PACE_NS = 25 * _MS
+EASING_PACES_NS, EASING_SAMPLES = (6 * _MS, 12 * _MS), 200
+"""Between the two, so many samples at each of these: until a few seconds have shown the skew, the time is
+only as good as the newest samples are many."""
 NEAR_NS = 750_000
 """Shorter round trips are those of a wire."""
 BACKLOG_NS = 100 * _MS
@@ -131,7 +134,12 @@ class Timekeeper:
 
     @property
     def _pace_ns(self) -> int:
-        return max(PACE_NS, self._told_pace_ns) if self.synced else FIRST_PACE_NS
+        if not self.synced:
+            return FIRST_PACE_NS
+        if self._told_pace_ns > PACE_NS:
+            return self._told_pace_ns
+        stage = max(0, self.clock.samples - FIRST_SAMPLES) // EASING_SAMPLES
+        return min(PACE_NS, EASING_PACES_NS[stage]) if stage < len(EASING_PACES_NS) else PACE_NS
 
     def _prepare_request(self, now_ns: int) -> None:
         """Prepare a request, and set when the next is due: on the grid of this client's slot.

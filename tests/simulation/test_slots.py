@@ -48,7 +48,7 @@ def test_clients_that_join_together_do_not_send_together(
         for i in range(8)
     ]
     rig = VirtualRig(specs, seed=4)
-    rig.run_for(int(1.5 * S))
+    rig.run_for(5 * S)
     recorders = []
     for node in rig.nodes.values():
         node.channel = recorder = Recorder(LAN)

@@ -7,11 +7,13 @@ than its share; so shares run in parallel, and the result is the same in one pro
 import hashlib
 import heapq
 import random
+from array import array
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from time import perf_counter_ns
 from typing import Protocol
 
+from capture_app.simulation.delays import Crossing, crossing
 from capture_app.simulation.link import PAPER_LINK, Link
 from capture_app.simulation.wander import WanderingClock, wandering_clock
 from capture_app.sync.follower import Address, Follower, FollowerConfig
@@ -87,7 +89,7 @@ class TreeResult:
 
 @dataclass(slots=True, eq=False)
 class _Node:
-    name: str
+    address: Address
     engine: Engine
     clock: WanderingClock
     rng: random.Random
@@ -110,7 +112,12 @@ class Tree:
         self.datagrams = self.root_busy_ns = 0
         self._seed = seed
         self._share = share
+        self._to_leader: Crossing = crossing(spec.link, spec.link.to_leader)
+        self._to_client: Crossing = crossing(spec.link, spec.link.to_client)
         self._digest = hashlib.blake2b(digest_size=16)
+        self._arrived: list[bytes] = []
+        self._arrivals = array("q")
+        """What the digest is yet to take in."""
         self._heap: list[tuple[int, int, _Node, bytes | None, Address]] = []
         self._scheduled = 0
         relays = range(share, spec.relays, shares)
@@ -118,7 +125,7 @@ class Tree:
         below = len(relays) or len(clients)
         pace_s = spec.relay_pace_s if relays else spec.client_pace_s
         self.root = Leader(LeaderConfig(1, 0, PERIOD_NS, exchanges_per_s=below / pace_s), self._rng("root"))
-        self._start(_Node("root", self.root, WanderingClock(0, 0.0, ()), self._rng("root's link")), 0)
+        self._start(_Node(ROOT, self.root, WanderingClock(0, 0.0, ()), self._rng("root's link")), 0)
         for i in relays:
             self._add_relay(i, max(1.0, len(clients) / len(relays)))
         addresses = [(f"relay{i}", 0) for i in relays]
@@ -185,7 +192,7 @@ class Tree:
     ) -> WanderingClock:
         """Add a node below the parents, with a clock drawn for it; all its chance comes from `rng`."""
         clock = wandering_clock(rng, wander_ppm=self.spec.wander_ppm)
-        node = _Node(name, engine, clock, rng, follower, frozenset(parents))
+        node = _Node((name, 0), engine, clock, rng, follower, frozenset(parents))
         self._start(node, round(rng.uniform(0.0, self.spec.join_within_s) * _S))
         return clock
 
@@ -207,7 +214,7 @@ class Tree:
         self.add(name, follower, rng, parents, follower)
 
     def _start(self, node: _Node, start_true_ns: int) -> None:
-        self.nodes[node.name, 0] = node
+        self.nodes[node.address] = node
         node.timer_true_ns = start_true_ns
         self._push(start_true_ns, node, None, ROOT)
 
@@ -218,38 +225,43 @@ class Tree:
         heapq.heappush(self._heap, (true_ns, self._scheduled, node, data, sender))
 
     def _run_until(self, end_true_ns: int) -> None:
-        heap, digest = self._heap, self._digest
+        heap, root, turn, pop = self._heap, self.root, self._turn, heapq.heappop
+        arrived, arrivals = self._arrived, self._arrivals
         while heap and heap[0][0] <= end_true_ns:
-            true_ns, _, node, data, sender = heapq.heappop(heap)
+            true_ns, _, node, data, sender = pop(heap)
             if not node.alive or (data is None and true_ns != node.timer_true_ns):
                 continue
             self.now_true_ns = true_ns
             if data is not None:
-                self.datagrams += 1
                 node.datagrams += 1
-                digest.update(b"%d %s" % (true_ns, data))
-            if node.engine is self.root:
+                arrived.append(data)
+                arrivals.append(true_ns)
+            if node.engine is root:
                 began_ns = perf_counter_ns()
-                self._turn(node, data, sender)
+                turn(node, data, sender)
                 self.root_busy_ns += perf_counter_ns() - began_ns
             else:
-                self._turn(node, data, sender)
+                turn(node, data, sender)
         self.now_true_ns = end_true_ns
+        self.datagrams += len(arrived)
+        self._digest.update(b"".join(arrived))
+        self._digest.update(arrivals.tobytes())
+        arrived.clear()
+        del arrivals[:]
 
     def _turn(self, node: _Node, data: bytes | None, sender: Address) -> None:
         """Let an engine take in a datagram or look at its timers, and carry off what it sends."""
-        true_ns, engine, link = self.now_true_ns, node.engine, self.spec.link
+        true_ns, engine = self.now_true_ns, node.engine
         local_ns = node.clock.local_from_true(true_ns)
         if data is None:
             engine.handle_timer(local_ns)
         else:
             engine.receive_datagram(data, sender, local_ns)
-        own = (node.name, 0)
         for outgoing, address in engine.datagrams_to_send(local_ns):
             node.datagrams += 1
-            law = link.to_leader if address in node.parents else link.to_client
-            for delay_ns in link.deliveries(law, node.rng):
-                self._push(true_ns + delay_ns, self.nodes[address], outgoing, own)
+            cross = self._to_leader if address in node.parents else self._to_client
+            for delay_ns in cross(node.rng):
+                self._push(true_ns + delay_ns, self.nodes[address], outgoing, node.address)
         due_ns = engine.next_timer()
         if due_ns is None or (due_ns == node.due_ns and node.timer_true_ns > true_ns):
             return
@@ -258,7 +270,7 @@ class Tree:
         if timer_true_ns != node.timer_true_ns:
             # The one before it is passed over when its time comes.
             node.timer_true_ns = timer_true_ns
-            self._push(timer_true_ns, node, None, own)
+            self._push(timer_true_ns, node, None, node.address)
 
 
 def run_share(spec: TreeSpec, seed: int, share: int, shares: int) -> TreeResult:

@@ -1,37 +1,64 @@
 """A clock whose rate follows a temperature: slow waves around a constant skew."""
 
 import random
-from dataclasses import dataclass
-from math import pi, sin
+from dataclasses import dataclass, field
+from math import cos, pi, sin
 
 _S = 1e9
+_CELL_BITS = 30
+_HALF_CELL_NS = 1 << (_CELL_BITS - 1)
 Wave = tuple[float, float, float]
 """Amplitude (dimensionless), angular frequency in radians a ns, phase in radians."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class WanderingClock:
-    """A clock that shows true + offset + skew * true + the integral of its waves; `skew` is dimensionless."""
+    """A clock that shows true + offset + skew * true + the integral of its waves; `skew` is dimensionless.
+
+    Within a second the waves are a parabola to a thousandth of a ns, and are read off that one.
+    """
 
     offset_ns: int
     skew: float
     waves: tuple[Wave, ...]
+    _cell: int | None = field(default=None, init=False, compare=False)
+    _middle_ns: int = field(default=0, init=False, compare=False)
+    _gained_ns: float = field(default=0.0, init=False, compare=False)
+    _rate: float = field(default=0.0, init=False, compare=False)
+    _bend: float = field(default=0.0, init=False, compare=False)
 
     def local_from_true(self, true_ns: int) -> int:
         """Reading of this clock in ns at a true time in ns."""
-        return true_ns + self.offset_ns + round(self._gained_ns(true_ns))
+        if true_ns >> _CELL_BITS != self._cell:
+            self._enter(true_ns >> _CELL_BITS)
+        since_ns = true_ns - self._middle_ns
+        return (
+            true_ns
+            + self.offset_ns
+            + round(self._gained_ns + since_ns * (self._rate + since_ns * self._bend))
+        )
 
     def true_from_local(self, local_ns: int) -> int:
         """True time in ns of a reading in ns, the inverse of `local_from_true` to 20 ns in hours."""
         elapsed_ns = local_ns - self.offset_ns
-        true_ns = elapsed_ns - self._gained_ns(elapsed_ns)
-        return round(elapsed_ns - self._gained_ns(true_ns))
+        return round(elapsed_ns - self._gained_at(round(elapsed_ns - self._gained_at(elapsed_ns))))
 
-    def _gained_ns(self, true_ns: float) -> float:
-        gained = self.skew * true_ns
+    def _gained_at(self, true_ns: int) -> float:
+        if true_ns >> _CELL_BITS != self._cell:
+            self._enter(true_ns >> _CELL_BITS)
+        since_ns = true_ns - self._middle_ns
+        return self._gained_ns + since_ns * (self._rate + since_ns * self._bend)
+
+    def _enter(self, cell: int) -> None:
+        """Lay the parabola of that second."""
+        middle_ns = (cell << _CELL_BITS) + _HALF_CELL_NS
+        self._cell, self._middle_ns = cell, middle_ns
+        self._gained_ns, self._rate, self._bend = self.skew * middle_ns, self.skew, 0.0
         for amplitude, rate, phase in self.waves:
-            gained += amplitude / rate * (sin(rate * true_ns + phase) - sin(phase))
-        return gained
+            angle = rate * middle_ns + phase
+            self._gained_ns += amplitude / rate * (sin(angle) - sin(phase))
+            self._rate += amplitude * cos(angle)
+            self._bend -= amplitude * rate * sin(angle) / 2.0
 
 
 def wandering_clock(

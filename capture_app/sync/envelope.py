@@ -1,5 +1,7 @@
 """What a second of one-sided bounds leaves behind: the few that can ever matter."""
 
+from bisect import insort
+
 from capture_app.sync.hull import lower_hull
 
 BLOCK_NS = 1_000_000_000
@@ -30,14 +32,17 @@ class Edge:
                 break
         else:
             self.points = [(t, v) for t, v in self.points if value_ns + steepest * abs(t_ns - t) > v]
-            self.points.append((t_ns, value_ns))
-        level = value_ns - skew * (t_ns % BLOCK_NS)
-        if len(self.tightest) < RUNNERS_UP or level < self.tightest[-1][0]:
-            if any(bound == (t_ns, value_ns) for _, bound in self.tightest):
+            # In front, where it is the first to get in the way of those to come.
+            self.points.insert(0, (t_ns, value_ns))
+        tightest, level = self.tightest, value_ns - skew * (t_ns % BLOCK_NS)
+        full = len(tightest) >= RUNNERS_UP
+        if not full or level < tightest[-1][0]:
+            bound = (t_ns, value_ns)
+            if bound in [known for _, known in tightest]:
                 return  # a duplicate would make the edge look sharp
-            self.tightest.append((level, (t_ns, value_ns)))
-            self.tightest.sort()
-            del self.tightest[RUNNERS_UP:]
+            insort(tightest, (level, bound))
+            if full:
+                tightest.pop()
 
     def settle(self) -> None:
         """Keep only the bounds that a straight line can touch: on a steady link nearly all are in the way.

@@ -47,7 +47,7 @@ class FeasibleLines:
     def _clip(self, t: float, bound: float, sign: float) -> bool:
         excess = [sign * (value + slope * t - bound) for value, slope in self.corners]
         if not excess or max(excess) <= 0.0:
-            return not self.empty
+            return bool(excess)
         kept: list[Line] = []
         for i, (corner, over) in enumerate(zip(self.corners, excess, strict=True)):
             before, before_over = self.corners[i - 1], excess[i - 1]

@@ -5,7 +5,6 @@ its request, and no control message is larger than MAX_DATAGRAM.
 """
 
 import struct
-from dataclasses import dataclass
 from typing import Annotated
 
 import msgspec
@@ -47,8 +46,7 @@ class WireError(ValueError):
     """A datagram that is not one of ours, cut, or of another version."""
 
 
-@dataclass(frozen=True, slots=True)
-class TimeRequest:
+class TimeRequest(Struct, frozen=True):
     """A client asks for the leader's time; `t0_ns` is its own when it sent this."""
 
     client: int
@@ -56,8 +54,7 @@ class TimeRequest:
     t0_ns: int
 
 
-@dataclass(frozen=True, slots=True)
-class TimeReply:
+class TimeReply(Struct, frozen=True):
     """The leader's answer: request received at `t1_ns` and answered at `t2_ns`, leader time."""
 
     client: int

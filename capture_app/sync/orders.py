@@ -105,7 +105,7 @@ class Orders:
 
     def next_timer(self) -> int | None:
         """Leader time in ns at which a trigger is to be sent, None for never."""
-        return min((order.due_ns for order in self._orders), default=None)
+        return min(order.due_ns for order in self._orders) if self._orders else None
 
 
 def _forecasts(cameras: Sequence[Member]) -> list[Forecast]:

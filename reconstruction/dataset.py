@@ -98,9 +98,15 @@ class Dataset:
         return digest.hexdigest()
 
     def residual_us(self) -> float | None:
-        """Largest distance of an image from its instant by the session's record, us."""
-        values = [abs(record.residual_ns) for record in self._records.values()]
-        return max(values) / 1000 if values and self.session.manifest.origin != "imported" else None
+        """Largest distance of an image from its instant by the session's record, us.
+
+        None where nobody knows how sure the times are, as in imported sessions.
+        """
+        records = self._records.values()
+        sure = all(record.uncertainty_ns is not None for record in records)
+        if not records or not sure or self.session.manifest.origin == "imported":
+            return None
+        return max(abs(record.residual_ns) for record in records) / 1000
 
     def bound_us(self) -> float | None:
         """Largest hard bound on the error of an image's time, us."""

@@ -49,8 +49,10 @@ def _page(result: CompareResult, out: Path) -> str:
     headline, lead = wording.headline(result.verdict)
     size = "long" if len(headline) > LONG_HEADLINE else "short"
     name = Path(result.session).name or result.session
+    sides = _sides(result)
     return Template((folder / "page.html").read_text("utf-8")).substitute(
-        title=escape(f"{name}: synchronized against {wording.lateness(result.actual_offset_ms)}"),
+        title=escape(f"{name}: {sides.first.lower()} against {sides.late}"),
+        kicker=escape(f"{sides.first} against offset"),
         css=(folder / "page.css").read_text("utf-8"),
         script=(folder / "page.js").read_text("utf-8"),
         session=escape(name),
@@ -60,12 +62,16 @@ def _page(result: CompareResult, out: Path) -> str:
         claims=claims(result),
         why=_why(result),
         pictures=_pictures(result, out),
-        sweep=bullet_time_section(result.bullet_time, out),
+        sweep=bullet_time_section(result.bullet_time, out, sides.first),
         burst=burst_section(result.burst, out),
         dose=dose_section(result.dose),
         measures=_measures(result),
         making=making_section(result),
     )
+
+
+def _sides(result: CompareResult) -> wording.Sides:
+    return wording.sides(result.stereo.synced if result.stereo else None, result.actual_offset_ms)
 
 
 def _why(result: CompareResult) -> str:
@@ -90,9 +96,10 @@ there: it shows up twice, cut apart, or in the wrong place."""
 def _pictures(result: CompareResult, out: Path) -> str:
     if not result.pictures:
         return ""
+    sides = _sides(result)
     # What can be wiped comes first: it shows the difference at once.
     ordered = sorted(result.pictures, key=lambda picture: picture.panels > 1)
-    figures = "\n".join(_figure(picture, out, result.actual_offset_ms) for picture in ordered)
+    figures = "\n".join(_figure(picture, out, sides) for picture in ordered)
     return f"""<section aria-labelledby="pictures">
 <h2 id="pictures">See the difference</h2>
 <fieldset class="view"><legend>Show the two</legend>
@@ -102,23 +109,23 @@ def _pictures(result: CompareResult, out: Path) -> str:
 </section>"""
 
 
-def _figure(picture: Picture, out: Path, offset_ms: float) -> str:
+def _figure(picture: Picture, out: Path, sides: wording.Sides) -> str:
     title = escape(picture.title)
     synced, (wide, high) = embed(out / picture.synced)
     offset, _ = embed(out / picture.offset)
-    late = escape(wording.lateness(offset_ms))
+    first, late = escape(sides.first), escape(sides.late)
     caption = f"<figcaption>{escape(picture.caption)}</figcaption>" if picture.caption else ""
     slider = (
-        f"""<input class="wipe" type="range" min="0" max="100" value="50" data-left="synchronized"
- aria-label="{title}: how much of the synchronized picture to show"><span class="handle"></span>"""
+        f"""<input class="wipe" type="range" min="0" max="100" value="50" data-left="{first.lower()}"
+ aria-label="{title}: how much to show of: {first.lower()}"><span class="handle"></span>"""
         if picture.panels == 1
         else ""
     )
     return f"""<h3 class="picture">{title}</h3>
 <figure aria-label="{title}">
 <div class="pair {"over" if slider else "stack"}" style="--shape: {wide / high:.4f}; --wide: {wide}">
-<div class="side synced"><span class="tag">Synchronized</span>
-<img alt="{title}, synchronized" width="{wide}" height="{high}" src="{synced}"></div>
+<div class="side synced"><span class="tag">{first}</span>
+<img alt="{title}, {first.lower()}" width="{wide}" height="{high}" src="{synced}"></div>
 <div class="side offset"><span class="tag">{late}</span>
 <img alt="{title}, {late}" width="{wide}" height="{high}" src="{offset}"></div>
 {slider}
@@ -127,15 +134,16 @@ def _figure(picture: Picture, out: Path, offset_ms: float) -> str:
 
 
 def _measures(result: CompareResult) -> str:
+    sides = _sides(result)
     parts = [
-        depth_table(result.stereo, result.actual_offset_ms)
+        depth_table(result.stereo, sides)
         if result.stereo
         else _skipped("Depth was not measured", result.stereo_skipped),
-        panorama_table(result.stitch, result.actual_offset_ms)
+        panorama_table(result.stitch, sides)
         if result.stitch
         else _skipped("No panorama was made", result.stitch_skipped),
         conditions_table(result),
-        instants_table(result.stereo) if result.stereo else "",
+        instants_table(result.stereo, sides) if result.stereo else "",
     ]
     fair = "The same cameras, the same calibration, the same method: only the instant of one picture differs."
     words = f"<p>{fair} {escape(wording.control(result))}</p>" if result.stereo or result.stitch else ""

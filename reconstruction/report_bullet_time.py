@@ -8,8 +8,8 @@ from reconstruction.report_burst import embed
 from reconstruction.results import BulletTime
 
 
-def bullet_time_section(sweep: BulletTime | None, out: Path) -> str:
-    """Both reels and their controls; nothing where there is none.
+def bullet_time_section(sweep: BulletTime | None, out: Path, first: str) -> str:
+    """Both reels and their controls; nothing where there is none. `first` names the one that is as recorded.
 
     Without scripts and in print each reel is a strip of its pictures. Raises BadInputError where a picture
     is missing.
@@ -24,8 +24,8 @@ def bullet_time_section(sweep: BulletTime | None, out: Path) -> str:
         else "The pictures are as the cameras took them."
     )
     times = [wording.timeliness(ms) for ms in sweep.late_ms]
-    reels = _reel("synced", "Synchronized", sweep.synced, ["one instant"] * len(times), sweep, out)
-    reels += _reel("offset", "Not synchronized", sweep.offset, times, sweep, out)
+    reels = _reel("synced", first, sweep.synced, ["one instant"] * len(times), sweep, out)
+    reels += _reel("offset", "Apart", sweep.offset, times, sweep, out)
     last = len(sweep.cameras) - 1
     return f"""<section aria-labelledby="sweep">
 <h2 id="sweep">From camera to camera</h2>

@@ -9,8 +9,8 @@ from reconstruction.results import CompareResult
 
 def claims(result: CompareResult) -> str:
     """Two numbers, synchronized and offset, that say it all; nothing where there are none."""
-    late = wording.lateness(result.actual_offset_ms)
     stereo, stitch = result.stereo, result.stitch
+    sides = wording.sides(stereo.synced if stereo else None, result.actual_offset_ms)
     note = ""
     shown: tuple[tuple[str, str, float | None], ...]
     if stereo and None not in (stereo.synced.mover_within_2pct, stereo.offset.mover_within_2pct):
@@ -30,9 +30,9 @@ def claims(result: CompareResult) -> str:
         shown = tuple((wording.quantity(v, "px"), words, None if v is None else v / most) for v in pair)
     else:
         return ""
-    whens = ("when both pictures show the same instant", f"when one picture is {late}")
-    sides = zip(("synced", "offset"), shown, whens, strict=True)
-    cards = '<div class="claims">' + "".join(_claim(*side) for side in sides) + "</div>"
+    whens = (sides.when, f"when one picture is {sides.late}")
+    both = zip(("synced", "offset"), shown, whens, strict=True)
+    cards = '<div class="claims">' + "".join(_claim(*side) for side in both) + "</div>"
     return cards + (f'<p class="quiet">{note}</p>' if note else "")
 
 

@@ -37,10 +37,11 @@ def conditions_table(result: CompareResult) -> str:
     if not result.conditions:
         return ""
     stereo, stitch = result.stereo, result.stitch
+    sides = wording.sides(stereo.synced if stereo else None, result.actual_offset_ms)
     rows: list[_Row] = [
-        ("synchronized", "", stereo.synced if stereo else None, stitch.synced if stitch else None),
+        (sides.first.lower(), "", stereo.synced if stereo else None, stitch.synced if stitch else None),
         (
-            wording.lateness(result.actual_offset_ms),
+            sides.late,
             "one camera of each pair",
             stereo.offset if stereo else None,
             stitch.offset if stitch else None,
@@ -99,7 +100,7 @@ _INSTANT_COLUMNS: tuple[tuple[str, str, _Show], ...] = (
 )
 
 
-def instants_table(stereo: StereoResult) -> str:
+def instants_table(stereo: StereoResult, names: wording.Sides) -> str:
     """Every instant's numbers on moving things, synchronized and offset, folded away."""
     columns = [
         column
@@ -108,7 +109,7 @@ def instants_table(stereo: StereoResult) -> str:
     ]
     if not columns:
         return ""
-    sides = (("synced", "Synced"), ("offset", "Late"))
+    sides = (("synced", names.short), ("offset", "Late"))
     heads = [Head("Instant"), Head("Moving pixels")]
     heads += [Head(side, group=name, tone=tone) for _, name, _ in columns for tone, side in sides]
     rows = [

@@ -10,6 +10,7 @@ from reconstruction import wording
 from reconstruction.dose_plot import dose_plot
 from reconstruction.report_cells import COVERAGE, EPIPOLAR, STILL_COVERAGE, WITHIN, Head, listing
 from reconstruction.results import DoseResult, Interval
+from reconstruction.verdict import together
 
 REPORT = "report.html"
 
@@ -19,6 +20,11 @@ def dose_sentence(dose: DoseResult) -> str:
     late = dose.points[-1]
     first, last = (getattr(p.scores, dose.measure) for p in (dose.points[0], late))
     what = "the right distance is found" if dose.measure.endswith("2pct") else "a distance is found"
+    if not together(dose.points[0].scores):
+        return (
+            f"These cameras were not synchronized: as recorded, {what} for "
+            f"{wording.share(first, decimals=0)} of what moves, so that more lateness changes little."
+        )
     start = (
         f"Synchronized, {what} for {wording.share(first, decimals=0)} of what moves; "
         f"{wording.lateness(late.offset_ms)}, for {wording.share(last, decimals=0)}."
@@ -73,6 +79,7 @@ def write_dose_report(result: DoseResult, out: Path) -> Path:
         title=escape(f"{name}: how much lateness its motion bears"),
         css=(folder / "page.css").read_text("utf-8"),
         script=(folder / "page.js").read_text("utf-8"),
+        kicker="Depth against lateness",
         session=escape(name),
         headline=escape(headline),
         size="long",

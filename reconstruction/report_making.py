@@ -17,8 +17,8 @@ def making_section(result: CompareResult) -> str:
     frames = wording.count(result.offset_frames, "frame")
     rows.append(("Offset", escape(f"{asked} asked for; {actual} given, which is {frames}")))
     rows.append(("Calibration", escape(result.calibration)))
-    if sync := wording.synchronization(result.sync_residual_us, result.sync_bound_us):
-        rows.append(("Synchronization", escape(sync)))
+    sync = wording.synchronization(result.sync_residual_us, result.sync_bound_us)
+    rows.append(("Synchronization", escape(sync)))
     rows.append(("Time taken", escape(wording.seconds(result.seconds))))
     if result.versions:
         versions = ", ".join(f"{name} {version}" for name, version in result.versions.items())

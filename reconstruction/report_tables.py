@@ -38,7 +38,7 @@ _DEPTH_ROWS: tuple[tuple[str, str, str, _Format], ...] = (
 )
 
 
-def depth_table(stereo: StereoResult, offset_ms: float) -> str:
+def depth_table(stereo: StereoResult, sides: wording.Sides) -> str:
     """Movers beside the static control, synchronized and offset; measures nobody took are left out."""
     rows = []
     for key, name, text, show in _DEPTH_ROWS:
@@ -61,12 +61,12 @@ def depth_table(stereo: StereoResult, offset_ms: float) -> str:
                 [*ranges[0], *ranges[1]],
             )
         )
-    heads = _heads(offset_ms)
+    both = heads(sides)
     return f"""<table class="twin" style="--columns: 4">
 <caption>Depth from cameras {escape(stereo.reference)} and {escape(stereo.other)}</caption>
 <thead><tr><td></td><th scope="colgroup" colspan="2">Moving things</th>
 <th scope="colgroup" colspan="2">Things at rest (control)</th></tr>
-<tr><td></td>{heads}{heads}</tr></thead>
+<tr><td></td>{both}{both}</tr></thead>
 <tbody>
 {"".join(rows)}</tbody></table>"""
 
@@ -99,7 +99,7 @@ _PANORAMA_ROWS = (
 )
 
 
-def panorama_table(stitch: StitchResult, offset_ms: float) -> str:
+def panorama_table(stitch: StitchResult, sides: wording.Sides) -> str:
     """The overlap of a panorama before blending, synchronized and offset."""
     rows = []
     for key, name, text, unit in _PANORAMA_ROWS:
@@ -111,17 +111,16 @@ def panorama_table(stitch: StitchResult, offset_ms: float) -> str:
             rows.append(_row(name, text, cells, ranges))
     return f"""<table class="twin" style="--columns: 2">
 <caption>Panorama of cameras {escape(" and ".join(stitch.cameras))}</caption>
-<thead><tr><td></td>{_heads(offset_ms)}</tr></thead>
+<thead><tr><td></td>{heads(sides)}</tr></thead>
 <tbody>
 {"".join(rows)}</tbody></table>"""
 
 
-def _heads(offset_ms: float) -> str:
-    late = wording.lateness(offset_ms)
-    late = late[0].upper() + late[1:]
+def heads(sides: wording.Sides) -> str:
+    """The heads of two columns that stand beside each other."""
     return (
-        '<th scope="col" class="synced"><span class="dot"></span>Synced</th>'
-        f'<th scope="col" class="offset"><span class="dot"></span>{escape(late)}</th>'
+        f'<th scope="col" class="synced"><span class="dot"></span>{escape(sides.short)}</th>'
+        f'<th scope="col" class="offset"><span class="dot"></span>{escape(sides.late_head)}</th>'
     )
 
 

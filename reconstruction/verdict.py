@@ -20,7 +20,7 @@ def verdict(
 ) -> str:
     """The sentences; `moving_share` is the share of pixels that move."""
     late = f"{offset_ms:.0f} ms late"
-    if stereo is not None and not together(stereo):
+    if stereo is not None and not together(stereo.synced):
         return _apart(stereo, late)
     depth = _depth(stereo, late) if stereo is not None else None
     panorama = _panorama(stitch, late) if stitch is not None else None
@@ -42,13 +42,12 @@ def verdict(
     )
 
 
-def together(result: StereoResult) -> bool:
+def together(scores: DepthScores) -> bool:
     """Whether the pictures called synchronized can be of one instant.
 
     They cannot where what moves is mostly lost and lies in other rows than it should, while what stands
     still is found and lies where it should.
     """
-    scores = result.synced
     moving, still = _found(scores)
     rows, control = scores.mover_epipolar_px, scores.static_epipolar_px
     if moving is None or still is None or rows is None or control is None:

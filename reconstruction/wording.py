@@ -2,8 +2,10 @@
 
 import math
 import re
+from dataclasses import dataclass
 
-from reconstruction.results import CompareResult
+from reconstruction.results import CompareResult, DepthScores
+from reconstruction.verdict import CLEAR_SHARE, together
 
 NOT_AVAILABLE = "n/a"
 GAP = "\u202f"
@@ -73,6 +75,31 @@ def timeliness(late_ms: float) -> str:
     return lateness(late_ms) if abs(late_ms) >= 0.05 else "on time"
 
 
+@dataclass(frozen=True)
+class Sides:
+    """What the two sides of a comparison are called."""
+
+    first: str
+    short: str
+    """The first side where there is little room."""
+    when: str
+    """The first side at the end of a sentence."""
+    late: str
+
+    @property
+    def late_head(self) -> str:
+        """The second side at the head of a column."""
+        return self.late[0].upper() + self.late[1:]
+
+
+def sides(synced: DepthScores | None, offset_ms: float) -> Sides:
+    """The names; what is plainly not of one instant is not called synchronized."""
+    late = lateness(offset_ms)
+    if synced is not None and not together(synced):
+        return Sides("As recorded", "Recorded", "in the pictures as they were recorded", late)
+    return Sides("Synchronized", "Synced", "when both pictures show the same instant", late)
+
+
 def walk(offset_ms: float) -> str:
     """How far somebody walks meanwhile."""
     metres = abs(offset_ms) / 1e3 * WALKING_M_PER_S
@@ -98,22 +125,28 @@ def control(result: CompareResult) -> str:
         pair = (synced.static_coverage, offset.static_coverage)
     if pair[0] is None or pair[1] is None:
         return ""
-    if abs(pair[0] - pair[1]) < 0.02:
+    values = f"({share(pair[0])} and {share(pair[1])})"
+    if abs(pair[0] - pair[1]) >= 0.02:
         return (
-            f"Things at rest are the control: they do as well either way ({share(pair[0])} and "
-            f"{share(pair[1])}), so the difference on moving things comes from timing alone."
+            f"Things at rest are the control, and here they differ too {values}: not all of the difference "
+            "comes from timing."
         )
+    moving = (synced.mover_within_2pct, offset.mover_within_2pct)
+    if None in moving:
+        moving = (synced.mover_coverage, offset.mover_coverage)
+    if moving[0] is None or moving[1] is None or moving[0] - moving[1] < CLEAR_SHARE:
+        return f"Things at rest are the control: they do as well either way {values}."
     return (
-        f"Things at rest are the control, and here they differ too ({share(pair[0])} and "
-        f"{share(pair[1])}): not all of the difference comes from timing."
+        f"Things at rest are the control: they do as well either way {values}, so the difference on moving "
+        "things comes from timing alone."
     )
 
 
 def synchronization(residual_us: float | None, bound_us: float | None) -> str:
-    """How far the pictures are from their instants by the session's own record; empty where it has none."""
+    """How far the pictures are from their instants by the session's own record."""
     parts = []
     if residual_us is not None:
         parts.append(f"every synchronized picture within {microseconds(residual_us)} of its instant")
     if bound_us is not None:
         parts.append(f"the clocks agree to {microseconds(bound_us)} at the very worst")
-    return "; ".join(parts)
+    return "; ".join(parts) or "not known: the session has no record of its clocks"

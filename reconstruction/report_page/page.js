@@ -51,10 +51,10 @@ for (const sweep of document.querySelectorAll(".sweep")) {
       });
     }
     const { camera, time } = reels[1][now].dataset;
-    tag.textContent = `Not synchronized: ${time}`;
+    tag.textContent = `Apart: ${time}`;
     where.textContent = `${camera} (${now + 1} of ${last + 1})`;
     range.value = now;
-    range.setAttribute("aria-valuetext", `${camera}; not synchronized: ${time}`);
+    range.setAttribute("aria-valuetext", `${camera}; apart: ${time}`);
   };
   const wait = () => {
     clearTimeout(timer);

@@ -199,6 +199,19 @@ def test_a_control_that_moves_is_admitted(tmp_path):
     assert "not all of the difference comes from timing" in page.text
 
 
+def test_pictures_that_are_not_of_one_instant_are_not_called_synchronized(tmp_path):
+    lost = depth(mover_within_2pct=0.005, mover_epipolar_px=9.8, static_epipolar_px=0.05)
+    stereo = msgspec.structs.replace(STEREO, synced=lost, offset=lost)
+    result = msgspec.structs.replace(whole_result(tmp_path), stereo=stereo, verdict="They were not.")
+    page = Page.read(write_report(result, tmp_path))
+
+    assert "As recorded against offset" in page.text
+    assert "Synced" not in page.text
+    assert "in the pictures as they were recorded" in page.text
+    assert "comes from timing alone" not in page.text
+    assert "they do as well either way (67.3 % and 67.3 %)." in page.text
+
+
 def test_without_ground_truth_nothing_is_called_correct(tmp_path):
     blind = {"mover_within_2pct": None, "static_within_2pct": None}
     stereo = msgspec.structs.replace(

@@ -50,9 +50,9 @@ def test_cameras_that_were_never_together_are_not_called_synchronized() -> None:
     assert "a distance is found for 4 % of what moves but for 96 % of what stands still" in text
     assert "out of place by 10 pixels" in text
     # A blank thing that no pair can match, and a pair that matches it well, say nothing against the times.
-    assert together(seen(0.04, 0.2))
-    assert together(seen(0.9, 1.5))
-    assert together(stereo(0.04, 0.02))
+    assert together(seen(0.04, 0.2).synced)
+    assert together(seen(0.9, 1.5).synced)
+    assert together(stereo(0.04, 0.02).synced)
 
 
 def test_no_difference_is_said_as_such() -> None:

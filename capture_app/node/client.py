@@ -137,6 +137,7 @@ class ClientNode:
             tolerance_ns=self._tolerance_ns,
             ring_frames=self._ring_frames,
             injection_profile=self._profiles.find(self._info) if self._profiles else None,
+            start_latencies_ns=self._profiles.start_latencies_ns(self._info) if self._profiles else (),
         )
         self._engine = Client(config, random.Random(secrets.randbits(64)))
         self._engine.stream_started(started_ns)
@@ -248,10 +249,17 @@ class ClientNode:
         if state is not self._last_state:
             self._last_state = state
             self._talk(str(state))
-            profile = self._engine.aligner.injection_profile
-            if state is NodeState.READY and self._profiles is not None and profile is not None:
-                # Proven: with it the camera came into phase.
-                self._profiles.keep(self._info, profile)
+            if state is NodeState.READY:
+                self._keep_profile()
+
+    def _keep_profile(self) -> None:
+        """Keep what brought the camera into phase: it is proven."""
+        assert self._engine is not None
+        aligner = self._engine.aligner
+        if self._profiles is not None and aligner.injection_profile is not None:
+            self._profiles.keep(self._info, aligner.injection_profile)
+        if self._profiles is not None and aligner.start_latencies_ns:
+            self._profiles.keep_start_latencies(self._info, aligner.start_latencies_ns)
 
     def _take_event(self, event: ClientEvent[CapturedFrame]) -> None:
         now_ns = self._clock.now_ns()

@@ -1,4 +1,4 @@
-"""What injections have shown about each device model and mode, kept as JSON in the user's data folder."""
+"""What is known about each device model and mode from before, kept as JSON in the user's data folder."""
 
 import os
 from pathlib import Path
@@ -8,13 +8,19 @@ import msgspec
 from capture_app.cameras.base import CameraInfo
 from capture_app.sync.injection import InjectionProfile
 
-FILE = "injection-profiles.json"
+FILE = "device-profiles.json"
+MOST_LATENCIES = 24
 
 
-class _Entry(msgspec.Struct, frozen=True, kw_only=True):
+class _Injection(msgspec.Struct, frozen=True, kw_only=True):
     row_time_ns: int
     gain: int
     neutral_rows: float
+
+
+class _Entry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    injection: _Injection | None = None
+    start_latencies_ns: tuple[int, ...] = ()
 
 
 def data_folder() -> Path:
@@ -23,22 +29,39 @@ def data_folder() -> Path:
 
 
 class DeviceProfiles:
-    """The profiles in one folder; a file that cannot be read or written only costs an injection."""
+    """The profiles in one folder; a file that cannot be read or written only costs some corrections."""
 
     def __init__(self, folder: Path) -> None:
         self._path = folder / FILE
 
     def find(self, info: CameraInfo) -> InjectionProfile | None:
-        """The profile of cameras like this one; None where it is not known."""
-        entry = self._read().get(_key(info))
-        if entry is None or entry.gain not in (1, 2, 3) or entry.row_time_ns <= 0:
+        """What a long frame does to cameras like this one; None where it is not known."""
+        known = self._entry(info).injection
+        if known is None or known.gain not in (1, 2, 3) or known.row_time_ns <= 0:
             return None
-        return InjectionProfile(entry.row_time_ns, entry.gain, entry.neutral_rows)
+        return InjectionProfile(known.row_time_ns, known.gain, known.neutral_rows)
+
+    def start_latencies_ns(self, info: CameraInfo) -> tuple[int, ...]:
+        """How long starts of cameras like this one took, modulo the period in ns, newest last."""
+        return self._entry(info).start_latencies_ns[-MOST_LATENCIES:]
 
     def keep(self, info: CameraInfo, profile: InjectionProfile) -> bool:
-        """Keep a profile for cameras like this one; False where it cannot be written."""
+        """Keep what a long frame does to cameras like this one; False where it cannot be written."""
+        known = _Injection(
+            row_time_ns=profile.row_time_ns, gain=profile.gain, neutral_rows=profile.neutral_rows
+        )
+        return self._write(info, msgspec.structs.replace(self._entry(info), injection=known))
+
+    def keep_start_latencies(self, info: CameraInfo, latencies_ns: tuple[int, ...]) -> bool:
+        """Keep how long starts took, in the place of what was known; False where it cannot be written."""
+        newest = latencies_ns[-MOST_LATENCIES:]
+        return self._write(info, msgspec.structs.replace(self._entry(info), start_latencies_ns=newest))
+
+    def _entry(self, info: CameraInfo) -> _Entry:
+        return self._read().get(_key(info), _Entry())
+
+    def _write(self, info: CameraInfo, entry: _Entry) -> bool:
         entries = self._read()
-        entry = _Entry(row_time_ns=profile.row_time_ns, gain=profile.gain, neutral_rows=profile.neutral_rows)
         if entries.get(_key(info)) == entry:
             return True
         entries[_key(info)] = entry

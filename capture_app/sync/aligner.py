@@ -130,6 +130,13 @@ class Aligner:
         """What the injections have shown about this device."""
         return self._injection.profile if self._injection else None
 
+    @property
+    def start_latencies_ns(self) -> tuple[int, ...]:
+        """How long starts took, modulo the period, newest last; what `start_seen` takes on the next use."""
+        if self._reset is None:
+            return ()
+        return tuple(round(latency * self._phase.period_ns) for latency in self._reset.latencies)
+
     def start_seen(self, latency_ns: int) -> None:
         """Take in how long a start of this device took before, in ns from the command to the first frame."""
         if self._reset is not None:

@@ -40,6 +40,11 @@ class ResetController:
         self._period_ns = 1.0
 
     @property
+    def latencies(self) -> tuple[float, ...]:
+        """The start latencies seen, modulo the period and as shares of it, newest last."""
+        return tuple(self._latencies)
+
+    @property
     def problem(self) -> str:
         """A stream can always be restarted."""
         return ""

@@ -25,6 +25,8 @@ class ClientConfig:
     ring_frames: int
     injection_profile: InjectionProfile | None = None
     """What is known from before about what a long frame does to this camera."""
+    start_latencies_ns: tuple[int, ...] = ()
+    """How long starts of such a camera took before, from the command to the first frame, newest last."""
 
 
 class Steering:
@@ -45,6 +47,8 @@ class Steering:
             rng=rng,
             profile=config.injection_profile,
         )
+        for latency_ns in config.start_latencies_ns:
+            self.aligner.start_seen(latency_ns)
         self._can_move = camera.phase_control != "none"
         self._told_problem = ""
         self._commands: deque[CameraCommand] = deque()

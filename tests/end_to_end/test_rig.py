@@ -5,7 +5,10 @@ import json
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import pytest
+
 from capture_app.errors import ExitCode
+from capture_app.node.device_profiles import FILE, data_folder
 from capture_app.session.reader import Session
 from capture_app.session.verify import verify
 
@@ -129,7 +132,10 @@ async def test_a_camera_that_goes_away_is_told_to_the_leader(start: "Start", tmp
     await node.says("camera is back")
 
 
-async def test_a_leader_with_a_camera_of_its_own(start: "Start", tmp_path: Path) -> None:
+async def test_a_leader_with_a_camera_of_its_own(
+    start: "Start", tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     leader = await start(
         "leader", "--host", "127.0.0.1", "--port", "0", "--sessions", str(tmp_path), "--json",
         "--camera", "sim:perfect", "--fps", "30",
@@ -138,6 +144,7 @@ async def test_a_leader_with_a_camera_of_its_own(start: "Start", tmp_path: Path)
     await leader.says("local1 joined")
     done = await burst(start, address, "--frames", "1")
     assert done["received"] == 1
+    assert (data_folder() / FILE).is_file(), "what its long frames did is known on the next use"
 
 
 async def test_a_burst_that_nobody_can_take_is_one_line_and_no_session(

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from capture_app.cameras.base import CameraInfo, PhaseControl, TimestampSource
-from capture_app.node.device_profiles import FILE, DeviceProfiles
+from capture_app.node.device_profiles import FILE, MOST_LATENCIES, DeviceProfiles
 from capture_app.sync.injection import InjectionProfile
 
 PROFILE = InjectionProfile(10_840, 2, 3056.0)
@@ -40,6 +40,16 @@ def test_a_broken_file_is_as_good_as_none(tmp_path: Path) -> None:
     assert profiles.find(camera()) is None
     assert profiles.keep(camera(), PROFILE)
     assert profiles.find(camera()) == PROFILE
+
+
+def test_start_latencies_are_kept_beside_what_long_frames_do(tmp_path: Path) -> None:
+    profiles = DeviceProfiles(tmp_path)
+    assert profiles.start_latencies_ns(camera()) == ()
+    profiles.keep(camera(), PROFILE)
+    assert profiles.keep_start_latencies(camera(), tuple(range(100)))
+    assert profiles.start_latencies_ns(camera()) == tuple(range(100 - MOST_LATENCIES, 100))
+    assert profiles.find(camera()) == PROFILE
+    assert profiles.start_latencies_ns(camera(model="Other")) == ()
 
 
 def test_a_folder_that_cannot_be_written_is_no_failure(tmp_path: Path) -> None:

@@ -15,13 +15,12 @@ from capture_app.net.address import Address, resolve
 from capture_app.net.multicast import BeaconEar
 from capture_app.net.udp import Pump, client_socket
 from capture_app.node.device_profiles import DeviceProfiles
-from capture_app.node.messages import CameraReport, JsonValue
+from capture_app.node.messages import JsonValue
 from capture_app.node.plans import record_of
-from capture_app.node.records import camera_record, description, event_line, true_clock
+from capture_app.node.records import camera_record, camera_report, description, event_line, true_clock
 from capture_app.node.spool import Spool
 from capture_app.node.uploader import Uploader
 from capture_app.node.work import BurstWork
-from capture_app.session.manifest import MissingImage
 from capture_app.simulation.clock import HostClock, NodeClock
 from capture_app.sync.candidates import Candidates
 from capture_app.sync.client import Client, ClientConfig
@@ -36,7 +35,6 @@ from capture_app.sync.events import (
 )
 from capture_app.sync.phase import FrameStamp
 from capture_app.sync.state import NodeState
-from capture_app.sync.trigger import DROPPED
 
 RING_FRAMES = 90
 CAMERA_RETRY_S = 2.0
@@ -281,19 +279,12 @@ class ClientNode:
     def _work_of(self, ready: BurstReady[CapturedFrame]) -> BurstWork:
         assert self._engine is not None
         assert self._tolerance_ns is not None
-        report = CameraReport(
-            leader=ready.leader,
-            burst=ready.burst,
-            camera=camera_record(
-                self.name, self._info, ready, self._engine.aligner.corrections, self._tolerance_ns
-            ),
-            instants=tuple(pick.instant for pick in ready.picks),
-            missing=tuple(
-                MissingImage(
-                    camera=self.name, instant=gap.instant, reason=gap.reason, dropped=gap.reason == DROPPED
-                )
-                for gap in ready.gaps
-            ),
+        record = camera_record(
+            self.name, self._info, ready, self._engine.aligner.corrections, self._tolerance_ns
+        )
+        report = camera_report(
+            record,
+            ready,
             calibration=self._camera.calibration,
             true_clock=true_clock(self._clock, self._info),
             events=tuple(self._events),

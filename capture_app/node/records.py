@@ -5,8 +5,9 @@ from typing import Any
 import msgspec
 
 from capture_app.cameras.base import CameraInfo
-from capture_app.node.messages import JsonValue, TrueClock
-from capture_app.session.manifest import CameraRecord, ClockRecord, PhaseRecord
+from capture_app.node.messages import CameraReport, JsonValue, TrueClock
+from capture_app.session.calibration import CameraCalibration
+from capture_app.session.manifest import CameraRecord, ClockRecord, MissingImage, PhaseRecord
 from capture_app.simulation.clock import NodeClock, SimulatedClock
 from capture_app.sync.events import (
     BurstReady,
@@ -21,6 +22,7 @@ from capture_app.sync.events import (
     PhaseCorrected,
 )
 from capture_app.sync.messages import CameraDescription
+from capture_app.sync.trigger import DROPPED
 
 SIMULATED = "sim"
 """The kind of simulated cameras."""
@@ -63,6 +65,32 @@ def camera_record(
             uncertainty_ns=round(1.96 * phase.sigma_ns),
             tolerance_ns=tolerance_ns,
         ),
+    )
+
+
+def camera_report(
+    camera: CameraRecord,
+    ready: BurstReady[Any],
+    *,
+    calibration: CameraCalibration | None,
+    true_clock: TrueClock | None,
+    events: tuple[dict[str, JsonValue], ...],
+) -> CameraReport:
+    """What a node tells the root of its part of a burst."""
+    return CameraReport(
+        leader=ready.leader,
+        burst=ready.burst,
+        camera=camera,
+        instants=tuple(pick.instant for pick in ready.picks),
+        missing=tuple(
+            MissingImage(
+                camera=camera.name, instant=gap.instant, reason=gap.reason, dropped=gap.reason == DROPPED
+            )
+            for gap in ready.gaps
+        ),
+        calibration=calibration,
+        true_clock=true_clock,
+        events=events,
     )
 
 

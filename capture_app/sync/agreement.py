@@ -14,9 +14,9 @@ WEIGHTS = {"none": 1000, "reset": 1}
 """How much it counts to suit a camera, by its phase control; those that are not here move to any goal."""
 ROUND_NS = 800_000_000
 """About the time that one restart takes."""
-LUCK = 1.5
+LUCK = 3.0
 """How much likelier than a uniform restart one is thought to land in the window, before any was seen."""
-AHEAD_S = (0.0, 1.0, 2.0, 3.0, 5.0, 8.0, 12.0, 18.0, 25.0, 35.0)
+AHEAD_S = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0, 18.0, 25.0, 35.0)
 """Moments to come that are weighed; further ahead, crystals wander."""
 LATER = 0.1
 """What it costs to be judged before all have landed, by the time between: some will have drifted away."""
@@ -73,7 +73,8 @@ def best_shift(stances: Sequence[Stance], ahead_ns: float, period_ns: int) -> tu
     """The shift of the goal in ns, in [-period/2, period/2), that suits most so much later, and their weight.
 
     Each camera is suited by an arc of goals; the answer is the middle of where most weight overlaps, so that
-    it lasts for longest.
+    it lasts for longest. Of several such places it is the widest: there the cameras are closest together,
+    and leave most room for those still to come.
     """
     weight = 0
     edges: list[tuple[float, int]] = []
@@ -89,12 +90,12 @@ def best_shift(stances: Sequence[Stance], ahead_ns: float, period_ns: int) -> tu
         return 0, weight
     # Where arcs end as others begin, both count.
     edges.sort(key=lambda edge: (edge[0], -edge[1]))
-    best, shift = -1, 0.0
+    best, room, shift = -1, 0.0, 0.0
     for i, (at, change) in enumerate(edges):
         weight += change
-        if weight > best:
-            until = edges[i + 1][0] if i + 1 < len(edges) else edges[0][0] + period_ns
-            best, shift = weight, (at + until) / 2
+        until = edges[i + 1][0] if i + 1 < len(edges) else edges[0][0] + period_ns
+        if (weight, until - at) > (best, room):
+            best, room, shift = weight, until - at, (at + until) / 2
     return round((shift + period_ns / 2) % period_ns - period_ns / 2), best
 
 

@@ -6,22 +6,16 @@ line a new height (a new run) but keeps the period, which belongs to the camera'
 
 from collections import deque
 from dataclasses import dataclass
-from math import isfinite, sqrt
+from math import sqrt
 from statistics import median
 
+from capture_app.sync.frame_line import MEDIAN_FACTOR, PHASE_FRAMES, FrameLine, Point
 from capture_app.sync.pending_shifts import PendingShifts
-from capture_app.sync.robust import shared_slope
 
 FIRST_LOOK = 8
 """Intervals whose median gives the first period."""
-REFIT_FRAMES = 10
 RATE_FRAMES = 15
 CALM_FRAMES = 5
-PHASE_FRAMES = 10
-MEDIAN_FACTOR = 1.25
-"""A median of normal noise is this much noisier than a mean."""
-FINEST_PHASE = 1e-4
-"""More frames than PHASE_FRAMES are used until the phase is known to this share of a period."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,44 +51,46 @@ class PhaseEstimator:
     """Period and phase of a stream of frames, robust to outliers, drops and moved phases."""
 
     def __init__(self, *, period_ns: int, window_frames: int = 300) -> None:
-        self._window = window_frames
-        self._nominal = float(period_ns)
+        self._line = FrameLine(period_ns=float(period_ns), window_frames=window_frames)
         self.frames = 0
         self.drops = 0
-        self.noise_ns = 0.0
-        """Standard deviation of one timestamp, in ns."""
         self.last_shift_ns: int | None = None
         """How far the last disturbance moved the phase, unwrapped, in ns; None if nobody can tell."""
         self._stream: int | None = None
         self._sequence = self._time_ns = self._origin_ns = self._index = 0
-        self._period = float(period_ns)
-        self._period_sigma = float("inf")
-        self._runs: deque[list[tuple[int, int]]] = deque([[]])
-        """Points (index, time since the stream's origin in ns); the last run is under way."""
         self._first_look: list[float] | None = []
         self._intervals: deque[float] = deque(maxlen=RATE_FRAMES)
         self.shifts = PendingShifts()
-        self._begin_run()
+        self._disturbed = False
+        self._pending: list[Point] = []
+        """Frames since a disturbance was expected."""
+        self._timeout_frames = 0
+        self._height_before_ns = 0.0
 
     @property
     def period_ns(self) -> float:
         """Period in ns of local time."""
-        return self._period
+        return self._line.period_ns
 
     @property
     def period_sigma_ns(self) -> float:
         """One standard deviation of the period, in ns; infinite before the first fit."""
-        return self._period_sigma
+        return self._line.period_sigma_ns
+
+    @property
+    def noise_ns(self) -> float:
+        """Standard deviation of one timestamp, in ns."""
+        return self._line.noise_ns
 
     @property
     def known(self) -> bool:
         """Whether the period has been fitted to this stream's own frames."""
-        return isfinite(self._period_sigma)
+        return self._line.known
 
     @property
     def run_frames(self) -> int:
         """Frames since the phase last moved."""
-        return 0 if self._disturbed else len(self._runs[-1])
+        return 0 if self._disturbed else len(self._line.run)
 
     @property
     def last_ns(self) -> int:
@@ -119,7 +115,7 @@ class PhaseEstimator:
         interval = stamp.timestamp_ns - self._time_ns
         if stamp.stream < self._stream or steps <= 0 or interval <= 0:
             return 0
-        by_time = max(1, round(interval / self._period))
+        by_time = max(1, round(interval / self._line.period_ns))
         # Only a disturbance explains a long interval without a jump in the numbers.
         advance = steps if self._disturbed or self._first_look is not None else by_time
         dropped = steps - 1 if steps > 1 or self._disturbed else advance - 1
@@ -145,32 +141,32 @@ class PhaseEstimator:
 
     def index_near(self, local_ns: int) -> int:
         """Index of the frame nearest to a local time in ns."""
-        return self._index + round((local_ns - self._time_at(self._index)) / self._period)
+        return self._index + round((local_ns - self._time_at(self._index)) / self._line.period_ns)
 
     def outlier_ns(self, stamp_ns: int) -> int:
         """How far in ns a timestamp lies off the line of its stream's frames, 0 within the noise.
 
         0 also for frames from before the phase last moved: their line is not kept.
         """
-        run = self._runs[-1]
+        run = self._line.run
         if self._disturbed or not self.known or len(run) < PHASE_FRAMES:
             return 0
         if stamp_ns < self._origin_ns + run[0][1]:
             return 0
         off_ns = stamp_ns - self.nearest(stamp_ns)
-        return off_ns if abs(off_ns) > self._tolerance() + 3.0 * self.sigma_at(stamp_ns) else 0
+        return off_ns if abs(off_ns) > self._line.tolerance_ns + 3.0 * self.sigma_at(stamp_ns) else 0
 
     def sigma_at(self, local_ns: int) -> float:
         """One standard deviation in ns of a predicted frame time near a local time."""
-        used = min(self._phase_frames(), max(1, self.run_frames))
-        ahead = (local_ns - self._time_ns) / self._period + used / 2
-        drift = self._period_sigma * abs(ahead) if self._period_sigma < self._period else 0.0
+        used = min(self._line.phase_frames, max(1, self.run_frames))
+        ahead = (local_ns - self._time_ns) / self._line.period_ns + used / 2
+        drift = self.period_sigma_ns * abs(ahead) if self.period_sigma_ns < self.period_ns else 0.0
         return sqrt((MEDIAN_FACTOR * self.noise_ns) ** 2 / used + drift**2)
 
     def first_off_ns(self) -> float:
         """How far in ns the first frame since the phase last moved lies off the line of those after it."""
-        index, first_ns = self._runs[-1][0]
-        return abs(first_ns - self._period * index - self._height)
+        index, first_ns = self._line.run[0]
+        return abs(first_ns - self._line.period_ns * index - self._line.height_ns)
 
     def shift_to_come(self, local_ns: int) -> int:
         """Expected shifts in ns that the frame near a local time may not have felt yet."""
@@ -188,21 +184,13 @@ class PhaseEstimator:
         self.last_shift_ns = None
         self._pending.clear()
         self._timeout_frames = timeout_frames
-        self._height_before = self._height
-
-    def _begin_run(self) -> None:
-        self._disturbed = False
-        self._pending: list[tuple[int, int]] = []
-        self._timeout_frames = 0
-        self._height_before = self._height = 0.0
-        self._since_fit = 0
+        self._height_before_ns = self._line.height_ns
 
     def _start_stream(self, stamp: FrameStamp) -> None:
         self._stream, self._sequence, self._time_ns = stamp.stream, stamp.sequence, stamp.timestamp_ns
         self.last_shift_ns = None
-        if self._runs[-1]:
-            self._runs.append([])
-        self._begin_run()
+        self._disturbed = False
+        self._line.begin_run()
         self.shifts.clear()
         self._index, self._origin_ns = 0, stamp.timestamp_ns
         self._file()
@@ -213,17 +201,17 @@ class PhaseEstimator:
         self._first_look.append(period)
         if len(self._first_look) < FIRST_LOOK:
             return
-        self._period = median(self._first_look)
+        self._line.period_ns = median(self._first_look)
         self._first_look = None
         # Now that a period is known, drops that the numbers did not tell show in the times.
-        for run in self._runs:
+        for run in self._line.runs:
             index = 0
             for i, (_, time_ns) in enumerate(run):
-                index += max(1, round((time_ns - run[i - 1][1]) / self._period)) if i else 0
+                index += max(1, round((time_ns - run[i - 1][1]) / self._line.period_ns)) if i else 0
                 run[i] = (index, time_ns)
-        run = self._runs[-1]
+        run = self._line.run
         self._index = run[-1][0] + max(
-            1, round((self._time_ns - self._origin_ns - run[-1][1]) / self._period)
+            1, round((self._time_ns - self._origin_ns - run[-1][1]) / self._line.period_ns)
         )
 
     def _runs_at_another_rate(self) -> bool:
@@ -231,92 +219,54 @@ class PhaseEstimator:
         if self._disturbed or len(self._intervals) < RATE_FRAMES:
             return False
         period = median(self._intervals)
-        if abs(period - self._period) <= max(0.02 * self._period, 2.0 * self.noise_ns):
+        if abs(period - self._line.period_ns) <= max(0.02 * self._line.period_ns, 2.0 * self.noise_ns):
             return False
-        self._period, self._period_sigma = period, float("inf")
+        self._line.begin_at_rate(period)
         self._index, self._origin_ns = 0, self._time_ns
-        self._runs = deque([[(0, 0)]])
         self.shifts.clear()
-        self._begin_run()
-        self._measure()
         return True
 
     def _file(self) -> None:
         elapsed_ns = self._time_ns - self._origin_ns
-        seen_ns = elapsed_ns - self._height - self._period * self._index
+        seen_ns = elapsed_ns - self._line.height_ns - self._line.period_ns * self._index
         point = (self._index, elapsed_ns - self.shifts.felt_by(self._index, seen_ns))
         if self._disturbed:
             self._pending.append(point)
             self._settle()
             return
-        run = self._runs[-1]
-        run.append(point)
-        self._trim()
-        self._since_fit += 1
-        if self._first_look is None and (self._since_fit >= REFIT_FRAMES or not self.known):
-            self._fit()
-        self._measure()
+        self._line.add(point, fit=self._first_look is None)
         if self._first_look is None:
             self._notice_jump()
 
-    def _trim(self) -> None:
-        while sum(map(len, self._runs)) > self._window:
-            oldest = self._runs[0]
-            del oldest[: max(1, len(oldest) // 8)]
-            if not oldest and len(self._runs) > 1:
-                self._runs.popleft()
-
-    def _fit(self) -> None:
-        self._since_fit = 0
-        period, spread, self.noise_ns = shared_slope(self._runs, self._period)
-        if spread < 0.01 * self._nominal:
-            self._period, self._period_sigma = period, spread
-
-    def _phase_frames(self) -> int:
-        finest = FINEST_PHASE * self._period
-        return max(PHASE_FRAMES, min(self._window, round((MEDIAN_FACTOR * self.noise_ns / finest) ** 2)))
-
-    def _measure(self) -> None:
-        last = self._runs[-1][-self._phase_frames() :]
-        self._height = median([t - self._period * index for index, t in last])
-
     def _time_at(self, index: int) -> float:
-        return self._origin_ns + self._height + self._period * index + self.shifts.due_by(index)
-
-    def _tolerance(self) -> float:
-        return max(8.0 * self.noise_ns, 2_000.0)
+        line = self._line
+        return self._origin_ns + line.height_ns + line.period_ns * index + self.shifts.due_by(index)
 
     def _settle(self) -> None:
         """End a disturbance once the last few frames lie on a line again, moved or too long the same."""
         last = self._pending[-CALM_FRAMES:]
         if len(last) < CALM_FRAMES:
             return
-        heights = [t - self._period * index for index, t in last]
-        shift = median(heights) - self._height_before
-        calm = max(heights) - min(heights) < self._tolerance()
+        heights = self._line.heights_of(last)
+        shift = median(heights) - self._height_before_ns
+        calm = max(heights) - min(heights) < self._line.tolerance_ns
         moved = abs(shift) > max(4.0 * self.noise_ns, 2_000.0)
         if not (calm and moved) and len(self._pending) < self._timeout_frames:
             return
         if not calm and len(self._pending) < 2 * self._timeout_frames:
             return
-        self._runs.append(last)
-        self._begin_run()
+        self._disturbed = False
+        self._line.begin_run(last)
         self.last_shift_ns = round(shift)
-        self._measure()
 
     def _notice_jump(self) -> None:
         """Start a new run where the last frames all left the line: the camera moved by itself."""
-        run = self._runs[-1]
+        run = self._line.run
         if len(run) < 2 * CALM_FRAMES:
             return
-        older = run[-CALM_FRAMES - PHASE_FRAMES : -CALM_FRAMES]
-        before = median([t - self._period * index for index, t in older])
-        off = [t - self._period * index - before for index, t in run[-CALM_FRAMES:]]
+        before = median(self._line.heights_of(run[-CALM_FRAMES - PHASE_FRAMES : -CALM_FRAMES]))
+        off = [height - before for height in self._line.heights_of(run[-CALM_FRAMES:])]
         limit = max(8.0 * self.noise_ns, 20_000.0)
-        if not (min(off) > limit or max(off) < -limit):
-            return
-        last = run[-CALM_FRAMES:]
-        del run[-CALM_FRAMES:]
-        self._runs.append(last)
-        self.last_shift_ns = None
-        self._measure()
+        if min(off) > limit or max(off) < -limit:
+            self._line.cut(CALM_FRAMES)
+            self.last_shift_ns = None

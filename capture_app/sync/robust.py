@@ -5,6 +5,7 @@ from math import sqrt
 from statistics import median
 
 SIGMA_FROM_MAD = 1.4826
+ROUNDS = 4
 HUBER = 1.345
 """Residuals beyond this many sigma lose weight (Huber 1964; 95 % efficient for normal noise)."""
 
@@ -21,27 +22,35 @@ def shared_slope(runs: Sequence[Sequence[tuple[float, float]]], start: float) ->
         return start, float("inf"), 0.0
     slope, noise, spread = start, 0.0, 0.0
     heights = [median([y - slope * x for x, y in run]) for run in usable]
-    for _ in range(4):
-        residuals = [
-            y - slope * x - height for run, height in zip(usable, heights, strict=True) for x, y in run
+    for _ in range(ROUNDS):
+        misses = [
+            [y - slope * x - height for x, y in run] for run, height in zip(usable, heights, strict=True)
         ]
-        noise = SIGMA_FROM_MAD * median([abs(r) for r in residuals])
+        noise = SIGMA_FROM_MAD * median([abs(miss) for run in misses for miss in run])
         limit = HUBER * max(noise, 1.0)
         spread = product = 0.0
-        for i, run in enumerate(usable):
-            weights = [min(1.0, limit / max(abs(y - slope * x - heights[i]), 1.0)) for x, y in run]
-            total = sum(weights)
-            mean_x = sum(w * x for w, (x, _) in zip(weights, run, strict=True)) / total
-            mean_y = sum(w * y for w, (_, y) in zip(weights, run, strict=True)) / total
-            spread += sum(w * (x - mean_x) ** 2 for w, (x, _) in zip(weights, run, strict=True))
-            product += sum(w * (x - mean_x) * (y - mean_y) for w, (x, y) in zip(weights, run, strict=True))
-            heights[i] = mean_y - slope * mean_x
+        means = []
+        for run, run_misses in zip(usable, misses, strict=True):
+            first_x = run[0][0]
+            total = sum_x = sum_miss = sum_xx = sum_x_miss = 0.0
+            for (x, _), miss in zip(run, run_misses, strict=True):
+                weight = 1.0 if -limit <= miss <= limit else limit / abs(miss)
+                along = x - first_x
+                weighed = weight * along
+                total += weight
+                sum_x += weighed
+                sum_miss += weight * miss
+                sum_xx += weighed * along
+                sum_x_miss += weighed * miss
+            spread += sum_xx - sum_x * sum_x / total
+            product += sum_x_miss - sum_x * sum_miss / total
+            means.append((first_x + sum_x / total, sum_miss / total))
         if spread <= 0.0:
             return start, float("inf"), noise
-        new_slope = product / spread
+        turn = product / spread
+        slope += turn
         heights = [
-            h + (slope - new_slope) * sum(x for x, _ in run) / len(run)
-            for h, run in zip(heights, usable, strict=True)
+            height + mean_miss - turn * mean_x
+            for height, (mean_x, mean_miss) in zip(heights, means, strict=True)
         ]
-        slope = new_slope
     return slope, max(noise, 1.0) / sqrt(spread), noise

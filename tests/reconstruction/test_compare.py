@@ -9,10 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import cv2
-import numpy as np
 import pytest
 
-from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.session.reader import Session
 from reconstruction.cli import main
 from tests.reconstruction.conftest import VIEWS, Scene, write_session
@@ -227,29 +225,3 @@ def test_without_calibration_and_colmap_the_panorama_is_still_made(
     assert done.code == 6
     assert "needs pycolmap" in done.err.splitlines()[-1]
     assert not (tmp_path / "out2").exists()
-
-
-@pytest.mark.shared
-def test_a_real_ball_has_depth_when_synchronized_and_none_four_frames_later(
-    shared: Path, tmp_path: Path, reconstruct: Callable[..., Outcome]
-) -> None:
-    # Before the top of its flight: there the ball moves along the rows, and no pair can see an offset.
-    folder = shared / "footage" / "ball_launch"
-    options = ImportOptions(fps=60, calibration=(str(folder / "calibration"),), unit="in", start=6, count=14)
-    session = import_recording([str(folder)], tmp_path, "ball", options)
-    done = reconstruct(
-        "compare", session.folder, "--offset-ms", 66, "--instants", 3, "--out", tmp_path / "out", "--json"
-    )
-    assert done.code == 0, done.err
-    result = json.loads(done.out)
-    assert result["offset_frames"] == 4
-    stereo = result["stereo"]
-    assert len(stereo["per_instant"]) == 3
-    for one in stereo["per_instant"]:
-        assert one["synced_mover_coverage"] > 0.5
-        assert one["offset_mover_coverage"] < 0.3
-    assert stereo["synced"]["mover_coverage"] > 0.75
-    assert stereo["offset"]["mover_coverage"] < 0.15
-    assert abs(stereo["synced"]["static_coverage"] - stereo["offset"]["static_coverage"]) < 0.03
-    assert np.isfinite(stereo["synced"]["mover_epipolar_px"])
-    assert stereo["offset"]["mover_epipolar_px"] > 5 * stereo["synced"]["mover_epipolar_px"]

@@ -9,14 +9,17 @@ from string import Template
 from capture_app.errors import BadInputError
 from capture_app.session.durable import PART, write_whole
 from reconstruction import wording
+from reconstruction.report_all_cameras import all_cameras_section
 from reconstruction.report_bullet_time import bullet_time_section
-from reconstruction.report_burst import burst_section, embed
+from reconstruction.report_burst import burst_section
 from reconstruction.report_claims import claims
 from reconstruction.report_conditions import conditions_table, instants_table
 from reconstruction.report_dose import dose_section
 from reconstruction.report_making import making_section
+from reconstruction.report_pictures import pictures_section
+from reconstruction.report_poses import poses_section
 from reconstruction.report_tables import depth_table, panorama_table
-from reconstruction.results import CompareResult, Picture
+from reconstruction.results import CompareResult
 
 REPORT = "report.html"
 LONG_HEADLINE = 70
@@ -61,10 +64,12 @@ def _page(result: CompareResult, out: Path) -> str:
         lead=f'<p class="lead">{escape(lead)}</p>' if lead else "",
         claims=claims(result),
         why=_why(result),
-        pictures=_pictures(result, out),
+        pictures=pictures_section(result.pictures, out, sides),
         sweep=bullet_time_section(result.bullet_time, out, sides.first),
         burst=burst_section(result.burst, out),
         dose=dose_section(result.dose),
+        all_cameras=all_cameras_section(result.multiview, out, sides),
+        poses=poses_section(result.poses, sides),
         measures=_measures(result),
         making=making_section(result),
     )
@@ -91,46 +96,6 @@ there: it shows up twice, cut apart, or in the wrong place."""
     return f"""<section class="why" aria-labelledby="why">
 <div><h2 id="why">Why the instant matters</h2>{words} {walk}</p></div>
 {diagram}</section>"""
-
-
-def _pictures(result: CompareResult, out: Path) -> str:
-    if not result.pictures:
-        return ""
-    sides = _sides(result)
-    # What can be wiped comes first: it shows the difference at once.
-    ordered = sorted(result.pictures, key=lambda picture: picture.panels > 1)
-    figures = "\n".join(_figure(picture, out, sides) for picture in ordered)
-    return f"""<section aria-labelledby="pictures">
-<h2 id="pictures">See the difference</h2>
-<fieldset class="view"><legend>Show the two</legend>
-<label><input type="radio" name="view" value="over" checked> over each other (drag, or arrow keys)</label>
-<label><input type="radio" name="view" value="beside"> side by side</label></fieldset>
-{figures}
-</section>"""
-
-
-def _figure(picture: Picture, out: Path, sides: wording.Sides) -> str:
-    title = escape(picture.title)
-    synced, (wide, high) = embed(out / picture.synced)
-    offset, _ = embed(out / picture.offset)
-    first, late = escape(sides.first), escape(sides.late)
-    caption = f"<figcaption>{escape(picture.caption)}</figcaption>" if picture.caption else ""
-    slider = (
-        f"""<input class="wipe" type="range" min="0" max="100" value="50" data-left="{first.lower()}"
- aria-label="{title}: how much to show of: {first.lower()}"><span class="handle"></span>"""
-        if picture.panels == 1
-        else ""
-    )
-    return f"""<h3 class="picture">{title}</h3>
-<figure aria-label="{title}">
-<div class="pair {"over" if slider else "stack"}" style="--shape: {wide / high:.4f}; --wide: {wide}">
-<div class="side synced"><span class="tag">{first}</span>
-<img alt="{title}, {first.lower()}" width="{wide}" height="{high}" src="{synced}"></div>
-<div class="side offset"><span class="tag">{late}</span>
-<img alt="{title}, {late}" width="{wide}" height="{high}" src="{offset}"></div>
-{slider}
-</div>
-{caption}</figure>"""
 
 
 def _measures(result: CompareResult) -> str:

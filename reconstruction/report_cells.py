@@ -7,7 +7,9 @@ from html import escape
 from itertools import groupby
 
 from reconstruction import wording
-from reconstruction.results import DepthScores, StitchScores
+from reconstruction.results import DepthScores, PoseScores, StitchScores
+
+Scores = DepthScores | StitchScores | PoseScores
 
 WITHIN = "Measured correctly"
 COVERAGE = "Given a distance"
@@ -69,13 +71,13 @@ def meter(fraction: float | None) -> str:
     return f'<span class="meter" style="--share: {min(max(fraction, 0.0), 1.0):.4f}"></span>'
 
 
-def score_of(scores: DepthScores | StitchScores, name: str) -> float | None:
+def score_of(scores: Scores, name: str) -> float | None:
     """A measure by its name."""
     value: float | None = getattr(scores, name)
     return value
 
 
-def interval(scores: DepthScores | StitchScores, name: str, share: bool) -> str:
+def interval(scores: Scores, name: str, share: bool) -> str:
     """The 95 % interval over the instants, small; empty where there is none."""
     found = scores.intervals.get(name)
     if found is None:

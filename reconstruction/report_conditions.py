@@ -1,6 +1,7 @@
 """The tables of a report that list: all conditions, and every instant by itself."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from html import escape
 
 from reconstruction import wording
@@ -10,25 +11,43 @@ from reconstruction.report_cells import (
     STILL_COVERAGE,
     WITHIN,
     Head,
+    Scores,
     interval,
     listing,
     score_of,
 )
-from reconstruction.results import CompareResult, ConditionResult, DepthScores, StereoResult, StitchScores
+from reconstruction.report_tables import pixels
+from reconstruction.results import CompareResult, ConditionResult, StereoResult
 
 _Show = Callable[[float | None], str]
-_Row = tuple[str, str, DepthScores | None, StitchScores | None]
 
 
-def _pixels(value: float | None) -> str:
-    return wording.quantity(value, "px")
+@dataclass(frozen=True)
+class _Row:
+    """A condition: its name, what is to be said of it, and its scores by the part that took them."""
+
+    name: str
+    details: str
+    parts: dict[str, Scores | None]
+
+    def value(self, part: str, key: str) -> float | None:
+        scores = self.parts.get(part)
+        return None if scores is None else score_of(scores, key)
+
+    def cell(self, part: str, key: str, show: _Show) -> str:
+        scores = self.parts.get(part)
+        ranged = interval(scores, key, share=show is wording.share) if scores else ""
+        return f"{escape(show(self.value(part, key)))}{ranged}"
 
 
-_COLUMNS: tuple[tuple[str, str, _Show], ...] = (
-    ("mover_within_2pct", WITHIN, wording.share),
-    ("mover_coverage", COVERAGE, wording.share),
-    ("static_coverage", STILL_COVERAGE, wording.share),
-    ("overlap_flow_p95_px", "Panorama's misfit", _pixels),
+_COLUMNS: tuple[tuple[str, str, str, _Show], ...] = (
+    ("stereo", "mover_within_2pct", WITHIN, wording.share),
+    ("stereo", "mover_coverage", COVERAGE, wording.share),
+    ("stereo", "static_coverage", STILL_COVERAGE, wording.share),
+    ("multiview", "mover_within_2pct", f"All cameras: {WITHIN.lower()}", wording.share),
+    ("multiview", "mover_coverage", f"All cameras: {COVERAGE.lower()}", wording.share),
+    ("stitch", "overlap_flow_p95_px", "Panorama's misfit", pixels),
+    ("poses", "right_pairs", "Pairs placed right", wording.share),
 )
 
 
@@ -36,34 +55,43 @@ def conditions_table(result: CompareResult) -> str:
     """All conditions by a few measures, with intervals; nothing where there are no further ones."""
     if not result.conditions:
         return ""
-    stereo, stitch = result.stereo, result.stitch
-    sides = wording.sides(stereo.synced if stereo else None, result.actual_offset_ms)
-    rows: list[_Row] = [
-        (sides.first.lower(), "", stereo.synced if stereo else None, stitch.synced if stitch else None),
-        (
-            sides.late,
-            "one camera of each pair",
-            stereo.offset if stereo else None,
-            stitch.offset if stitch else None,
-        ),
+    sides = wording.sides(result.stereo.synced if result.stereo else None, result.actual_offset_ms)
+    rows = [
+        _Row(sides.first.lower(), "", _parts(result, ("stereo", "stitch", "multiview", "poses"), "synced")),
+        _Row(sides.late, "one camera of a pair", _parts(result, ("stereo", "stitch"), "offset")),
     ]
-    rows += [
-        (
-            f"session {one.name}" if one.session else one.name,
-            _details(one),
-            one.stereo.offset if one.stereo else None,
-            one.stitch.offset if one.stitch else None,
-        )
-        for one in result.conditions
+    if result.multiview or result.poses:
+        parts = _parts(result, ("multiview", "poses"), "offset")
+        rows.append(_Row(wording.APART, "every camera off by another time", parts))
+    for one in result.conditions:
+        parts = _parts(one, ("stereo", "stitch", "multiview", "poses"), "offset")
+        rows.append(_Row(f"session {one.name}" if one.session else one.name, _details(one), parts))
+    columns = [
+        column for column in _COLUMNS if any(row.value(column[0], column[1]) is not None for row in rows)
     ]
-    columns = [column for column in _COLUMNS if any(_value(row, column[0]) is not None for row in rows)]
     if not columns:
         return ""
     return listing(
         "All conditions, moving things",
-        [Head("Condition"), *(Head(name) for _, name, _ in columns)],
-        [_condition_row(row, columns) for row in rows],
+        [Head("Condition"), *(Head(name) for _, _, name, _ in columns)],
+        [
+            [
+                escape(row.name) + (f"<small>{escape(row.details)}</small>" if row.details else ""),
+                *(row.cell(part, key, show) for part, key, _, show in columns),
+            ]
+            for row in rows
+        ],
     )
+
+
+def _parts(
+    found: CompareResult | ConditionResult, names: Sequence[str], side: str
+) -> dict[str, Scores | None]:
+    parts = {}
+    for name in names:
+        comparison = getattr(found, name)
+        parts[name] = getattr(comparison, side) if comparison is not None else None
+    return parts
 
 
 def _details(one: ConditionResult) -> str:
@@ -71,32 +99,17 @@ def _details(one: ConditionResult) -> str:
     parts = [f"{what}: {wording.lateness(ms)}" for what, ms in late if ms is not None]
     if one.session:
         parts.append("other pictures, not paired by instant")
+    elif one.offsets_ms:
+        parts.insert(0, wording.offsets(one.offsets_ms))
+    else:
+        parts.append("every camera off by another time, drawn anew for each instant")
     return "; ".join([*parts, *one.skipped])
-
-
-def _scores(row: _Row, key: str) -> DepthScores | StitchScores | None:
-    return row[3] if key.startswith("overlap") else row[2]
-
-
-def _value(row: _Row, key: str) -> float | None:
-    scores = _scores(row, key)
-    return None if scores is None else score_of(scores, key)
-
-
-def _condition_row(row: _Row, columns: list[tuple[str, str, _Show]]) -> list[str]:
-    name, details = row[:2]
-    cells = [escape(name) + (f"<small>{escape(details)}</small>" if details else "")]
-    for key, _, show in columns:
-        scores = _scores(row, key)
-        ranged = interval(scores, key, share=show is wording.share) if scores else ""
-        cells.append(f"{escape(show(_value(row, key)))}{ranged}")
-    return cells
 
 
 _INSTANT_COLUMNS: tuple[tuple[str, str, _Show], ...] = (
     ("mover_within_2pct", WITHIN, wording.share),
     ("mover_coverage", COVERAGE, wording.share),
-    ("mover_epipolar_px", EPIPOLAR, _pixels),
+    ("mover_epipolar_px", EPIPOLAR, pixels),
 )
 
 

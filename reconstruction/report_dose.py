@@ -90,6 +90,8 @@ def write_dose_report(result: DoseResult, out: Path) -> Path:
         sweep="",
         burst="",
         dose=dose_section(result),
+        all_cameras="",
+        poses="",
         measures="",
         making=f'<section aria-labelledby="making"><h2 id="making">How it was made</h2>'
         f'<dl class="making">{making}</dl></section>',

@@ -13,6 +13,14 @@ def making_section(result: CompareResult) -> str:
         rows.append(("Depth", _pair((stereo.reference, stereo.other), stereo.synced.instants, stereo.why)))
     if stitch := result.stitch:
         rows.append(("Panorama", _pair(stitch.cameras, stitch.synced.instants, stitch.why)))
+    if many := result.multiview:
+        width = f", pictures {many.width_px} px wide" if many.width_px else ""
+        count = wording.count(many.synced.instants, "instant")
+        rows.append(("All cameras", escape(f"{', '.join(many.cameras)}, {count}{width}")))
+    elif result.multiview_skipped:
+        rows.append(("All cameras", escape(f"not measured: {result.multiview_skipped}")))
+    if result.poses_skipped:
+        rows.append(("Poses by instant", escape(f"not looked at: {result.poses_skipped}")))
     asked, actual = (wording.milliseconds(ms) for ms in (result.offset_ms, result.actual_offset_ms))
     frames = wording.count(result.offset_frames, "frame")
     rows.append(("Offset", escape(f"{asked} asked for; {actual} given, which is {frames}")))
@@ -42,6 +50,8 @@ def _files(result: CompareResult) -> str:
     """Every file of the folder that this page lies in, by what it shows."""
     found: list[tuple[str, tuple[str, ...]]] = [("every number, for programs", ("metrics.json",))]
     found += [(f"{one.title}: synchronized, offset", (one.synced, one.offset)) for one in result.pictures]
+    if many := result.multiview:
+        found += [(f"{one.title}: {wording.APART}", (one.synced, one.offset)) for one in many.pictures]
     if sweep := result.bullet_time:
         found.append(("from camera to camera, to share", (sweep.file,)))
         found.append(("the same, picture by picture", (*sweep.synced, *sweep.offset)))

@@ -1,34 +1,51 @@
-"""The tables of a report that hold synchronized beside offset: depth, and the panorama's overlap."""
+"""The tables of a report that hold two conditions beside each other, a row for each measure."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from html import escape
 
 from reconstruction import wording
-from reconstruction.report_cells import COVERAGE, EPIPOLAR, WITHIN, interval, meter, score_of
+from reconstruction.report_cells import COVERAGE, EPIPOLAR, WITHIN, Scores, interval, meter, score_of
 from reconstruction.results import StereoResult, StitchResult
 
-_Format = Callable[[float | None], str]
 
-_DEPTH_ROWS: tuple[tuple[str, str, str, _Format], ...] = (
-    (
+def pixels(value: float | None) -> str:
+    """A length in px."""
+    return wording.quantity(value, "px")
+
+
+@dataclass(frozen=True)
+class Measure:
+    """A row: the field of the scores that it shows, what it is called and how it is to be read.
+
+    `show` writes a value; shares (`wording.share`) also get a bar.
+    """
+
+    key: str
+    name: str
+    text: str
+    show: Callable[[float | None], str] = wording.share
+    control: bool = False
+
+
+_DEPTH = (
+    Measure(
         "within_2pct",
         WITHIN,
         "Share whose distance is within 2 % of the truth; holes count as wrong. More is better.",
-        wording.share,
     ),
-    (
+    Measure(
         "coverage",
         COVERAGE,
         "Share for which the two pictures agree on a distance; it may still be wrong. More is better.",
-        wording.share,
     ),
-    (
+    Measure(
         "epipolar_px",
         EPIPOLAR,
         "A point should lie in the same row of both pictures; this is how far off it is. Less is better.",
-        lambda value: wording.quantity(value, "px"),
+        pixels,
     ),
-    (
+    Measure(
         "photometric",
         "Brightness mismatch",
         "One picture is laid over the other by the distances found; this is how far the brightness differs, "
@@ -37,97 +54,107 @@ _DEPTH_ROWS: tuple[tuple[str, str, str, _Format], ...] = (
     ),
 )
 
-
-def depth_table(stereo: StereoResult, sides: wording.Sides) -> str:
-    """Movers beside the static control, synchronized and offset; measures nobody took are left out."""
-    rows = []
-    for key, name, text, show in _DEPTH_ROWS:
-        moving, resting = (
-            [score_of(scores, f"{kind}_{key}") for scores in (stereo.synced, stereo.offset)]
-            for kind in ("mover", "static")
-        )
-        if all(value is None for value in (*moving, *resting)):
-            continue
-        bars = show is wording.share
-        ranges = [
-            [interval(scores, f"{kind}_{key}", bars) for scores in (stereo.synced, stereo.offset)]
-            for kind in ("mover", "static")
-        ]
-        rows.append(
-            _row(
-                name,
-                text,
-                [(v, show(v), "", bars) for v in moving] + [(v, show(v), "control", bars) for v in resting],
-                [*ranges[0], *ranges[1]],
-            )
-        )
-    both = heads(sides)
-    return f"""<table class="twin" style="--columns: 4">
-<caption>Depth from cameras {escape(stereo.reference)} and {escape(stereo.other)}</caption>
-<thead><tr><td></td><th scope="colgroup" colspan="2">Moving things</th>
-<th scope="colgroup" colspan="2">Things at rest (control)</th></tr>
-<tr><td></td>{both}{both}</tr></thead>
-<tbody>
-{"".join(rows)}</tbody></table>"""
-
-
-_PANORAMA_ROWS = (
-    (
+_PANORAMA = (
+    Measure(
         "mover_flow_p95_px",
         "Misfit of moving things",
         "How far apart both pictures show the same thing; 5 % of what moves is worse. Less is better.",
-        "px",
+        pixels,
     ),
-    (
+    Measure(
         "overlap_flow_p95_px",
         "Misfit in the whole overlap",
         "The same, for everything where the pictures overlap.",
-        "px",
+        pixels,
     ),
-    (
+    Measure(
         "mover_overlap_mad",
         "Brightness difference of moving things",
         "On average, of 255. Less is better.",
-        "",
+        wording.quantity,
     ),
-    (
+    Measure(
         "static_overlap_mad",
         "Brightness difference of things at rest (control)",
         "On average, of 255; it should not depend on timing.",
-        "",
+        wording.quantity,
+        control=True,
     ),
 )
 
 
+def depth_table(stereo: StereoResult, sides: wording.Sides) -> str:
+    """A pair's depth."""
+    caption = f"Depth from cameras {stereo.reference} and {stereo.other}"
+    return with_control(caption, _DEPTH, stereo.synced, stereo.offset, sides)
+
+
 def panorama_table(stitch: StitchResult, sides: wording.Sides) -> str:
-    """The overlap of a panorama before blending, synchronized and offset."""
-    rows = []
-    for key, name, text, unit in _PANORAMA_ROWS:
-        values = [score_of(scores, key) for scores in (stitch.synced, stitch.offset)]
-        if any(value is not None for value in values):
-            kind = "control" if key.startswith("static") else ""
-            ranges = [interval(scores, key, share=False) for scores in (stitch.synced, stitch.offset)]
-            cells = [(v, wording.quantity(v, unit), kind, False) for v in values]
-            rows.append(_row(name, text, cells, ranges))
-    return f"""<table class="twin" style="--columns: 2">
-<caption>Panorama of cameras {escape(" and ".join(stitch.cameras))}</caption>
-<thead><tr><td></td>{heads(sides)}</tr></thead>
+    """The overlap of a panorama before blending."""
+    caption = f"Panorama of cameras {' and '.join(stitch.cameras)}"
+    return beside(caption, _PANORAMA, stitch.synced, stitch.offset, sides)
+
+
+def with_control(
+    caption: str, measures: Sequence[Measure], synced: Scores, offset: Scores, sides: wording.Sides
+) -> str:
+    """Moving things beside the still control, in both conditions; measures nobody took are left out.
+
+    A measure's field is that of its key with `mover_` and `static_` before it.
+    """
+    both = _heads(sides)
+    heads = f"""<tr><td></td><th scope="colgroup" colspan="2">Moving things</th>
+<th scope="colgroup" colspan="2">Things at rest (control)</th></tr>
+<tr><td></td>{both}{both}</tr>"""
+    rows = [
+        _row(
+            measure,
+            [(f"{kind}_{measure.key}", kind == "static") for kind in ("mover", "static")],
+            synced,
+            offset,
+        )
+        for measure in measures
+    ]
+    return _table(caption, heads, rows, columns=4)
+
+
+def beside(
+    caption: str, measures: Sequence[Measure], synced: Scores, offset: Scores, sides: wording.Sides
+) -> str:
+    """Both conditions; measures nobody took are left out."""
+    rows = [_row(measure, [(measure.key, measure.control)], synced, offset) for measure in measures]
+    return _table(caption, f"<tr><td></td>{_heads(sides)}</tr>", rows, columns=2)
+
+
+def _table(caption: str, heads: str, rows: Sequence[str], columns: int) -> str:
+    if not any(rows):
+        return ""
+    return f"""<table class="twin" style="--columns: {columns}">
+<caption>{escape(caption)}</caption>
+<thead>{heads}</thead>
 <tbody>
 {"".join(rows)}</tbody></table>"""
 
 
-def heads(sides: wording.Sides) -> str:
-    """The heads of two columns that stand beside each other."""
+def _heads(sides: wording.Sides) -> str:
     return (
         f'<th scope="col" class="synced"><span class="dot"></span>{escape(sides.short)}</th>'
         f'<th scope="col" class="offset"><span class="dot"></span>{escape(sides.late_head)}</th>'
     )
 
 
-def _row(name: str, text: str, cells: list[tuple[float | None, str, str, bool]], ranges: list[str]) -> str:
-    tones = ("synced", "offset") * 2
-    shown = "".join(
-        f'<td class="{f"{tone} {kind}".strip()}">{escape(words)}{meter(value) if bar else ""}{ranged}</td>'
-        for (value, words, kind, bar), ranged, tone in zip(cells, ranges, tones, strict=False)
-    )
-    return f'<tr><th scope="row">{escape(name)}<small>{escape(text)}</small></th>{shown}</tr>\n'
+def _row(measure: Measure, fields: Sequence[tuple[str, bool]], synced: Scores, offset: Scores) -> str:
+    """The row's cells for each field (and whether it is a control), first synchronized, then offset."""
+    cells = []
+    for key, control in fields:
+        for scores, tone in ((synced, "synced"), (offset, "offset")):
+            value = score_of(scores, key)
+            bars = measure.show is wording.share
+            kind = f"{tone} control" if control else tone
+            ranged = interval(scores, key, share=bars)
+            shown = f"{escape(measure.show(value))}{meter(value) if bars else ''}{ranged}"
+            cells.append((value, f'<td class="{kind}">{shown}</td>'))
+    if all(value is None for value, _ in cells):
+        return ""
+    head = f'<th scope="row">{escape(measure.name)}<small>{escape(measure.text)}</small></th>'
+    return f"<tr>{head}{''.join(cell for _, cell in cells)}</tr>\n"

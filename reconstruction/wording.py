@@ -2,6 +2,7 @@
 
 import math
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from reconstruction.results import CompareResult, DepthScores
@@ -11,6 +12,8 @@ NOT_AVAILABLE = "n/a"
 GAP = "\u202f"
 """Narrow space that keeps a number and its unit on one line."""
 WALKING_M_PER_S = 1.4
+APART = "apart"
+"""What a condition with every camera off by another time is called."""
 
 
 def share(value: float | None, *, decimals: int = 1) -> str:
@@ -73,6 +76,11 @@ def lateness(offset_ms: float) -> str:
 def timeliness(late_ms: float) -> str:
     """`on time`, `33 ms late` or `33 ms early`."""
     return lateness(late_ms) if abs(late_ms) >= 0.05 else "on time"
+
+
+def offsets(late_ms: Mapping[str, float]) -> str:
+    """`cam00 on time, cam01 66 ms late`."""
+    return ", ".join(f"{camera} {timeliness(ms)}" for camera, ms in late_ms.items())
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import cv2
+import msgspec
 import numpy as np
 
 from reconstruction.results import (
@@ -14,7 +15,11 @@ from reconstruction.results import (
     DosePoint,
     DoseResult,
     Interval,
+    MultiviewComparison,
+    MultiviewScores,
     Picture,
+    PoseComparison,
+    PoseScores,
     StereoResult,
     StitchResult,
     StitchScores,
@@ -67,6 +72,18 @@ def whole_result(out: Path) -> CompareResult:
         )
         for key, shape in SHAPES.items()
     )
+    many = MultiviewScores(
+        mover_coverage=0.98,
+        static_coverage=0.9,
+        mover_within_2pct=0.97,
+        static_within_2pct=0.87,
+        mover_points=12345.6,
+        static_points=98765.0,
+        mover_f_score=0.81,
+        static_f_score=0.7,
+        instants=3,
+    )
+    lost = msgspec.structs.replace(many, mover_coverage=0.052, mover_within_2pct=0.012, mover_points=45.0)
     sweep = {
         side: tuple(
             grey(out, f"sweep_{name}_{side}", (96, 128), 60 + 40 * k) for k, name in enumerate(CAMERAS)
@@ -82,6 +99,38 @@ def whole_result(out: Path) -> CompareResult:
         calibration="given",
         stereo=stereo,
         stitch=StitchResult(cameras=CAMERAS[::2], synced=panorama, offset=panorama),
+        multiview=MultiviewComparison(
+            reference=CAMERAS[1],
+            cameras=CAMERAS,
+            synced=many,
+            offset=lost,
+            tolerance_m=0.01,
+            width_px=640,
+            per_instant=({"instant": 2, "synced_mover_points": 12345, "offset_mover_points": 45},),
+            pictures=(
+                Picture(
+                    key="multiview_depth",
+                    title="Distance from all cameras",
+                    synced=grey(out, "multiview_depth_synced", (96, 128), 90),
+                    offset=grey(out, "multiview_depth_offset", (96, 128), 190),
+                ),
+            ),
+            left_out={"cam_dark": "its picture is black"},
+        ),
+        poses=PoseComparison(
+            cameras=CAMERAS,
+            synced=PoseScores(registered=3.0, right_pairs=1.0, rotation_deg=0.05, direction_deg=0.4),
+            offset=PoseScores(registered=2.5, right_pairs=0.2, rotation_deg=27.0, direction_deg=40.0),
+            harmed=True,
+            right_deg=2.0,
+            truth="the simulated scene",
+            offsets_ms=dict(zip(CAMERAS, LATE_MS, strict=True)),
+            per_instant=(
+                {"instant": 1, "synced_right_pairs": 1.0, "offset_right_pairs": 0.4},
+                {"instant": 2, "synced_right_pairs": 1.0, "offset_right_pairs": 0.0},
+            ),
+            why="71 % of the picture moves",
+        ),
         sync_residual_us=50,
         sync_bound_us=850,
         pictures=pictures,

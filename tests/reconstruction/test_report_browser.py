@@ -71,8 +71,8 @@ def test_nothing_sticks_out_at_any_width(browser, report, width, view):
 
     assert browser.ask("document.documentElement.scrollWidth") <= width
     shapes = browser.ask(
-        "[...document.querySelectorAll('.pair img')].map(i => i.getBoundingClientRect())"
-        ".map(r => [r.width, r.height, r.right])"
+        "[...document.querySelectorAll('[aria-labelledby=pictures] .pair img')]"
+        ".map(i => i.getBoundingClientRect()).map(r => [r.width, r.height, r.right])"
     )
     wanted = [wide / high for high, wide in SHAPES.values() for _ in range(2)]
     for (wide, high, right), shape in zip(shapes, wanted, strict=True):

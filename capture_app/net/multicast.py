@@ -38,17 +38,18 @@ class BeaconSender:
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
         self._socket.setblocking(False)
         self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_TTL, HOPS)
-        # Nodes on this machine hear it too, each in a cell of its own kind.
-        self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 1)
+        # Nodes on this machine would hear it before the others do.
+        self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 0)
 
     def reach(self, hosts: Iterable[str]) -> None:
-        """Send on the interfaces that lead to these hosts from now on."""
+        """Send on the interfaces that lead to these hosts from now on, those of this machine left out."""
         wanted = frozenset(hosts)
         if wanted == self._hosts:
             return
         self._hosts = wanted
-        found = {local_address(host) for host in wanted if ":" not in host}
-        self._interfaces = tuple(sorted(address for address in found if address is not None))
+        ways = {host: local_address(host) for host in wanted if ":" not in host}
+        found = {address for host, address in ways.items() if address is not None and address != host}
+        self._interfaces = tuple(sorted(found))
 
     def send(self, data: bytes) -> None:
         """Send a beacon; where it cannot leave, nobody hears it."""

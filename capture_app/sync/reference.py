@@ -19,6 +19,8 @@ SAME_INSTANT_NS = 20_000
 """One sigma of the difference of two arrivals, at most. One receiver of a packet scatters by 6 to 11 us
 (Elson et al.), two by 9 to 16. Copies that go out one after the other scatter by 42: each waits for 0 to 15
 slots of 9 us by chance."""
+PLAUSIBLE_SHARE = 0.5
+"""Of what the bounds allow two clocks to differ: where packets seem heard further apart, they likely are."""
 DECILES = 2.563
 """From the first decile to the last, in sigma, of normal noise."""
 MOST_VOTERS = 50
@@ -91,7 +93,7 @@ def hear_alike(one: Hearing, other: Hearing) -> bool:
     """Whether two clients may hear the same packets at the same instants, and it is worth to compare them.
 
     Arrivals that scatter by more than the two clocks are thought to differ would mend nothing; arrivals that
-    differ by more than the clocks can are not of one instant.
+    differ by more than the clocks may are not of one instant.
     """
     apart_ns = [at_ns - other.arrivals[n] for n, at_ns in one.arrivals.items() if n in other.arrivals]
     if len(apart_ns) < LEAST_COMMON:
@@ -99,9 +101,10 @@ def hear_alike(one: Hearing, other: Hearing) -> bool:
     apart_ns.sort()
     tenth = len(apart_ns) // 10
     scatter_ns = (apart_ns[-1 - tenth] - apart_ns[tenth]) / DECILES
+    may_ns = PLAUSIBLE_SHARE * (one.hard_bound_ns + other.hard_bound_ns)
     return (
         scatter_ns <= min(SAME_INSTANT_NS, hypot(one.uncertainty_ns, other.uncertainty_ns))
-        and abs(median(apart_ns)) <= one.hard_bound_ns + other.hard_bound_ns + 2.0 * scatter_ns
+        and abs(median(apart_ns)) <= may_ns
     )
 
 

@@ -10,6 +10,9 @@ import pytest
 from capture_app.net.multicast import BeaconEar, BeaconSender, listen, local_address
 from capture_app.sync.beacon import Group
 
+ELSEWHERE = "127.0.0.2"
+"""As if another machine: the way there begins at another address than its own."""
+
 
 def free_group() -> Group:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
@@ -46,7 +49,9 @@ async def test_all_who_listen_hear_a_beacon_and_when(group: Group) -> None:
         for notes in both:
             notes.ear.follow(group, "127.0.0.1")
         sender.send(b"nobody is reached yet")
-        sender.reach(["127.0.0.1", "127.0.0.1", "::1"])
+        sender.reach(["127.0.0.1"])
+        sender.send(b"not to this machine itself")
+        sender.reach([ELSEWHERE, ELSEWHERE, "::1"])
         before_ns = time.monotonic_ns()
         sender.send(b"one")
         after_ns = time.monotonic_ns()
@@ -67,7 +72,7 @@ async def test_an_ear_follows_one_leader_at_a_time(group: Group) -> None:
         notes.ear.follow(group, "127.0.0.1")
         notes.ear.follow(other, "127.0.0.1")
         for sender, data in zip(senders, (b"old", b"new"), strict=True):
-            sender.reach(["127.0.0.1"])
+            sender.reach([ELSEWHERE])
             sender.send(data)
         assert (await notes.next())[0] == b"new"
         assert notes.heard.empty()

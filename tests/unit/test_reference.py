@@ -74,10 +74,10 @@ def test_cells_that_hear_apart_are_not_mixed() -> None:
     assert sorted(cell.clients for cell in together) == [(0, 1), (2, 3)]
 
 
-def test_what_the_bounds_rule_out_is_not_one_instant() -> None:
+def test_what_the_bounds_make_unlikely_is_not_one_instant() -> None:
     heard = hearings([0, 400_000])
     assert len(cells(heard)) == 1
-    sure = {client: replace(hearing, hard_bound_ns=150_000.0) for client, hearing in heard.items()}
+    sure = {client: replace(hearing, hard_bound_ns=380_000.0) for client, hearing in heard.items()}
     assert cells(sure) == []
 
 

@@ -80,6 +80,8 @@ class Client(Generic[F]):
         self.failure = ""
         self.hellos = 0
         """How often it has asked to join since it was last a member; HELLOS when its leader fell silent."""
+        self.leader_is_alone = False
+        """Whether the leader is a relay that has lost its own: it holds the time, and brings no bursts."""
         self._member: Membership | None = None
         self._leader: int | None = None
         self._root: int | None = None
@@ -171,6 +173,7 @@ class Client(Generic[F]):
                     self._leave("the relay follows another leader", now_ns)
                 else:
                     self._timekeeper.take_terms(message)
+                    self.leader_is_alone = message.alone
                     if member.take_answer(message):
                         self._align(now_ns)
             case Agreed() if member is not None and message.client == member.client:
@@ -212,6 +215,16 @@ class Client(Generic[F]):
         if bool(reason) != bool(self.failure):
             self._heartbeat_due_ns = _AT_ONCE_NS
         self.failure = reason
+
+    @property
+    def may_change(self) -> bool:
+        """Whether a change of the leader would disturb nothing now."""
+        return self.state is NodeState.READY and not self._bursts
+
+    def change_leader(self, reason: str, now_ns: int) -> None:
+        """Follow another leader from now on: the next datagrams go to that one."""
+        self._leave(reason, now_ns)
+        self.hellos = 0
 
     def leave(self) -> None:
         """Say goodbye: this client is about to stop."""
@@ -278,13 +291,14 @@ class Client(Generic[F]):
             self.malformed += 1
             return
         if welcome.leader != self._leader:
-            self._timekeeper.forget()
+            self._timekeeper.forget(same_root=root_of(welcome) == self._root)
             self._leader = welcome.leader
         if root_of(welcome) != self._root:
             # Bursts are the root's, in its time: another relay does not end them.
             self._bursts.forget()
             self._root = root_of(welcome)
         self.hellos = 0
+        self.leader_is_alone = False
         self._member = Membership.begin(self.config.camera, welcome, now_ns)
         self._timekeeper.follow(welcome, now_ns)
         self._why_joining = ""
@@ -320,7 +334,7 @@ class Client(Generic[F]):
         refusal = ""
         if self.failure:
             refusal = self.failure
-        elif not self._timekeeper.synced:
+        elif not self._timekeeper.knows:
             refusal = "its clock is not synchronized yet"
         elif not possible(trigger.count, trigger.step_ns):
             refusal = f"a burst of {trigger.count} frames every {trigger.step_ns} ns is not possible"

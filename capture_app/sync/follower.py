@@ -110,6 +110,7 @@ class Follower:
         self.goal: Goal | None = None
         self.agreed_leader_ns: int | None = None
         self.align_row: float | None = None
+        self.parent_is_alone = False
         self.path: tuple[int, ...] = ()
         """Instances from the root to the parent of the newest estimate."""
         self.time_map: TimeMap | None = None
@@ -275,6 +276,7 @@ class Follower:
         self._root = parent.path[0]
         self.goal = Goal(message.anchor_leader_ns, message.period_ns)
         self.align_row = message.align_row
+        self.parent_is_alone = isinstance(message, HeartbeatAck) and message.alone
         self.agreed_leader_ns = message.agreed_leader_ns if isinstance(message, HeartbeatAck) else None
         return told is None or parent.onward is not None
 

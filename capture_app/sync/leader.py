@@ -99,6 +99,8 @@ class Leader:
         self._busy_until_ns: int | None = None
         self.onward: Onward | None = None
         """Of a relay: from its clock to the root's, for the clients to add to their estimates."""
+        self.alone = False
+        """Of a relay: nobody above it orders bursts at present."""
         self._weigh_due_ns = 0
         self._times: deque[tuple[bytes, Address]] = deque()
         self._outbox: deque[tuple[Control, Address]] = deque()
@@ -272,6 +274,7 @@ class Leader:
             self.align_row,
             self.pace_ns,
             self.onward,
+            self.alone,
         )
 
     def _agree(self, now_ns: int) -> None:

@@ -39,6 +39,8 @@ CLOCK_ONLY = "clock"
 RELAY = "relay"
 """The kind of a relay that tells its parent of the cameras below it, and brings them its bursts."""
 WITHOUT_CAMERA = (CLOCK_ONLY, RELAY)
+NOBODY = 0
+"""No client has this number: whoever is asked about it and answers that it is unknown, is there."""
 Share = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
@@ -170,6 +172,8 @@ class HeartbeatAck(Struct, frozen=True, tag="alive"):
     align_row: Share | None = None
     pace_ns: Pace = 0
     onward: Onward | None = None
+    alone: bool = False
+    """This relay, or one above it, has lost its leader: the time is held over, and no bursts come."""
 
 
 class Unknown(Struct, frozen=True, tag="unknown"):

@@ -22,6 +22,10 @@ class PendingBursts(Generic[F]):
         self._triggers: dict[tuple[int, int], Trigger] = {}
         self._done: deque[tuple[int, int]] = deque(maxlen=64)
 
+    def __bool__(self) -> bool:
+        """Whether any burst is still to be picked."""
+        return bool(self._triggers)
+
     def forget(self) -> None:
         """Another root has another time: what it did not order itself cannot be picked by it."""
         self._triggers.clear()

@@ -14,9 +14,11 @@ from capture_app.sync.events import LeaderEvent
 from capture_app.sync.follower import Address, Follower, FollowerConfig, FollowerEvent
 from capture_app.sync.leader import Leader, LeaderConfig
 from capture_app.sync.messages import (
+    NOBODY,
     RELAY,
     CameraDescription,
     FromClient,
+    Heartbeat,
     HeartbeatAck,
     Hello,
     Message,
@@ -68,6 +70,8 @@ class Relay:
         if not isinstance(message, FromClient):
             if address == self.follower.parent:
                 self._take_from_parent(message, now_ns)
+        elif isinstance(message, Heartbeat) and message.client == NOBODY and self.leader.alone:
+            pass  # A client looks for a better leader than its own.
         elif self.leader.onward is not None:
             self.leader.take(message, address, now_ns)
         elif isinstance(message, Hello) and self.follower.number is not None:
@@ -134,6 +138,11 @@ class Relay:
         if follower.number != self._number:
             self._number = follower.number
             self.uplink.restart(open=self._number is not None)
+        alone = self._number is None or follower.parent_is_alone
+        if leader.alone is not alone:
+            leader.alone = alone
+            if leader.agreement is not None:
+                leader.answer_all()
         if follower.time_map is None or follower.goal is None or follower.root != follower.path[0]:
             # Another root's grid means nothing before its time is known.
             return

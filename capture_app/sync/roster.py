@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from capture_app.sync.agreement import WEIGHTS, Standing
 from capture_app.sync.events import NodeJoined, NodeLost, NodeMoved, NodeReturned
-from capture_app.sync.messages import CLOCK_ONLY, WITHOUT_CAMERA, CameraDescription, Hello, Report
+from capture_app.sync.messages import CLOCK_ONLY, NOBODY, WITHOUT_CAMERA, CameraDescription, Hello, Report
 from capture_app.sync.state import NodeState
 from capture_app.sync.timebase import MAX_PERIOD_NS, MIN_PERIOD_NS
 
@@ -198,5 +198,5 @@ class Roster:
     def _free_number(self) -> int:
         while True:
             number = self._rng.getrandbits(32)
-            if number not in self._by_number:
+            if number != NOBODY and number not in self._by_number:
                 return number

@@ -39,6 +39,8 @@ class Timekeeper:
         self.time_map: TimeMap | None = None
         """The newest estimate of the leader's clock, the root's where the leader is a relay."""
         self.synced = False
+        self._holding = False
+        """Whether the map is one of before, of another way to the same root."""
         self._client = 0
         self._slot = 0.0
         self._told_pace_ns = 0
@@ -53,11 +55,19 @@ class Timekeeper:
 
     # In
 
-    def forget(self) -> None:
-        """Another leader has another clock."""
+    @property
+    def knows(self) -> bool:
+        """Whether the time can be told: by the leader's answers, or held over from the one before."""
+        return self.synced or (self._holding and self.time_map is not None)
+
+    def forget(self, *, same_root: bool = False) -> None:
+        """Another leader has another clock; below the same root the map is held over until it is known."""
+        self._holding = same_root and self.knows
         self.clock.reset()
         self.listener.forget()
-        self.time_map = self.own_map = None
+        self.own_map = None
+        if not self._holding:
+            self.time_map = None
 
     def follow(self, welcome: Welcome, now_ns: int) -> None:
         """Begin to ask a leader that has taken this client in."""
@@ -87,7 +97,7 @@ class Timekeeper:
             # that just woke up is microseconds slower, and on a link as short as this they count.
             self._prepare_request(now_ns)
         if not self.clock.add(sample):
-            self.synced = False
+            self.synced = self._holding = False
             self.listener.forget()
             self.time_map = self.own_map = None
             self._events.append(ClockStepped())
@@ -162,6 +172,9 @@ class Timekeeper:
         if time_map is None:
             return
         self.own_map = time_map
+        if self._holding and self.clock.samples < FIRST_SAMPLES:
+            return
+        self._holding = False
         time_map = self.listener.corrected(time_map, now_ns)
         if self._onward is not None:
             time_map = time_map.then(self._onward)

@@ -6,7 +6,7 @@ from reconstruction import wording
 from reconstruction.results import DoseResult, Interval
 
 WIDE, HIGH = 480, 300
-LEFT, RIGHT, TOP, BOTTOM = 52, 14, 34, 44
+LEFT, RIGHT, TOP, BOTTOM = 62, 14, 34, 48
 
 
 def dose_plot(dose: DoseResult) -> str:
@@ -29,7 +29,7 @@ def dose_plot(dose: DoseResult) -> str:
         for share in (0, 0.25, 0.5, 0.75, 1)
     )
     ticks = "".join(
-        f'<text x="{_x(point.offset_ms, last):.1f}" y="{HIGH - BOTTOM + 19}" text-anchor="middle">'
+        f'<text x="{_x(point.offset_ms, last):.1f}" y="{HIGH - BOTTOM + 20}" text-anchor="middle">'
         f"{wording.milliseconds(round(point.offset_ms, 0)).removesuffix(wording.GAP + 'ms')}</text>"
         for point in dose.points
     )

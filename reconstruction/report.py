@@ -120,5 +120,5 @@ def _measures(result: CompareResult) -> str:
 
 
 def _skipped(what: str, why: str) -> str:
-    reason = f": {escape(why)}" if why else ""
+    reason = f": {escape(wording.tie(why))}" if why else ""
     return f'<p class="note"><b>{what}</b>{reason}.</p>'

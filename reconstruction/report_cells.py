@@ -58,7 +58,7 @@ def listing(caption: str, heads: Sequence[Head], rows: Sequence[Sequence[str]]) 
             for group, count in spans
         )
         groups = f"<tr>{groups}</tr>\n"
-    return f"""<table class="listing"><caption>{escape(caption)}</caption>
+    return f"""<table class="listing"><caption>{escape(wording.tie(caption))}</caption>
 <thead>{groups}<tr>{"".join(head.html() for head in heads)}</tr></thead>
 <tbody>
 {"".join(body)}</tbody></table>"""

@@ -35,31 +35,43 @@ def dose_sentence(dose: DoseResult) -> str:
 
 
 def dose_section(dose: DoseResult | None) -> str:
-    """The curve with its words and numbers."""
+    """The curve with its words and numbers; nothing where there is none."""
     if dose is None:
         return ""
+    return f"""<section aria-labelledby="dose">
+<h2 id="dose">How much lateness this motion bears</h2>
+<p>{escape(dose_sentence(dose))}</p>
+{_curve(dose)}
+</section>"""
+
+
+def _curve(dose: DoseResult) -> str:
     notes = [
         "The solid line is what moves, the dashed one what stands still: the control. Shaded: where the "
         f"value lies with 95 % confidence, from {wording.count(dose.instants, 'instant')}."
     ]
+    if dose.bearable_ms is not None and together(dose.points[0].scores):
+        notes.append(
+            "What it bears: until a tenth of what was found is lost, or half of what moves has gone a pixel, "
+            "whichever comes first."
+        )
     if dose.speed_px_per_ms:
         notes.append(
             f"Half of what moves goes farther than {wording.quantity(dose.speed_px_per_ms, 'pixels')} "
             "in a millisecond in the picture."
         )
-    if dose.own_error_us is not None:
+    if dose.own_error_us is None:
+        notes.append("This session keeps no record of its own error.")
+    else:
         moved = (
             f", in which it moves {wording.quantity(dose.own_error_px, 'px')}" if dose.own_error_px else ""
         )
         error = wording.microseconds(dose.own_error_us)
         notes.append(f"This session's own largest error is {error}{moved}.")
-    return f"""<section aria-labelledby="dose">
-<h2 id="dose">How much lateness this motion bears</h2>
-<p>{escape(dose_sentence(dose))}</p>
-<div class="curve">{dose_plot(dose)}
-<div>{"".join(f"<p>{escape(note)}</p>" for note in notes)}</div></div>
-{_table(dose)}
-</section>"""
+    words = "".join(f"<p>{escape(wording.tie(note))}</p>" for note in notes)
+    return f"""<div class="curve">{dose_plot(dose)}
+<div>{words}</div></div>
+{_table(dose)}"""
 
 
 def write_dose_report(result: DoseResult, out: Path) -> Path:
@@ -70,11 +82,13 @@ def write_dose_report(result: DoseResult, out: Path) -> Path:
     entries = {
         "Session": result.session,
         "Depth": f"cameras {result.reference} and {result.other}, "
-        f"{wording.count(result.instants, 'instant')} (taken for {result.why})",
+        f"{wording.count(result.instants, 'instant')} (taken for {wording.tie(result.why)})",
         "Calibration": result.calibration,
         "Software": ", ".join(f"{key} {value}" for key, value in result.versions.items()),
     }
-    making = "".join(f"<dt>{escape(key)}</dt><dd>{escape(words)}</dd>" for key, words in entries.items())
+    making = "".join(
+        f"<dt>{escape(key)}</dt><dd>{escape(words)}</dd>" for key, words in entries.items()
+    )
     page = Template((folder / "page.html").read_text("utf-8")).substitute(
         title=escape(f"{name}: how much lateness its motion bears"),
         css=(folder / "page.css").read_text("utf-8"),
@@ -89,7 +103,7 @@ def write_dose_report(result: DoseResult, out: Path) -> Path:
         pictures="",
         sweep="",
         burst="",
-        dose=dose_section(result),
+        dose=f'<section aria-label="The curve">{_curve(result)}</section>',
         all_cameras="",
         poses="",
         measures="",
@@ -118,7 +132,7 @@ def _table(dose: DoseResult) -> str:
         ]
         rows.append([escape(wording.milliseconds(round(point.offset_ms, 1))), *cells])
     names = ["Late by", *([WITHIN] if true else []), COVERAGE, EPIPOLAR, STILL_COVERAGE]
-    return listing("By lateness, moving things (small: 95 % intervals)", [Head(name) for name in names], rows)
+    return listing("By lateness, moving things; small: 95 % intervals", [Head(name) for name in names], rows)
 
 
 def _ranged(value: float | None, found: Interval | None) -> str:

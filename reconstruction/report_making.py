@@ -20,7 +20,7 @@ def making_section(result: CompareResult) -> str:
     elif result.multiview_skipped:
         rows.append(("All cameras", escape(f"not measured: {result.multiview_skipped}")))
     if result.poses_skipped:
-        rows.append(("Poses by instant", escape(f"not looked at: {result.poses_skipped}")))
+        rows.append(("Poses by instant", escape(wording.tie(f"not looked at: {result.poses_skipped}"))))
     asked, actual = (wording.milliseconds(ms) for ms in (result.offset_ms, result.actual_offset_ms))
     frames = wording.count(result.offset_frames, "frame")
     rows.append(("Offset", escape(f"{asked} asked for; {actual} given, which is {frames}")))
@@ -43,7 +43,7 @@ def making_section(result: CompareResult) -> str:
 
 def _pair(cameras: tuple[str, ...], instants: int, why: str) -> str:
     words = f"cameras {' and '.join(cameras)}, {wording.count(instants, 'instant')}"
-    return escape(f"{words} (taken for {why})" if why else words)
+    return escape(wording.tie(f"{words} (taken for {why})" if why else words))
 
 
 def _files(result: CompareResult) -> str:

@@ -31,7 +31,7 @@ def figure(picture: Picture, out: Path, sides: wording.Sides) -> str:
     synced, (wide, high) = embed(out / picture.synced)
     offset, _ = embed(out / picture.offset)
     first, late = escape(sides.first), escape(sides.late)
-    caption = f"<figcaption>{escape(picture.caption)}</figcaption>" if picture.caption else ""
+    caption = f"<figcaption>{escape(wording.tie(picture.caption))}</figcaption>" if picture.caption else ""
     slider = (
         f"""<input class="wipe" type="range" min="0" max="100" value="50" data-left="{first.lower()}"
  aria-label="{title}: how much to show of: {first.lower()}"><span class="handle"></span>"""

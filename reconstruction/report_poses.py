@@ -8,7 +8,7 @@ from reconstruction.report_tables import Measure, beside
 from reconstruction.results import PoseComparison
 
 WIDE, HIGH = 480, 220
-LEFT, RIGHT, TOP, BOTTOM = 52, 10, 12, 44
+LEFT, RIGHT, TOP, BOTTOM = 62, 10, 12, 48
 
 
 def _degrees(value: float | None) -> str:
@@ -90,7 +90,7 @@ def _plot(result: PoseComparison, sides: wording.Sides) -> str:
             )
             words.append(f"{name.lower()} {wording.share(share, decimals=0)}")
         parts.append(
-            f'<text x="{middle:.1f}" y="{HIGH - BOTTOM + 18}" text-anchor="middle">{row["instant"]}</text>'
+            f'<text x="{middle:.1f}" y="{HIGH - BOTTOM + 20}" text-anchor="middle">{row["instant"]}</text>'
         )
         told.append(f"instant {row['instant']}: {', '.join(words)}")
     middle = (LEFT + WIDE - RIGHT) / 2

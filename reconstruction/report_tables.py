@@ -156,5 +156,5 @@ def _row(measure: Measure, fields: Sequence[tuple[str, bool]], synced: Scores, o
             cells.append((value, f'<td class="{kind}">{shown}</td>'))
     if all(value is None for value, _ in cells):
         return ""
-    head = f'<th scope="row">{escape(measure.name)}<small>{escape(measure.text)}</small></th>'
+    head = f'<th scope="row">{escape(measure.name)}<small>{escape(wording.tie(measure.text))}</small></th>'
     return f"<tr>{head}{''.join(cell for _, cell in cells)}</tr>\n"

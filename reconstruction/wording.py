@@ -116,9 +116,14 @@ def walk(offset_ms: float) -> str:
     return f"In {time}, somebody walking ({WALKING_M_PER_S}{GAP}m/s) moves {far}."
 
 
+def tie(text: str) -> str:
+    """The text with its numbers and their units kept on one line."""
+    return re.sub(r"(?<=\d) (?=([mµ]?s|px|[cm]?m)\b|%)", GAP, text)
+
+
 def headline(verdict: str) -> tuple[str, str]:
-    """The first sentence of a verdict, and the rest; numbers stay with their units."""
-    verdict = re.sub(r"(?<=\d) (?=([mµ]?s|px|[cm]?m)\b|%)", GAP, verdict)
+    """The first sentence of a verdict, and the rest."""
+    verdict = tie(verdict)
     end = verdict.find(". ")
     return (verdict, "") if end < 0 else (verdict[: end + 1], verdict[end + 2 :].strip())
 

@@ -35,6 +35,7 @@ class Listener:
         self.correction: Correction | None = None
         """None where nothing was agreed, or it has faded."""
         self._arrivals: dict[int, int] = {}
+        """By number, the one that came first in front."""
         self._told_ns: int | None = None
         self._news = False
         self._agreed: tuple[int, Agreed] | None = None
@@ -48,7 +49,7 @@ class Listener:
         self._arrivals[number] = local_ns
         self._news = True
         if len(self._arrivals) > KEPT:
-            del self._arrivals[min(self._arrivals)]
+            del self._arrivals[next(iter(self._arrivals))]
 
     def next_timer(self) -> int | None:
         """When `tell` wants to be called, None for not before another beacon."""

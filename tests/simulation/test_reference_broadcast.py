@@ -11,12 +11,13 @@ from capture_app.simulation.clock import SimulatedClock
 from capture_app.simulation.link import DelayLaw, Link
 from capture_app.simulation.profiles import PROFILES
 from capture_app.simulation.rig import NodeSpec, VirtualNode, VirtualRig
-from capture_app.sync.beacon import Agreed, Heard
+from capture_app.sync.beacon import Agreed, Beacon, Heard
 from capture_app.sync.messages import Welcome, decode, encode
 
 S = 1_000_000_000
 US = 1_000
-CAMERA = replace(PROFILES["perfect"], phase_control="none")
+CAMERA = replace(PROFILES["perfect"], phase_control="none", frame_length_rows=10_000)
+"""Ten frames a second, wherever they fall: only the clocks are looked at."""
 WAYS_US = ((300, 700), (800, 400), (500, 500), (600, 450))
 """Least delays to and from the leader: what no exchange can see is half their difference."""
 
@@ -118,7 +119,7 @@ def test_a_cell_that_falls_silent_is_forgotten_softly() -> None:
     assert apart_us(rig) < 30.0
     for node in rig.nodes.values():
         node.spec = replace(node.spec, cell=None)
-    run(rig, 20)
+    run(rig, 15)
     assert all(node.client.time_map == node.client.own_map for node in rig.nodes.values())
 
 
@@ -130,6 +131,39 @@ def test_the_same_seed_gives_the_same_run() -> None:
         maps.append([node.client.time_map for node in rig.nodes.values()])
         assert any(client.report.apart_ns is not None for client in rig.leader.clients(rig.now_true_ns))
     assert maps[0] == maps[1]
+
+
+def forged(rng: random.Random, client: int) -> tuple[Agreed, Heard]:
+    """What a stranger might say: numbers and times near the true ones, or anything."""
+
+    def time_ns() -> int:
+        return rng.choice([rng.randrange(10**10), rng.randrange(-(2**63), 2**63)])
+
+    def number() -> int:
+        return rng.choice([rng.randint(1, 40), rng.randrange(1, 2**32)])
+
+    arrivals = tuple((number(), time_ns()) for _ in range(rng.randint(0, 32)))
+    errors_ns = rng.randrange(10**6), rng.randrange(10**18)
+    return Agreed(client, number(), time_ns(), *errors_ns), Heard(client, *errors_ns, arrivals)
+
+
+def test_whatever_is_forged_the_bounds_hold_and_agreement_comes_back() -> None:
+    rng = random.Random(7)
+    rig = VirtualRig(specs(RadioCell(), RadioCell()), seed=2, beacons=True)
+    run(rig, 6)
+    leader, nodes = rig.leader, list(rig.nodes.values())
+    for node in nodes:
+        local_ns = node.spec.clock.local_from_true(rig.now_true_ns)
+        assert node.client._member is not None
+        client = node.client._member.client
+        for _ in range(40):
+            agreed, heard = forged(rng, client)
+            beacon = Beacon(leader.config.instance, agreed.number)
+            node.client.receive_broadcast(encode(beacon), local_ns)
+            node.client.receive_datagram(encode(agreed), local_ns)
+            leader.receive_datagram(encode(heard), (node.spec.name, 0), rig.now_true_ns)
+    run(rig, 16)
+    assert apart_us(rig) < 40.0
 
 
 class OldLeader:

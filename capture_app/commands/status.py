@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 def status(leader: Address, as_json: bool) -> None:
     """Show the nodes of a running leader, or of its whole tree: state, clock, phase and drops.
 
-    A clock bound is all that the time can be wrong by, the relays on its way included.
+    A clock bound is all that the time can be wrong by, the relays on its way included. Nodes that hear the
+    leader's beacons together also tell how far apart they may be: 95 % of the cases.
     """
     from capture_app.node.control import ask_status
 
@@ -33,17 +34,20 @@ def status(leader: Address, as_json: bool) -> None:
     if rig.message:
         click.echo(rig.message)
     if rig.nodes:
-        head = ("node", "state", "clock bound us", "round trip us", "phase error us", "drops", "camera", "")
-        print_table(head, [_row(node) for node in as_tree(rig.nodes)])
+        agreed = any(node.apart_ns is not None for node in rig.nodes)
+        clock = ("clock bound us", *(("apart us",) if agreed else ()), "round trip us")
+        head = ("node", "state", *clock, "phase error us", "drops", "camera", "")
+        print_table(head, [_row(node, agreed=agreed) for node in as_tree(rig.nodes)])
     for path in rig.sessions:
         click.echo(f"saved {path}")
 
 
-def _row(node: "NodeStatus") -> tuple[str, ...]:
+def _row(node: "NodeStatus", *, agreed: bool) -> tuple[str, ...]:
     return (
         "  " * (node.depth - 1) + node.name,
         str(node.state),
         _us(node.hard_bound_ns),
+        *((_us(node.apart_ns),) if agreed else ()),
         _us(node.round_trip_ns),
         _us(node.phase_error_ns),
         str(node.drops),

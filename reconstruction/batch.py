@@ -8,15 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from capture_app.errors import BadInputError, ExitCode, SimulshotError
-from reconstruction.batch_summary import (
-    NAMES,
-    BatchResult,
-    Row,
-    failed_row,
-    summarize,
-    unit_row,
-    write_summary,
-)
+from reconstruction.batch_rows import BatchResult, Row, failed_row, summarize, unit_row
+from reconstruction.batch_summary import NAMES, write_summary
 from reconstruction.conditions import Condition
 from reconstruction.executors import Executor
 from reconstruction.unit_plan import MAKE, Failure, plan

@@ -12,11 +12,6 @@ from reconstruction.report_tables import Measure, pixels, with_control
 from reconstruction.results import MultiviewComparison
 
 
-def points(value: float | None) -> str:
-    """A number of points."""
-    return wording.NOT_AVAILABLE if value is None else f"{value:,.0f}".replace(",", wording.GAP)
-
-
 def measures(result: MultiviewComparison) -> tuple[Measure, ...]:
     """The rows of the table."""
     near = "" if result.tolerance_m is None else f" to within {100 * result.tolerance_m:.3g}{wording.GAP}cm"
@@ -54,7 +49,7 @@ def measures(result: MultiviewComparison) -> tuple[Measure, ...]:
             "points",
             "Points in space",
             "In the cloud fused from all cameras, of one instant on average.",
-            points,
+            wording.number,
         ),
         Measure(
             "f_score",
@@ -107,7 +102,7 @@ def how_apart(offsets_ms: Mapping[str, float], reference: str) -> str:
 _INSTANT = (
     ("mover_within_2pct", WITHIN, wording.share),
     ("mover_coverage", COVERAGE, wording.share),
-    ("mover_points", "Points in space", points),
+    ("mover_points", "Points in space", wording.number),
 )
 
 

@@ -38,6 +38,11 @@ def quantity(value: float | None, unit: str = "") -> str:
     return f"{value:.{decimals}f}{GAP}{unit}" if unit else f"{value:.{decimals}f}"
 
 
+def number(value: float | None) -> str:
+    """A whole number, its thousands apart."""
+    return NOT_AVAILABLE if value is None else f"{value:,.0f}".replace(",", GAP)
+
+
 def milliseconds(value_ms: float) -> str:
     """A time in ms, with one decimal only where it says something."""
     return f"{value_ms:.1f}".removesuffix(".0") + f"{GAP}ms"

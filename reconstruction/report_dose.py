@@ -86,9 +86,7 @@ def write_dose_report(result: DoseResult, out: Path) -> Path:
         "Calibration": result.calibration,
         "Software": ", ".join(f"{key} {value}" for key, value in result.versions.items()),
     }
-    making = "".join(
-        f"<dt>{escape(key)}</dt><dd>{escape(words)}</dd>" for key, words in entries.items()
-    )
+    making = "".join(f"<dt>{escape(key)}</dt><dd>{escape(words)}</dd>" for key, words in entries.items())
     page = Template((folder / "page.html").read_text("utf-8")).substitute(
         title=escape(f"{name}: how much lateness its motion bears"),
         css=(folder / "page.css").read_text("utf-8"),

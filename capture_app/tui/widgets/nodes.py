@@ -51,7 +51,7 @@ def _cells(node: NodeStatus, *, wide: bool) -> list[Text]:
     gone = node.state in (NodeState.LOST, NodeState.FAILED)
     plain = "dim" if gone else ""
     phase_style = plain or ("green" if node.state is NodeState.READY else "yellow")
-    name = Text(node.name, style="bold " + plain)
+    name = Text("  " * (node.depth - 1) + node.name, style="bold " + plain)
     state = Text(f"● {node.state.value}", style=style)
     offset = Text(clock_offset(node.offset_ns), style=plain, justify="right")
     bound = Text(short_time(node.hard_bound_ns), style=plain, justify="right")

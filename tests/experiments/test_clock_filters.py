@@ -7,7 +7,7 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.errors import ExitCode
-from capture_app.experiments import clock_filters
+from capture_app.experiments import clock_claims, clock_filters
 
 
 @pytest.fixture(autouse=True)
@@ -15,6 +15,7 @@ def _short(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(clock_filters, "MESSAGES", 1000)
     monkeypatch.setattr(clock_filters, "CONVERGENCE", (10, 300, 1000))
     monkeypatch.setattr(clock_filters, "CONVERGENCE_TRIALS", 2)
+    monkeypatch.setattr(clock_claims, "TRIALS", 1)
 
 
 def test_the_same_seed_gives_the_same_figures_and_the_claims_hold(
@@ -32,6 +33,9 @@ def test_the_same_seed_gives_the_same_figures_and_the_claims_hold(
     assert ours["coverage_hard_bound"] == 1.0
     assert ours["coverage_95"] > 0.9
     assert ours["gain_mean"] > 1.5
+    held = ours["coverage_95_by_situation"]
+    assert set(held) == set(clock_claims.SITUATIONS)
+    assert held[clock_claims.FIRST]["all"] == ours["coverage_95_drawn"] > 0.8
     assert set(ours["error_us"]) == set(result["baseline"]["minimum"]["error_us"])
     assert ours["error_us"]["gamma 2"]["mean_abs"] < 40.0
     assert result["baseline"]["mean"]["error_us"]["gamma 2"]["mean_abs"] == pytest.approx(372, rel=0.15)

@@ -2,12 +2,13 @@
 
 import time
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import msgspec
 
 from capture_app.errors import NotAvailableError
+from reconstruction.all_cameras import AllCameras, AllCamerasOptions
 from reconstruction.bullet_time import bullet_time
 from reconstruction.burst_grid import burst_grid
 from reconstruction.conditions import Condition
@@ -45,6 +46,7 @@ class CompareOptions:
     stereo: tuple[str, str] | None = None
     stitch: tuple[str, str] | None = None
     most_instants: int = 16
+    all_cameras: AllCamerasOptions = field(default_factory=AllCamerasOptions)
     conditions: tuple[Condition, ...] = ()
     """Further ones beside the pair that is `offset_ms` apart."""
     against: Path | None = None
@@ -89,9 +91,10 @@ class _Comparison:
             condition.check(dataset)
         self.against = Dataset.open(options.against) if options.against is not None else None
         self.panorama: PanoramaStudy | None = None
+        self.all = AllCameras(self.rig, options.all_cameras)
         each = 1 + min(len(offset.pairs), options.most_instants)
         further = len(self.conditions) + (self.against is not None)
-        self.progress = Progress(4 + each + each + further + 1)
+        self.progress = Progress(4 + each + each + self.all.steps() + further + 1)
         self.dose: DoseResult | None = None
         self.pictures: list[Picture] = []
 
@@ -106,6 +109,7 @@ class _Comparison:
         stitched, stitch_skipped = self._stitch()
         if stereo is None and stitched is None and isinstance(no_views, NotAvailableError):
             raise no_views
+        self.all.run(self.middle, moving, self.progress)
         conditions = self._further(stereo, stitched)
         self.progress.last("report")
         return CompareResult(
@@ -113,12 +117,16 @@ class _Comparison:
             offset_ms=self.offset.asked_ms,
             offset_frames=self.offset.frames,
             actual_offset_ms=self.offset.actual_ms,
-            verdict=verdict(stereo, stitched, self.offset.actual_ms, moving),
+            verdict=verdict(stereo, stitched, self.offset.actual_ms, moving, self.all.poses),
             calibration=self.rig.source,
             stereo=stereo,
             stitch=stitched,
+            multiview=self.all.multiview,
+            poses=self.all.poses,
             stereo_skipped=stereo_skipped,
             stitch_skipped=stitch_skipped,
+            multiview_skipped=self.all.no_multiview,
+            poses_skipped=self.all.no_poses,
             sync_residual_us=self.dataset.residual_us(),
             sync_bound_us=self.dataset.bound_us(),
             pictures=tuple(self.pictures),
@@ -133,7 +141,7 @@ class _Comparison:
         self, stereo: StereoResult | None, stitched: StitchResult | None
     ) -> tuple[ConditionResult, ...]:
         """What was asked for beside the two conditions."""
-        chosen = Chosen(self.rig, self.options.most_instants, stereo, stitched, self.panorama)
+        chosen = Chosen(self.rig, self.options.most_instants, stereo, stitched, self.panorama, self.all)
         found = []
         for condition in self.conditions:
             self.progress.step(f"condition {condition.name}")

@@ -134,12 +134,7 @@ class DepthStudy:
         loaded = self.dataset.truth(self.reference, instant)
         if loaded is None:
             return None
-        truth = np.where(np.isfinite(loaded[0]) & (loaded[0] > 0), loaded[0], np.nan)
-        if self.unit == "m":
-            return truth
-        # Structure from motion knows no metres: what stands still gives the scale.
-        known = static & (still > 0) & np.isfinite(truth)
-        return truth * float(np.median(still[known] / truth[known])) if known.any() else None
+        return metrics.in_unit(loaded[0], self.unit, still, static)
 
     def result(self, instants: Sequence[Instant], why: str) -> StereoResult:
         """Scores of both conditions."""

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from reconstruction.all_cameras import AllCameras
 from reconstruction.calibration import views_of
 from reconstruction.conditions import Condition, listed, pair_instants
 from reconstruction.dataset import Dataset
@@ -26,6 +27,7 @@ class Chosen:
     stereo: StereoResult | None
     stitch: StitchResult | None
     panorama: PanoramaStudy | None
+    all_cameras: AllCameras
 
 
 def judge(chosen: Chosen, condition: Condition) -> ConditionResult:
@@ -53,6 +55,7 @@ def judge(chosen: Chosen, condition: Condition) -> ConditionResult:
             stitched = whole.result(quiet, chosen.stitch.why)
         except ValueError as error:
             skipped.append(f"panorama: {error}")
+    many, poses, missing = chosen.all_cameras.judge(condition, quiet)
     return ConditionResult(
         name=condition.name,
         offsets_ms=listed(condition, rig.dataset),
@@ -60,7 +63,9 @@ def judge(chosen: Chosen, condition: Condition) -> ConditionResult:
         stitch_offset_ms=late.get("stitch"),
         stereo=stereo,
         stitch=stitched,
-        skipped=tuple(skipped),
+        multiview=many,
+        poses=poses,
+        skipped=(*skipped, *missing),
     )
 
 
@@ -101,12 +106,15 @@ def judge_session(chosen: Chosen, other: Dataset, folder: Path, step: int) -> Co
             )
         except (ValueError, KeyError) as error:
             skipped.append(f"panorama: {error}")
+    many, poses, missing = chosen.all_cameras.judge_session(other, motion, stages)
     return ConditionResult(
         name=other.name,
         session=str(other.session.folder),
         stereo=stereo,
         stitch=stitched,
-        skipped=tuple(skipped),
+        multiview=many,
+        poses=poses,
+        skipped=(*skipped, *missing),
     )
 
 

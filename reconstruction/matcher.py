@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from reconstruction.consistency import Agreement, believed, votes
+from reconstruction.consistency import Agreement, ask, believed
 from reconstruction.geometry import Array
 from reconstruction.photo import Lens, Photo
 from reconstruction.planes import fit_planes, normals
@@ -30,6 +30,8 @@ class DepthView:
 
     depth: Array
     normals: Array
+    surface: Surface | None = None
+    """What was found before anything was left out; None where somebody else matched."""
 
 
 def match_views(
@@ -70,11 +72,11 @@ def _checked(
     others += [other for other in surfaces if other != name and other not in others]
     others = others[:MOST_VOTERS]
     lenses = [Lens(photos[name], photos[other]) for other in others]
-    count = votes(surface, lenses, [surfaces[other] for other in others], limits)
-    good = believed(surface, count, len(others), limits)
+    count, able = ask(surface, lenses, [surfaces[other] for other in others], limits)
+    good = believed(surface, count, able, len(others), limits)
     facing = _normals(surface, photos[name])
     depth = np.where(good, 1 / np.maximum(surface.inverse_depth, 1e-12), 0).astype(np.float32)
-    return DepthView(depth, np.where(good[..., None], facing, 0).astype(np.float32))
+    return DepthView(depth, np.where(good[..., None], facing, 0).astype(np.float32), surface)
 
 
 def _normals(surface: Surface, photo: Photo) -> Array:

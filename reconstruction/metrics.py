@@ -29,20 +29,26 @@ def still_depth(depths: Sequence[Array], moving: Sequence[Array]) -> Array:
     return result
 
 
+def without_holes(depth: Array) -> Array:
+    """Depth with the nearest known pixel's value where it is unknown (0); some must be known."""
+    unknown = (depth <= 0).astype(np.uint8)
+    if not unknown.any():
+        return depth
+    _, labels = cv2.distanceTransformWithLabels(unknown, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
+    nearest = np.zeros(int(labels.max()) + 1, np.float32)
+    nearest[labels[unknown == 0]] = depth[unknown == 0]
+    return np.asarray(nearest[labels])
+
+
 def seen_through(reference: View, other: View, depth: Array) -> tuple[Array, Array]:
     """For each reference pixel, where a point at this depth lies in the other view.
 
     Returns float32 maps (height, width, 2), px; and whether it lies in the picture (bool). Pixels of
     unknown depth (0) take the nearest known one's.
     """
-    unknown = (depth <= 0).astype(np.uint8)
-    if unknown.all():
+    if not (depth > 0).any():
         return np.zeros((*depth.shape, 2), np.float32), np.zeros(depth.shape, bool)
-    if unknown.any():
-        _, labels = cv2.distanceTransformWithLabels(unknown, cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL)
-        nearest = np.zeros(int(labels.max()) + 1, np.float32)
-        nearest[labels[unknown == 0]] = depth[unknown == 0]
-        depth = nearest[labels]
+    depth = without_holes(depth)
     points = reference.rays(reference.grid()) * depth.reshape(-1, 1)
     rotation, translation = other_from_reference(reference, other)
     moved = points @ rotation.T + translation
@@ -66,6 +72,19 @@ def still_control(
     there = grow(np.logical_or.reduce(list(other_movers)), 8).astype(np.uint8)
     hidden = cv2.remap(there, where, None, cv2.INTER_NEAREST) > 0
     return np.asarray(inside & ~here & ~hidden)
+
+
+def in_unit(truth: Array, unit: str, still: Array, static: Array) -> Array | None:
+    """True depth (m, 0 or not finite = unknown) in the calibration's unit, NaN = unknown.
+
+    Structure from motion knows no metres: there, what stands still (`static`, bool) gives the scale by its
+    depth `still` (0 = unknown). None where none of that is known.
+    """
+    known = np.where(np.isfinite(truth) & (truth > 0), truth, np.nan)
+    if unit == "m":
+        return known
+    both = static & (still > 0) & np.isfinite(known)
+    return known * float(np.median(still[both] / known[both])) if both.any() else None
 
 
 def row_errors(pair: StereoPair, reference: Array, other: Array, mask: Array) -> list[float]:

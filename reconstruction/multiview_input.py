@@ -35,13 +35,17 @@ class Shot:
 
     def flatten(self, image: Array) -> Array:
         """An image of the camera's own pixels as if it had no distortion; the nearest pixel's value."""
-        if not self.view.distortion.any():
-            return image
-        maps = cv2.initUndistortRectifyMap(
-            self.view.matrix, self.view.distortion, None, self.view.matrix,
-            (self.view.width, self.view.height), cv2.CV_32FC1,
-        )  # fmt: skip
-        return np.asarray(cv2.remap(image, maps[0], maps[1], cv2.INTER_NEAREST))
+        return flatten(self.view, image)
+
+
+def flatten(view: View, image: Array) -> Array:
+    """An image of a view's pixels as if the view had no distortion; the nearest pixel's value."""
+    if not view.distortion.any():
+        return image
+    maps = cv2.initUndistortRectifyMap(
+        view.matrix, view.distortion, None, view.matrix, (view.width, view.height), cv2.CV_32FC1
+    )
+    return np.asarray(cv2.remap(image, maps[0], maps[1], cv2.INTER_NEAREST))
 
 
 def shot_of(camera: str, instant: int, image: Array, view: View) -> Shot:

@@ -18,6 +18,8 @@ MEDIANS = ("epipolar_px", "photometric")
 AMOUNTS = ("points",)
 F_SCORE = "f_score"
 MOST_DIFFERENCES = 20000
+MOST_DRAWN = 1500
+"""Values of an instant that its bootstrap draws are made of."""
 FEWEST_FOR_INTERVAL = 3
 """Fewer instants than this say nothing about how instants differ."""
 
@@ -88,7 +90,7 @@ class Tally:
             return np.asarray(_harmonic(np.nan_to_num(precision), recall))
         if measure in SHARES:
             return share_samples(*self._shares(kind, measure))
-        thinned = [v[:: max(1, len(v) // 400)] for v in self._values(kind, measure)]
+        thinned = [v[:: max(1, len(v) // MOST_DRAWN)] for v in self._values(kind, measure)]
         return pooled_samples(thinned, _middle(measure))
 
     def interval(self, kind: str, measure: str) -> Interval | None:

@@ -73,7 +73,9 @@ def usable_pairs(dataset: Dataset, offset: Offset, reference: str, other: str) -
 
 
 def thin(pairs: Sequence[tuple[int, int]], limit: int) -> list[tuple[int, int]]:
-    """At most `limit` of them, evenly spread over the burst."""
+    """At most `limit` of them, evenly spread over the burst; a single one from its middle."""
     if len(pairs) <= limit:
         return list(pairs)
+    if limit == 1:
+        return [pairs[len(pairs) // 2]]
     return [pairs[round(i)] for i in np.linspace(0, len(pairs) - 1, limit)]

@@ -30,6 +30,25 @@ if TYPE_CHECKING:
     help="Use at most so many instants, spread over the burst.",
 )
 @click.option(
+    "--multiview-instants",
+    type=click.IntRange(min=0),
+    default=3,
+    show_default=True,
+    help="Of these, at most so many for depth from all cameras, which takes much longer; 0: none.",
+)
+@click.option(
+    "--multiview-width",
+    type=click.IntRange(min=160),
+    default=640,
+    show_default=True,
+    help="Make pictures wider than this smaller for that, px.",
+)
+@click.option(
+    "--poses/--no-poses",
+    default=None,
+    help="Find where the cameras stand from single instants [default: where much of the picture moves].",
+)
+@click.option(
     "--offsets-ms",
     type=Offsets(),
     multiple=True,
@@ -53,6 +72,9 @@ def compare(
     stereo: tuple[str, str] | None,
     stitch: tuple[str, str] | None,
     instants: int,
+    multiview_instants: int,
+    multiview_width: int,
+    poses: bool | None,
     offsets_ms: "tuple[Condition, ...]",
     drawn: bool,
     against: Path | None,
@@ -65,6 +87,7 @@ def compare(
     """
     import msgspec
 
+    from reconstruction.all_cameras import AllCamerasOptions
     from reconstruction.compare import CompareOptions
     from reconstruction.compare import compare as run
     from reconstruction.conditions import DISTINCT, Condition
@@ -74,6 +97,9 @@ def compare(
         stereo=stereo,
         stitch=stitch,
         most_instants=instants,
+        all_cameras=AllCamerasOptions(
+            multiview_instants=multiview_instants, multiview_width=multiview_width, poses=poses
+        ),
         conditions=(*offsets_ms, *((Condition(DISTINCT),) if drawn else ())),
         against=against,
     )

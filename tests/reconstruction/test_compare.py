@@ -15,6 +15,8 @@ from capture_app.session.reader import Session
 from reconstruction.cli import main
 from tests.reconstruction.conftest import VIEWS, Scene, write_session
 
+NO_MULTIVIEW = ("--multiview-instants", 0)
+
 
 @dataclass
 class Outcome:
@@ -45,7 +47,7 @@ def test_synchronization_shows_in_depth_and_panorama_but_not_in_what_stands_stil
     boards: Session, tmp_path: Path, reconstruct: Callable[..., Outcome]
 ) -> None:
     out = tmp_path / "out"
-    done = reconstruct("compare", boards.folder, "--offset-ms", 66, "--out", out, "--json")
+    done = reconstruct("compare", boards.folder, "--offset-ms", 66, *NO_MULTIVIEW, "--out", out, "--json")
     assert done.code == 0, done.err
     result = json.loads(done.out)
     assert result == json.loads((out / "metrics.json").read_text())
@@ -80,7 +82,8 @@ def test_stages_are_used_again_only_where_their_inputs_are_the_same(
     out = tmp_path / "out"
 
     def stages(offset_ms: float) -> dict[str, int]:
-        done = reconstruct("compare", boards.folder, "--offset-ms", offset_ms, "--instants", 1, "--out", out)
+        few = ("--instants", 1, *NO_MULTIVIEW)
+        done = reconstruct("compare", boards.folder, "--offset-ms", offset_ms, *few, "--out", out)
         assert done.code == 0, done.err
         return {path.name: path.stat().st_mtime_ns for path in (out / "stages").iterdir()}
 

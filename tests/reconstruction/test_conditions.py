@@ -81,7 +81,7 @@ def test_compare_judges_further_conditions_beside_the_synchronized_one(
             *("compare", str(boards.folder), "--out", str(out), "--json"),
             *("--stereo", "left,right", "--stitch", "left,aside"),
             *("--offsets-ms", "left=33,right=0", "--offsets-ms", "left=33,right=33"),
-            *("--against", str(boards.folder)),
+            *("--against", str(boards.folder), "--multiview-instants", "0"),
         ]
     )
     result = json.loads(capsys.readouterr().out)

@@ -47,3 +47,4 @@ def test_thinning_keeps_both_ends() -> None:
     assert kept[0] == pairs[0]
     assert kept[-1] == pairs[-1]
     assert thin(pairs, 100) == pairs
+    assert thin(pairs, 1) == [(15, 17)]

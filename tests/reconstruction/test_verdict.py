@@ -1,6 +1,13 @@
 """The verdict says what the figures say, also where they say nothing."""
 
-from reconstruction.results import DepthScores, StereoResult, StitchResult, StitchScores
+from reconstruction.results import (
+    DepthScores,
+    PoseComparison,
+    PoseScores,
+    StereoResult,
+    StitchResult,
+    StitchScores,
+)
 from reconstruction.verdict import together, verdict
 
 
@@ -60,3 +67,25 @@ def test_no_difference_is_said_as_such() -> None:
     assert verdict(stereo(0.2, 0.9), None, 66.7, 0.1).startswith("No clear difference")
     assert verdict(stereo(0.6, 0.58), None, 66.7, 0.0001).startswith("Almost nothing moves")
     assert verdict(None, None, 66.7, 0.1).startswith("Neither")
+
+
+def poses(harmed: bool, late_deg: float | None) -> PoseComparison:
+    def scores(right: float, degrees: float | None) -> PoseScores:
+        return PoseScores(registered=5, right_pairs=right, rotation_deg=degrees)
+
+    return PoseComparison(
+        cameras=("a", "b", "c"),
+        synced=scores(1.0, 0.05),
+        offset=scores(0.0 if harmed else 1.0, late_deg),
+        harmed=harmed,
+        right_deg=2.0,
+        truth="the calibration",
+    )
+
+
+def test_poses_are_told_where_lateness_harms_them() -> None:
+    wrong = verdict(stereo(0.6, 0.58), None, 66.7, 0.3, poses(True, 28.8))
+    assert "to 0.05 degrees" in wrong
+    assert "wrong by 29 degrees" in wrong
+    assert "no camera can be placed" in verdict(None, None, 66.7, 0.3, poses(True, None))
+    assert "seem to stand" not in verdict(stereo(0.97, 0.01), None, 66.7, 0.1, poses(False, 0.06))

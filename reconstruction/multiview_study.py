@@ -1,0 +1,196 @@
+"""The part of a comparison that takes all cameras: depth of the middle one, and the cloud of them all."""
+
+from dataclasses import dataclass
+
+from capture_app.errors import BadInputError
+from reconstruction.conditions import SYNCED, Condition, listed, shown_with
+from reconstruction.dataset import Dataset
+from reconstruction.depth_range import find_depth_range
+from reconstruction.instant_depth import InstantDepth, instant_depth
+from reconstruction.multiview_count import Judge
+from reconstruction.multiview_shots import Shots
+from reconstruction.pipeline import Progress, Stages
+from reconstruction.results import MultiviewComparison, MultiviewScores
+from reconstruction.sources import choose_sources, guessed_depths, reference_of
+from reconstruction.tally import Count, Tally, differences
+from reconstruction.variants import thin
+
+FEWEST_CAMERAS = 3
+MOST_CAMERAS = 5
+"""More cameras make better clouds, but say no more about timing; each takes as long as the first."""
+CONDITIONS = ("synced", "offset")
+ROW = {
+    "mover_coverage": ("mover", "coverage"),
+    "static_coverage": ("static", "coverage"),
+    "mover_within_2pct": ("mover", "within_2pct"),
+    "static_within_2pct": ("static", "within_2pct"),
+    "mover_consistency": ("mover", "consistency"),
+    "mover_points": ("mover", "points"),
+}
+"""What is told of every single instant."""
+
+
+@dataclass(frozen=True)
+class Taken:
+    """What each camera shows at one instant of the reference: in the condition, and all of one instant."""
+
+    instant: int
+    shown: dict[str, int]
+
+    @property
+    def together(self) -> dict[str, int]:
+        """The synchronized condition."""
+        return dict.fromkeys(self.shown, self.instant)
+
+
+class MultiviewStudy:
+    """Depth from all cameras in any condition; what is fixed for all comes from synchronized pictures."""
+
+    def __init__(self, shots: Shots, stages: Stages, unit: str, most_instants: int) -> None:
+        """`unit` is the calibration's unit of length."""
+        self.shots = shots
+        self.stages = stages
+        self.unit = unit
+        self.most_instants = most_instants
+        self.cameras: tuple[str, ...] = ()
+        self.reference = ""
+        self.reach = (0.0, 0.0)
+        self.left_out: dict[str, str] = {}
+
+    @property
+    def dataset(self) -> Dataset:
+        """The session."""
+        return self.shots.dataset
+
+    def prepare(self, instant: int) -> None:
+        """Fix the cameras, the middle one and the depth range, from pictures around an instant.
+
+        Raises:
+            ValueError: fewer than three cameras see the same.
+        """
+        names, every = self.dataset.cameras, range(len(self.dataset.instants_ns))
+        usable = {k: [c for c in names if self.shots.usable(c, k)] for k in every}
+        best = min(every, key=lambda k: (-len(usable[k]), abs(k - instant)))
+        self.left_out = {c: self.shots.problem(c, best) for c in names if c not in usable[best]}
+        photos = {c: self.shots.shot(c, best).photo for c in usable[best]}
+        self._need(len(photos))
+        views = {camera: photo.view for camera, photo in photos.items()}
+        try:
+            self.reach = find_depth_range(photos, choose_sources(views, guessed_depths(views)))
+        except BadInputError as error:
+            raise ValueError(error.what) from error
+        depths = self._depths
+        sources = choose_sources(views, depths)
+        alone = {c: "no two other cameras see what it sees" for c in photos if len(sources[c]) < 2}
+        views = {c: view for c, view in views.items() if c not in alone}
+        self.left_out |= alone
+        self._need(len(views))
+        self.reference = reference_of(views, depths)
+        near = [c for c in sources[self.reference] if c in views][: MOST_CAMERAS - 1]
+        self.cameras = tuple(c for c in names if c == self.reference or c in near)
+        for camera in views:
+            if camera not in self.cameras:
+                self.left_out[camera] = f"{MOST_CAMERAS} are enough to compare conditions"
+        self._need(len(self.cameras))
+
+    def compare(self, condition: Condition, progress: Progress) -> MultiviewComparison:
+        """A condition against the synchronized one, on the same instants, pixels and cameras.
+
+        Raises:
+            ValueError: the burst does not hold this condition.
+        """
+        taken = self._taken(condition)
+        found = []
+        for one in taken:
+            maps = {}
+            for name, shown in zip(CONDITIONS, (one.together, one.shown), strict=True):
+                progress.step(f"depth from {len(shown)} cameras, instant {one.instant}, {name}")
+                maps[name] = self._depth(shown)
+            found.append(maps)
+        instants = [one.instant for one in taken]
+        judge = Judge(self.shots, self.reference, self.unit, instants, [maps["synced"] for maps in found])
+        tallies = {name: Tally() for name in CONDITIONS}
+        rows = []
+        for one, maps in zip(taken, found, strict=True):
+            counts = judge.count(one.instant, one.shown, maps)
+            rows.append(self._row(one, counts))
+            for name, pair in counts.items():
+                tallies[name].add(*pair)
+        return MultiviewComparison(
+            reference=self.reference,
+            cameras=self.cameras,
+            synced=tallies["synced"].scores(MultiviewScores, intervals=True),
+            offset=tallies["offset"].scores(MultiviewScores, intervals=True),
+            offsets_ms=self._late(condition),
+            tolerance_m=judge.tolerance_m,
+            width_px=self.shots.views[self.reference].width,
+            per_instant=tuple(rows),
+            differences=differences(tallies["synced"], tallies["offset"], MultiviewScores),
+            left_out=self.left_out,
+            cloud_skipped=judge.cloud_skipped,
+        )
+
+    def _taken(self, condition: Condition) -> list[Taken]:
+        """The instants at which most cameras have their pictures in both conditions, thinned."""
+        found: list[Taken] = []
+        problem = "no instant has its pictures in both conditions"
+        for instant in self.dataset.instants(self.reference):
+            try:
+                shown = shown_with(self.dataset, condition, self.reference, instant)
+            except ValueError as error:
+                problem = str(error)
+                continue
+            usable = self.shots.usable
+            kept = {c: shown[c] for c in self.cameras if usable(c, instant) and usable(c, shown[c])}
+            if self.reference in kept and len(kept) >= FEWEST_CAMERAS:
+                found.append(Taken(instant, kept))
+        if not found:
+            raise ValueError(problem)
+        most = max(len(one.shown) for one in found)
+        fullest = [one for one in found if len(one.shown) == most]
+        if condition.name != SYNCED and all(one.shown == one.together for one in fullest):
+            raise ValueError("these cameras are equally late, which is synchronized")
+        chosen = thin([(place, place) for place in range(len(fullest))], self.most_instants)
+        return [fullest[place] for place, _ in chosen]
+
+    def _depth(self, shown: dict[str, int]) -> InstantDepth:
+        shots = {camera: self.shots.shot(camera, instant) for camera, instant in shown.items()}
+        views = {camera: shot.photo.view for camera, shot in shots.items()}
+        sources = choose_sources(views, self._depths)
+        made = self.stages.arrays(
+            "multiview",
+            lambda: vars(instant_depth(shots, sources, self.reach, self.reference)),
+            self.reference,
+            tuple(shown.items()),
+            repr(views),
+            self.reach,
+        )
+        return InstantDepth(**made)
+
+    def _row(self, one: Taken, counts: dict[str, tuple[Count, Count]]) -> dict[str, float | int | None]:
+        row: dict[str, float | int | None] = {
+            "instant": one.instant,
+            "mover_pixels": counts["synced"][0].shares["coverage"][1],
+        }
+        for name, pair in counts.items():
+            single = Tally()
+            single.add(*pair)
+            row |= {f"{name}_{key}": single.value(*measure) for key, measure in ROW.items()}
+        times = self.dataset.instants_ns
+        for camera, instant in one.shown.items():
+            row[f"late_{camera}_ms"] = (times[instant] - times[one.instant]) / 1e6
+        return row
+
+    def _late(self, condition: Condition) -> dict[str, float]:
+        late_ms = listed(condition, self.dataset)
+        return {c: late_ms[c] - late_ms[self.reference] for c in self.cameras} if late_ms else {}
+
+    @property
+    def _depths(self) -> tuple[float, float, float]:
+        nearest, farthest = self.reach
+        return nearest, 2 / (1 / nearest + 1 / farthest), farthest
+
+    def _need(self, cameras: int) -> None:
+        if cameras < FEWEST_CAMERAS:
+            reasons = "".join(f"; {camera}: {why}" for camera, why in self.left_out.items())
+            raise ValueError(f"it takes {FEWEST_CAMERAS} cameras that see the same{reasons}")

@@ -1,0 +1,198 @@
+"""The parts of a comparison that take all cameras: depth of the middle one, the cloud, and what cannot be."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from capture_app.session.reader import Session
+from reconstruction import cloud_truth, multiview_study
+from reconstruction.calibration import views_of
+from reconstruction.cli import main
+from reconstruction.cloud_truth import Near, on_movers, touches, true_surfaces
+from reconstruction.conditions import DISTINCT, Condition
+from reconstruction.dataset import Dataset
+from reconstruction.instant_depth import InstantDepth
+from reconstruction.multiview_shots import Shots
+from reconstruction.multiview_study import MultiviewStudy
+from reconstruction.pipeline import Progress, Stages
+from reconstruction.scene_motion import SceneMotion
+from tests.reconstruction.conftest import Scene, make_view, write_session
+
+VIEWS = {
+    "left": make_view((-0.14, 0.0, 0.0), yaw=1.5),
+    "middle": make_view((0.0, 0.03, 0.0), distortion=(-0.05, 0.01, 0.0, 0.0, 0.0)),
+    "right": make_view((0.14, 0.0, 0.0), yaw=-1.5),
+}
+QUIET = Progress(0, silent=True)
+
+
+@pytest.fixture(scope="module")
+def trio(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Session:
+    """Three cameras that see the boards, one of them with distortion; five instants."""
+    return write_session(tmp_path_factory.mktemp("trio"), scene, VIEWS)
+
+
+def study(session: Session, folder: Path, *, instants: int = 1, width: int = 640) -> MultiviewStudy:
+    """A study of a calibrated session."""
+    dataset = Dataset(session)
+    calibration = session.calibration()
+    assert calibration is not None
+    shots = Shots(dataset, SceneMotion(dataset, 2), views_of(dataset, calibration), width)
+    return MultiviewStudy(shots, Stages(folder, dataset.fingerprint()), calibration.unit, instants)
+
+
+def test_only_what_moves_is_lost_when_every_camera_is_off(trio: Session, tmp_path: Path) -> None:
+    whole = study(trio, tmp_path)
+    whole.prepare(2)
+    assert (whole.reference, whole.cameras) == ("middle", ("left", "middle", "right"))
+    found = whole.compare(Condition(DISTINCT), QUIET)
+    synced, offset = found.synced, found.offset
+    for lost in ("mover_within_2pct", "mover_coverage", "mover_consistency", "mover_f_score"):
+        before, after = getattr(synced, lost), getattr(offset, lost)
+        assert before > after + 0.4, lost
+    for kept in ("static_within_2pct", "static_coverage", "static_consistency", "static_f_score"):
+        before, after = getattr(synced, kept), getattr(offset, kept)
+        assert before > 0.2, kept
+        assert abs(before - after) < 0.02, kept
+    assert synced.mover_within_2pct is not None
+    assert synced.mover_within_1pct is not None
+    assert synced.mover_within_5pct is not None
+    assert synced.mover_within_1pct <= synced.mover_within_2pct <= synced.mover_within_5pct
+    assert synced.mover_points is not None
+    assert offset.mover_points is not None
+    assert synced.mover_points > 500
+    assert offset.mover_points < 0.2 * synced.mover_points
+    assert synced.mover_photometric is not None
+    assert offset.mover_photometric is not None
+    assert offset.mover_photometric > 2 * synced.mover_photometric
+    assert found.tolerance_m == 0.01
+    (row,) = found.per_instant
+    late = [row[f"late_{camera}_ms"] for camera in VIEWS]
+    assert late[1] == 0
+    assert len(set(late)) == 3
+    # The same once more comes from the stages' folder.
+    before = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
+    assert whole.compare(Condition(DISTINCT), QUIET) == found
+    assert {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == before
+
+
+def test_compare_tells_of_all_cameras_in_every_condition(
+    trio: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    quick = ("--instants", "1", "--multiview-instants", "1", "--multiview-width", "160")
+    further = ("--offsets-ms", "66,0,33", "--drawn", "--against", str(trio.folder))
+    main(["compare", str(trio.folder), *quick, *further, "--out", str(out), "--json"])
+    result = json.loads(capsys.readouterr().out)
+    assert result["multiview_skipped"] == ""
+    whole = result["multiview"]
+    assert whole["width_px"] == 160
+    assert whole["synced"]["mover_coverage"] > whole["offset"]["mover_coverage"] + 0.4
+    assert "of the picture" in result["poses_skipped"]
+    listed, drawn, itself = result["conditions"]
+    assert listed["multiview"]["offsets_ms"] == {"left": 66, "middle": 0, "right": 33}
+    assert listed["multiview"]["offset"]["mover_coverage"] < 0.5
+    assert drawn["multiview"] == whole
+    same = [scores["mover_coverage"] for scores in (itself["multiview"]["offset"], whole["synced"])]
+    assert abs(same[0] - same[1]) < 0.05
+    assert all(one["skipped"] == [] or "panorama" in one["skipped"][0] for one in result["conditions"])
+    for picture in whole["pictures"]:
+        assert (out / picture["synced"]).is_file()
+        assert (out / picture["offset"]).is_file()
+
+
+@pytest.fixture
+def guessed(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, ...]]:
+    """No matching: depth of 2 everywhere and no cloud; the cameras of each call."""
+    calls: list[tuple[str, ...]] = []
+
+    def quick(shots: dict[str, object], *_: object) -> InstantDepth:
+        calls.append(tuple(shots))
+        flat = np.full((120, 160), 2.0, np.float32)
+        return InstantDepth(
+            depth=flat,
+            consistent=flat > 0,
+            difference=flat,
+            points=np.zeros((0, 3)),
+            seen=np.zeros((0, len(shots)), bool),
+            no_cloud=np.array("no fusion in this test"),
+        )
+
+    monkeypatch.setattr(multiview_study, "instant_depth", quick)
+    monkeypatch.setattr(multiview_study, "find_depth_range", lambda *_: (1.5, 5.0))
+    return calls
+
+
+def test_instants_without_a_picture_of_every_camera_are_left_out(
+    trio: Session, tmp_path: Path, guessed: list[tuple[str, ...]]
+) -> None:
+    whole = study(trio, tmp_path, instants=9, width=160)
+    missing = whole.dataset
+    missing._records.pop(("left", 1))
+    whole.prepare(2)
+    found = whole.compare(Condition.parse("middle=0,left=66,right=33"), QUIET)
+    # Left shows instant k + 2, right k + 1: from instant 3 on the burst is over, at 1 left has none.
+    assert [row["instant"] for row in found.per_instant] == [0, 2]
+    assert found.offsets_ms == {"left": 66, "middle": 0, "right": 33}
+    assert set(guessed) == {("left", "middle", "right")}
+    assert found.cloud_skipped == "no fusion in this test"
+    assert found.synced.mover_points is None
+    assert found.synced.mover_f_score is None
+    assert found.width_px == 160
+    with pytest.raises(ValueError, match="equally late"):
+        whole.compare(Condition.parse("5,5,5"), QUIET)
+    with pytest.raises(ValueError, match="no instant is 300 ms"):
+        whole.compare(Condition.parse("left=300"), QUIET)
+
+
+def test_more_cameras_than_needed_are_left_out(
+    scene: Scene, tmp_path: Path, guessed: list[tuple[str, ...]]
+) -> None:
+    views = {f"cam{i}": make_view((0.1 * (i - 3), 0.0, 0.0)) for i in range(7)}
+    whole = study(write_session(tmp_path, scene, views, instants=3), tmp_path / "stages", width=160)
+    whole.prepare(1)
+    assert whole.reference == "cam3"
+    assert len(whole.cameras) == 5
+    assert len(whole.left_out) == 2
+    whole.compare(Condition.parse("cam3=33"), QUIET)
+    assert {len(cameras) for cameras in guessed} == {5}
+
+
+def test_what_cannot_be_says_why(scene: Scene, tmp_path: Path) -> None:
+    pair = {name: VIEWS[name] for name in ("left", "right")}
+    two = study(write_session(tmp_path / "two", scene, pair, instants=2), tmp_path / "a")
+    with pytest.raises(ValueError, match="it takes 3 cameras that see the same"):
+        two.prepare(0)
+    aside = {**pair, "away": make_view((0.1, 0, 0), yaw=60)}
+    apart = study(write_session(tmp_path / "apart", scene, aside, instants=2), tmp_path / "b")
+    with pytest.raises(ValueError, match="away: no two other cameras see what it sees"):
+        apart.prepare(0)
+
+
+def test_a_cloud_is_held_against_true_surfaces() -> None:
+    views = {"a": make_view((-0.1, 0, 0)), "b": make_view((0.1, 0, 0))}
+    depth = {name: np.full((240, 320), 2.0, np.float32) for name in views}
+    movers = {name: np.zeros((240, 320), bool) for name in views}
+    for mask in movers.values():
+        mask[:, :160] = True
+    surfaces = true_surfaces(views, depth, movers)
+    wall = np.array([(x, y, 2.0) for x in np.linspace(-0.5, 0.5, 120) for y in np.linspace(-0.5, 0.5, 120)])
+    near = [surfaces[kind].near.count(wall)[0] for kind in ("mover", "static")]
+    assert sum(near) >= len(wall)
+    assert min(near) > 0.3 * len(wall)
+    assert surfaces["static"].near.count(wall + np.array([0, 0, 0.02]))[0] == 0
+    right, asked = Near(wall).count(surfaces["static"].shared)
+    assert 0 < right < asked
+    assert Near(np.zeros((0, 3))).count(wall[:5]) == (0, 5)
+    assert touches(np.array([[-0.5, 0.0, 2.0], [0.6, 0.0, 2.0]]), views, movers).tolist() == [True, False]
+
+
+def test_a_point_is_on_a_mover_where_most_that_saw_it_show_one() -> None:
+    views = {name: make_view((x, 0, 0)) for name, x in (("a", -0.1), ("b", 0.0), ("c", 0.1))}
+    yes, no = np.ones((240, 320), bool), np.zeros((240, 320), bool)
+    points = np.array([[0.0, 0.0, 2.0]] * 3)
+    seen = np.array([[True, True, True], [True, False, True], [False, True, True]])
+    assert on_movers(points, seen, views, {"a": yes, "b": yes, "c": no}).tolist() == [True, False, False]
+    assert cloud_truth.on_movers(points[:0], seen[:0], views, {"a": yes, "b": no, "c": no}).tolist() == []

@@ -24,7 +24,7 @@ def bullet_time_section(sweep: BulletTime | None, out: Path, first: str) -> str:
         else "The pictures are as the cameras took them."
     )
     times = [wording.timeliness(ms) for ms in sweep.late_ms]
-    reels = _reel("synced", first, sweep.synced, ["one instant"] * len(times), sweep, out)
+    reels = _reel("synced", first, sweep.synced, [""] * len(times), sweep, out)
     reels += _reel("offset", "Apart", sweep.offset, times, sweep, out)
     last = len(sweep.cameras) - 1
     return f"""<section aria-labelledby="sweep">
@@ -54,11 +54,11 @@ def _reel(
     frames = []
     for camera, path, time in zip(sweep.cameras, paths, times, strict=True):
         data, (wide, high) = embed(out / path)
-        words = escape(f"{camera}, {time}")
+        words = escape(f"{camera}, {time}" if time else camera)
         frames.append(
             f'<span class="frame" data-camera="{escape(camera)}" data-time="{escape(time)}">'
             f'<img alt="{words}" width="{wide}" height="{high}" src="{data}"><small>{words}</small></span>'
         )
-    return f"""<div class="side {side}"><span class="tag">{title}</span>
+    return f"""<div class="side {side}"><span class="tag">{title}<span class="now"></span></span>
 <div class="reel">{"".join(frames)}</div></div>
 """

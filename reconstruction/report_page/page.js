@@ -34,7 +34,7 @@ reach();
 const still = matchMedia("(prefers-reduced-motion: reduce)");
 for (const sweep of document.querySelectorAll(".sweep")) {
   const reels = [...sweep.querySelectorAll(".reel")].map((reel) => [...reel.children]);
-  const tag = sweep.querySelector(".offset > .tag");
+  const late = sweep.querySelector(".offset .now");
   const range = sweep.querySelector(".at");
   const button = sweep.querySelector(".play");
   const where = sweep.querySelector(".where");
@@ -51,7 +51,7 @@ for (const sweep of document.querySelectorAll(".sweep")) {
       });
     }
     const { camera, time } = reels[1][now].dataset;
-    tag.textContent = `Apart: ${time}`;
+    late.textContent = `: ${time}`;
     where.textContent = `${camera} (${now + 1} of ${last + 1})`;
     range.value = now;
     range.setAttribute("aria-valuetext", `${camera}; apart: ${time}`);

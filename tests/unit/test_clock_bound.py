@@ -147,3 +147,24 @@ def test_the_uncertainty_ahead_lies_between_independent_and_shared_errors(
     assert stated <= (uncertainty_ns + apart) * (1.0 + 1e-9)
     assert stated >= (uncertainty_ns**2 + apart**2) ** 0.5 * (1.0 - 1e-9)
     assert time_map.uncertainty_at(0) == pytest.approx(uncertainty_ns)
+
+
+@settings(max_examples=40)
+@given(
+    st.floats(1.0, 1e5),
+    st.floats(1e-9, 1e-5),
+    st.floats(0.0, 1.0),
+    st.integers(0, 60 * S),
+    st.integers(0, 60 * S),
+)
+def test_errors_of_two_links_add_in_squares_ahead_too(
+    uncertainty_ns: float, skew_uncertainty: float, share: float, since_ns: int, ahead_ns: int
+) -> None:
+    shared = share * uncertainty_ns * skew_uncertainty
+    own = TimeMap(since_ns, 0, 0.0, 2e4, 1e12, 3e-7, 1e-3, 1, 1, shared_uncertainty=1e-4)
+    onward = TimeMap(
+        0, 5 * S, 0.0, uncertainty_ns, 1e12, skew_uncertainty, 1e-3, 1, 1, shared_uncertainty=shared
+    )
+    at_ns = since_ns + ahead_ns
+    apart = (own.uncertainty_at(at_ns) ** 2 + onward.uncertainty_at(at_ns) ** 2) ** 0.5
+    assert own.then(onward).uncertainty_at(at_ns) == pytest.approx(apart, rel=1e-6)

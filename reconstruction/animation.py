@@ -8,8 +8,8 @@ import numpy as np
 
 from reconstruction.geometry import Array
 
-PANEL_PX = 400
-"""Longest side of each half."""
+PANEL_PX, MANY = 400, 8
+"""Longest side of each half; of more pictures than that, two thirds."""
 STRIP_PX = 34
 GAP_PX = 6
 STEP_MS, REST_MS = 160, 480
@@ -29,8 +29,15 @@ def save_animation(
     `halves` are pictures (BGR uint8) of equal number and size; `titles` are that of the first half and those
     of each picture of the second.
     """
+    side = PANEL_PX if len(halves[0]) <= MANY else PANEL_PX * 2 // 3
     there = [
-        np.hstack([_panel(first, titles[0], TONES[0]), _gap(first), _panel(second, title, TONES[1])])
+        np.hstack(
+            [
+                left := _panel(first, titles[0], TONES[0], side),
+                _gap(left),
+                _panel(second, title, TONES[1], side),
+            ]
+        )
         for first, second, title in zip(*halves, titles[1], strict=True)
     ]
     animation = cv2.Animation()
@@ -48,8 +55,8 @@ def save_animation(
     return f"pictures/{name}.gif"
 
 
-def _panel(picture: Array, title: str, tone: tuple[int, int, int]) -> Array:
-    scale = PANEL_PX / max(picture.shape[:2])
+def _panel(picture: Array, title: str, tone: tuple[int, int, int], side: int) -> Array:
+    scale = side / max(picture.shape[:2])
     small = cv2.resize(picture, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     strip = np.full((STRIP_PX, small.shape[1], 3), PAPER, np.uint8)
     middle = STRIP_PX // 2
@@ -58,6 +65,5 @@ def _panel(picture: Array, title: str, tone: tuple[int, int, int]) -> Array:
     return np.vstack([strip, small])
 
 
-def _gap(picture: Array) -> Array:
-    height = STRIP_PX + round(picture.shape[0] * PANEL_PX / max(picture.shape[:2]))
-    return np.full((height, GAP_PX, 3), PAPER, np.uint8)
+def _gap(panel: Array) -> Array:
+    return np.full((panel.shape[0], GAP_PX, 3), PAPER, np.uint8)

@@ -1,6 +1,7 @@
 """The bullet-time sweep: one instant from camera to camera, and the same with cameras at other times."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,8 @@ MOST_CAMERAS = 20
 LATE_MS = (0.0, 66.0, -33.0, 33.0, -66.0)
 """How late the cameras of the other condition are, in the sweep's order; neighbours are far apart in time."""
 LONG_SIDE_PX = 512
+SMALLER_PX, MANY_CAMERAS = 384, 8
+"""With more cameras than that their pictures are made smaller, so that a report stays a few megabytes."""
 QUALITY = 82
 MOST_LOOKED_AT = 6
 """Instants among which the one with the most motion is taken."""
@@ -43,13 +46,8 @@ def bullet_time(
         return None
     instant, late = chosen
     order = tuple(late)
-    held = _held(motion, calibrated, order, instant)
-    halves = tuple(
-        [_frame(dataset, name, k, calibrated, held, dataset.size(order[0])) for name, k in taken]
-        for taken in (((name, instant) for name in order), late.items())
-    )
-    late_ms = tuple((dataset.instants_ns[k] - dataset.instants_ns[instant]) / 1e6 for k in late.values())
-    titles = "synchronized", [_title(name, ms) for name, ms in zip(order, late_ms, strict=True)]
+    shots = _Shots(dataset, calibrated, _held(motion, calibrated, order, instant), _canvas(dataset, order))
+    halves = [shots.at(name, instant) for name in order], [shots.at(name, k) for name, k in late.items()]
     synced, offset = (
         tuple(
             pictures.save(out, f"sweep_{name}_{kind}.jpg", frame, quality=QUALITY)
@@ -57,15 +55,18 @@ def bullet_time(
         )
         for kind, frames in zip(("synced", "offset"), halves, strict=True)
     )
+    late_ms = tuple((dataset.instants_ns[k] - dataset.instants_ns[instant]) / 1e6 for k in late.values())
+    known = "synchronized" if dataset.residual_us() is not None else "as recorded"
+    titles = known, [f"{name}: {_plain(ms)}" for name, ms in zip(order, late_ms, strict=True)]
     return BulletTime(
         cameras=order,
         instant=instant,
         synced=synced,
         offset=offset,
         late_ms=late_ms,
-        steady=bool(held),
+        steady=bool(shots.held),
         by_place=len(calibrated) > 1,
-        file=save_animation(out, "sweep", (halves[0], halves[1]), titles),
+        file=save_animation(out, "sweep", halves, titles),
     )
 
 
@@ -116,28 +117,32 @@ def _held(
     point = point_of_interest(ours, seen) if len(ours) == len(order) else None
     if point is None:
         return {}
-    widest = max(view.width for view in ours.values()), max(view.height for view in ours.values())
-    return hold(ours, point, *_canvas(widest)) or {}
+    return hold(ours, point, *_canvas(motion.dataset, order)) or {}
 
 
-def _frame(
-    dataset: Dataset,
-    camera: str,
-    instant: int,
-    views: Mapping[str, View],
-    held: Mapping[str, View],
-    size: tuple[int, int],
-) -> Array:
-    image = dataset.image(camera, instant)
-    if camera in held:
-        return seen_from(held[camera], views[camera], image, pictures.EMPTY)
-    return pictures.fit(image, *_canvas(size))
+@dataclass(frozen=True)
+class _Shots:
+    """The cameras' pictures as the sweep shows them: as their held views see them, else fitted."""
+
+    dataset: Dataset
+    views: Mapping[str, View]
+    held: Mapping[str, View]
+    canvas: tuple[int, int]
+
+    def at(self, camera: str, instant: int) -> Array:
+        image = self.dataset.image(camera, instant)
+        if camera in self.held:
+            return seen_from(self.held[camera], self.views[camera], image, pictures.EMPTY)
+        return pictures.fit(image, *self.canvas)
 
 
-def _canvas(size: tuple[int, int]) -> tuple[int, int]:
-    scale = min(1.0, LONG_SIDE_PX / max(size))
-    return round(size[0] * scale), round(size[1] * scale)
+def _canvas(dataset: Dataset, order: Sequence[str]) -> tuple[int, int]:
+    """Width and height that the pictures are shown at, px, of the largest camera's shape."""
+    width, height = max((dataset.size(name) for name in order), key=lambda size: size[0] * size[1])
+    side = SMALLER_PX if len(order) > MANY_CAMERAS else LONG_SIDE_PX
+    scale = min(1.0, side / max(width, height))
+    return round(width * scale), round(height * scale)
 
 
-def _title(camera: str, late_ms: float) -> str:
-    return f"{camera}: {wording.timeliness(late_ms)}".replace(wording.GAP, " ")
+def _plain(late_ms: float) -> str:
+    return wording.timeliness(late_ms).replace(wording.GAP, " ")

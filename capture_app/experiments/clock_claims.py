@@ -11,7 +11,8 @@ from capture_app.simulation.exchanges import START_TRUE_NS, exchanges_at
 from capture_app.simulation.link import LAWS, DelayLaw, Law, Link, LognormalLaw
 from capture_app.simulation.wander import wandering_clock
 from capture_app.sync.clock import ClockFilter
-from capture_app.sync.follower import GROWTH, ROUND_EXCHANGES, SPACING_NS, WINDOW_NS
+from capture_app.sync.follower import WINDOW_NS
+from capture_app.sync.rounds import GROWTH, ROUND_EXCHANGES, SPACING_NS
 from capture_app.sync.timekeeper import (
     EASING_PACES_NS,
     EASING_SAMPLES,

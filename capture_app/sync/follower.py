@@ -6,12 +6,13 @@ sleeps in between, and a few rounds tell the skew, which carries the time over t
 
 import random
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from capture_app.sync.clock import ClockFilter, ClockSample
 from capture_app.sync.events import ClockStepped, ClockSynced, Joined, JoinRefused, LeaderLost
 from capture_app.sync.messages import (
     CLOCK_ONLY,
+    NOBODY,
     CameraDescription,
     Control,
     Goodbye,
@@ -29,31 +30,25 @@ from capture_app.sync.messages import (
     request_at,
     request_before_t0,
 )
-from capture_app.sync.onward import MAX_DEPTH, Onward
+from capture_app.sync.parent import Parent, terms_of
+from capture_app.sync.rounds import LEAST_EXCHANGES, NEVER_NS, Rounds
 from capture_app.sync.state import NodeState
 from capture_app.sync.time_report import time_report
-from capture_app.sync.timebase import MAX_PERIOD_NS, MIN_PERIOD_NS, Goal, TimeMap
+from capture_app.sync.timebase import Goal, TimeMap
+from capture_app.sync.way_back import WayBack
 
 Address = tuple[str, int]
 FollowerEvent = Joined | JoinRefused | LeaderLost | ClockSynced | ClockStepped
 
 _MS = 1_000_000
 _AT_ONCE_NS = -(2**62)
-_NEVER_NS = 2**62
 HELLO_EVERY_NS = 500 * _MS
 HELLOS = 3
 """Unanswered ones before the next parent is asked."""
-FIRST_EXCHANGES = 300
-ROUND_EXCHANGES = 50
-LEAST_EXCHANGES = 10
-SPACING_NS = 4 * _MS
+MOST_EVENTS = 256
+"""Kept for a node that does not look at them."""
 SILENT_HEARTBEATS = 4
 """A parent that has said nothing for as long as this many heartbeats is gone."""
-SETTLE_NS = 60 * _MS
-"""From a round's last request to the estimate."""
-ROUND_EVERY_NS = (2_000 * _MS, 60_000 * _MS)
-GROWTH = 1.4
-"""A round is so much later than the one before it, until the leader's pace is reached: as the skew shows."""
 WINDOW_NS = 300_000 * _MS
 """Several rounds, for the skew between them; any longer, and a clock is no longer a straight line."""
 CLOCK = CameraDescription(
@@ -80,23 +75,6 @@ class FollowerConfig:
     """Without it, it speaks once a round, and notices but then that its parent is silent."""
 
 
-@dataclass(slots=True)
-class _Parent:
-    """What the parent told when it took this node in; a leader's path is itself, a relay's begins there."""
-
-    leader: int
-    client: int
-    slot: float
-    pace_ns: int
-    path: tuple[int, ...]
-    onward: TimeMap | None
-    synced: bool = False
-    heard_ns: int = 0
-    answers: int = 0
-    """Time replies since the last round began."""
-    outstanding: dict[int, int] = field(default_factory=dict)
-
-
 class Follower:
     """The time of a tree's root; `now_ns` is always the node's own clock.
 
@@ -118,18 +96,21 @@ class Follower:
         self._root: int | None = None
         self._turn = 0
         self._hellos = 0
-        self._parent: _Parent | None = None
+        self._parent: Parent | None = None
         self._clock_of: int | None = None
+        self._map_of: int | None = None
+        """Whose clock `clock` is about, and by whose answers `time_map` was found."""
         self._why_joining = ""
         self._sequence = rng.getrandbits(32)
         self._hello_due_ns = _AT_ONCE_NS
-        self._heartbeat_due_ns = _NEVER_NS
-        self._request_due_ns = self._settle_due_ns = _NEVER_NS
-        self._left = 0
-        self._every_ns = 0
+        self._heartbeat_due_ns = NEVER_NS
+        self._rounds = Rounds()
+        self._way_back = WayBack(config.parents)
+        self._better: Address | None = None
+        """A better parent that was asked whether it takes this node in, while the present one is followed."""
         self._request: bytes | None = None
-        self._outbox: deque[Control] = deque()
-        self._events: deque[FollowerEvent] = deque()
+        self._outbox: deque[tuple[Control, Address]] = deque()
+        self._events: deque[FollowerEvent] = deque(maxlen=MOST_EVENTS)
 
     @property
     def parent(self) -> Address:
@@ -156,15 +137,28 @@ class Follower:
     # In
 
     def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
-        """Take in a datagram that arrived at `now_ns`; only the present parent is listened to."""
-        if address != self.parent:
+        """Take in a datagram that arrived at `now_ns`."""
+        if address not in self.config.parents:
             return
         try:
             message = decode(data)
         except WireError:
             self.malformed += 1
             return
-        self.take(message, now_ns)
+        if address == self.parent:
+            self.take(message, now_ns)
+        else:
+            self.hear_of(message, address, now_ns)
+
+    def hear_of(self, message: Message, address: Address, now_ns: int) -> None:
+        """Take in a message of another parent than the present one: it may be a better one that is back."""
+        match message:
+            case Unknown() if message.client == NOBODY:
+                self._way_back.answered(address)
+            case Welcome() if address == self._better and message.instance == self.config.instance:
+                self._go_back(address, message, now_ns)
+            case _:
+                pass
 
     def take(self, message: Message, now_ns: int) -> None:
         """Take in a message of the present parent that arrived at `now_ns`."""
@@ -180,7 +174,7 @@ class Follower:
                     self._why_joining = message.reason
                     self._events.append(JoinRefused(message.reason))
             case HeartbeatAck() if parent is not None and message.client == parent.client:
-                if message.leader != parent.leader or not self._take_onward(parent, message):
+                if message.leader != parent.leader or not self._take_terms(parent, message):
                     self._leave("the parent has changed", now_ns)
                 else:
                     parent.pace_ns, parent.heard_ns = message.pace_ns, now_ns
@@ -203,10 +197,14 @@ class Follower:
         if every_ns is not None and now_ns >= self._heartbeat_due_ns:
             self._heartbeat_due_ns = now_ns + every_ns
             self._report(parent, now_ns)
-        if now_ns >= self._settle_due_ns:
+        if now_ns >= self._rounds.settle_due_ns:
             self._settle(parent, now_ns)
-        if now_ns >= self._request_due_ns:
+        if now_ns >= self._rounds.request_due_ns:
             self._ask(parent, now_ns)
+        if now_ns >= self._way_back.due_ns and self._parent is not None:
+            self._better = self._way_back.look(self.parent, now_ns, alone=self.parent_is_alone)
+            if self._better is not None:
+                self._outbox.append((self._own_hello(), self._better))
 
     # Out
 
@@ -214,7 +212,8 @@ class Follower:
         """Local time in ns at which `handle_timer` wants to be called."""
         if self._parent is None:
             return self._hello_due_ns
-        return min(self._request_due_ns, self._settle_due_ns, self._heartbeat_due_ns)
+        rounds = self._rounds
+        return min(rounds.request_due_ns, rounds.settle_due_ns, self._heartbeat_due_ns, self._way_back.due_ns)
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
         """Return datagrams and where to; a time request carries `now_ns`, so send them at once."""
@@ -224,15 +223,16 @@ class Follower:
             self._parent.outstanding[self._sequence] = now_ns
         self._request = None
         while self._outbox:
-            datagrams.append((encode(self._outbox.popleft()), self.parent))
-        return datagrams
+            message, address = self._outbox.popleft()
+            datagrams.append((encode(message), address))
+        return datagrams + self._way_back.datagrams_to_send()
 
     def leave(self) -> None:
         """Say goodbye: this node is about to stop."""
         if self._parent is not None:
-            self._outbox.append(Goodbye(self._parent.client))
+            self._outbox.append((Goodbye(self._parent.client), self.parent))
         self._parent = None
-        self._hello_due_ns = _NEVER_NS
+        self._hello_due_ns = NEVER_NS
 
     def next_event(self) -> FollowerEvent | None:
         """Return the next thing that happened, None where there is none."""
@@ -246,42 +246,59 @@ class Follower:
             self._hellos = 0
         self._hellos += 1
         self._hello_due_ns = now_ns + HELLO_EVERY_NS
-        self._outbox.append(Hello(self.config.name, self.config.instance, self.config.camera))
+        self._outbox.append((self._own_hello(), self.parent))
+
+    def _own_hello(self) -> Hello:
+        return Hello(self.config.name, self.config.instance, self.config.camera)
 
     def _join(self, welcome: Welcome, now_ns: int) -> None:
-        parent = _Parent(welcome.leader, welcome.client, welcome.slot, welcome.pace_ns, (), None)
-        if not MIN_PERIOD_NS <= welcome.period_ns <= MAX_PERIOD_NS or not self._take_onward(parent, welcome):
+        parent = Parent(welcome.leader, welcome.client, welcome.slot, welcome.pace_ns, (), None)
+        if not self._take_terms(parent, welcome):
             # Who follows this node itself, or is too far down, is asked no more; the next one is.
             self._hellos = HELLOS
             return
         if welcome.leader != self._clock_of:
             self.clock.reset()
             self._clock_of = welcome.leader
+        if parent.path[:1] != self.path[:1]:
+            # Another root has another time.
+            self.time_map = None
         self._parent = parent
         self._why_joining = ""
         self._hellos = 0
-        self._left, self._every_ns = FIRST_EXCHANGES, 0
-        self._request_due_ns, self._settle_due_ns = now_ns, _NEVER_NS
+        self._rounds.begin(now_ns)
+        self._way_back.follow(now_ns)
         parent.heard_ns = now_ns
-        self._heartbeat_due_ns = _NEVER_NS if self.config.heartbeat_every_ns is None else now_ns
+        self._heartbeat_due_ns = NEVER_NS if self.config.heartbeat_every_ns is None else now_ns
         self._events.append(Joined(welcome.transfer_port, welcome.leader))
 
-    def _take_onward(self, parent: _Parent, message: Welcome | HeartbeatAck) -> bool:
+    def _go_back(self, address: Address, welcome: Welcome, now_ns: int) -> None:
+        """Follow a better parent that is back, if its terms are good; the time of before is held over."""
+        terms = terms_of(welcome)
+        self._better = None
+        if self._parent is None or terms is None or self.config.instance in terms[0]:
+            return
+        self._outbox.append((Goodbye(self._parent.client), self.parent))
+        self._turn = self.config.parents.index(address)
+        self._request = None
+        self._join(welcome, now_ns)
+
+    def _take_terms(self, parent: Parent, message: Welcome | HeartbeatAck) -> bool:
         """Note where the parent's clock stands in the tree; False if this node must not follow it."""
-        told: Onward | None = message.onward
-        parent.path = (message.leader,) if told is None else (*told.path, message.leader)
-        parent.onward = None if told is None else told.time_map()
-        if self.config.instance in parent.path or len(parent.path) > MAX_DEPTH:
+        terms = terms_of(message)
+        if terms is None or self.config.instance in terms[0]:
             return False
+        parent.path, parent.onward = terms
         self._root = parent.path[0]
         self.goal = Goal(message.anchor_leader_ns, message.period_ns)
         self.align_row = message.align_row
         self.parent_is_alone = isinstance(message, HeartbeatAck) and message.alone
         self.agreed_leader_ns = message.agreed_leader_ns if isinstance(message, HeartbeatAck) else None
-        return told is None or parent.onward is not None
+        return True
 
     def _leave(self, reason: str, now_ns: int) -> None:
-        self._parent = None
+        self._way_back.lose(self.parent, now_ns)
+        self._parent = self._better = None
         self._request = None
         self._why_joining = reason
         self._hello_due_ns = now_ns
@@ -291,7 +308,7 @@ class Follower:
         self._hellos = HELLOS
         self._leave("the parent is silent", now_ns)
 
-    def _take_time(self, parent: _Parent, reply: TimeReply, now_ns: int) -> None:
+    def _take_time(self, parent: Parent, reply: TimeReply, now_ns: int) -> None:
         t0_ns = parent.outstanding.pop(reply.sequence, None)
         if t0_ns is None or t0_ns != reply.t0_ns:
             return
@@ -299,40 +316,25 @@ class Follower:
         parent.heard_ns = now_ns
         if not self.clock.add(ClockSample(t0_ns, reply.t1_ns, reply.t2_ns, now_ns)):
             parent.synced = False
-            self._left, self._every_ns = FIRST_EXCHANGES, 0
-            self._request_due_ns = min(self._request_due_ns, now_ns + SPACING_NS)
+            self.time_map = None
+            self._rounds.restart(now_ns)
             self._events.append(ClockStepped())
 
-    def _ask(self, parent: _Parent, now_ns: int) -> None:
-        """Prepare the next request of a round; with the last one, fix when the next round begins."""
+    def _ask(self, parent: Parent, now_ns: int) -> None:
+        """Prepare the next request of a round, and with the last one a report."""
         self._sequence = (self._sequence + 1) & 0xFFFFFFFF
         self._request = request_before_t0(parent.client, self._sequence)
-        self._left -= 1
-        if self._left > 0:
-            self._request_due_ns = now_ns + SPACING_NS
-            return
-        if self.config.heartbeat_every_ns is None:
+        last = self._rounds.asked(now_ns, parent.pace_ns, parent.slot, self.time_map)
+        if last and self.config.heartbeat_every_ns is None:
             self._report(parent, now_ns)
-        self._settle_due_ns = now_ns + SETTLE_NS
-        longest_ns = min(max(ROUND_EXCHANGES * parent.pace_ns, ROUND_EVERY_NS[0]), ROUND_EVERY_NS[1])
-        self._every_ns = min(max(round(self._every_ns * GROWTH), ROUND_EVERY_NS[0] // 4), longest_ns)
-        share = longest_ns // max(parent.pace_ns, longest_ns // ROUND_EXCHANGES)
-        self._left = max(share, LEAST_EXCHANGES)
-        self._request_due_ns = now_ns + self._every_ns
-        if self._every_ns == longest_ns and self.time_map is not None:
-            # All count from the root's time, each in its slot, so that no two begin together.
-            past_ns = self.time_map.leader_from_local(self._request_due_ns)
-            self._request_due_ns -= (past_ns - round(parent.slot * longest_ns)) % longest_ns
-            if self._request_due_ns < now_ns + longest_ns // 4:
-                self._request_due_ns += longest_ns
 
-    def _report(self, parent: _Parent, now_ns: int) -> None:
+    def _report(self, parent: Parent, now_ns: int) -> None:
         report = time_report(self.state, self._why_joining, self.time_map, self.clock.samples, now_ns)
-        self._outbox.append(Heartbeat(parent.client, report))
+        self._outbox.append((Heartbeat(parent.client, report), self.parent))
 
-    def _settle(self, parent: _Parent, now_ns: int) -> None:
+    def _settle(self, parent: Parent, now_ns: int) -> None:
         """Estimate the time anew at the end of a round, or look for another parent if none answered."""
-        self._settle_due_ns = _NEVER_NS
+        self._rounds.settle_due_ns = NEVER_NS
         if parent.answers == 0:
             self._give_up(now_ns)
             return
@@ -341,8 +343,18 @@ class Follower:
         time_map = self.clock.time_map(now_ns)
         if time_map is None or self.clock.samples < LEAST_EXCHANGES:
             return
-        self.time_map = time_map if parent.onward is None else time_map.then(parent.onward)
-        self.path = parent.path
+        time_map = time_map if parent.onward is None else time_map.then(parent.onward)
+        if self._is_worse(time_map, parent):
+            return
+        self.time_map, self._map_of, self.path = time_map, parent.leader, parent.path
         if not parent.synced:
             parent.synced = True
-            self._events.append(ClockSynced(self.time_map))
+            self._events.append(ClockSynced(time_map))
+
+    def _is_worse(self, time_map: TimeMap, parent: Parent) -> bool:
+        """Whether what was learned from the parent before is better still: it knows the skew."""
+        held = self.time_map
+        if held is None or self._map_of == parent.leader:
+            return False
+        until_ns = self._rounds.request_due_ns
+        return held.uncertainty_at(until_ns) < time_map.uncertainty_at(until_ns)

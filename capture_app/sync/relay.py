@@ -70,6 +70,9 @@ class Relay:
         if not isinstance(message, FromClient):
             if address == self.follower.parent:
                 self._take_from_parent(message, now_ns)
+            elif address in self.follower.config.parents:
+                self.follower.hear_of(message, address, now_ns)
+                self._pass_on()
         elif isinstance(message, Heartbeat) and message.client == NOBODY and self.leader.alone:
             pass  # A client looks for a better leader than its own.
         elif self.leader.onward is not None:
@@ -143,7 +146,11 @@ class Relay:
             leader.alone = alone
             if leader.agreement is not None:
                 leader.answer_all()
-        if follower.time_map is None or follower.goal is None or follower.root != follower.path[0]:
+        if follower.time_map is None:
+            # This clock has jumped, or the root is another one: what the clients were told is wrong now.
+            leader.onward = None
+            return
+        if follower.goal is None or follower.root != follower.path[0]:
             # Another root's grid means nothing before its time is known.
             return
         if leader.onward is None or leader.onward.epoch_local_ns != follower.time_map.epoch_local_ns:

@@ -12,6 +12,7 @@ from capture_app.simulation.link import DelayLaw, Link
 from capture_app.simulation.profiles import PROFILES
 from capture_app.simulation.rig import NodeSpec, VirtualNode, VirtualRig
 from capture_app.sync.beacon import Agreed, Beacon, Heard
+from capture_app.sync.events import ClockAgreed, ClockAlone
 from capture_app.sync.messages import Welcome, decode, encode
 
 S = 1_000_000_000
@@ -120,7 +121,10 @@ def test_a_cell_that_falls_silent_is_forgotten_softly() -> None:
     for node in rig.nodes.values():
         node.spec = replace(node.spec, cell=None)
     run(rig, 15)
-    assert all(node.client.time_map == node.client.own_map for node in rig.nodes.values())
+    for node in rig.nodes.values():
+        assert node.client.time_map == node.client.own_map
+        told = [type(event) for event in node.events if isinstance(event, ClockAgreed | ClockAlone)]
+        assert told == [ClockAgreed, ClockAlone]
 
 
 def test_the_same_seed_gives_the_same_run() -> None:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, TypedDict
 import click
 
 from capture_app.commands.options import (
+    beacons_option,
     json_option,
     print_json_line,
     run_until_stopped,
@@ -79,12 +80,7 @@ class EngineOptions(TypedDict):
     show_default=True,
     help="Put a burst off by up to this, to where the frames are predicted to meet best.",
 )
-@click.option(
-    "--reference-broadcast/--no-reference-broadcast",
-    default=False,
-    show_default=True,
-    help="Send multicast beacons: nodes alike that hear one access point agree better with each other.",
-)
+@beacons_option
 @spool_option
 @json_option
 def leader(

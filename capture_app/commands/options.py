@@ -64,6 +64,12 @@ spool_option = click.option(
     help="Folder on this machine's disk that keeps bursts until the leader has them.  [default: "
     "~/.local/state/simulshot/spool]",
 )
+beacons_option = click.option(
+    "--reference-broadcast/--no-reference-broadcast",
+    default=False,
+    show_default=True,
+    help="Send multicast beacons: nodes alike that hear one access point agree better with each other.",
+)
 json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON on stdout.")
 
 

@@ -3,7 +3,14 @@
 import click
 
 from capture_app.commands.node import check_name, host_name
-from capture_app.commands.options import AddressType, json_option, print_json_line, run_until_stopped, talk
+from capture_app.commands.options import (
+    AddressType,
+    beacons_option,
+    json_option,
+    print_json_line,
+    run_until_stopped,
+    talk,
+)
 from capture_app.net.address import DEFAULT_PORT, Address
 
 
@@ -33,9 +40,16 @@ from capture_app.net.address import DEFAULT_PORT, Address
     metavar="CLOCK",
     help="host, or sim[:offset_s=…,skew_ppm=…] for a clock that is hours off.",
 )
+@beacons_option
 @json_option
 def relay(
-    parents: tuple[Address, ...], name: str, host: str, port: int, clock_text: str, as_json: bool
+    parents: tuple[Address, ...],
+    name: str,
+    host: str,
+    port: int,
+    clock_text: str,
+    reference_broadcast: bool,
+    as_json: bool,
 ) -> None:
     """Run a relay until Ctrl-C: nodes join it as they join a leader, and are part of the leader's rig.
 
@@ -43,11 +57,17 @@ def relay(
     relay holds the leader's time, brings bursts to its nodes and their images to the leader. `status` and
     `burst` may be asked of it as well. Without a leader it holds the time over, and says so.
     """
-    run_until_stopped(_relay(parents, name, host, port, clock_text, as_json))
+    run_until_stopped(_relay(parents, name, host, port, clock_text, reference_broadcast, as_json))
 
 
 async def _relay(
-    parents: tuple[Address, ...], name: str, host: str, port: int, clock_text: str, as_json: bool
+    parents: tuple[Address, ...],
+    name: str,
+    host: str,
+    port: int,
+    clock_text: str,
+    reference_broadcast: bool,
+    as_json: bool,
 ) -> None:
     import asyncio
 
@@ -60,6 +80,7 @@ async def _relay(
         host=host,
         port=port,
         clock=parse_clock(clock_text, node=name),
+        reference_broadcast=reference_broadcast,
         talk=lambda line: talk(f"{name}: {line}"),
     )
     async with node:

@@ -10,9 +10,9 @@ from typing import Any, Self
 
 from capture_app.errors import IncompleteError, SimulshotError
 from capture_app.net.address import DEFAULT_PORT, Address, reachable_host
-from capture_app.net.multicast import BEACONS, BeaconSender
 from capture_app.net.transfer import TransferServer, bind
 from capture_app.net.udp import Pump
+from capture_app.node.beacons import Beacons
 from capture_app.node.bursts import BurstSession
 from capture_app.node.messages import BurstRequest, CameraReport, ImageUpload, NodeSpace, ToLeader
 from capture_app.node.numbering import create_numbered
@@ -63,7 +63,7 @@ class LeaderNode:
         self._host = host
         self._port = port
         self._period_ns, self._align_row, self._freedom_ns = period_ns, align_row, freedom_ns
-        self._beacons = BeaconSender(BEACONS) if reference_broadcast else None
+        self._beacons = Beacons(wanted=reference_broadcast)
         self._clock: NodeClock = clock or HostClock()
         self._on_news = on_news or (lambda _: None)
         self._bursts: dict[int, BurstSession] = {}
@@ -101,7 +101,7 @@ class LeaderNode:
             period_ns=self._period_ns,
             align_row=self._align_row,
             freedom_ns=self._freedom_ns,
-            beacons=None if self._beacons is None else BEACONS,
+            beacons=self._beacons.group,
         )
         self._engine = Leader(config, random.Random(secrets.randbits(64)))
         self._server = TransferServer(ToLeader, Service(self).serve)
@@ -114,8 +114,7 @@ class LeaderNode:
     async def stop(self) -> None:
         """Close the port; bursts under way are saved with what has come."""
         self._pump.close()
-        if self._beacons is not None:
-            self._beacons.close()
+        self._beacons.close()
         await self._server.stop()
         for task in tuple(self._tasks):
             task.cancel()
@@ -287,12 +286,7 @@ class LeaderNode:
                     await session.give_up_silent(lost, now_ns)
 
     def _drain(self) -> None:
-        beacon = self._engine.beacon_to_send()
-        if beacon is not None and self._beacons is not None:
-            views = self._engine.clients(self._clock.now_ns())
-            here = [v for v in views if v.via is None and v.report.state is not NodeState.LOST]
-            self._beacons.reach(view.address[0] for view in here)
-            self._beacons.send(beacon)
+        self._beacons.send_due(self._engine, self._clock.now_ns())
         while (event := self._engine.next_event()) is not None:
             if isinstance(event, BurstRefused) and event.burst in self._bursts:
                 self._spawn(self._bursts[event.burst].give_up(event.name, event.reason))

@@ -13,6 +13,8 @@ from capture_app.sync.events import (
     BurstReady,
     CannotAlign,
     ClientEvent,
+    ClockAgreed,
+    ClockAlone,
     ClockStepped,
     ClockSynced,
     FramesDropped,
@@ -139,6 +141,10 @@ def event_line(event: ClientEvent[Any]) -> dict[str, JsonValue]:
             }
         case ClockStepped():
             return {"event": "clock-stepped"}
+        case ClockAgreed():
+            return {"event": "clock-agreed", "apart_ns": event.apart_ns}
+        case ClockAlone():
+            return {"event": "clock-alone"}
         case FramesDropped():
             return {"event": "frames-dropped", "count": event.count, "sequence": event.sequence}
         case PhaseCorrected():

@@ -11,6 +11,7 @@ from capture_app.net.address import ANY_HOST, DEFAULT_PORT, Address, reachable_h
 from capture_app.net.interfaces import own_hosts
 from capture_app.net.transfer import Channel, TransferServer, bind, connect
 from capture_app.net.udp import Pump
+from capture_app.node.beacons import Beacons
 from capture_app.node.messages import FromLeader, Refusal, StatusAnswer, StatusRequest, ToLeader
 from capture_app.node.snapshots import node_statuses
 from capture_app.node.status import RigStatus
@@ -39,15 +40,20 @@ class RelayNode:
         host: str = "0.0.0.0",  # noqa: S104 - cameras are other machines
         port: int = DEFAULT_PORT,
         clock: NodeClock | None = None,
+        reference_broadcast: bool = False,
         talk: Callable[[str], None] | None = None,
     ) -> None:
-        """`parents` are leaders or relays of one rig, asked in turn, the best one first."""
+        """`parents` are leaders or relays of one rig, asked in turn, the best one first.
+
+        With `reference_broadcast` nodes that hear this relay's packets together agree with each other.
+        """
         self.name = name
         self.address = Address(host, port)
         self.also: tuple[Address, ...] = ()
         """Further addresses of this machine that nodes may join it at."""
         self._parents = parents
         self._clock: NodeClock = clock or HostClock()
+        self._beacons = Beacons(wanted=reference_broadcast)
         self._talk = talk or (lambda _: None)
         self._way_up: Address | None = None
         self._ways_up: set[Channel[Any]] = set()
@@ -89,7 +95,8 @@ class RelayNode:
         peers = tuple((peer.host, peer.port) for _, peer in found)
         config = FollowerConfig(self.name, instance, peers, OF_CAMERAS, HEARTBEAT_EVERY_NS)
         rng = random.Random(secrets.randbits(64))
-        self._engine = Relay(config, LeaderConfig(instance, transfer_port=port), rng)
+        limits = LeaderConfig(instance, transfer_port=port, beacons=self._beacons.group)
+        self._engine = Relay(config, limits, rng)
         self._server = TransferServer(ToLeader, self._serve)
         self._pump = Pump(self._engine, self._clock.now_ns, self._drain)
         await self._server.start(listening)
@@ -101,6 +108,7 @@ class RelayNode:
         self._engine.leave()
         self._pump.turn()
         self._pump.close()
+        self._beacons.close()
         await self._server.stop()
 
     def status(self) -> RigStatus:
@@ -150,6 +158,7 @@ class RelayNode:
     # Events
 
     def _drain(self) -> None:
+        self._beacons.send_due(self._engine.leader, self._clock.now_ns())
         while (event := self._engine.next_event()) is not None:
             match event:
                 case Joined():

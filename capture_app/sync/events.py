@@ -51,6 +51,18 @@ class ClockStepped:
 
 
 @dataclass(frozen=True, slots=True)
+class ClockAgreed:
+    """The clock is being moved to where all agree that hear the same beacons; 95 % error between them."""
+
+    apart_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class ClockAlone:
+    """Nothing was agreed for long: the clock is again what the leader's answers alone tell."""
+
+
+@dataclass(frozen=True, slots=True)
 class FramesDropped:
     """The camera lost frames just before this sequence number."""
 
@@ -91,6 +103,8 @@ ClientEvent = (
     | LeaderLost
     | ClockSynced
     | ClockStepped
+    | ClockAgreed
+    | ClockAlone
     | FramesDropped
     | PhaseCorrected
     | CannotAlign

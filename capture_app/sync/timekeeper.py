@@ -4,7 +4,7 @@ from collections import deque
 
 from capture_app.sync.beacon import Heard
 from capture_app.sync.clock import ClockFilter, ClockSample
-from capture_app.sync.events import ClockStepped, ClockSynced
+from capture_app.sync.events import ClockAgreed, ClockAlone, ClockStepped, ClockSynced
 from capture_app.sync.listener import Listener
 from capture_app.sync.messages import HeartbeatAck, TimeReply, Welcome, request_at, request_before_t0
 from capture_app.sync.timebase import TimeMap
@@ -23,6 +23,9 @@ NEAR_NS = 750_000
 BACKLOG_NS = 100 * _MS
 OUTSTANDING = 512
 MAP_EVERY_NS = 100 * _MS
+
+
+ClockEvent = ClockStepped | ClockSynced | ClockAgreed | ClockAlone
 
 
 class Timekeeper:
@@ -51,7 +54,7 @@ class Timekeeper:
         self._request: bytes | None = None
         self._grid_ns = 0
         self._request_due_ns = self._map_due_ns = _AT_ONCE_NS
-        self._events: deque[ClockStepped | ClockSynced] = deque()
+        self._events: deque[ClockEvent] = deque()
 
     # In
 
@@ -136,7 +139,7 @@ class Timekeeper:
             del self._outstanding[next(iter(self._outstanding))]
         return request
 
-    def next_event(self) -> ClockStepped | ClockSynced | None:
+    def next_event(self) -> ClockEvent | None:
         """Return the next thing that happened, None where there is none."""
         return self._events.popleft() if self._events else None
 
@@ -175,7 +178,13 @@ class Timekeeper:
         if self._holding and self.clock.samples < FIRST_SAMPLES:
             return
         self._holding = False
+        agreed_before = self.listener.correction is not None
         time_map = self.listener.corrected(time_map, now_ns)
+        correction = self.listener.correction
+        if correction is not None and not agreed_before:
+            self._events.append(ClockAgreed(round(correction.apart_ns)))
+        elif correction is None and agreed_before:
+            self._events.append(ClockAlone())
         if self._onward is not None:
             time_map = time_map.then(self._onward)
         self.time_map = time_map

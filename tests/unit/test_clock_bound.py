@@ -50,7 +50,10 @@ class WarmingClock:
         return ClockSample(t0_ns, self.leader(leaves_ns), self.leader(leaves_ns), leaves_ns + back_ns)
 
 
-delays = st.one_of(st.just(0), st.integers(0, 200_000), st.integers(0, 2 * S))
+short = st.one_of(st.just(0), st.integers(0, 200_000))
+delays = st.one_of(short, st.integers(0, 2 * S))
+DISGUISED_NS = 1_000_000
+"""A smaller step may pass for a skew that was not known yet."""
 exchanges = st.lists(st.tuples(st.integers(0, 290 * S), delays, delays), min_size=2, max_size=40)
 skews = st.one_of(st.sampled_from((-MOST_SKEW, 0.0, MOST_SKEW)), st.floats(-MOST_SKEW, MOST_SKEW))
 rates = st.lists(st.one_of(st.sampled_from((-1.0, 0.0, 1.0)), st.floats(-1.0, 1.0)), min_size=16, max_size=16)
@@ -94,7 +97,7 @@ def test_it_holds_for_skew_and_wander_up_to_their_limits(
 
 @settings(max_examples=60, deadline=None)
 @given(
-    before=st.lists(st.tuples(delays, delays), min_size=2, max_size=30),
+    before=st.lists(st.tuples(short, short), min_size=2, max_size=30),
     after=st.lists(st.tuples(delays, delays), min_size=1, max_size=30),
     skew=skews,
     step_ns=st.integers(-(10**13), 10**13),
@@ -119,7 +122,11 @@ def test_a_step_is_noticed_at_once_and_the_bound_is_that_of_the_new_clock(
     link.offset_ns += step_ns
     first = link.exchange(t_ns, *after[0])
     room_ns = 2.0 * time_map.hard_bound_at(first.t3_ns) + first.round_trip_ns
-    if abs(step_ns) <= room_ns or first.round_trip_ns < 0 or first.t3_ns - first.t0_ns > 15 * S:
+    if (
+        abs(step_ns) <= room_ns + DISGUISED_NS
+        or first.round_trip_ns < 0
+        or first.t3_ns - first.t0_ns > 15 * S
+    ):
         return
     assert not clock.add(first), "no line fits both"
     assert clock.samples == 1

@@ -43,10 +43,11 @@ class Engine(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class Death:
-    """A relay ends without a word at a true time in ns."""
+    """A relay falls silent without a word at a true time in ns, for good or until another."""
 
     relay: int
     true_ns: int
+    until_true_ns: int | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,16 +134,22 @@ class Tree:
             # Its own relay, then the next ones; without relays, the root.
             own = [addresses[(i + k) % len(addresses)] for k in range(min(3, len(addresses)))]
             self._add_client(client, (*own,) if own else (ROOT,))
-        self._deaths = sorted((d.true_ns, d.relay) for d in spec.deaths if d.relay in relays)
+        mine = [d for d in spec.deaths if d.relay in relays]
+        falls = [(d.true_ns, d.relay, False) for d in mine]
+        returns = [(d.until_true_ns, d.relay, True) for d in mine if d.until_true_ns is not None]
+        self._turns_of_fate = sorted(falls + returns)
 
     def run(self, each: Callable[[], None] | None = None) -> None:
         """Let the duration of the tree pass; `each` is called at every sampling instant."""
         step_ns = round(self.spec.sample_every_s * _S)
         for at_ns in range(step_ns, round(self.spec.duration_s * _S) + 1, step_ns):
-            while self._deaths and self._deaths[0][0] <= at_ns:
-                true_ns, relay = self._deaths.pop(0)
+            while self._turns_of_fate and self._turns_of_fate[0][0] <= at_ns:
+                true_ns, relay, alive = self._turns_of_fate.pop(0)
                 self._run_until(true_ns)
-                self.nodes[f"relay{relay}", 0].alive = False
+                node = self.nodes[f"relay{relay}", 0]
+                node.alive = alive
+                if alive:
+                    self._start(node, true_ns)
             self._run_until(at_ns)
             if each is not None:
                 each()

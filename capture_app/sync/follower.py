@@ -251,7 +251,7 @@ class Follower:
     def _own_hello(self) -> Hello:
         return Hello(self.config.name, self.config.instance, self.config.camera)
 
-    def _join(self, welcome: Welcome, now_ns: int) -> None:
+    def _join(self, welcome: Welcome, now_ns: int, *, back: bool = False) -> None:
         parent = Parent(welcome.leader, welcome.client, welcome.slot, welcome.pace_ns, (), None)
         if not self._take_terms(parent, welcome):
             # Who follows this node itself, or is too far down, is asked no more; the next one is.
@@ -267,7 +267,7 @@ class Follower:
         self._why_joining = ""
         self._hellos = 0
         self._rounds.begin(now_ns)
-        self._way_back.follow(now_ns)
+        self._way_back.follow(now_ns, back=back)
         parent.heard_ns = now_ns
         self._heartbeat_due_ns = NEVER_NS if self.config.heartbeat_every_ns is None else now_ns
         self._events.append(Joined(welcome.transfer_port, welcome.leader))
@@ -281,7 +281,7 @@ class Follower:
         self._outbox.append((Goodbye(self._parent.client), self.parent))
         self._turn = self.config.parents.index(address)
         self._request = None
-        self._join(welcome, now_ns)
+        self._join(welcome, now_ns, back=True)
 
     def _take_terms(self, parent: Parent, message: Welcome | HeartbeatAck) -> bool:
         """Note where the parent's clock stands in the tree; False if this node must not follow it."""

@@ -10,7 +10,7 @@ LOOK_EVERY_NS = 15_000_000_000
 PROOFS, MOST_PROOFS = 4, 64
 """Looks in a row that a better parent has to answer: a minute at first, twice that whenever it fails soon."""
 SOON = 4
-"""A parent that stays for less than so many times as long as it was waited for has failed soon."""
+"""One that then stays for less than so many times as long as it was waited for has failed soon."""
 _LOOK = encode(Heartbeat(NOBODY, Report(state=NodeState.JOINING)))
 
 
@@ -25,19 +25,20 @@ class WayBack:
         """Of those that were looked for last: how often each had answered in a row before."""
         self._answered: set[Address] = set()
         self._looks: list[Address] = []
-        self._since_ns = 0
+        self._back_since_ns: int | None = None
 
-    def follow(self, now_ns: int) -> None:
-        """A parent has taken this node in."""
-        self._since_ns = now_ns
+    def follow(self, now_ns: int, *, back: bool = False) -> None:
+        """A parent has taken this node in; `back` where it was looked for, not asked in turn."""
+        self._back_since_ns = now_ns if back else None
         self._forget()
         self.due_ns = now_ns if len(self._parents) > 1 else NEVER_NS
 
     def lose(self, parent: Address, now_ns: int) -> None:
         """That parent is gone; nobody is looked for until there is another one."""
-        waited_ns = self._needed[parent] * LOOK_EVERY_NS
-        soon = now_ns - self._since_ns < SOON * waited_ns
-        self._needed[parent] = min(2 * self._needed[parent], MOST_PROOFS) if soon else PROOFS
+        if self._back_since_ns is not None:
+            soon_ns = SOON * self._needed[parent] * LOOK_EVERY_NS
+            soon = now_ns - self._back_since_ns < soon_ns
+            self._needed[parent] = min(2 * self._needed[parent], MOST_PROOFS) if soon else PROOFS
         self._forget()
         self.due_ns = NEVER_NS
 

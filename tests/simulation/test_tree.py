@@ -4,6 +4,7 @@ import math
 import random
 from bisect import bisect
 from dataclasses import replace
+from itertools import pairwise
 
 import pytest
 from hypothesis import given
@@ -22,6 +23,7 @@ from capture_app.sync.onward import MAX_DEPTH, onward
 from capture_app.sync.relay import Relay
 from capture_app.sync.state import NodeState
 from capture_app.sync.timebase import TimeMap
+from capture_app.sync.way_back import LOOK_EVERY_NS, PROOFS, WayBack
 
 S = 1_000_000_000
 SMALL = TreeSpec(
@@ -98,6 +100,70 @@ def test_clients_of_a_dead_relay_join_another_and_hold_the_time_meanwhile() -> N
         relay = tree.nodes[follower.parent].follower
         assert relay is not None
         assert follower.path == (1, relay.config.instance)
+
+
+def test_clients_go_back_to_their_own_relay_once_it_has_been_there_for_a_while() -> None:
+    back_s = 20
+    spec = replace(
+        SMALL,
+        clients=6,
+        duration_s=130.0,
+        client_pace_s=0.4,
+        relay_pace_s=0.4,
+        deaths=(Death(0, 10 * S, back_s * S),),
+    )
+    tree = Tree(spec, seed=3)
+    nodes = [tree.nodes[f"client{number}", 0] for number in range(spec.clients)]
+    parents: list[list[str]] = []
+
+    def look() -> None:
+        followers = [node.follower for node in nodes if node.follower is not None]
+        parents.append([follower.parent[0] for follower in followers])
+        for node, follower in zip(nodes, followers, strict=True):
+            # Whatever happens, they hold the time.
+            if tree.now_true_ns > 5 * S:
+                assert follower.time_map is not None
+                local_ns = node.clock.local_from_true(tree.now_true_ns)
+                error_ns = abs(follower.time_map.leader_from_local(local_ns) - tree.now_true_ns)
+                assert error_ns <= min(500e3, follower.time_map.hard_bound_at(local_ns))
+
+    tree.run(look)
+    at_first = parents[9]
+    assert sorted(set(at_first)) == ["relay0", "relay1", "relay2"]
+    # It is trusted no sooner than after a minute; then all go back, and stay.
+    a_minute_later = back_s + PROOFS * LOOK_EVERY_NS // S
+    assert all("relay0" not in now for now in parents[20 : a_minute_later - LOOK_EVERY_NS // S])
+    assert parents[-1] == at_first
+    changes = [sum(a != b for a, b in pairwise(one)) for one in zip(*parents[9:], strict=True)]
+    assert all(count <= 3 for count in changes)
+
+
+@given(ups=st.lists(st.tuples(st.integers(1, 300), st.integers(1, 300)), min_size=1, max_size=40))
+def test_nobody_goes_back_and_forth_with_a_parent_that_comes_and_goes(ups: list[tuple[int, int]]) -> None:
+    parents = (("a", 0), ("b", 0))
+    way, now_ns, back = WayBack(parents), 0, 0
+    way.follow(0)
+    for up_s, down_s in ups:
+        for up, seconds in ((True, up_s), (False, down_s)):
+            end_ns = now_ns + seconds * S
+            following = False
+            while way.due_ns <= end_ns and not following:
+                now_ns = way.due_ns
+                found = way.look(parents[1], now_ns, alone=False)
+                if up and found is not None:
+                    following = True
+                elif up:
+                    way.answered(parents[0])
+            if following:
+                back += 1
+                way.follow(now_ns, back=True)
+                way.lose(parents[0], end_ns)
+                way.follow(end_ns)
+            now_ns = end_ns
+    # Each time that it fails soon, it is waited for twice as long.
+    total_s = now_ns / S
+    assert back * PROOFS * LOOK_EVERY_NS / S <= total_s
+    assert back <= 1 + max(3.0, math.log2(1.0 + total_s / 60.0) + total_s / 960.0)
 
 
 class FarLeader:

@@ -13,6 +13,7 @@ from reconstruction.bullet_time import bullet_time
 from reconstruction.burst_grid import burst_grid
 from reconstruction.conditions import Condition
 from reconstruction.dataset import Dataset
+from reconstruction.depth_pictures import depth_pictures
 from reconstruction.depth_study import DepthStudy
 from reconstruction.dose import MOST_MS, measure, offsets
 from reconstruction.further import Chosen, judge, judge_session
@@ -109,7 +110,7 @@ class _Comparison:
         stitched, stitch_skipped = self._stitch()
         if stereo is None and stitched is None and isinstance(no_views, NotAvailableError):
             raise no_views
-        self.all.run(self.middle, moving, self.progress)
+        self.all.run(self.middle, moving, self.progress, self.folder)
         conditions = self._further(stereo, stitched)
         self.progress.last("report")
         return CompareResult(
@@ -175,7 +176,7 @@ class _Comparison:
             instants = study.run(self.stages, self.progress)
         except ValueError as error:
             return None, f"{choice.cameras[0]} and {choice.cameras[1]}: {error}"
-        self.pictures += study.pictures(instants, self.folder)
+        self.pictures += depth_pictures(study, instants, self.folder)
         self._dose(choice.cameras)
         return study.result(instants, choice.why), ""
 

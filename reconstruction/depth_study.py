@@ -2,15 +2,14 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
-from reconstruction import metrics, pictures
+from reconstruction import metrics
 from reconstruction.dataset import Dataset
 from reconstruction.geometry import Array, View
 from reconstruction.pipeline import Progress, Stages
-from reconstruction.results import DepthScores, Picture, StereoResult
+from reconstruction.results import DepthScores, StereoResult
 from reconstruction.scene_motion import SceneMotion
 from reconstruction.stereo import DepthMap, StereoPair, scene_disparities
 from reconstruction.tally import Tally, count_depth, differences
@@ -172,71 +171,3 @@ class DepthStudy:
             differences=differences(tallies["synced"], tallies["offset"], DepthScores),
             why=why,
         )
-
-    def pictures(self, instants: Sequence[Instant], out: Path) -> list[Picture]:
-        """Pictures of the clearest instant (most moving pixels with depth, synced) in out/pictures."""
-        one = max(instants, key=lambda i: int((i.moving & (i.maps["synced"].depth > 0)).sum()))
-        near, far = pictures.depth_range(one.maps["synced"].depth, one.moving)
-        photo = self.dataset.image(self.reference, one.now)
-        box = pictures.box_around(one.moving, most=0.65)
-        paths: dict[str, dict[str, str]] = {key: {} for key in ("pair", "depth", "closeup", "movers")}
-        for condition, later in (("synced", one.now), ("offset", one.later)):
-            depth = one.maps[condition].depth
-            coloured = pictures.colour_depth(depth, near, far)
-            right = depth > 0
-            if one.truth is not None:
-                right &= np.abs(depth - np.nan_to_num(one.truth, nan=np.inf)) < 0.02 * np.nan_to_num(
-                    one.truth
-                )
-            close = pictures.side_by_side(
-                pictures.crop(photo, box), pictures.crop(coloured, box, smooth=False)
-            )
-            made = {
-                "pair": self._pair_picture(one, later, box),
-                "depth": coloured,
-                "closeup": close,
-                "movers": pictures.mark_movers(photo, one.moving, right),
-            }
-            for key, picture in made.items():
-                suffix = "jpg" if key in ("pair", "movers") else "png"
-                paths[key][condition] = pictures.save(out, f"stereo_{key}_{condition}.{suffix}", picture)
-        judged = "its distance is right within 2 %" if one.truth is not None else "both pictures agree on one"
-        texts = {
-            "pair": (
-                "The two pictures",
-                "Turned so that the same point lies on the same line in both; what has moved does not.",
-            ),
-            "depth": ("Distance", "Bright is near, blue is far; dark means that no distance was found."),
-            "closeup": ("A moving thing, close up", "The picture, and the distance found for it."),
-            "movers": (
-                "What moves",
-                f"Teal: a distance was found and {judged}. Orange: none, or a wrong one.",
-            ),
-        }
-        return [
-            Picture(
-                key=f"stereo_{key}",
-                title=title,
-                caption=text,
-                panels=2 if key in ("pair", "closeup") else 1,
-                **paths[key],
-            )
-            for key, (title, text) in texts.items()
-        ]
-
-    def _pair_picture(self, one: Instant, later: int, box: tuple[int, ...]) -> Array:
-        assert self.pair is not None
-        canvas = self.pair.rectification
-        a, seen = canvas.remap(self.dataset.image(self.reference, one.now))
-        b, seen_b = canvas.remap(self.dataset.image(self.other, later), other=True)
-        on, _ = canvas.remap(one.moving.astype(np.uint8), nearest=True)
-        a[~seen], b[~seen_b] = pictures.EMPTY, pictures.EMPTY
-        rows, columns = (np.nonzero(seen.mean(axis) > 0.5 * seen.mean(axis).max())[0] for axis in (1, 0))
-        part = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
-        a, b, on = a[part], b[part], on[part]
-        if canvas.mirror:
-            a, b, on = (np.ascontiguousarray(image[:, ::-1]) for image in (a, b, on))
-        _, top, _, bottom = pictures.box_around(on > 0, spare=0.0, least=8)
-        count = 3 if (on > 0).any() else 0
-        lines = [int(y) for y in np.linspace(top, bottom, count)]
-        return pictures.with_rows(a, b, lines)

@@ -8,6 +8,7 @@
 # make bench-multiview   depth from many views, beside a plain sweep and SGBM (BENCH="--scene plain ...")
 # make test-crash   writers killed at every step, every bit flipped (slow)
 # make bench-reference   nodes that hear the same multicast beacons, in network namespaces (root, 3 min)
+# make bench-relay   a rig with cameras below a relay, over two emulated WiFi links (root, 6 min)
 # make bench-clients   a thousand clients of one leader over real UDP, half a minute
 # make help   all targets
 
@@ -20,7 +21,7 @@ OUT ?= demo
 LIBRARIES := libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
 	libusb-1.0.so.0:libusb-1.0-0 libudev.so.1:libudev1 libidn2.so.0:libidn2-0
 
-.PHONY: help install demo samples test test-v4l2 test-slurm bench-sync bench-reference bench-clients bench-multiview test-crash check format system clean
+.PHONY: help install demo samples test test-v4l2 test-slurm bench-sync bench-reference bench-relay bench-clients bench-multiview test-crash check format system clean
 .DEFAULT_GOAL := help
 
 help:
@@ -56,6 +57,9 @@ bench-sync: $(VENV)/.installed
 
 bench-reference: $(VENV)/.installed
 	$(BIN)/python benchmarks/reference_broadcast.py $(BENCH)
+
+bench-relay: $(VENV)/.installed
+	$(BIN)/python benchmarks/relay_link.py $(BENCH)
 
 bench-clients: $(VENV)/.installed
 	$(BIN)/python benchmarks/many_clients.py $(BENCH)

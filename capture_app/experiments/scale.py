@@ -6,7 +6,7 @@ from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from hashlib import blake2b
-from math import isqrt, nan
+from math import ceil, isqrt, nan
 from multiprocessing import get_context
 from os import sched_getaffinity
 from pathlib import Path
@@ -69,7 +69,11 @@ class Run:
 
     def figures(self, seed: int) -> "Mapping[str, Any]":
         """All figures of this run; the digest is that of every datagram."""
-        settled = sorted(d for at_s, pairs in self.pairs_us(seed) if at_s > SETTLED_S for d in pairs)
+        drawn = self.pairs_us(seed)
+        settled = sorted(d for at_s, pairs in drawn if at_s > SETTLED_S for d in pairs)
+        minutes: dict[int, list[float]] = {}
+        for at_s, pairs in drawn:
+            minutes.setdefault(ceil(at_s / 60.0), []).extend(pairs)
         trials = len(self.parts) // self.shares
         judged = max(1, sum(part.judged for part in self.parts))
         elapsed_s = self.duration_s * trials
@@ -81,6 +85,7 @@ class Run:
                 "median": quantile(settled, 0.5),
                 "p99": quantile(settled, 0.99),
                 "max": settled[-1] if settled else nan,
+                "p99_by_minute": [quantile(sorted(pairs), 0.99) for pairs in minutes.values()],
             },
             "leader_messages_per_s": exchanges / elapsed_s,
             "relay_messages_per_s": max(part.busiest_relay_datagrams for part in self.parts)
@@ -89,6 +94,7 @@ class Run:
             "coverage_95": sum(part.within_95 for part in self.parts) / judged,
             "coverage_hard_bound": sum(part.within_bound for part in self.parts) / judged,
             "simulated_in_s": self.seconds,
+            "processor_s": sum(part.processor_s for part in self.parts),
             "digest": blake2b("".join(p.digest for p in self.parts).encode(), digest_size=16).hexdigest(),
         }
 
@@ -176,11 +182,11 @@ def _table(figures: "Mapping[str, Mapping[str, Any]]") -> Table:
                     f"{f['leader_messages_per_s']:.0f}",
                     f"{f['relay_messages_per_s']:.0f}" if f["relays"] else "-",
                     f"{100 * f['leader_cores']:.1f}",
-                    f"{f['simulated_in_s']:.0f}",
+                    f"{f['simulated_in_s']:.0f} ({f['processor_s']:.0f})",
                 )
             )
     head = ("clients", "pair, median us", "99 %", "largest", "leader, msg/s", "relay, msg/s")
-    return Table((*head, "leader, % of a core", "simulated in s"), rows)
+    return Table((*head, "leader, % of a core", "simulated in s (of processors)"), rows)
 
 
 def _draw(runs: dict[str, dict[str, Run]], seed: int, path: Path) -> Path:

@@ -10,7 +10,7 @@ import random
 from array import array
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from time import perf_counter_ns
+from time import perf_counter_ns, process_time
 from typing import Protocol
 
 from capture_app.simulation.delays import Crossing, crossing
@@ -82,6 +82,8 @@ class TreeResult:
     """That reached the root or left it."""
     root_busy_ns: int = 0
     """Processor time inside the root's engine, measured on this machine."""
+    processor_s: float = 0.0
+    """Of the whole simulation."""
     busiest_relay_datagrams: int = 0
     datagrams: int = 0
     digest: str = ""
@@ -282,4 +284,7 @@ class Tree:
 
 def run_share(spec: TreeSpec, seed: int, share: int, shares: int) -> TreeResult:
     """Simulate one share of a tree."""
-    return Tree(spec, seed=seed, share=share, shares=shares).measure()
+    began_s = process_time()
+    result = Tree(spec, seed=seed, share=share, shares=shares).measure()
+    result.processor_s = process_time() - began_s
+    return result

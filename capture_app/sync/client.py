@@ -4,12 +4,9 @@ import random
 from collections import deque
 from typing import Generic, TypeVar
 
-from msgspec.structs import replace
-
 from capture_app.sync.beacon import Agreed, Beacon
 from capture_app.sync.commands import CameraCommand
 from capture_app.sync.events import (
-    BurstReady,
     ClientEvent,
     ClockSynced,
     FramesDropped,
@@ -41,7 +38,6 @@ from capture_app.sync.phase import FrameStamp, PhaseEstimate
 from capture_app.sync.ring_buffer import RingBuffer
 from capture_app.sync.state import NodeState
 from capture_app.sync.steering import ClientConfig, Steering
-from capture_app.sync.time_report import time_report
 from capture_app.sync.timebase import MAX_PERIOD_NS, MIN_PERIOD_NS, TimeMap
 from capture_app.sync.timekeeper import BACKLOG_NS, FIRST_PACE_NS, NEAR_NS, PACE_NS, Timekeeper
 from capture_app.sync.trigger import possible
@@ -125,23 +121,11 @@ class Client(Generic[F]):
 
     def report(self, now_ns: int) -> Report:
         """What this client tells the leader about itself."""
-        phase, member = self.phase(now_ns), self._member
+        member = self._member
         why_no_centre = "" if member is None else member.why_no_centre
-        correction = self._timekeeper.listener.correction
         message = self.failure or self.aligner.problem or self._why_joining or why_no_centre
-        return replace(
-            time_report(self.state, message, self.time_map, self.clock.samples, now_ns),
-            phase_error_ns=None if phase is None else phase.error_ns,
-            period_ns=None if phase is None else phase.period_ns,
-            drift_ppm=None if phase is None else phase.drift_ppm,
-            corrections=self.aligner.corrections,
-            frames=self.aligner.frames,
-            drops=self.aligner.drops,
-            frame_leader_ns=None if member is None else self._steering.frame_leader_ns(member, phase),
-            tolerance_ns=self.config.tolerance_ns,
-            moved_ns=None if correction is None else correction.moved_ns,
-            apart_ns=None if correction is None else round(correction.apart_ns),
-        )
+        report = self._timekeeper.report(self.state, message, now_ns)
+        return self._steering.report(report, member, self.phase(now_ns))
 
     # In
 
@@ -215,6 +199,11 @@ class Client(Generic[F]):
         if bool(reason) != bool(self.failure):
             self._heartbeat_due_ns = _AT_ONCE_NS
         self.failure = reason
+
+    @property
+    def is_member(self) -> bool:
+        """Whether a leader has taken this client in and is there."""
+        return self._member is not None
 
     @property
     def may_change(self) -> bool:
@@ -346,15 +335,9 @@ class Client(Generic[F]):
         member, time_map = self._member or self._last_member, self.time_map
         if member is None or time_map is None:
             return
-        due = self._bursts.pick_due(
-            self.ring,
-            time_map,
-            member.goal,
-            now_ns,
-            offset_ns=member.offset_ns,
-            outlier_ns=self.aligner.outlier_ns,
+        outlier_ns = self.aligner.outlier_ns
+        self._events.extend(
+            self._bursts.pick_due(
+                self.ring, member, time_map, now_ns, outlier_ns=outlier_ns, phase=self.phase
+            )
         )
-        for trigger, last_local_ns, picks, gaps in due:
-            phase = self.phase(last_local_ns)
-            ready = BurstReady(trigger.leader, trigger.burst, picks, gaps, time_map, phase)
-            self._events.append(ready)

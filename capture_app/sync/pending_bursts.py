@@ -4,10 +4,13 @@ from collections import deque
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
+from capture_app.sync.events import BurstReady
+from capture_app.sync.membership import Membership
 from capture_app.sync.messages import Trigger
+from capture_app.sync.phase import PhaseEstimate
 from capture_app.sync.ring_buffer import RingBuffer
-from capture_app.sync.timebase import Goal, TimeMap
-from capture_app.sync.trigger import Gap, Pick, pick_frames
+from capture_app.sync.timebase import TimeMap
+from capture_app.sync.trigger import pick_frames
 
 F = TypeVar("F")
 
@@ -48,19 +51,18 @@ class PendingBursts(Generic[F]):
     def pick_due(
         self,
         ring: RingBuffer[F],
+        member: Membership,
         time_map: TimeMap,
-        goal: Goal,
         now_ns: int,
         *,
-        offset_ns: int,
         outlier_ns: Callable[[int], int],
-    ) -> list[tuple[Trigger, int, tuple[Pick[F], ...], tuple[Gap, ...]]]:
+        phase: Callable[[int], PhaseEstimate | None],
+    ) -> list[BurstReady[F]]:
         """Pick the frames of all bursts whose last frame is there, or given up.
 
-        Returns trigger, local time of the last instant in ns, picks and gaps of each; `offset_ns` and
-        `outlier_ns` as for `pick_frames`.
+        `outlier_ns` as for `pick_frames`; `phase` tells the stream's at a local time in ns.
         """
-        newest_ns = ring.newest_local_ns
+        newest_ns, goal, offset_ns = ring.newest_local_ns, member.goal, member.offset_ns
         due = []
         for key, trigger in list(self._triggers.items()):
             instants_ns = tuple(trigger.first_leader_ns + k * trigger.step_ns for k in range(trigger.count))
@@ -73,5 +75,6 @@ class PendingBursts(Generic[F]):
             picks, gaps = pick_frames(
                 ring, time_map, instants_ns, goal.period_ns, offset_ns=offset_ns, outlier_ns=outlier_ns
             )
-            due.append((trigger, last_local_ns, picks, gaps))
+            ready = trigger.leader, trigger.burst, picks, gaps, time_map, phase(last_local_ns)
+            due.append(BurstReady(*ready))
         return due

@@ -4,12 +4,14 @@ import random
 from collections import deque
 from dataclasses import dataclass
 
+from msgspec.structs import replace
+
 from capture_app.sync.aligner import Aligner
 from capture_app.sync.commands import CameraCommand
 from capture_app.sync.events import CannotAlign, PhaseCorrected
 from capture_app.sync.injection import InjectionProfile
 from capture_app.sync.membership import Membership
-from capture_app.sync.messages import CameraDescription
+from capture_app.sync.messages import CameraDescription, Report
 from capture_app.sync.phase import PhaseEstimate
 from capture_app.sync.timebase import TimeMap
 
@@ -49,6 +51,7 @@ class Steering:
         )
         for latency_ns in config.start_latencies_ns:
             self.aligner.start_seen(latency_ns)
+        self._tolerance_ns = config.tolerance_ns
         self._can_move = camera.phase_control != "none"
         self._told_problem = ""
         self._commands: deque[CameraCommand] = deque()
@@ -64,11 +67,25 @@ class Steering:
         at_leader_ns = time_map.leader_from_local(local_ns)
         return self.aligner.estimate(time_map, member.goal_of_stamps, at_leader_ns)
 
-    def frame_leader_ns(self, member: Membership, phase: PhaseEstimate | None) -> int | None:
-        """Leader time in ns of the aligned moment of a frame; None while the phase is not settled."""
-        if phase is None or not self.aligner.settled:
-            return None
-        return member.goal.instant(member.goal.index_of(phase.at_leader_ns)) + phase.error_ns
+    def report(self, report: Report, member: Membership | None, phase: PhaseEstimate | None) -> Report:
+        """Add the camera's part to a report of a node's time; `phase` is as it stands now."""
+        report = replace(
+            report,
+            corrections=self.aligner.corrections,
+            frames=self.aligner.frames,
+            drops=self.aligner.drops,
+            tolerance_ns=self._tolerance_ns,
+        )
+        if phase is None or member is None:
+            return report
+        frame_leader_ns = member.goal.instant(member.goal.index_of(phase.at_leader_ns)) + phase.error_ns
+        return replace(
+            report,
+            phase_error_ns=phase.error_ns,
+            period_ns=phase.period_ns,
+            drift_ppm=phase.drift_ppm,
+            frame_leader_ns=frame_leader_ns if self.aligner.settled else None,
+        )
 
     def step(
         self,

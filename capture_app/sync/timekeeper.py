@@ -2,11 +2,15 @@
 
 from collections import deque
 
+from msgspec.structs import replace
+
 from capture_app.sync.beacon import Heard
 from capture_app.sync.clock import ClockFilter, ClockSample
 from capture_app.sync.events import ClockAgreed, ClockAlone, ClockStepped, ClockSynced
 from capture_app.sync.listener import Listener
-from capture_app.sync.messages import HeartbeatAck, TimeReply, Welcome, request_at, request_before_t0
+from capture_app.sync.messages import HeartbeatAck, Report, TimeReply, Welcome, request_at, request_before_t0
+from capture_app.sync.state import NodeState
+from capture_app.sync.time_report import time_report
 from capture_app.sync.timebase import TimeMap
 
 _MS = 1_000_000
@@ -138,6 +142,14 @@ class Timekeeper:
         if len(self._outstanding) > OUTSTANDING:
             del self._outstanding[next(iter(self._outstanding))]
         return request
+
+    def report(self, state: NodeState, message: str, now_ns: int) -> Report:
+        """Return a report of this node's time, with what was agreed with others."""
+        report = time_report(state, message, self.time_map, self.clock.samples, now_ns)
+        correction = self.listener.correction
+        if correction is None:
+            return report
+        return replace(report, moved_ns=correction.moved_ns, apart_ns=round(correction.apart_ns))
 
     def next_event(self) -> ClockEvent | None:
         """Return the next thing that happened, None where there is none."""

@@ -63,9 +63,11 @@ def _curve(dose: DoseResult) -> str:
     if dose.own_error_us is None:
         notes.append("This session keeps no record of its own error.")
     else:
-        moved = (
-            f", in which it moves {wording.quantity(dose.own_error_px, 'px')}" if dose.own_error_px else ""
-        )
+        moved = ""
+        if dose.own_error_px is not None:
+            small = dose.own_error_px < 0.01
+            far = wording.quantity(0.01 if small else dose.own_error_px, "px")
+            moved = f", in which it moves {'less than ' if small else ''}{far}"
         error = wording.microseconds(dose.own_error_us)
         notes.append(f"This session's own largest error is {error}{moved}.")
     words = "".join(f"<p>{escape(wording.tie(note))}</p>" for note in notes)

@@ -59,7 +59,9 @@ def poses_section(result: PoseComparison | None, sides: wording.Sides) -> str:
 <p>Before anything can be measured, it must be known where the cameras stand. Here that is found from the
 pictures of one instant alone, as it must be for cameras that are moved. {verdict}</p>
 <div class="curve">{_plot(result, names)}
-<div><p>{escape(how_apart(result.offsets_ms, result.cameras[0]))}</p>
+<div><p class="key"><span class="tag synced">{escape(names.first)}</span>
+<span class="tag offset">{escape(names.late_head)}</span></p>
+<p>{escape(how_apart(result.offsets_ms, result.cameras[0]))}</p>
 <p class="quiet">{escape(f"Held against: {result.truth}.{why}")}</p></div></div>
 {table}
 </section>"""

@@ -34,6 +34,8 @@ def quantity(value: float | None, unit: str = "") -> str:
     """A number in its unit with about three digits."""
     if value is None or math.isnan(value):
         return NOT_AVAILABLE
+    if abs(value) >= 10_000 and not unit:
+        return number(value)
     decimals = 2 if abs(value) < 9.995 else 1 if abs(value) < 99.95 else 0
     return f"{value:.{decimals}f}{GAP}{unit}" if unit else f"{value:.{decimals}f}"
 

@@ -435,6 +435,7 @@ def test_shares_never_round_up_to_all_or_down_to_nothing(value, words):
         (wording.quantity(9.996), "10.0"),
         (wording.quantity(0.256, "px"), "0.26 px"),
         (wording.quantity(170.4), "170"),
+        (wording.quantity(85561.2), "85 561"),
         (wording.seconds(119.96), "120.0 s"),
         (
             " | ".join(wording.headline("It is 98.1 % right. At 66 ms not. So.")),
@@ -446,3 +447,7 @@ def test_shares_never_round_up_to_all_or_down_to_nothing(value, words):
 )
 def test_numbers_read_well(shown, words):
     assert shown.replace(wording.GAP, " ") == words
+
+
+def test_numbers_stay_with_their_units():
+    assert wording.tie("2 % in 3 ms, 4 miles") == f"2{wording.GAP}% in 3{wording.GAP}ms, 4 miles"

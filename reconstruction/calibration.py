@@ -23,8 +23,13 @@ def views_of(dataset: Dataset, calibration: Calibration) -> dict[str, View]:
     """The calibrated cameras among the session's, at the size of their images.
 
     Raises:
-        BadInputError: a calibration was made for images of another shape.
+        BadInputError: a calibration was made for images of another shape, or by other cameras.
     """
+    if not calibration.cameras.keys() & set(dataset.cameras):
+        raise BadInputError(
+            f"{dataset.name}'s calibration is of other cameras ({', '.join(calibration.cameras)})",
+            hint=f"the session has {', '.join(dataset.cameras)}",
+        )
     views = {}
     for name in dataset.cameras:
         known = calibration.cameras.get(name)

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from reconstruction.geometry import Array
-from reconstruction.native import load_open3d
+from reconstruction.native import load_open3d, silent
 
 NEIGHBOURS = 16
 DEEPEST_POISSON = 9
@@ -38,10 +38,11 @@ def build_model(fused: Path, folder: Path, centre: Array, up: Array) -> Model:
         OSError: a file could not be written.
     """
     o3d = load_open3d()
-    cloud = _clean(o3d.io.read_point_cloud(str(fused)))
-    mesh = _mesh(o3d, cloud)
-    written = o3d.io.write_point_cloud(str(folder / "cloud.ply"), cloud)
-    written &= o3d.io.write_triangle_mesh(str(folder / "mesh.ply"), mesh)
+    with silent():
+        cloud = _clean(o3d.io.read_point_cloud(str(fused)))
+        mesh = _mesh(o3d, cloud)
+        written = o3d.io.write_point_cloud(str(folder / "cloud.ply"), cloud)
+        written &= o3d.io.write_triangle_mesh(str(folder / "mesh.ply"), mesh)
     if not written:
         raise OSError(f"cannot write the cloud and the mesh into {folder}")
     picture = cv2.imencode(".png", turntable(o3d, mesh, centre, up))[1]

@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from capture_app.errors import BadInputError
+from reconstruction.output import full_disk
 
 
 @contextmanager
@@ -15,6 +16,7 @@ def whole_folder(out: Path, ours: Collection[str]) -> Iterator[Path]:
 
     Raises:
         BadInputError: `out` cannot be written, or holds other things than `ours`.
+        SimulshotError: the disk is full.
     """
     refuse_foreign(out, ours)
     target = out.absolute()
@@ -27,7 +29,13 @@ def whole_folder(out: Path, ours: Collection[str]) -> Iterator[Path]:
             raise BadInputError(
                 f"cannot write to {part.parent}: {error.strerror or error}", hint="choose another --out"
             ) from error
-        yield part
+        try:
+            yield part
+        except OSError as error:
+            full = full_disk(error, part, target)
+            if full is None:
+                raise
+            raise full from error
         if target.exists():
             target.rename(old)
         part.rename(target)

@@ -1,7 +1,11 @@
 """The one door to native libraries that are heavy, optional, or must be imported in a fixed order."""
 
 import importlib
+import os
 import platform
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
 from importlib import metadata
 from types import ModuleType
 
@@ -29,6 +33,21 @@ def load_open3d() -> ModuleType:
         NotAvailableError: it is not installed or cannot be loaded on this machine.
     """
     return _load("open3d", "making a mesh")
+
+
+@contextmanager
+def silent() -> Iterator[None]:
+    """What native code writes to stderr by itself goes nowhere meanwhile: its errors are told by ours."""
+    sys.stderr.flush()
+    kept = os.dup(2)
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    try:
+        os.dup2(nowhere, 2)
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
+        os.close(nowhere)
 
 
 def versions() -> dict[str, str]:

@@ -1,5 +1,6 @@
 """The folder of a comparison: it appears whole or not at all, and never over somebody else's files."""
 
+import errno
 import os
 import shutil
 from pathlib import Path
@@ -8,11 +9,13 @@ from typing import Self
 
 import msgspec
 
-from capture_app.errors import BadInputError
+from capture_app.errors import BadInputError, SimulshotError
 from capture_app.session.durable import write_whole
 
 METRICS = "metrics.json"
 STAGES = "stages"
+LITTLE_BYTES = 1 << 20
+"""With less than this on a disk, what could not be written there failed for want of room."""
 OURS = {METRICS, "report.html", "pictures", "depth.tiff", STAGES}
 
 
@@ -47,8 +50,11 @@ class Output:
         self, kind: type[BaseException] | None, value: BaseException | None, trace: TracebackType | None
     ) -> None:
         """Leave nothing half-made."""
+        full = full_disk(value, self.folder, self.target)
         if not self._finished:
             shutil.rmtree(self.folder, ignore_errors=True)
+        if full is not None:
+            raise full from value
 
     def finish(self, result: msgspec.Struct) -> None:
         """Write the metrics and put the folder in its place."""
@@ -70,3 +76,14 @@ class Output:
             raise BadInputError(
                 f"{self.target} holds other files ({foreign[0]})", hint="choose a new folder for --out"
             )
+
+
+def full_disk(error: BaseException | None, part: Path, target: Path) -> SimulshotError | None:
+    """What to say instead of an error in writing to `part` where its disk is full; None = it is not."""
+    if not isinstance(error, OSError) or not part.is_dir():
+        return None
+    if error.errno != errno.ENOSPC and shutil.disk_usage(part).free >= LITTLE_BYTES:
+        return None
+    return SimulshotError(
+        f"no space is left on the disk for {target}", hint="free some, or choose an --out on another disk"
+    )

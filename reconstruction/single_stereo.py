@@ -65,6 +65,11 @@ def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
     """
     began = time.monotonic()
     dataset = Dataset.open(session)
+    if len(dataset.cameras) < 2:
+        raise BadInputError(
+            f"the session has one camera only ({', '.join(dataset.cameras)})",
+            hint="depth needs two that see the same from different places",
+        )
     with Output(out) as output:
         progress = Progress(3)
         rig = Rig(dataset, SceneMotion(dataset, 1), Stages(output.folder / "stages", dataset.fingerprint()))
@@ -117,8 +122,8 @@ def _save(
     near, far = pictures.depth_range(depth, np.zeros(depth.shape, bool))
     photo = rig.dataset.image(cameras[0], instants[0])
     picture = pictures.side_by_side(photo, pictures.colour_depth(depth, near, far))
-    if not cv2.imwrite(str(folder / DEPTH), depth.astype(np.float32)):
-        raise OSError(f"cannot write {folder / DEPTH}")
+    # OpenCV's own writer says nothing of a full disk.
+    (folder / DEPTH).write_bytes(cv2.imencode(".tiff", depth.astype(np.float32))[1].tobytes())
     level = np.asarray(np.round(255 * found.confidence), np.uint8)
     return StereoDepth(
         session="",

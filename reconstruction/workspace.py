@@ -86,7 +86,8 @@ def fuse(folder: Path, cloud: Path, views: int, options: FusionOptions | None = 
     if count == 0:
         raise BadInputError(
             "no point of the scene was found alike by enough cameras",
-            hint="cameras must see the same things, at the same time, from places some way apart",
+            hint="cameras must see the same things, at the same time, from places some way apart, "
+            "and their calibration must be this rig's",
         )
     return count
 

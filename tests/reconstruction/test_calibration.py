@@ -72,3 +72,10 @@ def test_a_calibration_of_another_shape_is_refused(scene: Scene, tmp_path: Path)
     narrow = msgspec.structs.replace(narrow, width=100)
     with pytest.raises(BadInputError, match="calibrated for 100x240, but its images are 320x240"):
         views_of(Dataset(session), Calibration(cameras={"left": narrow}))
+
+
+def test_a_calibration_of_other_cameras_is_refused(scene: Scene, tmp_path: Path) -> None:
+    session = write_session(tmp_path, scene, {"left": VIEWS["left"]}, instants=1, truth=False)
+    other = Calibration(cameras={"cam0": as_calibration(VIEWS["left"])})
+    with pytest.raises(BadInputError, match=r"of other cameras \(cam0\) \(the session has left\)"):
+        views_of(Dataset(session), other)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from capture_app.errors import BadInputError
-from reconstruction.consistency import Agreement, without_speckles
+from reconstruction.consistency import Agreement, ask, believed, without_speckles
 from reconstruction.depth_range import find_depth_range
 from reconstruction.geometry import Array, View
 from reconstruction.matcher import DepthView, match_views
@@ -15,7 +15,7 @@ from reconstruction.photo import Lens, Photo, mean_of_best, resized
 from reconstruction.planes import fit_planes, normals
 from reconstruction.semiglobal import aggregate, cheapest
 from reconstruction.sources import choose_sources, guessed_depths, reference_of, score_source
-from reconstruction.sweep import SweepOptions, sweep
+from reconstruction.sweep import Surface, SweepOptions, sweep
 from tests.reconstruction.conftest import texture
 
 WIDTH, HEIGHT, FOCAL = 128, 96, 110.0
@@ -205,6 +205,30 @@ def test_normal_of_a_wall_that_faces_the_camera() -> None:
     flat = np.full(photo.grey.shape, 0.5, np.float32)
     zero = np.zeros_like(flat)
     assert normals(flat, zero, zero, photo.rays)[5, 7] == pytest.approx([0, 0, -1])
+
+
+def test_one_vote_is_enough_where_nobody_else_can_see_but_not_against_others() -> None:
+    flat = np.zeros((HEIGHT, WIDTH), np.float32)
+
+    def surface(*bands: tuple[int, int, float]) -> Surface:
+        level = np.full_like(flat, 0.5)
+        for top, bottom, value in bands:
+            level[top:bottom] = value
+        return Surface(level, flat, flat, flat)
+
+    shots = [photo_of(view_at(x), np.zeros(2))[0] for x in (0.0, -0.1, 0.1, 0.2)]
+    lenses = [Lens(shots[0], other) for other in shots[1:]]
+    # To two of three views something near hides the rows 20 to 50; from 50 to 80 they see behind the surface.
+    others = [surface(), *(surface((20, 50, 0.8), (50, 80, 0.3)) for _ in range(2))]
+    count, able = ask(surface(), lenses, others, Agreement())
+    inner = slice(20, -30)
+    assert (count[22:78, inner] == 1).all()
+    assert (able[22:48, inner] == 1).all()
+    assert (able[52:78, inner] == 3).all()
+    kept = believed(surface(), count, able, 3, Agreement())
+    assert kept[:18, inner].all()
+    assert kept[20:45, inner].all()
+    assert not kept[55:75, inner].any()
 
 
 def test_speckles_go_and_large_islands_stay() -> None:

@@ -12,7 +12,7 @@ from capture_app.session.importers.recording import ImportOptions, import_record
 from capture_app.session.reader import Session
 from reconstruction.cli import main
 from reconstruction.panorama import Stitching
-from tests.reconstruction.conftest import texture
+from tests.reconstruction.conftest import VIEWS, Scene, texture, write_session
 
 FOCAL = 630.0
 
@@ -110,6 +110,20 @@ def test_stereo_writes_depth_confidence_and_picture(
     with pytest.raises(SystemExit):
         main([*arguments, "--instant", "9"])
     assert "no image of left at instant 9" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("command", ["stereo", "calibrate", "multiview", "stitch"])
+def test_a_session_of_one_camera_is_refused_in_one_line(
+    command: str, scene: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    session = write_session(tmp_path / "in", scene, {"only": VIEWS["left"]}, instants=1)
+    out = [] if command == "calibrate" else ["--out", str(tmp_path / "out")]
+    with pytest.raises(SystemExit) as end:
+        main([command, str(session.folder), *out])
+    assert end.value.code == 3
+    (line,) = capsys.readouterr().err.strip().splitlines()
+    assert "two" in line
+    assert [path.name for path in tmp_path.iterdir()] == ["in"]
 
 
 @pytest.mark.shared

@@ -9,7 +9,7 @@ from capture_app.sync.hull import lower_hull
 VOTES = 33
 SHARPEST = 5
 """How many of the tightest bounds of each direction tell how sharp their edge is."""
-WIDTH = 0.4
+WIDTH = 0.5
 """Share of their spread that counts as one e-fold of likelihood; 0.2 to 0.8 do nearly as well."""
 USUAL_SKEW = 20e-6
 """One sigma of the skew between two crystals, before anything is measured; the tails are a Student's."""

@@ -31,7 +31,7 @@ ASYMMETRY = 0.025
 FIRST, AHEAD_1, AHEAD_5 = "first second", "1 s later", "5 s later"
 AHEAD = {FIRST: 0, AHEAD_1: _S, AHEAD_5: 5 * _S}
 """How long after the last message of the first second; ns."""
-STEADY = {"asking for 3 s": 3 * _S, "for 10 s": 10 * _S, "for 30 s": 30 * _S}
+STEADY = {f"asking for {s} s": s * _S for s in (2, 3, 4, 10, 30)}
 ROUND, GAP = "after a round", "before the next"
 ROUND_EVERY_NS = 50 * _S
 ROUNDS_FROM_NS = 300 * _S
@@ -101,11 +101,11 @@ class _Trial:
         for situation, ahead_ns in ahead.items():
             true_ns = START_TRUE_NS + now_ns + ahead_ns
             local_ns = self.local_ns(now_ns + ahead_ns)
-            error_ns = abs(time_map.leader_from_local(local_ns) - true_ns)
+            error_ns = time_map.leader_from_local(local_ns) - true_ns
             stated_ns = time_map.uncertainty_at(local_ns)
             claim = found[situation]
-            claim.held += error_ns <= stated_ns
-            claim.bounded += error_ns <= time_map.hard_bound_at(local_ns)
+            claim.held += abs(error_ns) <= stated_ns
+            claim.bounded += abs(error_ns) <= time_map.hard_bound_at(local_ns)
             claim.errors_us.append(error_ns / 1000.0)
             claim.stated_us.append(stated_ns / 1000.0)
 

@@ -189,6 +189,10 @@ def _result(study: Study, seed: int, count: int) -> Result:
             | {"all": study.coverage(situation)}
             for situation in SITUATIONS
         },
+        "error_us_by_situation": {
+            situation: {law: error_figures(study.claims[law][situation].errors_us) for law in LAWS}
+            for situation in SITUATIONS
+        },
         "coverage_hard_bound": bounded / judged,
         "uncertainty_us": {law: sum(trials.uncertainties_us) / count for law, trials in study.laws.items()},
         "gain_by_law": {law: trials.gain for law, trials in study.laws.items()},
@@ -242,7 +246,7 @@ def _tables(study: Study) -> tuple[Table, ...]:
                 situation,
                 *(f"{100 * claim.coverage:.0f}" for claim in found),
                 f"{100 * study.coverage(situation):.1f}",
-                f"{sum(sum(claim.errors_us) for claim in found) / trials_of_all:.0f}",
+                f"{sum(abs(e) for claim in found for e in claim.errors_us) / trials_of_all:.0f}",
                 f"{sum(sum(claim.stated_us) for claim in found) / trials_of_all:.0f}",
             )
         )

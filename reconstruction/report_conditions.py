@@ -60,12 +60,14 @@ def conditions_table(result: CompareResult) -> str:
         _Row(sides.first.lower(), "", _parts(result, ("stereo", "stitch", "multiview", "poses"), "synced")),
         _Row(sides.late, "one camera of a pair", _parts(result, ("stereo", "stitch"), "offset")),
     ]
-    if result.multiview or result.poses:
+    drawn = any(_drawn(one) for one in result.conditions)
+    if (result.multiview or result.poses) and not drawn:
         parts = _parts(result, ("multiview", "poses"), "offset")
         rows.append(_Row(wording.APART, "every camera off by another time", parts))
     for one in result.conditions:
         parts = _parts(one, ("stereo", "stitch", "multiview", "poses"), "offset")
-        rows.append(_Row(f"session {one.name}" if one.session else one.name, _details(one), parts))
+        name = wording.APART if _drawn(one) else f"session {one.name}" if one.session else one.name
+        rows.append(_Row(name, _details(one), parts))
     columns = [
         column for column in _COLUMNS if any(row.value(column[0], column[1]) is not None for row in rows)
     ]
@@ -92,6 +94,11 @@ def _parts(
         comparison = getattr(found, name)
         parts[name] = getattr(comparison, side) if comparison is not None else None
     return parts
+
+
+def _drawn(one: ConditionResult) -> bool:
+    """Whether it is the condition that the parts with all cameras have anyway."""
+    return not one.offsets_ms and not one.session
 
 
 def _details(one: ConditionResult) -> str:

@@ -16,6 +16,7 @@ from reconstruction import wording
 from reconstruction.report import write_report
 from reconstruction.results import (
     CompareResult,
+    ConditionResult,
     DepthScores,
     Picture,
     StereoResult,
@@ -338,6 +339,17 @@ def test_a_measure_has_one_name_and_an_interval_one_decimal(tmp_path):
     assert "Brightness mismatch" not in page.text
     conditions = page.text[page.text.index("All conditions") :]
     assert re.match(r".*session naive\s*other pictures, not paired by instant", conditions)
+    assert conditions.count("every camera off by another time") == 1
+
+
+def test_the_drawn_condition_is_listed_once(tmp_path):
+    result = whole_result(tmp_path)
+    drawn = ConditionResult(name="distinct", stereo=STEREO, multiview=result.multiview)
+    page = Page.read(write_report(msgspec.structs.replace(result, conditions=(drawn,)), tmp_path))
+
+    conditions = page.text[page.text.index("All conditions") : page.text.index("Every instant by itself")]
+    assert conditions.count("apart") == 1
+    assert "drawn anew for each instant" in conditions
 
 
 def test_depth_from_all_cameras_stands_beside_its_control(tmp_path):

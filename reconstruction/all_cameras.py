@@ -1,10 +1,12 @@
 """The parts of a comparison that take all cameras at once: depth from many views, and poses."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 import msgspec
 
 from capture_app.errors import NotAvailableError
+from reconstruction import wording
 from reconstruction.calibration import views_of
 from reconstruction.conditions import DISTINCT, SYNCED, Condition
 from reconstruction.dataset import Dataset
@@ -49,24 +51,27 @@ class AllCameras:
         instants = min(self.options.multiview_instants, len(self.rig.dataset.instants_ns))
         return (1 + 2 * instants if instants else 0) + (self.options.poses is not False)
 
-    def run(self, middle: int, moving_share: float, progress: Progress) -> None:
-        """Synchronized against every camera off by another time; `middle` is an instant amid the burst."""
+    def run(self, middle: int, moving_share: float, progress: Progress, folder: Path) -> None:
+        """Synchronized against every camera off by another time; `middle` is an instant amid the burst.
+
+        Pictures go into the folder.
+        """
         if self.options.multiview_instants:
             progress.step("which cameras see the same")
             try:
                 self._multiview = self._study(self.rig.dataset, self.rig.motion, self.rig.stages, middle)
-                self.multiview = self._multiview.compare(APART, progress)
+                self.multiview = self._multiview.compare(APART, progress, folder)
                 self.no_multiview = ""
             except ValueError as error:
                 self.no_multiview = str(error)
-        asked = self.options.poses
+        asked, share = self.options.poses, wording.share(moving_share, decimals=0)
         if asked is None and moving_share < LARGE_MOVING_SHARE:
             self.no_poses = (
-                f"what moves fills {100 * moving_share:.0f} % of the picture; what stands still outweighs "
-                "it and places the cameras as well from late pictures (--poses measures it)"
+                f"what moves fills {share} of the picture; what stands still outweighs it and places the "
+                "cameras as well from late pictures (--poses measures it)"
             )
         elif asked is not False:
-            why = "asked for" if asked else f"{100 * moving_share:.0f} % of the picture moves"
+            why = "asked for" if asked else f"{share} of the picture moves"
             progress.step("where the cameras stand, from single instants")
             try:
                 self._poses = self._pose_study(self.rig.dataset, self.rig.stages)

@@ -63,6 +63,10 @@ class Judge:
             counts[name] = pair[0], pair[1]
         return counts
 
+    def truth(self, instant: int) -> Array | None:
+        """The reference's true depth in the calibration's unit, NaN = unknown; None where nobody knows it."""
+        return self._truth(instant, ~self.shots.moving(self.reference, instant))
+
     def _control(self, instant: int, hidden: Mapping[str, Array]) -> Array:
         changing = self.shots.motion.changing(self.reference, instant)
         here = grow(self.shots.mask(self.reference, changing), HERE_PX)

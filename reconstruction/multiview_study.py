@@ -1,6 +1,9 @@
 """The part of a comparison that takes all cameras: depth of the middle one, and the cloud of them all."""
 
 from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
 
 from capture_app.errors import BadInputError
 from reconstruction.conditions import SYNCED, Condition, listed, shown_with
@@ -8,9 +11,10 @@ from reconstruction.dataset import Dataset
 from reconstruction.depth_range import find_depth_range
 from reconstruction.instant_depth import InstantDepth, instant_depth
 from reconstruction.multiview_count import Judge
+from reconstruction.multiview_pictures import multiview_pictures
 from reconstruction.multiview_shots import Shots
 from reconstruction.pipeline import Progress, Stages
-from reconstruction.results import MultiviewComparison, MultiviewScores
+from reconstruction.results import MultiviewComparison, MultiviewScores, Picture
 from reconstruction.sources import choose_sources, guessed_depths, reference_of
 from reconstruction.tally import Count, Tally, differences
 from reconstruction.variants import thin
@@ -93,8 +97,12 @@ class MultiviewStudy:
                 self.left_out[camera] = f"{MOST_CAMERAS} are enough to compare conditions"
         self._need(len(self.cameras))
 
-    def compare(self, condition: Condition, progress: Progress) -> MultiviewComparison:
+    def compare(
+        self, condition: Condition, progress: Progress, folder: Path | None = None
+    ) -> MultiviewComparison:
         """A condition against the synchronized one, on the same instants, pixels and cameras.
+
+        Pictures of the instant with most to see are made where there is a folder.
 
         Raises:
             ValueError: the burst does not hold this condition.
@@ -126,6 +134,7 @@ class MultiviewStudy:
             width_px=self.shots.views[self.reference].width,
             per_instant=tuple(rows),
             differences=differences(tallies["synced"], tallies["offset"], MultiviewScores),
+            pictures=self._pictures(taken, found, judge, folder) if folder else (),
             left_out=self.left_out,
             cloud_skipped=judge.cloud_skipped,
         )
@@ -180,6 +189,18 @@ class MultiviewStudy:
         for camera, instant in one.shown.items():
             row[f"late_{camera}_ms"] = (times[instant] - times[one.instant]) / 1e6
         return row
+
+    def _pictures(
+        self, taken: list[Taken], found: list[dict[str, InstantDepth]], judge: Judge, folder: Path
+    ) -> tuple[Picture, ...]:
+        moving = [self.shots.moving(self.reference, one.instant) for one in taken]
+        seen = [
+            int((mask & (maps["synced"].depth > 0)).sum()) for mask, maps in zip(moving, found, strict=True)
+        ]
+        best = int(np.argmax(seen))
+        instant = taken[best].instant
+        photo = self.shots.shot(self.reference, instant).colours
+        return multiview_pictures(photo, found[best], moving[best], judge.truth(instant), folder)
 
     def _late(self, condition: Condition) -> dict[str, float]:
         late_ms = listed(condition, self.dataset)

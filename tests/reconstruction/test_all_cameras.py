@@ -98,6 +98,7 @@ def test_compare_tells_of_all_cameras_in_every_condition(
     same = [scores["mover_coverage"] for scores in (itself["multiview"]["offset"], whole["synced"])]
     assert abs(same[0] - same[1]) < 0.05
     assert all(one["skipped"] == [] or "panorama" in one["skipped"][0] for one in result["conditions"])
+    assert [picture["key"] for picture in whole["pictures"]] == ["multiview_depth", "multiview_movers"]
     for picture in whole["pictures"]:
         assert (out / picture["synced"]).is_file()
         assert (out / picture["offset"]).is_file()

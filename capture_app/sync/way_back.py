@@ -50,7 +50,7 @@ class WayBack:
     def look(self, parent: Address, now_ns: int, *, alone: bool) -> Address | None:
         """Look for all parents better than the present one; return one that has proven to be there.
 
-        A parent that is alone, without any of its own, is worse than any other.
+        A parent that is alone, without any of its own, is worse than any other, and left at the first answer.
         """
         self.due_ns = now_ns + LOOK_EVERY_NS
         others = tuple(address for address in self._parents if address != parent)
@@ -58,7 +58,7 @@ class WayBack:
         self._proofs = {a: self._proofs.get(a, 0) + 1 if a in self._answered else 0 for a in better}
         self._answered.clear()
         self._looks = list(better)
-        return next((a for a in better if self._proofs[a] >= self._needed[a]), None)
+        return next((a for a in better if self._proofs[a] >= (1 if alone else self._needed[a])), None)
 
     def datagrams_to_send(self) -> list[tuple[bytes, Address]]:
         """Return what asks whether they are there; no leader takes whoever sends it for a client."""

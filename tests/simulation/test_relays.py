@@ -9,6 +9,7 @@ from msgspec import structs
 
 from capture_app.simulation.tree import ROOT, Tree, TreeSpec
 from capture_app.simulation.wander import WanderingClock
+from capture_app.sync import way_back
 from capture_app.sync.candidates import Candidates
 from capture_app.sync.client import Client, ClientConfig
 from capture_app.sync.events import BurstAccepted, BurstReady, JoinRefused, LeaderEvent, NodeLost, NodeMoved
@@ -293,7 +294,10 @@ def test_a_burst_is_taken_while_the_new_leaders_clock_is_still_being_learned() -
     rig.check_burst()
 
 
-def test_clients_go_back_to_their_relay_once_it_is_there_again_but_not_before_a_burst() -> None:
+def test_clients_go_back_to_their_relay_once_it_is_there_again_but_not_before_a_burst(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(way_back, "LOOK_EVERY_NS", S)
     rig = Rig()
     relay = rig.relay("relay", ROOT)
     camera = rig.camera("cam", relay, ROOT)
@@ -302,9 +306,9 @@ def test_clients_go_back_to_their_relay_once_it_is_there_again_but_not_before_a_
     rig.run_until(lambda: rig.views()["cam"].via is None)
     rig.relay("relay", ROOT)
     rig.run_until(rig.all_ready)
-    rig.tree.root.trigger(rig.tree.now_true_ns, frames=2, at_leader_ns=rig.tree.now_true_ns + 20 * S)
+    rig.tree.root.trigger(rig.tree.now_true_ns, frames=2, at_leader_ns=rig.tree.now_true_ns + 8 * S)
     rig.tree._push(rig.tree.now_true_ns, rig.tree.nodes[ROOT], b"", ROOT)
-    rig.run(19.0)
+    rig.run(7.0)
     assert rig.views()["cam"].via is None
     rig.run_until(lambda: rig.views()["cam"].via == "relay")
     assert len(camera.ready[-1].picks) == 2
@@ -312,18 +316,23 @@ def test_clients_go_back_to_their_relay_once_it_is_there_again_but_not_before_a_
     assert not any(isinstance(event, NodeLost) and event.name == "cam" for event in rig.events[-4:])
 
 
-def test_clients_leave_a_relay_that_has_lost_its_leader_for_one_that_has_not() -> None:
+def test_clients_leave_a_relay_that_has_lost_its_leader_for_one_that_has_not(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(way_back, "LOOK_EVERY_NS", S)
     rig = Rig()
     gate, other = rig.relay("gate", ROOT), rig.relay("other", ROOT)
     middle = rig.relay("middle", gate)
     relay = rig.relay("relay", middle)
+    rig.run_until(rig.all_ready)
     rig.camera("cam", relay, other)
     stays = rig.camera("stays", relay)
-    rig.run_until(lambda: rig.all_ready() and rig.views()["cam"].via == "relay")
+    rig.run_until(rig.all_ready)
+    assert rig.views()["cam"].via == "relay"
     rig.kill("gate")
     rig.run_until(lambda: rig.relays["relay"].leader.alone)
     assert rig.relays["relay"].follower.number is not None, "its own parent is there, and alone"
-    rig.run_until(lambda: rig.views()["cam"].via == "other", 20.0)
+    rig.run_until(lambda: rig.views()["cam"].via == "other")
     assert stays.client.state is NodeState.READY
     assert stays.client.leader_is_alone
 

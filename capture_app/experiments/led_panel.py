@@ -7,12 +7,14 @@ sees lit tell when its picture was taken (paper, section 6.1).
 import random
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from capture_app.errors import IncompleteError
 from capture_app.experiments.result import Outcome, Result, Table, error_figures
+from capture_app.experiments.workers import call_all
 from capture_app.simulation.clock import SimulatedClock
 from capture_app.simulation.led_panel import Image, difference_ns, read_time, render
 from capture_app.simulation.link import PAPER_LINK, DelayLaw, Link
@@ -52,17 +54,16 @@ class Trial:
     bounded: bool
     within_95: bool
     """The client's clock was as good as it said."""
-    pictures: tuple[Image, Image]
+    pictures: tuple[Image, Image] | None
 
 
 def run(*, trials: int | None, seed: int, talk: Callable[[str], None]) -> Outcome:
     """Run it; simulated throughout: clocks, link, sensors, panel. Nothing is kept between trials."""
     count = TRIALS if trials is None else trials
-    done = []
-    for n in range(count):
-        if n % 20 == 0:
-            talk(f"trial {n + 1} of {count} ...")
-        done.append(run_trial(random.Random(f"{seed}/{n}")))
+    talk(f"{count} trials ...")
+    done = call_all([partial(run_trial, random.Random(f"{seed}/{n}"), keep=n == 0) for n in range(count)])
+    pictures = done[0].pictures
+    assert pictures is not None, "the first trial keeps them"
     reading_us = [t.decoded_us - t.true_us for t in done]
     result = Result(
         name="led-panel",
@@ -87,9 +88,13 @@ def run(*, trials: int | None, seed: int, talk: Callable[[str], None]) -> Outcom
         f"The hard bound held in {100 * result.ours['hard_bound_held_share']:.1f} % of the trials, the "
         f"client's stated 95 % in {100 * result.ours['coverage_95']:.1f} %."
     )
-    return Outcome(
-        result, tables=(_table(result),), notes=(*NOTES, held), draw=lambda folder: _draw(done, folder)
-    )
+
+    def draw(folder: Path) -> list[Path]:
+        from capture_app.experiments.panel_plots import draw_led_panel
+
+        return draw_led_panel(done, pictures, PAPER, folder)
+
+    return Outcome(result, tables=(_table(result),), notes=(*NOTES, held), draw=draw)
 
 
 NOTES = (
@@ -98,8 +103,11 @@ NOTES = (
 )
 
 
-def run_trial(rng: random.Random) -> Trial:
-    """Run one trial from scratch: new clocks, new phases, devices that nobody has seen before."""
+def run_trial(rng: random.Random, *, keep: bool = False) -> Trial:
+    """Run one trial from scratch: new clocks, new phases, devices that nobody has seen before.
+
+    `keep` keeps its pictures.
+    """
     phones = [_phone(rng), _phone(rng)]
     client_clock = SimulatedClock(rng.randrange(-HOURS_NS, HOURS_NS), rng.gauss(0.0, SKEW_PPM))
     rig = VirtualRig(
@@ -139,7 +147,7 @@ def run_trial(rng: random.Random) -> Trial:
         corrections=sum(node.client.aligner.corrections for node in rig.nodes.values()),
         bounded=leader[2] and client[2],
         within_95=client[3],
-        pictures=(pictures[0], pictures[1]),
+        pictures=(pictures[0], pictures[1]) if keep else None,
     )
 
 
@@ -185,23 +193,3 @@ def _table(result: Result) -> Table:
             )
         )
     return Table(head, rows, f"{result.trials} trials of two phones, from scratch each time")
-
-
-def _draw(done: list[Trial], folder: Path) -> list[Path]:
-    from capture_app.experiments.plots import new_figure, save
-
-    figure = new_figure(figsize=(10, 4))
-    for axes, (title, values) in zip(
-        figure.subplots(1, 2),
-        (("total", [t.decoded_us for t in done]), ("phase alone", [t.phase_us for t in done])),
-        strict=True,
-    ):
-        axes.hist(values, bins=30)
-        axes.set_title(title)
-        axes.set_xlabel("error, us")
-    pair = new_figure(figsize=(10, 4))
-    for axes, picture, title in zip(pair.subplots(1, 2), done[0].pictures, ("leader", "client"), strict=True):
-        axes.imshow(picture, cmap="gray", vmin=0, vmax=255)
-        axes.set_title(title)
-        axes.set_axis_off()
-    return [save(figure, folder / "led-panel.png"), save(pair, folder / "led-panel-pictures.png")]

@@ -6,11 +6,14 @@ The triggers are no measurement of ours: their errors are drawn from a law that 
 import random
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 
 import numpy as np
 
 from capture_app.experiments.led_panel import EXPOSURE_NS, run_trial
 from capture_app.experiments.result import Outcome, Result, Table, error_figures
+from capture_app.experiments.workers import call_all
 from capture_app.simulation.led_panel import CYCLE_NS, read_time, render
 from capture_app.simulation.profiles import PROFILES
 
@@ -45,28 +48,34 @@ PAPERS = {
 def run(*, trials: int | None, seed: int, talk: Callable[[str], None]) -> Outcome:
     """Run it; both the modelled triggers and our chain are read off pictures of the LED panel."""
     count = TRIALS if trials is None else trials
-    baseline = {}
+    sizes_ms: dict[str, list[float]] = {}
     for name, law in PAPERS.items():
         talk(f"{name} triggers ...")
         rng = random.Random(f"{seed}/{name}")
-        sizes = [_read_ms(law.draw_ms(rng), rng) for _ in range(count)]
-        baseline[f"{name}_ms"] = _figures(sizes)
+        sizes_ms[name] = [_read_ms(law.draw_ms(rng), rng) for _ in range(count)]
     chain = max(CHAIN_LEAST, round(CHAIN_SHARE * count))
     talk("our chain ...")
-    ours = error_figures([run_trial(random.Random(f"{seed}/{n}")).decoded_us for n in range(chain)])
+    done = call_all([partial(run_trial, random.Random(f"{seed}/{n}")) for n in range(chain)])
+    chain_us = [trial.decoded_us for trial in done]
     result = Result(
         name="naive",
         kind="simulated",
         seed=seed,
         trials=count,
-        ours={"total_us": ours, "chain_trials": chain},
-        baseline=baseline,
+        ours={"total_us": error_figures(chain_us), "chain_trials": chain},
+        baseline={f"{name}_ms": _figures(sizes) for name, sizes in sizes_ms.items()},
         paper={
             f"{name}_ms": {"mean_abs": law.mean_ms, "max": law.largest_ms, "std": law.std_ms}
             for name, law in PAPERS.items()
         },
     )
-    return Outcome(result, tables=(_table(result),), notes=NOTES)
+
+    def draw(folder: Path) -> list[Path]:
+        from capture_app.experiments.panel_plots import draw_naive
+
+        return [draw_naive(sizes_ms, chain_us, result.paper, folder)]
+
+    return Outcome(result, tables=(_table(result),), notes=NOTES, draw=draw)
 
 
 NOTES = (

@@ -1,21 +1,29 @@
 """Bringing cameras into phase: injections, restarts and frame durations, ours beside the paper's way."""
 
 import random
-from collections.abc import Callable, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
 from statistics import quantiles
 
+from capture_app.experiments.phase_tables import mean_moves, mean_seconds, never_share, tables
 from capture_app.experiments.phase_trials import (
+    PPM,
     S,
     Way,
     align,
+    extreme_ppm,
     inject_like_libsoftwaresync,
     learned,
+    normal_ppm,
     reset_like_the_paper,
     reset_together,
+    uniform_ppm,
     unknown_phone,
 )
-from capture_app.experiments.result import Outcome, Result, Table
+from capture_app.experiments.result import Outcome, Result
+from capture_app.experiments.workers import call_all
 from capture_app.simulation.bench import Bench
 from capture_app.simulation.profiles import PROFILES
 from capture_app.simulation.sensor import SensorProfile
@@ -25,10 +33,15 @@ TOLERANCE_NS = 20_000
 """Of injections, as in the paper."""
 WIDE_NS = 1_000_000
 """Of restarts, as in the paper."""
-PPM = 20.0
-"""Crystals are off by up to this; those that inject have 15 ppm of standard deviation."""
-GROUPS = {2: 1.0, 5: 0.3, 10: 0.2, 20: 0.05, 50: 0.02}
+TEN = 10
+DRIFTS = {"up to 20 ppm": uniform_ppm, "sigma of 20 ppm": normal_ppm, "20 ppm either way": extreme_ppm}
+"""Laws that the crystals of the paper's ten phones may have: how long they take hangs on it."""
+GROUPS = {2: 1.0, 5: 1.0, 10: 1.0, 20: 0.1, 50: 0.02}
 """Numbers of cameras that can only restart, and the share of the trials that each gets."""
+THEIRS_SHARE = 10.0
+"""The paper's way, where no frames are simulated, gets so many times more, up to all."""
+THEIRS = "restart"
+"""The paper's way."""
 SERVO_ROW_NS = 20_000
 SERVO_S = 60
 SETTLE_S = 10
@@ -52,56 +65,60 @@ PAPER = {
 def run(*, trials: int | None, seed: int, talk: Callable[[str], None]) -> Outcome:
     """Run it; everything is simulated, with the engine's own aligners and agreement."""
     count = TRIALS if trials is None else trials
-    moves: dict[str, dict[str, float]] = {}
-    restarts: dict[str, dict[str, float]] = {}
-    seconds: dict[str, dict[str, float]] = {}
-    old: dict[str, dict[str, dict[str, float]]] = {
-        "injections_mean": {},
-        "restarts_mean": {},
-        "seconds_mean": {},
-        "never_share": {},
-    }
+    ours, theirs = Ways(), Ways()
     talk("injections ...")
     for name in ("unknown-phones", "phone-a", "phone-b"):
-        profiles = [_device(name, seed + n) for n in range(count)]
-        ways = {
-            "injection": [align(p, seed + n, TOLERANCE_NS) for n, p in enumerate(profiles)],
-            "injection-row-unknown": [
-                align(p, seed + n, TOLERANCE_NS, row_known=False) for n, p in enumerate(profiles)
-            ],
-            "injection-with-profile": [
-                align(p, seed + n, TOLERANCE_NS, known=learned(p)) for n, p in enumerate(profiles)
-            ],
+        phones = [(_device(name, seed + n), seed + n) for n in range(count)]
+        ours.injections[name] = {
+            "injection": [align(p, s, TOLERANCE_NS) for p, s in phones],
+            "injection-row-unknown": [align(p, s, TOLERANCE_NS, row_known=False) for p, s in phones],
+            "injection-with-profile": [align(p, s, TOLERANCE_NS, known=learned(p)) for p, s in phones],
         }
-        moves[name] = {way: _mean_moves(done) for way, done in ways.items()}
-        seconds[name] = {way: _mean_seconds(done) for way, done in ways.items()}
-        theirs = [inject_like_libsoftwaresync(p, seed + n, TOLERANCE_NS) for n, p in enumerate(profiles)]
-        old["injections_mean"][name] = {"injection": _mean_moves(theirs)}
-        old["seconds_mean"][name] = {"injection": _mean_seconds(theirs)}
-        old["never_share"][name] = {"injection": sum(w.seconds is None for w in theirs) / count}
+        theirs.injections[name] = {
+            "injection": [inject_like_libsoftwaresync(p, s, TOLERANCE_NS) for p, s in phones]
+        }
     talk("frame durations ...")
     servo = _servo(max(2, count // 20), seed)
-    ways_pi = [align(PROFILES["pi"], seed + n, TOLERANCE_NS) for n in range(count)]
-    moves["pi"] = {"frame-duration": _mean_moves(ways_pi)}
-    seconds["pi"] = {"frame-duration": _mean_seconds(ways_pi)}
+    ours.injections["pi"] = {
+        "frame-duration": [align(PROFILES["pi"], seed + n, TOLERANCE_NS) for n in range(count)]
+    }
     for cameras, share in GROUPS.items():
         talk(f"{cameras} cameras that can only restart ...")
-        _restarts(cameras, max(2, round(share * count)), count, seed, restarts, seconds, old)
+        few, many = (max(2, round(min(1.0, part) * count)) for part in (share, THEIRS_SHARE * share))
+        _restarts(cameras, few, many, seed, ours, theirs)
+    talk("the paper's way under other laws of drift ...")
+    drifts = {
+        name: [reset_like_the_paper(PHONE, TEN, seed + n, WIDE_NS, crystal_ppm=law) for n in range(count)]
+        for name, law in DRIFTS.items()
+    }
     result = Result(
         name="phase",
         kind="simulated",
         seed=seed,
         trials=count,
         ours={
-            "injections_mean": moves,
-            "restarts_mean": restarts,
-            "seconds_mean": seconds,
+            "injections_mean": _figures(ours.injections, mean_moves),
+            "restarts_mean": _figures(ours.restarts, mean_moves),
+            "seconds_mean": _figures({**ours.injections, **ours.restarts}, mean_seconds),
+            "group_trials": {str(cameras): max(2, round(share * count)) for cameras, share in GROUPS.items()},
             "servo_us": servo,
         },
-        baseline=old,
+        baseline={
+            "injections_mean": _figures(theirs.injections, mean_moves),
+            "restarts_mean": _figures(theirs.restarts, mean_moves),
+            "seconds_mean": _figures({**theirs.injections, **theirs.restarts}, mean_seconds),
+            "never_share": _figures({**theirs.injections, **theirs.restarts}, never_share),
+            "ten_phones_seconds_mean": {name: mean_seconds(ways) for name, ways in drifts.items()},
+        },
         paper=PAPER,
     )
-    return Outcome(result, tables=_tables(result), notes=NOTES)
+
+    def draw(folder: Path) -> list[Path]:
+        from capture_app.experiments.phase_plots import draw_injections, draw_restarts
+
+        return [draw_injections(ours, theirs, folder), draw_restarts(result, folder)]
+
+    return Outcome(result, tables=tables(result), notes=NOTES, draw=draw)
 
 
 NOTES = (
@@ -112,46 +129,49 @@ NOTES = (
 )
 
 
+@dataclass(slots=True)
+class Ways:
+    """What all trials took, by device and way."""
+
+    injections: dict[str, dict[str, list[Way]]] = field(default_factory=dict)
+    restarts: dict[str, dict[str, list[Way]]] = field(default_factory=dict)
+
+
+def _figures(
+    ways: Mapping[str, Mapping[str, list[Way]]], figure: Callable[[Sequence[Way]], float]
+) -> dict[str, dict[str, float]]:
+    return {name: {way: figure(done) for way, done in by_way.items()} for name, by_way in ways.items()}
+
+
 def _device(name: str, seed: int) -> SensorProfile:
     return unknown_phone(random.Random(seed)) if name == "unknown-phones" else PROFILES[name]
 
 
-def _restarts(
-    cameras: int,
-    ours: int,
-    theirs: int,
-    seed: int,
-    restarts: dict[str, dict[str, float]],
-    seconds: dict[str, dict[str, float]],
-    old: dict[str, dict[str, dict[str, float]]],
-) -> None:
-    """Measure a group of webcams, of the paper's phones, and of phones that start steadily."""
+def _restarts(cameras: int, few: int, many: int, seed: int, ours: Ways, theirs: Ways) -> None:
+    """Measure a group of webcams, of the paper's phones, and of phones that start steadily.
+
+    `few` trials of ours, in which every frame is simulated, and `many` of the paper's way.
+    """
+    calls: dict[tuple[str, str], list[Callable[[], Way]]] = {}
     for profile, methods in (
         (PROFILES["webcam"], ("uniform", "aimed", "aimed-with-profile")),
         (PHONE, ("uniform",)),
         (STEADY_PHONE, ("aimed", "aimed-with-profile")),
     ):
         name = f"{profile.name}-x{cameras}"
-        restarts[name], seconds[name] = {}, {}
         for method in methods:
-            ways = [
-                reset_together(
-                    profile,
-                    cameras,
-                    PPM,
-                    seed + n,
-                    WIDE_NS,
-                    aimed=method != "uniform",
-                    starts_known=24 if method == "aimed-with-profile" else 0,
-                )
-                for n in range(ours)
-            ]
-            restarts[name][method] = _mean_moves(ways)
-            seconds[name][method] = _mean_seconds(ways)
-        before = [reset_like_the_paper(profile, cameras, PPM, seed + n, WIDE_NS) for n in range(theirs)]
-        old["restarts_mean"][name] = {"restart": _mean_moves(before)}
-        old["seconds_mean"][name] = {"restart": _mean_seconds(before)}
-        old["never_share"][name] = {"restart": sum(w.seconds is None for w in before) / theirs}
+            aimed, known = method != "uniform", 24 if method == "aimed-with-profile" else 0
+            one = partial(
+                reset_together, profile, cameras, tolerance_ns=WIDE_NS, aimed=aimed, starts_known=known
+            )
+            calls[name, method] = [partial(one, seed=seed + n) for n in range(few)]
+        calls[name, THEIRS] = [
+            partial(reset_like_the_paper, profile, cameras, seed + n, WIDE_NS) for n in range(many)
+        ]
+    done = iter(call_all([call for trials in calls.values() for call in trials]))
+    for (name, method), trials in calls.items():
+        ways = theirs.restarts if method == THEIRS else ours.restarts
+        ways.setdefault(name, {})[method] = [next(done) for _ in trials]
 
 
 def _servo(runs: int, seed: int) -> dict[str, float]:
@@ -176,58 +196,3 @@ def _servo(runs: int, seed: int) -> dict[str, float]:
         cuts = quantiles(errors_us, n=100)
         figures |= {f"p50{label}": cuts[49], f"p99{label}": cuts[98], f"max{label}": max(errors_us)}
     return figures
-
-
-def _mean_moves(ways: Sequence[Way]) -> float:
-    done = [way.moves for way in ways if way.seconds is not None]
-    return sum(done) / len(done) if done else float("nan")
-
-
-def _mean_seconds(ways: Sequence[Way]) -> float:
-    done = [way.seconds for way in ways if way.seconds is not None]
-    return sum(done) / len(done) if done else float("nan")
-
-
-def _tables(result: Result) -> tuple[Table, ...]:
-    ours, old = result.ours, result.baseline
-    injections = [
-        (
-            device,
-            method,
-            f"{mean:.2f}",
-            f"{ours['seconds_mean'][device][method]:.2f}",
-            *_baseline(old, "injections_mean", device, "injection"),
-        )
-        for device, methods in ours["injections_mean"].items()
-        for method, mean in methods.items()
-    ]
-    restarts = [
-        (
-            device,
-            method,
-            f"{mean:.1f}",
-            f"{ours['seconds_mean'][device][method]:.1f}",
-            *_baseline(old, "restarts_mean", device, "restart"),
-        )
-        for device, methods in ours["restarts_mean"].items()
-        for method, mean in methods.items()
-    ]
-    servo: list[tuple[str, ...]] = [(name, f"{value:.1f}") for name, value in ours["servo_us"].items()]
-    head = ("device", "way", "moves", "s", "baseline: moves", "s", "never")
-    return (
-        Table(head, injections, "One camera to 20 us (paper: 5.5 injections of 0.3 s)"),
-        Table(
-            head, restarts, "Cameras that can only restart, all within 1 ms (paper: 28.7 of 1.23 s for one)"
-        ),
-        Table(("held frames", "us"), servo, "Frame durations: rows of 20 us, 20 ppm"),
-    )
-
-
-def _baseline(
-    old: "dict[str, dict[str, dict[str, float]]] | object", kind: str, device: str, method: str
-) -> tuple[str, ...]:
-    assert isinstance(old, dict)
-    if device not in old[kind]:
-        return ("-", "-", "-")
-    mean, seconds = old[kind][device][method], old["seconds_mean"][device][method]
-    return (f"{mean:.1f}", f"{seconds:.1f}", f"{old['never_share'][device][method]:.0%}")

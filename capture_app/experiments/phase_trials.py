@@ -2,7 +2,7 @@
 
 import heapq
 import random
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 from capture_app.simulation.bench import Bench
@@ -15,8 +15,9 @@ from capture_app.sync.timebase import Goal, TimeMap
 S = 1_000_000_000
 EXACT = TimeMap(0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 300, 1000)
 PAPERS_SLEEP_NS = S
-PAPERS_FRAMES_NS = 100_000_000
-"""The paper's way sleeps U(0, 1 s) before each start; three frames show the phase."""
+"""The paper's way sleeps U(0, 1 s) before each start, and one frame shows the phase: 1.23 s in all."""
+PPM = 20.0
+"""Crystals of cameras that restart are off by about so much."""
 REPORT_NS = 500_000_000
 """A camera that knows its phase tells it again after so long."""
 LIB_OVERHEAD_NS = 200_000
@@ -88,16 +89,37 @@ def inject_like_libsoftwaresync(profile: SensorProfile, seed: int, tolerance_ns:
     return Way(LIB_MOST, None)
 
 
+def uniform_ppm(rng: random.Random) -> float:
+    """Error of a crystal that is at most PPM off."""
+    return rng.uniform(-PPM, PPM)
+
+
+def normal_ppm(rng: random.Random) -> float:
+    """Error of a crystal with a standard deviation of PPM."""
+    return rng.gauss(0.0, PPM)
+
+
+def extreme_ppm(rng: random.Random) -> float:
+    """Error of a crystal that is PPM off, one way or the other."""
+    return rng.choice((-PPM, PPM))
+
+
 def reset_like_the_paper(
-    profile: SensorProfile, count: int, ppm: float, seed: int, tolerance_ns: int, limit_s: float = 5000.0
+    profile: SensorProfile,
+    count: int,
+    seed: int,
+    tolerance_ns: int,
+    *,
+    crystal_ppm: Callable[[random.Random], float] = uniform_ppm,
+    limit_s: float = 5000.0,
 ) -> Way:
     """The paper's way with restarts: each camera by itself, against one goal, until all are in at one moment.
 
-    A model of restarts and drift without frames; crystals are drawn from U(-ppm, ppm).
+    A model of restarts and drift without frames: a camera that drifts out of the tolerance is restarted.
     """
     rng = random.Random(seed)
     period_ns = profile.period_ns
-    drifts = [rng.uniform(-ppm, ppm) * 1e-6 for _ in range(count)]
+    drifts = [crystal_ppm(rng) * 1e-6 for _ in range(count)]
     since_ns = [0.0] * count
     phases_ns = [rng.uniform(-period_ns / 2, period_ns / 2) for _ in range(count)]
     mean_ns, sd_ns = profile.start_latency_ns
@@ -120,7 +142,7 @@ def reset_like_the_paper(
         leaves_ns = inside_until(camera)
         if leaves_ns < now_ns:
             latency_ns = max(0.0, rng.gauss(mean_ns, sd_ns))
-            lands_ns = now_ns + rng.random() * PAPERS_SLEEP_NS + latency_ns + PAPERS_FRAMES_NS
+            lands_ns = now_ns + rng.random() * PAPERS_SLEEP_NS + latency_ns + period_ns
             landed[camera] = False
             since_ns[camera], phases_ns[camera] = lands_ns, rng.uniform(-period_ns / 2, period_ns / 2)
             moves += 1
@@ -135,7 +157,6 @@ def reset_like_the_paper(
 def reset_together(
     profile: SensorProfile,
     count: int,
-    ppm: float,
     seed: int,
     tolerance_ns: int,
     *,
@@ -155,7 +176,7 @@ def reset_together(
             profile,
             rng.getrandbits(32),
             tolerance_ns,
-            ppm=rng.uniform(-ppm, ppm),
+            ppm=uniform_ppm(rng),
             aimed=aimed,
             goal=agreement.goal,
             starts_seen=[round(rng.gauss(*profile.start_latency_ns)) for _ in range(starts_known)],

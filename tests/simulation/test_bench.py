@@ -102,8 +102,8 @@ def test_a_burst_that_is_too_near_is_left_in_peace() -> None:
 
 def test_cameras_that_only_restart_meet_sooner_than_the_papers_way() -> None:
     webcam = PROFILES["webcam"]
-    ours = [reset_together(webcam, 4, 20.0, n, 1_000_000, aimed=True).seconds for n in range(4)]
-    theirs = [reset_like_the_paper(webcam, 4, 20.0, n, 1_000_000).seconds for n in range(30)]
+    ours = [reset_together(webcam, 4, n, 1_000_000, aimed=True).seconds for n in range(4)]
+    theirs = [reset_like_the_paper(webcam, 4, n, 1_000_000).seconds for n in range(30)]
     mine = [s for s in ours if s is not None]
     assert len(mine) == len(ours)
     assert sum(mine) / len(mine) < sum(s or 5000.0 for s in theirs) / len(theirs) / 3

@@ -1,0 +1,25 @@
+"""Independent trials on all cores that this process may use."""
+
+from collections.abc import Callable, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from multiprocessing import get_context
+from os import sched_getaffinity
+from typing import TypeVar
+
+T = TypeVar("T")
+FEW = 8
+"""So few calls are not worth the start of other processes."""
+
+
+def call_all(calls: Sequence[Callable[[], T]]) -> list[T]:
+    """Return what each call returns, in their order; calls and results can be pickled."""
+    cores = len(sched_getaffinity(0))
+    if cores < 2 or len(calls) < FEW:
+        return [call() for call in calls]
+    with ProcessPoolExecutor(cores, mp_context=get_context("spawn")) as pool:
+        chunk = max(1, len(calls) // (4 * cores))
+        return list(pool.map(_call, calls, chunksize=chunk))
+
+
+def _call(call: Callable[[], T]) -> T:
+    return call()

@@ -7,16 +7,13 @@ import msgspec
 
 from capture_app.errors import NotAvailableError
 from reconstruction import wording
-from reconstruction.calibration import views_of
 from reconstruction.conditions import DISTINCT, SYNCED, Condition
-from reconstruction.dataset import Dataset
 from reconstruction.multiview_shots import Shots
 from reconstruction.multiview_study import MultiviewStudy
-from reconstruction.pipeline import Progress, Stages
+from reconstruction.pipeline import Progress
 from reconstruction.pose_study import LARGE_MOVING_SHARE, PoseStudy
 from reconstruction.results import MultiviewComparison, PoseComparison
 from reconstruction.rig import Rig
-from reconstruction.scene_motion import SceneMotion
 
 TOGETHER, APART = Condition(SYNCED), Condition(DISTINCT)
 
@@ -59,7 +56,7 @@ class AllCameras:
         if self.options.multiview_instants:
             progress.step("which cameras see the same")
             try:
-                self._multiview = self._study(self.rig.dataset, self.rig.motion, self.rig.stages, middle)
+                self._multiview = self._study(self.rig, middle)
                 self.multiview = self._multiview.compare(APART, progress, folder)
                 self.no_multiview = ""
             except ValueError as error:
@@ -67,14 +64,14 @@ class AllCameras:
         asked, share = self.options.poses, wording.share(moving_share, decimals=0)
         if asked is None and moving_share < LARGE_MOVING_SHARE:
             self.no_poses = (
-                f"what moves fills {share} of the picture; what stands still outweighs it and places the "
-                "cameras as well from late pictures (--poses measures it)"
+                f"what moves fills {share} of the picture: finding poses throws it out with the outliers and "
+                "keeps what stands still, also from late pictures (--poses measures it)"
             )
         elif asked is not False:
             why = "asked for" if asked else f"{share} of the picture moves"
             progress.step("where the cameras stand, from single instants")
             try:
-                self._poses = self._pose_study(self.rig.dataset, self.rig.stages)
+                self._poses = _poses_of(self.rig)
                 self.poses = self._poses.compare(APART, why)
                 self.no_poses = ""
             except (ValueError, NotAvailableError) as error:
@@ -100,16 +97,14 @@ class AllCameras:
         return many, poses, skipped
 
     def judge_session(
-        self, other: Dataset, motion: SceneMotion, stages: Stages
+        self, theirs: Rig
     ) -> tuple[MultiviewComparison | None, PoseComparison | None, list[str]]:
         """Another session's pictures of its own instants, beside this session's; not paired."""
-        quiet = Progress(0, silent=True)
         many, poses, skipped = None, None, []
         if self.multiview is not None:
             try:
-                found = self._study(other, motion, stages, len(other.instants_ns) // 2).compare(
-                    TOGETHER, quiet
-                )
+                study = self._study(theirs, len(theirs.dataset.instants_ns) // 2)
+                found = study.compare(TOGETHER, Progress(0, silent=True))
                 if found.reference != self.multiview.reference:
                     raise ValueError(f"{found.reference} is in its middle, not {self.multiview.reference}")
                 many = msgspec.structs.replace(
@@ -119,7 +114,7 @@ class AllCameras:
                 skipped.append(f"depth from all cameras: {error}")
         if self.poses is not None:
             try:
-                placed = self._pose_study(other, stages).compare(TOGETHER, self.poses.why)
+                placed = _poses_of(theirs).compare(TOGETHER, self.poses.why)
                 poses = msgspec.structs.replace(
                     placed, synced=self.poses.synced, offset=placed.synced, differences={}, per_instant=()
                 )
@@ -127,18 +122,16 @@ class AllCameras:
                 skipped.append(f"poses: {error}")
         return many, poses, skipped
 
-    def _study(self, dataset: Dataset, motion: SceneMotion, stages: Stages, middle: int) -> MultiviewStudy:
-        calibration = dataset.calibration() or self.rig.calibration
-        if calibration is None:
-            raise ValueError("there is no calibration")
-        shots = Shots(dataset, motion, views_of(dataset, calibration), self.options.multiview_width)
-        study = MultiviewStudy(shots, stages, calibration.unit, self.options.multiview_instants)
+    def _study(self, rig: Rig, middle: int) -> MultiviewStudy:
+        if not rig.views:
+            raise ValueError("the cameras have no calibration")
+        shots = Shots(rig.dataset, rig.motion, rig.views, self.options.multiview_width)
+        study = MultiviewStudy(shots, rig.stages, rig.unit, self.options.multiview_instants)
         study.prepare(middle)
         return study
 
-    def _pose_study(self, dataset: Dataset, stages: Stages) -> PoseStudy:
-        calibration = dataset.calibration() or self.rig.calibration
-        if calibration is None:
-            raise ValueError("there is no calibration to hold poses against")
-        source = calibration.source or "the session's own"
-        return PoseStudy(dataset, views_of(dataset, calibration), stages, source)
+
+def _poses_of(rig: Rig) -> PoseStudy:
+    if not rig.views:
+        raise ValueError("the cameras have no calibration that poses could be held against")
+    return PoseStudy(rig.dataset, rig.views, rig.stages, rig.source)

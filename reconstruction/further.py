@@ -4,7 +4,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from reconstruction.all_cameras import AllCameras
-from reconstruction.calibration import views_of
 from reconstruction.conditions import Condition, listed, pair_instants
 from reconstruction.dataset import Dataset
 from reconstruction.depth_study import DepthStudy
@@ -71,24 +70,27 @@ def judge(chosen: Chosen, condition: Condition) -> ConditionResult:
 
 def judge_session(chosen: Chosen, other: Dataset, folder: Path, step: int) -> ConditionResult:
     """Score another session's images of the same instant: by its own calibration, else by this one's."""
-    stages = Stages(folder, other.fingerprint())
     motion = SceneMotion(other, step)
+    theirs = Rig(other, motion, Stages(folder, other.fingerprint()))
     quiet = Progress(0, silent=True)
     calibration = other.calibration() or chosen.rig.calibration
-    views = views_of(other, calibration) if calibration is not None else {}
+    if calibration is not None:
+        theirs.use(calibration)
     stereo: StereoResult | None = None
     stitched: StitchResult | None = None
     skipped = []
     if chosen.stereo is not None and calibration is not None:
         cameras = (chosen.stereo.reference, chosen.stereo.other)
         try:
-            study = DepthStudy(other, motion, views, cameras, _same(other, cameras, chosen), calibration.unit)
-            theirs = study.result(study.run(stages, quiet), "")
+            study = DepthStudy(
+                other, motion, theirs.views, cameras, _same(other, cameras, chosen), theirs.unit
+            )
+            judged = study.result(study.run(theirs.stages, quiet), "")
             stereo = StereoResult(
                 reference=cameras[0],
                 other=cameras[1],
                 synced=chosen.stereo.synced,
-                offset=theirs.synced,
+                offset=judged.synced,
                 why=chosen.stereo.why,
             )
         except (ValueError, KeyError) as error:
@@ -96,7 +98,7 @@ def judge_session(chosen: Chosen, other: Dataset, folder: Path, step: int) -> Co
     if chosen.stitch is not None:
         cameras = (chosen.stitch.cameras[0], chosen.stitch.cameras[1])
         try:
-            whole = PanoramaStudy(other, motion, views, cameras, _same(other, cameras, chosen))
+            whole = PanoramaStudy(other, motion, theirs.views, cameras, _same(other, cameras, chosen))
             whole.register()
             stitched = StitchResult(
                 cameras=cameras,
@@ -106,7 +108,7 @@ def judge_session(chosen: Chosen, other: Dataset, folder: Path, step: int) -> Co
             )
         except (ValueError, KeyError) as error:
             skipped.append(f"panorama: {error}")
-    many, poses, missing = chosen.all_cameras.judge_session(other, motion, stages)
+    many, poses, missing = chosen.all_cameras.judge_session(theirs)
     return ConditionResult(
         name=other.name,
         session=str(other.session.folder),

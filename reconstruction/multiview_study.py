@@ -166,6 +166,8 @@ class MultiviewStudy:
         shots = {camera: self.shots.shot(camera, instant) for camera, instant in shown.items()}
         views = {camera: shot.photo.view for camera, shot in shots.items()}
         sources = choose_sources(views, self._depths)
+        if not sources[self.reference]:
+            raise ValueError(f"no camera with a picture sees what {self.reference} sees")
         made = self.stages.arrays(
             "multiview",
             lambda: vars(instant_depth(shots, sources, self.reach, self.reference)),

@@ -46,8 +46,16 @@ class Rig:
             BadInputError: none can be found.
         """
         own = self.dataset.calibration()
-        self.calibration = own or self.stages.record("calibration", Calibration, self._solve)
-        self.views = views_of(self.dataset, self.calibration)
+        self.use(own or self.stages.record("calibration", Calibration, self._solve))
+
+    def use(self, calibration: Calibration) -> None:
+        """Set the views from a calibration that is known.
+
+        Raises:
+            BadInputError: it was made for images of another shape.
+        """
+        self.calibration = calibration
+        self.views = views_of(self.dataset, calibration)
 
     def try_calibrate(self) -> NotAvailableError | BadInputError | None:
         """As `calibrate`; the error says why there are no views."""

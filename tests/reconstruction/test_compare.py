@@ -207,6 +207,9 @@ def test_nothing_moving_is_said_plainly(
     assert result["stitch"] is None
     assert "same" in result["stitch_skipped"]
     assert result["stereo"]["synced"]["static_coverage"] > 0.8
+    assert result["multiview"] is None
+    assert "it takes 3 cameras" in result["multiview_skipped"]
+    assert result["poses"] is None
 
 
 def test_without_calibration_and_colmap_the_panorama_is_still_made(
@@ -220,6 +223,7 @@ def test_without_calibration_and_colmap_the_panorama_is_still_made(
     result = json.loads(done.out)
     assert result["stereo"] is None
     assert "pycolmap" in result["stereo_skipped"]
+    assert "no calibration" in result["multiview_skipped"]
     assert result["stitch"]["cameras"] == ["left", "aside"]
 
     pair = {name: VIEWS[name] for name in ("left", "right")}

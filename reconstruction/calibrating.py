@@ -17,9 +17,13 @@ from reconstruction.calibration import find_calibration, views_of
 from reconstruction.calibration_quality import Quality, Shared, judge, refuse_bad
 from reconstruction.dataset import Dataset
 from reconstruction.features import find_points, match_points
+from reconstruction.geometry import View, angle_deg
 from reconstruction.pipeline import Stages
 from reconstruction.rig import Rig
 from reconstruction.scene_motion import SceneMotion
+
+MOST_APART_DEG = 45.0
+"""Cameras that look further apart find the same points by chance only."""
 
 
 class Source(StrEnum):
@@ -93,8 +97,8 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
                 raise BadInputError(f"{session} has no calibration of its own", hint="--from sfm finds one")
             else:
                 found = own
-            shared = _still_points(rig)
-        views = views_of(dataset, found)
+            views = views_of(dataset, found)
+            shared = _still_points(rig, views)
     quality = judge(views, shared)
     refuse_bad(quality, len(dataset.cameras))
     if stores:
@@ -110,7 +114,7 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
     )
 
 
-def _still_points(rig: Rig) -> Shared:
+def _still_points(rig: Rig, views: dict[str, View]) -> Shared:
     """Points at rest that pairs of cameras share, at the middle of the burst."""
     dataset = rig.dataset
     middle = len(dataset.instants_ns) // 2
@@ -120,7 +124,11 @@ def _still_points(rig: Rig) -> Shared:
         if there:
             nearest = min(there, key=lambda k: abs(k - middle))
             points[name] = find_points(dataset.grey(name, nearest), rig.movers(name, nearest))
-    return {(a, b): match_points(points[a], points[b]) for a, b in combinations(points, 2)}
+    return {
+        (a, b): match_points(points[a], points[b])
+        for a, b in combinations([name for name in points if name in views], 2)
+        if angle_deg(views[a].axis, views[b].axis) < MOST_APART_DEG
+    }
 
 
 def _store(target: Path, calibration: Calibration) -> None:

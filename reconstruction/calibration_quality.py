@@ -62,13 +62,13 @@ def judge(views: Mapping[str, View], shared: Shared) -> Quality:
 
 def refuse_bad(quality: Quality, cameras: int) -> None:
     """Raise BadInputError with the reason where a rig's calibration is not fit to measure with."""
-    why = ""
+    why, judged = "", True
     if 2 * len(quality.coverage) < cameras:
         why = f"it places {len(quality.coverage)} of {cameras} cameras only"
     elif quality.reprojection_px is None or quality.angle_deg is None:
-        why = "no two of its cameras see enough of the same points to judge it"
+        why, judged = "no two of its cameras see enough of the same points", False
     elif quality.points < FEWEST_POINTS:
-        why = f"its cameras share {quality.points} points only, and it takes {FEWEST_POINTS} to judge it"
+        why, judged = f"its cameras share {quality.points} points only, and it takes {FEWEST_POINTS}", False
     elif quality.fitting < LEAST_FITTING:
         why = (
             f"only {100 * quality.fitting:.0f} % of the points that two cameras share fit to within "
@@ -78,6 +78,11 @@ def refuse_bad(quality: Quality, cameras: int) -> None:
         why = f"points miss themselves by {quality.reprojection_px:.1f} px (at most {MOST_REPROJECTION_PX:g})"
     elif quality.angle_deg < LEAST_ANGLE_DEG:
         why = f"the cameras see points under {quality.angle_deg:.2f} degrees, too little to tell depth"
+    if why and not judged:
+        raise BadInputError(
+            f"this calibration cannot be judged: {why}",
+            hint="record a board, held where neighbouring cameras both see it",
+        )
     if why:
         raise BadInputError(
             f"this calibration is not good enough: {why}",

@@ -4,31 +4,25 @@ import random
 from collections import deque
 from dataclasses import dataclass
 
-from capture_app.sync.agreement import Agreement
 from capture_app.sync.beacon import Group, Heard
 from capture_app.sync.broadcaster import Broadcaster
 from capture_app.sync.events import LeaderEvent
 from capture_app.sync.messages import (
-    WITHOUT_CAMERA,
-    CameraDescription,
     Control,
     FromClient,
     Goodbye,
     Heartbeat,
-    HeartbeatAck,
     Hello,
     Refused,
     TimeRequest,
     TriggerAck,
     Unknown,
-    Welcome,
     WireError,
     decode,
     encode,
     reply_at,
     reply_before_t2,
 )
-from capture_app.sync.onward import Onward
 from capture_app.sync.orders import Orders, Wanted
 from capture_app.sync.roster import (
     CLIENT_SILENT_NS,
@@ -39,6 +33,7 @@ from capture_app.sync.roster import (
     Roster,
     spread,
 )
+from capture_app.sync.terms import Terms
 from capture_app.sync.timebase import Goal
 from capture_app.sync.trigger import Burst
 from capture_app.sync.uplink import Uplink
@@ -88,19 +83,15 @@ class Leader:
 
     def __init__(self, config: LeaderConfig, rng: random.Random, uplink: Uplink | None = None) -> None:
         self.config = config
-        self.agreement: Agreement | None = None
-        self.align_row = config.align_row
+        self.terms = Terms(
+            config.instance, config.transfer_port, config.period_ns, config.align_row, config.beacons
+        )
         self.malformed = 0
         self._uplink = uplink
-        self._grid_is_for_cameras = config.period_ns is not None
         self._roster = Roster(rng)
         self._orders = Orders()
         self._broadcaster = Broadcaster(config.instance, config.beacons)
         self._busy_until_ns: int | None = None
-        self.onward: Onward | None = None
-        """Of a relay: from its clock to the root's, for the clients to add to their estimates."""
-        self.alone = False
-        """Of a relay: nobody above it orders bursts at present."""
         self._weigh_due_ns = 0
         self._times: deque[tuple[bytes, Address]] = deque()
         self._outbox: deque[tuple[Control, Address]] = deque()
@@ -109,7 +100,7 @@ class Leader:
     @property
     def goal(self) -> Goal | None:
         """The grid of instants that all cameras are moved onto; None before the first camera."""
-        return None if self.agreement is None else self.agreement.goal
+        return self.terms.goal
 
     @property
     def pace_ns(self) -> int:
@@ -247,7 +238,7 @@ class Leader:
 
     def answer(self, member: Member) -> None:
         """Tell a member what holds now."""
-        self.tell(member, self._answer(member))
+        self.tell(member, self.terms.answer(member, self.pace_ns))
 
     def answer_all(self) -> None:
         """Tell every member what holds now."""
@@ -262,32 +253,17 @@ class Leader:
 
     # The parts
 
-    def _answer(self, member: Member) -> HeartbeatAck:
-        assert self.agreement is not None, "the first hello sets the goal"
-        goal = self.agreement.goal
-        return HeartbeatAck(
-            member.number,
-            self.config.instance,
-            goal.anchor_leader_ns,
-            goal.period_ns,
-            self.agreement.agreed_leader_ns,
-            self.align_row,
-            self.pace_ns,
-            self.onward,
-            self.alone,
-        )
-
     def _agree(self, now_ns: int) -> None:
         """Move the goal to suit the cameras that cannot follow it, and tell everybody; not near a burst."""
         if (
-            self.agreement is None
-            or self.onward is not None
+            self.terms.agreement is None
+            or self.terms.onward is not None
             or (self._busy_until_ns is not None and now_ns < self._busy_until_ns)
             or (len(self._roster.bound) > FEW_CAMERAS and now_ns < self._weigh_due_ns)
         ):
             return
         self._weigh_due_ns = now_ns + len(self._roster.bound) * WEIGH_EVERY_NS
-        if self.agreement.update(self._roster.standings(), now_ns):
+        if self.terms.agreement.update(self._roster.standings(), now_ns):
             self.answer_all()
 
     def _take_hello(self, hello: Hello, address: Address, now_ns: int) -> None:
@@ -295,35 +271,12 @@ class Leader:
         if refusal:
             self.refuse(hello, refusal, address)
             return
-        self._set_grid(hello.camera, now_ns)
-        assert self.agreement is not None
+        # A relay's grid is the root's.
+        if self._uplink is None and self.terms.begin(hello.camera, now_ns):
+            self.answer_all()
         member, event = self._roster.admit(hello, address, now_ns)
         if event is not None:
             self._events.append(event)
-        welcome = Welcome(
-            hello.instance,
-            self.config.instance,
-            member.number,
-            self.config.transfer_port,
-            self.agreement.goal.anchor_leader_ns,
-            self.agreement.goal.period_ns,
-            member.slot,
-            self.align_row,
-            self.pace_ns,
-            self.onward,
-            self.config.beacons,
-        )
-        self._outbox.append((welcome, address))
+        self._outbox.append((self.terms.welcome(hello, member, self.pace_ns), address))
         if self._uplink is not None:
             self._uplink.heard(member, hello)
-
-    def _set_grid(self, camera: CameraDescription, now_ns: int) -> None:
-        """The first camera's rate is the rig's; who has none is given a grid that lasts until then."""
-        is_camera = camera.kind not in WITHOUT_CAMERA
-        if self.agreement is not None and (self._grid_is_for_cameras or self._uplink or not is_camera):
-            return
-        self._grid_is_for_cameras = self._grid_is_for_cameras or is_camera
-        goal = Goal(now_ns, self.config.period_ns or camera.period_ns)
-        if self.agreement is None or goal.period_ns != self.agreement.goal.period_ns:
-            self.agreement = Agreement(goal)
-            self.answer_all()

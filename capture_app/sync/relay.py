@@ -73,9 +73,9 @@ class Relay:
             elif address in self.follower.config.parents:
                 self.follower.hear_of(message, address, now_ns)
                 self._pass_on()
-        elif isinstance(message, Heartbeat) and message.client == NOBODY and self.leader.alone:
+        elif isinstance(message, Heartbeat) and message.client == NOBODY and self.leader.terms.alone:
             pass  # A client looks for a better leader than its own.
-        elif self.leader.onward is not None:
+        elif self.leader.terms.onward is not None:
             self.leader.take(message, address, now_ns)
         elif isinstance(message, Hello) and self.follower.number is not None:
             self.leader.refuse(message, "the relay does not know the time yet", address, soon=True)
@@ -93,7 +93,7 @@ class Relay:
             if not member.lost:
                 self.leader.give_up(member, "the relay stops")
         # They ask again at once, and must not be taken in here.
-        self.leader.onward = self.follower.time_map = None
+        self.leader.terms.onward = self.follower.time_map = None
 
     def next_timer(self) -> int:
         """Local time in ns at which `handle_timer` wants to be called."""
@@ -138,28 +138,29 @@ class Relay:
     def _pass_on(self) -> None:
         """Tell the clients how this clock stands to the root's, and the root's grid of instants."""
         follower, leader = self.follower, self.leader
+        terms = leader.terms
         if follower.number != self._number:
             self._number = follower.number
             self.uplink.restart(open=self._number is not None)
         alone = self._number is None or follower.parent_is_alone
-        if leader.alone is not alone:
-            leader.alone = alone
-            if leader.agreement is not None:
+        if terms.alone is not alone:
+            terms.alone = alone
+            if terms.agreement is not None:
                 leader.answer_all()
         if follower.time_map is None:
             # This clock has jumped, or the root is another one: what the clients were told is wrong now.
-            leader.onward = None
+            terms.onward = None
             return
         if follower.goal is None or follower.root != follower.path[0]:
             # Another root's grid means nothing before its time is known.
             return
-        if leader.onward is None or leader.onward.epoch_local_ns != follower.time_map.epoch_local_ns:
-            leader.onward = onward(follower.path, follower.time_map)
-        moved = (leader.goal, leader.align_row) != (follower.goal, follower.align_row)
-        if leader.agreement is None or moved:
-            leader.agreement = Agreement(follower.goal)
+        if terms.onward is None or terms.onward.epoch_local_ns != follower.time_map.epoch_local_ns:
+            terms.onward = onward(follower.path, follower.time_map)
+        moved = (leader.goal, terms.align_row) != (follower.goal, follower.align_row)
+        if terms.agreement is None or moved:
+            terms.agreement = Agreement(follower.goal)
         # Without a parent nobody is to be restarted: there is no telling what suits the others.
-        leader.agreement.agreed_leader_ns = follower.agreed_leader_ns if self._number is not None else None
-        leader.align_row = follower.align_row
+        terms.agreement.agreed_leader_ns = follower.agreed_leader_ns if self._number is not None else None
+        terms.align_row = follower.align_row
         if moved:
             leader.answer_all()

@@ -330,7 +330,7 @@ def test_clients_leave_a_relay_that_has_lost_its_leader_for_one_that_has_not(
     rig.run_until(rig.all_ready)
     assert rig.views()["cam"].via == "relay"
     rig.kill("gate")
-    rig.run_until(lambda: rig.relays["relay"].leader.alone)
+    rig.run_until(lambda: rig.relays["relay"].leader.terms.alone)
     assert rig.relays["relay"].follower.number is not None, "its own parent is there, and alone"
     rig.run_until(lambda: rig.views()["cam"].via == "other")
     assert stays.client.state is NodeState.READY
@@ -339,8 +339,7 @@ def test_clients_leave_a_relay_that_has_lost_its_leader_for_one_that_has_not(
 
 def test_the_first_camera_sets_the_rate_though_a_relay_joined_before() -> None:
     rig = Rig()
-    rig.tree.root.config = replace(rig.tree.root.config, period_ns=None)
-    rig.tree.root._grid_is_for_cameras = False
+    rig.tree.root.terms.period_ns = None
     relay = rig.relay("relay", ROOT)
     rig.run(3.0)
     camera = structs.replace(CAMERA, period_ns=20_000_000)

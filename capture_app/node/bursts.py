@@ -2,15 +2,13 @@
 
 import asyncio
 import threading
-from collections.abc import AsyncIterator, Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import AsyncIterator, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
-from functools import partial
 from pathlib import Path
-from typing import ParamSpec, TypeVar
 
 from capture_app.errors import BadInputError, DiskFullError, SimulshotError, TryAgainError
 from capture_app.node.closing import write_manifest
+from capture_app.node.disk_threads import DiskThreads
 from capture_app.node.incoming import Incoming
 from capture_app.node.interrupted import Interrupted
 from capture_app.node.messages import CameraReport, Held, ImageUpload
@@ -27,10 +25,6 @@ PATIENCE_NS = 10_000_000_000
 STALL_NS = 180_000_000_000
 """A camera that has a stream open and sends nothing for this long has too."""
 AFTER_LAST_INSTANT_NS = 2_000_000_000
-DISK_THREADS = 24
-
-P = ParamSpec("P")
-T = TypeVar("T")
 
 
 class BurstSession:
@@ -51,8 +45,7 @@ class BurstSession:
         self.message = ""
         self._writer = writer
         self._planning = threading.Lock()
-        # Images of many cameras share the cost of the disk's syncs only where they wait for it together.
-        self._disk = ThreadPoolExecutor(DISK_THREADS, "disk")
+        self._on_disk = DiskThreads().run
         self._lost: dict[tuple[str, int], MissingImage] = {}
         """What an earlier finish of this session gave up, and why."""
         self._resumed = False
@@ -233,10 +226,6 @@ class BurstSession:
     def is_empty(self) -> bool:
         """Whether no image has come yet."""
         return not any(share.instants for share in self._shares.values())
-
-    async def _on_disk(self, work: Callable[P, T], *arguments: P.args, **options: P.kwargs) -> T:
-        loop = asyncio.get_running_loop()
-        return await loop.run_in_executor(self._disk, partial(work, *arguments, **options))
 
     def _share(self, camera: str) -> Share:
         try:

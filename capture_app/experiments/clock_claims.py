@@ -4,7 +4,7 @@ Each trial has a link of its own whose least delays differ by chance, and a cloc
 """
 
 import random
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 from capture_app.simulation.exchanges import START_TRUE_NS, exchanges_at
@@ -55,29 +55,37 @@ class Claim:
 
 Claims = Mapping[str, Claim]
 """By situation."""
+DrawLink = Callable[[random.Random], Link]
 
 
-def claims(law: str, count: int, seed: str) -> Claims:
-    """Judge each situation under one of the six laws, the first second's in `count` trials."""
+def drawn(law: str) -> DrawLink:
+    """Links under one of the six laws, whose least delays differ by chance."""
+
+    def draw(rng: random.Random) -> Link:
+        shift_ns = round(rng.gauss(0.0, ASYMMETRY * HALF_LEAST_NS))
+        to_leader, to_client = LAWS[law].to_leader, LAWS[law].to_client
+        return Link(_moved(to_leader, HALF_LEAST_NS + shift_ns), _moved(to_client, HALF_LEAST_NS - shift_ns))
+
+    return draw
+
+
+def claims(draw: DrawLink, count: int, seed: str) -> Claims:
+    """Judge each situation on links that are drawn, the first second's in `count` trials."""
     found = {situation: Claim() for situation in SITUATIONS}
     for i in range(count):
-        _first_second(found, _Trial(law, f"{seed} {law} drawn {i}"))
+        _first_second(found, _Trial(draw, f"{seed} drawn {i}"))
     for i in range(min(count, TRIALS)):
-        _steady(found, _Trial(law, f"{seed} {law} steady {i}"))
-        _rounds(found, _Trial(law, f"{seed} {law} rounds {i}"))
+        _steady(found, _Trial(draw, f"{seed} steady {i}"))
+        _rounds(found, _Trial(draw, f"{seed} rounds {i}"))
     return found
 
 
 class _Trial:
     """One link and one clock, drawn by chance."""
 
-    def __init__(self, law: str, seed: str) -> None:
+    def __init__(self, draw: DrawLink, seed: str) -> None:
         self._rng = random.Random(seed)
-        shift_ns = round(self._rng.gauss(0.0, ASYMMETRY * HALF_LEAST_NS))
-        link = LAWS[law]
-        self._link = Link(
-            _moved(link.to_leader, HALF_LEAST_NS + shift_ns), _moved(link.to_client, HALF_LEAST_NS - shift_ns)
-        )
+        self._link = draw(self._rng)
         self._clock = wandering_clock(self._rng)
 
     def listen(self, clock: ClockFilter, sent_ns: list[int], until_ns: list[int]) -> Iterator[int]:

@@ -7,7 +7,7 @@ from math import exp, log
 from pathlib import Path
 
 from capture_app.experiments.clock_claims import FIRST as FIRST_SECOND
-from capture_app.experiments.clock_claims import SITUATIONS, Claims, claims
+from capture_app.experiments.clock_claims import SITUATIONS, Claims, claims, drawn
 from capture_app.experiments.result import Outcome, Result, Table, error_figures
 from capture_app.simulation.clock import SimulatedClock
 from capture_app.simulation.exchanges import Exchange, exchanges
@@ -85,7 +85,7 @@ def run(*, trials: int | None, seed: int, talk: Callable[[str], None], trace: Pa
     claimed: dict[str, Claims] = {}
     for name in LAWS:
         talk(f"{name}: what is claimed, and what holds")
-        claimed[name] = claims(name, count, f"{seed}")
+        claimed[name] = claims(drawn(name), count, f"{seed} {name}")
     talk(f"{MESSAGES} messages, {min(count, CONVERGENCE_TRIALS)} times")
     convergence: dict[int, Trials] = {k: Trials() for k in CONVERGENCE}
     for i in range(min(count, CONVERGENCE_TRIALS)):

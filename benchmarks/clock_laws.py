@@ -1,0 +1,221 @@
+"""Our clock under 28 laws of delay that no experiment uses: what its free numbers were chosen on (simulated).
+
+Each trial draws a law, how long the way takes at least, how much longer on average, how unequal the two ways
+are, and the clock. Prints how often the stated 95 % holds, in eight situations, and the interval score; then
+what becomes of the error if the estimate is corrected for how dull the delays' edges look.
+"""
+
+import argparse
+import random
+from collections.abc import Callable
+from dataclasses import dataclass
+from math import exp, log, sqrt
+
+from capture_app.experiments import clock_claims
+from capture_app.experiments.clock_claims import FIRST, SITUATIONS, Claim, claims, drawn
+from capture_app.simulation.clock import SimulatedClock
+from capture_app.simulation.exchanges import exchanges
+from capture_app.simulation.link import LAWS, Link
+
+Shape = Callable[[random.Random], float]
+"""Draws a delay beyond the least one, on any scale."""
+
+LEAST_NS = (50e3, 2e6)
+"""Half the least round trip is drawn between these, evenly on a scale of ratios."""
+LONGER = (0.2, 4.0)
+"""So many times that is the mean delay longer than the least."""
+UNEQUAL = 3.0
+"""So many times is the one way's mean excess the other's, at most."""
+ALIKE = 0.7
+"""Share of the links whose two ways have one law."""
+LATE, LATE_NS = 0.006, 20e6
+LOOKED_AT = 24
+SHARES = (0.0, 0.1, 0.2, 0.3)
+PACE_NS, MESSAGES = 3_000_000, 300
+
+
+def _inverse_gaussian(shape: float) -> Shape:
+    """Michael, Schucany and Haas 1976; mean 1."""
+
+    def draw(rng: random.Random) -> float:
+        y = rng.gauss(0.0, 1.0) ** 2
+        x = 1.0 + y / (2.0 * shape) - sqrt(4.0 * shape * y + y * y) / (2.0 * shape)
+        return x if rng.random() <= 1.0 / (1.0 + x) else 1.0 / x
+
+    return draw
+
+
+def _gamma(power: float) -> Shape:
+    return lambda rng: rng.gammavariate(power, 1.0)
+
+
+def _lognormal(sigma: float) -> Shape:
+    return lambda rng: rng.lognormvariate(0.0, sigma)
+
+
+def _weibull(power: float) -> Shape:
+    return lambda rng: rng.weibullvariate(1.0, power)
+
+
+def _beta(power: float, other: float) -> Shape:
+    return lambda rng: rng.betavariate(power, other)
+
+
+def _burr(power: float, tail: float) -> Shape:
+    return lambda rng: min(((1.0 - rng.random()) ** (-1.0 / tail) - 1.0) ** (1.0 / power), 50.0)
+
+
+def _either(share: float, mean: float) -> Shape:
+    """One of two exponentials, the quicker one with this share and mean."""
+    return lambda rng: rng.expovariate(1.0 / mean if rng.random() < share else 1.0)
+
+
+def _both(mean: float) -> Shape:
+    """Two exponentials after each other."""
+    return lambda rng: rng.expovariate(1.0) + rng.expovariate(1.0 / mean)
+
+
+def _queue(busy: float, jitter: float) -> Shape:
+    """A queue that is often empty."""
+    return lambda rng: (
+        rng.gammavariate(3.0, jitter / 3.0) + (rng.expovariate(1.0) if rng.random() < busy else 0.0)
+    )
+
+
+def _fast_or_slow(share: float, fast: float, slow: float) -> Shape:
+    """A quick path now and then, beside a slow one."""
+
+    def draw(rng: random.Random) -> float:
+        if rng.random() < share:
+            return rng.gammavariate(fast, 0.2 / fast)
+        return 0.5 + rng.gammavariate(slow, 1.0 / slow)
+
+    return draw
+
+
+def _backoff(rng: random.Random) -> float:
+    """Slots drawn before sending, then a service, then perhaps a retry."""
+    retry = rng.expovariate(1.0) if rng.random() < 0.5 else 0.0
+    return rng.randrange(16) * 0.1 + rng.gammavariate(2.0, 0.1) + retry
+
+
+SHAPES: dict[str, Shape] = {
+    **{f"gamma {k}": _gamma(k) for k in (0.7, 1.25, 1.75, 2.5, 4.0, 6.0)},
+    **{f"lognormal {sigma}": _lognormal(sigma) for sigma in (0.45, 0.8, 1.3)},
+    **{f"Weibull {k}": _weibull(k) for k in (0.8, 1.3, 1.7, 2.5)},
+    **{f"inverse Gaussian {k}": _inverse_gaussian(k) for k in (1.0, 3.0)},
+    **{f"beta {a}": _beta(a, b) for a, b in ((2.0, 5.0), (1.2, 3.0))},
+    **{f"Burr {k}": _burr(k, tail) for k, tail in ((2.0, 2.0), (3.0, 1.5))},
+    **{f"either exponential, {p}": _either(p, mean) for p, mean in ((0.3, 0.1), (0.1, 0.03))},
+    **{f"both exponentials, {mean}": _both(mean) for mean in (0.1, 0.4)},
+    **{f"queue {busy}": _queue(busy, jitter) for busy, jitter in ((0.7, 0.05), (0.9, 0.2))},
+    **{f"fast or slow, {p}": _fast_or_slow(p, a, b) for p, a, b in ((0.15, 1.5, 2.0), (0.05, 2.0, 3.0))},
+    "backoff": _backoff,
+}
+_rng = random.Random("means")
+MEANS = {name: sum(shape(_rng) for _ in range(4000)) / 4000.0 for name, shape in SHAPES.items()}
+
+
+@dataclass(frozen=True, slots=True)
+class ShapedLaw:
+    """One-way delay: the least, and beyond it a law of this name and mean; times in ns."""
+
+    name: str
+    least_ns: float
+    excess_ns: float
+
+    def draw(self, rng: random.Random, true_ns: int = 0) -> int:
+        """Return the delay of one datagram, in ns."""
+        delay_ns = self.least_ns + self.excess_ns * SHAPES[self.name](rng) / MEANS[self.name]
+        return round(delay_ns + (rng.random() * LATE_NS if rng.random() < LATE else 0.0))
+
+
+def drawn_link(name: str) -> clock_claims.DrawLink:
+    """Links with this law on the way to the leader."""
+
+    def draw(rng: random.Random) -> Link:
+        half_ns = exp(rng.uniform(log(LEAST_NS[0]), log(LEAST_NS[1])))
+        excess_ns = half_ns * exp(rng.uniform(log(LONGER[0]), log(LONGER[1])))
+        unequal = exp(rng.uniform(-0.5, 0.5) * log(UNEQUAL))
+        back = name if rng.random() < ALIKE else rng.choice(list(SHAPES))
+        shift_ns = rng.gauss(0.0, clock_claims.ASYMMETRY) * half_ns
+        return Link(
+            ShapedLaw(name, half_ns + shift_ns, excess_ns * unequal),
+            ShapedLaw(back, half_ns - shift_ns, excess_ns / unequal),
+        )
+
+    return draw
+
+
+def interval_score(claim: Claim) -> float:
+    """Mean of the width and, for each miss, 40 times what is missing, in us (Gneiting and Raftery 2007)."""
+    scores = [
+        2.0 * stated + 40.0 * max(0.0, abs(error) - stated)
+        for stated, error in zip(claim.stated_us, claim.errors_us, strict=True)
+    ]
+    return sum(scores) / len(scores)
+
+
+def corrected_errors(draw: clock_claims.DrawLink, count: int, seed: str) -> list[float]:
+    """Mean error in us of the middle of the two edges after a second, each lowered by shares of its dullness.
+
+    The dullness of an edge is how far the mean of the 24 quickest delays lies above the quickest.
+    """
+    sums = [0.0] * len(SHARES)
+    for i in range(count):
+        rng = random.Random(f"{seed} {i}")
+        clock = SimulatedClock(0, rng.gauss(0.0, 20.0), 10**12)
+        messages = exchanges(draw(rng), clock, rng, count=MESSAGES, pace_ns=PACE_NS)
+        true_ns = max(m.arrived_true_ns for m in messages)
+        offset_ns = true_ns - clock.local_from_true(true_ns)
+        above = sorted(m.sample.upper_ns - offset_ns for m in messages)[:LOOKED_AT]
+        below = sorted(offset_ns - m.sample.lower_ns for m in messages)[:LOOKED_AT]
+        dull = [sum(edge) / LOOKED_AT - edge[0] for edge in (above, below)]
+        for k, share in enumerate(SHARES):
+            sums[k] += abs(above[0] - below[0] - share * (dull[0] - dull[1])) / 2000.0
+    return [total / count for total in sums]
+
+
+def fixed(law: str) -> clock_claims.DrawLink:
+    """The experiments' link of that name, always the same."""
+
+    def draw(_: random.Random) -> Link:
+        return LAWS[law]
+
+    return draw
+
+
+def main() -> None:
+    """Print both tables."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--trials", type=int, default=40, help="trials of each law (40)")
+    parser.add_argument("--seed", type=int, default=1)
+    options = parser.parse_args()
+    found = {name: claims(drawn_link(name), options.trials, f"{options.seed} {name}") for name in SHAPES}
+    print(f"{len(SHAPES)} laws, {options.trials} trials of each, simulated, seed {options.seed}")
+    print(f"{'stated 95 %':18}{'held, %':>9}{'worst law':>11}{'best':>6}{'score':>8}{'bound, %':>10}")
+    for situation in SITUATIONS:
+        each = [by_situation[situation] for by_situation in found.values()]
+        trials = sum(len(claim.errors_us) for claim in each)
+        held = 100.0 * sum(claim.held for claim in each) / trials
+        bound = 100.0 * sum(claim.bounded for claim in each) / trials
+        laws = [100.0 * claim.coverage for claim in each]
+        score = exp(sum(log(interval_score(claim)) for claim in each) / len(each))
+        print(f"{situation:18}{held:9.1f}{min(laws):11.0f}{max(laws):6.0f}{score:8.1f}{bound:10.2f}")
+    print(f"worst law in the {FIRST}: {min(found, key=lambda name: found[name][FIRST].coverage)}\n")
+    print("mean error, us, edges corrected for" + "".join(f"{share:8.0%}" for share in SHARES))
+    many = [corrected_errors(drawn_link(name), options.trials, f"{options.seed} {name}") for name in SHAPES]
+    rows = {
+        f"{len(SHAPES)} laws": [exp(sum(log(e[k]) for e in many) / len(many)) for k in range(len(SHARES))]
+    }
+    for law in LAWS:
+        rows[f"{law}, drawn"] = corrected_errors(drawn(law), 5 * options.trials, f"{options.seed} {law}")
+        rows[law] = corrected_errors(
+            lambda _, law=law: LAWS[law], 5 * options.trials, f"{options.seed} {law}"
+        )
+    for name, errors in rows.items():
+        print(f"{name:35}" + "".join(f"{error:8.1f}" for error in errors))
+
+
+if __name__ == "__main__":
+    main()

@@ -210,9 +210,7 @@ def main() -> None:
     }
     for law in LAWS:
         rows[f"{law}, drawn"] = corrected_errors(drawn(law), 5 * options.trials, f"{options.seed} {law}")
-        rows[law] = corrected_errors(
-            lambda _, law=law: LAWS[law], 5 * options.trials, f"{options.seed} {law}"
-        )
+        rows[law] = corrected_errors(fixed(law), 5 * options.trials, f"{options.seed} {law}")
     for name, errors in rows.items():
         print(f"{name:35}" + "".join(f"{error:8.1f}" for error in errors))
 

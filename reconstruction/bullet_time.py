@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
 import numpy as np
 
 from reconstruction import pictures, wording
@@ -67,6 +68,8 @@ def bullet_time(
         steady=bool(shots.held),
         by_place=len(calibrated) > 1,
         file=save_animation(out, "sweep", halves, titles),
+        synced_step_px=_step_px(shots, motion, dict.fromkeys(order, instant)),
+        offset_step_px=_step_px(shots, motion, late),
     )
 
 
@@ -130,10 +133,26 @@ class _Shots:
     canvas: tuple[int, int]
 
     def at(self, camera: str, instant: int) -> Array:
+        """A camera's picture (BGR)."""
         image = self.dataset.image(camera, instant)
         if camera in self.held:
             return seen_from(self.held[camera], self.views[camera], image, pictures.EMPTY)
         return pictures.fit(image, *self.canvas)
+
+
+def _step_px(shots: _Shots, motion: SceneMotion, taken: Mapping[str, int]) -> float | None:
+    """The largest step of the largest moving thing's middle from one held picture to the next, px."""
+    middles = []
+    for camera, instant in taken.items():
+        if camera not in shots.held:
+            return None
+        mask = motion.moving(camera, instant).astype(np.uint8)
+        seen = seen_from(shots.held[camera], shots.views[camera], mask, (0, 0, 0))
+        count, _, stats, centres = cv2.connectedComponentsWithStats(seen)
+        if count < 2:
+            return None
+        middles.append(centres[1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))])
+    return float(np.linalg.norm(np.diff(middles, axis=0), axis=1).max())
 
 
 def _canvas(dataset: Dataset, order: Sequence[str]) -> tuple[int, int]:

@@ -23,6 +23,7 @@ def bullet_time_section(sweep: BulletTime | None, out: Path, first: str) -> str:
         if sweep.steady
         else "The pictures are as the cameras took them."
     )
+    steps = _steps(sweep)
     times = [wording.timeliness(ms) for ms in sweep.late_ms]
     reels = _reel("synced", first, sweep.synced, [""] * len(times), sweep, out)
     reels += _reel("offset", "Apart", sweep.offset, times, sweep, out)
@@ -42,10 +43,21 @@ what moves jumps.</p>
 <button type="button" class="step" data-step="1" aria-label="Next camera">▸</button>
 <span class="where" aria-hidden="true"></span>
 </div>
-<figcaption>Instant {sweep.instant}. {held}
+<figcaption>Instant {sweep.instant}. {held}{steps}
 As a file to share: <code>{escape(sweep.file)}</code>.</figcaption>
 </figure>
 </section>"""
+
+
+def _steps(sweep: BulletTime) -> str:
+    """How far what moves goes from picture to picture, where that tells the two apart."""
+    before, after = sweep.synced_step_px, sweep.offset_step_px
+    if before is None or after is None or after < 1.5 * before:
+        return ""
+    return escape(
+        f" The largest thing that moves goes {wording.quantity(before, 'px')} at most from one picture to "
+        f"the next; with the cameras apart, {wording.quantity(after, 'px')}."
+    )
 
 
 def _reel(

@@ -242,6 +242,10 @@ class BulletTime(_Result, frozen=True, kw_only=True):
     """The order is that of the cameras' places, not of their names."""
     file: str
     """An animation of both side by side."""
+    synced_step_px: float | None = None
+    """How far the largest thing that moves goes from one picture to the next at most, px of the pictures;
+    None where they are not held steady."""
+    offset_step_px: float | None = None
 
 
 class ConditionResult(_Result, frozen=True, kw_only=True):

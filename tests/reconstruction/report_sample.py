@@ -163,6 +163,8 @@ def whole_result(out: Path) -> CompareResult:
             steady=True,
             by_place=True,
             file="pictures/sweep.gif",
+            synced_step_px=4.7,
+            offset_step_px=18.7,
         ),
         versions={"opencv": "5.0.0"},
     )

@@ -119,6 +119,8 @@ def test_the_mover_stays_when_synchronized_and_jumps_when_not(boards, tmp_path):
 
     assert moved(sweep.synced) < 4
     assert moved(sweep.offset) > 15
+    assert sweep.synced_step_px == pytest.approx(moved(sweep.synced), abs=2)
+    assert sweep.offset_step_px == pytest.approx(moved(sweep.offset), abs=4)
     shown = cv2.imreadanimation(str(tmp_path / sweep.file))[1]
     assert len(shown.frames) == 2
 
@@ -131,6 +133,7 @@ def test_without_calibration_the_sweep_goes_by_name_and_invents_nothing(boards, 
     assert sweep.cameras == ("aside", "left", "right")
     assert not sweep.steady
     assert not sweep.by_place
+    assert sweep.synced_step_px is None
     kept = cv2.imread(str(tmp_path / sweep.synced[1]))
     assert np.abs(kept.astype(int) - dataset.image("left", sweep.instant)).mean() < 4
 

@@ -123,7 +123,8 @@ class Client(Generic[F]):
         """What this client tells the leader about itself."""
         member = self._member
         why_no_centre = "" if member is None else member.why_no_centre
-        message = self.failure or self.aligner.problem or self._why_joining or why_no_centre
+        alone = "its relay has lost the leader and holds the time over" if self.leader_is_alone else ""
+        message = self.failure or self.aligner.problem or self._why_joining or alone or why_no_centre
         report = self._timekeeper.report(self.state, message, now_ns)
         return self._steering.report(report, member, self.phase(now_ns))
 

@@ -335,6 +335,7 @@ def test_clients_leave_a_relay_that_has_lost_its_leader_for_one_that_has_not(
     rig.run_until(lambda: rig.views()["cam"].via == "other")
     assert stays.client.state is NodeState.READY
     assert stays.client.leader_is_alone
+    assert "has lost the leader" in stays.client.report(0).message
 
 
 def test_the_first_camera_sets_the_rate_though_a_relay_joined_before() -> None:

@@ -27,7 +27,7 @@ def test_it_halves_what_it_should_and_leaves_the_rest(monkeypatch: pytest.Monkey
 def test_it_is_in_the_table_and_draws(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(reference_broadcast, "SECONDS", 4)
     monkeypatch.setattr(reference_broadcast, "SETTLED_S", 3)
-    monkeypatch.setattr(reference_broadcast, "CASES", {"drawn": CASES["pair"]})
+    monkeypatch.setattr(reference_broadcast, "CASES", {"pair": CASES["pair"]})
     outcome = load("reference-broadcast").run(trials=1, seed=1, talk=lambda _: None)
     assert outcome.draw is not None
     (path,) = outcome.draw(tmp_path)

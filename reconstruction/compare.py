@@ -118,7 +118,9 @@ class _Comparison:
             offset_ms=self.offset.asked_ms,
             offset_frames=self.offset.frames,
             actual_offset_ms=self.offset.actual_ms,
-            verdict=verdict(stereo, stitched, self.offset.actual_ms, moving, self.all.poses),
+            verdict=verdict(
+                stereo, stitched, self.offset.actual_ms, moving, self.all.poses, self.all.multiview
+            ),
             calibration=self.rig.source,
             stereo=stereo,
             stitch=stitched,

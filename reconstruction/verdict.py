@@ -1,6 +1,12 @@
 """What a comparison found, in one or two sentences for somebody who has never heard of synchronization."""
 
-from reconstruction.results import DepthScores, PoseComparison, StereoResult, StitchResult
+from reconstruction.results import (
+    DepthScores,
+    MultiviewComparison,
+    PoseComparison,
+    StereoResult,
+    StitchResult,
+)
 
 CLEAR_SHARE = 0.15
 """A loss of this share of the moving pixels is called clear."""
@@ -17,12 +23,13 @@ def verdict(
     offset_ms: float,
     moving_share: float,
     poses: PoseComparison | None = None,
+    multiview: MultiviewComparison | None = None,
 ) -> str:
     """The sentences; `moving_share` is the share of pixels that move."""
     late = f"{offset_ms:.0f} ms late"
     if stereo is not None and not together(stereo.synced):
         return _apart(stereo, late)
-    depth = _depth(stereo, late) if stereo is not None else None
+    depth = _depth(stereo, late) if stereo is not None else _many(multiview)
     panorama = _panorama(stitch, late) if stitch is not None else None
     places = _places(poses) if poses is not None else None
     clear = [text for text in (depth, panorama, places) if text is not None]
@@ -33,7 +40,7 @@ def verdict(
             "Almost nothing moves in this burst, so synchronization makes no difference that can be seen. "
             "Take a burst of something that moves."
         )
-    if stereo is None and stitch is None:
+    if stereo is None and stitch is None and multiview is None:
         return "Neither depth nor a panorama could be made from these cameras, so nothing can be compared."
     return (
         f"No clear difference was found between pictures of the same instant and pictures taken {late}. "
@@ -91,6 +98,22 @@ def _depth(result: StereoResult, late: str) -> str | None:
         return first
     return (
         f"{first} What stands still is found equally well both times, so timing alone makes the difference."
+    )
+
+
+def _many(result: MultiviewComparison | None) -> str | None:
+    """Where no pair gives depth: what all cameras give."""
+    if result is None:
+        return None
+    true = result.synced.mover_within_2pct is not None
+    synced, _ = _found(result.synced)
+    offset, _ = _found(result.offset)
+    if synced is None or offset is None or synced - offset < CLEAR_SHARE:
+        return None
+    what = "the right distance is found" if true else "a distance is found that several cameras agree on"
+    return (
+        f"When all {len(result.cameras)} cameras show the same instant, {what} for {_percent(synced)} of "
+        f"what moves; with every camera off by another time, for {_percent(offset)}."
     )
 
 

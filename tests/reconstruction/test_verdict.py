@@ -2,6 +2,8 @@
 
 from reconstruction.results import (
     DepthScores,
+    MultiviewComparison,
+    MultiviewScores,
     PoseComparison,
     PoseScores,
     StereoResult,
@@ -89,3 +91,18 @@ def test_poses_are_told_where_lateness_harms_them() -> None:
     assert "wrong by 29 degrees" in wrong
     assert "no camera can be placed" in verdict(None, None, 66.7, 0.3, poses(True, None))
     assert "seem to stand" not in verdict(stereo(0.97, 0.01), None, 66.7, 0.1, poses(False, 0.06))
+
+
+def test_where_no_pair_gives_depth_all_cameras_are_told_of() -> None:
+    def many(late: float) -> MultiviewComparison:
+        together, apart = (
+            MultiviewScores(mover_coverage=0.95, static_coverage=0.8, mover_within_2pct=right)
+            for right in (0.9, late)
+        )
+        return MultiviewComparison(reference="b", cameras=("a", "b", "c"), synced=together, offset=apart)
+
+    text = verdict(None, None, 66.7, 0.1, None, many(0.02))
+    assert "all 3 cameras show the same instant, the right distance is found for 90 %" in text
+    assert "off by another time, for 2 %" in text
+    assert "all 3 cameras" not in verdict(stereo(0.97, 0.01), None, 66.7, 0.1, None, many(0.02))
+    assert verdict(None, None, 66.7, 0.1, None, many(0.85)).startswith("No clear difference")

@@ -8,13 +8,9 @@ offset should be 0. Needs root. Prints a table; `--json` prints one object inste
 import argparse
 import asyncio
 import contextlib
-import heapq
 import json
 import os
-import random
-import select
 import shutil
-import socket
 import subprocess
 import sys
 import tempfile
@@ -48,8 +44,6 @@ TARGET_SHARE = 0.25
 def main() -> int:
     """Run both cases; 0 if agreement brings nodes nearer and no bound broke, 1 if not, 0 where skipped."""
     options = _options()
-    if options.proxy is not None:
-        return _proxy(json.loads(options.proxy), options.seed)
     if options.poll is not None:
         return asyncio.run(_poll(options.poll))
     reason = _why_not()
@@ -76,7 +70,6 @@ def _options() -> argparse.Namespace:
     parser.add_argument("--seconds", type=float, default=60.0, help="length of each case (60)")
     parser.add_argument("--seed", type=int, default=1, help="seed of the delays (1)")
     parser.add_argument("--json", action="store_true", help="print JSON")
-    parser.add_argument("--proxy", help=argparse.SUPPRESS)
     parser.add_argument("--poll", type=float, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if not SETTLED_S + 10.0 <= options.seconds <= 600.0:
@@ -160,7 +153,12 @@ def _measure(links: tuple[tuple[int, int], ...], options: argparse.Namespace) ->
     this = (sys.executable, __file__, "--seed", str(options.seed))
     with tempfile.TemporaryDirectory() as scratch, contextlib.ExitStack() as running:
         start = running.enter_context
-        start(_running("P", *this, "--proxy", json.dumps(links)))
+        ways = [
+            f"{PROXY.format(k)}:{there_us + TAILS_US[0]}/{there_us},{back_us + TAILS_US[1]}/{back_us}"
+            for k, (there_us, back_us) in enumerate(links)
+        ]
+        proxy = (sys.executable, str(Path(__file__).with_name("delay_proxy.py")))
+        start(_running("P", *proxy, "--seed", str(options.seed), f"{LEADER}:{PORT}", *ways))
         sessions = ("--sessions", f"{scratch}/sessions", "--spool", f"{scratch}/spool")
         start(_running("L", *CAPTURE_APP, "leader", "--port", str(PORT), "--reference-broadcast", *sessions))
         for k in range(len(links)):
@@ -201,39 +199,6 @@ async def _poll(seconds: float) -> int:
         }
         print(json.dumps({"at_s": time.monotonic() - began_s, "nodes": line}), flush=True)
     return 0
-
-
-def _proxy(links: list[list[int]], seed: int) -> int:
-    """Carry datagrams between nodes and leader, each delayed by a law of its own, until stopped."""
-    rng = random.Random(seed)
-    to_leader: dict[socket.socket, tuple[int, socket.socket]] = {}
-    to_node: dict[socket.socket, tuple[int, socket.socket]] = {}
-    nodes: dict[socket.socket, tuple[str, int]] = {}
-    for k, (there_us, back_us) in enumerate(links):
-        front, back = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
-        front.bind((PROXY.format(k), PORT))
-        back.bind((PROXY.format(k), 0))
-        to_leader[front], to_node[back] = (there_us, back), (back_us, front)
-    waiting: list[tuple[float, int, socket.socket, bytes, tuple[str, int]]] = []
-    count = 0
-    while True:
-        wait_s = max(0.0, waiting[0][0] - time.monotonic()) if waiting else None
-        ready, _, _ = select.select([*to_leader, *to_node], [], [], wait_s)
-        for sock in ready:
-            data, sender = sock.recvfrom(2048)
-            if sock in to_leader:
-                least_us, out = to_leader[sock]
-                nodes[out] = sender
-                tail_us, where = TAILS_US[0], (LEADER, PORT)
-            else:
-                least_us, out = to_node[sock]
-                tail_us, where = TAILS_US[1], nodes[sock]
-            due_s = time.monotonic() + (least_us + rng.gammavariate(2.0, tail_us / 2.0)) / 1e6
-            count += 1
-            heapq.heappush(waiting, (due_s, count, out, data, where))
-        while waiting and waiting[0][0] <= time.monotonic():
-            _, _, out, data, where = heapq.heappop(waiting)
-            out.sendto(data, where)
 
 
 def _figures(lines: list[dict[str, Any]]) -> dict[str, Any]:

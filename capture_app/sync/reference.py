@@ -61,8 +61,8 @@ class Cell:
         common = [n for n in hearing.arrivals if n in self.agreed_ns]
         if len(common) < LEAST_COMMON:
             return None
-        newest_ns = self.agreed_ns[max(common)]
-        times_ns = [float(self.agreed_ns[n] - newest_ns) for n in common]
+        newest_ns = hearing.arrivals[max(hearing.arrivals)]
+        times_ns = [float(hearing.arrivals[n] - newest_ns) for n in common]
         late_ns = [float(hearing.arrivals[n] - self.agreed_ns[n]) for n in common]
         # Seconds ago it was late by something else: its estimate's skew is wrong, too.
         drift = slope(times_ns, late_ns)

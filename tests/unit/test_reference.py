@@ -50,6 +50,20 @@ def test_clients_of_one_cell_agree_whatever_is_wrong_with_each(missed: float) ->
     assert cell.uncertainty_ns == 80_000.0
 
 
+def test_a_clock_that_drifts_is_placed_where_it_is_now() -> None:
+    heard = hearings([0, 0, 0], jitter_ns=500.0)
+    first_ns = heard[2].arrivals[1]
+    fast = {n: at_ns + (at_ns - first_ns) // 100_000 for n, at_ns in heard[2].arrivals.items()}
+    heard[2] = replace(heard[2], arrivals=fast)
+    (cell,) = cells(heard)
+    newest = {n: at_ns for n, at_ns in cell.agreed_ns.items() if n <= 20}
+    for known in (cell, replace(cell, agreed_ns=newest)):
+        place = known.place(heard[2])
+        assert place is not None
+        assert place.late_ns == pytest.approx(23 * 2500, abs=1500), "10 us a second, 5.75 s long"
+        assert place.apart_ns < 3000
+
+
 def test_a_lying_minority_moves_nobody_far() -> None:
     honest_ns = [-20_000, -10_000, 0, 10_000, 20_000]
     wrong_ns = [*honest_ns, 700_000, 650_000]

@@ -56,7 +56,7 @@ def _weighed(around: Array, plane: tuple[Array, Array, Array], steps: Array, tol
     border = int(steps[-1])
     unit = 1.0 / border
     sums = np.zeros((9, height, width), np.float32)
-    gap, kept = np.empty_like(level), np.empty_like(level)
+    gap, kept = (np.empty((height, width), np.float32) for _ in range(2))
     for dy in steps:
         for dx in steps:
             x, y = float(dx * unit), float(dy * unit)

@@ -12,7 +12,7 @@ from reconstruction.semiglobal import aggregate, cheapest
 
 UNLIKE = 255
 """Cost of no likeness at all."""
-MOST_CELLS = 64_000_000
+MOST_CELLS = 80_000_000
 """Pixels times depths of one sweep, some bytes each; larger pictures are swept at a smaller size."""
 
 TOLERANCE = 1.0

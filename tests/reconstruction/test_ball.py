@@ -123,6 +123,7 @@ def test_a_real_ball_is_there_when_synchronized_and_gone_four_frames_later(throw
 
 @pytest.mark.shared
 @pytest.mark.slow
+@pytest.mark.timeout(1800)
 def test_so_it_is_in_every_instant_with_the_ball_in_both_views(throw: Throw) -> None:
     assert len(throw.in_both) >= 27
     # Only at the top of its flight the ball moves along the rows.
@@ -132,8 +133,20 @@ def test_so_it_is_in_every_instant_with_the_ball_in_both_views(throw: Throw) -> 
 
 @pytest.mark.shared
 @pytest.mark.slow
+@pytest.mark.timeout(1800)
 def test_the_dose_curve_on_it_falls(throw: Throw, tmp_path: Path) -> None:
-    main(["dose", str(throw.session.folder), "--stereo", "L,R", "--out", str(tmp_path / "out")])
+    main(
+        [
+            "dose",
+            str(throw.session.folder),
+            "--stereo",
+            "L,R",
+            "--instants",
+            "8",
+            "--out",
+            str(tmp_path / "out"),
+        ]
+    )
     dose = json.loads((tmp_path / "out" / "metrics.json").read_text())
     assert dose["falls"]
     values = [point["scores"]["mover_coverage"] for point in dose["points"]]

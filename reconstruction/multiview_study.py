@@ -1,5 +1,6 @@
 """The part of a comparison that takes all cameras: depth of the middle one, and the cloud of them all."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +14,7 @@ from reconstruction.instant_depth import InstantDepth, instant_depth
 from reconstruction.multiview_count import Judge
 from reconstruction.multiview_pictures import multiview_pictures
 from reconstruction.multiview_shots import Shots
+from reconstruction.native import versions
 from reconstruction.pipeline import Progress, Stages
 from reconstruction.results import MultiviewComparison, MultiviewScores, Picture
 from reconstruction.sources import choose_sources, guessed_depths, reference_of
@@ -22,6 +24,8 @@ from reconstruction.variants import thin
 FEWEST_CAMERAS = 3
 MOST_CAMERAS = 5
 """More cameras make better clouds, but say no more about timing; each takes as long as the first."""
+TRIES = 4
+"""Instants that are looked at for one at which every camera shows something."""
 CONDITIONS = ("synced", "offset")
 ROW = {
     "mover_coverage": ("mover", "coverage"),
@@ -73,10 +77,12 @@ class MultiviewStudy:
             ValueError: fewer than three cameras see the same.
         """
         names, every = self.dataset.cameras, range(len(self.dataset.instants_ns))
-        usable = {k: [c for c in names if self.shots.usable(c, k)] for k in every}
-        best = min(every, key=lambda k: (-len(usable[k]), abs(k - instant)))
-        self.left_out = {c: self.shots.problem(c, best) for c in names if c not in usable[best]}
-        photos = {c: self.shots.shot(c, best).photo for c in usable[best]}
+        there = {k: sum(self.dataset.has(c, k) for c in names) for k in every}
+        first = sorted(every, key=lambda k: (-there[k], abs(k - instant)))[:TRIES]
+        best = max(first, key=lambda k: sum(self.shots.usable(c, k) for c in names))
+        problems = {c: self.shots.problem(c, best) for c in names}
+        self.left_out = {c: problem for c, problem in problems.items() if problem}
+        photos = {c: self.shots.shot(c, best).photo for c in names if c not in self.left_out}
         self._need(len(photos))
         views = {camera: photo.view for camera, photo in photos.items()}
         try:
@@ -149,18 +155,24 @@ class MultiviewStudy:
             except ValueError as error:
                 problem = str(error)
                 continue
-            usable = self.shots.usable
-            kept = {c: shown[c] for c in self.cameras if usable(c, instant) and usable(c, shown[c])}
-            if self.reference in kept and len(kept) >= FEWEST_CAMERAS:
-                found.append(Taken(instant, kept))
+            found.append(Taken(instant, self._kept(instant, shown, self.dataset.has)))
         if not found:
             raise ValueError(problem)
         most = max(len(one.shown) for one in found)
         fullest = [one for one in found if len(one.shown) == most]
         if condition.name != SYNCED and all(one.shown == one.together for one in fullest):
             raise ValueError("these cameras are equally late, which is synchronized")
-        chosen = thin([(place, place) for place in range(len(fullest))], self.most_instants)
-        return [fullest[place] for place, _ in chosen]
+        places = thin([(place, place) for place in range(len(fullest))], self.most_instants)
+        chosen = [fullest[place] for place, _ in places]
+        shown_only = [Taken(o.instant, self._kept(o.instant, o.shown, self.shots.usable)) for o in chosen]
+        useful = [o for o in shown_only if self.reference in o.shown and len(o.shown) >= FEWEST_CAMERAS]
+        if not useful:
+            raise ValueError(problem)
+        return useful
+
+    def _kept(self, instant: int, shown: dict[str, int], good: Callable[[str, int], bool]) -> dict[str, int]:
+        """The cameras whose pictures are good in both conditions, and what they show."""
+        return {c: shown[c] for c in self.cameras if c in shown and good(c, instant) and good(c, shown[c])}
 
     def _depth(self, shown: dict[str, int]) -> InstantDepth:
         shots = {camera: self.shots.shot(camera, instant) for camera, instant in shown.items()}
@@ -175,6 +187,7 @@ class MultiviewStudy:
             tuple(shown.items()),
             repr(views),
             self.reach,
+            versions()["pycolmap"],
         )
         return InstantDepth(**made)
 

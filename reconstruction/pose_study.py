@@ -11,6 +11,7 @@ from reconstruction.conditions import SYNCED, Condition, listed, shown_with
 from reconstruction.dataset import Dataset
 from reconstruction.geometry import Array, View
 from reconstruction.intervals import interval, pooled_samples, share_samples
+from reconstruction.native import versions
 from reconstruction.pipeline import Stages
 from reconstruction.poses import PoseFinder, pair_errors
 from reconstruction.results import Interval, PoseComparison, PoseScores
@@ -116,7 +117,8 @@ class PoseStudy:
             true = {name: (view.rotation, view.translation) for name, view in self.views.items()}
             return Placed(len(shown), len(poses), tuple(pair_errors(poses, true)))
 
-        return self.stages.record("poses", Placed, make, tuple(shown.items()), repr(self.views))
+        version = versions()["pycolmap"]
+        return self.stages.record("poses", Placed, make, tuple(shown.items()), repr(self.views), version)
 
 
 class _Lazy:

@@ -18,7 +18,7 @@ from reconstruction.multiview_shots import Shots
 from reconstruction.multiview_study import MultiviewStudy
 from reconstruction.pipeline import Progress, Stages
 from reconstruction.scene_motion import SceneMotion
-from tests.reconstruction.conftest import Scene, make_view, write_session
+from tests.reconstruction.conftest import HEIGHT, WIDTH, Scene, make_view, write_session
 
 VIEWS = {
     "left": make_view((-0.14, 0.0, 0.0), yaw=1.5),
@@ -146,6 +146,24 @@ def test_instants_without_a_picture_of_every_camera_are_left_out(
         whole.compare(Condition.parse("5,5,5"), QUIET)
     with pytest.raises(ValueError, match="no instant is 300 ms"):
         whole.compare(Condition.parse("left=300"), QUIET)
+
+
+def test_a_black_picture_leaves_its_camera_out(
+    trio: Session, tmp_path: Path, guessed: list[tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    whole = study(trio, tmp_path, instants=9, width=160)
+    seen = whole.dataset.image
+    black = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    monkeypatch.setattr(whole.dataset, "image", lambda c, k: black if (c, k) == ("left", 2) else seen(c, k))
+    whole.prepare(2)
+    assert len(whole.cameras) == 3
+    found = whole.compare(Condition.parse("left=33"), QUIET)
+    # Left is black at 2, which is its own picture at 2 and its late one at 1; at 4 the burst is over.
+    assert [row["instant"] for row in found.per_instant] == [0, 3]
+    monkeypatch.setattr(whole.dataset, "image", lambda *_: black)
+    whole.shots._shot.cache_clear()
+    with pytest.raises(ValueError, match="left: its picture is empty"):
+        whole.prepare(2)
 
 
 def test_more_cameras_than_needed_are_left_out(

@@ -110,17 +110,34 @@ def _instant(
 def _held(
     motion: SceneMotion, views: Mapping[str, View], order: tuple[str, ...], instant: int
 ) -> dict[str, View]:
-    """Views that keep still what moves; none where the cameras do not all see it in one place."""
+    """Views that keep still what moves; none where the cameras do not all see it in one place.
+
+    That is the largest thing that moves, or the middle of all that does: whichever the cameras agree on.
+    """
     ours = {name: views[name] for name in order if name in views}
-    seen = {}
-    for name in ours:
-        moving = motion.seen_moving(name, instant)
-        if int(moving.sum()) >= LEAST_MOVING_PX:
-            seen[name] = np.argwhere(moving).mean(0)[::-1]
-    point = point_of_interest(ours, seen) if len(ours) == len(order) else None
-    if point is None:
+    if len(ours) < len(order):
         return {}
-    return hold(ours, point, *_canvas(motion.dataset, order)) or {}
+    masks = {name: motion.seen_moving(name, instant) for name in order}
+    masks = {name: mask for name, mask in masks.items() if int(mask.sum()) >= LEAST_MOVING_PX}
+    best: tuple[Array, float] | None = None
+    for middle in (_largest, _middle):
+        found = point_of_interest(ours, {name: middle(mask) for name, mask in masks.items()})
+        if found is not None and (best is None or found[1] < best[1]):
+            best = found
+    if best is None:
+        return {}
+    return hold(ours, best[0], *_canvas(motion.dataset, order)) or {}
+
+
+def _middle(mask: Array) -> Array:
+    """The middle of a mask, px (2,)."""
+    return np.asarray(np.argwhere(mask).mean(0)[::-1])
+
+
+def _largest(mask: Array) -> Array:
+    """The middle of the largest spot of a mask, px (2,)."""
+    _, _, stats, middles = cv2.connectedComponentsWithStats(np.asarray(mask, np.uint8))
+    return np.asarray(middles[1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))])
 
 
 @dataclass(frozen=True)
@@ -148,10 +165,9 @@ def _step_px(shots: _Shots, motion: SceneMotion, taken: Mapping[str, int]) -> fl
             return None
         mask = motion.moving(camera, instant).astype(np.uint8)
         seen = seen_from(shots.held[camera], shots.views[camera], mask, (0, 0, 0))
-        count, _, stats, centres = cv2.connectedComponentsWithStats(seen)
-        if count < 2:
+        if not seen.any():
             return None
-        middles.append(centres[1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))])
+        middles.append(_largest(seen))
     return float(np.linalg.norm(np.diff(middles, axis=0), axis=1).max())
 
 

@@ -14,11 +14,12 @@ ZOOMS = np.geomspace(0.6, 1.7, 50)
 """Tried in turn until every picture is filled; beyond, too little of the pictures would be left."""
 
 
-def point_of_interest(views: Mapping[str, View], seen: Mapping[str, Array]) -> Array | None:
+def point_of_interest(views: Mapping[str, View], seen: Mapping[str, Array]) -> tuple[Array, float] | None:
     """The point (3,) of the rig's frame nearest to what each camera saw at a pixel (2,); None = no such.
 
-    Least squares over the distances from the rays (a pixel each). None where fewer than two cameras saw
-    something, or a camera would have the point behind it, outside its picture or far from that pixel.
+    Least squares over the distances from the rays (a pixel each). With it how far it is from those pixels at
+    most, px. None where fewer than two cameras saw something, or a camera would have the point behind it,
+    outside its picture or farther than `MOST_MISS` from that pixel.
     """
     matrix, vector = np.zeros((3, 3)), np.zeros(3)
     for name, pixel in seen.items():
@@ -31,13 +32,17 @@ def point_of_interest(views: Mapping[str, View], seen: Mapping[str, Array]) -> A
     if len(seen) < 2 or np.linalg.cond(matrix) > 1e8:
         return None
     point = np.linalg.solve(matrix, vector)
+    miss = 0.0
     for name, view in views.items():
         found = pixel_of(view, point)
         if found is None or not (0 <= found[0] < view.width and 0 <= found[1] < view.height):
             return None
-        if name in seen and float(np.linalg.norm(found - seen[name])) > MOST_MISS * view.width:
-            return None
-    return point
+        if name in seen:
+            away = float(np.linalg.norm(found - seen[name]))
+            if away > MOST_MISS * view.width:
+                return None
+            miss = max(miss, away)
+    return point, miss
 
 
 def pixel_of(view: View, point: Array) -> Array | None:

@@ -51,7 +51,9 @@ def test_what_cameras_saw_is_placed_where_it_is():
     point = np.array([0.1, -0.2, 2.7])
     seen = {name: pixel_of(view, point) for name, view in views.items()}
 
-    assert point_of_interest(views, seen) == pytest.approx(point, abs=1e-6)
+    placed, miss = point_of_interest(views, seen)
+    assert placed == pytest.approx(point, abs=1e-6)
+    assert miss < 1e-3
 
     seen["a"] = seen["a"] + (0.5 * WIDTH, 0)
     assert point_of_interest(views, seen) is None

@@ -34,6 +34,7 @@ def draw_led_panel(
             for at, style, label in ((mean, "--", "mean"), (largest, ":", "largest")):
                 axes.axvline(at, color="tab:red", linestyle=style, label=f"paper, real phones: {label}")
                 axes.axvline(-at, color="tab:red", linestyle=style)
+            axes.set_ylim(top=1.3 * axes.get_ylim()[1])
             axes.legend(loc="upper right", fontsize="small")
     pair = new_figure(figsize=(10, 4))
     for axes, picture, title in zip(pair.subplots(1, 2), pictures, ("leader", "client"), strict=True):

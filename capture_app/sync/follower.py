@@ -8,6 +8,8 @@ import random
 from collections import deque
 from dataclasses import dataclass
 
+from msgspec import structs
+
 from capture_app.sync.clock import ClockFilter, ClockSample
 from capture_app.sync.events import ClockStepped, ClockSynced, Joined, JoinRefused, LeaderLost
 from capture_app.sync.messages import (
@@ -249,7 +251,11 @@ class Follower:
         self._outbox.append((self._own_hello(), self.parent))
 
     def _own_hello(self) -> Hello:
-        return Hello(self.config.name, self.config.instance, self.config.camera)
+        camera = self.config.camera
+        if self.goal is not None:
+            # A root that has been started anew can lay its grid as the cameras below have it.
+            camera = structs.replace(camera, period_ns=self.goal.period_ns)
+        return Hello(self.config.name, self.config.instance, camera)
 
     def _join(self, welcome: Welcome, now_ns: int, *, back: bool = False) -> None:
         parent = Parent(welcome.leader, welcome.client, welcome.slot, welcome.pace_ns, (), None)

@@ -15,7 +15,7 @@ from capture_app.sync.client import Client, ClientConfig
 from capture_app.sync.events import BurstAccepted, BurstReady, JoinRefused, LeaderEvent, NodeLost, NodeMoved
 from capture_app.sync.follower import Address, FollowerConfig
 from capture_app.sync.leader import ClientView, LeaderConfig
-from capture_app.sync.messages import CameraDescription
+from capture_app.sync.messages import CameraDescription, Hello, decode
 from capture_app.sync.phase import FrameStamp
 from capture_app.sync.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
 from capture_app.sync.state import NodeState
@@ -352,3 +352,10 @@ def test_the_first_camera_sets_the_rate_though_a_relay_joined_before() -> None:
     assert goal is not None
     assert goal.period_ns == 20_000_000
     assert rig.relays["relay"].leader.goal == goal
+    # A root that is started anew hears of the rate from the first relay.
+    relay_node = rig.relays["relay"]
+    rig.kill("root")
+    rig.run(4.0)
+    relay_node.follower.handle_timer(relay_node.next_timer() + S)
+    hellos = [decode(data) for data, _ in relay_node.follower.datagrams_to_send(0)]
+    assert [hello.camera.period_ns for hello in hellos if isinstance(hello, Hello)] == [20_000_000]

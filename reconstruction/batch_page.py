@@ -1,11 +1,11 @@
 """A batch's summary as a page for people, in the look of the reports."""
 
 from html import escape
-from importlib.resources import files
 
 from reconstruction import wording
 from reconstruction.batch_rows import BatchResult, Group, Row
 from reconstruction.report_cells import Head, listing
+from reconstruction.report_frame import fill_page
 from reconstruction.unit_plan import RESULT
 
 _SHARES = {
@@ -36,38 +36,20 @@ def summary_page(result: BatchResult) -> str:
         f"<dt>{_unit(row)}</dt><dd>{escape(row.problem)}</dd>" for row in result.units if row.problem
     )
     problems = f'<section><h2>What failed</h2><dl class="making">{lost}</dl></section>' if lost else ""
-    css = (files("reconstruction") / "report_page" / "page.css").read_text("utf-8")
-    return f"""<!doctype html>
-<html lang="en">
-<head>
-<meta charset="utf-8">
-<meta name="viewport" content="width=device-width, initial-scale=1">
-<meta name="color-scheme" content="light dark">
-<title>Batch: {verdict}</title>
-<link rel="icon" href="data:,">
-<style>
-{css}</style>
-</head>
-<body>
-<header>
-<p class="kicker">Batch of reconstructions</p>
-<h1>{verdict}</h1>
-<p class="lead">A unit is one instant of a session in one condition: depth from all its cameras.</p>
-</header>
-<main>
-{problems}
-<section>
+    words = f"""<section>
 <p>The figures are those of each instant's reference camera. Measured correctly: within 2{wording.GAP}% of
 the true distance, where that is known; what was given none counts as wrong.</p>
 {groups}
 {units}
-</section>
-</main>
-<footer><p>Made by simulshot. The same is in <code>summary.csv</code> and <code>summary.json</code> beside
-this page.</p></footer>
-</body>
-</html>
-"""
+</section>"""
+    return fill_page(
+        title=f"Batch: {verdict}",
+        kicker="Batch of reconstructions",
+        name="",
+        verdict=f"{verdict}. A unit is depth from all cameras of one instant of a session in one condition.",
+        sections=[problems, words],
+        footer="The same is in <code>summary.csv</code> and <code>summary.json</code> beside this page.",
+    )
 
 
 def _name(group: Group) -> str:

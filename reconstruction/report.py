@@ -4,7 +4,6 @@ from contextlib import suppress
 from html import escape
 from importlib.resources import files
 from pathlib import Path
-from string import Template
 
 from capture_app.errors import BadInputError
 from capture_app.session.durable import PART, write_whole
@@ -15,6 +14,7 @@ from reconstruction.report_burst import burst_section
 from reconstruction.report_claims import claims
 from reconstruction.report_conditions import conditions_table, instants_table
 from reconstruction.report_dose import dose_section
+from reconstruction.report_frame import fill_page
 from reconstruction.report_making import making_section
 from reconstruction.report_pictures import pictures_section
 from reconstruction.report_poses import poses_section
@@ -22,8 +22,6 @@ from reconstruction.report_tables import depth_table, panorama_table
 from reconstruction.results import CompareResult
 
 REPORT = "report.html"
-LONG_HEADLINE = 70
-"""Characters from which a headline is set smaller."""
 
 
 def write_report(result: CompareResult, out: Path) -> Path:
@@ -48,30 +46,26 @@ def write_report(result: CompareResult, out: Path) -> Path:
 
 
 def _page(result: CompareResult, out: Path) -> str:
-    folder = files("reconstruction") / "report_page"
-    headline, lead = wording.headline(result.verdict)
-    size = "long" if len(headline) > LONG_HEADLINE else "short"
     name = Path(result.session).name or result.session
     sides = _sides(result)
-    return Template((folder / "page.html").read_text("utf-8")).substitute(
-        title=escape(f"{name}: {sides.first.lower()} against {sides.late}"),
-        kicker=escape(f"{sides.first} against offset"),
-        css=(folder / "page.css").read_text("utf-8"),
-        script=(folder / "page.js").read_text("utf-8"),
-        session=escape(name),
-        headline=escape(headline),
-        size=size,
-        lead=f'<p class="lead">{escape(lead)}</p>' if lead else "",
+    sections = [
+        _why(result),
+        pictures_section(result.pictures, out, sides),
+        bullet_time_section(result.bullet_time, out, sides.first),
+        burst_section(result.burst, out),
+        dose_section(result.dose),
+        all_cameras_section(result.multiview, out, sides),
+        poses_section(result.poses, sides),
+        _measures(result),
+        making_section(result),
+    ]
+    return fill_page(
+        title=f"{name}: {sides.first.lower()} against {sides.late}",
+        kicker=f"{sides.first} against offset",
+        name=name,
+        verdict=result.verdict,
         claims=claims(result),
-        why=_why(result),
-        pictures=pictures_section(result.pictures, out, sides),
-        sweep=bullet_time_section(result.bullet_time, out, sides.first),
-        burst=burst_section(result.burst, out),
-        dose=dose_section(result.dose),
-        all_cameras=all_cameras_section(result.multiview, out, sides),
-        poses=poses_section(result.poses, sides),
-        measures=_measures(result),
-        making=making_section(result),
+        sections=sections,
     )
 
 

@@ -1,14 +1,13 @@
 """The dose curve's part of a report, and the report of `reconstruct dose` alone."""
 
 from html import escape
-from importlib.resources import files
 from pathlib import Path
-from string import Template
 
 from capture_app.session.durable import write_whole
 from reconstruction import wording
 from reconstruction.dose_plot import dose_plot
 from reconstruction.report_cells import COVERAGE, EPIPOLAR, STILL_COVERAGE, WITHIN, Head, listing
+from reconstruction.report_frame import fill_page
 from reconstruction.results import DoseResult, Interval
 from reconstruction.verdict import together
 
@@ -78,9 +77,7 @@ def _curve(dose: DoseResult) -> str:
 
 def write_dose_report(result: DoseResult, out: Path) -> Path:
     """Write the page of the curve alone into the folder `out`."""
-    folder = files("reconstruction") / "report_page"
     name = Path(result.session).name or result.session
-    headline, lead = wording.headline(dose_sentence(result))
     entries = {
         "Session": result.session,
         "Depth": f"cameras {result.reference} and {result.other}, "
@@ -89,26 +86,16 @@ def write_dose_report(result: DoseResult, out: Path) -> Path:
         "Software": ", ".join(f"{key} {value}" for key, value in result.versions.items()),
     }
     making = "".join(f"<dt>{escape(key)}</dt><dd>{escape(words)}</dd>" for key, words in entries.items())
-    page = Template((folder / "page.html").read_text("utf-8")).substitute(
-        title=escape(f"{name}: how much lateness its motion bears"),
-        css=(folder / "page.css").read_text("utf-8"),
-        script=(folder / "page.js").read_text("utf-8"),
+    page = fill_page(
+        title=f"{name}: how much lateness its motion bears",
         kicker="Depth against lateness",
-        session=escape(name),
-        headline=escape(headline),
-        size="long",
-        lead=f'<p class="lead">{escape(lead)}</p>' if lead else "",
-        claims="",
-        why="",
-        pictures="",
-        sweep="",
-        burst="",
-        dose=f'<section aria-label="The curve">{_curve(result)}</section>',
-        all_cameras="",
-        poses="",
-        measures="",
-        making=f'<section aria-labelledby="making"><h2 id="making">How it was made</h2>'
-        f'<dl class="making">{making}</dl></section>',
+        name=name,
+        verdict=dose_sentence(result),
+        sections=[
+            f'<section aria-label="The curve">{_curve(result)}</section>',
+            f'<section aria-labelledby="making"><h2 id="making">How it was made</h2>'
+            f'<dl class="making">{making}</dl></section>',
+        ],
     )
     target = out / REPORT
     write_whole(target, page.encode("utf-8", "replace"))

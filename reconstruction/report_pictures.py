@@ -30,7 +30,7 @@ def figure(picture: Picture, out: Path, sides: wording.Sides) -> str:
     title = escape(picture.title)
     synced, (wide, high) = embed(out / picture.synced)
     offset, _ = embed(out / picture.offset)
-    first, late = escape(sides.first), escape(sides.late)
+    first, late = escape(sides.first), escape(sides.late_head)
     caption = f"<figcaption>{escape(wording.tie(picture.caption))}</figcaption>" if picture.caption else ""
     slider = (
         f"""<input class="wipe" type="range" min="0" max="100" value="50" data-left="{first.lower()}"

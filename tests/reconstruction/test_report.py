@@ -150,7 +150,7 @@ def test_everything_is_in_the_one_file(tmp_path, pictured):
     assert {(i["width"], i["height"]) for i in images} == {("64", "48"), ("300", "40"), ("30", "90")}
     for _, attributes in page.elements:
         for key in ("src", "href", "action"):
-            assert attributes.get(key, "data:").startswith("data:")
+            assert attributes.get(key, "data:").startswith(("data:", "#"))
     text = path.read_text("utf-8")
     assert not re.search(r"https?://|@import|url\(", re.sub(r"base64,[^\"]+", "", text))
     assert sorted(p.name for p in tmp_path.iterdir()) == ["pictures", "report.html"]
@@ -257,6 +257,15 @@ def test_pictures_of_several_panels_get_no_slider(tmp_path, pictured):
     assert not [i for i in page.all("input") if i["type"] == "range"]
 
 
+def test_the_contents_lead_to_every_section(tmp_path):
+    page = Page.read(write_report(whole_result(tmp_path), tmp_path))
+
+    links = [a["href"].removeprefix("#") for a in page.all("a")]
+    headings = [h["id"] for h in page.all("h2")]
+    assert links == headings
+    assert len(links) == 9
+
+
 def test_a_long_verdict_is_set_smaller(tmp_path):
     pages = [
         Page.read(write_report(msgspec.structs.replace(RESULT, verdict=verdict), tmp_path))
@@ -358,7 +367,9 @@ def test_depth_from_all_cameras_stands_beside_its_control(tmp_path):
     result = whole_result(tmp_path)
     page = Page.read(write_report(result, tmp_path))
 
-    part = page.text[page.text.index("With all cameras at once") : page.text.index("Where the cameras stand")]
+    part = page.text[
+        page.text.rindex("With all cameras at once") : page.text.rindex("Where the cameras stand")
+    ]
     assert re.match(r".*Measured correctly.*?97\.0 %\D*1\.2 %\D*87\.0 %\D*87\.0 %", part)
     assert re.match(r".*Points in space.*?12 346\s*45\s*98 765", part)
     assert re.match(r".*Surface rebuilt.*? to within 1 cm:.*?81\.0 %", part)
@@ -372,7 +383,7 @@ def test_poses_of_single_instants_are_told_and_drawn(tmp_path):
     result = whole_result(tmp_path)
     page = Page.read(write_report(result, tmp_path))
 
-    part = page.text[page.text.index("Where the cameras stand") :]
+    part = page.text[page.text.rindex("Where the cameras stand") :]
     assert "lateness puts the cameras into the wrong places" in part
     assert re.match(r".*?Pairs placed right.*?100\.0 %\s*20\.0 %", part)
     assert re.match(r".*Wrong by, angle.*?0\.05°\s*27°", part)

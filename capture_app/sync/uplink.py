@@ -19,7 +19,7 @@ from capture_app.sync.messages import (
     WireError,
     encode,
 )
-from capture_app.sync.roster import Member
+from capture_app.sync.roster import MAX_CLIENTS, Member
 
 TOO_LONG = "what it tells of its camera is too long for a relay to pass on"
 
@@ -93,6 +93,8 @@ class Uplink:
         hello = self._asking.pop(instance, None)
         if hello is None:
             return None
+        if len(self._refused) >= MAX_CLIENTS:
+            self._refused.clear()
         self._refused[instance] = reason
         member = members.get(hello.name)
         return member if member is not None and member.instance == instance and not member.lost else None
@@ -104,6 +106,9 @@ class Uplink:
             self._numbers.pop(member.name, None)
 
     def _ask(self, hello: Hello) -> None:
+        if len(self._asking) >= MAX_CLIENTS:
+            # Nobody answers, or somebody makes names up: whoever is still there says hello again.
+            self._asking.clear()
         self._asking[hello.instance] = hello
         self._send(self._passed_on(hello))
 

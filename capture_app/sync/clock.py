@@ -16,6 +16,9 @@ from capture_app.sync.timebase import TimeMap
 ASYMMETRY_SHARE = 0.025
 """One sigma of half the difference of the two least delays, as a share of half the least round trip: what
 no exchange of two messages can see. The paper's link has 0.038."""
+STAMP_NS = 1_000.0
+"""One sigma of what programs, not links, make of the two ways: the one that just woke up stamps late.
+Loopback and bare cables show it (docs/accuracy.md); on radio it is nothing."""
 USUAL_WANDER = 0.05
 """One sigma of the change of the skew, as a share of the most that is allowed: a clock in a room's air."""
 ROUNDING_NS = 2.0
@@ -161,8 +164,8 @@ class ClockFilter:
         """95 % of the error in ns: what the votes (of that variance), the edges and the link leave."""
         if not fit.upper:
             return fit.gap / 2.0 + 2.0 * sqrt(variance)
-        asymmetry = ASYMMETRY_SHARE * fit.gap / 2.0
-        return radius_95(self._excess.mean, sqrt(variance + self._excess.variance + asymmetry**2))
+        unseen = (ASYMMETRY_SHARE * fit.gap / 2.0) ** 2 + STAMP_NS**2
+        return radius_95(self._excess.mean, sqrt(variance + self._excess.variance + unseen))
 
     def _begin(self, sample: ClockSample) -> None:
         self._newest_ns = sample.t3_ns

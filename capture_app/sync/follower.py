@@ -53,6 +53,8 @@ SILENT_HEARTBEATS = 4
 """A parent that has said nothing for as long as this many heartbeats is gone."""
 WINDOW_NS = 300_000 * _MS
 """Several rounds, for the skew between them; any longer, and a clock is no longer a straight line."""
+FURTHEST_NS = 2**62
+"""No clock is further from the root's, and no relay could tell its clients so."""
 CLOCK = CameraDescription(
     kind=CLOCK_ONLY,
     model="",
@@ -350,7 +352,7 @@ class Follower:
         if time_map is None or self.clock.samples < LEAST_EXCHANGES:
             return
         time_map = time_map if parent.onward is None else time_map.then(parent.onward)
-        if self._is_worse(time_map, parent):
+        if abs(time_map.offset_ns) > FURTHEST_NS or self._is_worse(time_map, parent):
             return
         self.time_map, self._map_of, self.path = time_map, parent.leader, parent.path
         if not parent.synced:

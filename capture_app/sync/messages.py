@@ -34,6 +34,8 @@ Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
 """Names of cameras become folder names on the leader's disk."""
 Text = Annotated[str, Meta(max_length=200)]
 Pace = Annotated[int, Meta(ge=0, le=60_000_000_000)]
+Number = Annotated[int, Meta(ge=0, le=0xFFFF_FFFF)]
+"""Of a client, as time messages carry it."""
 CLOCK_ONLY = "clock"
 """The kind in the description of a node without a camera: a relay, or one that only keeps the time."""
 RELAY = "relay"
@@ -102,7 +104,7 @@ class Welcome(Struct, frozen=True, tag="welcome"):
 
     instance: int
     leader: int
-    client: int
+    client: Number
     transfer_port: int
     anchor_leader_ns: int
     period_ns: int

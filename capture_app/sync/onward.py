@@ -11,6 +11,8 @@ MAX_DEPTH = 8
 """Clocks between a node and the root's, at most."""
 Skew = Annotated[float, Meta(ge=-0.01, le=0.01)]
 Error = Annotated[float, Meta(ge=0.0, le=1e18)]
+SkewError = Annotated[float, Meta(ge=0.0, le=1.0)]
+Offset = Annotated[int, Meta(ge=-(2**62), le=2**62)]
 
 
 class Onward(Struct, frozen=True, array_like=True):
@@ -22,12 +24,12 @@ class Onward(Struct, frozen=True, array_like=True):
 
     path: Annotated[tuple[int, ...], Meta(min_length=1, max_length=MAX_DEPTH)]
     epoch_local_ns: int
-    offset_ns: int
+    offset_ns: Offset
     skew: Skew
     uncertainty_ns: Error
     hard_bound_ns: Error
-    skew_uncertainty: Error
-    skew_bound: Error
+    skew_uncertainty: SkewError
+    skew_bound: SkewError
     shared_uncertainty: Error = 0.0
 
     def time_map(self) -> TimeMap | None:

@@ -15,10 +15,15 @@ def time_report(
     return Report(
         state=state,
         message=message,
-        offset_ns=time_map.leader_from_local(now_ns) - now_ns,
+        offset_ns=_told(time_map.leader_from_local(now_ns) - now_ns),
         skew_ppm=time_map.skew * 1e6,
-        uncertainty_ns=round(time_map.uncertainty_at(now_ns)),
-        hard_bound_ns=round(time_map.hard_bound_at(now_ns)),
+        uncertainty_ns=_told(time_map.uncertainty_at(now_ns)),
+        hard_bound_ns=_told(time_map.hard_bound_at(now_ns)),
         round_trip_ns=time_map.round_trip_ns,
         samples=samples,
     )
+
+
+def _told(value_ns: float) -> int | None:
+    """Return it as a whole number; None where no message can carry it: a forged clock may show anything."""
+    return round(value_ns) if abs(value_ns) < 2**63 else None

@@ -1,0 +1,310 @@
+"""Whatever a follower or a relay was told, and whenever: with an honest leader it soon knows the time."""
+
+import math
+import random
+from collections.abc import Callable
+from heapq import heappop, heappush
+
+import pytest
+from hypothesis import HealthCheck, settings
+from hypothesis import strategies as st
+from hypothesis.stateful import (
+    RuleBasedStateMachine,
+    initialize,
+    precondition,
+    rule,
+    run_state_machine_as_test,
+)
+from msgspec import structs
+
+from capture_app.sync.follower import MOST_EVENTS, Address, Follower, FollowerConfig
+from capture_app.sync.leader import Leader, LeaderConfig
+from capture_app.sync.messages import (
+    CameraDescription,
+    Goodbye,
+    Heartbeat,
+    HeartbeatAck,
+    Hello,
+    Message,
+    Refused,
+    Report,
+    TimeReply,
+    TimeRequest,
+    Trigger,
+    TriggerAck,
+    Unknown,
+    Welcome,
+    encode,
+)
+from capture_app.sync.onward import Onward
+from capture_app.sync.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
+from capture_app.sync.rounds import FIRST_EXCHANGES
+from capture_app.sync.state import NodeState
+
+S = 1_000_000_000
+INSTANCE, HONEST = 77, 99
+PARENTS: tuple[Address, ...] = (("a", 1), ("b", 1), ("c", 1))
+STRANGER: Address = ("stranger", 1)
+OFFSET_NS = 123_456_789_012
+ONE_WAY_NS = 700_000
+RECOVERED_NS = 400 * S
+"""Of virtual time: a pace of a minute that was forged, all parents asked in turn, and the first exchanges."""
+
+i64 = st.integers(-(2**63), 2**63 - 1)
+u32 = st.integers(0, 2**32 - 1)
+numbers = st.sampled_from([0, 1, INSTANCE, HONEST, 2**32 - 1]) | i64
+periods = st.sampled_from([33_333_333] * 8 + [0, 1, -1, 2**63 - 1])
+errors = st.floats(0.0, 1e18)
+slopes = st.floats(0.0, 1.0) | st.just(1e18)
+paces = st.integers(0, 60 * S)
+onwards = st.none() | st.builds(
+    Onward,
+    st.lists(numbers, min_size=1, max_size=8).map(tuple),
+    i64,
+    i64,
+    st.floats(-0.01, 0.01),
+    errors,
+    errors,
+    slopes,
+    slopes,
+    errors,
+)
+slots = st.floats(0.0, 1.0, exclude_max=True) | st.just(math.nan)
+cameras = st.builds(
+    CameraDescription,
+    kind=st.sampled_from(["clock", "relay", "sim"]),
+    model=st.just(""),
+    width=i64,
+    height=i64,
+    period_ns=periods,
+    phase_control=st.sampled_from(["none", "reset", "injection"]),
+    timestamp_source=st.just(""),
+)
+reports = st.builds(Report, state=st.sampled_from(list(NodeState)), frame_leader_ns=st.none() | i64)
+from_parents: st.SearchStrategy[Message] = st.one_of(
+    st.builds(
+        Welcome,
+        st.just(INSTANCE),
+        numbers,
+        u32 | i64,
+        i64,
+        i64,
+        periods,
+        slots,
+        pace_ns=paces,
+        onward=onwards,
+    ),
+    st.builds(
+        HeartbeatAck, numbers, numbers, i64, periods, pace_ns=paces, onward=onwards, alone=st.booleans()
+    ),
+    st.builds(Refused, st.just(INSTANCE) | i64, st.sampled_from(["no", "never"]), st.booleans()),
+    st.builds(Unknown, numbers),
+    st.builds(Trigger, numbers, numbers, i64, i64, i64, i64),
+    st.builds(TimeReply, u32, u32, i64, i64, i64),
+)
+from_clients: st.SearchStrategy[Message] = st.one_of(
+    st.builds(Hello, st.sampled_from(["x", "y", "relay"]), numbers, cameras),
+    st.builds(Heartbeat, numbers, reports),
+    st.builds(TimeRequest, u32, u32, i64),
+    st.builds(TriggerAck, numbers, numbers, i64),
+    st.builds(Goodbye, numbers),
+)
+addresses = st.sampled_from([*PARENTS, STRANGER])
+
+
+class Forged(RuleBasedStateMachine):
+    """A follower among liars; after each sequence an honest leader takes the place of one of its parents."""
+
+    node: Follower | Relay
+    follower: Follower
+
+    @initialize(start_ns=st.integers(-(2**60), 2**60), seed=u32)
+    def start(self, start_ns: int, seed: int) -> None:
+        self.now_ns, self.seed = start_ns, seed
+        self.asked: list[tuple[int, int, int]] = []
+        self.build(random.Random(seed))
+
+    def build(self, rng: random.Random) -> None:
+        self.node = self.follower = Follower(FollowerConfig("me", INSTANCE, PARENTS), rng)
+
+    @rule(data=st.binary(max_size=80), at=addresses)
+    def noise(self, data: bytes, at: Address) -> None:
+        self.hear(data, at)
+
+    @rule(message=from_parents, at=addresses, mine=st.booleans())
+    def forged(self, message: Message, at: Address, mine: bool) -> None:
+        number = self.follower.number
+        if mine:
+            at = self.follower.parent
+            if number is not None and isinstance(message, TimeReply | HeartbeatAck | Unknown | Trigger):
+                message = structs.replace(message, client=number)
+        self.hear(encode(message), at)
+
+    @rule(message=from_clients, at=addresses)
+    def of_a_client(self, message: Message, at: Address) -> None:
+        self.hear(encode(message), at)
+
+    @precondition(lambda self: self.asked)
+    @rule(t1_ns=i64, takes_ns=st.integers(0, S), delay_ns=st.integers(0, 200_000_000))
+    def lie(self, t1_ns: int, takes_ns: int, delay_ns: int) -> None:
+        client, sequence, t0_ns = self.asked.pop()
+        self.now_ns = max(self.now_ns, min(t0_ns + delay_ns, 2**61))
+        t2_ns = min(t1_ns + takes_ns, 2**63 - 1)
+        self.hear(encode(TimeReply(client, sequence, t0_ns, t1_ns, t2_ns)), self.follower.parent)
+
+    @rule(offset_ns=st.sampled_from([2**63 - 1, -(2**62), 0, OFFSET_NS]) | i64, turns=st.integers(290, 320))
+    def lie_for_long(self, offset_ns: int, turns: int) -> None:
+        """A parent whose clock is what it likes, and which is followed."""
+        if self.follower.number is None:
+            self.hear(encode(Welcome(INSTANCE, HONEST, 3, 0, 0, 33_333_333)), self.follower.parent)
+        for _ in range(turns):
+            self.follow_its_timers(1)
+            for client, sequence, t0_ns in self.asked:
+                t1_ns = max(-(2**63), min(t0_ns + offset_ns, 2**63 - 1))
+                self.now_ns += 1_000_000
+                self.hear(encode(TimeReply(client, sequence, t0_ns, t1_ns, t1_ns)), self.follower.parent)
+            self.asked = []
+
+    @rule(wait_ns=st.integers(0, 100_000_000) | st.integers(0, 200 * S) | st.integers(0, 2**58))
+    def wait(self, wait_ns: int) -> None:
+        self.now_ns = min(self.now_ns + wait_ns, 2**61)
+        self.turn()
+
+    @rule(turns=st.integers(1, 60))
+    def follow_its_timers(self, turns: int) -> None:
+        for _ in range(turns):
+            due_ns = self.node.next_timer()
+            if due_ns >= 2**61:
+                return
+            self.now_ns = max(self.now_ns, due_ns)
+            self.turn()
+
+    def hear(self, data: bytes, at: Address) -> None:
+        self.node.receive_datagram(data, at, self.now_ns)
+        self.send()
+
+    def turn(self) -> None:
+        self.node.handle_timer(self.now_ns)
+        self.send()
+
+    def send(self) -> None:
+        for data, _ in self.node.datagrams_to_send(self.now_ns):
+            self.note(data)
+        parent = self.follower._parent
+        assert parent is None or len(parent.outstanding) <= FIRST_EXCHANGES
+        assert len(self.follower._outbox) == 0
+        assert len(self.follower._events) <= MOST_EVENTS
+        assert len(self.asked) <= 1000
+
+    def note(self, data: bytes) -> None:
+        if data[3] == 1:
+            client, sequence, t0_ns = (
+                int.from_bytes(data[a:b], signed=b == 20) for a, b in ((4, 8), (8, 12), (12, 20))
+            )
+            self.asked = [*self.asked[-9:], (client, sequence, t0_ns)]
+
+    def teardown(self) -> None:
+        if hasattr(self, "node"):
+            honest = PARENTS[self.seed % len(PARENTS)]
+            peers: dict[Address, Follower | Relay | Leader] = {("me", 1): self.node}
+            peers[honest] = Leader(LeaderConfig(HONEST, 0, 33_333_333), random.Random(self.seed))
+            self.recover(peers, honest)
+
+    def recover(self, peers: dict[Address, Follower | Relay | Leader], honest: Address) -> None:
+        run(peers, honest, self.now_ns, lambda: self.knows(self.follower))
+
+    def knows(self, follower: Follower) -> bool:
+        time_map = follower.time_map
+        if follower.state is not NodeState.READY or time_map is None or follower.path[0] != HONEST:
+            return False
+        error_ns = abs(time_map.offset_ns - OFFSET_NS)
+        return error_ns <= min(2 * ONE_WAY_NS, time_map.hard_bound_ns)
+
+
+class ForgedRelay(Forged):
+    """A relay among liars above it and below it; in the end a client of its own has the time, too."""
+
+    def build(self, rng: random.Random) -> None:
+        config = FollowerConfig("me", INSTANCE, PARENTS, OF_CAMERAS, HEARTBEAT_EVERY_NS)
+        self.node = Relay(config, LeaderConfig(0, 0), rng)
+        self.follower = self.node.follower
+
+    def recover(self, peers: dict[Address, Follower | Relay | Leader], honest: Address) -> None:
+        client = Follower(FollowerConfig("client", 5, (("me", 1),)), random.Random(self.seed))
+        peers["client", 1] = client
+        run(peers, honest, self.now_ns, lambda: self.knows(client) and self.knows(self.follower))
+        assert client.path == (HONEST, INSTANCE)
+
+
+def run(
+    peers: dict[Address, Follower | Relay | Leader], honest: Address, now_ns: int, done: Callable[[], bool]
+) -> None:
+    """Let all talk until it is done; all clocks but the honest leader's are one."""
+    end_ns = now_ns + RECOVERED_NS
+    heap: list[tuple[int, int, bytes, Address, Address]] = []
+    sent = 0
+
+    def act(address: Address, data: bytes | None = None, sender: Address = STRANGER) -> None:
+        nonlocal sent
+        peer, local_ns = peers[address], now_ns + (OFFSET_NS if address == honest else 0)
+        if data is None:
+            peer.handle_timer(local_ns)
+        else:
+            peer.receive_datagram(data, sender, local_ns)
+        for outgoing, to in peer.datagrams_to_send(local_ns):
+            sent += 1
+            if to in peers:
+                heappush(heap, (now_ns + ONE_WAY_NS, sent, outgoing, address, to))
+
+    while not done():
+        timers = []
+        for address, peer in peers.items():
+            due_ns = peer.next_timer()
+            if due_ns is not None:
+                timers.append((due_ns - (OFFSET_NS if address == honest else 0), address))
+        due_ns, whose = min(timers)
+        if heap and heap[0][0] <= due_ns:
+            now_ns, _, data, sender, to = heappop(heap)
+            act(to, data, sender)
+        else:
+            now_ns = max(now_ns, due_ns)
+            act(whose)
+        assert now_ns < end_ns, "it has not recovered"
+
+
+FEW = settings(max_examples=6, stateful_step_count=12, suppress_health_check=list(HealthCheck))
+MANY = settings(max_examples=150, stateful_step_count=30, suppress_health_check=list(HealthCheck))
+
+
+@pytest.mark.parametrize("offset_ns", [2**63 - 1, -(2**62) - 2**61])
+@pytest.mark.parametrize("told_ns", [None, 2**62, -(2**62)])
+def test_a_clock_that_shows_anything_can_be_told_of(offset_ns: int, told_ns: int | None) -> None:
+    onward = told_ns if told_ns is None else Onward((9,), 0, told_ns, 0.01, 1e18, 1e18, 1.0, 1.0, 1e18)
+    machine = Forged()
+    machine.start(-(2**60), 1)
+    machine.turn()
+    machine.hear(encode(Welcome(INSTANCE, 2, 3, 0, 0, 33_333_333, onward=onward)), machine.follower.parent)
+    machine.lie_for_long(offset_ns, 420)
+    assert machine.follower.clock.samples > 100
+
+
+@pytest.mark.parametrize("number", [-1, 2**32])
+def test_a_number_that_no_request_can_carry_is_not_taken(number: int) -> None:
+    follower = Follower(FollowerConfig("me", INSTANCE, PARENTS), random.Random(1))
+    welcome = Welcome(INSTANCE, 2, number, 0, 0, 33_333_333)
+    follower.receive_datagram(encode(welcome), follower.parent, 0)
+    assert (follower.number, follower.malformed) == (None, 1)
+
+
+def test_a_follower_recovers() -> None:
+    run_state_machine_as_test(Forged, settings=FEW)
+
+
+def test_a_relay_and_its_client_recover() -> None:
+    run_state_machine_as_test(ForgedRelay, settings=FEW)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("machine", [Forged, ForgedRelay])
+def test_they_recover_from_far_more(machine: type[Forged]) -> None:
+    run_state_machine_as_test(machine, settings=MANY)

@@ -95,7 +95,7 @@ def _table(result: MultiviewComparison, sides: wording.Sides) -> str:
 def how_apart(offsets_ms: Mapping[str, float], reference: str) -> str:
     """How far the cameras are apart in time, in a sentence."""
     if not offsets_ms:
-        return "Apart: every camera is off by another time, up to 66 ms, drawn anew for each instant."
+        return wording.tie("Apart: every camera is off by another time, up to 66 ms, drawn for each instant.")
     return f"Apart, against {reference}: {wording.offsets(offsets_ms)}."
 
 

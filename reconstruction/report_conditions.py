@@ -109,7 +109,7 @@ def _details(one: ConditionResult) -> str:
     elif one.offsets_ms:
         parts.insert(0, wording.offsets(one.offsets_ms))
     else:
-        parts.append("every camera off by another time, drawn anew for each instant")
+        parts.append("every camera off by another time, drawn for each instant")
     return "; ".join([*parts, *one.skipped])
 
 
@@ -135,7 +135,7 @@ def instants_table(stereo: StereoResult, names: wording.Sides) -> str:
     rows = [
         [
             f'<span class="narrow">Instant </span>{row["instant"]}',
-            str(row["mover_pixels"]),
+            wording.number(row["mover_pixels"]),
             *(escape(show(row.get(f"{tone}_{key}"))) for key, _, show in columns for tone, _ in sides),
         ]
         for row in stereo.per_instant

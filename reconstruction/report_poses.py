@@ -12,7 +12,9 @@ LEFT, RIGHT, TOP, BOTTOM = 62, 10, 12, 48
 
 
 def _degrees(value: float | None) -> str:
-    return wording.NOT_AVAILABLE if value is None else f"{value:.3g}°"
+    if value is None:
+        return wording.NOT_AVAILABLE
+    return f"{value:.3g}°" if value >= 1 else f"{value:.2g}°"
 
 
 def poses_section(result: PoseComparison | None, sides: wording.Sides) -> str:
@@ -62,7 +64,7 @@ pictures of one instant alone, as it must be for cameras that are moved. {verdic
 <div><p class="key"><span class="tag synced">{escape(names.first)}</span>
 <span class="tag offset">{escape(names.late_head)}</span></p>
 <p>{escape(how_apart(result.offsets_ms, result.cameras[0]))}</p>
-<p class="quiet">{escape(f"Held against: {result.truth}.{why}")}</p></div></div>
+<p class="quiet">{escape(wording.tie(f"Held against: {result.truth}.{why}"))}</p></div></div>
 {table}
 </section>"""
 

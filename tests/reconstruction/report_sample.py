@@ -81,6 +81,7 @@ def whole_result(out: Path) -> CompareResult:
         static_points=98765.0,
         mover_f_score=0.81,
         static_f_score=0.7,
+        intervals={"static_points": Interval(value=98765, low=98123, high=99456)},
         instants=3,
     )
     lost = msgspec.structs.replace(many, mover_coverage=0.052, mover_within_2pct=0.012, mover_points=45.0)

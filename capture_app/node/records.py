@@ -38,6 +38,7 @@ def camera_record(
     `tolerance_ns` is how near to the rig's grid the phase was to be held.
     """
     time_map, phase = ready.time_map, ready.phase
+    correction = time_map.correction
     return CameraRecord(
         name=name,
         kind=info.kind,
@@ -55,6 +56,8 @@ def camera_record(
             hard_bound_ns=round(time_map.hard_bound_ns),
             round_trip_ns=time_map.round_trip_ns,
             samples=time_map.samples,
+            moved_ns=None if correction is None else correction.moved_ns,
+            apart_ns=None if correction is None else round(correction.apart_ns),
         ),
         phase=None
         if phase is None

@@ -25,7 +25,7 @@ class _Record(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Base of all parts of the manifest."""
 
 
-class ClockRecord(_Record, frozen=True, kw_only=True):
+class ClockRecord(_Record, frozen=True, kw_only=True, omit_defaults=True):
     """A camera's clock against the leader's when the burst was taken."""
 
     epoch_local_ns: int
@@ -35,6 +35,10 @@ class ClockRecord(_Record, frozen=True, kw_only=True):
     hard_bound_ns: Count
     round_trip_ns: Count
     samples: Count
+    moved_ns: int | None = None
+    """By how much agreement with cameras that hear the same packets has moved it; part of the offset."""
+    apart_ns: Count | None = None
+    """95 % error against the clocks of those cameras."""
 
 
 class PhaseRecord(_Record, frozen=True, kw_only=True):

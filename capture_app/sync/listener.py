@@ -1,10 +1,8 @@
 """A client's side of the reference broadcast: when it heard the beacons, and what came of telling it."""
 
-from dataclasses import dataclass
-
 from capture_app.sync.beacon import Agreed, Arrival, Heard
 from capture_app.sync.reference import LEAST_COMMON
-from capture_app.sync.timebase import TimeMap
+from capture_app.sync.timebase import Correction, TimeMap
 
 _MS = 1_000_000
 KEPT = 24
@@ -14,14 +12,6 @@ FADES_NS = 10_000 * _MS
 TELL_EVERY_NS = 1000 * _MS
 SLEW = 100e-6
 """How fast a clock is moved, in ns per ns: as fast as the skews that it is prepared for."""
-
-
-@dataclass(frozen=True, slots=True)
-class Correction:
-    """By how much a clock was moved, and its 95 % error against the others that hear the same; in ns."""
-
-    moved_ns: int
-    apart_ns: float
 
 
 class Listener:
@@ -107,7 +97,7 @@ class Listener:
             uncertainty_ns = min(uncertainty_ns, agreed[1].uncertainty_ns + left_ns)
             apart_ns = agreed[1].apart_ns + left_ns
         self.correction = Correction(moved_ns, apart_ns)
-        self._last = own.moved(moved_ns, uncertainty_ns)
+        self._last = own.moved(self.correction, uncertainty_ns)
         return self._last
 
     def _believed(self, own: TimeMap, now_ns: int) -> tuple[int, Agreed] | None:

@@ -12,6 +12,14 @@ ROUNDING_NS = 2.0
 
 
 @dataclass(frozen=True, slots=True)
+class Correction:
+    """By how much a clock was moved, and its 95 % error against the others that hear the same; in ns."""
+
+    moved_ns: int
+    apart_ns: float
+
+
+@dataclass(frozen=True, slots=True)
 class TimeMap:
     """Leader time as a line over local time: leader = local + offset + skew * (local - epoch).
 
@@ -33,6 +41,8 @@ class TimeMap:
     """From the newest sample to the epoch."""
     shared_uncertainty: float = 0.0
     """Four times the covariance of the errors of offset and skew, in ns, where both have the same sign."""
+    correction: Correction | None = None
+    """What agreement with others has done to it, at the epoch; None where nothing was agreed."""
 
     def leader_from_local(self, local_ns: int) -> int:
         """Leader time in ns of a local time in ns."""
@@ -54,14 +64,15 @@ class TimeMap:
         """The most that `leader_from_local(local_ns)` can be wrong, in ns, link asymmetry included."""
         return self.hard_bound_ns + self.skew_bound * abs(local_ns - self.epoch_local_ns)
 
-    def moved(self, by_ns: int, uncertainty_ns: float) -> "TimeMap":
+    def moved(self, correction: Correction, uncertainty_ns: float) -> "TimeMap":
         """Return the map moved by so much, with another uncertainty; what is proven is wider by the move."""
-        hard_bound_ns = self.hard_bound_ns + abs(by_ns)
+        hard_bound_ns = self.hard_bound_ns + abs(correction.moved_ns)
         return replace(
             self,
-            offset_ns=self.offset_ns + by_ns,
+            offset_ns=self.offset_ns + correction.moved_ns,
             uncertainty_ns=min(uncertainty_ns, hard_bound_ns),
             hard_bound_ns=hard_bound_ns,
+            correction=correction,
         )
 
     def then(self, onward: "TimeMap") -> "TimeMap":
@@ -85,6 +96,7 @@ class TimeMap:
             samples=self.samples,
             round_trip_ns=self.round_trip_ns,
             age_ns=self.age_ns,
+            correction=self.correction,
             shared_uncertainty=self.shared_uncertainty
             + onward.shared_uncertainty
             + onward.skew_uncertainty**2 * since_ns,

@@ -82,6 +82,12 @@ def test_clients_of_one_cell_agree_without_the_links_asymmetry() -> None:
     assert apart_us(rig, which=1) > 300.0, "what exchanges alone leave"
     assert apart_us(rig) < 25.0
     assert all(apart_ns is not None and apart_ns < 60_000 for apart_ns in told(rig))
+    burst = rig.trigger(frames=1)
+    run(rig, 3)
+    for node in rig.nodes.values():
+        correction = node.bursts[burst.number].time_map.correction
+        assert correction is not None, "a burst keeps what its clock was"
+        assert correction.apart_ns < 60_000
 
 
 @pytest.mark.parametrize(

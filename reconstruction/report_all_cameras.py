@@ -8,7 +8,7 @@ from pathlib import Path
 from reconstruction import wording
 from reconstruction.report_cells import COVERAGE, EPIPOLAR, WITHIN, Head, listing
 from reconstruction.report_pictures import figure
-from reconstruction.report_tables import Measure, pixels, with_control
+from reconstruction.report_tables import CORRECT, Measure, pixels, with_control
 from reconstruction.results import MultiviewComparison
 
 
@@ -16,11 +16,7 @@ def measures(result: MultiviewComparison) -> tuple[Measure, ...]:
     """The rows of the table."""
     near = "" if result.tolerance_m is None else f" to within {100 * result.tolerance_m:.3g}{wording.GAP}cm"
     return (
-        Measure(
-            "within_2pct",
-            WITHIN,
-            "Share whose distance is within 2 % of the truth; holes count as wrong. More is better.",
-        ),
+        *CORRECT,
         Measure(
             "coverage",
             COVERAGE,

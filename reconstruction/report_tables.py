@@ -28,12 +28,18 @@ class Measure:
     control: bool = False
 
 
-_DEPTH = (
+CORRECT = (
     Measure(
         "within_2pct",
         WITHIN,
         "Share whose distance is within 2 % of the truth; holes count as wrong. More is better.",
     ),
+    Measure("within_1pct", "The same, more strictly", "Within 1 % of the truth."),
+    Measure("within_5pct", "The same, less strictly", "Within 5 % of the truth."),
+)
+
+_DEPTH = (
+    *CORRECT,
     Measure(
         "coverage",
         COVERAGE,

@@ -190,6 +190,15 @@ def test_movers_stand_beside_the_static_control(tmp_path):
     row = page.text[page.text.index("Up-and-down mismatch") :]
     assert re.match(r".*?0\.26 px\s*17\.7 px\s*n/a\s*n/a", row)
     assert "Brightness mismatch" not in page.text
+    assert "more strictly" not in page.text
+
+
+def test_stricter_and_laxer_shares_are_told_where_they_were_taken(tmp_path):
+    both = {"mover_within_1pct": 0.905, "mover_within_5pct": 0.993}
+    stereo = msgspec.structs.replace(STEREO, synced=depth(**both))
+    page = Page.read(write_report(msgspec.structs.replace(RESULT, stereo=stereo), tmp_path))
+
+    assert re.match(r".*more strictly.*?90\.5 %\s*n/a.*less strictly.*?99\.3 %\s*n/a", page.text)
 
 
 def test_a_control_that_moves_is_admitted(tmp_path):

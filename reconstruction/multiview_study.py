@@ -91,7 +91,7 @@ class MultiviewStudy:
             raise ValueError(error.what) from error
         depths = self._depths
         sources = choose_sources(views, depths)
-        alone = {c: "no two other cameras see what it sees" for c in photos if len(sources[c]) < 2}
+        alone = {c: "shares too little with any two others" for c in photos if len(sources[c]) < 2}
         views = {c: view for c, view in views.items() if c not in alone}
         self.left_out |= alone
         self._need(len(views))
@@ -228,5 +228,7 @@ class MultiviewStudy:
 
     def _need(self, cameras: int) -> None:
         if cameras < FEWEST_CAMERAS:
-            reasons = "".join(f"; {camera}: {why}" for camera, why in self.left_out.items())
-            raise ValueError(f"it takes {FEWEST_CAMERAS} cameras that see the same{reasons}")
+            told = [f"it takes {FEWEST_CAMERAS} cameras that see the same"]
+            for why in dict.fromkeys(self.left_out.values()):
+                told.append(f"{', '.join(c for c, its in self.left_out.items() if its == why)}: {why}")
+            raise ValueError("; ".join(told))

@@ -10,6 +10,7 @@ from reconstruction.geometry import Array
 from reconstruction.photo import Lens
 from reconstruction.sweep import Surface
 
+USUAL_WIDTH = 640
 MIDST_SHARE = 0.7
 """Share of the neighbourhood that must be kept around a pixel which few views can see."""
 
@@ -18,7 +19,8 @@ MIDST_SHARE = 0.7
 class Agreement:
     """When two views agree, and how much of that a pixel needs.
 
-    `pixel`: greatest distance in px after going to the other view and back. `relative`: greatest
+    `pixel`: greatest distance in px after going to the other view and back, more in pictures wider than
+    `USUAL_WIDTH`, whose pixels are smaller than what windows can tell apart. `relative`: greatest
     difference of depth. `grey`: greatest difference of brightness, grey levels of 255 beside the noise,
     once the two pictures are levelled: blank things that are not the same would else agree. `votes`:
     views that must agree, fewer where there are fewer. `alike`: a pixel with no greater unlikeness is
@@ -110,7 +112,8 @@ def _compared(inverse_depth: Array, lens: Lens, other: Array, limits: Agreement)
     off = np.abs(seen - expected)
     inside = (seen > 0) & (z > 1e-6)
     near = inside & (off < limits.relative * seen)
-    same = near & (off * lens.pixels_per_inverse_depth(x, y) < limits.pixel)
+    pixel = limits.pixel * max(1.0, lens.reference.view.width / USUAL_WIDTH)
+    same = near & (off * lens.pixels_per_inverse_depth(x, y) < pixel)
     return same, inside & (seen <= expected * (1 + limits.relative))
 
 

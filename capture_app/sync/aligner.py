@@ -3,13 +3,12 @@
 import random
 from dataclasses import dataclass
 
-from capture_app.sync.aim import Aim, Course, to_burst, to_meet, to_stay
+from capture_app.sync.aim import Aim, Course
 from capture_app.sync.commands import CameraCommand, RestartStream, SetFrameDuration
-from capture_app.sync.frame_duration import FrameDurationController
-from capture_app.sync.injection import InjectionController, InjectionProfile
+from capture_app.sync.controls import Controls, Limits
+from capture_app.sync.injection import InjectionProfile
 from capture_app.sync.phase import FrameStamp, PhaseEstimate, PhaseEstimator
-from capture_app.sync.phase_controller import Move, Moved, PhaseController
-from capture_app.sync.reset import ResetController
+from capture_app.sync.phase_controller import Move, Moved
 from capture_app.sync.timebase import Goal, TimeMap
 
 WARM_FRAMES = (30, 90)
@@ -18,14 +17,7 @@ SETTLED_FRAMES = (5, 60)
 JUDGED_STARTS_FRAMES = 10
 """Once so many frames have come after a start, it shows whether the first one could have been believed."""
 HOPELESS_PPM = 1000.0
-INJECTION_LEAD_FRAMES = 9
-"""From the command until the phase is known again: 2-4 frames of latency, the long ones, five calm ones."""
-BURST_LEAD_FRAMES = 12
-"""From the command to a burst: four of latency, three long ones in the time of six, two to spare."""
 INJECTION_TIMEOUT_NS = 5_000_000_000
-STEP_LEAD_FRAMES = 5
-"""From the command until a frame of another duration counts."""
-RESET_LEAD_NS = 1_000_000_000
 RESET_TIMEOUT_NS = 15_000_000_000
 DEFAULT_HOLD_NS = {
     "frame-duration": 0,
@@ -71,27 +63,19 @@ class Aligner:
         self._tolerance_ns = tolerance_ns
         self._hold_ns = DEFAULT_HOLD_NS[control] if hold_ns is None else hold_ns
         self._phase = PhaseEstimator(period_ns=period_ns)
-        self._injection: InjectionController | None = None
-        self._reset: ResetController | None = None
-        self._duration: FrameDurationController | None = None
-        if control == "injection":
-            self._injection = InjectionController(
-                period_ns=period_ns,
-                row_time_ns=row_time_ns,
-                min_exposure_ns=max(min_exposure_ns or 0, exposure_ns or 0),
-                max_exposure_ns=max_exposure_ns,
-                profile=profile,
-            )
-        elif control == "reset":
-            self._reset = ResetController(rng=rng, aimed=aimed)
-        elif control == "frame-duration":
-            self._duration = FrameDurationController(
-                period_ns=period_ns,
-                row_time_ns=row_time_ns,
-                min_duration_ns=min_frame_duration_ns,
-                max_duration_ns=max_frame_duration_ns,
-            )
-        self._controller: PhaseController | None = self._injection or self._reset or self._duration
+        limits = Limits(
+            period_ns,
+            row_time_ns,
+            exposure_ns,
+            min_exposure_ns,
+            max_exposure_ns,
+            min_frame_duration_ns,
+            max_frame_duration_ns,
+        )
+        self._controls = Controls(control, limits, rng=rng, profile=profile, aimed=aimed)
+        self._controller = self._controls.controller
+        self._injection, self._reset = self._controls.injection, self._controls.reset
+        self._duration = self._controls.duration
         self._least_frames = SETTLED_FRAMES[0]
         self._outstanding: _Outstanding | None = None
         self._stream = -1
@@ -220,7 +204,6 @@ class Aligner:
         known bring the stream to its goal for that burst. A stream that can only be restarted is judged by
         its phase at `agreed_leader_ns`, if that is still to come.
         """
-        hold = hold or burst_leader_ns is not None
         self.catch_up(now_local_ns)
         now_leader_ns = time_map.leader_from_local(now_local_ns)
         now = self.estimate(time_map, goal, now_leader_ns)
@@ -239,15 +222,8 @@ class Aligner:
             self._tolerance_ns,
             grace_ns,
         )
-        agreed_ns = 0 if agreed_leader_ns is None else max(0, agreed_leader_ns - now_leader_ns)
-        if burst_leader_ns is None:
-            aim = None if hold and self._duration is None else self._aim(course, agreed_ns)
-        else:
-            first_ns, last_ns = burst_leader_ns
-            aim = self._aim_before(course, first_ns - now_leader_ns, last_ns - first_ns)
+        aim = self._aim(course, now_leader_ns, hold, burst_leader_ns, agreed_leader_ns)
         if aim is None:
-            return None
-        if self._duration is not None and hold and abs(aim.error_ns) > self._duration.fine_ns:
             return None
         landing_local_ns = now_local_ns + aim.lead_ns
         move = Move(
@@ -260,27 +236,29 @@ class Aligner:
         )
         return self._give(self._controller.command(move), now_local_ns)
 
-    def _aim(self, course: Course, agreed_ns: int) -> Aim | None:
-        """Where the stream should be moved to stay; None if nothing is to be done."""
-        lead_ns = self._lead_ns()
-        if self._duration is not None:
-            return Aim(lead_ns, course.after(lead_ns), 0.0, 0.0)
-        if self._reset is not None:
-            if agreed_ns > 0:
-                return to_meet(course, lead_ns, agreed_ns)
-            return None if self.aligned else to_stay(course, lead_ns, self._hold_ns)
-        if course.is_in(course.after(lead_ns)):
-            return None
-        return to_stay(course, lead_ns, self._hold_ns)
-
-    def _aim_before(self, course: Course, begins_ns: int, lasts_ns: int) -> Aim | None:
-        """Where the stream should be moved for a burst that is due."""
-        if self._duration is not None:
-            return self._aim(course, 0)
-        if self._injection is None or self._injection.profile is None:
-            return None
-        ready_ns = BURST_LEAD_FRAMES * self._phase.period_ns
-        return to_burst(course, self._lead_ns(), ready_ns, begins_ns, lasts_ns)
+    def _aim(
+        self,
+        course: Course,
+        now_leader_ns: int,
+        hold: bool,
+        burst_leader_ns: tuple[int, int] | None,
+        agreed_leader_ns: int | None,
+    ) -> Aim | None:
+        period_ns = self._phase.period_ns
+        if burst_leader_ns is not None:
+            first_ns, last_ns = burst_leader_ns
+            return self._controls.aim_before(
+                course, period_ns=period_ns, begins_ns=first_ns - now_leader_ns, lasts_ns=last_ns - first_ns
+            )
+        if hold:
+            return self._controls.aim_on_hold(course, period_ns=period_ns)
+        return self._controls.aim(
+            course,
+            period_ns=period_ns,
+            hold_ns=self._hold_ns,
+            aligned=self.aligned,
+            agreed_ns=0 if agreed_leader_ns is None else max(0, agreed_leader_ns - now_leader_ns),
+        )
 
     def _give(self, command: CameraCommand | None, now_local_ns: int) -> CameraCommand | None:
         """Remember what is expected of a command, and pass it on."""
@@ -306,12 +284,6 @@ class Aligner:
             return False
         sigma_ns = self._phase.sigma_at(self._phase.last_ns)
         return frames >= SETTLED_FRAMES[1] or sigma_ns < self._tolerance_ns / 4
-
-    def _lead_ns(self) -> float:
-        if self._reset is not None:
-            return RESET_LEAD_NS
-        frames = STEP_LEAD_FRAMES if self._duration else INJECTION_LEAD_FRAMES
-        return frames * self._phase.period_ns
 
     def _wanted(self, time_map: TimeMap, goal: Goal, local_ns: float) -> int:
         """Local time of the goal's instant nearest to a local time."""

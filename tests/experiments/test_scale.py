@@ -1,5 +1,7 @@
 """`experiment scale`: figures of a leader beside a tree, the same in one process and in two."""
 
+from pathlib import Path
+
 import pytest
 from click.testing import CliRunner
 
@@ -7,7 +9,7 @@ from capture_app.experiments import scale
 from capture_app.experiments.scale import ScaleOptions, run
 
 
-def test_one_leader_beside_a_tree(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_one_leader_beside_a_tree(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(scale, "SHARE_CLIENTS", 3)
     talk: list[str] = []
     one, two = (
@@ -26,8 +28,11 @@ def test_one_leader_beside_a_tree(monkeypatch: pytest.MonkeyPatch) -> None:
         assert 0.0 < figures["pair_error_us"]["median"] < figures["pair_error_us"]["p99"] < 400.0
     assert tree["leader_messages_per_s"] > 0.0 < tree["relay_messages_per_s"]
     assert len(talk) == 4
+    assert one.draw is not None
+    assert [path.read_bytes()[1:4] for path in one.draw(tmp_path)] == [b"PNG"]
     again = two.result.ours["6"]
     assert (again["digest"], again["pair_error_us"]) == (tree["digest"], tree["pair_error_us"])
+    assert len(tree["pair_error_us"]["p99_by_minute"]) == 2
 
 
 def test_help_names_the_full_size() -> None:

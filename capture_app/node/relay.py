@@ -17,8 +17,8 @@ from capture_app.node.snapshots import node_statuses
 from capture_app.node.status import RigStatus
 from capture_app.node.wording import follower_in_words, in_words
 from capture_app.simulation.clock import HostClock, NodeClock
-from capture_app.sync.events import ClockStepped, ClockSynced, Joined, JoinRefused, LeaderLost
-from capture_app.sync.follower import FollowerConfig
+from capture_app.sync.events import Joined, LeaderLost
+from capture_app.sync.follower import FollowerConfig, FollowerEvent
 from capture_app.sync.leader import LeaderConfig
 from capture_app.sync.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
 
@@ -160,24 +160,23 @@ class RelayNode:
     def _drain(self) -> None:
         self._beacons.send_due(self._engine.leader, self._clock.now_ns())
         while (event := self._engine.next_event()) is not None:
-            match event:
-                case Joined():
-                    self._way_up = Address(self._engine.follower.parent[0], event.transfer_port)
-                    self._lost_ns = None
-                    self._leave_old_ways()
-                    self._talk(follower_in_words(event, Address(*self._engine.follower.parent)))
-                case LeaderLost():
-                    self._way_up = None
-                    self._lost_ns = self._clock.now_ns()
-                    self._leave_old_ways()
-                    self._talk(follower_in_words(event, Address(*self._engine.follower.parent)))
-                case ClockSynced() | ClockStepped() | JoinRefused():
-                    self._talk(follower_in_words(event, Address(*self._engine.follower.parent)))
-                case _:
-                    if line := in_words(event):
-                        self._talk(line)
+            if isinstance(event, Joined | LeaderLost):
+                self._change_way_up(event)
+            if isinstance(event, FollowerEvent):
+                line = follower_in_words(event, Address(*self._engine.follower.parent))
+            else:
+                line = in_words(event)
+            if line:
+                self._talk(line)
 
-    def _leave_old_ways(self) -> None:
+    def _change_way_up(self, event: Joined | LeaderLost) -> None:
+        """Another parent, or none: break streams to the one before off, for nodes to take up again."""
+        if isinstance(event, Joined):
+            self._way_up = Address(self._engine.follower.parent[0], event.transfer_port)
+            self._lost_ns = None
+        else:
+            self._way_up = None
+            self._lost_ns = self._clock.now_ns()
         for above in self._ways_up:
             above.abort()
 

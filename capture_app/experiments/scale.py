@@ -195,15 +195,17 @@ def _draw(runs: dict[str, dict[str, Run]], seed: int, path: Path) -> Path:
     figure = new_figure(figsize=(9, 5))
     axes = figure.subplots()
     for shape, sizes in runs.items():
-        for clients, one in sizes.items():
+        for n, (clients, one) in enumerate(sizes.items()):
             points = [(at_s / 60.0, quantile(pairs, 0.99)) for at_s, pairs in one.pairs_us(seed)]
-            style = "-" if shape == "tree" else ":"
+            style = f"C{n}-" if shape == "tree" else f"C{n}:"
             axes.plot(*zip(*points, strict=True), style, lw=1, label=f"{clients}, {shape.replace('_', ' ')}")
     axes.set(
         yscale="log",
         xlabel="minutes",
-        ylabel="99th percentile pair error, us",
+        ylabel="99 % of the differences between two clients, us",
         title="Clocks on the paper's link",
     )
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter("{x:g}")
     axes.legend(ncols=2)
     return save(figure, path)

@@ -51,7 +51,7 @@ def _page(result: CompareResult, out: Path) -> str:
     sections = [
         _why(result),
         pictures_section(result.pictures, out, sides),
-        bullet_time_section(result.bullet_time, out, sides.first),
+        bullet_time_section(result.bullet_time, out, sides),
         burst_section(result.burst, out),
         dose_section(result.dose),
         all_cameras_section(result.multiview, out, sides),

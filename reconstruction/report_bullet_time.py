@@ -8,8 +8,8 @@ from reconstruction.report_burst import embed
 from reconstruction.results import BulletTime
 
 
-def bullet_time_section(sweep: BulletTime | None, out: Path, first: str) -> str:
-    """Both reels and their controls; nothing where there is none. `first` names the one that is as recorded.
+def bullet_time_section(sweep: BulletTime | None, out: Path, sides: wording.Sides) -> str:
+    """Both reels and their controls; nothing where there is none.
 
     Without scripts and in print each reel is a strip of its pictures. Raises BadInputError where a picture
     is missing.
@@ -23,17 +23,18 @@ def bullet_time_section(sweep: BulletTime | None, out: Path, first: str) -> str:
         if sweep.steady
         else "The pictures are as the cameras took them."
     )
+    late = "" if sides.together else "; these did not, so what moves jumps"
     steps = _steps(sweep)
     times = [wording.timeliness(ms) for ms in sweep.late_ms]
-    reels = _reel("synced", first, sweep.synced, [""] * len(times), sweep, out)
+    reels = _reel("synced", sides.first, sweep.synced, [""] * len(times), sweep, out)
     reels += _reel("offset", "Apart", sweep.offset, times, sweep, out)
     last = len(sweep.cameras) - 1
     return f"""<section aria-labelledby="sweep">
 <h2 id="sweep">From camera to camera</h2>
 <p>Time stands still while the view goes from camera to camera, {order}: the effect called bullet time. It
-takes cameras that fire together. Beside it, each camera is late or early by another time, as when nobody
-synchronizes them (its picture is taken from another instant of the burst): what stands still looks the same,
-what moves jumps.</p>
+takes cameras that fire together{late}. Beside it, each camera is late or early by another time, as when
+nobody synchronizes them (its picture is taken from another instant of the burst): what stands still looks the
+same, what moves jumps.</p>
 <figure class="sweep" aria-label="From camera to camera">
 <div class="reels">{reels}</div>
 <div class="controls">

@@ -39,7 +39,8 @@ def burst_section(burst: BurstGrid | None, out: Path) -> str:
 <h2 id="burst">The burst</h2>
 <p>Each row is a camera, each column an instant. Synchronized pictures come from one column; an offset takes
 one camera's picture from a column further right.</p>
-<div class="wide"><table class="burst">{"".join(rows)}</table></div>
+<div class="wide" role="region" aria-label="Pictures of the burst">
+<table class="burst">{"".join(rows)}</table></div>
 </section>"""
 
 

@@ -100,6 +100,8 @@ class Sides:
     when: str
     """The first side at the end of a sentence."""
     late: str
+    together: bool = True
+    """The first side can be of one instant."""
 
     @property
     def late_head(self) -> str:
@@ -111,7 +113,7 @@ def sides(synced: DepthScores | None, offset_ms: float) -> Sides:
     """The names; what is plainly not of one instant is not called synchronized."""
     late = lateness(offset_ms)
     if synced is not None and not together(synced):
-        return Sides("As recorded", "Recorded", "in the pictures as they were recorded", late)
+        return Sides("As recorded", "Recorded", "in the pictures as they were recorded", late, False)
     return Sides("Synchronized", "Synced", "when both pictures show the same instant", late)
 
 

@@ -217,6 +217,7 @@ def test_pictures_that_are_not_of_one_instant_are_not_called_synchronized(tmp_pa
 
     assert "As recorded against offset" in page.text
     assert "Synced" not in page.text
+    assert "fire together; these did not" in page.text
     assert "in the pictures as they were recorded" in page.text
     assert "comes from timing alone" not in page.text
     assert "they do as well either way (67.3 % and 67.3 %)." in page.text

@@ -113,13 +113,14 @@ class StandIn(asyncio.DatagramProtocol):
             case _:
                 raise AssertionError(f"the leader says {message}")
 
-    async def run(self, until_s: float) -> None:
-        """Join, then ask for the time and say hello at even paces, in a slot of its own."""
+    async def run(self, all_joined: asyncio.Event, until_s: float) -> None:
+        """Join; with all others ask for the time and say hello at even paces, in a slot of its own."""
         load = self._load
         while not self.joined.is_set():
             self._say_hello()
             await asyncio.wait([asyncio.ensure_future(self.joined.wait())], timeout=1.0)
         beats = asyncio.create_task(self._every(load.heartbeat_s, 0.0, self._beat, until_s))
+        await all_joined.wait()
         while self.replies < load.first:
             self._ask()
             await asyncio.sleep(FIRST_PACE_S)
@@ -262,16 +263,18 @@ async def _stand_in(pipe: Connection, port: int, index: int, load: Load) -> None
     loop = asyncio.get_running_loop()
     members: list[StandIn] = []
     until_s = time.monotonic() + JOIN_S + FIRST_S + load.seconds
+    all_joined = asyncio.Event()
     tasks = []
     for number in range(index, load.clients, PROCESSES):
         _, member = await loop.create_datagram_endpoint(
             lambda number=number: StandIn(number, load), remote_addr=("127.0.0.1", port)
         )
         members.append(member)
-        tasks.append(asyncio.create_task(member.run(until_s)))
+        tasks.append(asyncio.create_task(member.run(all_joined, until_s)))
     await asyncio.gather(*(member.joined.wait() for member in members))
     pipe.send("joined")
     await loop.run_in_executor(None, pipe.recv)
+    all_joined.set()
     await asyncio.gather(*(member.settled.wait() for member in members))
     pipe.send("settled")
     pipe.send((sum(m.requests for m in members), sum(m.replies for m in members)))

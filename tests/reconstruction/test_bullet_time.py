@@ -151,3 +151,58 @@ def test_the_animation_goes_there_and_back(tmp_path):
     frames = cv2.imreadanimation(str(tmp_path / path))[1].frames
     levels = [round(float(frame[200, 200, :3].mean()), -1) for frame in frames]
     assert levels == pytest.approx([0, 90, 180, 250, 180, 90], abs=12)
+
+
+class Odd:
+    """Three cameras of different shapes, one of which lost its middle pictures; nothing moves."""
+
+    cameras = ("a", "b", "c")
+    instants_ns = tuple(33_000_000 * k for k in range(5))
+    period_ns = 33_000_000
+
+    def instants(self, camera):
+        return (0, 4) if camera == "c" else (0, 1, 2, 3, 4)
+
+    def size(self, camera):
+        return {"a": (320, 240), "b": (240, 320), "c": (200, 200)}[camera]
+
+    def image(self, camera, instant):
+        assert instant in self.instants(camera)
+        width, height = self.size(camera)
+        return np.full((height, width, 3), 40 + 40 * instant, np.uint8)
+
+    def residual_us(self):
+        return None
+
+
+class Still:
+    """Nothing moves."""
+
+    dataset = Odd()
+
+    def seen_moving(self, camera, instant):
+        return np.zeros(self.dataset.image(camera, instant).shape[:2], bool)
+
+    moving = seen_moving
+
+
+def test_cameras_of_other_shapes_and_lost_pictures_still_make_a_sweep(tmp_path):
+    sweep = bullet_time(Odd(), Still(), {}, tmp_path)
+
+    assert sweep is not None
+    assert sweep.cameras == ("a", "b", "c")
+    assert sweep.instant in (0, 4)
+    shapes = {cv2.imread(str(tmp_path / path)).shape for path in (*sweep.synced, *sweep.offset)}
+    assert len(shapes) == 1
+    assert len(cv2.imreadanimation(str(tmp_path / sweep.file))[1].frames) == 4
+
+
+def test_a_burst_of_one_instant_has_no_sweep(tmp_path):
+    class Short(Odd):
+        instants_ns = (0,)
+
+        def instants(self, camera):
+            return (0,)
+
+    assert bullet_time(Short(), Still(), {}, tmp_path) is None
+    assert not list(tmp_path.iterdir())

@@ -99,7 +99,7 @@ class Controls:
 
     def aim_before(self, course: Course, *, period_ns: float, begins_ns: int, lasts_ns: int) -> Aim | None:
         """Where the stream should be moved for a burst that begins so much later, and lasts so long."""
-        if self.injection is None or self.injection.profile is None:
+        if self.injection is None or not self.injection.sure:
             return self.aim_on_hold(course, period_ns=period_ns)
         ready_ns = BURST_LEAD_FRAMES * period_ns
         return to_burst(course, self.lead_ns(period_ns), ready_ns, begins_ns, lasts_ns)

@@ -28,6 +28,10 @@ WORTHWHILE = 0.7
 TURN_ROWS = 0.1
 INSIDE_TOLERANCE = 0.8
 """Landing beyond this share of the tolerance is avoided where another number of rows allows it."""
+SURE_ROWS = 1.0
+"""An injection that missed what its profile says by less than this confirms it."""
+LOST_COMMANDS = 2
+"""So many injections without effect are given again as they were, where a device is known."""
 FRUITLESS = 8
 """Injections in a row without any effect after which a camera counts as one that does not obey."""
 REMEMBERED = 8
@@ -79,6 +83,16 @@ class InjectionController:
             f" {(self._period_ns + FIRST_STRETCH_NS) / 1e6:.1f} ms are needed"
         )
 
+    @property
+    def sure(self) -> bool:
+        """Whether the next injection will do what it should, as far as anybody can tell."""
+        if self.profile is None or self._fruitless:
+            return False
+        if not self._seen:
+            return True
+        rows, shift_rows = self._seen[-1]
+        return abs(self.profile.gain * (rows - self.profile.neutral_rows) - shift_rows) < SURE_ROWS
+
     def command(self, move: Move) -> InjectFrame | None:
         """One long frame; a shift that takes more than the longest exposure is done in part."""
         self._asked = None
@@ -100,9 +114,11 @@ class InjectionController:
         if rows is None or moved.shift_ns is None:
             return
         if moved.shift_ns < max(0.75 * self._row_ns if self._row_known else 0.0, 4.0 * moved.noise_ns):
-            # Too short to stretch a frame at all, it says nothing about longer ones.
-            self._raised_ns += RAISE_NS
+            # Too short to stretch a frame at all, it says nothing about longer ones. A device that is known
+            # did not get its command, more likely.
             self._fruitless += 1
+            if self.profile is None or self._fruitless > LOST_COMMANDS:
+                self._raised_ns += RAISE_NS
             return
         self._raised_ns = self._fruitless = 0
         self._seen.append((rows, moved.shift_ns / self._row_ns))

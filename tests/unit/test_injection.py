@@ -72,6 +72,19 @@ def test_no_shift_at_all_asks_for_more_and_learns_nothing() -> None:
     assert second.exposure_ns - first.exposure_ns == pytest.approx(1_000_000, abs=2 * ROW_NS)
 
 
+def test_a_command_that_a_known_device_did_not_get_is_given_again_as_it_was() -> None:
+    inject = InjectionController(
+        period_ns=PERIOD_NS, row_time_ns=ROW_NS, profile=InjectionProfile(ROW_NS, 2, 3050.0)
+    )
+    assert inject.sure
+    first = inject.command(move(9_000_000))
+    inject.learn(Moved(0, 400, 3000.0))
+    assert not inject.sure, "nothing to be done just before a burst"
+    assert inject.command(move(9_000_000)) == first
+    inject.learn(Moved(0, 9_007_000, 3000.0))
+    assert inject.sure
+
+
 def test_a_camera_that_never_obeys_is_a_problem_in_the_end() -> None:
     inject = controller()
     for _ in range(8):

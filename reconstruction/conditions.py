@@ -2,7 +2,7 @@
 
 import math
 import random
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from capture_app.errors import BadInputError
@@ -121,6 +121,19 @@ def shown_with(dataset: Dataset, condition: Condition, reference: str, instant: 
     raise ValueError(problem)
 
 
+def refuse_together(condition: Condition, shown: Iterable[tuple[int, Mapping[str, int]]]) -> None:
+    """Refuse a condition in which all cameras show the reference's own instant, each time.
+
+    Raises:
+        ValueError: they do, although it is not the synchronized one.
+    """
+    if condition.name == SYNCED or any(set(one.values()) != {instant} for instant, one in shown):
+        return
+    if condition.drawn:
+        raise ValueError(f"the frames are too far apart for offsets of up to {DISTINCT_MS[-1]:g} ms")
+    raise ValueError("these cameras are equally late, which is synchronized")
+
+
 def pair_instants(
     dataset: Dataset, condition: Condition, first: str, second: str
 ) -> tuple[list[tuple[int, int]], float | None]:
@@ -137,6 +150,8 @@ def pair_instants(
             try:
                 later = shown_with(dataset, condition, first, instant)[second]
             except ValueError:
+                continue
+            if later == instant:
                 continue
             if dataset.has(first, instant) and dataset.has(second, instant) and dataset.has(second, later):
                 found.append((instant, later))

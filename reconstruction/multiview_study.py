@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.errors import BadInputError
-from reconstruction.conditions import SYNCED, Condition, listed, shown_with
+from reconstruction.conditions import Condition, listed, refuse_together, shown_with
 from reconstruction.dataset import Dataset
 from reconstruction.depth_range import find_depth_range
 from reconstruction.instant_depth import InstantDepth, instant_depth
@@ -160,8 +160,7 @@ class MultiviewStudy:
             raise ValueError(problem)
         most = max(len(one.shown) for one in found)
         fullest = [one for one in found if len(one.shown) == most]
-        if condition.name != SYNCED and all(one.shown == one.together for one in fullest):
-            raise ValueError("these cameras are equally late, which is synchronized")
+        refuse_together(condition, [(one.instant, one.shown) for one in fullest])
         places = thin([(place, place) for place in range(len(fullest))], self.most_instants)
         chosen = [fullest[place] for place, _ in places]
         shown_only = [Taken(o.instant, self._kept(o.instant, o.shown, self.shots.usable)) for o in chosen]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from reconstruction.conditions import SYNCED, Condition, listed, shown_with
+from reconstruction.conditions import Condition, listed, refuse_together, shown_with
 from reconstruction.dataset import Dataset
 from reconstruction.geometry import Array, View
 from reconstruction.intervals import interval, pooled_samples, share_samples
@@ -106,8 +106,7 @@ class PoseStudy:
                 found.append((instant, shown))
         if not found:
             raise ValueError(problem)
-        if condition.name != SYNCED and all(set(shown.values()) == {now} for now, shown in found):
-            raise ValueError("these cameras are equally late, which is synchronized")
+        refuse_together(condition, found)
         chosen = thin([(place, place) for place in range(len(found))], MOST_INSTANTS)
         return [found[place] for place, _ in chosen]
 

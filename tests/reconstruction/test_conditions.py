@@ -8,7 +8,15 @@ import pytest
 from capture_app.errors import BadInputError
 from capture_app.session.reader import Session
 from reconstruction.cli import main
-from reconstruction.conditions import DISTINCT, DISTINCT_MS, SYNCED, Condition, pair_instants, shown_with
+from reconstruction.conditions import (
+    DISTINCT,
+    DISTINCT_MS,
+    SYNCED,
+    Condition,
+    pair_instants,
+    refuse_together,
+    shown_with,
+)
 from reconstruction.dataset import Dataset
 from tests.reconstruction.conftest import VIEWS, Scene, write_session
 
@@ -48,6 +56,16 @@ def test_the_reference_shows_the_same_picture_in_every_condition(boards: Session
     assert shown_with(dataset, Condition(SYNCED), "left", 2) == {"left": 2, "right": 2, "aside": 2}
     with pytest.raises(ValueError, match="no instant is -33 ms from instant 0"):
         shown_with(dataset, Condition.parse("66,33,0"), "right", 0)
+
+
+def test_a_condition_that_is_none_is_refused() -> None:
+    together, apart = (2, {"a": 2, "b": 2}), (2, {"a": 2, "b": 3})
+    refuse_together(Condition(SYNCED), [together])
+    refuse_together(Condition(DISTINCT), [together, apart])
+    with pytest.raises(ValueError, match="too far apart for offsets of up to 66 ms"):
+        refuse_together(Condition(DISTINCT), [together])
+    with pytest.raises(ValueError, match="equally late"):
+        refuse_together(Condition.parse("5,5"), [together, together])
 
 
 def test_a_burst_that_is_too_short_to_draw_from_is_said(scene: Scene, tmp_path: Path) -> None:

@@ -10,22 +10,19 @@ link's emulator come from `../shared/wifi-link`. Needs root.
 import argparse
 import contextlib
 import json
-import os
-import shutil
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from statistics import fmean
 from typing import Any
 
+from wifi_link import ROOT, build_emulator, namespaces, running, why_not
+
 from capture_app.session.reader import Session
 from capture_app.simulation.clock import SimulatedClock
 
-ROOT = Path(__file__).resolve().parents[1]
-WIFI_LINK = ROOT.parent / "shared" / "wifi-link"
 LEADER, RELAY = "10.77.0.1:47010", "10.79.0.1:47010"
 # Pair 0 joins the leader's namespace to the relay's; pair 1 joins a router of its own to the far nodes', and
 # a bare cable the router to the relay, which passes no packet on by itself.
@@ -50,10 +47,10 @@ NODES = {
 def main() -> int:
     """Take the bursts and print the errors; 0 where every hard bound held, 1 if not, 0 where skipped."""
     options = _options()
-    if reason := _why_not():
+    if reason := why_not():
         print(f"bench-relay skipped: {reason}", file=sys.stderr)
         return 0
-    with tempfile.TemporaryDirectory() as scratch, _namespaces():
+    with tempfile.TemporaryDirectory() as scratch, namespaces(2, WIRING):
         report = _measure(Path(scratch), options)
     if options.json:
         print(json.dumps(report, indent=2))
@@ -72,46 +69,22 @@ def _options() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def _why_not() -> str:
-    if not (WIFI_LINK / "linkemu.c").is_file():
-        return f"the link's emulator is not at {WIFI_LINK.relative_to(ROOT.parent)} beside the checkout"
-    if not sys.platform.startswith("linux") or os.geteuid() != 0:
-        return "network namespaces need Linux and root"
-    missing = [tool for tool in ("ip", "cc", "bash") if shutil.which(tool) is None]
-    return f"{', '.join(missing)} is not installed" if missing else ""
-
-
-@contextlib.contextmanager
-def _namespaces() -> Iterator[None]:
-    quiet = {"stdout": subprocess.DEVNULL, "check": True}
-    try:
-        # A run that was killed may have left its own behind.
-        subprocess.run(["bash", str(WIFI_LINK / "teardown.sh")], **quiet)
-        subprocess.run(["bash", str(WIFI_LINK / "setup.sh"), "2"], **quiet)
-        for line in WIRING:
-            subprocess.run(line.split(), **quiet)
-        yield
-    finally:
-        subprocess.run(["bash", str(WIFI_LINK / "teardown.sh")], check=False, stdout=subprocess.DEVNULL)
-
-
 def _measure(scratch: Path, options: argparse.Namespace) -> dict[str, Any]:
-    emulator = scratch / "linkemu"
-    source = str(WIFI_LINK / "linkemu.c")
-    subprocess.run([shutil.which("cc") or "cc", "-O2", "-w", "-o", str(emulator), source, "-lm"], check=True)
+    emulator = str(build_emulator(scratch))
+    state = {"XDG_STATE_HOME": str(scratch), "XDG_DATA_HOME": str(scratch)}
     sessions = scratch / "sessions"
-    with contextlib.ExitStack() as running:
-        running.enter_context(_running(str(emulator), "-n", "2", "-s", str(options.seed)))
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(running(emulator, "-n", "2", "-s", str(options.seed)))
         time.sleep(1.0)
         lead = _app("nbL0", scratch, "leader", "--sessions", str(sessions))
-        running.enter_context(_running(*lead, scratch=scratch))
+        stack.enter_context(running(*lead, **state))
         relay = _app("nbC0", scratch, "relay", LEADER, "--name", "relay", "--clock", "sim")
-        relaying = running.enter_context(_running(*relay, scratch=scratch))
+        relaying = stack.enter_context(running(*relay, **state))
         time.sleep(2.0)
         for name, (where, leader, _) in NODES.items():
             camera = ("--camera", "sim:perfect,drops=0,outliers=0", "--clock", "sim")
             node = _app(where, scratch, "node", "--name", name, "--leader", leader, *camera)
-            running.enter_context(_running(*node, scratch=scratch))
+            stack.enter_context(running(*node, **state))
         for number in range(options.bursts):
             print(f"burst {number + 1} of {options.bursts} ...", file=sys.stderr)
             _burst(scratch)
@@ -120,7 +93,7 @@ def _measure(scratch: Path, options: argparse.Namespace) -> dict[str, Any]:
         relaying.kill()
         time.sleep(4.0)
         began_s = time.monotonic()
-        running.enter_context(_running(*relay, scratch=scratch))
+        stack.enter_context(running(*relay, **state))
         healed = _burst(scratch)
         report["healed"] = {
             "images": healed["received"],
@@ -132,21 +105,6 @@ def _measure(scratch: Path, options: argparse.Namespace) -> dict[str, Any]:
 
 def _app(namespace: str, scratch: Path, *arguments: str) -> tuple[str, ...]:
     return ("ip", "netns", "exec", namespace, sys.executable, "-m", "capture_app.cli", *arguments)
-
-
-@contextlib.contextmanager
-def _running(*command: str, scratch: Path | None = None) -> Iterator[subprocess.Popen[bytes]]:
-    process = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.DEVNULL, env=_environment(scratch))
-    try:
-        yield process
-    finally:
-        process.terminate()
-        process.wait(timeout=20)
-
-
-def _environment(scratch: Path | None) -> dict[str, str]:
-    state = {} if scratch is None else {"XDG_STATE_HOME": str(scratch), "XDG_DATA_HOME": str(scratch)}
-    return {**os.environ, **state}
 
 
 def _burst(scratch: Path) -> dict[str, Any]:

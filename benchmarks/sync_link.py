@@ -8,17 +8,15 @@ import argparse
 import contextlib
 import json
 import os
-import shutil
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
-ROOT = Path(__file__).resolve().parents[1]
-WIFI_LINK = ROOT.parent / "shared" / "wifi-link"
+from wifi_link import ROOT, build_emulator, namespaces, running, why_not
+
 PORT = 47010
 TAP, VETH = "10.77.{}.1", "10.78.{}.1"
 CAPTURE_APP = (sys.executable, "-m", "capture_app.cli")
@@ -35,17 +33,13 @@ TARGETS: dict[str, dict[str, float]] = {
 def main() -> int:
     """Run all cases and print them; 0 if all targets are met, 1 if not, 0 with a reason where skipped."""
     options = _options()
-    reason = _why_not()
+    reason = why_not()
     if reason:
         print(f"bench-sync skipped: {reason}", file=sys.stderr)
         return 0
     pairs = max(1, min(options.minute_trials, 3))
-    with tempfile.TemporaryDirectory() as scratch, _namespaces(pairs):
-        emulator = Path(scratch) / "linkemu"
-        compiler = shutil.which("cc") or "cc"
-        source = str(WIFI_LINK / "linkemu.c")
-        subprocess.run([compiler, "-O2", "-o", str(emulator), source, "-lm"], check=True)
-        results = _cases(emulator, pairs, options)
+    with tempfile.TemporaryDirectory() as scratch, namespaces(pairs):
+        results = _cases(build_emulator(Path(scratch)), pairs, options)
     report: dict[str, Any] = {
         "load_average": os.getloadavg()[0],
         "cases": results,
@@ -69,53 +63,21 @@ def _options() -> argparse.Namespace:
     return parser.parse_args()
 
 
-def _why_not() -> str:
-    if not (WIFI_LINK / "linkemu.c").is_file():
-        return f"the link's emulator is not at {WIFI_LINK.relative_to(ROOT.parent)} beside the checkout"
-    if not sys.platform.startswith("linux") or os.geteuid() != 0:
-        return "network namespaces need Linux and root"
-    missing = [tool for tool in ("ip", "cc", "bash") if shutil.which(tool) is None]
-    return f"{', '.join(missing)} is not installed" if missing else ""
-
-
-@contextlib.contextmanager
-def _namespaces(pairs: int) -> Iterator[None]:
-    try:
-        # A run that was killed may have left its own behind.
-        subprocess.run(["bash", str(WIFI_LINK / "teardown.sh")], check=True, stdout=subprocess.DEVNULL)
-        subprocess.run(
-            ["bash", str(WIFI_LINK / "setup.sh"), str(pairs)], check=True, stdout=subprocess.DEVNULL
-        )
-        yield
-    finally:
-        subprocess.run(["bash", str(WIFI_LINK / "teardown.sh")], check=False, stdout=subprocess.DEVNULL)
-
-
-@contextlib.contextmanager
-def _running(*command: str) -> Iterator[subprocess.Popen[bytes]]:
-    process = subprocess.Popen(command, cwd=ROOT, stderr=subprocess.DEVNULL)
-    try:
-        yield process
-    finally:
-        process.terminate()
-        process.wait(timeout=10)
-
-
 def _cases(emulator: Path, pairs: int, options: argparse.Namespace) -> dict[str, dict[str, Any]]:
     trials, results = str(options.trials), {}
     link = (str(emulator), "-n", str(pairs), "-s", str(options.seed))
     with contextlib.ExitStack() as leaders:
         for i in range(pairs):
             serve = ("ip", "netns", "exec", f"nbL{i}", *CAPTURE_APP, "experiment", "link", "--serve")
-            leaders.enter_context(_running(*serve, "--port", str(PORT)))
-        with _running(*link):
+            leaders.enter_context(running(*serve, "--port", str(PORT)))
+        with running(*link):
             time.sleep(1.0)
             results["paper"] = _measure(0, TAP, "--trials", trials)
-        with _running(*link, "-l", "0.1"):
+        with running(*link, "-l", "0.1"):
             time.sleep(1.0)
             results["loss"] = _measure(0, TAP, "--trials", trials)
         results["veth"] = _measure(0, VETH, "--trials", trials)
-        with _running(*link):
+        with running(*link):
             time.sleep(1.0)
             results["minute"] = _minutes(options.minute_trials, pairs)
     return results

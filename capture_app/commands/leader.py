@@ -7,13 +7,14 @@ import click
 
 from capture_app.commands.options import (
     beacons_option,
+    host_option,
     json_option,
+    port_option,
     print_json_line,
     run_until_stopped,
     spool_option,
     talk,
 )
-from capture_app.net.address import DEFAULT_PORT
 
 if TYPE_CHECKING:
     from capture_app.node.leader import LeaderNode
@@ -30,19 +31,8 @@ class EngineOptions(TypedDict):
 
 
 @click.command()
-@click.option(
-    "--host",
-    default="0.0.0.0",  # noqa: S104 - cameras are other machines
-    show_default=True,
-    help="Address to listen on; 127.0.0.1 for this machine only.",
-)
-@click.option(
-    "--port",
-    type=click.IntRange(0, 65535),
-    default=DEFAULT_PORT,
-    show_default=True,
-    help="Port for UDP and TCP; 0 takes a free one.",
-)
+@host_option
+@port_option
 @click.option(
     "--sessions",
     type=click.Path(path_type=Path, file_okay=False),

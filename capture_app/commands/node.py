@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from capture_app.commands.options import leaders_option, run_until_stopped, spool_option, talk
+from capture_app.commands.options import clock_option, leaders_option, run_until_stopped, spool_option, talk
 from capture_app.net.address import Address
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
@@ -36,14 +36,7 @@ def check_name(ctx: click.Context, param: click.Parameter, value: str) -> str:
     "--camera", "spec", required=True, metavar="SPEC", help="The camera, as `capture-app cameras` lists it."
 )
 @leaders_option
-@click.option(
-    "--clock",
-    "clock_text",
-    default="host",
-    show_default=True,
-    metavar="CLOCK",
-    help="host, or sim[:offset_s=…,skew_ppm=…] for a clock that is hours off.",
-)
+@clock_option
 @click.option(
     "--tolerance-us",
     type=click.FloatRange(1.0, 100_000.0),

@@ -64,6 +64,27 @@ spool_option = click.option(
     help="Folder on this machine's disk that keeps bursts until the leader has them.  [default: "
     "~/.local/state/simulshot/spool]",
 )
+host_option = click.option(
+    "--host",
+    default="0.0.0.0",  # noqa: S104 - cameras are other machines
+    show_default=True,
+    help="Address to listen on; 127.0.0.1 for this machine only.",
+)
+port_option = click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=DEFAULT_PORT,
+    show_default=True,
+    help="Port for UDP and TCP; 0 takes a free one.",
+)
+clock_option = click.option(
+    "--clock",
+    "clock_text",
+    default="host",
+    show_default=True,
+    metavar="CLOCK",
+    help="host, or sim[:offset_s=…,skew_ppm=…] for a clock that is hours off.",
+)
 beacons_option = click.option(
     "--reference-broadcast/--no-reference-broadcast",
     default=False,

@@ -6,12 +6,15 @@ from capture_app.commands.node import check_name, host_name
 from capture_app.commands.options import (
     AddressType,
     beacons_option,
+    clock_option,
+    host_option,
     json_option,
+    port_option,
     print_json_line,
     run_until_stopped,
     talk,
 )
-from capture_app.net.address import DEFAULT_PORT, Address
+from capture_app.net.address import Address
 
 
 @click.command()
@@ -19,27 +22,9 @@ from capture_app.net.address import DEFAULT_PORT, Address
 @click.option(
     "--name", default=host_name, callback=check_name, help="Name of this relay.  [default: this host's name]"
 )
-@click.option(
-    "--host",
-    default="0.0.0.0",  # noqa: S104 - cameras are other machines
-    show_default=True,
-    help="Address to listen on.",
-)
-@click.option(
-    "--port",
-    type=click.IntRange(0, 65535),
-    default=DEFAULT_PORT,
-    show_default=True,
-    help="Port for UDP and TCP; 0 takes a free one.",
-)
-@click.option(
-    "--clock",
-    "clock_text",
-    default="host",
-    show_default=True,
-    metavar="CLOCK",
-    help="host, or sim[:offset_s=…,skew_ppm=…] for a clock that is hours off.",
-)
+@host_option
+@port_option
+@clock_option
 @beacons_option
 @json_option
 def relay(

@@ -63,7 +63,7 @@ class WayBack:
     def datagrams_to_send(self) -> list[tuple[bytes, Address]]:
         """Return what asks whether they are there; no leader takes whoever sends it for a client."""
         looks, self._looks = self._looks, []
-        return [(_LOOK, address) for address in looks] if looks else looks
+        return [(_LOOK, address) for address in looks]
 
     def _forget(self) -> None:
         self._proofs.clear()

@@ -255,13 +255,13 @@ class ClockFilter:
         def points(edges: list[Edge]) -> list[Point]:
             return [(float(t - ref_ns), float(v)) for edge in edges for t, v in edge.points]
 
-        def tightest(edges: list[Edge]) -> list[Point]:
-            return [(float(t - ref_ns), float(v)) for edge in edges for _, (t, v) in edge.tightest]
+        def tightest(edges: list[Edge], skew: float) -> list[float]:
+            return [v - skew * (t - ref_ns) for edge in edges for _, (t, v) in edge.tightest]
 
         fit = vote(
             points(uppers),
             points(lowers),
-            (tightest(uppers), tightest(lowers)),
+            lambda skew: (tightest(uppers, skew), tightest(lowers, -skew)),
             steepest=self._steepest,
             count=RUNNERS_UP,
         )

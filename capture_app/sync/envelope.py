@@ -16,10 +16,12 @@ Bound = tuple[int, int]
 class Edge:
     """The bounds of one direction in one block: those near the tightest, and its runners-up."""
 
-    __slots__ = ("_steepest", "points", "tightest")
+    __slots__ = ("_newest_ns", "_steepest", "points", "tightest")
 
     def __init__(self, steepest: float) -> None:
         self._steepest = steepest
+        self._newest_ns = -(2**63)
+        """The latest that was ever among the tightest: what comes after it is no duplicate."""
         self.points: list[Bound] = []
         self.tightest: list[tuple[float, Bound]] = []
 
@@ -38,8 +40,9 @@ class Edge:
         full = len(tightest) >= RUNNERS_UP
         if not full or level < tightest[-1][0]:
             bound = (t_ns, value_ns)
-            if bound in [known for _, known in tightest]:
+            if t_ns <= self._newest_ns and bound in [known for _, known in tightest]:
                 return  # a duplicate would make the edge look sharp
+            self._newest_ns = max(self._newest_ns, t_ns)
             insort(tightest, (level, bound))
             if full:
                 tightest.pop()

@@ -53,7 +53,7 @@ class VotedLine:
 def vote(
     uppers: Sequence[Point],
     lowers: Sequence[Point],
-    runners_up: tuple[Sequence[Point], Sequence[Point]],
+    runners_up: Callable[[float], tuple[list[float], list[float]]],
     *,
     steepest: float,
     count: int,
@@ -62,17 +62,17 @@ def vote(
 
     For one skew, the tightest bound of each direction gives the offset, and the gap between the two is the
     log-likelihood of exponential delays (Moon et al. 1999 take its maximum, a linear program). The gap is
-    measured in units of the spread of the tightest of the `runners_up`; `count` of these are kept. The mean
-    over all skews is steadier than the maximum, and its spread says how well the skew is known.
+    measured in units of the spread of the tightest of the `runners_up` (in any order, at a skew); `count` of
+    these are kept. The mean over all skews is steadier than the maximum, and its spread says how well the
+    skew is known.
     """
     room = _room(uppers, lowers)
-    if min(len(runners_up[0]), len(runners_up[1])) < SHARPEST:
+    best = _highest(lambda skew: room(skew)[0], -steepest, steepest)
+    above, below = (sorted(side)[:count] for side in runners_up(best))
+    if min(len(above), len(below)) < SHARPEST:
         gap, offset = room(0.0)
         return VotedLine(offset, 0.0, 0.0, 0.0, USUAL_SKEW**2, abs(gap), (), ())
-    best = _highest(lambda skew: room(skew)[0], -steepest, steepest)
     gap, _ = room(best)
-    above = sorted([v - best * t for t, v in runners_up[0]])[:count]
-    below = sorted([v + best * t for t, v in runners_up[1]])[:count]
     spread = (above[SHARPEST - 1] - above[0] + below[SHARPEST - 1] - below[0]) / 2.0
     width = max(WIDTH * spread, 1.0)
 

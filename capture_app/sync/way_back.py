@@ -62,6 +62,8 @@ class WayBack:
 
     def datagrams_to_send(self) -> list[tuple[bytes, Address]]:
         """Return what asks whether they are there; no leader takes whoever sends it for a client."""
+        if not self._looks:
+            return []
         looks, self._looks = self._looks, []
         return [(_LOOK, address) for address in looks]
 

@@ -20,6 +20,13 @@ from capture_app.commands.options import json_option, talk
 @click.option(
     "--full", is_flag=True, help="10, 100, 1,000 and 5,000 clients for an hour (half an hour on 2 cores)."
 )
+@click.option(
+    "--shape",
+    type=click.Choice(["both", "one-leader", "tree"]),
+    default="both",
+    show_default=True,
+    help="One leader of all, a tree of relays, or one after the other.",
+)
 @click.option("--jobs", type=click.IntRange(1, 256), help="Processes; default: one for each core.")
 @trials_option
 @seed_option
@@ -29,6 +36,7 @@ def experiment(
     sizes: tuple[int, ...],
     minutes: float | None,
     full: bool,
+    shape: str,
     jobs: int | None,
     trials: int | None,
     seed: int,
@@ -41,6 +49,7 @@ def experiment(
         FULL_MINUTES,
         FULL_SIZES,
         MINUTES,
+        SHAPES,
         SIZES,
         ScaleOptions,
         run,
@@ -52,5 +61,6 @@ def experiment(
         sizes=sizes or (FULL_SIZES if full else SIZES),
         minutes=minutes or (FULL_MINUTES if full else MINUTES),
         jobs=jobs,
+        shapes=SHAPES if shape == "both" else (shape.replace("-", "_"),),
     )
     show(run(trials=trials, seed=seed, talk=talk, options=options), as_json=as_json, plot=plot)

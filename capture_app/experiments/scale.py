@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 SIZES = (10, 40)
 FULL_SIZES = (10, 100, 1000, 5000)
 MINUTES, FULL_MINUTES = 5.0, 60.0
+SHAPES = ("one_leader", "tree")
 SETTLED_S = 60.0
 """Errors of later instants count; those before it are in the picture."""
 SHARE_CLIENTS = 300
@@ -32,12 +33,13 @@ PAPER = {"clients": 11, "link": "minimum filter: 19 us of bias between two clien
 
 @dataclass(frozen=True, slots=True)
 class ScaleOptions:
-    """How many clients, for how long, with how many processes (None: one for each core)."""
+    """How many clients, for how long, with how many processes (None: one for each core), in which shapes."""
 
     sizes: Sequence[int] = SIZES
     minutes: float = MINUTES
     jobs: int | None = None
     client_pace_s: float = 1.0
+    shapes: Sequence[str] = SHAPES
 
 
 @dataclass(slots=True)
@@ -109,10 +111,11 @@ def run(
 ) -> Outcome:
     """Simulate each size with one leader and with a tree of as many relays as each has clients."""
     options, count = options or ScaleOptions(), trials or 1
-    runs: dict[str, dict[str, Run]] = {"one_leader": {}, "tree": {}}
+    runs: dict[str, dict[str, Run]] = {shape: {} for shape in SHAPES}
     with _workers(options.jobs) as pool:
         for clients in options.sizes:
-            for shape, relays in (("one_leader", 0), ("tree", max(2, isqrt(clients)))):
+            for shape in options.shapes:
+                relays = max(2, isqrt(clients)) if shape == "tree" else 0
                 spec = TreeSpec(clients, relays, options.minutes * 60.0, options.client_pace_s)
                 done = runs[shape][str(clients)] = _simulate(pool, spec, seed, count)
                 talk(f"{clients} clients, {shape.replace('_', ' ')}: {done.seconds:.1f} s")

@@ -4,12 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
+from reconstruction.cloud_truth import TOLERANCE_M, sees
 from reconstruction.geometry import Array, View
 from reconstruction.native import load_open3d
 from reconstruction.photo import Photo
 from reconstruction.planes import fit_planes, normals
-
-NEAR_M = 0.01
 
 
 def cloud_scores(cloud: Path, views: dict[str, View], depth: dict[str, Array]) -> dict[str, float]:
@@ -24,14 +23,14 @@ def cloud_scores(cloud: Path, views: dict[str, View], depth: dict[str, Array]) -
         seen = np.zeros(len(points), bool)
         for other, other_view in views.items():
             if other != name:
-                seen |= _sees(other_view, depth[other], points)
+                seen |= sees(other_view, depth[other], points)
         shared.append(points[seen])
     truth = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.concatenate(every)))
     wanted = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.concatenate(shared)))
-    wanted = wanted.voxel_down_sample(NEAR_M)
+    wanted = wanted.voxel_down_sample(TOLERANCE_M)
     found = o3d.io.read_point_cloud(str(cloud))
-    precision = float(np.mean(np.asarray(found.compute_point_cloud_distance(truth)) < NEAR_M))
-    recall = float(np.mean(np.asarray(wanted.compute_point_cloud_distance(found)) < NEAR_M))
+    precision = float(np.mean(np.asarray(found.compute_point_cloud_distance(truth)) < TOLERANCE_M))
+    recall = float(np.mean(np.asarray(wanted.compute_point_cloud_distance(found)) < TOLERANCE_M))
     return {
         "precision_1cm": precision,
         "recall_1cm": recall,
@@ -55,14 +54,3 @@ def _points(view: View, depth: Array) -> Array:
     z = depth.reshape(-1)
     there = z > 0
     return np.asarray((rays[there] * z[there, None] - view.translation) @ view.rotation)
-
-
-def _sees(view: View, depth: Array, points: Array) -> Array:
-    """Which points a view sees: not hidden behind its true depth."""
-    there = points @ view.rotation.T + view.translation
-    z = np.maximum(there[:, 2], 1e-6)
-    x = np.rint(there[:, 0] / z * view.matrix[0, 0] + view.matrix[0, 2]).astype(int)
-    y = np.rint(there[:, 1] / z * view.matrix[1, 1] + view.matrix[1, 2]).astype(int)
-    inside = (x >= 0) & (y >= 0) & (x < view.width) & (y < view.height) & (there[:, 2] > 0)
-    at = depth[np.clip(y, 0, view.height - 1), np.clip(x, 0, view.width - 1)]
-    return np.asarray(inside & (np.abs(at - there[:, 2]) < 0.01 * there[:, 2]))

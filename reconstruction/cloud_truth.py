@@ -70,7 +70,7 @@ def true_surfaces(
     for kind, every in parts.items():
         points = np.concatenate(every)
         asked = _some(_spread(points))
-        seen = sum(_sees(view, depth[name], asked).astype(int) for name, view in views.items())
+        seen = sum(sees(view, depth[name], asked).astype(int) for name, view in views.items())
         found[kind] = Surfaces(Near(points), asked[np.asarray(seen) >= 2])
     return found
 
@@ -92,6 +92,12 @@ def touches(points: Array, views: Mapping[str, View], masks: Mapping[str, Array]
     for name, mask in masks.items():
         touched |= _on(views[name], mask, points)
     return touched
+
+
+def sees(view: View, depth: Array, points: Array) -> Array:
+    """Points (bool) that a view sees by its true depth: they are not hidden behind it."""
+    rows, columns, z, inside = _pixels(view, points)
+    return np.asarray(inside & (np.abs(depth[rows, columns] - z) < SEES * z))
 
 
 def _points(view: View, rows: Array, columns: Array, depth: Array) -> Array:
@@ -120,11 +126,6 @@ def _pixels(view: View, points: Array) -> tuple[Array, Array, Array, Array]:
 def _on(view: View, mask: Array, points: Array) -> Array:
     rows, columns, _, inside = _pixels(view, points)
     return np.asarray(inside & mask[rows, columns])
-
-
-def _sees(view: View, depth: Array, points: Array) -> Array:
-    rows, columns, z, inside = _pixels(view, points)
-    return np.asarray(inside & (np.abs(depth[rows, columns] - z) < SEES * z))
 
 
 def _some(points: Array) -> Array:

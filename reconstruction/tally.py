@@ -14,7 +14,6 @@ KINDS = ("mover", "static")
 TOLERANCES = {"within_1pct": 0.01, "within_2pct": 0.02, "within_5pct": 0.05}
 """Greatest relative error of a depth that counts as right."""
 SHARES = ("coverage", *TOLERANCES, "consistency", "precision", "recall")
-MEDIANS = ("epipolar_px", "photometric")
 AMOUNTS = ("points",)
 F_SCORE = "f_score"
 MOST_DIFFERENCES = 20000

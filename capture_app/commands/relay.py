@@ -1,5 +1,7 @@
 """`capture-app relay`: carry a leader's time, bursts and images to nodes that cannot reach the leader."""
 
+from typing import TYPE_CHECKING
+
 import click
 
 from capture_app.commands.node import check_name, host_name
@@ -15,6 +17,9 @@ from capture_app.commands.options import (
     talk,
 )
 from capture_app.net.address import Address
+
+if TYPE_CHECKING:
+    from capture_app.node.relay import RelayNode
 
 
 @click.command()
@@ -42,20 +47,6 @@ def relay(
     relay holds the leader's time, brings bursts to its nodes and their images to the leader. `status` and
     `burst` may be asked of it as well. Without a leader it holds the time over, and says so.
     """
-    run_until_stopped(_relay(parents, name, host, port, clock_text, reference_broadcast, as_json))
-
-
-async def _relay(
-    parents: tuple[Address, ...],
-    name: str,
-    host: str,
-    port: int,
-    clock_text: str,
-    reference_broadcast: bool,
-    as_json: bool,
-) -> None:
-    import asyncio
-
     from capture_app.node.relay import RelayNode
     from capture_app.simulation.clock import parse_clock
 
@@ -68,6 +59,12 @@ async def _relay(
         reference_broadcast=reference_broadcast,
         talk=lambda line: talk(f"{name}: {line}"),
     )
+    run_until_stopped(_serve(node, parents, as_json))
+
+
+async def _serve(node: "RelayNode", parents: tuple[Address, ...], as_json: bool) -> None:
+    import asyncio
+
     async with node:
         talk(f"relay at {node.address}, below {', or '.join(map(str, parents))}")
         talk(f"join with: capture-app node --leader {node.address} --camera SPEC")
@@ -75,5 +72,5 @@ async def _relay(
             talk(f"or at {', '.join(map(str, node.also))}, whichever the nodes can reach")
         if as_json:
             address = {"relay": str(node.address), "port": node.address.port}
-            print_json_line({"event": "listening", "name": name, **address})
+            print_json_line({"event": "listening", "name": node.name, **address})
         await asyncio.Event().wait()

@@ -11,11 +11,11 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from math import exp, log, sqrt
 
-from capture_app.experiments import clock_claims
-from capture_app.experiments.clock_claims import FIRST, SITUATIONS, Claim, claims, drawn
-from capture_app.simulation.clock import SimulatedClock
-from capture_app.simulation.exchanges import exchanges
-from capture_app.simulation.link import LAWS, Link
+from capture_app.clock import SimulatedClock
+from capture_app.experiments.clock_filters import claims as clock_claims
+from capture_app.experiments.clock_filters.claims import FIRST, SITUATIONS, Claim, claims, drawn
+from capture_app.simulation.network.link import LAWS, Link
+from capture_app.simulation.rig.bench import exchanges
 
 Shape = Callable[[random.Random], float]
 """Draws a delay beyond the least one, on any scale."""

@@ -22,13 +22,14 @@ from multiprocessing.connection import Connection
 from typing import cast
 
 from capture_app.net.udp import Pump
-from capture_app.sync.clock import ClockFilter, ClockSample
-from capture_app.sync.leader import Leader, LeaderConfig
-from capture_app.sync.messages import (
+from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
+from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.wire.messages import (
     CameraDescription,
     Heartbeat,
     HeartbeatAck,
     Hello,
+    NodeState,
     Report,
     TimeReply,
     Unknown,
@@ -38,7 +39,6 @@ from capture_app.sync.messages import (
     request_at,
     request_before_t0,
 )
-from capture_app.sync.state import NodeState
 
 MOST_CLIENTS = 2000
 MOST_SECONDS = 60.0

@@ -34,13 +34,13 @@ from multiview_session import HEAD as SESSION_HEAD
 from multiview_session import line as session_line
 from multiview_session import longer, medians, run_session
 
-from reconstruction.depth_range import find_depth_range
-from reconstruction.geometry import Array, View
-from reconstruction.matcher import match_views
-from reconstruction.multiview_input import shot_of
-from reconstruction.multiview_judge import judge
-from reconstruction.sources import choose_sources, guessed_depths, reference_of
-from reconstruction.workspace import fuse, write_workspace
+from reconstruction.common.geometry import Array, View
+from reconstruction.depth.depth_range import find_depth_range
+from reconstruction.depth.matcher import match_views
+from reconstruction.depth.workspace import fuse, write_workspace
+from reconstruction.multiview.input import shot_of
+from reconstruction.multiview.judge import judge
+from reconstruction.multiview.sources import choose_sources, guessed_depths, reference_of
 
 Result = dict[str, Any]
 

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import numpy as np
 
-from reconstruction.cloud_truth import TOLERANCE_M, sees
-from reconstruction.geometry import Array, View
-from reconstruction.native import load_open3d
-from reconstruction.photo import Photo
-from reconstruction.planes import fit_planes, normals
+from reconstruction.common.geometry import Array, View
+from reconstruction.common.native import load_open3d
+from reconstruction.common.photo import Photo
+from reconstruction.depth.planes import fit_planes, normals
+from reconstruction.multiview.cloud_truth import TOLERANCE_M, sees
 
 
 def cloud_scores(cloud: Path, views: dict[str, View], depth: dict[str, Array]) -> dict[str, float]:

@@ -5,9 +5,9 @@ from itertools import pairwise
 import cv2
 import numpy as np
 
-from reconstruction.geometry import Array, View, other_from_reference
-from reconstruction.rectify import rectify
-from reconstruction.stereo import match
+from reconstruction.common.geometry import Array, View, other_from_reference
+from reconstruction.stereo.rectify import rectify
+from reconstruction.stereo.stereo import match
 
 PLANES = 112
 WINDOW = (7, 7)

@@ -8,8 +8,8 @@ from typing import Any
 import cv2
 import numpy as np
 
-from reconstruction.geometry import Array, View
-from reconstruction.native import load_open3d
+from reconstruction.common.geometry import Array, View
+from reconstruction.common.native import load_open3d
 
 OFFSETS_MS = (66, -33, 0, 33, -66)
 PLACES = ((-0.32, 0.03), (-0.16, -0.05), (0.0, 0.0), (0.16, 0.06), (0.32, -0.04))
@@ -36,7 +36,7 @@ class Rendered:
 
 def studio(at_s: float = 1.37) -> Rendered:
     """The package's own scene, five of its views, 640x480."""
-    from capture_app.simulation.scene import load
+    from capture_app.simulation.rendering.scene import load
 
     scene = load("studio")
     names = ("cam05", "cam00", "cam06", "cam01", "cam04")

@@ -22,7 +22,7 @@ from typing import Any
 
 from capture_app.errors import SimulshotError
 from capture_app.net.address import Address
-from capture_app.node.control import ask_status
+from capture_app.node.leader.control import ask_status
 
 ROOT = Path(__file__).resolve().parents[1]
 PREFIX = "rb"

@@ -20,8 +20,8 @@ from typing import Any
 
 from wifi_link import ROOT, build_emulator, namespaces, running, why_not
 
-from capture_app.session.reader import Session
-from capture_app.simulation.clock import SimulatedClock
+from capture_app.clock import SimulatedClock
+from capture_app.session.reading.reader import Session
 
 LEADER, RELAY = "10.77.0.1:47010", "10.79.0.1:47010"
 # Pair 0 joins the leader's namespace to the relay's; pair 1 joins a router of its own to the far nodes', and

@@ -31,18 +31,18 @@ import numpy as np
 from capture_app.cameras.base import CapturedFrame
 from capture_app.net.address import Address
 from capture_app.net.transfer import TransferServer, bind
-from capture_app.node.bursts import BurstSession
-from capture_app.node.messages import BurstRequest, CameraReport, ImageUpload, NodeSpace, ToLeader
-from capture_app.node.plans import record_of
-from capture_app.node.service import Service
-from capture_app.node.status import BurstStatus, RigStatus
-from capture_app.node.uploader import Uploader
-from capture_app.node.work import BurstWork
-from capture_app.session.manifest import BurstRecord
-from capture_app.session.store import Session, SessionWriter
-from capture_app.session.verify import verify
-from capture_app.sync.messages import CameraDescription
-from capture_app.sync.trigger import Burst, Pick
+from capture_app.node.burst.bursts import BurstSession
+from capture_app.node.burst.plans import record_of
+from capture_app.node.leader.service import Service
+from capture_app.node.transfer.uploader import Uploader
+from capture_app.node.transfer.work import BurstWork
+from capture_app.node.wire.messages import BurstRequest, CameraReport, ImageUpload, NodeSpace, ToLeader
+from capture_app.node.wire.status import BurstStatus, RigStatus
+from capture_app.session.format.manifest import BurstRecord
+from capture_app.session.reading.verify import verify
+from capture_app.session.writing.store import Session, SessionWriter
+from capture_app.sync.rig.trigger import Burst, Pick
+from capture_app.sync.wire.messages import CameraDescription
 
 WIDTH, HEIGHT, PERIOD_NS = 1920, 1080, 33_333_333
 CAMERA = CameraDescription(

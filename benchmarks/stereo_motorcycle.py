@@ -15,8 +15,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from reconstruction.geometry import Array, View
-from reconstruction.stereo import StereoPair
+from reconstruction.common.geometry import Array, View
+from reconstruction.stereo.stereo import StereoPair
 
 DISPARITIES = 64
 FOCAL = 700.0

@@ -22,6 +22,9 @@ COMMANDS = {
     "demo": "Simulated cameras, one burst, one comparison: the whole path at once.",
 }
 
+ROOMS = {"sessions": "sessions.command", "experiment": "experiment.command"}
+"""Commands with commands of their own: where in `capture_app.commands` they live."""
+
 
 class LazyGroup(click.Group):
     """A group whose commands live in `capture_app.commands`, one module each, named as the command."""
@@ -34,7 +37,7 @@ class LazyGroup(click.Group):
         """Import the module of a command."""
         if cmd_name not in COMMANDS:
             return None
-        module = importlib.import_module(f"capture_app.commands.{cmd_name}")
+        module = importlib.import_module(f"capture_app.commands.{ROOMS.get(cmd_name, cmd_name)}")
         command = getattr(module, cmd_name)
         assert isinstance(command, click.Command)
         return command

@@ -9,14 +9,14 @@ from typing import Any, Self
 import msgspec
 from msgspec import Struct
 
+from capture_app.clock import SimulatedClock
 from capture_app.errors import BadInputError, IncompleteError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.node.child import Child, Talk
-from capture_app.node.leader import LeaderNode
-from capture_app.node.status import BurstStatus
-from capture_app.node.wording import News
-from capture_app.session.store import Session
-from capture_app.simulation.clock import SimulatedClock
+from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.leader.wording import News
+from capture_app.node.wire.status import BurstStatus
+from capture_app.session.writing.store import Session
 
 VIEWS = ("cam00", "cam01", "cam02", "cam03", "cam04", "wide00", "wide01")
 FRAMES = 5

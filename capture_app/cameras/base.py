@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Protocol
 
-from capture_app.session.calibration import CameraCalibration
-from capture_app.sync.commands import CameraCommand
+from capture_app.session.format.calibration import CameraCalibration
+from capture_app.sync.wire.camera_commands import CameraCommand
 
 
 class TimestampSource(StrEnum):

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from capture_app.cameras.base import Camera
 from capture_app.cameras.reclocked import ReclockedCamera
 from capture_app.cameras.simulated_spec import open_simulated
+from capture_app.clock import HostClock, NodeClock
 from capture_app.errors import BadInputError
-from capture_app.simulation.clock import HostClock, NodeClock
-from capture_app.simulation.profiles import PROFILES
+from capture_app.simulation.devices.profiles import PROFILES
 
 KINDS = {
     "sim": "sim:PROFILE[,scene=NAME][,view=NAME][,key=value…]",

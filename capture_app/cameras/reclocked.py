@@ -3,9 +3,9 @@
 from dataclasses import replace
 
 from capture_app.cameras.base import Camera, CameraInfo, CapturedFrame, OnFailure, OnFrame
-from capture_app.session.calibration import CameraCalibration
-from capture_app.simulation.clock import NodeClock
-from capture_app.sync.commands import CameraCommand
+from capture_app.clock import NodeClock
+from capture_app.session.format.calibration import CameraCalibration
+from capture_app.sync.wire.camera_commands import CameraCommand
 
 
 class ReclockedCamera(Camera):

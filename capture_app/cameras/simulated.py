@@ -13,12 +13,12 @@ from capture_app.cameras.base import (
     TimestampSource,
 )
 from capture_app.cameras.simulated_frame import SimulatedPayload, SimulatedTruth, frame_seed
+from capture_app.clock import NodeClock
 from capture_app.errors import CameraError
-from capture_app.session.calibration import CameraCalibration
-from capture_app.simulation.clock import NodeClock
-from capture_app.simulation.pictures import PictureSource
-from capture_app.simulation.sensor import Sensor, SensorFrame
-from capture_app.sync.commands import CameraCommand, InjectFrame, SetFrameDuration
+from capture_app.session.format.calibration import CameraCalibration
+from capture_app.simulation.devices.sensor import Sensor, SensorFrame
+from capture_app.simulation.rendering.pictures import PictureSource
+from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, SetFrameDuration
 
 KIND = "sim"
 DELIVERY_NS = (2_000_000, 4_000_000)

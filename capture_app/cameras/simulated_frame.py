@@ -5,8 +5,8 @@ import io
 from dataclasses import dataclass
 
 from capture_app.errors import CameraError
-from capture_app.simulation.pictures import PictureSource
-from capture_app.simulation.sensor import SensorFrame
+from capture_app.simulation.devices.sensor import SensorFrame
+from capture_app.simulation.rendering.pictures import PictureSource
 
 JPEG_QUALITY = 95
 DEPTH_STEPS_PER_M = 2048

@@ -7,11 +7,11 @@ from dataclasses import replace
 
 from capture_app.cameras.simulated import SimulatedCamera
 from capture_app.cameras.simulated_frame import seed_of
+from capture_app.clock import NodeClock
 from capture_app.errors import BadInputError
-from capture_app.simulation.clock import NodeClock
-from capture_app.simulation.pictures import LED_PANEL, TEST_CARD, open_picture_source
-from capture_app.simulation.profiles import find_profile
-from capture_app.simulation.sensor import Sensor, SensorProfile
+from capture_app.simulation.devices.profiles import find_profile
+from capture_app.simulation.devices.sensor import Sensor, SensorProfile
+from capture_app.simulation.rendering.pictures import LED_PANEL, TEST_CARD, open_picture_source
 
 OPTIONS = {
     "scene": f"what it sees: a scene's name, {LED_PANEL}, or {TEST_CARD}, a test card (default)",

@@ -42,7 +42,7 @@ from capture_app.cameras.v4l2_layout import (
 from capture_app.cameras.v4l2_modes import explain
 from capture_app.cameras.v4l2_payload import payload_of
 from capture_app.errors import CameraError
-from capture_app.sync.commands import CameraCommand, RestartStream
+from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 
 _log = logging.getLogger(__name__)
 

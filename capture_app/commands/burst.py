@@ -9,8 +9,8 @@ from capture_app.commands.options import json_option, leader_option, print_json,
 from capture_app.net.address import Address
 
 if TYPE_CHECKING:
-    from capture_app.node.messages import BurstRequest
-    from capture_app.node.status import BurstStatus
+    from capture_app.node.wire.messages import BurstRequest
+    from capture_app.node.wire.status import BurstStatus
 
 
 @click.command()
@@ -55,7 +55,7 @@ def burst(
 ) -> None:
     """Take a burst and print the path of its session (on the leader's machine)."""
     from capture_app.errors import IncompleteError
-    from capture_app.node.messages import BurstRequest
+    from capture_app.node.wire.messages import BurstRequest
 
     request = BurstRequest(
         frames=frames, spacing=spacing, at_leader_ns=at_ns, wait_ready_s=wait_ready, nodes=nodes
@@ -71,8 +71,8 @@ def burst(
 
 async def _take(leader: Address, request: "BurstRequest") -> "BurstStatus":
     from capture_app.errors import NetworkError
-    from capture_app.node.control import ask_burst
-    from capture_app.node.wording import burst_in_words
+    from capture_app.node.leader.control import ask_burst
+    from capture_app.node.leader.wording import burst_in_words
 
     last, said = None, ""
     async for last in ask_burst(leader, request):

@@ -17,8 +17,8 @@ from capture_app.commands.options import (
 )
 
 if TYPE_CHECKING:
-    from capture_app.node.leader import LeaderNode
-    from capture_app.node.wording import News
+    from capture_app.node.leader.leader import LeaderNode
+    from capture_app.node.leader.wording import News
 
 
 class EngineOptions(TypedDict):
@@ -110,8 +110,8 @@ async def _lead(
 ) -> None:
     import asyncio
 
-    from capture_app.node.leader import LeaderNode
-    from capture_app.node.wording import in_words
+    from capture_app.node.leader.leader import LeaderNode
+    from capture_app.node.leader.wording import in_words
 
     def on_news(news: "News") -> None:
         line = in_words(news)
@@ -134,9 +134,9 @@ async def _lead(
 
 async def _run_camera(node: "LeaderNode", name: str, spec: str, spool: Path) -> None:
     from capture_app.cameras.catalog import open_camera
-    from capture_app.node.client import ClientNode
-    from capture_app.node.device_profiles import DeviceProfiles, data_folder
-    from capture_app.simulation.clock import HostClock
+    from capture_app.clock import HostClock
+    from capture_app.node.camera.client import ClientNode
+    from capture_app.node.camera.device_profiles import DeviceProfiles, data_folder
 
     clock = HostClock()
     camera = ClientNode(

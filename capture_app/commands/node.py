@@ -60,9 +60,9 @@ def node(
     one is gone.
     """
     from capture_app.cameras.catalog import open_camera, parse_spec
-    from capture_app.node.client import ClientNode
-    from capture_app.node.device_profiles import DeviceProfiles, data_folder
-    from capture_app.simulation.clock import parse_clock
+    from capture_app.clock import parse_clock
+    from capture_app.node.camera.client import ClientNode
+    from capture_app.node.camera.device_profiles import DeviceProfiles, data_folder
 
     parse_spec(spec)
     clock = parse_clock(clock_text, node=name)

@@ -47,8 +47,8 @@ def relay(
     relay holds the leader's time, brings bursts to its nodes and their images to the leader. `status` and
     `burst` may be asked of it as well. Without a leader it holds the time over, and says so.
     """
+    from capture_app.clock import parse_clock
     from capture_app.node.relay import RelayNode
-    from capture_app.simulation.clock import parse_clock
 
     node = RelayNode(
         name=name,

@@ -9,7 +9,7 @@ from capture_app.commands.options import json_option, leader_option, print_json,
 from capture_app.net.address import Address
 
 if TYPE_CHECKING:
-    from capture_app.node.status import NodeStatus
+    from capture_app.node.wire.status import NodeStatus
 
 
 @click.command()
@@ -21,13 +21,13 @@ def status(leader: Address, as_json: bool) -> None:
     A clock bound is all that the time can be wrong by, the relays on its way included. Nodes that hear the
     leader's beacons together also tell how far apart they may be: 95 % of the cases.
     """
-    from capture_app.node.control import ask_status
+    from capture_app.node.leader.control import ask_status
 
     rig = asyncio.run(ask_status(leader))
     if as_json:
         print_json(rig)
         return
-    from capture_app.node.snapshots import as_tree
+    from capture_app.node.leader.snapshots import as_tree
 
     who = f"leader {rig.leader}" if rig.relay is None else f"relay {rig.relay} at {rig.leader}"
     click.echo(f"{who}, {len(rig.nodes)} nodes, {_period(rig.period_ns)}")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Protocol, cast
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from capture_app.experiments.result import Outcome
+    from capture_app.experiments.common.result import Outcome
 
 EXPERIMENTS: dict[str, str] = {
     "clock-filters": "Clock estimators under six laws of delay: mean, minimum, ours.",
@@ -17,7 +17,7 @@ EXPERIMENTS: dict[str, str] = {
     "naive": "Triggers without synchronization, modelled from the paper, against the chain.",
     "phase": "Injections, restarts, frame durations: how many, how long, beside the paper's way.",
 }
-"""Name and what it shows; the module has the same name, with underscores."""
+"""Name and what it shows; its room has the same name, with underscores."""
 
 
 class Experiment(Protocol):
@@ -31,4 +31,4 @@ def load(name: str) -> Experiment:
     """Import an experiment; raises KeyError for a name that is not in the table."""
     if name not in EXPERIMENTS:
         raise KeyError(name)
-    return cast(Experiment, import_module(f"capture_app.experiments.{name.replace('-', '_')}"))
+    return cast(Experiment, import_module(f"capture_app.experiments.{name.replace('-', '_')}.experiment"))

@@ -8,7 +8,7 @@ import socket
 from collections.abc import Callable, Iterable
 
 from capture_app.net.udp import Clock, Pump
-from capture_app.sync.beacon import Group
+from capture_app.sync.wire.beacon import Group
 
 BEACONS = Group("239.255.47.10", 47011)
 """The same for all rigs: a beacon says which leader sent it."""

@@ -1,1 +1,4 @@
-"""Leader and client as running things: an engine, a camera, a network, a status."""
+"""Nodes as processes: a leader, a camera, a relay, built of engine, network, driver and sessions.
+
+From the ground up: `wire`, `transfer`, `burst`, `leader` and `camera`, `relay`.
+"""

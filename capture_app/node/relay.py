@@ -6,21 +6,21 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 from typing import Any, Self
 
+from capture_app.clock import HostClock, NodeClock
 from capture_app.errors import ExitCode, NetworkError
 from capture_app.net.address import ANY_HOST, DEFAULT_PORT, Address, reachable_host, resolve
 from capture_app.net.interfaces import own_hosts
 from capture_app.net.transfer import Channel, TransferServer, bind, connect
 from capture_app.net.udp import Pump
-from capture_app.node.beacons import Beacons
-from capture_app.node.messages import FromLeader, Refusal, StatusAnswer, StatusRequest, ToLeader
-from capture_app.node.snapshots import node_statuses
-from capture_app.node.status import RigStatus
-from capture_app.node.wording import follower_in_words, in_words
-from capture_app.simulation.clock import HostClock, NodeClock
-from capture_app.sync.events import Joined, LeaderLost
-from capture_app.sync.follower import FollowerConfig, FollowerEvent
-from capture_app.sync.leader import LeaderConfig
-from capture_app.sync.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
+from capture_app.node.leader.service import Beacons
+from capture_app.node.leader.snapshots import node_statuses
+from capture_app.node.leader.wording import follower_in_words, in_words
+from capture_app.node.wire.messages import FromLeader, Refusal, StatusAnswer, StatusRequest, ToLeader
+from capture_app.node.wire.status import RigStatus
+from capture_app.sync.rig.events import Joined, LeaderLost
+from capture_app.sync.rig.leader import LeaderConfig
+from capture_app.sync.tree.follower import FollowerConfig, FollowerEvent
+from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
 
 WAY_UP_TIMEOUT_S = 2.0
 

@@ -6,19 +6,19 @@ from dataclasses import replace
 
 from capture_app import __version__
 from capture_app.cameras.simulated import SimulatedCamera
+from capture_app.clock import seeded_clock
 from capture_app.errors import IncompleteError
-from capture_app.node.messages import JsonValue
-from capture_app.node.records import camera_record, event_line
+from capture_app.node.camera.records import camera_record, event_line
+from capture_app.node.wire.messages import JsonValue
 from capture_app.samples.recipe import CameraRecipe, Recipe, Take, TakenFrame
-from capture_app.session.manifest import BurstRecord, CameraRecord, MissingImage
-from capture_app.session.rows import exposure_start_ns
-from capture_app.simulation.clock import seeded_clock
-from capture_app.simulation.pictures import PictureSource
-from capture_app.simulation.profiles import find_profile
-from capture_app.simulation.rig import NodeSpec, VirtualNode, VirtualRig
-from capture_app.simulation.sensor import Sensor, SensorFrame, SensorProfile
-from capture_app.sync.events import BurstReady
-from capture_app.sync.trigger import DROPPED
+from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
+from capture_app.session.format.rows import exposure_start_ns
+from capture_app.simulation.devices.profiles import find_profile
+from capture_app.simulation.devices.sensor import Sensor, SensorFrame, SensorProfile
+from capture_app.simulation.rendering.pictures import PictureSource
+from capture_app.simulation.rig.rig import NodeSpec, VirtualNode, VirtualRig
+from capture_app.sync.rig.events import BurstReady
+from capture_app.sync.rig.trigger import DROPPED
 
 _READY_WITHIN_NS = 120_000_000_000
 _PICKED_WITHIN_NS = 30_000_000_000

@@ -8,13 +8,13 @@ import random
 from collections.abc import Mapping
 
 from capture_app import __version__
+from capture_app.clock import seeded_clock
 from capture_app.samples.engine_take import profile_of
 from capture_app.samples.recipe import CameraRecipe, Recipe, Take, TakenFrame
-from capture_app.session.manifest import BurstRecord, CameraRecord, MissingImage
-from capture_app.simulation.clock import seeded_clock
-from capture_app.simulation.pictures import PictureSource
-from capture_app.simulation.sensor import Sensor, SensorFrame
-from capture_app.sync.trigger import DROPPED
+from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
+from capture_app.simulation.devices.sensor import Sensor, SensorFrame
+from capture_app.simulation.rendering.pictures import PictureSource
+from capture_app.sync.rig.trigger import DROPPED
 
 MEAN_MS, DEVIATION_MS, LONGEST_MS = 123.0, 84.0, 677.0
 

@@ -11,9 +11,9 @@ from typing import Annotated
 from msgspec import Meta, Struct
 
 from capture_app.errors import BadInputError
-from capture_app.node.messages import JsonValue
-from capture_app.session.checks import read_struct
-from capture_app.session.manifest import (
+from capture_app.node.wire.messages import JsonValue
+from capture_app.session.format.checks import read_struct
+from capture_app.session.format.manifest import (
     RECIPE,
     BurstRecord,
     CameraRecord,

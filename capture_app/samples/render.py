@@ -13,13 +13,13 @@ from capture_app.errors import BadInputError
 from capture_app.samples.engine_take import take_synchronized
 from capture_app.samples.naive_take import take_naive
 from capture_app.samples.recipe import CameraRecipe, Recipe, Take, TakenFrame, Trigger
-from capture_app.session.calibration import Calibration
-from capture_app.session.durable import write_whole
-from capture_app.session.manifest import RECIPE
-from capture_app.session.store import Session, SessionWriter
-from capture_app.simulation.pictures import PictureSource, open_picture_source
-from capture_app.simulation.profiles import find_profile
-from capture_app.simulation.sensor import SensorFrame
+from capture_app.session.files.durable import write_whole
+from capture_app.session.format.calibration import Calibration
+from capture_app.session.format.manifest import RECIPE
+from capture_app.session.writing.store import Session, SessionWriter
+from capture_app.simulation.devices.profiles import find_profile
+from capture_app.simulation.devices.sensor import SensorFrame
+from capture_app.simulation.rendering.pictures import PictureSource, open_picture_source
 
 Progress = Callable[[int, int], None]
 """Told after each image: how many are done, and of how many."""

@@ -1,1 +1,5 @@
-"""The session on disk: the only bridge between capture and everything after it."""
+"""Sessions on disk, the only bridge from capture to reconstruction.
+
+From the ground up: `files`, `format`, `reading`, `writing`, `importers` and `exporters`. Imports nothing of
+the engine, so that `reconstruction` can read a session without it.
+"""

@@ -1,1 +1,4 @@
-"""Sensors, clocks and scenes that behave as real ones do, for nodes without a camera and for tests."""
+"""Sensors, links, scenes and whole rigs that behave as real ones do, in virtual time.
+
+`devices` and `network`, of which `rig` is made; `scenes`, which `rendering` films.
+"""

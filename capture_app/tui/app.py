@@ -12,10 +12,10 @@ from textual.containers import Container, Horizontal, Vertical
 from textual.widgets import Footer, Label, ProgressBar, RichLog, Static
 
 from capture_app.errors import SimulshotError
-from capture_app.node.snapshots import as_tree
-from capture_app.node.status import RigStatus
-from capture_app.session.reader import Session
-from capture_app.sync.state import NodeState
+from capture_app.node.leader.snapshots import as_tree
+from capture_app.node.wire.status import RigStatus
+from capture_app.session.reading.reader import Session
+from capture_app.sync.wire.messages import NodeState
 from capture_app.tui.source import Comparison, Progress, Rig
 from capture_app.tui.widgets.nodes import NodesTable
 from capture_app.tui.widgets.sessions import SessionsTable, describe

@@ -8,9 +8,9 @@ from pathlib import Path
 
 from capture_app.demo import SimulatedNodes, compare, free_folder
 from capture_app.errors import BadInputError, IncompleteError
-from capture_app.node.leader import LeaderNode
-from capture_app.node.status import BurstStatus, RigStatus
-from capture_app.node.wording import News, in_words
+from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.leader.wording import News, in_words
+from capture_app.node.wire.status import BurstStatus, RigStatus
 from capture_app.tui.source import Comparison, Progress
 
 _PROGRESS = re.compile(r"\[\s*(\d+)/(\d+)\]\s*(.*)")

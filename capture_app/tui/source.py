@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
 
-from capture_app.node.status import BurstStatus, RigStatus
+from capture_app.node.wire.status import BurstStatus, RigStatus
 
 
 @dataclass(frozen=True, slots=True)

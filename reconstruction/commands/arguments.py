@@ -8,7 +8,7 @@ import click
 from capture_app.errors import BadInputError
 
 if TYPE_CHECKING:
-    from reconstruction.conditions import Condition
+    from reconstruction.session.conditions import Condition
 
 
 class Finite(click.FloatRange):
@@ -44,7 +44,7 @@ class Offsets(click.ParamType["Condition"]):
 
     def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> "Condition":
         """Read the list."""
-        from reconstruction.conditions import SYNCED, Condition
+        from reconstruction.session.conditions import SYNCED, Condition
 
         if isinstance(value, Condition):
             return value

@@ -90,13 +90,13 @@ def batch(
     """
     import msgspec
 
-    from reconstruction.batch import BatchOptions, exit_code
-    from reconstruction.batch import batch as run
-    from reconstruction.executors import Executor, LocalExecutor
+    from reconstruction.batch.command import BatchOptions, exit_code
+    from reconstruction.batch.command import batch as run
+    from reconstruction.batch.executors import Executor, LocalExecutor
 
     chosen: Executor
     if executor == "slurm":
-        from reconstruction.slurm import SlurmExecutor
+        from reconstruction.batch.slurm import SlurmExecutor
 
         chosen = SlurmExecutor(jobs, settings)
     elif settings:

@@ -37,9 +37,9 @@ def calibrate(
     """Find the calibration of SESSION, judge it and store it there, once, for everything after."""
     import msgspec
 
-    from reconstruction.calibrating import CalibrateOptions, Source
-    from reconstruction.calibrating import calibrate as run
-    from reconstruction.charuco_board import Board
+    from reconstruction.calibration.charuco_board import Board
+    from reconstruction.calibration.command import CalibrateOptions, Source
+    from reconstruction.calibration.command import calibrate as run
 
     size = re.fullmatch(r"(\d{1,2})x(\d{1,2})", board)
     if size is None or min(map(int, size.groups())) < 3:

@@ -8,7 +8,7 @@ import click
 from reconstruction.commands.arguments import Finite, Offsets, Pair
 
 if TYPE_CHECKING:
-    from reconstruction.conditions import Condition
+    from reconstruction.session.conditions import Condition
 
 
 @click.command()
@@ -87,10 +87,10 @@ def compare(
     """
     import msgspec
 
-    from reconstruction.all_cameras import AllCamerasOptions
-    from reconstruction.compare import CompareOptions
-    from reconstruction.compare import compare as run
-    from reconstruction.conditions import DISTINCT, Condition
+    from reconstruction.compare.all_cameras import AllCamerasOptions
+    from reconstruction.compare.command import CompareOptions
+    from reconstruction.compare.command import compare as run
+    from reconstruction.session.conditions import DISTINCT, Condition
 
     options = CompareOptions(
         offset_ms=offset_ms,

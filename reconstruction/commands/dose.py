@@ -37,9 +37,9 @@ def dose(
     """Measure how much lateness of one camera the motion in SESSION bears."""
     import msgspec
 
-    from reconstruction.dose import DoseOptions
-    from reconstruction.dose import dose as run
-    from reconstruction.report_dose import dose_sentence
+    from reconstruction.compare.dose import DoseOptions
+    from reconstruction.compare.dose import dose as run
+    from reconstruction.report.dose import dose_sentence
 
     result = run(session, out, DoseOptions(most_ms=most_ms, stereo=stereo, most_instants=instants))
     if as_json:

@@ -55,9 +55,9 @@ def multiview(
     """Make depth maps of all cameras of one instant of SESSION, a cloud of points and a mesh."""
     import msgspec
 
-    from reconstruction.multiview import Matcher, MultiviewOptions
-    from reconstruction.multiview import multiview as run
-    from reconstruction.pipeline import Progress
+    from reconstruction.common.stages import Progress
+    from reconstruction.multiview.command import Matcher, MultiviewOptions
+    from reconstruction.multiview.command import multiview as run
 
     options = MultiviewOptions(instant=instant, offsets_ms=offsets_ms, matcher=Matcher(matcher), mesh=mesh)
     result = run(session, out, options, Progress(1))

@@ -29,8 +29,8 @@ def stereo(
     """Make a depth map from two cameras of SESSION, with its confidence and a picture."""
     import msgspec
 
-    from reconstruction.single_stereo import StereoOptions
-    from reconstruction.single_stereo import stereo as run
+    from reconstruction.stereo.command import StereoOptions
+    from reconstruction.stereo.command import stereo as run
 
     result = run(session, out, StereoOptions(instant=instant, other_instant=other_instant, pair=pair))
     if as_json:

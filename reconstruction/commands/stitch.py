@@ -28,8 +28,8 @@ def stitch(
     """
     import msgspec
 
-    from reconstruction.stitching import StitchOptions
-    from reconstruction.stitching import stitch as run
+    from reconstruction.panorama.command import StitchOptions
+    from reconstruction.panorama.command import stitch as run
 
     result = run(sources, out, StitchOptions(instant=instant, offset_ms=offset_ms))
     if as_json:

@@ -10,13 +10,13 @@ import pytest
 
 from capture_app.demo import capture, compare, free_folder, sync_errors
 from capture_app.errors import ExitCode, SimulshotError
-from capture_app.session.verify import verify
+from capture_app.session.reading.verify import verify
 
 PARENT = """
 import asyncio
 from pathlib import Path
 from capture_app.demo import SimulatedNodes
-from capture_app.node.leader import LeaderNode
+from capture_app.node.leader.leader import LeaderNode
 
 async def main():
     async with LeaderNode(sessions=Path("unused"), host="127.0.0.1", port=0) as leader:

@@ -7,9 +7,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from capture_app.session.manifest import JOURNAL, MANIFEST
-from capture_app.session.reader import Session
-from capture_app.session.verify import verify
+from capture_app.session.format.manifest import JOURNAL, MANIFEST
+from capture_app.session.reading.reader import Session
+from capture_app.session.reading.verify import verify
 
 from .test_rig import burst, join, lead, output
 

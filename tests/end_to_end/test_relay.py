@@ -4,15 +4,15 @@ import asyncio
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from capture_app.clock import SimulatedClock
 from capture_app.errors import ExitCode
 from capture_app.net.address import parse_address
-from capture_app.node.control import ask_burst, ask_status
-from capture_app.node.messages import BurstRequest
-from capture_app.node.status import BurstStatus, NodeStatus
-from capture_app.session.manifest import JOURNAL
-from capture_app.session.reader import Session
-from capture_app.session.verify import verify
-from capture_app.simulation.clock import SimulatedClock
+from capture_app.node.leader.control import ask_burst, ask_status
+from capture_app.node.wire.messages import BurstRequest
+from capture_app.node.wire.status import BurstStatus, NodeStatus
+from capture_app.session.format.manifest import JOURNAL
+from capture_app.session.reading.reader import Session
+from capture_app.session.reading.verify import verify
 
 from .test_recovery import lines_of
 from .test_rig import lead, output

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from capture_app.errors import ExitCode
-from capture_app.node.device_profiles import FILE, data_folder
-from capture_app.session.reader import Session
-from capture_app.session.verify import verify
+from capture_app.node.camera.device_profiles import FILE, data_folder
+from capture_app.session.reading.reader import Session
+from capture_app.session.reading.verify import verify
 
 if TYPE_CHECKING:
     from tests.end_to_end.conftest import Command, Start

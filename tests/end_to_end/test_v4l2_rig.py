@@ -15,7 +15,7 @@ from statistics import median
 
 import pytest
 
-from capture_app.session.reader import Session
+from capture_app.session.reading.reader import Session
 
 pytestmark = [pytest.mark.v4l2, pytest.mark.timeout(900)]
 

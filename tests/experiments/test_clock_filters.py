@@ -7,7 +7,8 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.errors import ExitCode
-from capture_app.experiments import clock_claims, clock_filters
+from capture_app.experiments.clock_filters import claims as clock_claims
+from capture_app.experiments.clock_filters import experiment as clock_filters
 
 
 @pytest.fixture(autouse=True)

@@ -7,14 +7,14 @@ import random
 import pytest
 
 from capture_app.cli import run
+from capture_app.clock import HostClock, SimulatedClock
 from capture_app.errors import ExitCode, NetworkError
-from capture_app.experiments.link import LinkOptions, judge
-from capture_app.experiments.link_ends import LinkProbe, SamplingClient, serve
+from capture_app.experiments.link.ends import LinkProbe, SamplingClient, serve
+from capture_app.experiments.link.experiment import LinkOptions, judge
 from capture_app.net.address import Address
 from capture_app.net.transfer import bind
-from capture_app.simulation.clock import HostClock, SimulatedClock
-from capture_app.sync.clock import ClockSample
-from capture_app.sync.leader import Leader, LeaderConfig
+from capture_app.sync.clock.clock_filter import ClockSample
+from capture_app.sync.rig.leader import Leader, LeaderConfig
 
 MS = 1_000_000
 
@@ -94,7 +94,7 @@ async def test_two_ends_on_this_machine() -> None:
 
 
 async def test_nobody_at_the_other_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("capture_app.experiments.link_ends.JOIN_TIMEOUT_S", 0.05)
+    monkeypatch.setattr("capture_app.experiments.link.ends.JOIN_TIMEOUT_S", 0.05)
     probe = LinkProbe(Address("127.0.0.1", free_port()), HostClock(), random.Random(1))
     with pytest.raises(NetworkError, match="--serve"):
         await probe.__aenter__()
@@ -119,7 +119,7 @@ def test_the_result_of_a_real_link(
             )
         return [judge(LinkOptions(Address("x", 1)), samples, 0.9, 300)] * 3
 
-    monkeypatch.setattr("capture_app.experiments.link._measure", measure)
+    monkeypatch.setattr("capture_app.experiments.link.experiment._measure", measure)
     assert run(["experiment", "link", "--connect", "127.0.0.1:9", "--emulated", "--json"]) == ExitCode.OK
     result = json.loads(capsys.readouterr().out)
     assert (result["kind"], result["trials"]) == ("emulated link", 3)

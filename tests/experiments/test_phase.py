@@ -6,7 +6,10 @@ from statistics import mean, stdev
 
 import pytest
 
-from capture_app.experiments import led_panel, naive, phase, workers
+from capture_app.experiments.common import workers
+from capture_app.experiments.led_panel import experiment as led_panel
+from capture_app.experiments.naive import experiment as naive
+from capture_app.experiments.phase import experiment as phase
 
 
 def nothing(_: str) -> None:

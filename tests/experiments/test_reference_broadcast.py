@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.experiments import load, reference_broadcast
-from capture_app.experiments.reference_broadcast import CASES, run
+from capture_app.experiments import load
+from capture_app.experiments.reference_broadcast import experiment as reference_broadcast
+from capture_app.experiments.reference_broadcast.experiment import CASES, run
 
 
 def test_it_halves_what_it_should_and_leaves_the_rest(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -10,8 +10,8 @@ import pytest
 from capture_app import experiments
 from capture_app.cli import run
 from capture_app.errors import ExitCode
-from capture_app.experiments.plots import new_figure, save
-from capture_app.experiments.result import Outcome, Result, error_figures, side_by_side
+from capture_app.experiments.common.plots import new_figure, save
+from capture_app.experiments.common.result import Outcome, Result, error_figures, side_by_side
 
 RESULT = Result(
     name="fake",

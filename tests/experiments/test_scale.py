@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from capture_app.experiments import scale
-from capture_app.experiments.scale import ScaleOptions, run
+from capture_app.experiments.scale import experiment as scale
+from capture_app.experiments.scale.experiment import ScaleOptions, run
 
 
 def test_one_leader_beside_a_tree(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
@@ -36,7 +36,7 @@ def test_one_leader_beside_a_tree(monkeypatch: pytest.MonkeyPatch, tmp_path: Pat
 
 
 def test_help_names_the_full_size() -> None:
-    from capture_app.commands.experiment import experiment
+    from capture_app.commands.experiment.command import experiment
 
     shown = CliRunner().invoke(experiment, ["scale", "--help"])
     assert shown.exit_code == 0

@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.session.calibration import Calibration, CameraCalibration
-from capture_app.session.manifest import BurstRecord, CameraRecord
-from capture_app.session.reader import Session
-from capture_app.session.store import SessionWriter
-from reconstruction.geometry import Array, View
+from capture_app.session.format.calibration import Calibration, CameraCalibration
+from capture_app.session.format.manifest import BurstRecord, CameraRecord
+from capture_app.session.reading.reader import Session
+from capture_app.session.writing.store import SessionWriter
+from reconstruction.common.geometry import Array, View
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 300.0
 PERIOD_NS = 33_333_333

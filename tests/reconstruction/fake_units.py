@@ -11,7 +11,7 @@ from pathlib import Path
 
 import click
 
-from reconstruction.units import Unit
+from reconstruction.batch.units import Unit
 
 MAKE = "tests.reconstruction.fake_units:make"
 LOG = "FAKE_UNITS_LOG"
@@ -52,9 +52,9 @@ def _log(line: str) -> None:
 
 def main() -> None:
     """Run a batch of the units, or of real ones where a third argument asks for it."""
-    from reconstruction import unit_plan
-    from reconstruction.batch import BatchOptions, batch
-    from reconstruction.executors import LocalExecutor
+    from reconstruction.batch import plan as unit_plan
+    from reconstruction.batch.command import BatchOptions, batch
+    from reconstruction.batch.executors import LocalExecutor
 
     # Whoever edits the program while a test runs makes no new units.
     unit_plan.program = lambda: "fixed"  # type: ignore[assignment]

@@ -6,7 +6,7 @@ import cv2
 import msgspec
 import numpy as np
 
-from reconstruction.results import (
+from reconstruction.scores.results import (
     BulletTime,
     BurstGrid,
     CompareResult,

@@ -6,18 +6,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from capture_app.session.reader import Session
-from reconstruction import cloud_truth, multiview_study
-from reconstruction.calibration import views_of
+from capture_app.session.reading.reader import Session
+from reconstruction.calibration.session_calibration import views_of
 from reconstruction.cli import main
-from reconstruction.cloud_truth import Near, on_movers, touches, true_surfaces
-from reconstruction.conditions import DISTINCT, Condition
-from reconstruction.dataset import Dataset
-from reconstruction.instant_depth import InstantDepth
-from reconstruction.multiview_shots import Shots
-from reconstruction.multiview_study import MultiviewStudy
-from reconstruction.pipeline import Progress, Stages
-from reconstruction.scene_motion import SceneMotion
+from reconstruction.common.stages import Progress, Stages
+from reconstruction.compare import multiview_study
+from reconstruction.compare.multiview_study import MultiviewStudy
+from reconstruction.multiview import cloud_truth
+from reconstruction.multiview.cloud_truth import Near, on_movers, touches, true_surfaces
+from reconstruction.multiview.instant_depth import InstantDepth
+from reconstruction.multiview.shots import Shots
+from reconstruction.session.conditions import DISTINCT, Condition
+from reconstruction.session.dataset import Dataset
+from reconstruction.session.scene_motion import SceneMotion
 from tests.reconstruction.conftest import HEIGHT, WIDTH, Scene, make_view, write_session
 
 VIEWS = {

@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 
 from capture_app.session.importers.recording import ImportOptions, import_recording
-from reconstruction.calibration import views_of
+from reconstruction.calibration.session_calibration import views_of
 from reconstruction.cli import main
-from reconstruction.dataset import Dataset
-from reconstruction.geometry import Array
-from reconstruction.stereo import StereoPair
+from reconstruction.common.geometry import Array
+from reconstruction.session.dataset import Dataset
+from reconstruction.stereo.stereo import StereoPair
 
 LATE = 4
 ACROSS_PX = 3.0

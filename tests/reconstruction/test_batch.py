@@ -14,15 +14,16 @@ from typing import Any
 import pytest
 
 from capture_app.errors import BadInputError, DiskFullError, ExitCode, NotAvailableError
-from capture_app.session.reader import Session
-from reconstruction import unit_plan, units
-from reconstruction.batch import BatchOptions, batch, exit_code
+from capture_app.session.reading.reader import Session
+from reconstruction.batch import plan as unit_plan
+from reconstruction.batch import units
+from reconstruction.batch.command import BatchOptions, batch, exit_code
+from reconstruction.batch.executors import LocalExecutor
+from reconstruction.batch.plan import plan
+from reconstruction.batch.slurm import SlurmExecutor
+from reconstruction.batch.units import Outcome, Unit, perform
 from reconstruction.cli import main
-from reconstruction.conditions import Condition
-from reconstruction.executors import LocalExecutor
-from reconstruction.slurm import SlurmExecutor
-from reconstruction.unit_plan import plan
-from reconstruction.units import Outcome, Unit, perform
+from reconstruction.session.conditions import Condition
 from tests.reconstruction.conftest import VIEWS, Scene, write_session
 from tests.reconstruction.fake_units import MAKE
 

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.session.reader import Session
+from capture_app.session.reading.reader import Session
 from tests.reconstruction.fake_units import LOG
 
 ROOT = Path(__file__).parents[2]

@@ -6,14 +6,14 @@ import cv2
 import numpy as np
 import pytest
 
-from reconstruction.animation import save_animation
-from reconstruction.bullet_time import bullet_time
-from reconstruction.calibration import views_of
-from reconstruction.camera_order import walk_past
-from reconstruction.dataset import Dataset
-from reconstruction.geometry import View
-from reconstruction.scene_motion import SceneMotion
-from reconstruction.steady import hold, pixel_of, point_of_interest, seen_from
+from reconstruction.bullet_time.animation import save_animation
+from reconstruction.bullet_time.command import bullet_time
+from reconstruction.bullet_time.steady import hold, pixel_of, point_of_interest, seen_from
+from reconstruction.calibration.camera_order import walk_past
+from reconstruction.calibration.session_calibration import views_of
+from reconstruction.common.geometry import View
+from reconstruction.session.dataset import Dataset
+from reconstruction.session.scene_motion import SceneMotion
 
 from .conftest import HEIGHT, WIDTH, jump, make_view
 

@@ -10,16 +10,16 @@ import numpy as np
 import pytest
 
 from capture_app.errors import BadInputError
-from capture_app.session.calibration import Calibration
+from capture_app.session.format.calibration import Calibration
+from capture_app.session.format.manifest import BurstRecord, CameraRecord
 from capture_app.session.importers.recording import ImportOptions, import_recording
-from capture_app.session.manifest import BurstRecord, CameraRecord
-from capture_app.session.reader import Session
-from capture_app.session.store import SessionWriter
-from reconstruction.calibration_quality import Quality, refuse_bad
-from reconstruction.charuco_board import Board, Finder, find_corners
+from capture_app.session.reading.reader import Session
+from capture_app.session.writing.store import SessionWriter
+from reconstruction.calibration.charuco_board import Board, Finder, find_corners
+from reconstruction.calibration.quality import Quality, refuse_bad
 from reconstruction.cli import main
-from reconstruction.dataset import Dataset
-from reconstruction.geometry import View, other_from_reference
+from reconstruction.common.geometry import View, other_from_reference
+from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import HEIGHT, PERIOD_NS, VIEWS, WIDTH, make_view
 
 BOARD = Board(6, 5, 0.10, 0.075, "4X4_50")

@@ -7,11 +7,11 @@ import numpy as np
 import pytest
 
 from capture_app.errors import BadInputError
-from capture_app.session.calibration import Calibration
-from reconstruction.calibration import find_calibration, views_of
-from reconstruction.dataset import Dataset
-from reconstruction.geometry import View, angle_deg, other_from_reference
-from reconstruction.scene_motion import SceneMotion
+from capture_app.session.format.calibration import Calibration
+from reconstruction.calibration.session_calibration import find_calibration, views_of
+from reconstruction.common.geometry import View, angle_deg, other_from_reference
+from reconstruction.session.dataset import Dataset
+from reconstruction.session.scene_motion import SceneMotion
 from tests.reconstruction.conftest import (
     VIEWS,
     Board,

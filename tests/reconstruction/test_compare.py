@@ -11,7 +11,7 @@ from typing import Any
 import cv2
 import pytest
 
-from capture_app.session.reader import Session
+from capture_app.session.reading.reader import Session
 from reconstruction.cli import main
 from tests.reconstruction.conftest import VIEWS, Scene, write_session
 

@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from capture_app.errors import BadInputError
-from capture_app.session.reader import Session
+from capture_app.session.reading.reader import Session
 from reconstruction.cli import main
-from reconstruction.conditions import (
+from reconstruction.session.conditions import (
     DISTINCT,
     DISTINCT_MS,
     SYNCED,
@@ -17,7 +17,7 @@ from reconstruction.conditions import (
     refuse_together,
     shown_with,
 )
-from reconstruction.dataset import Dataset
+from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import VIEWS, Scene, write_session
 
 

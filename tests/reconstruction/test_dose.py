@@ -7,12 +7,12 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from capture_app.session.reader import Session
+from capture_app.session.reading.reader import Session
 from reconstruction.cli import main
-from reconstruction.dose import bearable_ms, falls
-from reconstruction.dose_plot import dose_plot
-from reconstruction.results import DepthScores, DosePoint, DoseResult, Interval
-from reconstruction.tally import Tally, count_depth, differences
+from reconstruction.compare.dose import bearable_ms, falls
+from reconstruction.report.dose_plot import dose_plot
+from reconstruction.scores.results import DepthScores, DosePoint, DoseResult, Interval
+from reconstruction.scores.tally import Tally, count_depth, differences
 
 
 def point(ms: float, value: float, low: float | None = None, high: float | None = None) -> DosePoint:

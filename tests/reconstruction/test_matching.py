@@ -7,15 +7,15 @@ import numpy as np
 import pytest
 
 from capture_app.errors import BadInputError
-from reconstruction.consistency import Agreement, ask, believed, without_speckles
-from reconstruction.depth_range import find_depth_range
-from reconstruction.geometry import Array, View
-from reconstruction.matcher import DepthView, match_views
-from reconstruction.photo import Lens, Photo, mean_of_best, resized
-from reconstruction.planes import fit_planes, normals
-from reconstruction.semiglobal import aggregate, cheapest
-from reconstruction.sources import choose_sources, guessed_depths, reference_of, score_source
-from reconstruction.sweep import Surface, SweepOptions, sweep
+from reconstruction.common.geometry import Array, View
+from reconstruction.common.photo import Lens, Photo, mean_of_best, resized
+from reconstruction.depth.consistency import Agreement, ask, believed, without_speckles
+from reconstruction.depth.depth_range import find_depth_range
+from reconstruction.depth.matcher import DepthView, match_views
+from reconstruction.depth.planes import fit_planes, normals
+from reconstruction.depth.semiglobal import aggregate, cheapest
+from reconstruction.depth.sweep import Surface, SweepOptions, sweep
+from reconstruction.multiview.sources import choose_sources, guessed_depths, reference_of, score_source
 from tests.reconstruction.conftest import texture
 
 WIDTH, HEIGHT, FOCAL = 128, 96, 110.0
@@ -128,7 +128,7 @@ def test_cameras_may_have_pictures_of_different_sizes(photos: dict[str, Photo]) 
 def test_large_pictures_are_swept_small_and_finished_at_full_size(
     photos: dict[str, Photo], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("reconstruction.sweep.MOST_CELLS", 90_000)
+    monkeypatch.setattr("reconstruction.depth.sweep.MOST_CELLS", 90_000)
     others = [photos["left"], photos["right"]]
     surface = sweep(photos["middle"], others, 1.4, 4.0, SweepOptions())
     truth = photo_of(view_at(*PLACES["middle"]))[1]

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from reconstruction.movers import background, movers
+from reconstruction.session.movers import background, movers
 from tests.reconstruction.conftest import Scene, make_view, texture
 
 

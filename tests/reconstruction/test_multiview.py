@@ -10,17 +10,17 @@ import numpy as np
 import pytest
 
 from capture_app.errors import BadInputError, NotAvailableError, SimulshotError
-from capture_app.session.reader import Session
-from reconstruction import patchmatch
+from capture_app.session.reading.reader import Session
 from reconstruction.cli import main
-from reconstruction.colmap_maps import read_array, read_maps
-from reconstruction.dataset import Dataset
-from reconstruction.matcher import DepthView
-from reconstruction.multiview_input import instants_of, shot_of
-from reconstruction.multiview_judge import judge
-from reconstruction.patchmatch import ENVIRONMENT, Gpu, find_gpu, run_patch_match
-from reconstruction.photo import Photo
-from reconstruction.workspace import write_workspace
+from reconstruction.common.photo import Photo
+from reconstruction.depth import patchmatch
+from reconstruction.depth.colmap_maps import read_array, read_maps
+from reconstruction.depth.matcher import DepthView
+from reconstruction.depth.patchmatch import ENVIRONMENT, Gpu, find_gpu, run_patch_match
+from reconstruction.depth.workspace import write_workspace
+from reconstruction.multiview.input import shot_of
+from reconstruction.multiview.judge import judge
+from reconstruction.session.dataset import Dataset, instants_of
 from tests.reconstruction.conftest import Scene, make_view, write_session
 
 VIEWS = {
@@ -120,7 +120,7 @@ def test_full_disk_leaves_nothing_behind(
         shape = {name: photo.grey.shape for name, photo in photos.items()}
         return {n: DepthView(np.ones(s, np.float32), np.zeros((*s, 3), np.float32)) for n, s in shape.items()}
 
-    monkeypatch.setattr("reconstruction.multiview.match_views", match)
+    monkeypatch.setattr("reconstruction.multiview.command.match_views", match)
     monkeypatch.setattr(Path, "write_bytes", full)
     code, line = failing(capsys, "multiview", str(trio.folder), "--out", str(tmp_path / "out"))
     assert code == 1
@@ -252,8 +252,8 @@ def test_auto_uses_the_gpu_where_there_is_one(
                 file = f"stereo/{kind}/{name}.png.geometric.bin"
                 (workspace / file).write_bytes((scratch / file).read_bytes())
 
-    monkeypatch.setattr("reconstruction.multiview.find_gpu", lambda: Gpu("Some GPU", Path("python")))
-    monkeypatch.setattr("reconstruction.multiview.run_patch_match", stand_in)
+    monkeypatch.setattr("reconstruction.multiview.command.find_gpu", lambda: Gpu("Some GPU", Path("python")))
+    monkeypatch.setattr("reconstruction.multiview.command.run_patch_match", stand_in)
     main(
         ["multiview", str(trio.folder), "--instant", "1", "--no-mesh", "--json", "--out", str(tmp_path / "o")]
     )

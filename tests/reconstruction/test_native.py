@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 from capture_app.errors import ExitCode, NotAvailableError
-from reconstruction import native
+from reconstruction.common import native
 
 WRITES_A_PNG = """
 import sys
-from reconstruction.native import load_pycolmap
+from reconstruction.common.native import load_pycolmap
 assert "cv2" not in sys.modules
 load_pycolmap("testing")
 import cv2

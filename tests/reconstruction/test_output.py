@@ -6,9 +6,9 @@ from pathlib import Path
 import pytest
 
 from capture_app.errors import SimulshotError
-from reconstruction import output
-from reconstruction.multiview_output import whole_folder
-from reconstruction.output import Output
+from reconstruction.common import output_folder as output
+from reconstruction.common.output_folder import Output
+from reconstruction.multiview.output import whole_folder
 
 
 @pytest.mark.parametrize("folder", [Output, lambda target: whole_folder(target, ())])

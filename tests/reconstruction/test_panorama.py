@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from reconstruction import stitch
-from reconstruction.features import find_points, match_points
-from reconstruction.pairs import Homography, choose_panorama, choose_stereo, fit_homography
+from reconstruction.calibration.features import find_points, match_points
+from reconstruction.calibration.pairs import Homography, choose_panorama, choose_stereo, fit_homography
+from reconstruction.panorama import pair_homography as stitch
 from tests.reconstruction.conftest import HEIGHT, VIEWS, WIDTH, Scene, make_view
 
 SIZE = (WIDTH, HEIGHT)

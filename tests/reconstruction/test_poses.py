@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 
 from capture_app.errors import NotAvailableError
-from capture_app.session.reader import Session
-from capture_app.session.store import Session as Store
-from reconstruction import pose_study
-from reconstruction.calibration import views_of
-from reconstruction.conditions import DISTINCT, SYNCED, Condition
-from reconstruction.dataset import Dataset
-from reconstruction.geometry import View
-from reconstruction.pipeline import Stages
-from reconstruction.pose_study import PoseStudy
-from reconstruction.poses import Pose, pair_errors
+from capture_app.session.reading.reader import Session
+from capture_app.session.writing.store import Session as Store
+from reconstruction.calibration.session_calibration import views_of
+from reconstruction.common.geometry import View
+from reconstruction.common.stages import Stages
+from reconstruction.compare import pose_study
+from reconstruction.compare.pose_study import PoseStudy
+from reconstruction.poses.poses import Pose, pair_errors
+from reconstruction.session.conditions import DISTINCT, SYNCED, Condition
+from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import VIEWS
 
 PINWHEEL = Path(__file__).resolve().parents[2] / "sample_sessions" / "pinwheel"

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from reconstruction.geometry import View
-from reconstruction.rectify import rectify, turn_pair
+from reconstruction.common.geometry import View
+from reconstruction.stereo.rectify import rectify, turn_pair
 from tests.reconstruction.conftest import make_view
 
 PAIRS = {

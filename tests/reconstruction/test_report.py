@@ -12,9 +12,9 @@ import numpy as np
 import pytest
 
 from capture_app.errors import BadInputError
-from reconstruction import wording
-from reconstruction.report import write_report
-from reconstruction.results import (
+from reconstruction.report import wording
+from reconstruction.report.report import write_report
+from reconstruction.scores.results import (
     CompareResult,
     ConditionResult,
     DepthScores,

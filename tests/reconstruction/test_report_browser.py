@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from reconstruction.report import write_report
+from reconstruction.report.report import write_report
 from tests.reconstruction.browser import CHROMIUM, Browser
 from tests.reconstruction.report_sample import CAMERAS, SHAPES, whole_result
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from reconstruction.geometry import View
-from reconstruction.stereo import StereoPair, scene_disparities
+from reconstruction.common.geometry import View
+from reconstruction.stereo.stereo import StereoPair, scene_disparities
 from tests.reconstruction.conftest import Scene, make_view
 
 PAIRS = {

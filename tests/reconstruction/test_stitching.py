@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from capture_app.session.importers.recording import ImportOptions, import_recording
-from capture_app.session.reader import Session
+from capture_app.session.reading.reader import Session
 from reconstruction.cli import main
-from reconstruction.panorama import Stitching
+from reconstruction.panorama.opencv_stitcher import Stitching
 from tests.reconstruction.conftest import VIEWS, Scene, texture, write_session
 
 FOCAL = 630.0

@@ -3,7 +3,7 @@
 import pytest
 
 from capture_app.errors import BadInputError
-from reconstruction.variants import choose_offset, thin
+from reconstruction.session.variants import choose_offset, thin
 
 T30, T60 = 33_333_333, 16_666_667
 

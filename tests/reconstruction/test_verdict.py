@@ -1,6 +1,7 @@
 """The verdict says what the figures say, also where they say nothing."""
 
-from reconstruction.results import (
+from reconstruction.report.verdict import together, verdict
+from reconstruction.scores.results import (
     DepthScores,
     MultiviewComparison,
     MultiviewScores,
@@ -10,7 +11,6 @@ from reconstruction.results import (
     StitchResult,
     StitchScores,
 )
-from reconstruction.verdict import together, verdict
 
 
 def stereo(synced: float, offset: float, still: float = 0.8, *, truth: bool = True) -> StereoResult:

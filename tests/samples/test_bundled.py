@@ -12,10 +12,10 @@ from capture_app.cli import run
 from capture_app.errors import ExitCode
 from capture_app.samples.recipe import read_recipe
 from capture_app.samples.render import render, same_files
-from capture_app.session.manifest import RECIPE
-from capture_app.session.rows import row_exposures
-from capture_app.session.store import Session
-from capture_app.simulation import led_panel
+from capture_app.session.format.manifest import RECIPE
+from capture_app.session.format.rows import row_exposures
+from capture_app.session.writing.store import Session
+from capture_app.simulation.rendering import led_panel
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_sessions"
 SHAPES = {"jumper": (5, 5), "naive": (5, 5), "pinwheel": (5, 5), "crossing": (3, 5), "led_panel": (2, 5)}

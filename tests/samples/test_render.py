@@ -11,9 +11,9 @@ from capture_app.cli import run
 from capture_app.errors import BadInputError, ExitCode
 from capture_app.samples.recipe import CameraRecipe, Recipe, Trigger, read_recipe
 from capture_app.samples.render import render, same_files
-from capture_app.session.manifest import RECIPE
-from capture_app.session.store import SessionWriter
-from capture_app.session.verify import verify
+from capture_app.session.format.manifest import RECIPE
+from capture_app.session.reading.verify import verify
+from capture_app.session.writing.store import SessionWriter
 
 
 def recipe_of(**changes: Any) -> Recipe:

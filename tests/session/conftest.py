@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.session.manifest import BurstRecord, CameraRecord, ClockRecord, MissingImage
-from capture_app.session.store import Session, SessionWriter
+from capture_app.session.format.manifest import BurstRecord, CameraRecord, ClockRecord, MissingImage
+from capture_app.session.writing.store import Session, SessionWriter
 
 WIDTH, HEIGHT = 16, 12
 INSTANTS = (1_000_000_000, 1_033_000_000, 1_066_000_000)

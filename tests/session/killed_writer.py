@@ -22,12 +22,12 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from capture_app.node.repair import repair
-from capture_app.session.manifest import MANIFEST, BurstRecord, CameraRecord
-from capture_app.session.plan import PLAN, CameraPlan, Plan
-from capture_app.session.reader import Session
-from capture_app.session.store import SessionWriter
-from capture_app.session.verify import Problem, ProblemKind, verify
+from capture_app.node.leader.repair import repair
+from capture_app.session.format.manifest import MANIFEST, BurstRecord, CameraRecord
+from capture_app.session.format.plan import PLAN, CameraPlan, Plan
+from capture_app.session.reading.reader import Session
+from capture_app.session.reading.verify import Problem, ProblemKind, verify
+from capture_app.session.writing.store import SessionWriter
 
 CAMERAS, INSTANTS, PERIOD_NS = 2, 4, 33_000_000
 NAME = "killed"

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from capture_app.errors import BadInputError
-from capture_app.session.calibration import Calibration
+from capture_app.session.format.calibration import Calibration
 from capture_app.session.importers.calibration import Fit, fit_calibration, read_views
 
 K = np.array([[800.0, 0, 320], [0, 810, 240], [0, 0, 1]])

@@ -14,12 +14,12 @@ from typing import Any
 import pytest
 
 from capture_app.errors import DiskFullError, SimulshotError
-from capture_app.node.repair import repair
-from capture_app.session.calibration import Calibration, CameraCalibration
-from capture_app.session.manifest import JOURNAL, MANIFEST, BurstRecord
-from capture_app.session.plan import CameraPlan, Plan
-from capture_app.session.store import Session, SessionWriter
-from capture_app.session.verify import verify
+from capture_app.node.leader.repair import repair
+from capture_app.session.format.calibration import Calibration, CameraCalibration
+from capture_app.session.format.manifest import JOURNAL, MANIFEST, BurstRecord
+from capture_app.session.format.plan import CameraPlan, Plan
+from capture_app.session.reading.verify import verify
+from capture_app.session.writing.store import Session, SessionWriter
 
 from .conftest import camera_record, jpeg
 
@@ -351,7 +351,7 @@ def test_on_a_disk_that_is_really_full_nothing_confirmed_is_lost(
 
 
 def missing_at_least_one(take: Take, writer: SessionWriter) -> None:
-    from capture_app.session.manifest import MissingImage
+    from capture_app.session.format.manifest import MissingImage
 
     cameras = [camera_record(name) for name in take.names]
     every = ((name, instant) for name in take.names for instant in range(take.instants))

@@ -8,9 +8,9 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.errors import ExitCode
-from capture_app.session.manifest import MANIFEST
-from capture_app.session.schema import session_schema_text
-from capture_app.session.store import Session, SessionWriter
+from capture_app.session.format.manifest import MANIFEST
+from capture_app.session.format.schema import session_schema_text
+from capture_app.session.writing.store import Session, SessionWriter
 
 Capture = pytest.CaptureFixture[str]
 

@@ -11,11 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture_app.errors import BadInputError, ExitCode, IncompleteError, SimulshotError
-from capture_app.session.calibration import Calibration, CameraCalibration
-from capture_app.session.checks import inside, is_name
-from capture_app.session.manifest import JOURNAL, MANIFEST, BurstRecord, ImageRecord
-from capture_app.session.reader import is_being_written
-from capture_app.session.store import Session, SessionWriter, list_sessions
+from capture_app.session.format.calibration import Calibration, CameraCalibration
+from capture_app.session.format.checks import inside, is_name
+from capture_app.session.format.manifest import JOURNAL, MANIFEST, BurstRecord, ImageRecord
+from capture_app.session.reading.reader import is_being_written
+from capture_app.session.writing.store import Session, SessionWriter, list_sessions
 
 from .conftest import INSTANTS, camera_record, fill, jpeg
 
@@ -236,7 +236,7 @@ def test_no_path_leads_out(tmp_path_factory: pytest.TempPathFactory, path: str) 
 
 KILLED_WRITER = """
 import os, pathlib, signal, sys
-from capture_app.session.store import SessionWriter
+from capture_app.session.writing.store import SessionWriter
 left = int(sys.argv[2])
 def deadly(name):
     call = getattr(os, name)

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
-from capture_app.session.manifest import BurstRecord, ImageRecord, MissingImage
-from capture_app.session.rows import exposure_start_ns, row_exposures
-from capture_app.session.synchronization import sync_record, verdict
+from capture_app.session.format.manifest import BurstRecord, ImageRecord, MissingImage
+from capture_app.session.format.rows import exposure_start_ns, row_exposures
+from capture_app.session.reading.synchronization import sync_record, verdict
 
 from .conftest import HEIGHT, camera_record
 

@@ -8,12 +8,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture_app.simulation.profiles import PROFILES
-from capture_app.simulation.sensor import Sensor, SensorProfile
-from capture_app.sync.aligner import Aligner
-from capture_app.sync.commands import CameraCommand, InjectFrame, RestartStream, SetFrameDuration
-from capture_app.sync.phase import FrameStamp
-from capture_app.sync.timebase import Goal, TimeMap
+from capture_app.simulation.devices.profiles import PROFILES
+from capture_app.simulation.devices.sensor import Sensor, SensorProfile
+from capture_app.sync.clock.timebase import Goal, TimeMap
+from capture_app.sync.phase.aligner import Aligner
+from capture_app.sync.phase.estimator import FrameStamp
+from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, RestartStream, SetFrameDuration
 
 S = 1_000_000_000
 SAME_CLOCK = TimeMap(0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 300, 1000)

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from capture_app.experiments.phase_trials import (
+from capture_app.experiments.phase.trials import (
     align,
     inject_like_libsoftwaresync,
     learned,
@@ -14,9 +14,9 @@ from capture_app.experiments.phase_trials import (
     reset_together,
     unknown_phone,
 )
-from capture_app.simulation.bench import Bench
-from capture_app.simulation.led_panel import CYCLE_NS, difference_ns, read_time, render
-from capture_app.simulation.profiles import PROFILES
+from capture_app.simulation.devices.profiles import PROFILES
+from capture_app.simulation.rendering.led_panel import CYCLE_NS, difference_ns, read_time, render
+from capture_app.simulation.rig.bench import Bench
 
 S = 1_000_000_000
 

@@ -5,9 +5,9 @@ from dataclasses import replace
 
 from msgspec import structs
 
-from capture_app.simulation.bench import Bench
-from capture_app.simulation.profiles import PROFILES
-from capture_app.sync.steering import ClientConfig, Steering
+from capture_app.simulation.devices.profiles import PROFILES
+from capture_app.simulation.rig.bench import Bench
+from capture_app.sync.rig.phase_loop import ClientConfig, Steering
 
 from .test_relays import CAMERA
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from capture_app.errors import BadInputError
-from capture_app.simulation import led_panel
-from capture_app.simulation.pictures import LED_PANEL, PictureSource, open_picture_source
-from capture_app.simulation.sensor import SensorFrame
+from capture_app.simulation.devices.sensor import SensorFrame
+from capture_app.simulation.rendering import led_panel
+from capture_app.simulation.rendering.pictures import LED_PANEL, PictureSource, open_picture_source
 
 ROW_NS, EXPOSURE_NS = 10_840, 97_560
 

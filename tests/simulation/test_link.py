@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from capture_app.errors import BadInputError
-from capture_app.simulation.link import (
+from capture_app.simulation.network.link import (
     LAWS,
     PAPER_LINK,
     Air,
@@ -20,7 +20,7 @@ from capture_app.simulation.link import (
     Outage,
     ReplayedLaw,
 )
-from capture_app.simulation.trace import read_trace
+from capture_app.simulation.rig.bench import read_trace
 
 MS, S = 1_000_000, 1_000_000_000
 STEADY = DelayLaw(500_000, 500_001, 1.0)

@@ -17,15 +17,19 @@ from hypothesis.stateful import (
 )
 from msgspec import structs
 
-from capture_app.sync.follower import MOST_EVENTS, Address, Follower, FollowerConfig
-from capture_app.sync.leader import Leader, LeaderConfig
-from capture_app.sync.messages import (
+from capture_app.sync.clock.upstream_map import Onward
+from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.poll_schedule import FIRST_EXCHANGES
+from capture_app.sync.tree.follower import MOST_EVENTS, Address, Follower, FollowerConfig
+from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
+from capture_app.sync.wire.messages import (
     CameraDescription,
     Goodbye,
     Heartbeat,
     HeartbeatAck,
     Hello,
     Message,
+    NodeState,
     Refused,
     Report,
     TimeReply,
@@ -36,10 +40,6 @@ from capture_app.sync.messages import (
     Welcome,
     encode,
 )
-from capture_app.sync.onward import Onward
-from capture_app.sync.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
-from capture_app.sync.rounds import FIRST_EXCHANGES
-from capture_app.sync.state import NodeState
 
 S = 1_000_000_000
 INSTANCE, HONEST = 77, 99

@@ -6,14 +6,14 @@ from itertools import combinations
 
 import pytest
 
-from capture_app.simulation.broadcast import Ear, RadioCell
-from capture_app.simulation.clock import SimulatedClock
-from capture_app.simulation.link import DelayLaw, Link
-from capture_app.simulation.profiles import PROFILES
-from capture_app.simulation.rig import NodeSpec, VirtualNode, VirtualRig
-from capture_app.sync.beacon import Agreed, Beacon, Heard
-from capture_app.sync.events import ClockAgreed, ClockAlone
-from capture_app.sync.messages import Welcome, decode, encode
+from capture_app.clock import SimulatedClock
+from capture_app.simulation.devices.profiles import PROFILES
+from capture_app.simulation.network.broadcast import Ear, RadioCell
+from capture_app.simulation.network.link import DelayLaw, Link
+from capture_app.simulation.rig.rig import NodeSpec, VirtualNode, VirtualRig
+from capture_app.sync.rig.events import ClockAgreed, ClockAlone
+from capture_app.sync.wire.beacon import Agreed, Beacon, Heard
+from capture_app.sync.wire.messages import Welcome, decode, encode
 
 S = 1_000_000_000
 US = 1_000

@@ -7,18 +7,24 @@ from dataclasses import dataclass, field, replace
 import pytest
 from msgspec import structs
 
-from capture_app.simulation.tree import ROOT, Tree, TreeSpec
-from capture_app.simulation.wander import WanderingClock
-from capture_app.sync import way_back
-from capture_app.sync.candidates import Candidates
-from capture_app.sync.client import Client, ClientConfig
-from capture_app.sync.events import BurstAccepted, BurstReady, JoinRefused, LeaderEvent, NodeLost, NodeMoved
-from capture_app.sync.follower import Address, FollowerConfig
-from capture_app.sync.leader import ClientView, LeaderConfig
-from capture_app.sync.messages import CameraDescription, Hello, decode
-from capture_app.sync.phase import FrameStamp
-from capture_app.sync.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
-from capture_app.sync.state import NodeState
+from capture_app.simulation.network.wander import WanderingClock
+from capture_app.simulation.rig.tree import ROOT, Tree, TreeSpec
+from capture_app.sync.phase.estimator import FrameStamp
+from capture_app.sync.rig import failover as way_back
+from capture_app.sync.rig.client import Client, ClientConfig
+from capture_app.sync.rig.events import (
+    BurstAccepted,
+    BurstReady,
+    JoinRefused,
+    LeaderEvent,
+    NodeLost,
+    NodeMoved,
+)
+from capture_app.sync.rig.failover import Candidates
+from capture_app.sync.rig.leader import ClientView, LeaderConfig
+from capture_app.sync.tree.follower import Address, FollowerConfig
+from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
+from capture_app.sync.wire.messages import CameraDescription, Hello, NodeState, decode
 
 S = 1_000_000_000
 PERIOD_NS = 33_333_333

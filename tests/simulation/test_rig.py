@@ -7,16 +7,17 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from capture_app.clock import SimulatedClock
 from capture_app.errors import BadInputError, IncompleteError
-from capture_app.simulation.clock import SimulatedClock
-from capture_app.simulation.link import PAPER_LINK, DelayLaw, Link
-from capture_app.simulation.profiles import PROFILES
-from capture_app.simulation.rig import NodeSpec, VirtualRig
-from capture_app.sync.events import BurstRefused, LeaderLost, NodeLost, NodeReturned
-from capture_app.sync.messages import (
+from capture_app.simulation.devices.profiles import PROFILES
+from capture_app.simulation.network.link import PAPER_LINK, DelayLaw, Link
+from capture_app.simulation.rig.rig import NodeSpec, VirtualRig
+from capture_app.sync.rig.events import BurstRefused, LeaderLost, NodeLost, NodeReturned
+from capture_app.sync.wire.messages import (
     Goodbye,
     HeartbeatAck,
     Hello,
+    NodeState,
     Refused,
     TimeReply,
     Trigger,
@@ -24,7 +25,6 @@ from capture_app.sync.messages import (
     Welcome,
     encode,
 )
-from capture_app.sync.state import NodeState
 
 S = 1_000_000_000
 LAN = Link(DelayLaw(60_000, 90_000), DelayLaw(60_000, 90_000))

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from capture_app.errors import BadInputError
-from capture_app.simulation import motion, walking
-from capture_app.simulation.scene import Scene, load
+from capture_app.simulation.rendering.scene import Scene, load
+from capture_app.simulation.scenes import motion, walking
 
 SCALE = 0.25
 START_NS = 1_000_000_000_000_000
@@ -61,7 +61,7 @@ def test_same_arguments_give_the_same_bytes_in_another_process(scene):
     shot = picture(scene)
     assert np.array_equal(shot, picture(scene))
     code = (
-        "import hashlib, sys; from capture_app.simulation.scene import load;"
+        "import hashlib, sys; from capture_app.simulation.rendering.scene import load;"
         "assert 'open3d' not in sys.modules;"  # slow to import, and absent on small machines
         f"s = load('studio', scale={SCALE});"
         f"s.render('cam00', 5, {EXPOSURE_NS}, {ROW_NS}, seed=9);"  # what was drawn before does not matter

@@ -4,12 +4,12 @@ import random
 
 import pytest
 
-from capture_app.simulation.clock import SimulatedClock
-from capture_app.simulation.link import Channel, DelayLaw, Direction, Link
-from capture_app.simulation.profiles import PROFILES
-from capture_app.simulation.rig import NodeSpec, VirtualRig
-from capture_app.sync.client import FIRST_PACE_NS, PACE_NS
-from capture_app.sync.leader import spread
+from capture_app.clock import SimulatedClock
+from capture_app.simulation.devices.profiles import PROFILES
+from capture_app.simulation.network.link import Channel, DelayLaw, Direction, Link
+from capture_app.simulation.rig.rig import NodeSpec, VirtualRig
+from capture_app.sync.rig.client import FIRST_PACE_NS, PACE_NS
+from capture_app.sync.rig.leader import spread
 
 S = 1_000_000_000
 LAN = Link(DelayLaw(60_000, 90_000), DelayLaw(60_000, 90_000))
@@ -40,8 +40,8 @@ def test_slots_are_far_from_each_other() -> None:
 def test_clients_that_join_together_do_not_send_together(
     pace_ns: int, reached_s: float, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("capture_app.sync.timekeeper.PACE_NS", pace_ns)
-    monkeypatch.setattr("capture_app.sync.timekeeper.NEAR_NS", 0)
+    monkeypatch.setattr("capture_app.sync.rig.timekeeper.PACE_NS", pace_ns)
+    monkeypatch.setattr("capture_app.sync.rig.timekeeper.NEAR_NS", 0)
     rng = random.Random(3)
     specs = [
         NodeSpec(f"cam{i}", PROFILES["phone-a"], SimulatedClock(rng.randrange(10**13), rng.gauss(0, 20)), LAN)

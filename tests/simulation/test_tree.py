@@ -11,19 +11,25 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import structs
 
-from capture_app.simulation.delays import crossing
-from capture_app.simulation.link import PAPER_LINK, Link
-from capture_app.simulation.tree import ROOT, Death, Tree, TreeSpec, run_share
-from capture_app.simulation.wander import wandering_clock
-from capture_app.sync.client import Client, ClientConfig
-from capture_app.sync.follower import HELLOS, Address, Follower, FollowerConfig
-from capture_app.sync.leader import CLIENT_SILENT_NS, CLOCK_SILENT_NS, Leader, LeaderConfig
-from capture_app.sync.messages import CLOCK_ONLY, CameraDescription, Hello, Welcome, decode, encode
-from capture_app.sync.onward import MAX_DEPTH, onward
-from capture_app.sync.relay import Relay
-from capture_app.sync.state import NodeState
-from capture_app.sync.timebase import TimeMap
-from capture_app.sync.way_back import LOOK_EVERY_NS, PROOFS, WayBack
+from capture_app.simulation.network.link import PAPER_LINK, Link, crossing
+from capture_app.simulation.network.wander import wandering_clock
+from capture_app.simulation.rig.tree import ROOT, Death, Tree, TreeSpec, run_share
+from capture_app.sync.clock.timebase import TimeMap
+from capture_app.sync.clock.upstream_map import MAX_DEPTH, onward
+from capture_app.sync.rig.client import Client, ClientConfig
+from capture_app.sync.rig.failover import LOOK_EVERY_NS, PROOFS, WayBack
+from capture_app.sync.rig.leader import CLIENT_SILENT_NS, CLOCK_SILENT_NS, Leader, LeaderConfig
+from capture_app.sync.tree.follower import HELLOS, Address, Follower, FollowerConfig
+from capture_app.sync.tree.relay import Relay
+from capture_app.sync.wire.messages import (
+    CLOCK_ONLY,
+    CameraDescription,
+    Hello,
+    NodeState,
+    Welcome,
+    decode,
+    encode,
+)
 
 S = 1_000_000_000
 SMALL = TreeSpec(

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.session.reader import Session
+from capture_app.session.reading.reader import Session
 from tests.reconstruction.conftest import VIEWS, Board, Scene, jump, texture, write_session
 from tests.slurm.cluster import cluster, why_not
 

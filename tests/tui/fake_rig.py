@@ -4,8 +4,8 @@ from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 
 from capture_app.errors import IncompleteError
-from capture_app.node.status import BurstStatus, NodeStatus, RigStatus
-from capture_app.sync.state import NodeState
+from capture_app.node.wire.status import BurstStatus, NodeStatus, RigStatus
+from capture_app.sync.wire.messages import NodeState
 from capture_app.tui.source import Comparison, Progress
 
 HOUR_NS = 3_600_000_000_000

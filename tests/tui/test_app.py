@@ -6,9 +6,9 @@ from typing import Any
 import pytest
 from textual.widgets import Label, RichLog, Static
 
-from capture_app.session.manifest import BurstRecord, CameraRecord
-from capture_app.session.store import SessionWriter
-from capture_app.sync.state import NodeState
+from capture_app.session.format.manifest import BurstRecord, CameraRecord
+from capture_app.session.writing.store import SessionWriter
+from capture_app.sync.wire.messages import NodeState
 from capture_app.tui.app import RigApp
 from capture_app.tui.widgets.nodes import NodesTable
 from capture_app.tui.widgets.sessions import SessionsTable

@@ -3,11 +3,17 @@
 import re
 from pathlib import Path
 
-from capture_app.session.calibration import Calibration
-from capture_app.session.exporters.burst import Burst, ExportOptions
-from capture_app.session.exporters.poses import METRES, distortion_of, matrix_of, rodrigues, rotation_of
-from capture_app.session.exporters.tables import toml_table, unit_note, write_frames
-from capture_app.session.exporters.videos import write_timeline
+from capture_app.session.exporters.common.burst import Burst, ExportOptions
+from capture_app.session.exporters.common.poses import (
+    METRES,
+    distortion_of,
+    matrix_of,
+    rodrigues,
+    rotation_of,
+)
+from capture_app.session.exporters.common.tables import toml_table, unit_note, write_frames
+from capture_app.session.exporters.common.videos import write_timeline
+from capture_app.session.format.calibration import Calibration
 
 
 def write(burst: Burst, folder: Path, options: ExportOptions) -> list[str]:

@@ -5,12 +5,18 @@ from pathlib import Path
 
 import numpy as np
 
-from capture_app.session.calibration import Calibration, CameraCalibration
-from capture_app.session.exporters.burst import Burst, ExportOptions
-from capture_app.session.exporters.files import place, suffix_for
-from capture_app.session.exporters.poses import Array, distortion_of, quaternion, rotation_of, translation_of
-from capture_app.session.exporters.tables import Frame, write_frames
-from capture_app.session.manifest import RIG, ImageRecord
+from capture_app.session.exporters.common.burst import Burst, ExportOptions
+from capture_app.session.exporters.common.files import place, suffix_for
+from capture_app.session.exporters.common.poses import (
+    Array,
+    distortion_of,
+    quaternion,
+    rotation_of,
+    translation_of,
+)
+from capture_app.session.exporters.common.tables import Frame, write_frames
+from capture_app.session.format.calibration import Calibration, CameraCalibration
+from capture_app.session.format.manifest import RIG, ImageRecord
 
 _HALF_PIXEL = 0.5  # COLMAP's first pixel has its centre at (0.5, 0.5)
 _SPARSE = "sparse/0"

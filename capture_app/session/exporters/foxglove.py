@@ -7,7 +7,7 @@ Rerun reads them in this encoding only.
 from functools import cache
 from typing import Any
 
-from capture_app.session.exporters.extras import load
+from capture_app.session.exporters.common.extras import load
 
 _DOUBLE, _STRING, _BYTES, _FIXED32 = 1, 9, 12, 7  # google.protobuf.FieldDescriptorProto.Type
 _TIME = ".google.protobuf.Timestamp"

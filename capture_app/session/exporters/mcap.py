@@ -3,11 +3,9 @@
 from pathlib import Path
 from typing import Any
 
-from capture_app.session.calibration import Calibration, CameraCalibration
-from capture_app.session.exporters.burst import Burst, ExportOptions
-from capture_app.session.exporters.extras import load
-from capture_app.session.exporters.foxglove import descriptor_set, message_class
-from capture_app.session.exporters.poses import (
+from capture_app.session.exporters.common.burst import Burst, ExportOptions
+from capture_app.session.exporters.common.extras import load
+from capture_app.session.exporters.common.poses import (
     METRES,
     centre_of,
     distortion_of,
@@ -15,8 +13,10 @@ from capture_app.session.exporters.poses import (
     quaternion,
     rotation_of,
 )
-from capture_app.session.exporters.tables import Frame, unit_note, write_frames
-from capture_app.session.manifest import MANIFEST, ImageRecord
+from capture_app.session.exporters.common.tables import Frame, unit_note, write_frames
+from capture_app.session.exporters.foxglove import descriptor_set, message_class
+from capture_app.session.format.calibration import Calibration, CameraCalibration
+from capture_app.session.format.manifest import MANIFEST, ImageRecord
 
 _CHUNK = 1 << 62  # a chunk ends where a set of frames does, never by its size
 _FORMATS = {".jpg": "jpeg", ".jpeg": "jpeg", ".png": "png"}

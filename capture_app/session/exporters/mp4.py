@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from capture_app.session.exporters.burst import Burst, ExportOptions
-from capture_app.session.exporters.tables import write_frames
-from capture_app.session.exporters.videos import write_timeline
+from capture_app.session.exporters.common.burst import Burst, ExportOptions
+from capture_app.session.exporters.common.tables import write_frames
+from capture_app.session.exporters.common.videos import write_timeline
 
 
 def write(burst: Burst, folder: Path, options: ExportOptions) -> list[str]:

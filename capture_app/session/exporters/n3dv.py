@@ -6,17 +6,11 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.errors import BadInputError
-from capture_app.session.calibration import Calibration, CameraCalibration
-from capture_app.session.exporters.burst import Burst, ExportOptions, Picture
-from capture_app.session.exporters.poses import (
-    Array,
-    centre_of,
-    distortion_of,
-    matrix_of,
-    rotation_of,
-)
-from capture_app.session.exporters.tables import Frame, write_frames
-from capture_app.session.exporters.videos import spacing_notes, write_video
+from capture_app.session.exporters.common.burst import Burst, ExportOptions, Picture
+from capture_app.session.exporters.common.poses import Array, centre_of, distortion_of, matrix_of, rotation_of
+from capture_app.session.exporters.common.tables import Frame, write_frames
+from capture_app.session.exporters.common.videos import spacing_notes, write_video
+from capture_app.session.format.calibration import Calibration, CameraCalibration
 
 _NEAR, _FAR = 0.2, 5.0
 """Guessed bounds as shares of the distance at which the cameras' axes meet."""

@@ -5,12 +5,12 @@ from pathlib import Path
 
 import numpy as np
 
-from capture_app.session.calibration import CameraCalibration
-from capture_app.session.exporters.burst import Burst, ExportOptions
-from capture_app.session.exporters.files import place, suffix_for
-from capture_app.session.exporters.poses import centre_of, distortion_of, rotation_of
-from capture_app.session.exporters.tables import Frame, write_frames
-from capture_app.session.manifest import ImageRecord
+from capture_app.session.exporters.common.burst import Burst, ExportOptions
+from capture_app.session.exporters.common.files import place, suffix_for
+from capture_app.session.exporters.common.poses import centre_of, distortion_of, rotation_of
+from capture_app.session.exporters.common.tables import Frame, write_frames
+from capture_app.session.format.calibration import CameraCalibration
+from capture_app.session.format.manifest import ImageRecord
 
 _HALF_PIXEL = 0.5  # nerfstudio's first pixel has its centre at (0.5, 0.5)
 

@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
-from capture_app.session.exporters.burst import Burst, ExportOptions
-from capture_app.session.exporters.tables import camera_tables, paired_names, unit_note, write_frames
-from capture_app.session.exporters.videos import grid_notes, write_instants
+from capture_app.session.exporters.common.burst import Burst, ExportOptions
+from capture_app.session.exporters.common.tables import camera_tables, paired_names, unit_note, write_frames
+from capture_app.session.exporters.common.videos import grid_notes, write_instants
 
 
 def write(burst: Burst, folder: Path, options: ExportOptions) -> list[str]:

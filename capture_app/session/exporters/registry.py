@@ -9,10 +9,10 @@ from pathlib import Path
 import msgspec
 
 from capture_app.errors import BadInputError, SimulshotError
-from capture_app.session.durable import PART, sync_folder
-from capture_app.session.exporters.burst import Burst, ExportOptions, Progress
+from capture_app.session.exporters.common.burst import Burst, ExportOptions, Progress
 from capture_app.session.exporters.formats import FORMATS
-from capture_app.session.reader import Session
+from capture_app.session.files.durable import PART, sync_folder
+from capture_app.session.reading.reader import Session
 
 Write = Callable[[Burst, Path, ExportOptions], list[str]]
 

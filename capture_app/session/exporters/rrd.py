@@ -4,10 +4,10 @@ from pathlib import Path
 
 import numpy as np
 
-from capture_app.session.exporters.burst import Burst, ExportOptions
-from capture_app.session.exporters.extras import load
-from capture_app.session.exporters.poses import centre_of, matrix_of, rotation_of
-from capture_app.session.exporters.tables import Frame, write_frames
+from capture_app.session.exporters.common.burst import Burst, ExportOptions
+from capture_app.session.exporters.common.extras import load
+from capture_app.session.exporters.common.poses import centre_of, matrix_of, rotation_of
+from capture_app.session.exporters.common.tables import Frame, write_frames
 
 _HALF_PIXEL = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])  # Rerun's first pixel begins at (0, 0)
 _MEDIA = {".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".png": "image/png"}

@@ -1,19 +1,17 @@
 """Calibrations of other programs, brought to this project's one convention."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from capture_app.errors import BadInputError
-from capture_app.session.calibration import Calibration, CameraCalibration, Matrix3, Vector3
+from capture_app.session.format.calibration import Calibration, CameraCalibration, Matrix3, Vector3
 from capture_app.session.importers.timing import match_name
+from capture_app.session.importers.views import Array, View, Views
 
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
-Array = NDArray[np.float64]
 
 
 class Fit(StrEnum):
@@ -25,30 +23,6 @@ class Fit(StrEnum):
     """The images are the calibrated ones with their right or bottom cut off or extended."""
     SCALE = "scale"
     """The images are the calibrated ones stretched, each axis by itself."""
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class View:
-    """One camera as a file gives it: 3x3 matrix in pixels, OpenCV distortion, and x_cam = R x_rig + t.
-
-    `rotation` is 3x3, `translation` (3,) in the file's unit; `size` is (width, height) in pixels, None
-    where the file does not say. The first pixel's centre is (0, 0).
-    """
-
-    matrix: Array
-    distortion: Array
-    rotation: Array
-    translation: Array
-    size: tuple[int, int] | None = None
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Views:
-    """All cameras of a file by the file's own labels; `unit` is what the format fixes, else None."""
-
-    cameras: Mapping[str, View]
-    source: str
-    unit: str | None = None
 
 
 def read_views(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views:
@@ -101,13 +75,6 @@ def fit_calibration(
         for name, size in sizes.items()
     }
     return Calibration(cameras=cameras, unit="m" if given in METRES else given, source=views.source)
-
-
-def from_rodrigues(vector: Array) -> Array:
-    """Rotation matrix (3x3) of a Rodrigues vector (3,), in radians."""
-    import cv2
-
-    return np.asarray(cv2.Rodrigues(vector.reshape(3, 1))[0], np.float64)
 
 
 def _camera(where: str, view: View, size: tuple[int, int], metres: float, fit: Fit) -> CameraCalibration:

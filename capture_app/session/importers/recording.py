@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from capture_app.errors import BadInputError
+from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
 from capture_app.session.importers.calibration import Fit, fit_calibration, read_views
 from capture_app.session.importers.layouts import Layout, recognize
 from capture_app.session.importers.matching import Instant, TimedFrame, Timeline
@@ -12,8 +13,7 @@ from capture_app.session.importers.opening import open_sources, split_name
 from capture_app.session.importers.own_times import Times
 from capture_app.session.importers.sources import Source
 from capture_app.session.importers.timeline import Clocks, make_timeline
-from capture_app.session.manifest import BurstRecord, CameraRecord, MissingImage
-from capture_app.session.store import Session, SessionWriter
+from capture_app.session.writing.store import Session, SessionWriter
 
 Progress = Callable[[int, int], None]
 """Told after each frame: how many are done, and of how many."""

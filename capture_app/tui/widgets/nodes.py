@@ -3,8 +3,8 @@
 from rich.text import Text
 from textual.widgets import DataTable
 
-from capture_app.node.status import NodeStatus
-from capture_app.sync.state import NodeState
+from capture_app.node.wire.status import NodeStatus
+from capture_app.sync.wire.messages import NodeState
 from capture_app.tui.formats import clock_offset, gauge, short_time
 
 STATE_STYLES = {

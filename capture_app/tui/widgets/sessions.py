@@ -6,7 +6,7 @@ from statistics import median
 from rich.text import Text
 from textual.widgets import DataTable
 
-from capture_app.session.manifest import Manifest
+from capture_app.session.format.manifest import Manifest
 from capture_app.tui.formats import short_time
 
 

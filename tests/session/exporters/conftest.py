@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.session.calibration import Calibration, CameraCalibration
-from capture_app.session.exporters.burst import ExportOptions
+from capture_app.session.exporters.common.burst import ExportOptions
 from capture_app.session.exporters.registry import ExportReport, export_session
-from capture_app.session.manifest import BurstRecord, CameraRecord, MissingImage
-from capture_app.session.store import Session, SessionWriter
+from capture_app.session.format.calibration import Calibration, CameraCalibration
+from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
+from capture_app.session.writing.store import Session, SessionWriter
 
 WIDTH, HEIGHT = 96, 64
 PERIOD_NS = 33_366_701

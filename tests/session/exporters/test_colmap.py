@@ -6,7 +6,7 @@ import cv2  # before pycolmap
 import numpy as np
 import pytest
 
-from capture_app.session.manifest import image_path
+from capture_app.session.format.manifest import image_path
 from tests.session.exporters.conftest import GRID, POINT, Export, Make, calibrated, spot
 
 pycolmap = pytest.importorskip("pycolmap")

@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 from mcap.stream_reader import StreamReader
 from mcap_protobuf.decoder import DecoderFactory
 
-from capture_app.session.manifest import MANIFEST
+from capture_app.session.format.manifest import MANIFEST
 from tests.session.exporters.conftest import GRID, Export, Make, calibrated
 
 

@@ -1,0 +1,1 @@
+"""`capture-app sessions`: what is done with sessions on disk, a file for each larger subcommand."""

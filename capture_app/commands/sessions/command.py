@@ -1,0 +1,209 @@
+"""`capture-app sessions`: list, show, verify, repair, import and export sessions on disk."""
+
+import sys
+from pathlib import Path
+from typing import Any
+
+import click
+import msgspec
+
+from capture_app.commands.sessions.export import export
+from capture_app.commands.sessions.render import render
+from capture_app.commands.sessions.repair import repair
+from capture_app.commands.sessions.text import list_text, show_text, sync_of
+from capture_app.errors import BadInputError, IncompleteError, SimulshotError
+from capture_app.session.format.schema import session_schema_text
+from capture_app.session.reading.reader import Session, list_sessions
+from capture_app.session.reading.synchronization import verdict
+
+DEFAULT_ROOT = Path("sessions")
+_FOLDER = click.Path(path_type=Path)
+_json_option = click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout.")
+
+
+@click.group()
+def sessions() -> None:
+    """List, show, verify, repair, import and export sessions."""
+
+
+sessions.add_command(export)
+sessions.add_command(render)
+sessions.add_command(repair)
+
+
+@sessions.command("list")
+@click.argument("root", type=_FOLDER, required=False)
+@_json_option
+def list_command(root: Path | None, as_json: bool) -> None:
+    """List the sessions in ROOT (default: ./sessions)."""
+    nothing_yet = root is None and not DEFAULT_ROOT.exists()
+    found = [] if nothing_yet else list_sessions(root or DEFAULT_ROOT)
+    if as_json:
+        _print_json({"root": str(root or DEFAULT_ROOT), "sessions": found})
+    elif found:
+        click.echo(list_text(found))
+    else:
+        click.echo(f"no sessions in {root or DEFAULT_ROOT}", err=True)
+
+
+@sessions.command()
+@click.argument("session", type=_FOLDER)
+@_json_option
+def show(session: Path, as_json: bool) -> None:
+    """Show what a session holds and how well its cameras agree."""
+    opened = Session.open(session)
+    if as_json:
+        words = verdict(sync_of(opened.manifest))
+        _print_json({"session": str(session), "manifest": opened.manifest, "verdict": words})
+    else:
+        click.echo(show_text(opened))
+
+
+@sessions.command()
+@click.argument("paths", metavar="SESSION...", type=_FOLDER, nargs=-1, required=True)
+@_json_option
+def verify(paths: tuple[Path, ...], as_json: bool) -> None:
+    """Check that sessions are whole and say the truth; exits with an error if one does not."""
+    from capture_app.session.reading.verify import Problem, ProblemKind
+    from capture_app.session.reading.verify import verify as verify_session
+
+    results: list[dict[str, Any]] = []
+    failure: SimulshotError | None = None
+    for path in paths:
+        problems: list[Problem] = []
+        try:
+            opened = Session.open(path)
+            problems = verify_session(opened)
+        except SimulshotError as error:
+            results.append({"session": str(path), "ok": False, "error": str(error), "problems": []})
+            failure = failure or error
+            continue
+        results.append({"session": str(path), "ok": not problems, "problems": problems})
+        if problems and failure is None:
+            more = f" and {len(problems) - 1} more" if len(problems) > 1 else ""
+            what = f"{path} is not as it was saved: {problems[0]}{more}"
+            lost = all(problem.kind is ProblemKind.MISSING for problem in problems)
+            failure = IncompleteError(what) if lost else BadInputError(what)
+        if not as_json:
+            for problem in problems:
+                click.echo(f"{path}: {problem}")
+            if not problems:
+                click.echo(f"{path}: all {len(opened.manifest.images)} images are as they were saved")
+    if as_json:
+        _print_json({"ok": failure is None, "sessions": results})
+    if failure is not None:
+        raise failure
+
+
+@sessions.command()
+def schema() -> None:
+    """Print the JSON schema of session.json."""
+    click.echo(session_schema_text(), nl=False)
+
+
+@sessions.command("import")
+@click.argument("sources", metavar="SOURCE...", nargs=-1, required=True)
+@click.option("--fps", type=float, help="Frames a second; equal frame numbers are one instant.")
+@click.option("--timestamps", type=_FOLDER, help="CSV of times: camera, time, and frame or sync_index.")
+@click.option(
+    "--times",
+    type=click.Choice(["auto", "video", "name", "exif"]),
+    default="auto",
+    show_default=True,
+    help="Take the frames' own times: the videos' timestamps, the images' file names or EXIF.",
+)
+@click.option(
+    "--offset-ms",
+    "offsets",
+    metavar="CAMERA=MS",
+    multiple=True,
+    help="What is added to that camera's times to get the others', as for phones started by hand.",
+)
+@click.option("--start", type=int, default=0, show_default=True, help="First instant taken.")
+@click.option("--count", type=int, help="How many instants are taken.")
+@click.option("--every", type=int, default=1, show_default=True, help="Take every so many instants.")
+@click.option(
+    "--calibration",
+    metavar="[NAME=]PATH",
+    multiple=True,
+    help="OpenCV .npz/.yml/.xml (each camera's and the pair's, or their folder), Caliscope .toml, "
+    "Qualisys .qca.txt.",
+)
+@click.option("--unit", help="Unit of the calibration's lengths: m (default), cm, mm, in, ft, or a name.")
+@click.option(
+    "--fit",
+    type=click.Choice(["exact", "crop", "scale"]),
+    default="exact",
+    show_default=True,
+    help="Where the images are not of the calibrated size: refuse, cut off at right and bottom, stretched.",
+)
+@click.option("--uncertainty-ms", type=click.FloatRange(min=0), help="How sure the times are, in ms.")
+@click.option("--png", is_flag=True, help="Keep a video's frames as PNG instead of JPEG.")
+@click.option("--name", help="Name of the session; default: of the folder the recording is in.")
+@click.option("--note", default="", help="A line kept with the session.")
+@click.option("--out", type=_FOLDER, default=DEFAULT_ROOT, show_default=True, help="Folder of sessions.")
+@_json_option
+def import_command(
+    sources: tuple[str, ...],
+    name: str | None,
+    out: Path,
+    fit: str,
+    times: str,
+    offsets: tuple[str, ...],
+    as_json: bool,
+    **options: Any,
+) -> None:
+    """Make a session from a recording: SOURCE is NAME=PATH for each camera, or a folder of cameras.
+
+    A camera is a folder of images, kept as they are, a video file, or a phone's folder of libsoftwaresync
+    or RecSync. Folders of Caliscope and FreeMoCap are recognized, with their times and calibration.
+    """
+    from capture_app.session.importers.calibration import Fit
+    from capture_app.session.importers.opening import split_name
+    from capture_app.session.importers.own_times import Times
+    from capture_app.session.importers.recording import ImportOptions, import_recording
+
+    if name is None:
+        path = split_name(sources[0])[1].resolve()
+        name = path.name if len(sources) == 1 and path.is_dir() else path.parent.name
+    chosen = ImportOptions(fit=Fit(fit), times=Times(times), offsets_ms=_offsets(offsets), **options)
+    session = import_recording(sources, out, name, chosen, _progress, _talk)
+    manifest = session.manifest
+    if not as_json:
+        click.echo(show_text(session))
+        return
+    _print_json(
+        {
+            "session": str(session.folder),
+            "cameras": [camera.name for camera in manifest.cameras],
+            "instants": len(manifest.burst.instants_ns),
+            "images": len(manifest.images),
+            "missing": len(manifest.missing),
+            "calibrated": session.calibration() is not None,
+        }
+    )
+
+
+def _offsets(texts: tuple[str, ...]) -> dict[str, float]:
+    found = {}
+    for text in texts:
+        camera, _, value = text.rpartition("=")
+        try:
+            found[camera] = float(value)
+            round(found[camera])  # neither infinite nor NaN
+        except (ValueError, OverflowError):
+            raise BadInputError(f"--offset-ms {text} is not CAMERA=MS", hint="such as cam1=-12.5") from None
+    return found
+
+
+def _talk(said: str) -> None:
+    click.echo(said, err=True)
+
+
+def _progress(done: int, total: int) -> None:
+    if sys.stderr.isatty():
+        click.echo(f"\r{done} of {total} images" + ("\n" if done == total else ""), nl=False, err=True)
+
+
+def _print_json(value: object) -> None:
+    click.echo(msgspec.json.format(msgspec.json.encode(value), indent=2))

@@ -1,0 +1,1 @@
+"""Clock estimators under several laws of delay, ours beside the paper's."""

@@ -1,0 +1,160 @@
+"""How often our stated 95 % holds: at once, seconds ahead, after a while, between the rounds of a follower.
+
+Each trial has a link of its own whose least delays differ by chance, and a clock that wanders.
+"""
+
+import random
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+
+from capture_app.simulation.network.link import LAWS, DelayLaw, Law, Link, LognormalLaw
+from capture_app.simulation.network.wander import wandering_clock
+from capture_app.simulation.rig.bench import START_TRUE_NS, exchanges_at
+from capture_app.sync.clock.clock_filter import ClockFilter
+from capture_app.sync.rig.poll_schedule import GROWTH, ROUND_EXCHANGES, SPACING_NS
+from capture_app.sync.rig.timekeeper import (
+    EASING_PACES_NS,
+    EASING_SAMPLES,
+    FIRST_PACE_NS,
+    FIRST_SAMPLES,
+    PACE_NS,
+)
+from capture_app.sync.tree.follower import WINDOW_NS
+
+_S = 1_000_000_000
+TRIALS = 100
+"""Of each law in the situations after the first second; they take long."""
+HALF_LEAST_NS = 498_000
+"""Half the least round trip of the paper's link."""
+ASYMMETRY = 0.025
+"""One sigma of the least delays' difference from it."""
+FIRST, AHEAD_1, AHEAD_5 = "first second", "1 s later", "5 s later"
+AHEAD = {FIRST: 0, AHEAD_1: _S, AHEAD_5: 5 * _S}
+"""How long after the last message of the first second; ns."""
+STEADY = {f"asking for {s} s": s * _S for s in (2, 3, 4, 10, 30)}
+ROUND, GAP = "after a round", "before the next"
+ROUND_EVERY_NS = 50 * _S
+ROUNDS_FROM_NS = 300 * _S
+SITUATIONS = (*AHEAD, *STEADY, ROUND, GAP)
+
+
+@dataclass(slots=True)
+class Claim:
+    """What was claimed in one situation, and what came of it."""
+
+    held: int = 0
+    bounded: int = 0
+    errors_us: list[float] = field(default_factory=list)
+    stated_us: list[float] = field(default_factory=list)
+
+    @property
+    def coverage(self) -> float:
+        """Share of the trials in which the stated 95 % held."""
+        return self.held / len(self.errors_us)
+
+
+Claims = Mapping[str, Claim]
+"""By situation."""
+DrawLink = Callable[[random.Random], Link]
+
+
+def drawn(law: str) -> DrawLink:
+    """Links under one of the six laws, whose least delays differ by chance."""
+
+    def draw(rng: random.Random) -> Link:
+        shift_ns = round(rng.gauss(0.0, ASYMMETRY * HALF_LEAST_NS))
+        to_leader, to_client = LAWS[law].to_leader, LAWS[law].to_client
+        return Link(_moved(to_leader, HALF_LEAST_NS + shift_ns), _moved(to_client, HALF_LEAST_NS - shift_ns))
+
+    return draw
+
+
+def claims(draw: DrawLink, count: int, seed: str) -> Claims:
+    """Judge each situation on links that are drawn, the first second's in `count` trials."""
+    found = {situation: Claim() for situation in SITUATIONS}
+    for i in range(count):
+        _first_second(found, _Trial(draw, f"{seed} drawn {i}"))
+    for i in range(min(count, TRIALS)):
+        _steady(found, _Trial(draw, f"{seed} steady {i}"))
+        _rounds(found, _Trial(draw, f"{seed} rounds {i}"))
+    return found
+
+
+class _Trial:
+    """One link and one clock, drawn by chance."""
+
+    def __init__(self, draw: DrawLink, seed: str) -> None:
+        self._rng = random.Random(seed)
+        self._link = draw(self._rng)
+        self._clock = wandering_clock(self._rng)
+
+    def listen(self, clock: ClockFilter, sent_ns: list[int], until_ns: list[int]) -> Iterator[int]:
+        """Feed a filter with what arrives, and stop at each of these times; all in ns from the start."""
+        arrived = iter(exchanges_at(self._link, self._clock, self._rng, (START_TRUE_NS + t for t in sent_ns)))
+        waiting = next(arrived, None)
+        for stop_ns in until_ns:
+            while waiting is not None and waiting.arrived_true_ns <= START_TRUE_NS + stop_ns:
+                clock.add(waiting.sample)
+                waiting = next(arrived, None)
+            yield stop_ns
+
+    def local_ns(self, since_start_ns: int) -> int:
+        """The client's clock so long after the start, in ns."""
+        return self._clock.local_from_true(START_TRUE_NS + since_start_ns)
+
+    def judge(self, clock: ClockFilter, now_ns: int, ahead: Mapping[str, int], found: Claims) -> None:
+        """Compare what the filter says now of times ahead of now with the truth."""
+        time_map = clock.time_map(self.local_ns(now_ns))
+        assert time_map is not None
+        for situation, ahead_ns in ahead.items():
+            true_ns = START_TRUE_NS + now_ns + ahead_ns
+            local_ns = self.local_ns(now_ns + ahead_ns)
+            error_ns = time_map.leader_from_local(local_ns) - true_ns
+            stated_ns = time_map.uncertainty_at(local_ns)
+            claim = found[situation]
+            claim.held += abs(error_ns) <= stated_ns
+            claim.bounded += abs(error_ns) <= time_map.hard_bound_at(local_ns)
+            claim.errors_us.append(error_ns / 1000.0)
+            claim.stated_us.append(stated_ns / 1000.0)
+
+
+def _moved(law: Law, minimum_ns: int) -> Law:
+    """The same law with another minimum, and the mean moved with it."""
+    assert isinstance(law, DelayLaw | LognormalLaw)
+    mean_ns = law.mean_ns + minimum_ns - law.minimum_ns
+    return replace(law, minimum_ns=minimum_ns, mean_ns=mean_ns)
+
+
+def _first_second(found: Claims, trial: _Trial) -> None:
+    clock, sent_ns = ClockFilter(), [i * FIRST_PACE_NS for i in range(FIRST_SAMPLES)]
+    for now_ns in trial.listen(clock, sent_ns, [sent_ns[-1] + 5_000_000]):
+        trial.judge(clock, now_ns, AHEAD, found)
+
+
+def _steady(found: Claims, trial: _Trial) -> None:
+    """A client with a camera: it asks in quick succession, then less and less often."""
+    sent_ns, last_ns = [0], max(STEADY.values())
+    paces_ns = [FIRST_PACE_NS] * FIRST_SAMPLES
+    for pace_ns in EASING_PACES_NS:
+        paces_ns += [pace_ns] * EASING_SAMPLES
+    while sent_ns[-1] < last_ns:
+        sent_ns.append(sent_ns[-1] + (paces_ns[len(sent_ns)] if len(sent_ns) < len(paces_ns) else PACE_NS))
+    clock, situations = ClockFilter(), iter(STEADY)
+    for now_ns in trial.listen(clock, sent_ns, sorted(STEADY.values())):
+        trial.judge(clock, now_ns, {next(situations): 0}, found)
+
+
+def _rounds(found: Claims, trial: _Trial) -> None:
+    """A follower: rounds that are further and further apart."""
+    sent_ns = [i * SPACING_NS for i in range(FIRST_SAMPLES)]
+    ends_ns, every_ns = [], float(_S)
+    while sent_ns[-1] < ROUNDS_FROM_NS:
+        every_ns = min(every_ns * GROWTH, ROUND_EVERY_NS)
+        begin_ns = sent_ns[-1] + round(every_ns)
+        sent_ns += [begin_ns + i * SPACING_NS for i in range(ROUND_EXCHANGES)]
+        ends_ns.append(sent_ns[-1] + 60_000_000)
+    clock = ClockFilter(window_ns=WINDOW_NS)
+    for now_ns in trial.listen(clock, sent_ns, ends_ns):
+        # It looks at its clock after each round.
+        clock.time_map(trial.local_ns(now_ns))
+    trial.judge(clock, ends_ns[-1], {ROUND: 0, GAP: ROUND_EVERY_NS}, found)

@@ -1,0 +1,142 @@
+"""The family of clock estimators: one interface and one result, from the paper's filters to ours.
+
+`ClockFilter` is the one that the engine uses; the others are what it is measured against.
+"""
+
+from collections import deque
+from collections.abc import Callable, Sequence
+from typing import Protocol
+
+from capture_app.sync.clock.clock_filter import ROUNDING_NS, ClockFilter, ClockSample
+from capture_app.sync.clock.skew_vote import widest
+from capture_app.sync.clock.timebase import TimeMap
+
+REJECT_NS = 10_000_000
+"""The paper's mean filter passes over longer round trips (section 4)."""
+BURST_NS = 1_000_000_000
+STEEPEST = 100e-6
+
+Line = tuple[float, float, int]
+"""Offset in ns at a local time in ns, skew (dimensionless), and that local time."""
+
+
+class ClockEstimator(Protocol):
+    """Leader time from local time."""
+
+    samples: int
+
+    def add(self, sample: ClockSample) -> bool:
+        """Take a sample in; False if the clock stepped and all before it is forgotten."""
+
+    def time_map(self, now_local_ns: int) -> TimeMap | None:
+        """The map as it stands at a local time in ns; None before the first sample."""
+
+
+class WindowFilter:
+    """A line through the samples of a window, by a rule; the hard bound is that of any such line.
+
+    These rules do not know their error: the uncertainty they state is the hard bound.
+    """
+
+    def __init__(self, rule: Callable[[Sequence[ClockSample], int], Line], *, window_ns: int) -> None:
+        self._rule = rule
+        self._window_ns = window_ns
+        self._kept: deque[ClockSample] = deque()
+        self.samples = 0
+
+    def add(self, sample: ClockSample) -> bool:
+        """Take a sample in; a step is not noticed."""
+        if sample.round_trip_ns < 0 or sample.t2_ns < sample.t1_ns or sample.t3_ns < sample.t0_ns:
+            return True
+        self.samples += 1
+        self._kept.append(sample)
+        while self._kept[0].t3_ns < sample.t3_ns - self._window_ns:
+            self._kept.popleft()
+        return True
+
+    def time_map(self, now_local_ns: int) -> TimeMap | None:
+        """The map as it stands at a local time in ns, its epoch; None before the first sample."""
+        if not self._kept:
+            return None
+        anchor_ns = (self._kept[0].upper_ns + self._kept[0].lower_ns) // 2
+        offset, skew, at_ns = self._rule(self._kept, anchor_ns)
+        offset_ns = anchor_ns + round(offset + skew * (now_local_ns - at_ns))
+        highest = min(s.upper_ns + STEEPEST * abs(now_local_ns - s.t0_ns) for s in self._kept)
+        lowest = max(s.lower_ns - STEEPEST * abs(now_local_ns - s.t3_ns) for s in self._kept)
+        bound = max(highest - offset_ns, offset_ns - lowest) + ROUNDING_NS
+        return TimeMap(
+            epoch_local_ns=now_local_ns,
+            offset_ns=offset_ns,
+            skew=skew,
+            uncertainty_ns=bound,
+            hard_bound_ns=bound,
+            skew_uncertainty=STEEPEST + abs(skew),
+            skew_bound=STEEPEST + abs(skew),
+            samples=self.samples,
+            round_trip_ns=min(s.round_trip_ns for s in self._kept),
+            age_ns=max(0, now_local_ns - self._kept[-1].t3_ns),
+        )
+
+
+def mean(samples: Sequence[ClockSample], anchor_ns: int) -> Line:
+    """Mean of all offsets but those of round trips over 10 ms (of all, where no other is there)."""
+    short = [s for s in samples if s.round_trip_ns <= REJECT_NS] or samples
+    offset = sum(s.upper_ns + s.lower_ns - 2 * anchor_ns for s in short) / (2.0 * len(short))
+    return offset, 0.0, samples[-1].t3_ns
+
+
+def minimum(samples: Sequence[ClockSample], anchor_ns: int) -> Line:
+    """Offset of the sample with the least round trip, as the paper and libsoftwaresync take it."""
+    best = min(samples, key=lambda s: s.round_trip_ns)
+    return (best.upper_ns + best.lower_ns - 2 * anchor_ns) / 2.0, 0.0, best.local_ns
+
+
+def per_direction_minimum(samples: Sequence[ClockSample], anchor_ns: int) -> Line:
+    """Middle of the tightest bounds of the two directions, each taken apart."""
+    upper = min(s.upper_ns for s in samples) - anchor_ns
+    lower = max(s.lower_ns for s in samples) - anchor_ns
+    return (upper + lower) / 2.0, 0.0, samples[-1].t3_ns
+
+
+def widest_line(samples: Sequence[ClockSample], anchor_ns: int) -> Line:
+    """The line with most room between the two directions (Moon et al. 1999, a linear program)."""
+    at_ns = samples[-1].t3_ns
+    uppers = [(float(s.t0_ns - at_ns), float(s.upper_ns - anchor_ns)) for s in samples]
+    lowers = [(float(s.t3_ns - at_ns), float(anchor_ns - s.lower_ns)) for s in samples]
+    skew, _, offset = widest(uppers, lowers, STEEPEST)
+    return offset, skew, at_ns
+
+
+def burst_minima(samples: Sequence[ClockSample], anchor_ns: int) -> Line:
+    """A least-squares line through the per-direction minimum of each second; flat for fewer than 3."""
+    bursts: dict[int, list[ClockSample]] = {}
+    for s in samples:
+        bursts.setdefault((s.t0_ns - samples[0].t0_ns) // BURST_NS, []).append(s)
+    if len(bursts) < 3:
+        return per_direction_minimum(samples, anchor_ns)
+    at_ns = samples[-1].t3_ns
+    points = []
+    for burst in bursts.values():
+        offset, _, _ = per_direction_minimum(burst, anchor_ns)
+        points.append((float((burst[0].t0_ns + burst[-1].t3_ns) // 2 - at_ns), offset))
+    middle = sum(t for t, _ in points) / len(points)
+    level = sum(v for _, v in points) / len(points)
+    across = sum((t - middle) ** 2 for t, _ in points)
+    skew = sum((t - middle) * (v - level) for t, v in points) / across
+    return level - skew * middle, skew, at_ns
+
+
+def estimators(window_ns: int = 30_000_000_000) -> dict[str, ClockEstimator]:
+    """Return one of each, by name, over a window in ns; `ours` is the engine's."""
+    rules = {
+        "mean": mean,
+        "minimum": minimum,
+        "per_direction_minimum": per_direction_minimum,
+        "widest_line": widest_line,
+        "burst_minima": burst_minima,
+    }
+    family: dict[str, ClockEstimator] = {
+        name: WindowFilter(rule, window_ns=window_ns) for name, rule in rules.items()
+    }
+    family["ours"] = ClockFilter(window_ns=window_ns)
+    return family

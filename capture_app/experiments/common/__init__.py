@@ -1,0 +1,1 @@
+"""What every experiment shares: the shape of its figures, plots, trials on all cores."""

@@ -1,0 +1,1 @@
+"""The whole chain, read off pictures of the paper's LED panel."""

@@ -1,0 +1,68 @@
+"""Pictures of `led-panel` and `naive`: the paper's histograms, and what the cameras saw."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from capture_app.experiments.common.plots import new_figure, save
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from matplotlib.axes import Axes
+
+    from capture_app.experiments.led_panel.experiment import Trial
+    from capture_app.simulation.rendering.led_panel import Image
+
+
+def draw_led_panel(
+    done: "Sequence[Trial]",
+    pictures: "tuple[Image, Image]",
+    paper: "Mapping[str, Mapping[str, float]]",
+    folder: Path,
+) -> list[Path]:
+    """Draw the errors of all trials with the paper's figures, and the first trial's two pictures."""
+    figure = new_figure(figsize=(13, 4))
+    panels: list[tuple[str, str, list[float]]] = [
+        ("total, read off the pictures", "total_us", [t.decoded_us for t in done]),
+        ("clock's part", "clock_us", [t.clock_us for t in done]),
+        ("phase's part", "phase_us", [t.phase_us for t in done]),
+    ]
+    for axes, (title, name, errors_us) in zip(figure.subplots(1, 3), panels, strict=True):
+        _histogram(axes, errors_us, title)
+        if name in paper:
+            largest, mean = paper[name]["max"], paper[name]["mean_abs"]
+            for at, style, label in ((mean, "--", "mean"), (largest, ":", "largest")):
+                axes.axvline(at, color="tab:red", linestyle=style, label=f"paper, real phones: {label}")
+                axes.axvline(-at, color="tab:red", linestyle=style)
+            axes.set_ylim(top=1.3 * axes.get_ylim()[1])
+            axes.legend(loc="upper right", fontsize="small")
+    pair = new_figure(figsize=(10, 4))
+    for axes, picture, title in zip(pair.subplots(1, 2), pictures, ("leader", "client"), strict=True):
+        axes.imshow(picture, cmap="gray", vmin=0, vmax=255)
+        axes.set_title(title)
+        axes.set_axis_off()
+    return [save(figure, folder / "led-panel.png"), save(pair, folder / "led-panel-pictures.png")]
+
+
+def draw_naive(
+    sizes_ms: "Mapping[str, Sequence[float]]",
+    chain_us: "Sequence[float]",
+    paper: "Mapping[str, Mapping[str, float]]",
+    folder: Path,
+) -> Path:
+    """Draw the sizes of the modelled triggers' errors, and the errors of the whole chain in microseconds."""
+    figure = new_figure(figsize=(15, 4))
+    *triggers, chain = figure.subplots(1, len(sizes_ms) + 1)
+    for axes, (name, sizes) in zip(triggers, sizes_ms.items(), strict=True):
+        axes.hist(sizes, bins=30)
+        mean_ms = paper[f"{name}_ms"]["mean_abs"]
+        axes.axvline(mean_ms, color="tab:red", linestyle="--", label="paper: mean")
+        axes.set(title=f"{name} triggers, modelled", xlabel="distance, ms", ylabel="trials", xlim=(0, None))
+        axes.legend(fontsize="small")
+    _histogram(chain, chain_us, "our chain, simulated")
+    return save(figure, folder / "naive.png")
+
+
+def _histogram(axes: "Axes", errors_us: "Sequence[float]", title: str) -> None:
+    axes.hist(errors_us, bins=min(30, max(5, len(errors_us) // 4)))
+    axes.set(title=f"{title}, {len(errors_us)} trials", xlabel="client minus leader, us", ylabel="trials")

@@ -1,0 +1,1 @@
+"""The estimators on a real link, between two processes."""

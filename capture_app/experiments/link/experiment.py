@@ -1,0 +1,162 @@
+"""The estimator family on a real link, between two processes, over the engine's own messages and pump."""
+
+import asyncio
+import random
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from statistics import median
+from typing import TYPE_CHECKING
+
+from capture_app.clock import HostClock, NodeClock
+from capture_app.experiments.clock_filters.filters import estimators
+from capture_app.experiments.common.result import Kind, Outcome, Result, Table, error_figures
+from capture_app.experiments.link.ends import LinkProbe
+from capture_app.net.address import Address
+from capture_app.sync.clock.clock_filter import ClockSample
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+TRIALS = 10
+MESSAGES = 300
+PACE_NS = 3_000_000
+GAP_S = 0.05
+PAPER = {"mean": {"error_us": {"bias": 400.0}}, "minimum": {"error_us": {"bias": 19.0}}}
+
+
+@dataclass(frozen=True, slots=True)
+class LinkOptions:
+    """What to measure: `messages` samples each trial, one each `pace_ns`; the truth to compare with.
+
+    `true_offset_ns` is the leader's clock minus the host clock of this process, which is known where both
+    share one kernel; `clock` is this end's own, perhaps simulated.
+    """
+
+    address: Address
+    messages: int = MESSAGES
+    pace_ns: int = PACE_NS
+    true_offset_ns: int = 0
+    clock: NodeClock = field(default_factory=HostClock)
+    kind: Kind = "real"
+
+
+@dataclass(frozen=True, slots=True)
+class Trial:
+    """Errors of each estimator in us at the end of one trial, and what ours claims."""
+
+    errors_us: dict[str, float]
+    uncertainty_us: float
+    hard_bound_us: float
+    seconds: float
+    sent: int
+    round_trip_us: float
+
+
+def run(options: LinkOptions, *, trials: int | None, seed: int, talk: Callable[[str], None]) -> Outcome:
+    """Measure from this end; the other runs `serve`. Raises NetworkError."""
+    count = TRIALS if trials is None else trials
+    done = asyncio.run(_measure(options, count, seed, talk))
+    result = _result(options, done, seed)
+
+    def draw(folder: Path) -> list[Path]:
+        return [_draw(done, folder / "link.png")]
+
+    notes = (
+        f"{options.messages} messages in {median(t.seconds for t in done):.2f} s (median; slowest "
+        f"{max(t.seconds for t in done):.2f} s), least round trip "
+        f"{min(t.round_trip_us for t in done):.0f} us.",
+        f"Stated 95 % held in {100 * result.ours['coverage_95']:.0f} % of the trials, the hard bound in "
+        f"{100 * result.ours['coverage_hard_bound']:.0f} %.",
+    )
+    return Outcome(result, (_table(done),), notes, draw)
+
+
+async def _measure(options: LinkOptions, count: int, seed: int, talk: Callable[[str], None]) -> list[Trial]:
+    trials = []
+    timeout_s = 10.0 + 5.0 * options.messages * options.pace_ns / 1e9
+    async with LinkProbe(options.address, options.clock, random.Random(f"{seed} link")) as probe:
+        for i in range(count):
+            samples, seconds, sent = await probe.round(options.messages, options.pace_ns, timeout_s)
+            trials.append(judge(options, samples, seconds, sent))
+            if (i + 1) % 10 == 0 or options.messages > 1000:
+                talk(f"{i + 1} of {count}: ours {trials[-1].errors_us['ours']:+.1f} us")
+            await asyncio.sleep(GAP_S)
+    return trials
+
+
+def judge(options: LinkOptions, samples: list[ClockSample], seconds: float, sent: int) -> Trial:
+    """Let the family estimate from the samples, and compare with the truth when the last one came."""
+    family = estimators()
+    for sample in samples:
+        for estimator in family.values():
+            estimator.add(sample)
+    local_ns = max(sample.t3_ns for sample in samples)
+    true_ns = options.clock.true_from_local(local_ns) + options.true_offset_ns
+    maps = {name: estimator.time_map(local_ns) for name, estimator in family.items()}
+    errors_us = {
+        name: (time_map.leader_from_local(local_ns) - true_ns) / 1000.0
+        for name, time_map in maps.items()
+        if time_map is not None
+    }
+    ours = maps["ours"]
+    assert ours is not None
+    return Trial(
+        errors_us=errors_us,
+        uncertainty_us=ours.uncertainty_ns / 1000.0,
+        hard_bound_us=ours.hard_bound_ns / 1000.0,
+        seconds=seconds,
+        sent=sent,
+        round_trip_us=ours.round_trip_ns / 1000.0,
+    )
+
+
+def _result(options: LinkOptions, trials: list[Trial], seed: int) -> Result:
+    def errors(name: str) -> "Mapping[str, float]":
+        return error_figures([trial.errors_us[name] for trial in trials])
+
+    ours = errors("ours")
+    names = [name for name in trials[0].errors_us if name != "ours"]
+    inside = [abs(t.errors_us["ours"]) <= t.uncertainty_us for t in trials]
+    bounded = [abs(t.errors_us["ours"]) <= t.hard_bound_us for t in trials]
+    return Result(
+        name="link",
+        kind=options.kind,
+        seed=seed,
+        trials=len(trials),
+        ours={
+            "error_us": ours,
+            "seconds_mean": sum(t.seconds for t in trials) / len(trials),
+            "seconds_max": max(t.seconds for t in trials),
+            "messages": options.messages,
+            "sent_mean": sum(t.sent for t in trials) / len(trials),
+            "least_round_trip_us": min(t.round_trip_us for t in trials),
+            "uncertainty_us": sum(t.uncertainty_us for t in trials) / len(trials),
+            "coverage_95": sum(inside) / len(trials),
+            "coverage_hard_bound": sum(bounded) / len(trials),
+            "share_of_minimum": ours["mean_abs"] / max(errors("minimum")["mean_abs"], 1e-9),
+        },
+        baseline={name: {"error_us": errors(name)} for name in names},
+        paper=PAPER,
+    )
+
+
+def _table(trials: list[Trial]) -> Table:
+    rows = []
+    for name in trials[0].errors_us:
+        figures = error_figures([trial.errors_us[name] for trial in trials])
+        cells = (f"{figures[key]:.2f}" for key in ("mean_abs", "max", "std", "bias"))
+        rows.append((name.replace("_", " "), *cells))
+    return Table(("error, us", "mean abs", "largest", "std", "bias"), rows)
+
+
+def _draw(trials: list[Trial], path: Path) -> Path:
+    from capture_app.experiments.common.plots import new_figure, save
+
+    figure = new_figure(figsize=(8, 5))
+    axes = figure.subplots()
+    for name in ("minimum", "per_direction_minimum", "ours"):
+        axes.plot([t.errors_us[name] for t in trials], "o", ms=3, label=name.replace("_", " "))
+    axes.set(xlabel="trial", ylabel="error, us", title=f"{len(trials)} trials on this link")
+    axes.legend()
+    return save(figure, path)

@@ -1,0 +1,1 @@
+"""Triggers without synchronization, beside the whole chain."""

@@ -1,0 +1,1 @@
+"""Injections, restarts and frame durations: how many, how long, beside the paper's way."""

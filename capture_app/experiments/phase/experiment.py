@@ -1,0 +1,198 @@
+"""Bringing cameras into phase: injections, restarts and frame durations, ours beside the paper's way."""
+
+import random
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from statistics import quantiles
+
+from capture_app.experiments.common.result import Outcome, Result
+from capture_app.experiments.common.workers import call_all
+from capture_app.experiments.phase.tables import mean_moves, mean_seconds, never_share, tables
+from capture_app.experiments.phase.trials import (
+    PPM,
+    S,
+    Way,
+    align,
+    extreme_ppm,
+    inject_like_libsoftwaresync,
+    learned,
+    normal_ppm,
+    reset_like_the_paper,
+    reset_together,
+    uniform_ppm,
+    unknown_phone,
+)
+from capture_app.simulation.devices.profiles import PROFILES
+from capture_app.simulation.devices.sensor import SensorProfile
+from capture_app.simulation.rig.bench import Bench
+
+TRIALS = 100
+TOLERANCE_NS = 20_000
+"""Of injections, as in the paper."""
+WIDE_NS = 1_000_000
+"""Of restarts, as in the paper."""
+TEN = 10
+DRIFTS = {"up to 20 ppm": uniform_ppm, "sigma of 20 ppm": normal_ppm, "20 ppm either way": extreme_ppm}
+"""Laws that the crystals of the paper's ten phones may have: how long they take hangs on it."""
+GROUPS = {2: 1.0, 5: 1.0, 10: 1.0, 20: 0.1, 50: 0.02}
+"""Numbers of cameras that can only restart, and the share of the trials that each gets."""
+THEIRS_SHARE = 10.0
+"""The paper's way, where no frames are simulated, gets so many times more, up to all."""
+THEIRS = "restart"
+"""The paper's way."""
+SERVO_ROW_NS = 20_000
+SERVO_S = 60
+SETTLE_S = 10
+PHONE = replace(
+    PROFILES["webcam"],
+    name="paper-phone",
+    model="Phone with the paper's start latency",
+    start_latency_ns=(700_000_000, 58_000_000),
+    timestamp_noise_ns=3_000,
+)
+"""Starts in 600 to 800 ms (paper, section 5.1): the spread covers a period, so that no aim helps."""
+STEADY_PHONE = replace(PHONE, name="steady-phone", start_latency_ns=(700_000_000, 5_000_000))
+
+PAPER = {
+    "injections_mean": {"phone": {"injection": 5.5}},
+    "restarts_mean": {"phone": {"restart": 28.7}},
+    "seconds_mean": {"phone": {"injection": 5.5 * 0.3, "restart": 28.7 * 1.23}},
+}
+
+
+def run(*, trials: int | None, seed: int, talk: Callable[[str], None]) -> Outcome:
+    """Run it; everything is simulated, with the engine's own aligners and agreement."""
+    count = TRIALS if trials is None else trials
+    ours, theirs = Ways(), Ways()
+    talk("injections ...")
+    for name in ("unknown-phones", "phone-a", "phone-b"):
+        phones = [(_device(name, seed + n), seed + n) for n in range(count)]
+        ours.injections[name] = {
+            "injection": [align(p, s, TOLERANCE_NS) for p, s in phones],
+            "injection-row-unknown": [align(p, s, TOLERANCE_NS, row_known=False) for p, s in phones],
+            "injection-with-profile": [align(p, s, TOLERANCE_NS, known=learned(p)) for p, s in phones],
+        }
+        theirs.injections[name] = {
+            "injection": [inject_like_libsoftwaresync(p, s, TOLERANCE_NS) for p, s in phones]
+        }
+    talk("frame durations ...")
+    servo = _servo(max(2, count // 20), seed)
+    ours.injections["pi"] = {
+        "frame-duration": [align(PROFILES["pi"], seed + n, TOLERANCE_NS) for n in range(count)]
+    }
+    for cameras, share in GROUPS.items():
+        talk(f"{cameras} cameras that can only restart ...")
+        few, many = (max(2, round(min(1.0, part) * count)) for part in (share, THEIRS_SHARE * share))
+        _restarts(cameras, few, many, seed, ours, theirs)
+    talk("the paper's way under other laws of drift ...")
+    drifts = {
+        name: [reset_like_the_paper(PHONE, TEN, seed + n, WIDE_NS, crystal_ppm=law) for n in range(count)]
+        for name, law in DRIFTS.items()
+    }
+    result = Result(
+        name="phase",
+        kind="simulated",
+        seed=seed,
+        trials=count,
+        ours={
+            "injections_mean": _figures(ours.injections, mean_moves),
+            "restarts_mean": _figures(ours.restarts, mean_moves),
+            "seconds_mean": _figures({**ours.injections, **ours.restarts}, mean_seconds),
+            "group_trials": {str(cameras): max(2, round(share * count)) for cameras, share in GROUPS.items()},
+            "servo_us": servo,
+        },
+        baseline={
+            "injections_mean": _figures(theirs.injections, mean_moves),
+            "restarts_mean": _figures(theirs.restarts, mean_moves),
+            "seconds_mean": _figures({**theirs.injections, **theirs.restarts}, mean_seconds),
+            "never_share": _figures({**theirs.injections, **theirs.restarts}, never_share),
+            "ten_phones_seconds_mean": {name: mean_seconds(ways) for name, ways in drifts.items()},
+        },
+        paper=PAPER,
+    )
+
+    def draw(folder: Path) -> list[Path]:
+        from capture_app.experiments.phase.plots import draw_injections, draw_restarts
+
+        return [draw_injections(ours, theirs, folder), draw_restarts(result, folder)]
+
+    return Outcome(result, tables=tables(result), notes=NOTES, draw=draw)
+
+
+NOTES = (
+    "Seconds count from the first move, for groups from the moment that all cameras know their phase.",
+    "Baseline: libsoftwaresync's rule with its own constants (means over those that arrive at all), and the "
+    "paper's restarts, U(0, 1 s) of sleep, each camera by itself until all are within 1 ms at one moment.",
+    f"Crystals of restarted cameras are off by up to {PPM:g} ppm, drawn uniformly.",
+)
+
+
+@dataclass(slots=True)
+class Ways:
+    """What all trials took, by device and way."""
+
+    injections: dict[str, dict[str, list[Way]]] = field(default_factory=dict)
+    restarts: dict[str, dict[str, list[Way]]] = field(default_factory=dict)
+
+
+def _figures(
+    ways: Mapping[str, Mapping[str, list[Way]]], figure: Callable[[Sequence[Way]], float]
+) -> dict[str, dict[str, float]]:
+    return {name: {way: figure(done) for way, done in by_way.items()} for name, by_way in ways.items()}
+
+
+def _device(name: str, seed: int) -> SensorProfile:
+    return unknown_phone(random.Random(seed)) if name == "unknown-phones" else PROFILES[name]
+
+
+def _restarts(cameras: int, few: int, many: int, seed: int, ours: Ways, theirs: Ways) -> None:
+    """Measure a group of webcams, of the paper's phones, and of phones that start steadily.
+
+    `few` trials of ours, in which every frame is simulated, and `many` of the paper's way.
+    """
+    calls: dict[tuple[str, str], list[Callable[[], Way]]] = {}
+    for profile, methods in (
+        (PROFILES["webcam"], ("uniform", "aimed", "aimed-with-profile")),
+        (PHONE, ("uniform",)),
+        (STEADY_PHONE, ("aimed", "aimed-with-profile")),
+    ):
+        name = f"{profile.name}-x{cameras}"
+        for method in methods:
+            aimed, known = method != "uniform", 24 if method == "aimed-with-profile" else 0
+            one = partial(
+                reset_together, profile, cameras, tolerance_ns=WIDE_NS, aimed=aimed, starts_known=known
+            )
+            calls[name, method] = [partial(one, seed=seed + n) for n in range(few)]
+        calls[name, THEIRS] = [
+            partial(reset_like_the_paper, profile, cameras, seed + n, WIDE_NS) for n in range(many)
+        ]
+    done = iter(call_all([call for trials in calls.values() for call in trials]))
+    for (name, method), trials in calls.items():
+        ways = theirs.restarts if method == THEIRS else ours.restarts
+        ways.setdefault(name, {})[method] = [next(done) for _ in trials]
+
+
+def _servo(runs: int, seed: int) -> dict[str, float]:
+    """Absolute true errors in us of held frames: 20 us rows, 20 ppm, after the first ten seconds."""
+    profile = replace(
+        PROFILES["pi"],
+        row_time_ns=SERVO_ROW_NS,
+        frame_length_rows=round(33_333_000 / SERVO_ROW_NS),
+        min_frame_rows=800,
+        timestamp_noise_ns=3_000,
+        outlier_share=0.01,
+        drop_share=0.01,
+    )
+    figures: dict[str, float] = {}
+    for label, noise_ns in (("", 0), ("_with_5_us_clock_noise", 5_000)):
+        errors_us: list[float] = []
+        for n in range(runs):
+            ppm = PPM if n % 2 else -PPM
+            bench = Bench(profile, seed + n, 50_000, ppm=ppm, clock_noise_ns=noise_ns)
+            looks = bench.run(SERVO_S * S)
+            errors_us += [abs(k.error_ns) / 1000 for k in looks if k.now_ns > looks[0].now_ns + SETTLE_S * S]
+        cuts = quantiles(errors_us, n=100)
+        figures |= {f"p50{label}": cuts[49], f"p99{label}": cuts[98], f"max{label}": max(errors_us)}
+    return figures

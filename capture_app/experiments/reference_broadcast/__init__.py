@@ -1,0 +1,1 @@
+"""Clients that hear the same packets, beside the same clients without."""

@@ -1,0 +1,131 @@
+"""Trials of `reference-broadcast`: some clients in virtual time, judged twice a second, with and without.
+
+With and without are of one run: a client knows both what its exchanges tell and what was agreed.
+"""
+
+import random
+from dataclasses import dataclass, replace
+
+from capture_app.clock import SimulatedClock
+from capture_app.simulation.devices.profiles import PROFILES
+from capture_app.simulation.network.broadcast import Ear, RadioCell
+from capture_app.simulation.network.link import PAPER_LINK, DelayLaw, Link
+from capture_app.simulation.rig.rig import NodeSpec, VirtualNode, VirtualRig
+from capture_app.sync.clock.timebase import TimeMap
+
+S, US, HOURS_NS = 1_000_000_000, 1_000, 9 * 3600 * 1_000_000_000
+EVERY_NS = S // 2
+LEAST_US = (300.0, 900.0)
+"""Least delay of each way of a link that is drawn; half the difference of the two is what nobody can see."""
+TAILS_US = (1399.0, 616.0)
+"""Mean delay beyond the least, to the leader and from it, as on the paper's link."""
+FAR_TOO_LATE = 0.0064
+EAR_US = 10
+"""A receiver's own delay is drawn up to this; what comes by chance has a mean of half of it."""
+SLOW_US = 400
+SKEW_PPM = 20.0
+CAMERA = replace(PROFILES["perfect"], frame_length_rows=10_000)
+"""Only the clocks are looked at: ten frames a second are less work, and they are left where they are."""
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """Some clients: where each one hears, and which links and receivers they have."""
+
+    title: str
+    cells: tuple[RadioCell, ...]
+    drawn: bool = True
+    slow: int = 0
+    """So many, the last ones, have a receiver that is always late."""
+
+    def hear_well(self, *, together: bool) -> list[tuple[int, int]]:
+        """Pairs of clients that hear as they should, of one cell or of two."""
+        well = range(len(self.cells) - self.slow)
+        return [(i, j) for i in well for j in well if i < j and (self.cells[i] == self.cells[j]) is together]
+
+
+ONE, OTHER, COPYING = RadioCell("one"), RadioCell("other"), RadioCell("copying", copy_ns=300 * US)
+CASES = {
+    "paper_link": Case("five on the paper's link", (ONE,) * 5, drawn=False),
+    "drawn_links": Case("five on links of their own", (ONE,) * 5),
+    "pair": Case("the same, only two", (ONE,) * 2),
+    "slow_receiver": Case("the same, one of five hears 400 us late", (ONE,) * 5, slow=1),
+    "two_cells": Case("the same, two access points", (ONE,) * 3 + (OTHER,) * 3),
+    "copies": Case("the same, each is sent its own copy", (COPYING,) * 5),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """A clock's error, its stated 95 % and its bound, in us."""
+
+    error_us: float
+    uncertainty_us: float
+    bound_us: float
+
+
+@dataclass(frozen=True, slots=True)
+class Moment:
+    """All clients at one moment: without what was agreed and with it, and how far apart they say they are."""
+
+    at_s: float
+    alone: tuple[Reading, ...]
+    agreed: tuple[Reading, ...]
+    apart_us: tuple[float | None, ...]
+
+
+def run_trial(case: Case, seed: str, seconds: int) -> list[Moment]:
+    """Let some clients start within a second; return the moments of so long at which all know the time."""
+    rng = random.Random(seed)
+    specs = [_spec(k, case, rng) for k in range(len(case.cells))]
+    rig = VirtualRig(specs, seed=rng.getrandbits(32), beacons=True)
+    moments = []
+    for _ in range(seconds * S // EVERY_NS):
+        rig.run_for(EVERY_NS)
+        # The rig has them in the order in which they started.
+        nodes = [rig.nodes[spec.name] for spec in specs if spec.name in rig.nodes]
+        if len(nodes) == len(specs) and all(node.client.own_map is not None for node in nodes):
+            moments.append(_moment(rig, nodes))
+    return moments
+
+
+def _spec(k: int, case: Case, rng: random.Random) -> NodeSpec:
+    link = PAPER_LINK
+    if case.drawn:
+        to_leader_us, to_client_us = TAILS_US
+        link = Link(_way(to_leader_us, rng), _way(to_client_us, rng))
+    late_us = SLOW_US if k >= len(case.cells) - case.slow else 0
+    return NodeSpec(
+        f"client{k}",
+        CAMERA,
+        SimulatedClock(rng.randrange(-HOURS_NS, HOURS_NS), rng.gauss(0.0, SKEW_PPM)),
+        link,
+        tolerance_ns=S,
+        start_true_ns=rng.randrange(S),
+        cell=case.cells[k],
+        ear=Ear(rng.randrange(EAR_US * US) + late_us * US, EAR_US * US // 2),
+    )
+
+
+def _way(tail_us: float, rng: random.Random) -> DelayLaw:
+    least_ns = round(rng.uniform(*LEAST_US) * US)
+    return DelayLaw(least_ns, least_ns + round(tail_us * US), outlier_share=FAR_TOO_LATE)
+
+
+def _moment(rig: VirtualRig, nodes: list[VirtualNode]) -> Moment:
+    reports = [node.client.report(node.spec.clock.local_from_true(rig.now_true_ns)) for node in nodes]
+    return Moment(
+        rig.now_true_ns / S,
+        tuple(_reading(rig, node, node.client.own_map) for node in nodes),
+        tuple(_reading(rig, node, node.client.time_map) for node in nodes),
+        tuple(None if report.apart_ns is None else report.apart_ns / US for report in reports),
+    )
+
+
+def _reading(rig: VirtualRig, node: VirtualNode, time_map: TimeMap | None) -> Reading:
+    assert time_map is not None
+    local_ns = node.spec.clock.local_from_true(rig.now_true_ns)
+    error_ns = time_map.leader_from_local(local_ns) - rig.now_true_ns
+    return Reading(
+        error_ns / US, time_map.uncertainty_at(local_ns) / US, time_map.hard_bound_at(local_ns) / US
+    )

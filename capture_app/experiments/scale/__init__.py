@@ -1,0 +1,1 @@
+"""Thousands of clocks for long: one leader beside a tree of relays."""

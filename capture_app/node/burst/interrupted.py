@@ -1,0 +1,66 @@
+"""What the disk still tells of a burst that was interrupted, or lacks images."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Self
+
+from capture_app.errors import SimulshotError
+from capture_app.node.burst.camera_progress import Share
+from capture_app.node.burst.plans import report_of
+from capture_app.session.format.manifest import MissingImage
+from capture_app.session.reading.reader import Session
+from capture_app.session.writing.store import SessionWriter
+from capture_app.sync.rig.trigger import Burst
+
+
+@dataclass(frozen=True, slots=True)
+class Interrupted:
+    """A burst as an earlier run left it, and the writer to go on with."""
+
+    burst: Burst
+    writer: SessionWriter
+    shares: dict[str, Share]
+    lost: dict[tuple[str, int], MissingImage]
+    """Images that an earlier finish gave up, and why."""
+
+    @classmethod
+    def read(cls, folder: Path, heard_ns: int) -> Self:
+        """Lock a session and read it; its cameras count as heard at `heard_ns`. Blocks on the disk.
+
+        Raises BadInputError where it has no plan, TryAgainError where another process writes it.
+        """
+        writer = SessionWriter.resume(folder)
+        plan = writer.plan
+        assert plan is not None
+        instants_ns, requested_ns = plan.burst.instants_ns, plan.burst.requested_ns
+        burst = Burst(
+            plan.number,
+            instants_ns,
+            plan.burst.period_ns,
+            instants_ns[0] if requested_ns is None else requested_ns,
+            tuple(told.camera.name for told in plan.cameras),
+        )
+        shares = {}
+        for told in plan.cameras:
+            name = told.camera.name
+            has = (writer.image(name, instant) is not None for instant in range(len(instants_ns)))
+            there = {instant for instant, is_there in enumerate(has) if is_there}
+            shares[name] = Share(told.camera, heard_ns, report=report_of(plan, told), instants=there)
+        reason = "its file was damaged or lost after it came"
+        lost = {
+            (camera, instant): MissingImage(camera=camera, instant=instant, reason=reason)
+            for camera, instant in writer.damaged
+        }
+        return cls(burst, writer, shares, lost | _given_up(folder, shares))
+
+
+def _given_up(folder: Path, shares: dict[str, Share]) -> dict[tuple[str, int], MissingImage]:
+    """Of a session that was finished before, wait for no camera; what it gave up may still come."""
+    try:
+        missing = Session.open(folder).manifest.missing
+    except SimulshotError:
+        return {}
+    for name, share in shares.items():
+        share.given_up = next((gap.reason for gap in missing if gap.camera == name), "it never came")
+        share.silent = True
+    return {(gap.camera, gap.instant): gap for gap in missing}

@@ -1,0 +1,121 @@
+"""A node's report in the form that a session keeps it in, to be finished after a crash, and back."""
+
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+import msgspec
+
+from capture_app.node.burst.camera_progress import Share
+from capture_app.node.wire.messages import CameraReport, TrueClock
+from capture_app.session.format.calibration import Calibration
+from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
+from capture_app.session.format.plan import CameraPlan, Plan
+from capture_app.session.writing.store import SessionWriter
+from capture_app.sync.wire.messages import CameraDescription
+
+
+def write_manifest(
+    writer: SessionWriter, shares: Mapping[str, Share], burst: BurstRecord, missing: Sequence[MissingImage]
+) -> Path:
+    """Finish a session with what has come, and return its folder. Blocks on the disk.
+
+    Raises BadInputError where the records contradict each other, DiskFullError.
+    """
+    reports = {name: share.report for name, share in shares.items() if share.report is not None}
+    calibrated = {n: r.calibration for n, r in reports.items() if r.calibration is not None}
+    if calibrated:
+        writer.set_calibration(Calibration(cameras=calibrated, source="the simulated scene"))
+    writer.set_ground_truth_clocks(
+        {name: true for name, report in reports.items() if (true := true_clock_of(report)) is not None}
+    )
+    cameras = [share.report.camera if share.report else share.camera for share in shares.values()]
+    origin = "simulated" if writer.knows_true_times else "captured"
+    return writer.finish(cameras, burst, missing, origin).folder
+
+
+def record_of(name: str, camera: CameraDescription | CameraRecord) -> CameraRecord:
+    """The record of a camera that has not reported."""
+    if isinstance(camera, CameraRecord):
+        return camera
+    return CameraRecord(
+        name=name,
+        kind=camera.kind,
+        model=camera.model,
+        width=camera.width,
+        height=camera.height,
+        period_ns=camera.period_ns,
+        timestamp_source=camera.timestamp_source,
+        row_time_ns=camera.row_time_ns,
+    )
+
+
+def first_plan(
+    writer: SessionWriter, leader: int, number: int, burst: BurstRecord, cameras: Iterable[CameraRecord]
+) -> Plan:
+    """What a session is to become, before any camera has reported."""
+    return Plan(
+        name=writer.name,
+        created=writer.created,
+        software=writer.software,
+        leader=leader,
+        number=number,
+        burst=burst,
+        cameras=tuple(camera_plan(camera, None) for camera in cameras),
+    )
+
+
+def with_report(plan: Plan, report: CameraReport) -> Plan:
+    """A plan to which one of its cameras has reported."""
+    cameras = tuple(
+        camera_plan(report.camera, report) if told.camera.name == report.camera.name else told
+        for told in plan.cameras
+    )
+    return msgspec.structs.replace(plan, cameras=cameras)
+
+
+def camera_plan(camera: CameraRecord, report: CameraReport | None) -> CameraPlan:
+    """A camera's share of a plan, before or after it has reported."""
+    if report is None:
+        return CameraPlan(camera=camera)
+    return CameraPlan(
+        camera=report.camera,
+        reported=True,
+        instants=report.instants,
+        missing=report.missing,
+        calibration=report.calibration,
+        true_clock=true_clock_of(report),
+    )
+
+
+def report_of(plan: Plan, told: CameraPlan) -> CameraReport | None:
+    """What a camera had reported, without its events; None where it had not."""
+    if not told.reported:
+        return None
+    true = told.true_clock
+    return CameraReport(
+        leader=plan.leader,
+        burst=plan.number,
+        camera=told.camera,
+        instants=told.instants,
+        missing=told.missing,
+        calibration=told.calibration,
+        true_clock=None
+        if true is None
+        else TrueClock(
+            offset_ns=int(true["offset_ns"]),
+            skew_ppm=float(true["skew_ppm"]),
+            epoch_true_ns=int(true["epoch_true_ns"]),
+        ),
+    )
+
+
+def true_clock_of(report: CameraReport) -> dict[str, float | int | str] | None:
+    """A simulated camera's clock as it really is, by name with unit."""
+    true = report.true_clock
+    if true is None:
+        return None
+    return {
+        "offset_ns": true.offset_ns,
+        "skew_ppm": true.skew_ppm,
+        "epoch_true_ns": true.epoch_true_ns,
+    }

@@ -1,0 +1,111 @@
+"""Sessions of earlier runs of a leader: taken up again where they were interrupted or lack images."""
+
+import asyncio
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+
+from capture_app.errors import BadInputError, DiskFullError, SimulshotError, TryAgainError
+from capture_app.node.burst.bursts import PATIENCE_NS, BurstSession
+from capture_app.node.wire.disk_space import SPARE_BYTES, free_bytes
+from capture_app.node.wire.messages import CameraReport, ImageUpload
+from capture_app.session.format.manifest import MANIFEST
+from capture_app.session.format.plan import PLAN, read_plan
+from capture_app.session.reading.reader import is_being_written
+
+RETURN_NS = 60_000_000_000
+"""How long nodes have to come back after a start with what they hold of an interrupted burst."""
+
+Key = tuple[int, int]
+
+
+class Revival:
+    """The sessions in a folder that are not of this run, opened when they are needed."""
+
+    def __init__(self, root: Path, on_revived: Callable[[BurstSession], None]) -> None:
+        self._root = root
+        self._on_revived = on_revived
+        self._open: dict[Key, BurstSession] = {}
+        self._folders: dict[Key, Path] = {}
+        self._opening = asyncio.Lock()
+        self._begun = asyncio.Event()
+
+    def sessions(self) -> tuple[BurstSession, ...]:
+        """Those that are open."""
+        return tuple(session for session in self._open.values() if not session.finished.is_set())
+
+    async def begin(
+        self, now_ns: int, *, folders: Sequence[Path] | None = None, wait_ns: int = RETURN_NS
+    ) -> None:
+        """Take up these sessions, else all interrupted ones; nodes have `wait_ns` to come back to them."""
+        if folders is None:
+            folders = await asyncio.to_thread(lambda: list(interrupted(self._root)))
+        for folder in folders:
+            async with self._opening:
+                try:
+                    key = (await asyncio.to_thread(read_plan, folder)).key
+                    session = await self._take_up(key, folder, now_ns + wait_ns - PATIENCE_NS)
+                    await session.finish_if_complete()
+                except SimulshotError:
+                    # One that cannot be taken up is left as it is; `sessions repair` says why.
+                    continue
+        self._begun.set()
+
+    async def all_finished(self) -> None:
+        """Wait until all that `begin` takes up is finished."""
+        await self._begun.wait()
+        for session in self.sessions():
+            await session.finished.wait()
+
+    async def revive(self, report: CameraReport, now_ns: int) -> BurstSession:
+        """Return the session that a report is of, opened again where it was closed.
+
+        Raises BadInputError where there is none, TryAgainError where another process writes it,
+        DiskFullError where it could not be finished again.
+        """
+        key = (report.leader, report.burst)
+        async with self._opening:
+            session = self._open.get(key)
+            if session is not None and not session.finished.is_set():
+                return session
+            folder = await asyncio.to_thread(self._find, key)
+            if folder is None:
+                raise BadInputError(f"burst {report.burst} of that leader has no session in {self._root}")
+            if free_bytes(folder) < SPARE_BYTES:
+                raise DiskFullError(f"the disk of {folder} is full", hint="make room on the leader")
+            return await self._take_up(key, folder, now_ns)
+
+    def open_session(self, upload: ImageUpload) -> BurstSession:
+        """Return the session that an image belongs to. Raises TryAgainError where it is closed."""
+        session = self._open.get((upload.leader, upload.burst))
+        if session is None:
+            raise TryAgainError(f"burst {upload.burst} is over")
+        return session
+
+    async def stop(self) -> None:
+        """Leave what is not finished as it is."""
+        for session in self.sessions():
+            await session.leave()
+
+    async def _take_up(self, key: Key, folder: Path, heard_ns: int) -> BurstSession:
+        session = await asyncio.to_thread(BurstSession.resume, folder, heard_ns)
+        self._open[key] = session
+        self._on_revived(session)
+        return session
+
+    def _find(self, key: Key) -> Path | None:
+        known = self._folders.get(key)
+        if known is not None and (known / PLAN).is_file():
+            return known
+        for plan in sorted(self._root.glob(f"*/{PLAN}")):
+            try:
+                self._folders[read_plan(plan.parent).key] = plan.parent
+            except BadInputError:
+                continue
+        return self._folders.get(key)
+
+
+def interrupted(root: Path) -> Iterator[Path]:
+    """Yield the folders of bursts that nobody writes and that were never finished, oldest first."""
+    for plan in sorted(root.glob(f"*/{PLAN}")):
+        if not (plan.parent / MANIFEST).exists() and not is_being_written(plan.parent):
+            yield plan.parent

@@ -1,0 +1,86 @@
+"""What is known about each device model and mode from before, kept as JSON in the user's data folder."""
+
+import os
+from pathlib import Path
+
+import msgspec
+
+from capture_app.cameras.base import CameraInfo
+from capture_app.sync.phase.injection import InjectionProfile
+
+FILE = "device-profiles.json"
+MOST_LATENCIES = 24
+
+
+class _Injection(msgspec.Struct, frozen=True, kw_only=True):
+    row_time_ns: int
+    gain: int
+    neutral_rows: float
+
+
+class _Entry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    injection: _Injection | None = None
+    start_latencies_ns: tuple[int, ...] = ()
+
+
+def data_folder() -> Path:
+    """The user's data folder of this project: in $XDG_DATA_HOME, else in ~/.local/share."""
+    return Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share") / "simulshot"
+
+
+class DeviceProfiles:
+    """The profiles in one folder; a file that cannot be read or written only costs some corrections."""
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / FILE
+
+    def find(self, info: CameraInfo) -> InjectionProfile | None:
+        """What a long frame does to cameras like this one; None where it is not known."""
+        known = self._entry(info).injection
+        if known is None or known.gain not in (1, 2, 3) or known.row_time_ns <= 0:
+            return None
+        return InjectionProfile(known.row_time_ns, known.gain, known.neutral_rows)
+
+    def start_latencies_ns(self, info: CameraInfo) -> tuple[int, ...]:
+        """How long starts of cameras like this one took, modulo the period in ns, newest last."""
+        return self._entry(info).start_latencies_ns[-MOST_LATENCIES:]
+
+    def keep(self, info: CameraInfo, profile: InjectionProfile) -> bool:
+        """Keep what a long frame does to cameras like this one; False where it cannot be written."""
+        known = _Injection(
+            row_time_ns=profile.row_time_ns, gain=profile.gain, neutral_rows=profile.neutral_rows
+        )
+        return self._write(info, msgspec.structs.replace(self._entry(info), injection=known))
+
+    def keep_start_latencies(self, info: CameraInfo, latencies_ns: tuple[int, ...]) -> bool:
+        """Keep how long starts took, in the place of what was known; False where it cannot be written."""
+        newest = latencies_ns[-MOST_LATENCIES:]
+        return self._write(info, msgspec.structs.replace(self._entry(info), start_latencies_ns=newest))
+
+    def _entry(self, info: CameraInfo) -> _Entry:
+        return self._read().get(_key(info), _Entry())
+
+    def _write(self, info: CameraInfo, entry: _Entry) -> bool:
+        entries = self._read()
+        if entries.get(_key(info)) == entry:
+            return True
+        entries[_key(info)] = entry
+        part = self._path.with_name(f"{FILE}.{os.getpid()}.part")
+        try:
+            self._path.parent.mkdir(parents=True, exist_ok=True)
+            part.write_bytes(msgspec.json.format(msgspec.json.encode(entries, order="sorted")))
+            part.replace(self._path)
+        except OSError:
+            return False
+        return True
+
+    def _read(self) -> dict[str, _Entry]:
+        try:
+            return msgspec.json.decode(self._path.read_bytes(), type=dict[str, _Entry])
+        except (OSError, msgspec.DecodeError, UnicodeDecodeError):
+            return {}
+
+
+def _key(info: CameraInfo) -> str:
+    exposure_ns = info.exposure_ns or 0
+    return f"{info.kind}/{info.model}/{info.width}x{info.height}/{info.period_ns}/{exposure_ns}"

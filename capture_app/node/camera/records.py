@@ -1,0 +1,163 @@
+"""A node's facts in the forms that the wire, the manifest and the event log want them in."""
+
+from typing import Any
+
+import msgspec
+
+from capture_app.cameras.base import CameraInfo
+from capture_app.clock import NodeClock, SimulatedClock
+from capture_app.node.wire.messages import CameraReport, JsonValue, TrueClock
+from capture_app.session.format.calibration import CameraCalibration
+from capture_app.session.format.manifest import CameraRecord, ClockRecord, MissingImage, PhaseRecord
+from capture_app.sync.rig.events import (
+    BurstReady,
+    CannotAlign,
+    ClientEvent,
+    ClockAgreed,
+    ClockAlone,
+    ClockStepped,
+    ClockSynced,
+    FramesDropped,
+    Joined,
+    JoinRefused,
+    LeaderLost,
+    PhaseCorrected,
+)
+from capture_app.sync.rig.trigger import DROPPED
+from capture_app.sync.wire.messages import CameraDescription
+
+SIMULATED = "sim"
+"""The kind of simulated cameras."""
+
+
+def camera_record(
+    name: str, info: CameraInfo, ready: BurstReady[Any], corrections: int, tolerance_ns: int
+) -> CameraRecord:
+    """The manifest's record of a camera at a burst; `corrections` counts those of the phase until then.
+
+    `tolerance_ns` is how near to the rig's grid the phase was to be held.
+    """
+    time_map, phase = ready.time_map, ready.phase
+    correction = time_map.correction
+    return CameraRecord(
+        name=name,
+        kind=info.kind,
+        model=info.model,
+        width=info.width,
+        height=info.height,
+        period_ns=info.period_ns,
+        timestamp_source=str(info.timestamp_source),
+        row_time_ns=info.row_time_ns,
+        clock=ClockRecord(
+            epoch_local_ns=time_map.epoch_local_ns,
+            offset_ns=time_map.offset_ns,
+            skew_ppm=time_map.skew * 1e6,
+            uncertainty_ns=round(time_map.uncertainty_ns),
+            hard_bound_ns=round(time_map.hard_bound_ns),
+            round_trip_ns=time_map.round_trip_ns,
+            samples=time_map.samples,
+            moved_ns=None if correction is None else correction.moved_ns,
+            apart_ns=None if correction is None else round(correction.apart_ns),
+        ),
+        phase=None
+        if phase is None
+        else PhaseRecord(
+            control=str(info.phase_control),
+            residual_ns=phase.error_ns,
+            period_ns=round(phase.period_ns),
+            drift_ppm=phase.drift_ppm,
+            corrections=corrections,
+            uncertainty_ns=round(1.96 * phase.sigma_ns),
+            tolerance_ns=tolerance_ns,
+        ),
+    )
+
+
+def camera_report(
+    camera: CameraRecord,
+    ready: BurstReady[Any],
+    *,
+    calibration: CameraCalibration | None,
+    true_clock: TrueClock | None,
+    events: tuple[dict[str, JsonValue], ...],
+) -> CameraReport:
+    """What a node tells the root of its part of a burst."""
+    return CameraReport(
+        leader=ready.leader,
+        burst=ready.burst,
+        camera=camera,
+        instants=tuple(pick.instant for pick in ready.picks),
+        missing=tuple(
+            MissingImage(
+                camera=camera.name, instant=gap.instant, reason=gap.reason, dropped=gap.reason == DROPPED
+            )
+            for gap in ready.gaps
+        ),
+        calibration=calibration,
+        true_clock=true_clock,
+        events=events,
+    )
+
+
+def description(info: CameraInfo) -> CameraDescription:
+    """What the engine needs to know of a camera."""
+    return CameraDescription(
+        kind=info.kind,
+        model=info.model,
+        width=info.width,
+        height=info.height,
+        period_ns=info.period_ns,
+        phase_control=str(info.phase_control),
+        timestamp_source=str(info.timestamp_source),
+        row_time_ns=info.row_time_ns,
+        exposure_ns=info.exposure_ns,
+        min_exposure_ns=info.min_exposure_ns,
+        max_exposure_ns=info.max_exposure_ns,
+        min_frame_duration_ns=info.min_frame_duration_ns,
+        max_frame_duration_ns=info.max_frame_duration_ns,
+    )
+
+
+def true_clock(clock: NodeClock, info: CameraInfo) -> TrueClock | None:
+    """The truth about a node's clock, where the simulator knows it."""
+    if isinstance(clock, SimulatedClock):
+        return TrueClock(
+            offset_ns=clock.offset_ns, skew_ppm=clock.skew_ppm, epoch_true_ns=clock.epoch_true_ns
+        )
+    return TrueClock(offset_ns=0, skew_ppm=0.0, epoch_true_ns=0) if info.kind == SIMULATED else None
+
+
+def event_line(event: ClientEvent[Any]) -> dict[str, JsonValue]:
+    """An event as a flat line of JSON."""
+    match event:
+        case Joined():
+            return {"event": "joined", "leader": event.leader}
+        case JoinRefused():
+            return {"event": "join-refused", "reason": event.reason}
+        case LeaderLost():
+            return {"event": "leader-lost", "reason": event.reason}
+        case ClockSynced():
+            return {
+                "event": "clock-synced",
+                "offset_ns": event.time_map.offset_ns,
+                "hard_bound_ns": round(event.time_map.hard_bound_ns),
+            }
+        case ClockStepped():
+            return {"event": "clock-stepped"}
+        case ClockAgreed():
+            return {"event": "clock-agreed", "apart_ns": event.apart_ns}
+        case ClockAlone():
+            return {"event": "clock-alone"}
+        case FramesDropped():
+            return {"event": "frames-dropped", "count": event.count, "sequence": event.sequence}
+        case PhaseCorrected():
+            before = event.before
+            return {
+                "event": "phase-corrected",
+                "command": type(event.command).__name__,
+                **msgspec.to_builtins(event.command),
+                "phase_error_ns": None if before is None else before.error_ns,
+            }
+        case CannotAlign():
+            return {"event": "cannot-align", "reason": event.reason}
+    return {"event": type(event).__name__}

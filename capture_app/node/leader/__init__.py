@@ -1,0 +1,4 @@
+"""The process that nodes join: engine, network, sessions folder, and what its screen and commands ask.
+
+Imports `burst` and `wire`.
+"""

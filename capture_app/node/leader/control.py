@@ -1,0 +1,71 @@
+"""Requests to a running leader, as the command line makes them."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from typing import Any
+
+from capture_app.errors import ExitCode, NetworkError, SimulshotError
+from capture_app.net.address import Address
+from capture_app.net.transfer import Channel, connect
+from capture_app.node.wire.messages import (
+    BurstAnswer,
+    BurstRequest,
+    FromLeader,
+    Refusal,
+    StatusAnswer,
+    StatusRequest,
+)
+from capture_app.node.wire.status import BurstStatus, RigStatus
+
+ANSWER_TIMEOUT_S = 10.0
+
+
+class RefusedError(SimulshotError):
+    """The leader's own error, told by it."""
+
+    def __init__(self, refusal: Refusal) -> None:
+        super().__init__(refusal.what, hint=refusal.hint)
+        try:
+            self.exit_code = ExitCode(refusal.exit_code)
+        except ValueError:
+            self.exit_code = ExitCode.FAILURE
+
+
+async def ask_status(leader: Address) -> RigStatus:
+    """Return the status of the rig of a running leader. Raises NetworkError."""
+    async with await connect(leader, FromLeader) as channel:
+        await channel.send(StatusRequest())
+        answer = await _next(channel, ANSWER_TIMEOUT_S)
+        if not isinstance(answer, StatusAnswer):
+            raise NetworkError(f"the leader at {leader} gave no status")
+        return answer.rig
+
+
+async def ask_burst(leader: Address, request: BurstRequest) -> AsyncIterator[BurstStatus]:
+    """Order a burst and yield its progress until it is done.
+
+    Raises NetworkError, and the leader's own errors as RefusedError.
+    """
+    async with await connect(leader, FromLeader) as channel:
+        await channel.send(request)
+        while True:
+            # The leader tells how far it is once a second at least: silence means that it is gone.
+            answer = await _next(channel, ANSWER_TIMEOUT_S)
+            if isinstance(answer, BurstAnswer):
+                yield answer.burst
+                if answer.burst.done:
+                    return
+
+
+async def _next(channel: Channel[Any], timeout_s: float) -> FromLeader:
+    try:
+        async with asyncio.timeout(timeout_s):
+            received = await channel.receive()
+    except TimeoutError as error:
+        raise NetworkError(f"the leader at {channel.peer} does not answer") from error
+    if received is None:
+        raise NetworkError(f"the leader at {channel.peer} closed the connection", hint="was it stopped?")
+    answer: FromLeader = received[0]
+    if isinstance(answer, Refusal):
+        raise RefusedError(answer)
+    return answer

@@ -1,0 +1,73 @@
+"""Whether a rig is ready for a burst, and what keeps it from being so."""
+
+import asyncio
+from collections.abc import AsyncGenerator, Callable, Sequence
+from pathlib import Path
+
+from capture_app.errors import BadInputError, IncompleteError
+from capture_app.net.address import Address
+from capture_app.node.leader.snapshots import cameras_here
+from capture_app.session.writing.store import SessionWriter
+from capture_app.sync.rig.leader import ClientView
+from capture_app.sync.wire.messages import NodeState
+
+
+def create_numbered(root: Path, *, after: int = 0) -> tuple[SessionWriter, int]:
+    """Begin the session `burst-NNN` of the next free number over `after`, and return that number too.
+
+    Raises BadInputError, DiskFullError.
+    """
+    number = 1 + max([after, *(_number(path) for path in root.glob("burst-*"))])
+    while True:
+        name = f"burst-{number:03d}"
+        try:
+            return SessionWriter.create(root, name), number
+        except BadInputError:
+            if not (root / name).exists():
+                raise
+        number += 1
+
+
+def _number(path: Path) -> int:
+    digits = path.name.removeprefix("burst-")
+    return int(digits) if digits.isdecimal() else 0
+
+
+LOOK_EVERY_S = 0.1
+
+
+def check_somebody_is_here(views: Sequence[ClientView], leader: Address) -> None:
+    """Check that there is a camera. Raises IncompleteError that says how to start one."""
+    if not cameras_here(views):
+        raise IncompleteError(
+            "no node is here", hint=f"start one with: capture-app node --leader {leader} --camera SPEC"
+        )
+
+
+def waiting_for(views: Sequence[ClientView], cameras: int) -> str:
+    """Say what keeps the rig from being ready, of at least so many cameras; empty when it is."""
+    here = [view for view in views if view.report.state is not NodeState.LOST]
+    late = [
+        f"{view.name} is {view.report.state}" for view in here if view.report.state is not NodeState.READY
+    ]
+    there = len(cameras_here(views))
+    if there < cameras:
+        late.append(f"{there} of {cameras} nodes are here")
+    return ", ".join(late)
+
+
+async def not_ready(
+    look: Callable[[], Sequence[ClientView]], timeout_s: float, cameras: int
+) -> AsyncGenerator[str, None]:
+    """Yield what keeps the rig from being ready until it is. Raises IncompleteError when the time is over."""
+    loop = asyncio.get_running_loop()
+    deadline_s = loop.time() + timeout_s
+    while reason := waiting_for(look(), cameras):
+        if loop.time() >= deadline_s:
+            raise IncompleteError(
+                f"not ready after {timeout_s:g} s: {reason}",
+                hint="capture-app status shows each node's state",
+            )
+        yield reason
+        # States change with a node's report, which is no event.
+        await asyncio.sleep(LOOK_EVERY_S)

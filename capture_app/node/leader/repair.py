@@ -1,0 +1,114 @@
+"""Finishing interrupted sessions: with what nodes still hold where they can be asked, or as they are."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from msgspec import Struct
+
+from capture_app.errors import BadInputError, NetworkError, SimulshotError
+from capture_app.node.burst.bursts import BurstSession
+from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.leader.wording import News
+from capture_app.session.format.manifest import JOURNAL, MANIFEST
+from capture_app.session.format.plan import PLAN
+from capture_app.session.reading.reader import Session, is_being_written
+from capture_app.session.reading.verify import verify
+
+NOBODY = "it was not on the leader's disk when the session was repaired, and no node brought it"
+
+
+class Repaired(Struct, frozen=True, kw_only=True):
+    """What became of one session."""
+
+    session: str
+    ok: bool
+    """It is complete and says the truth now."""
+    changed: bool
+    images: int = 0
+    missing: int = 0
+    what: str = ""
+
+
+async def repair(
+    path: Path, *, wait_s: float, host: str, port: int, on_news: Callable[[News], None]
+) -> list[Repaired]:
+    """Finish the session at `path`, or all in that folder, and return what became of each.
+
+    For `wait_s` a leader listens on host and port for nodes that bring what they hold; 0 asks nobody.
+    Raises BadInputError where there is no session, NetworkError where the port is taken.
+    """
+    folders = _sessions(path)
+    problems = {folder: _problem(folder) for folder in folders}
+    broken = [folder for folder, problem in problems.items() if problem and (folder / PLAN).is_file()]
+    if broken and wait_s > 0:
+        await _ask_nodes(broken, wait_s, host, port, on_news)
+    for folder in broken:
+        if _problem(folder):
+            try:
+                await BurstSession.resume(folder, heard_ns=0).stop(NOBODY)
+            except SimulshotError as error:
+                problems[folder] = str(error)
+    return [_result(folder, problems[folder], folder in broken) for folder in folders]
+
+
+async def _ask_nodes(
+    broken: Sequence[Path], wait_s: float, host: str, port: int, on_news: Callable[[News], None]
+) -> None:
+    wait_ns = round(wait_s * 1e9)
+    leader = LeaderNode(
+        sessions=broken[0].parent, host=host, port=port, on_news=on_news, revive=broken, return_ns=wait_ns
+    )
+    try:
+        await leader.start()
+    except NetworkError as error:
+        hint = "a leader that runs there takes up its own sessions; --wait 0 finishes without asking nodes"
+        raise NetworkError(error.what, hint=hint) from error
+    try:
+        await leader.revival.all_finished()
+    finally:
+        await leader.stop()
+
+
+def _sessions(path: Path) -> list[Path]:
+    if not path.is_dir():
+        raise BadInputError(f"no folder {path}", hint="capture-app sessions list shows what is there")
+    if _is_session(path):
+        return [path]
+    found = [folder for folder in sorted(path.iterdir()) if folder.is_dir() and _is_session(folder)]
+    if not found:
+        raise BadInputError(f"no session in {path}")
+    return found
+
+
+def _is_session(folder: Path) -> bool:
+    return any((folder / name).is_file() for name in (MANIFEST, JOURNAL, PLAN))
+
+
+def _problem(folder: Path) -> str:
+    """What keeps a session from being whole; empty where nothing does."""
+    if is_being_written(folder):
+        return "is still being written by another process"
+    try:
+        problems = verify(Session.open(folder))
+    except SimulshotError as error:
+        if not (folder / PLAN).is_file() and not (folder / MANIFEST).is_file():
+            return f"cannot be finished: it has no {PLAN}, as imports have none; import it again"
+        return str(error)
+    return str(problems[0]) if problems else ""
+
+
+def _result(folder: Path, before: str, tried: bool) -> Repaired:
+    problem = _problem(folder) if before else ""
+    if problem:
+        # What kept it from being repaired says more than what is still wrong with it.
+        what = before if tried and before != problem else problem
+        return Repaired(session=str(folder), ok=False, changed=False, what=what)
+    manifest = Session.open(folder).manifest
+    return Repaired(
+        session=str(folder),
+        ok=True,
+        changed=bool(before),
+        images=len(manifest.images),
+        missing=len(manifest.missing),
+        what="; ".join(sorted({f"{gap.camera}: {gap.reason}" for gap in manifest.missing})),
+    )

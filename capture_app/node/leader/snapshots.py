@@ -1,0 +1,81 @@
+"""What an engine knows of its clients as the status that people and programs see: a tree of nodes."""
+
+from collections.abc import Iterator, Mapping, Sequence
+
+from capture_app.net.address import Address
+from capture_app.node.wire.status import NodeStatus
+from capture_app.sync.clock.upstream_map import MAX_DEPTH
+from capture_app.sync.rig.leader import ClientView
+from capture_app.sync.wire.messages import WITHOUT_CAMERA, NodeState
+
+
+def node_statuses(views: tuple[ClientView, ...]) -> tuple[NodeStatus, ...]:
+    """All nodes by name, with their place in the tree."""
+    by_name = {view.name: view for view in views}
+    return tuple(_node_status(view, _depth(view, by_name)) for view in views)
+
+
+def as_tree(nodes: tuple[NodeStatus, ...]) -> Iterator[NodeStatus]:
+    """Yield nodes in the order of a tree: each relay, then what is below it; nobody is left out."""
+    names = {node.name for node in nodes}
+    below: dict[str | None, list[NodeStatus]] = {}
+    for node in nodes:
+        # A relay that nobody knows any more may have left cameras behind.
+        below.setdefault(node.parent if node.parent in names else None, []).append(node)
+    shown: set[str] = set()
+    stack = below.get(None, [])[::-1]
+    while stack:
+        node = stack.pop()
+        shown.add(node.name)
+        yield node
+        stack += [child for child in below.get(node.name, [])[::-1] if child.name not in shown]
+    yield from (node for node in nodes if node.name not in shown)
+
+
+def cameras_here(views: Sequence[ClientView]) -> list[ClientView]:
+    """Those that are not lost and can take pictures."""
+    return [
+        view
+        for view in views
+        if view.report.state is not NodeState.LOST and view.camera.kind not in WITHOUT_CAMERA
+    ]
+
+
+def _depth(view: ClientView, by_name: Mapping[str, ClientView]) -> int:
+    depth, at = 1, view
+    while at.via is not None and depth <= MAX_DEPTH:
+        depth += 1
+        if at.via not in by_name:
+            break
+        at = by_name[at.via]
+    return depth
+
+
+def _node_status(view: ClientView, depth: int) -> NodeStatus:
+    report = view.report
+    return NodeStatus(
+        name=view.name,
+        address=str(Address(*view.address)),
+        state=report.state,
+        kind=view.camera.kind,
+        model=view.camera.model,
+        phase_control=view.camera.phase_control,
+        offset_ns=report.offset_ns,
+        hard_bound_ns=report.hard_bound_ns,
+        uncertainty_ns=report.uncertainty_ns,
+        round_trip_ns=report.round_trip_ns,
+        skew_ppm=report.skew_ppm,
+        samples=report.samples,
+        phase_error_ns=report.phase_error_ns,
+        period_ns=report.period_ns,
+        drift_ppm=report.drift_ppm,
+        corrections=report.corrections,
+        frames=report.frames,
+        drops=report.drops,
+        moved_ns=report.moved_ns,
+        apart_ns=report.apart_ns,
+        parent=view.via,
+        depth=depth,
+        last_seen_ns=view.age_ns,
+        message=report.message,
+    )

@@ -1,0 +1,42 @@
+"""Whether a burst will find room, on the leader's disk and in the nodes' spools."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+from capture_app.errors import DiskFullError
+from capture_app.node.leader.snapshots import cameras_here
+from capture_app.node.wire.disk_space import MARGIN, SPARE_BYTES, free_bytes, guessed_image_bytes, megabytes
+from capture_app.node.wire.messages import NodeSpace
+from capture_app.sync.rig.leader import ClientView
+
+
+def expected_image_bytes(views: Sequence[ClientView], known: Mapping[str, int]) -> dict[str, int]:
+    """The likely size in bytes of an image of each camera that is here, from those that came before."""
+    return {
+        view.name: known.get(view.name) or guessed_image_bytes(view.camera.width, view.camera.height)
+        for view in cameras_here(views)
+    }
+
+
+def check_room(
+    root: Path, image_bytes: Mapping[str, int], frames: int, spools: Mapping[str, NodeSpace]
+) -> None:
+    """Check that a burst fits: `image_bytes` by camera, `frames` of each, `spools` as nodes told them.
+
+    Raises DiskFullError that says where there is too little room.
+    """
+    needed = int(MARGIN * frames * sum(image_bytes.values())) + SPARE_BYTES
+    free = free_bytes(root)
+    if needed > free:
+        raise DiskFullError(
+            f"the burst may need {megabytes(needed)} and {root} has {megabytes(free)} free",
+            hint="make room, or take fewer frames",
+        )
+    for name, size in image_bytes.items():
+        spool = spools.get(name)
+        needed = int(MARGIN * frames * size)
+        if spool is not None and needed > spool.free_bytes:
+            raise DiskFullError(
+                f"{name} may need {megabytes(needed)}; {spool.spool} has {megabytes(spool.free_bytes)} free",
+                hint="make room on that node, or take fewer frames",
+            )

@@ -1,0 +1,66 @@
+"""What happens at a leader, in a line each, for the terminal and the screen alike."""
+
+from capture_app.net.address import Address
+from capture_app.node.wire.status import BurstStatus
+from capture_app.sync.rig.events import (
+    BurstRefused,
+    ClockStepped,
+    ClockSynced,
+    Joined,
+    JoinRefused,
+    LeaderEvent,
+    LeaderLost,
+    NodeJoined,
+    NodeLost,
+    NodeMoved,
+    NodeReturned,
+)
+
+News = LeaderEvent | BurstStatus
+"""What a leader tells about: nodes that come and go, and bursts that make progress."""
+
+
+def in_words(news: News) -> str:
+    """A line about what happened, for a person; empty where it is nothing to tell."""
+    match news:
+        case NodeJoined():
+            return f"{news.name} joined"
+        case NodeReturned():
+            return f"{news.name} is back"
+        case NodeMoved():
+            return f"{news.name} is at {news.relay or 'this leader'} now"
+        case NodeLost():
+            return f"{news.name} is lost: {news.reason}"
+        case BurstRefused():
+            return f"burst {news.burst}: {news.name} takes no part: {news.reason}"
+        case BurstStatus():
+            return burst_in_words(news)
+    return ""
+
+
+def follower_in_words(
+    event: Joined | LeaderLost | JoinRefused | ClockSynced | ClockStepped, parent: Address
+) -> str:
+    """A line about how a relay stands with its own leader."""
+    match event:
+        case Joined():
+            return f"joined {parent}"
+        case LeaderLost():
+            return f"lost {parent} ({event.reason}): holding its time over"
+        case JoinRefused():
+            return f"{parent} does not take this relay in: {event.reason}"
+        case ClockSynced():
+            return f"ready: knows the time to {event.time_map.hard_bound_ns / 1000:.0f} us at worst"
+        case ClockStepped():
+            return "a clock was set: finding the time anew"
+
+
+def burst_in_words(burst: BurstStatus) -> str:
+    """A line about how far a burst is."""
+    if not burst.burst:
+        return burst.message
+    so_far = f"burst {burst.burst}: {burst.received} of {burst.expected} images"
+    if not burst.done:
+        return so_far
+    where = f", saved as {burst.session}" if burst.session else ", no session"
+    return so_far + where + (f"; {burst.message}" if burst.message else "")

@@ -1,0 +1,150 @@
+"""A node's bursts on its own disk, from when they are developed until the leader has them.
+
+SPOOL/<camera>/<leader>-<burst>/
+  report.json       what the node told the leader of the burst
+  journal.ndjson    a line per image: the header that it is sent with
+  <instant>.jpg     the image, and behind it a simulated camera's ground truth
+"""
+
+import asyncio
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import ParamSpec, TypeVar
+
+import msgspec
+
+from capture_app.errors import BadInputError, SimulshotError, TryAgainError
+from capture_app.node.wire.messages import CameraReport, ImageUpload
+from capture_app.session.files.disk import disk_error, lock_folder
+from capture_app.session.files.durable import AppendOnly, sync_folder, write_whole
+from capture_app.session.format.checks import check_name, read_struct
+from capture_app.session.format.journal import lines_of_file
+from capture_app.session.format.manifest import JOURNAL
+
+MOST = 24
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+class DiskThreads:
+    """So many that images of many cameras wait together, and share the cost of the disk's syncs."""
+
+    def __init__(self) -> None:
+        self._threads = ThreadPoolExecutor(MOST, "disk")
+
+    async def run(self, work: Callable[P, T], *arguments: P.args, **options: P.kwargs) -> T:
+        """Do work that blocks on the disk, and return or raise what it does."""
+        loop = asyncio.get_running_loop()
+        return await loop.run_in_executor(self._threads, partial(work, *arguments, **options))
+
+
+REPORT = "report.json"
+
+
+class SpooledBurst:
+    """One burst's folder. Methods block on the disk."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def file(self, upload: ImageUpload) -> Path:
+        """Where an image lies."""
+        return self.folder / f"{upload.record.instant:06d}{Path(upload.record.path).suffix}"
+
+    def set_report(self, report: CameraReport) -> None:
+        """Keep the report. Raises SimulshotError."""
+        try:
+            write_whole(self.folder / REPORT, msgspec.json.encode(report))
+        except OSError as error:
+            raise disk_error(error, self.folder) from error
+
+    def keep(self, upload: ImageUpload, data: bytes) -> None:
+        """Keep an image; once this returns no crash can lose it. Raises DiskFullError, SimulshotError."""
+        try:
+            write_whole(self.file(upload), data)
+            journal = AppendOnly(self.folder / JOURNAL)
+            try:
+                journal.append(msgspec.json.encode(upload), durable=True)
+            finally:
+                journal.close()
+        except OSError as error:
+            self.file(upload).unlink(missing_ok=True)
+            raise disk_error(error, self.folder) from error
+
+    def report(self) -> CameraReport:
+        """Read the report again. Raises BadInputError."""
+        report = read_struct(self.folder / REPORT, CameraReport)
+        check_name(report.camera.name, "camera")
+        return report
+
+    def images(self) -> Iterator[ImageUpload]:
+        """Yield the headers of the images that are still here."""
+        journal = self.folder / JOURNAL
+        for line in lines_of_file(journal.read_bytes()) if journal.exists() else ():
+            try:
+                upload = msgspec.json.decode(line, type=ImageUpload)
+            except (msgspec.DecodeError, UnicodeDecodeError):
+                continue
+            if self.file(upload).is_file():
+                yield upload
+
+    def confirmed(self, upload: ImageUpload) -> None:
+        """The leader has this image."""
+        self.file(upload).unlink(missing_ok=True)
+
+    def remove(self) -> None:
+        """The leader has all of them."""
+        shutil.rmtree(self.folder, ignore_errors=True)
+
+
+class Spool:
+    """One camera's folder of bursts, locked against other nodes of its name."""
+
+    def __init__(self, root: Path, camera: str) -> None:
+        self.folder = root / check_name(camera, "camera")
+        self._lock = -1
+
+    def open(self) -> list[SpooledBurst]:
+        """Lock the spool and return the bursts in it, oldest first.
+
+        Raises SimulshotError where it cannot be written, TryAgainError where another node uses it.
+        """
+        try:
+            self.folder.mkdir(parents=True, exist_ok=True)
+            self._lock = lock_folder(self.folder)
+            found = [folder for folder in self.folder.iterdir() if (folder / REPORT).is_file()]
+        except TryAgainError:
+            raise TryAgainError(
+                f"another node uses the spool {self.folder}", hint="give this one another --name or --spool"
+            ) from None
+        except OSError as error:
+            raise BadInputError(
+                f"cannot use the spool {self.folder}: {error.strerror}", hint="choose another with --spool"
+            ) from error
+        return [SpooledBurst(folder) for folder in sorted(found, key=lambda folder: folder.stat().st_mtime)]
+
+    def begin(self, report: CameraReport) -> SpooledBurst:
+        """Make a burst's folder, with its report. Raises DiskFullError, SimulshotError."""
+        burst = SpooledBurst(self.folder / f"{report.leader:08x}-{report.burst:06d}")
+        try:
+            burst.folder.mkdir(exist_ok=True)
+            sync_folder(self.folder)
+        except OSError as error:
+            raise disk_error(error, self.folder) from error
+        try:
+            burst.set_report(report)
+        except SimulshotError:
+            burst.remove()
+            raise
+        return burst
+
+    def close(self) -> None:
+        """Let another node use it. Calling it twice is harmless."""
+        if self._lock >= 0:
+            os.close(self._lock)
+            self._lock = -1

@@ -1,0 +1,128 @@
+"""Messages of the transfer stream: images and reports from nodes, requests from the command line."""
+
+from typing import Annotated
+
+from msgspec import Meta, Struct
+
+from capture_app.node.wire.status import BurstStatus, RigStatus
+from capture_app.session.format.calibration import CameraCalibration
+from capture_app.session.format.manifest import CameraRecord, Count, ImageRecord, MissingImage, Sha256
+
+JsonValue = int | float | str | bool | None
+
+
+class _Message(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Base of all messages."""
+
+
+class TrueClock(_Message, frozen=True, kw_only=True):
+    """A simulated clock as it really is: local = true + offset + skew * (true - epoch), in ns."""
+
+    offset_ns: int
+    skew_ppm: float
+    epoch_true_ns: int
+
+
+class CameraReport(_Message, frozen=True, kw_only=True, tag="report"):
+    """A node's part of a burst: its clock and phase, what will come, what will not, and why.
+
+    `leader` is the leader's instance: a burst of an earlier run of it is not this run's.
+    """
+
+    leader: int
+    burst: int
+    camera: CameraRecord
+    instants: tuple[Count, ...]
+    missing: tuple[MissingImage, ...] = ()
+    calibration: CameraCalibration | None = None
+    true_clock: TrueClock | None = None
+    events: tuple[dict[str, JsonValue], ...] = ()
+    """What the node's engine saw and did lately, times in its own clock."""
+
+
+class ImageUpload(_Message, frozen=True, kw_only=True, tag="image"):
+    """One image; the payload is its bytes and then `truth_bytes` of ground truth, from `offset` on."""
+
+    leader: int
+    burst: int
+    record: ImageRecord
+    truth_bytes: Count = 0
+    true_ns: int | None = None
+    """True start of the first row's exposure, of a simulated frame."""
+    truth_sha256: Sha256 | None = None
+    offset: Count = 0
+    """How many bytes the leader has already, from a stream that broke off."""
+
+
+class NodeSpace(_Message, frozen=True, kw_only=True, tag="space"):
+    """How much room a node's spool has, and how much an image of its camera takes, in bytes."""
+
+    camera: str
+    free_bytes: Count
+    image_bytes: Count
+    spool: str
+    """Where it is, on that node."""
+
+
+class Stored(_Message, frozen=True, kw_only=True, tag="stored"):
+    """An image is safely on the leader's disk."""
+
+    sha256: str
+
+
+class Held(_Message, frozen=True, kw_only=True):
+    """What the leader has of an image: all of it, safely on its disk, or the first bytes."""
+
+    instant: Count
+    sha256: Sha256
+    """Of the whole image."""
+    bytes: Count
+    """Of the image and its ground truth."""
+    stored: bool
+
+
+class Noted(_Message, frozen=True, kw_only=True, tag="noted"):
+    """The leader has a node's report, and of that camera's images what `held` says."""
+
+    held: tuple[Held, ...] = ()
+
+
+class Refusal(_Message, frozen=True, kw_only=True, tag="refusal"):
+    """The leader will not do that: an error for the user, or a burst that is over."""
+
+    what: str
+    hint: str = ""
+    exit_code: int = 1
+    retry: bool = False
+    """It may be asked for again: a disk is full, or a burst was closed and can be opened again."""
+
+
+class StatusRequest(_Message, frozen=True, kw_only=True, tag="ask-status"):
+    """The command line wants to see the rig."""
+
+
+class StatusAnswer(_Message, frozen=True, kw_only=True, tag="status"):
+    """The rig at this moment."""
+
+    rig: RigStatus
+
+
+class BurstRequest(_Message, frozen=True, kw_only=True, tag="ask-burst"):
+    """The command line wants a burst, as soon as all nodes are ready or `wait_ready_s` have passed."""
+
+    frames: Annotated[int, Meta(gt=0)]
+    spacing: Annotated[int, Meta(gt=0)] = 1
+    at_leader_ns: int | None = None
+    wait_ready_s: Annotated[float, Meta(ge=0)] = 0.0
+    nodes: Annotated[int, Meta(gt=0)] = 1
+    """The fewest nodes that must be ready."""
+
+
+class BurstAnswer(_Message, frozen=True, kw_only=True, tag="burst"):
+    """How far a burst is; the last one is done and names the session."""
+
+    burst: BurstStatus
+
+
+ToLeader = CameraReport | ImageUpload | NodeSpace | StatusRequest | BurstRequest
+FromLeader = Stored | Noted | Refusal | StatusAnswer | BurstAnswer

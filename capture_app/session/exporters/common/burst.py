@@ -1,0 +1,183 @@
+"""What an export reads: a session's images in order, believed only once they are checked."""
+
+import hashlib
+import math
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture_app.errors import BadInputError, IncompleteError
+from capture_app.session.format.calibration import Calibration, CameraCalibration
+from capture_app.session.format.manifest import CALIBRATION, MANIFEST, ImageRecord
+from capture_app.session.reading.reader import Session
+
+Picture = NDArray[np.uint8]
+Progress = Callable[[int, int], None]
+"""Called with the number of images written so far and of all."""
+
+_VERIFY = "capture-app sessions verify shows all that is wrong"
+
+
+@dataclass(frozen=True, slots=True)
+class ExportOptions:
+    """What a user may choose: hard links instead of copies; depth bounds in the calibration's unit."""
+
+    link: bool = False
+    near: float | None = None
+    far: float | None = None
+
+
+class Burst:
+    """The images of a session, by camera and instant. Cameras without any image are left out.
+
+    Raises BadInputError where the manifest contradicts itself: images doubled, or times that go backwards.
+    """
+
+    def __init__(self, session: Session, progress: Progress = lambda done, total: None) -> None:
+        manifest = session.manifest
+        self.session = session
+        self.name = session.name
+        self.instants_ns = manifest.burst.instants_ns
+        self.period_ns = manifest.burst.period_ns
+        self.images = _by_place(session)
+        filmed = {camera for camera, _ in self.images}
+        self.cameras = tuple(camera.name for camera in manifest.cameras if camera.name in filmed)
+        if not self.cameras:
+            raise BadInputError(f"{session.folder} has no images to export")
+        self.notes = [f"{one.name} has no images" for one in manifest.cameras if one.name not in filmed]
+        _check_times(self)
+        self.origin_ns = min(image.leader_ns for image in self.images.values())
+        """Leader time of the earliest image: the zero of every time that an export counts from its start."""
+        self._progress, self._done = progress, 0
+
+    def timeline(self, camera: str) -> list[ImageRecord]:
+        """A camera's images in order, each frame once: not again where it stands in for a dropped one."""
+        kept: list[ImageRecord] = []
+        for image in self._of(camera):
+            if not kept or image.leader_ns > kept[-1].leader_ns:
+                kept.append(image)
+            elif kept[-1].dropped:
+                kept[-1] = image
+        return kept
+
+    def together(self, camera: str, instant: int) -> ImageRecord | None:
+        """The image that belongs to an instant, or None: a dropped frame's substitute is of another."""
+        image = self.images.get((camera, instant))
+        return None if image is None or image.dropped else image
+
+    def size(self, camera: str) -> tuple[int, int]:
+        """Width and height in pixels of a camera's images."""
+        record = self.session.camera(camera)
+        return record.width, record.height
+
+    def read(self, image: ImageRecord) -> bytes:
+        """The bytes of an image's file, as they were saved.
+
+        Raises IncompleteError where the file is missing, BadInputError where it is not what was saved.
+        """
+        path = self.session.image_file(image)
+        try:
+            data = path.read_bytes()
+        except FileNotFoundError:
+            raise IncompleteError(f"{path} is missing", hint=_VERIFY) from None
+        except OSError as error:
+            raise BadInputError(f"cannot read {path}: {error.strerror}") from error
+        if len(data) != image.bytes or hashlib.sha256(data).hexdigest() != image.sha256:
+            raise BadInputError(f"{path} is not the image that was saved", hint=_VERIFY)
+        self._done += 1
+        self._progress(min(self._done, len(self.images)), len(self.images))
+        return data
+
+    def picture(self, image: ImageRecord) -> Picture:
+        """An image's pixels, height x width x BGR of 8 bits, as stored (not turned by EXIF).
+
+        Raises BadInputError where it cannot be decoded or is not of its camera's size.
+        """
+        return self.decode(image, self.read(image))
+
+    def decode(self, image: ImageRecord, data: bytes) -> Picture:
+        """Decode what `read` gave. Raises as `picture` does."""
+        import cv2  # heavy: only where images are looked at
+
+        path = self.session.image_file(image)
+        flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
+        try:
+            pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+        except cv2.error:
+            pixels = None
+        if pixels is None:
+            raise BadInputError(f"{path} is not an image that can be decoded", hint=_VERIFY)
+        width, height = self.size(image.camera)
+        if pixels.shape[:2] != (height, width):
+            found = f"{pixels.shape[1]}x{pixels.shape[0]}"
+            raise BadInputError(f"{path} is {found} pixels; {image.camera} takes {width}x{height}")
+        return np.asarray(pixels, np.uint8)
+
+    def calibration(self, needed_by: str) -> Calibration:
+        """The calibration of all cameras.
+
+        Raises BadInputError where there is none, where it lacks a camera, or where its numbers cannot be.
+        """
+        calibration = self.session.calibration()
+        folder = self.session.folder
+        if calibration is None:
+            raise BadInputError(
+                f"{folder} has no calibration, which {needed_by} needs",
+                hint=f"put a {CALIBRATION} into the session (docs/session-format.md)",
+            )
+        for camera in self.cameras:
+            where = f"{folder / CALIBRATION}: {camera}"
+            if camera not in calibration.cameras:
+                raise BadInputError(f"{where} is not calibrated, which {needed_by} needs")
+            _check_camera(where, calibration.cameras[camera], self.size(camera))
+        return calibration
+
+    def _of(self, camera: str) -> Iterator[ImageRecord]:
+        for instant in range(len(self.instants_ns)):
+            if (camera, instant) in self.images:
+                yield self.images[camera, instant]
+
+
+def _by_place(session: Session) -> dict[tuple[str, int], ImageRecord]:
+    where = session.folder / MANIFEST
+    images: dict[tuple[str, int], ImageRecord] = {}
+    paths: set[Path] = set()
+    for image in session.manifest.images:
+        if (image.camera, image.instant) in images or session.image_file(image) in paths:
+            raise BadInputError(f"{where} lists {image.path} of {image.camera} twice", hint=_VERIFY)
+        images[image.camera, image.instant] = image
+        paths.add(session.image_file(image))
+    return images
+
+
+def _check_times(burst: Burst) -> None:
+    where = burst.session.folder / MANIFEST
+    for index in range(1, len(burst.instants_ns)):
+        if burst.instants_ns[index] <= burst.instants_ns[index - 1]:
+            raise BadInputError(f"{where}: instant {index} is not after instant {index - 1}", hint=_VERIFY)
+    for camera in burst.cameras:
+        last: ImageRecord | None = None
+        for image in burst._of(camera):
+            backwards = last is not None and image.leader_ns < last.leader_ns
+            same = last is not None and image.leader_ns == last.leader_ns
+            if backwards or (same and not (image.dropped or (last and last.dropped))):
+                what = f"{where}: the times of {camera} go backwards at instant {image.instant}"
+                raise BadInputError(what, hint=_VERIFY)
+            last = image
+
+
+def _check_camera(where: str, camera: CameraCalibration, size: tuple[int, int]) -> None:
+    if (camera.width, camera.height) != size:
+        made, taken = f"{camera.width}x{camera.height}", f"{size[0]}x{size[1]}"
+        raise BadInputError(f"{where} is calibrated for {made} pixels, but its images are {taken}")
+    numbers = [camera.fx, camera.fy, camera.cx, camera.cy, *camera.translation, *camera.distortion]
+    rotation = np.array(camera.rotation)
+    if not all(math.isfinite(number) for number in numbers) or camera.fx <= 0 or camera.fy <= 0:
+        raise BadInputError(f"{where} has no focal lengths or numbers that are not finite")
+    if abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0:
+        raise BadInputError(f"{where} has a rotation that is none")
+    if any(camera.distortion[5:]):
+        raise BadInputError(f"{where} has more than 5 distortion coefficients")

@@ -1,0 +1,68 @@
+"""A calibrated camera's numbers in the conventions of other programs."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture_app.session.format.calibration import CameraCalibration
+
+Array = NDArray[np.float64]
+
+METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
+
+
+def rotation_of(camera: CameraCalibration) -> Array:
+    """Rotation of `cam_from_rig`, 3x3."""
+    return np.array(camera.rotation, np.float64)
+
+
+def translation_of(camera: CameraCalibration) -> Array:
+    """Translation of `cam_from_rig`, (3,), in the calibration's unit."""
+    return np.array(camera.translation, np.float64)
+
+
+def centre_of(camera: CameraCalibration) -> Array:
+    """Position of the camera in the rig's coordinates, (3,), in the calibration's unit."""
+    return np.asarray(-rotation_of(camera).T @ translation_of(camera))
+
+
+def matrix_of(camera: CameraCalibration) -> Array:
+    """OpenCV's camera matrix, 3x3, in pixels; the first pixel's centre is (0, 0)."""
+    return np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]], np.float64)
+
+
+def distortion_of(camera: CameraCalibration) -> Array:
+    """OpenCV's k1, k2, p1, p2, k3."""
+    given = camera.distortion[:5]
+    return np.array([*given, *[0.0] * (5 - len(given))], np.float64)
+
+
+def quaternion(rotation: Array) -> tuple[float, float, float, float]:
+    """Unit quaternion (w, x, y, z), w >= 0, of a rotation matrix (Shepperd 1978)."""
+    trace = float(np.trace(rotation))
+    squares = [trace, *(float(rotation[i, i]) for i in range(3))]
+    largest = int(np.argmax(squares))
+    if largest == 0:
+        w = math.sqrt(1 + trace) / 2
+        x, y, z = (float(rotation[j, i] - rotation[i, j]) / (4 * w) for i, j in ((1, 2), (2, 0), (0, 1)))
+        q = np.array([w, x, y, z])
+    else:
+        i = largest - 1
+        j, k = (i + 1) % 3, (i + 2) % 3
+        side = math.sqrt(max(0.0, 1 + 2 * float(rotation[i, i]) - trace)) / 2
+        q = np.empty(4)
+        q[0] = (rotation[k, j] - rotation[j, k]) / (4 * side)
+        q[1 + i] = side
+        q[1 + j] = (rotation[j, i] + rotation[i, j]) / (4 * side)
+        q[1 + k] = (rotation[k, i] + rotation[i, k]) / (4 * side)
+    q = q / np.linalg.norm(q) * (-1 if q[0] < 0 else 1)
+    return float(q[0]), float(q[1]), float(q[2]), float(q[3])
+
+
+def rodrigues(rotation: Array) -> tuple[float, float, float]:
+    """Rotation vector in radians of a rotation matrix."""
+    w, x, y, z = quaternion(rotation)
+    sine = math.sqrt(x * x + y * y + z * z)
+    scale = 2.0 if sine < 1e-12 else 2 * math.atan2(sine, w) / sine
+    return x * scale, y * scale, z * scale

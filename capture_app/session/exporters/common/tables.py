@@ -1,0 +1,136 @@
+"""Small text files beside an export: the exact times as CSV, calibrated cameras as TOML."""
+
+import csv
+import io
+import json
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from capture_app.session.exporters.common.burst import Burst
+from capture_app.session.exporters.common.poses import (
+    METRES,
+    distortion_of,
+    matrix_of,
+    rodrigues,
+    rotation_of,
+)
+from capture_app.session.format.calibration import Calibration
+from capture_app.session.format.manifest import ImageRecord
+
+FRAMES = "frames.csv"
+"""Every export has it: what became of each image, with its time in ns of the leader's clock."""
+
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+_RESERVED = ("metadata", "capture_volume", "charuco", "checkerboard")
+"""Tables of these programs' calibrations that are no cameras."""
+
+_COLUMNS = (
+    "file",
+    "frame",
+    "camera",
+    "instant",
+    "content",
+    "leader_ns",
+    "residual_ns",
+    "uncertainty_ns",
+    "hard_bound_ns",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One place in an export: `file` inside the export and the number of its frame there, from 0.
+
+    `image` is None for a blank frame; without `file` the camera and instant are not in the export.
+    """
+
+    camera: str
+    instant: int
+    file: str = ""
+    frame: int = 0
+    image: ImageRecord | None = None
+
+
+def write_frames(burst: Burst, folder: Path, frames: Iterable[Frame]) -> None:
+    """Write `frames.csv`: a row for every camera and instant of the session, exported or not."""
+    by_place = {(frame.camera, frame.instant): frame for frame in frames}
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(_COLUMNS)
+    for instant in range(len(burst.instants_ns)):
+        for camera in burst.cameras:
+            image = burst.images.get((camera, instant))
+            frame = by_place.get((camera, instant), Frame(camera, instant, image=image))
+            number = frame.frame if frame.file else ""
+            times = [""] * 4 if image is None else [image.leader_ns, image.residual_ns, *_bounds(image)]
+            rows.writerow([frame.file, number, camera, instant, _content(frame, image), *times])
+    (folder / FRAMES).write_text(text.getvalue(), encoding="utf-8")
+
+
+def paired_names(cameras: Iterable[str]) -> dict[str, str]:
+    """For each camera the name of its video and of its table, in the order in which programs pair them.
+
+    It is the camera's own, unless sorting by letters and by numbers disagree or a name means something else.
+    """
+    by_letters = sorted(cameras)
+    by_numbers = sorted(by_letters, key=_natural)
+    if by_letters == by_numbers and not set(by_letters) & set(_RESERVED):
+        return {name: name for name in by_letters}
+    return {name: f"cam_{number:03d}_{name}" for number, name in enumerate(by_numbers)}
+
+
+def camera_tables(calibration: Calibration, names: Mapping[str, str], unit: str) -> str:
+    """Anipose's TOML, which FreeMoCap and Pose2Sim read: a table a camera, rotations by Rodrigues.
+
+    `names` are `paired_names`; translations are written in `unit` where the calibration's is a length.
+    """
+    factor = METRES[calibration.unit] / METRES[unit] if calibration.unit in METRES else 1.0
+    text = ""
+    for name, key in names.items():
+        camera = calibration.cameras[name]
+        table = {
+            "name": key,
+            "size": [camera.width, camera.height],
+            "matrix": matrix_of(camera).tolist(),
+            "distortions": distortion_of(camera).tolist(),
+            "rotation": list(rodrigues(rotation_of(camera))),
+            "translation": [float(value) * factor for value in camera.translation],
+            "fisheye": False,
+        }
+        text += toml_table([key], table)
+    return text + toml_table(["metadata"], {"adjusted": False, "error": 0.0})
+
+
+def toml_table(name: Sequence[str], values: Mapping[str, object]) -> str:
+    """The TOML table at the path `name`, of numbers, booleans, strings and lists, as JSON writes them."""
+    lines = (f"{key} = {json.dumps(value)}\n" for key, value in values.items())
+    title = ".".join(part if _BARE.fullmatch(part) else json.dumps(part) for part in name)
+    return f"[{title}]\n{''.join(lines)}\n"
+
+
+def unit_note(calibration: Calibration, expected: str) -> list[str]:
+    """What to tell a user whose calibration is in a unit that is no length."""
+    if calibration.unit in METRES:
+        return []
+    return [f"the calibration is in {calibration.unit!r}; it is written as if that were {expected}"]
+
+
+def _natural(name: str) -> list[tuple[int, str]]:
+    """Sort key that counts: cam2 before cam10."""
+    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"([0-9]+)", name) if part]
+
+
+def _bounds(image: ImageRecord) -> list[object]:
+    return ["" if value is None else value for value in (image.uncertainty_ns, image.hard_bound_ns)]
+
+
+def _content(frame: Frame, image: ImageRecord | None) -> str:
+    if image is None:
+        return "blank" if frame.file else "missing"
+    if frame.image is None:
+        return "blank"
+    if not frame.file:
+        return "left out"
+    return "substitute" if image.dropped else "image"

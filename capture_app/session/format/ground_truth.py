@@ -1,0 +1,31 @@
+"""What a simulated session knows about itself: `ground_truth/times.json` and one .npz an image."""
+
+from msgspec import Struct
+
+from capture_app.session.format.manifest import GROUND_TRUTH, Sha256
+
+TIMES = f"{GROUND_TRUTH}/times.json"
+TRUE_TIMES_JOURNAL = f"{GROUND_TRUTH}/times.ndjson"
+"""The same times, a line each as they come, of a burst that a crash may interrupt."""
+
+
+class TrueTime(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """True start of the first row's exposure of one image, in ns of the host's clock."""
+
+    camera: str
+    instant: int
+    true_ns: int
+    sha256: Sha256 | None = None
+    """Checksum of the image's .npz; None where it has none."""
+
+
+class TrueTimes(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """True times of the images, and by camera the true parameters of its clock (named with units)."""
+
+    images: tuple[TrueTime, ...] = ()
+    clocks: dict[str, dict[str, float | int | str]] = {}
+
+
+def ground_truth_path(camera: str, instant: int) -> str:
+    """Path of an image's ground truth inside its session."""
+    return f"{GROUND_TRUTH}/{camera}/{instant:06d}.npz"

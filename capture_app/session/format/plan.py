@@ -1,0 +1,57 @@
+"""`burst.json`: what a burst is to become, on disk before its first image, so that anybody can finish it."""
+
+from pathlib import Path
+
+from msgspec import Struct
+
+from capture_app.session.format.calibration import CameraCalibration
+from capture_app.session.format.checks import check_name, read_struct
+from capture_app.session.format.manifest import BurstRecord, CameraRecord, Count, MissingImage, Name
+
+PLAN = "burst.json"
+PLAN_VERSION = 1
+
+
+class CameraPlan(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One camera's share of a burst, as far as it is known."""
+
+    camera: CameraRecord
+    """With the records of its clock and phase once it has reported."""
+    reported: bool = False
+    instants: tuple[Count, ...] = ()
+    """The images that it has announced."""
+    missing: tuple[MissingImage, ...] = ()
+    """The images that it has said it cannot give."""
+    calibration: CameraCalibration | None = None
+    true_clock: dict[str, float | int | str] | None = None
+    """A simulated camera's clock as it really is, by name with unit."""
+
+
+class Plan(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A burst under way: which one, of which cameras, and what they have told."""
+
+    name: Name
+    created: str
+    """RFC 3339, UTC."""
+    software: str
+    leader: Count
+    """The run of the leader that ordered it; a restarted leader is another one."""
+    number: Count
+    """The burst's number in that run."""
+    burst: BurstRecord
+    cameras: tuple[CameraPlan, ...]
+    schema_version: int = PLAN_VERSION
+
+    @property
+    def key(self) -> tuple[int, int]:
+        """What nodes know the burst by: the leader's run and the number."""
+        return self.leader, self.number
+
+
+def read_plan(folder: Path) -> Plan:
+    """Read a session's plan. Raises BadInputError where it has none or it cannot be trusted."""
+    plan = read_struct(folder / PLAN, Plan, PLAN_VERSION)
+    check_name(plan.name, "session")
+    for share in plan.cameras:
+        check_name(share.camera.name, "camera")
+    return plan

@@ -1,0 +1,59 @@
+"""When each row of a rolling-shutter image was exposed, from the session's record of the image."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from capture_app.session.format.manifest import CameraRecord, ImageRecord
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+START_OF_EXPOSURE = "start-of-exposure"
+END_OF_FRAME = "end-of-frame"
+
+
+@dataclass(frozen=True, slots=True)
+class RowExposures:
+    """The exposure of an image's rows in leader time, ns; row 0 is the top one and is read first."""
+
+    first_start_ns: int
+    exposure_ns: int
+    row_time_ns: int
+    rows: int
+
+    def start_ns(self, row: int) -> int:
+        """When the exposure of a row begins."""
+        return self.first_start_ns + row * self.row_time_ns
+
+    def middle_ns(self, row: int) -> int:
+        """The middle of a row's exposure: the moment that its pixels show."""
+        return self.start_ns(row) + self.exposure_ns // 2
+
+    def middles_ns(self) -> NDArray[np.int64]:
+        """The middles of all rows' exposures, (rows,)."""
+        import numpy as np  # slow to import, and this module is in every command's way
+
+        return self.middle_ns(0) + self.row_time_ns * np.arange(self.rows, dtype=np.int64)
+
+
+def row_exposures(camera: CameraRecord, image: ImageRecord) -> RowExposures | None:
+    """When the rows of an image were exposed; None where its start, exposure or row time is not known."""
+    if image.exposure_start_ns is None or image.exposure_ns is None or camera.row_time_ns is None:
+        return None
+    return RowExposures(image.exposure_start_ns, image.exposure_ns, camera.row_time_ns, camera.height)
+
+
+def exposure_start_ns(camera: CameraRecord, leader_ns: int, exposure_ns: int | None) -> int | None:
+    """Leader time in ns at which the first row's exposure begins, of a frame stamped at `leader_ns`.
+
+    A stamp at the end of the frame is later by the exposure and the readout of all rows but the first.
+    None where the stamp's moment, or what would be taken off it, is not known.
+    """
+    if camera.timestamp_source == START_OF_EXPOSURE:
+        return leader_ns
+    if camera.timestamp_source != END_OF_FRAME or exposure_ns is None or camera.row_time_ns is None:
+        return None
+    return leader_ns - exposure_ns - (camera.height - 1) * camera.row_time_ns

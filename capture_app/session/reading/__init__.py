@@ -1,0 +1,4 @@
+"""A session opened, verified and summed up; never changed.
+
+Imports `format` and `files`.
+"""

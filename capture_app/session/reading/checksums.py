@@ -1,0 +1,50 @@
+"""`checksums.sha256`: checksums of the files that the manifest does not cover, itself included.
+
+Lines as `sha256sum` prints them, so that `sha256sum --check checksums.sha256` reads them too.
+"""
+
+import hashlib
+from collections.abc import Iterator
+from pathlib import Path
+
+from capture_app.session.files.durable import write_whole
+from capture_app.session.format.ground_truth import TIMES, TRUE_TIMES_JOURNAL
+from capture_app.session.format.manifest import CALIBRATION, EVENTS, JOURNAL, MANIFEST, RECIPE
+from capture_app.session.format.plan import PLAN
+
+CHECKSUMS = "checksums.sha256"
+COVERED = (MANIFEST, JOURNAL, EVENTS, PLAN, CALIBRATION, TIMES, TRUE_TIMES_JOURNAL, RECIPE)
+
+
+def write_checksums(folder: Path, manifest: bytes) -> None:
+    """Write the checksums of a session's files and of the manifest that it is about to get."""
+    sums = {MANIFEST: hashlib.sha256(manifest).hexdigest()}
+    for name in COVERED[1:]:
+        if (folder / name).is_file():
+            sums[name] = hashlib.sha256((folder / name).read_bytes()).hexdigest()
+    write_whole(folder / CHECKSUMS, "".join(f"{of}  {name}\n" for name, of in sums.items()).encode())
+
+
+def changed_files(folder: Path) -> Iterator[tuple[str, str]]:
+    """Yield the path and what is wrong for each file that is not as it was when the session was finished."""
+    try:
+        told = (folder / CHECKSUMS).read_bytes()
+    except OSError:
+        yield CHECKSUMS, "the checksums are missing"
+        return
+    known = set()
+    for line in told.split(b"\n")[:-1]:
+        sha256, _, name = line.decode("ascii", errors="replace").partition("  ")
+        known.add(name)
+        if name not in COVERED or len(sha256) != 64:
+            yield CHECKSUMS, f"has a line that is none of its own, {line!r}"
+            continue
+        try:
+            is_so = hashlib.sha256((folder / name).read_bytes()).hexdigest()
+        except OSError as error:
+            yield name, f"cannot be read: {error.strerror}"
+            continue
+        if is_so != sha256:
+            yield name, "its bytes have changed: another sha256"
+    if MANIFEST not in known or JOURNAL not in known or not told.endswith(b"\n"):
+        yield CHECKSUMS, "is not whole"

@@ -1,0 +1,164 @@
+"""Reading sessions: a manifest is believed only after it is checked, for it may come from anywhere."""
+
+import fcntl
+import os
+from pathlib import Path
+
+import msgspec
+
+from capture_app.errors import BadInputError, IncompleteError
+from capture_app.session.format.calibration import Calibration
+from capture_app.session.format.checks import check_references, inside, is_name, read_struct
+from capture_app.session.format.ground_truth import TIMES, TrueTimes, ground_truth_path
+from capture_app.session.format.manifest import (
+    CALIBRATION,
+    JOURNAL,
+    MANIFEST,
+    SCHEMA_VERSION,
+    CameraRecord,
+    ImageRecord,
+    Manifest,
+)
+
+
+class SessionSummary(msgspec.Struct, frozen=True, kw_only=True):
+    """One line of a list of sessions; `problem` says why a session cannot be used."""
+
+    path: str
+    name: str
+    complete: bool
+    created: str = ""
+    origin: str = ""
+    cameras: int = 0
+    instants: int = 0
+    images: int = 0
+    missing: int = 0
+    problem: str = ""
+
+
+class Session:
+    """A complete session: its manifest and its files. Made by `Session.open`."""
+
+    def __init__(self, folder: Path, manifest: Manifest) -> None:
+        self.folder = folder
+        self.manifest = manifest
+        self._cameras = {camera.name: camera for camera in manifest.cameras}
+
+    @classmethod
+    def open(cls, path: Path) -> "Session":
+        """Open a session's folder.
+
+        Raises BadInputError where it is no session or its manifest cannot be trusted, and
+        IncompleteError where the capture never finished or is still running.
+        """
+        folder = Path(path)
+        if not folder.is_dir():
+            raise BadInputError(
+                f"no session at {folder}", hint="capture-app sessions list shows what is there"
+            )
+        if not (folder / MANIFEST).is_file():
+            raise _without_manifest(folder)
+        manifest = read_struct(folder / MANIFEST, Manifest, SCHEMA_VERSION)
+        check_references(folder / MANIFEST, manifest)
+        session = cls(folder, manifest)
+        for record in manifest.images:
+            session.image_file(record)
+        return session
+
+    @property
+    def name(self) -> str:
+        """The name the session was taken under; its folder may have been renamed since."""
+        return self.manifest.name
+
+    def camera(self, name: str) -> CameraRecord:
+        """The record of a camera. Raises BadInputError where the session has no such camera."""
+        try:
+            return self._cameras[name]
+        except KeyError:
+            known = ", ".join(self._cameras)
+            raise BadInputError(f"{self.folder} has no camera {name!r}", hint=f"it has {known}") from None
+
+    def image_file(self, record: ImageRecord) -> Path:
+        """Where an image lies. Raises BadInputError where its path leads out of the session."""
+        return inside(self.folder, record.path)
+
+    def images_by_instant(self) -> list[dict[str, ImageRecord]]:
+        """For each instant in order, the images by camera name; a missing image has no entry."""
+        instants: list[dict[str, ImageRecord]] = [{} for _ in self.manifest.burst.instants_ns]
+        for record in self.manifest.images:
+            instants[record.instant][record.camera] = record
+        return instants
+
+    def calibration(self) -> Calibration | None:
+        """The rig's calibration, or None. Raises BadInputError where the file is broken."""
+        path = self.folder / CALIBRATION
+        return read_struct(path, Calibration, 1) if path.exists() else None
+
+    def ground_truth(self, camera: str, instant: int) -> Path | None:
+        """The .npz with an image's true depth and masks, or None."""
+        if not is_name(camera):
+            return None
+        path = self.folder / ground_truth_path(camera, instant)
+        return path if path.is_file() else None
+
+    def true_times(self) -> TrueTimes | None:
+        """The true times of a simulated session, or None. Raises BadInputError where they are broken."""
+        path = self.folder / TIMES
+        return read_struct(path, TrueTimes) if path.exists() else None
+
+
+def list_sessions(root: Path) -> list[SessionSummary]:
+    """All sessions in a folder, oldest first; broken and unfinished ones say what is wrong with them.
+
+    Raises BadInputError where the folder does not exist.
+    """
+    if not root.is_dir():
+        raise BadInputError(f"no folder {root}", hint="sessions appear there once a burst is taken")
+    found = [
+        _summary(folder)
+        for folder in sorted(root.iterdir())
+        if folder.is_dir() and ((folder / MANIFEST).exists() or (folder / JOURNAL).exists())
+    ]
+    return sorted(found, key=lambda summary: (summary.created, summary.name))
+
+
+def is_being_written(folder: Path) -> bool:
+    """Whether a writer holds the session's lock right now."""
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(handle)
+    return False
+
+
+def _without_manifest(folder: Path) -> BadInputError | IncompleteError:
+    if not (folder / JOURNAL).is_file():
+        return BadInputError(f"{folder} is not a session", hint=f"it has no {MANIFEST}")
+    if is_being_written(folder):
+        return IncompleteError(f"{folder} is still being written", hint="wait until the burst is saved")
+    return IncompleteError(
+        f"{folder} is incomplete: its capture ended before {MANIFEST} was written",
+        hint=f"its images are safe; finish it with: capture-app sessions repair {folder}",
+    )
+
+
+def _summary(folder: Path) -> SessionSummary:
+    try:
+        manifest = Session.open(folder).manifest
+    except (BadInputError, IncompleteError) as error:
+        complete = isinstance(error, BadInputError)
+        return SessionSummary(path=str(folder), name=folder.name, complete=complete, problem=str(error))
+    return SessionSummary(
+        path=str(folder),
+        name=manifest.name,
+        complete=True,
+        created=manifest.created,
+        origin=manifest.origin,
+        cameras=len(manifest.cameras),
+        instants=len(manifest.burst.instants_ns),
+        images=len(manifest.images),
+        missing=len(manifest.missing),
+    )

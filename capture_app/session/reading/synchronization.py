@@ -1,0 +1,77 @@
+"""How well a burst is synchronized: the record that the manifest keeps, and the verdict in words."""
+
+from collections.abc import Iterable, Sequence
+
+from capture_app.session.format.manifest import (
+    BurstRecord,
+    CameraRecord,
+    ImageRecord,
+    MissingImage,
+    SyncRecord,
+)
+from capture_app.session.format.rows import row_exposures
+
+PX_PER_S = 1000.0
+"""The motion that verdicts speak of: somebody who runs through a picture in a second or two."""
+
+
+def sync_record(
+    cameras: Iterable[CameraRecord],
+    burst: BurstRecord,
+    images: Sequence[ImageRecord],
+    missing: Sequence[MissingImage],
+) -> SyncRecord:
+    """What a burst's records say about its synchronization, over all cameras and instants."""
+    by_name = {camera.name: camera for camera in cameras}
+    instants: list[list[ImageRecord]] = [[] for _ in burst.instants_ns]
+    for image in images:
+        instants[image.instant].append(image)
+    row_spreads = [
+        spread for of in instants if (spread := _row_spread([(by_name[i.camera], i) for i in of])) is not None
+    ]
+    return SyncRecord(
+        spread_ns=tuple(_spread([image.leader_ns for image in of]) for of in instants),
+        row_spread_ns=max(row_spreads, default=None),
+        uncertainty_ns=_worst([image.uncertainty_ns for image in images]),
+        hard_bound_ns=_worst([image.hard_bound_ns for image in images]),
+        dropped=sum(gone.dropped for gone in missing),
+        substituted=sum(image.dropped for image in images),
+        late=sum(image.late for image in images),
+    )
+
+
+def verdict(sync: SyncRecord, px_per_s: float = PX_PER_S) -> str:
+    """One plain sentence: what the synchronization costs something that moves that fast in the pictures."""
+    worst_ns = max(sync.spread_ns, default=0)
+    cost = f"what moves {px_per_s:g} px/s is displaced by {pixels(worst_ns, px_per_s)} between cameras"
+    if sync.uncertainty_ns is None:
+        return f"{cost}, if the times are right: how sure they are is not known"
+    sure_ns = worst_ns + 2 * sync.uncertainty_ns
+    text = f"{cost} at most, {pixels(sure_ns, px_per_s)} with the clocks' error"
+    if sync.hard_bound_ns is not None:
+        text += f" (95 %; never more than {pixels(worst_ns + 2 * sync.hard_bound_ns, px_per_s)})"
+    return text
+
+
+def pixels(time_ns: int, px_per_s: float = PX_PER_S) -> str:
+    """How far something of that speed moves in a time of `time_ns`, in words."""
+    distance = px_per_s * time_ns * 1e-9
+    return f"{distance:.2f} px" if distance < 9.995 else f"{distance:,.0f} px"
+
+
+def _spread(times_ns: Sequence[int]) -> int:
+    return max(times_ns) - min(times_ns) if times_ns else 0
+
+
+def _row_spread(images: Sequence[tuple[CameraRecord, ImageRecord]]) -> int | None:
+    """The most that rows of the same height are apart: it changes evenly, so the ends tell."""
+    rows = [known for camera, image in images if (known := row_exposures(camera, image)) is not None]
+    if len(rows) < 2:
+        return None
+    last = min(of.rows for of in rows) - 1
+    return max(_spread([of.middle_ns(row) for of in rows]) for row in (0, last))
+
+
+def _worst(values: Sequence[int | None]) -> int | None:
+    known = [value for value in values if value is not None]
+    return max(known) if known and len(known) == len(values) else None

@@ -1,0 +1,264 @@
+"""Does a session still say the truth? Every image against the manifest, the clock records, the journal."""
+
+import hashlib
+from collections import Counter
+from collections.abc import Iterator
+from enum import StrEnum
+from itertools import pairwise
+from pathlib import Path
+
+import msgspec
+
+from capture_app.errors import BadInputError
+from capture_app.session.files.durable import PART
+from capture_app.session.format.ground_truth import ground_truth_path
+from capture_app.session.format.journal import lines_of_file, record_of_line
+from capture_app.session.format.manifest import (
+    CALIBRATION,
+    IMAGES,
+    JOURNAL,
+    MANIFEST,
+    CameraRecord,
+    ClockRecord,
+    ImageRecord,
+)
+from capture_app.session.format.rows import exposure_start_ns
+from capture_app.session.reading.checksums import changed_files
+from capture_app.session.reading.reader import Session
+from capture_app.session.reading.synchronization import sync_record
+
+_ROUNDING_NS = 1_000
+
+
+class ProblemKind(StrEnum):
+    """What sort of lie was found."""
+
+    MISSING = "missing"
+    CHANGED = "changed"
+    UNREADABLE = "unreadable"
+    CONTRADICTORY = "contradictory"
+    UNEXPECTED = "unexpected"
+
+
+class Problem(msgspec.Struct, frozen=True):
+    """One thing that is not as the manifest says, and the path inside the session where."""
+
+    kind: ProblemKind
+    where: str
+    what: str
+
+    def __str__(self) -> str:
+        return f"{self.where}: {self.what}"
+
+
+def verify(session: Session) -> list[Problem]:
+    """Check every file and every number of a session; an empty list means that all agree."""
+    return [
+        *_burst(session),
+        *_order(session),
+        *_sync(session),
+        *(problem for record in session.manifest.images for problem in _image(session, record)),
+        *_journal(session),
+        *_checksums(session),
+        *_calibration(session),
+        *_ground_truth(session),
+        *_unexpected(session),
+    ]
+
+
+def leader_from_local(clock: ClockRecord, local_ns: int) -> int:
+    """Leader time in ns of a camera's local time in ns, by its clock record."""
+    return local_ns + clock.offset_ns + round(clock.skew_ppm * 1e-6 * (local_ns - clock.epoch_local_ns))
+
+
+def _burst(session: Session) -> Iterator[Problem]:
+    manifest = session.manifest
+    for index, (before, after) in enumerate(pairwise(manifest.burst.instants_ns)):
+        if after <= before:
+            what = f"instant {index + 1} is not after instant {index}"
+            yield Problem(ProblemKind.CONTRADICTORY, MANIFEST, what)
+    images = Counter((image.camera, image.instant) for image in manifest.images)
+    missing = {(gone.camera, gone.instant) for gone in manifest.missing}
+    for camera in manifest.cameras:
+        for instant in range(len(manifest.burst.instants_ns)):
+            place = (camera.name, instant)
+            of = f"of {camera.name} at instant {instant}"
+            if images[place] > 1:
+                yield Problem(ProblemKind.CONTRADICTORY, MANIFEST, f"{images[place]} images {of}")
+            if place in missing and images[place]:
+                yield Problem(ProblemKind.CONTRADICTORY, MANIFEST, f"the image {of} is there and missing")
+            if place not in missing and not images[place]:
+                yield Problem(ProblemKind.CONTRADICTORY, MANIFEST, f"no image {of}, nor why it is missing")
+
+
+def _order(session: Session) -> Iterator[Problem]:
+    """A camera's later images were taken later, by either clock."""
+    before: dict[str, ImageRecord] = {}
+    for record in sorted(session.manifest.images, key=lambda image: image.instant):
+        last = before.get(record.camera)
+        if last is not None and record.instant > last.instant:
+            backwards = record.leader_ns <= last.leader_ns
+            if last.local_ns is not None and record.local_ns is not None:
+                backwards = backwards or record.local_ns <= last.local_ns
+            if backwards:
+                yield Problem(ProblemKind.CONTRADICTORY, record.path, f"was not taken after {last.path}")
+        before[record.camera] = record
+
+
+def _sync(session: Session) -> Iterator[Problem]:
+    manifest = session.manifest
+    if manifest.sync is None:
+        return
+    told = sync_record(manifest.cameras, manifest.burst, manifest.images, manifest.missing)
+    for name in manifest.sync.__struct_fields__:
+        said, is_so = getattr(manifest.sync, name), getattr(told, name)
+        if said != is_so:
+            what = f"sync.{name} is {said}; its images say {is_so}"
+            yield Problem(ProblemKind.CONTRADICTORY, MANIFEST, what)
+
+
+def _image(session: Session, record: ImageRecord) -> Iterator[Problem]:
+    yield from _times(session, record)
+    try:
+        data = session.image_file(record).read_bytes()
+    except FileNotFoundError:
+        yield Problem(ProblemKind.MISSING, record.path, "the image is missing")
+        return
+    except OSError as error:
+        yield Problem(ProblemKind.UNREADABLE, record.path, f"cannot be read: {error.strerror}")
+        return
+    if len(data) != record.bytes:
+        what = f"{len(data)} bytes long, not {record.bytes}"
+        yield Problem(ProblemKind.CHANGED, record.path, what)
+    elif hashlib.sha256(data).hexdigest() != record.sha256:
+        yield Problem(ProblemKind.CHANGED, record.path, "its bytes have changed: another sha256")
+    yield from _picture(record.path, data, session.camera(record.camera))
+
+
+def _picture(path: str, data: bytes, camera: CameraRecord) -> Iterator[Problem]:
+    size = image_size(data)
+    if size is None:
+        yield Problem(ProblemKind.UNREADABLE, path, "not an image that can be decoded")
+    elif size != (camera.width, camera.height):
+        what = f"{size[0]}x{size[1]} pixels; {camera.name} takes {camera.width}x{camera.height}"
+        yield Problem(ProblemKind.CONTRADICTORY, path, what)
+
+
+def image_size(data: bytes) -> tuple[int, int] | None:
+    """Width and height in pixels of an image file's bytes, decoded in full; None where they are no image."""
+    import cv2  # heavy: only where images are looked at
+    import numpy as np
+
+    if not data:
+        return None
+    try:
+        flags = cv2.IMREAD_UNCHANGED  # the pixels as they are stored: no turning by EXIF
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
+    except cv2.error:
+        return None
+    return None if image is None else (image.shape[1], image.shape[0])
+
+
+def _times(session: Session, record: ImageRecord) -> Iterator[Problem]:
+    instant_ns = session.manifest.burst.instants_ns[record.instant]
+    if record.residual_ns != record.leader_ns - instant_ns:
+        what = f"residual_ns is {record.residual_ns}; its times say {record.leader_ns - instant_ns}"
+        yield Problem(ProblemKind.CONTRADICTORY, record.path, what)
+    camera = session.camera(record.camera)
+    start_ns = exposure_start_ns(camera, record.leader_ns, record.exposure_ns)
+    if record.exposure_start_ns not in (None, start_ns):
+        what = f"exposure_start_ns is {record.exposure_start_ns}; the stamp says {start_ns}"
+        yield Problem(ProblemKind.CONTRADICTORY, record.path, what)
+    tolerance_ns = camera.phase.tolerance_ns if camera.phase else None
+    if tolerance_ns is not None and record.late != (abs(record.residual_ns) > tolerance_ns):
+        said = "late" if record.late else "not late"
+        what = (
+            f"is said to be {said}, {record.residual_ns} ns from its instant with {tolerance_ns} ns allowed"
+        )
+        yield Problem(ProblemKind.CONTRADICTORY, record.path, what)
+    clock = camera.clock
+    if clock is None or record.local_ns is None:
+        return
+    error_ns = record.leader_ns - leader_from_local(clock, record.local_ns)
+    uncertainty_ns = clock.uncertainty_ns if record.uncertainty_ns is None else record.uncertainty_ns
+    if abs(error_ns) > uncertainty_ns + _ROUNDING_NS:
+        what = f"leader_ns is {error_ns} ns from what local_ns and the clock record give"
+        yield Problem(ProblemKind.CONTRADICTORY, record.path, what)
+
+
+def _journal(session: Session) -> Iterator[Problem]:
+    try:
+        lines = lines_of_file((session.folder / JOURNAL).read_bytes())
+    except OSError:
+        yield Problem(ProblemKind.MISSING, JOURNAL, "the journal is missing")
+        return
+    saved: dict[tuple[str, int], ImageRecord] = {}
+    for number, line in enumerate(lines, 1):
+        record = record_of_line(line)
+        if record is None:
+            yield Problem(ProblemKind.UNREADABLE, JOURNAL, f"line {number} is not a journal line")
+            continue
+        if (record.camera, record.instant) in saved:
+            what = f"line {number} repeats {record.camera} at instant {record.instant}"
+            yield Problem(ProblemKind.CONTRADICTORY, JOURNAL, what)
+        saved[record.camera, record.instant] = record
+    for image in session.manifest.images:
+        noted = saved.pop((image.camera, image.instant), None)
+        if noted is None:
+            yield Problem(ProblemKind.CONTRADICTORY, JOURNAL, f"does not have {image.path}")
+        elif noted != image:
+            yield Problem(ProblemKind.CONTRADICTORY, JOURNAL, f"says otherwise of {image.path}")
+    for noted in saved.values():
+        yield Problem(ProblemKind.CONTRADICTORY, MANIFEST, f"lacks {noted.path}, which the journal has")
+
+
+def _checksums(session: Session) -> Iterator[Problem]:
+    for where, what in changed_files(session.folder):
+        yield Problem(ProblemKind.CHANGED, where, what)
+
+
+def _calibration(session: Session) -> Iterator[Problem]:
+    try:
+        calibration = session.calibration()
+    except BadInputError as error:
+        yield Problem(ProblemKind.UNREADABLE, CALIBRATION, str(error))
+        return
+    known = {camera.name: camera for camera in session.manifest.cameras}
+    for name, of in (calibration.cameras if calibration else {}).items():
+        if name not in known:
+            yield Problem(ProblemKind.CONTRADICTORY, CALIBRATION, f"is of a camera {name} that did not film")
+        elif (of.width, of.height) != (known[name].width, known[name].height):
+            what = f"{name} is calibrated for {of.width}x{of.height} pixels, not its own size"
+            yield Problem(ProblemKind.CONTRADICTORY, CALIBRATION, what)
+
+
+def _ground_truth(session: Session) -> Iterator[Problem]:
+    try:
+        times = session.true_times()
+    except BadInputError as error:
+        yield Problem(ProblemKind.UNREADABLE, "ground_truth/times.json", str(error))
+        return
+    for true in times.images if times else ():
+        if true.sha256 is None:
+            continue
+        where = ground_truth_path(true.camera, true.instant)
+        path = session.ground_truth(true.camera, true.instant)
+        if path is None:
+            yield Problem(ProblemKind.MISSING, where, "the ground truth is missing")
+        elif hashlib.sha256(path.read_bytes()).hexdigest() != true.sha256:
+            yield Problem(ProblemKind.CHANGED, where, "its bytes have changed: another sha256")
+
+
+def _unexpected(session: Session) -> Iterator[Problem]:
+    expected = {record.path for record in session.manifest.images}
+    for path in sorted((session.folder / IMAGES).rglob("*")):
+        name = str(path.relative_to(session.folder))
+        if name not in expected and not (path.is_dir() and not path.is_symlink()):
+            what = (
+                "left over from a broken write" if _is_part(path) else "an image the manifest does not know"
+            )
+            yield Problem(ProblemKind.UNEXPECTED, name, what)
+
+
+def _is_part(path: Path) -> bool:
+    return path.name.endswith(PART)

@@ -1,0 +1,127 @@
+"""What a crash has left of a session: which images are safe, and everything else set aside."""
+
+import hashlib
+import shutil
+from collections.abc import Iterable
+from pathlib import Path
+
+import msgspec
+
+from capture_app.errors import BadInputError
+from capture_app.session.files.durable import PART, make_folders, sync_folder, write_whole
+from capture_app.session.format.checks import read_struct
+from capture_app.session.format.ground_truth import TRUE_TIMES_JOURNAL, TrueTime, ground_truth_path
+from capture_app.session.format.journal import lines_of_file, record_of_line
+from capture_app.session.format.manifest import (
+    IMAGES,
+    JOURNAL,
+    MANIFEST,
+    SCHEMA_VERSION,
+    ImageRecord,
+    Manifest,
+    image_path,
+)
+from capture_app.session.reading.checksums import changed_files
+
+SET_ASIDE = "set_aside"
+"""Folder for images that the journal does not vouch for: damaged ones, and those it has not noted."""
+INCOMING = "incoming"
+"""Folder for images that have begun to arrive."""
+RESERVE = f"reserve{PART}"
+"""Room that is kept for the manifest, so that a session can be finished on a full disk."""
+
+
+def recover_images(folder: Path) -> tuple[list[ImageRecord], list[ImageRecord]]:
+    """Return the images that the journal lists, safe and damaged; the journal then lists the safe ones only.
+
+    Files that it does not list, and those whose bytes have changed, are moved into `set_aside`.
+    Needs the session's lock. Raises OSError.
+    """
+    data = (folder / JOURNAL).read_bytes() if (folder / JOURNAL).exists() else b""
+    noted = [record for line in lines_of_file(data) if (record := record_of_line(line)) is not None]
+    told: dict[tuple[str, int], ImageRecord] = {}
+    for record in noted:
+        told.setdefault((record.camera, record.instant), record)
+    # A manifest that is as it was written knows better than a journal that may not be.
+    told |= {(record.camera, record.instant): record for record in _images_of_whole_manifest(folder)}
+    safe = [record for record in told.values() if is_as_noted(folder, record)]
+    (folder / RESERVE).unlink(missing_ok=True)
+    _set_aside_all_but(folder, {record.path for record in safe})
+    journal = b"".join(msgspec.json.encode(record) + b"\n" for record in safe)
+    if journal != data:
+        write_whole(folder / JOURNAL, journal)
+    return safe, [record for record in told.values() if record not in safe]
+
+
+def _images_of_whole_manifest(folder: Path) -> tuple[ImageRecord, ...]:
+    if not (folder / MANIFEST).is_file() or MANIFEST in dict(changed_files(folder)):
+        return ()
+    try:
+        return read_struct(folder / MANIFEST, Manifest, SCHEMA_VERSION).images
+    except BadInputError:
+        return ()
+
+
+def is_as_noted(folder: Path, record: ImageRecord) -> bool:
+    """Whether an image lies where it belongs, with the bytes that its record tells."""
+    suffix = Path(record.path).suffix
+    if record.path != image_path(record.camera, record.instant, suffix):
+        return False
+    file = folder / record.path
+    if file.is_symlink() or not file.is_file() or file.stat().st_size != record.bytes:
+        return False
+    return hashlib.sha256(file.read_bytes()).hexdigest() == record.sha256
+
+
+def recover_true_times(folder: Path, images: Iterable[ImageRecord]) -> dict[tuple[str, int], TrueTime]:
+    """Return what is known of the true times of these images."""
+    path = folder / TRUE_TIMES_JOURNAL
+    if not path.exists():
+        return {}
+    known: dict[tuple[str, int], TrueTime] = {}
+    lines = lines_of_file(path.read_bytes())
+    for line in lines:
+        try:
+            true = msgspec.json.decode(line, type=TrueTime)
+        except (msgspec.DecodeError, UnicodeDecodeError):
+            continue
+        known[true.camera, true.instant] = true
+    safe = {(image.camera, image.instant) for image in images}
+    kept = {of: true for of, true in known.items() if of in safe and _truth_is_as_noted(folder, true)}
+    if len(kept) != len(lines):
+        write_whole(path, b"".join(msgspec.json.encode(true) + b"\n" for true in kept.values()))
+    return kept
+
+
+def _truth_is_as_noted(folder: Path, true: TrueTime) -> bool:
+    file = folder / ground_truth_path(true.camera, true.instant)
+    if true.sha256 is None:
+        return True
+    return file.is_file() and hashlib.sha256(file.read_bytes()).hexdigest() == true.sha256
+
+
+def _set_aside_all_but(folder: Path, kept: set[str]) -> None:
+    for path in sorted((folder / IMAGES).rglob("*")):
+        name = str(path.relative_to(folder))
+        if name in kept or (path.is_dir() and not path.is_symlink()):
+            continue
+        if path.name.endswith(PART):
+            path.unlink()
+            continue
+        make_folders((folder / SET_ASIDE / name).parent, folder)
+        path.replace(_free_name(folder / SET_ASIDE / name))
+        sync_folder((folder / SET_ASIDE / name).parent)
+
+
+def _free_name(path: Path) -> Path:
+    number, free = 1, path
+    while free.exists():
+        number += 1
+        free = path.with_stem(f"{path.stem}-{number}")
+    return free
+
+
+def remove_leftovers(folder: Path) -> None:
+    """Delete what a finished session does not need: the reserve and transfers that never ended."""
+    (folder / RESERVE).unlink(missing_ok=True)
+    shutil.rmtree(folder / INCOMING, ignore_errors=True)

@@ -1,0 +1,80 @@
+"""Writing what a simulated session knows about itself, as safely as its images."""
+
+import hashlib
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from pathlib import Path
+
+import msgspec
+
+from capture_app.session.files.durable import AppendOnly, make_folders, write_whole
+from capture_app.session.format.encoding import checked, pretty
+from capture_app.session.format.ground_truth import (
+    TIMES,
+    TRUE_TIMES_JOURNAL,
+    TrueTime,
+    TrueTimes,
+    ground_truth_path,
+)
+from capture_app.session.format.manifest import ImageRecord
+from capture_app.session.writing.recovery import recover_true_times
+
+
+class TruthStore:
+    """The ground truth of one session being written; all methods may raise OSError."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._times: dict[tuple[str, int], TrueTime] = {}
+        self._clocks: dict[str, dict[str, float | int | str]] = {}
+        self._journal: AppendOnly | None = None
+
+    @property
+    def knows_times(self) -> bool:
+        """Whether any image came with its true time."""
+        return bool(self._times)
+
+    def recover(self, images: Iterable[ImageRecord]) -> None:
+        """Take up what a crash has left of these images' truth."""
+        self._times = recover_true_times(self._folder, images)
+
+    def add(
+        self, camera: str, instant: int, true_ns: int, *, data: bytes | None, crash_safe: bool
+    ) -> Path | None:
+        """Keep an image's true first-row time in ns of the host's clock, and its .npz where there is one.
+
+        With `crash_safe` the time survives a crash; else it is written with the manifest only.
+        """
+        path = None
+        if data is not None:
+            path = self._folder / ground_truth_path(camera, instant)
+            make_folders(path.parent, self._folder)
+            write_whole(path, data)
+        sha256 = None if data is None else hashlib.sha256(data).hexdigest()
+        true = TrueTime(camera=camera, instant=instant, true_ns=true_ns, sha256=sha256)
+        self._times[camera, instant] = true
+        if crash_safe:
+            if self._journal is None:
+                make_folders((self._folder / TRUE_TIMES_JOURNAL).parent, self._folder)
+                self._journal = AppendOnly(self._folder / TRUE_TIMES_JOURNAL)
+            self._journal.append(msgspec.json.encode(true), durable=True)
+        return path
+
+    def set_clocks(self, clocks: Mapping[str, Mapping[str, float | int | str]]) -> None:
+        """Keep the true parameters of each camera's clock."""
+        self._clocks = {name: dict(values) for name, values in clocks.items()}
+
+    def write(self) -> None:
+        """Write times.json, if there is anything to tell."""
+        if not self._times and not self._clocks:
+            return
+        images = tuple(true for _, true in sorted(self._times.items()))
+        times = TrueTimes(images=images, clocks=self._clocks)
+        make_folders((self._folder / TIMES).parent, self._folder)
+        write_whole(self._folder / TIMES, pretty(checked(times, TrueTimes)))
+
+    def close(self) -> None:
+        """Close the journal: all that was promised is in it already."""
+        if self._journal is not None:
+            with suppress(OSError):
+                self._journal.close()

@@ -1,0 +1,4 @@
+"""Links, radio cells and wandering clocks in virtual time.
+
+Imports no other wing of `simulation`.
+"""

@@ -1,0 +1,110 @@
+"""The studio's light: the sun through a tall window behind the cameras, and a soft sky and room around.
+
+Directions point from a surface to the light; colours are linear BGR.
+"""
+
+import numpy as np
+
+from capture_app.simulation.scenes.meshes import Floats
+
+_TO_SUN = np.array([-0.60, -0.44, -0.66])
+TO_SUN: Floats = (_TO_SUN / np.linalg.norm(_TO_SUN)).astype(np.float32)
+SUN = np.array([0.62, 0.84, 1.0], np.float32) * 2.7
+SUN_SPREAD = 0.012
+"""Half width of the sun with its haze, in radians: how soft shadows become with distance."""
+
+_TO_WINDOW = np.array([-0.70, -0.42, -0.58], np.float32)
+TO_WINDOW: Floats = _TO_WINDOW / np.linalg.norm(_TO_WINDOW)
+
+# Two directions across the sun's rays: the window's own axes, as its light falls into the room.
+_ACROSS = np.cross(TO_SUN, [0.0, 1.0, 0.0]).astype(np.float32)
+ACROSS: Floats = _ACROSS / np.linalg.norm(_ACROSS)
+ALONG: Floats = np.cross(TO_SUN, ACROSS).astype(np.float32)
+SUN_PLANE: Floats = np.stack([ACROSS, ALONG])
+
+WINDOW = (-3.40, -0.70, -0.40, 2.20)
+"""The lit part of the sun's rays, in m along ACROSS (from, to) and ALONG (from, to)."""
+BARS = (3, 3)
+"""Panes across and along, with bars between."""
+
+
+def sky(directions: Floats) -> Floats:
+    """Radiance (N, 3) of the surroundings in unit directions (N, 3)."""
+    up = -directions[:, 1:2]
+    window = np.maximum(directions @ TO_WINDOW, 0.0)[:, None] ** 3
+    ceiling = np.maximum(up, 0.0)
+    floor = np.maximum(-up, 0.0)
+    return np.asarray(
+        0.15
+        + window * np.array([1.30, 1.16, 1.06], np.float32)
+        + ceiling * np.array([0.34, 0.34, 0.35], np.float32)
+        + floor * np.array([0.10, 0.15, 0.22], np.float32),
+        np.float32,
+    )
+
+
+def through_window(points: Floats) -> Floats:
+    """Share (N) of the sun's disc that the window lets through to points (N, 3) in m."""
+    a, b = SUN_PLANE @ points.T
+    left, right, top, bottom = WINDOW
+    lit = _inside(a, left, right) * _inside(b, top, bottom)
+    for values, start, end, panes in ((a, left, right, BARS[0]), (b, top, bottom, BARS[1])):
+        for number in range(1, panes):
+            middle = start + (end - start) * number / panes
+            lit *= 1 - 0.88 * _inside(values, middle - 0.028, middle + 0.028)
+    return np.asarray(lit, np.float32)
+
+
+def _inside(values: Floats, start: float, end: float, blur: float = 0.02) -> Floats:
+    return np.asarray(
+        np.clip((values - start) / blur + 0.5, 0, 1) * np.clip((end - values) / blur + 0.5, 0, 1), np.float32
+    )
+
+
+def cosine_directions(count: int, turn: float) -> Floats:
+    """Directions (count, 3) about +z, dense as the cosine, evenly spread; `turn` gives another set."""
+    number = np.arange(count) + 0.5
+    radius = np.sqrt(number / count)
+    angle = 2 * np.pi * (number * 0.618034 + turn)
+    return np.stack([radius * np.cos(angle), radius * np.sin(angle), np.sqrt(1 - radius**2)], -1).astype(
+        np.float32
+    )
+
+
+class OpenSky:
+    """Light that reaches an unshadowed surface from the sky, looked up by its normal."""
+
+    def __init__(self, resolution: int = 24) -> None:
+        axis = np.linspace(-1, 1, resolution, dtype=np.float32)
+        grid = np.stack(np.meshgrid(axis, axis, axis, indexing="ij"), -1).reshape(-1, 3)
+        normals = grid / np.maximum(np.linalg.norm(grid, axis=1, keepdims=True), 1e-6)
+        total = np.zeros_like(normals)
+        tangent, bitangent = tangents(normals)
+        local = cosine_directions(64, 0.0)
+        for x, y, z in local:
+            total += sky(x * tangent + y * bitangent + z * normals)
+        self._table = (total / len(local)).reshape(resolution, resolution, resolution, 3)
+        self._scale = (resolution - 1) / 2
+
+    def irradiance(self, normals: Floats) -> Floats:
+        """Mean radiance (N, 3) over the hemisphere of unit normals (N, 3), by cosine."""
+        index = np.rint((normals + 1) * self._scale).astype(np.int32)
+        return np.asarray(self._table[index[:, 0], index[:, 1], index[:, 2]], np.float32)
+
+
+def tangents(normals: Floats) -> tuple[Floats, Floats]:
+    """Two unit vectors (N, 3) each, at right angles to the normals and to each other."""
+    helper = np.where(
+        np.abs(normals[:, 1:2]) < 0.9, np.array([0, 1, 0], np.float32), np.array([1, 0, 0], np.float32)
+    )
+    tangent = np.cross(helper, normals)
+    tangent /= np.maximum(np.linalg.norm(tangent, axis=1, keepdims=True), 1e-6)
+    return tangent.astype(np.float32), np.cross(normals, tangent).astype(np.float32)
+
+
+def sun_direction(number: int, count: int) -> Floats:
+    """Direction (3) to one of `count` points spread over the sun's disc."""
+    radius = SUN_SPREAD * np.sqrt((number + 0.5) / count)
+    angle = 2 * np.pi * 0.618034 * number
+    towards = TO_SUN + radius * (np.cos(angle) * ACROSS + np.sin(angle) * ALONG)
+    return np.asarray(towards / np.linalg.norm(towards), np.float32)

@@ -1,0 +1,176 @@
+"""What a simulated camera sees: a rendered scene, or a test card that needs nothing but numpy and OpenCV."""
+
+from __future__ import annotations
+
+import importlib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+from capture_app.errors import BadInputError, NotAvailableError
+from capture_app.session.format.calibration import CameraCalibration
+from capture_app.simulation.devices.sensor import SensorFrame
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from capture_app.simulation.rendering.scene import Scene
+
+    GroundTruthArrays = tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.bool_]]
+
+TEST_CARD = "bars"
+LED_PANEL = "led-panel"
+
+
+class PictureSource(Protocol):
+    """Renders frames of one camera; a picture is a pure function of the frame and the seed."""
+
+    @property
+    def width(self) -> int:
+        """Width in pixels."""
+
+    @property
+    def height(self) -> int:
+        """Height in pixels."""
+
+    @property
+    def calibration(self) -> CameraCalibration | None:
+        """Intrinsics and pose of the view; None where there is nothing to measure."""
+
+    def render(self, frame: SensorFrame, *, seed: int) -> NDArray[np.uint8]:
+        """Return the picture, BGR uint8 of height x width x 3."""
+
+    def ground_truth(self, frame: SensorFrame) -> GroundTruthArrays:
+        """Return depth in m (0 = none), object numbers and moving pixels, each of height x width."""
+
+
+@dataclass(frozen=True, slots=True)
+class ColourBars:
+    """Colour bars, with the camera's name, the frame's number and time, and a hand that turns in a second."""
+
+    camera: str
+    width: int
+    height: int
+
+    @property
+    def calibration(self) -> CameraCalibration | None:
+        """None: a card has no depth."""
+        return None
+
+    def render(self, frame: SensorFrame, *, seed: int) -> NDArray[np.uint8]:
+        """Return the card, BGR uint8 of height x width x 3; `seed` moves its faint grain."""
+        import cv2
+        import numpy as np
+
+        bars = np.array([(b, g, r) for g in (200, 40) for r in (200, 40) for b in (200, 40)], dtype=np.uint8)
+        columns = np.arange(self.width) * len(bars) // self.width
+        image = np.repeat(bars[columns][np.newaxis], self.height, axis=0)
+        image[self.height * 2 // 3 :] = np.linspace(16, 235, self.width).astype(np.uint8)[:, np.newaxis]
+        grain = np.random.default_rng(seed).integers(0, 4, size=(self.height, self.width, 1), dtype=np.uint8)
+        image = np.add(image, grain, dtype=np.uint8)
+
+        unit = self.height / 480
+        centre = (self.width // 2, self.height // 3)
+        radius = round(110 * unit)
+        middle_ns = frame.start_true_ns + frame.exposure_ns // 2
+        turn = (middle_ns % 10**9) / 1e9 * 2 * np.pi
+        tip = (round(centre[0] + radius * np.sin(turn)), round(centre[1] - radius * np.cos(turn)))
+        thick = max(1, round(6 * unit))
+        cv2.circle(image, centre, round(radius * 1.15), (24, 24, 24), -1, cv2.LINE_AA)
+        cv2.circle(image, centre, round(radius * 1.15), (245, 245, 245), max(1, thick // 2), cv2.LINE_AA)
+        cv2.line(image, centre, tip, (60, 200, 255), thick, cv2.LINE_AA)
+        lines = (
+            (self.camera, 1.4),
+            (f"frame {frame.sequence} of stream {frame.stream}", 0.8),
+            (f"true time {frame.start_true_ns / 1e9:.6f} s", 0.8),
+        )
+        baseline = self.height * 2 / 3
+        for text, size in lines:
+            baseline += 45 * unit
+            at = (round(24 * unit), round(baseline))
+            for colour, width in (((0, 0, 0), thick), ((255, 255, 255), max(1, thick // 3))):
+                cv2.putText(
+                    image, text, at, cv2.FONT_HERSHEY_SIMPLEX, size * unit, colour, width, cv2.LINE_AA
+                )
+        return image
+
+    def ground_truth(self, frame: SensorFrame) -> GroundTruthArrays:
+        """Return arrays that say that a card has no depth, no objects and nothing that moves."""
+        import numpy as np
+
+        shape = (self.height, self.width)
+        return np.zeros(shape, np.float32), np.zeros(shape, np.uint8), np.zeros(shape, np.bool_)
+
+
+@dataclass(frozen=True, slots=True)
+class SceneView:
+    """One view of a rendered scene, read out row by row."""
+
+    scene: Scene
+    view: str
+    width: int
+    height: int
+    row_time_ns: int
+
+    @property
+    def calibration(self) -> CameraCalibration | None:
+        """Intrinsics and pose of the view."""
+        return self.scene.calibration().cameras[self.view]
+
+    def render(self, frame: SensorFrame, *, seed: int) -> NDArray[np.uint8]:
+        """Return the rendered view, BGR uint8 of height x width x 3."""
+        return self.scene.render(
+            self.view, frame.start_true_ns, frame.exposure_ns, self.row_time_ns, seed=seed
+        )
+
+    def ground_truth(self, frame: SensorFrame) -> GroundTruthArrays:
+        """Return the view's true depth in m, object numbers and moving pixels."""
+        return self.scene.ground_truth(self.view, frame.start_true_ns, frame.exposure_ns, self.row_time_ns)
+
+
+def open_picture_source(
+    scene: str, view: str, *, camera: str, width: int, height: int, row_time_ns: int, scale: float = 1.0
+) -> PictureSource:
+    """The test card of that size for the scene `bars`, the panel of LEDs for `led-panel`, else that view of a
+    rendered scene, each at its own size.
+
+    `scale` shrinks either. An empty `view` is the one named like the camera. Raises BadInputError for a scene
+    or view that does not exist and NotAvailableError where this machine cannot render scenes.
+    """
+    if scene == TEST_CARD:
+        if view:
+            raise BadInputError(f"the test card {TEST_CARD!r} has no view {view!r}", hint="leave view= out")
+        return ColourBars(camera, round(width * scale), round(height * scale))
+    if scene == LED_PANEL:
+        return _led_panel(view, row_time_ns, scale)
+    loaded = _load_scene(scene, scale)
+    view = view or camera
+    if view not in loaded.views:
+        raise BadInputError(
+            f"scene {scene!r} has no view {view!r}", hint=f"view= one of {', '.join(loaded.views)}"
+        )
+    calibration = loaded.calibration().cameras[view]
+    return SceneView(loaded, view, calibration.width, calibration.height, row_time_ns)
+
+
+def _led_panel(view: str, row_time_ns: int, scale: float) -> PictureSource:
+    from capture_app.simulation.rendering.led_view import PanelView
+
+    if view:
+        raise BadInputError(f"the panel {LED_PANEL!r} has no view {view!r}", hint="leave view= out")
+    if scale != 1:
+        raise BadInputError(f"the panel {LED_PANEL!r} is of one size", hint="leave scale= out")
+    return PanelView(row_time_ns)
+
+
+def _load_scene(name: str, scale: float) -> Scene:
+    try:
+        importlib.import_module("open3d")
+        module: Any = importlib.import_module("capture_app.simulation.rendering.scene")
+    except (ImportError, OSError) as error:  # OSError: a system library of Open3D's is missing
+        raise NotAvailableError(
+            f"scene {name!r} cannot be rendered here: Open3D does not load: {error}",
+            hint=f"use scene={TEST_CARD}, or install Open3D and its system libraries",
+        ) from error
+    scene: Scene = module.load(name, scale=scale)
+    return scene

@@ -1,0 +1,151 @@
+"""Rendered scenes for simulated cameras: a frame is a pure function of view, times and seed."""
+
+import functools
+import threading
+from collections.abc import Iterator
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture_app.errors import BadInputError
+from capture_app.session.format.calibration import Calibration
+from capture_app.simulation.rendering import moving, still
+from capture_app.simulation.rendering.film import develop
+from capture_app.simulation.rendering.lighting import OpenSky, sun_direction
+from capture_app.simulation.rendering.moving import MovingPart
+from capture_app.simulation.rendering.raycast import Body, Texture
+from capture_app.simulation.rendering.still import SUBPIXELS, StillLayer
+from capture_app.simulation.rendering.view import View, look_at
+from capture_app.simulation.scenes import crossing, motion, pinwheel, studio
+from capture_app.simulation.scenes.meshes import Floats
+
+_STAGES = {"studio": studio.STAGE, "pinwheel": pinwheel.STAGE, "crossing": crossing.STAGE}
+SCENES = tuple(_STAGES)
+
+_BLUR_STEP_NS = 4_000_000
+"""Each of a pixel's samples is taken again for every so much exposure, up to 4 times."""
+
+
+class Scene:
+    """A room with moving things and the cameras that look at it; what stands still is kept once drawn."""
+
+    def __init__(self, name: str, *, scale: float = 1.0) -> None:
+        rng = np.random.default_rng(20190516)
+        stage = self._stage = _STAGES[name]
+        textures = {name: Texture(picture) for name, picture in stage.pictures(rng).items()}
+        fixtures = stage.fixtures(rng)
+        parts = stage.parts()
+        moving_things = sorted({part.thing for part in parts.values()})
+        self.name = name
+        self.things = ("nothing", *(f.thing for f in fixtures), *moving_things)
+        """Names of the things by their number in the ground truth's `objects`."""
+        self.moving_things = frozenset(moving_things)
+        self.views = {
+            name: look_at(name, place, target, scale=scale) for name, (place, target) in stage.cameras.items()
+        }
+        meshes = [(mesh, self.things.index(f.thing)) for f in fixtures for mesh in f.meshes]
+        self._room = Body([m for m, _ in meshes], textures, [thing for _, thing in meshes])
+        self._bodies = {name: Body(part.meshes, textures) for name, part in parts.items()}
+        self._thing_of = {name: self.things.index(part.thing) for name, part in parts.items()}
+        self._sky = OpenSky()
+        self._still: dict[str, list[StillLayer]] = {}
+        self._still_light: dict[str, Floats] = {}
+        self._still_depth: dict[str, tuple[Floats, NDArray[np.uint8]]] = {}
+        self._lock = threading.Lock()
+
+    def render(
+        self, view: str, start_ns: int, exposure_ns: int, row_time_ns: int, *, seed: int
+    ) -> NDArray[np.uint8]:
+        """BGR uint8 picture (H, W, 3); row r is exposed from start_ns + r * row_time_ns on.
+
+        The same arguments give the same bytes, in any process of the same machine.
+        Raises BadInputError for a view that the scene does not have.
+        """
+        camera = self._view(view)
+        layers = self._layers(camera)
+        repeats = int(np.clip(-(-exposure_ns // _BLUR_STEP_NS), 1, 4))
+        light = self._still_light[view] * repeats
+        flat = light.reshape(-1, 3)
+        for number, (layer, offset_ns) in enumerate(_samples(layers, repeats, exposure_ns)):
+            parts = self._parts(camera, start_ns + offset_ns, row_time_ns)
+            to_sun = sun_direction(number, repeats * len(layers))
+            pixels, change = moving.light_from(
+                camera, layer, list(parts.values()), self._room, self._sky, to_sun
+            )
+            flat[pixels] += change
+        light /= repeats * len(layers)
+        number = list(self.views).index(view)
+        rng = np.random.default_rng([seed % 2**64, start_ns % 2**64, number])
+        return develop(light, exposure_ns, rng)
+
+    def ground_truth(
+        self, view: str, start_ns: int, exposure_ns: int, row_time_ns: int
+    ) -> tuple[Floats, NDArray[np.uint8], NDArray[np.bool_]]:
+        """Depth along the optical axis in m (H, W; 0 = none), things (H, W, see `things`), movers (H, W).
+
+        True at the centres of the pixels and the middle of each row's exposure.
+        Raises BadInputError for a view that the scene does not have.
+        """
+        camera = self._view(view)
+        directions = camera.directions()
+        with self._lock:
+            if view not in self._still_depth:
+                self._still_depth[view] = still.cast(camera, self._room, directions)
+            still_depth, still_things = self._still_depth[view]
+        depth = np.where(still_depth > 0, still_depth, np.inf).astype(np.float32)
+        things = still_things.copy()
+        movers_mask = np.zeros(depth.shape, np.bool_)
+        parts = self._parts(camera, start_ns + exposure_ns // 2, row_time_ns)
+        numbers = {id(part): self._thing_of[name] for name, part in parts.items()}
+        for seen in moving.nearest(camera, directions, depth, parts.values()):
+            things.reshape(-1)[seen.pixels] = numbers[id(seen.part)]
+            movers_mask.reshape(-1)[seen.pixels] = True
+        depth[~np.isfinite(depth)] = 0
+        return depth, things, movers_mask
+
+    def calibration(self) -> Calibration:
+        """True intrinsics and poses of all views, by name; the rig's frame is the scene's, in m."""
+        cameras = {name: view.calibration() for name, view in self.views.items()}
+        return Calibration(cameras=cameras, source=f"the simulated scene {self.name}")
+
+    def _view(self, name: str) -> View:
+        if name not in self.views:
+            raise BadInputError(
+                f"the scene {self.name} has no view named {name!r}", hint=f"one of {', '.join(self.views)}"
+            )
+        return self.views[name]
+
+    def _layers(self, view: View) -> list[StillLayer]:
+        with self._lock:
+            if view.name not in self._still:
+                layers = still.still_layers(view, self._room)
+                self._still_light[view.name] = np.sum([x.from_sky + x.from_sun for x in layers], axis=0)
+                self._still[view.name] = layers
+            return self._still[view.name]
+
+    def _parts(self, view: View, first_row_ns: int, row_time_ns: int) -> dict[str, MovingPart]:
+        times_ns = first_row_ns + row_time_ns * np.arange(view.height, dtype=np.int64)
+        seconds = motion.seconds_of(times_ns)
+        return moving.moving_parts(view, self._bodies, self._stage.poses(seconds))
+
+
+def _samples(layers: list[StillLayer], repeats: int, exposure_ns: int) -> Iterator[tuple[StillLayer, int]]:
+    """Every layer `repeats` times, each at a time of its own spread evenly over the exposure."""
+    count = repeats * len(SUBPIXELS)
+    for number in range(count):
+        yield layers[number % len(layers)], exposure_ns * (2 * number + 1) // (2 * count)
+
+
+def load(name: str, *, scale: float = 1.0) -> Scene:
+    """Scene of that name, built once a process; `scale` shrinks its pictures from 640x480.
+
+    Raises BadInputError for a scene that does not exist, NotAvailableError without Open3D.
+    """
+    if name not in SCENES:
+        raise BadInputError(f"there is no scene named {name!r}", hint=f"one of {', '.join(SCENES)}")
+    return _built(name, scale)
+
+
+@functools.cache
+def _built(name: str, scale: float) -> Scene:
+    return Scene(name, scale=scale)

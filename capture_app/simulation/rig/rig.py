@@ -1,0 +1,274 @@
+"""A rig in virtual time: the engine's own leader and clients, simulated clocks, sensors and links.
+
+Nothing waits: events are taken from a heap in the order of their true times, so that minutes pass in
+moments, and the same seed gives the same run.
+"""
+
+import heapq
+import random
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from functools import partial
+
+from capture_app.clock import SimulatedClock
+from capture_app.simulation.devices.sensor import Sensor, SensorFrame, SensorProfile
+from capture_app.simulation.network.broadcast import Ear, RadioCell, heard
+from capture_app.simulation.network.link import PAPER_LINK, Air, Channel, Link, Medium
+from capture_app.sync.phase.estimator import FrameStamp
+from capture_app.sync.phase.injection import InjectionProfile
+from capture_app.sync.rig.client import Client, ClientConfig
+from capture_app.sync.rig.events import BurstReady, ClientEvent, LeaderEvent
+from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.trigger import Burst
+from capture_app.sync.wire.beacon import Group
+from capture_app.sync.wire.camera_commands import InjectFrame, RestartStream, SetFrameDuration
+from capture_app.sync.wire.messages import CameraDescription, NodeState
+
+_DELIVERY_NS = 5_000_000
+"""From a frame's last row to the driver's callback."""
+PLAIN_EAR = Ear()
+_GROUP = Group("239.255.47.10", 47011)
+
+
+def describe(profile: SensorProfile) -> CameraDescription:
+    """What a client tells about a simulated camera; gain and overhead are not for it to know."""
+    return CameraDescription(
+        kind="simulated",
+        model=profile.model,
+        width=profile.image_width,
+        height=profile.image_rows,
+        period_ns=profile.period_ns,
+        phase_control=profile.phase_control,
+        timestamp_source="start-of-exposure",
+        row_time_ns=profile.row_time_ns,
+        exposure_ns=profile.exposure_ns,
+        min_exposure_ns=profile.min_exposure_ns,
+        max_exposure_ns=profile.max_exposure_ns,
+        min_frame_duration_ns=profile.min_frame_duration_ns,
+        max_frame_duration_ns=profile.max_frame_duration_ns,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class NodeSpec:
+    """One camera node of a virtual rig."""
+
+    name: str
+    profile: SensorProfile
+    clock: SimulatedClock
+    link: Link = PAPER_LINK
+    tolerance_ns: int = 60_000
+    start_true_ns: int = 0
+    injection_profile: InjectionProfile | None = None
+    cell: RadioCell | None = None
+    """Where it hears what is sent to all; None for nowhere."""
+    ear: Ear = PLAIN_EAR
+
+
+@dataclass(slots=True)
+class VirtualNode:
+    """A node that runs: its engine, its device, and all that happened."""
+
+    spec: NodeSpec
+    sensor: Sensor
+    client: Client[SensorFrame]
+    channel: Channel
+    alive: bool = True
+    timer_true_ns: int = -1
+    events: list[ClientEvent[SensorFrame]] = field(default_factory=list)
+    bursts: dict[int, BurstReady[SensorFrame]] = field(default_factory=dict)
+
+
+class VirtualRig:
+    """One leader and its clients; the leader's clock is the true time."""
+
+    def __init__(
+        self,
+        specs: Sequence[NodeSpec],
+        *,
+        seed: int,
+        period_ns: int | None = None,
+        align_row: float | None = None,
+        freedom_ns: int = 0,
+        beacons: bool = False,
+    ) -> None:
+        """`period_ns`, `align_row`, `freedom_ns` and `beacons` are the leader's, see `LeaderConfig`."""
+        self.now_true_ns = 0
+        self.nodes: dict[str, VirtualNode] = {}
+        self.leader_events: list[LeaderEvent] = []
+        self._rng = random.Random(seed)
+        self._heap: list[tuple[int, int, Callable[[], object]]] = []
+        self._scheduled = 0
+        self._airs: dict[Medium, Air] = {}
+        self._leader_timer_ns = -1
+        self._period_ns, self._align_row, self._freedom_ns = period_ns, align_row, freedom_ns
+        self._beacons = _GROUP if beacons else None
+        self.leader = self._new_leader()
+        for spec in specs:
+            self._at(spec.start_true_ns, partial(self.start, spec))
+
+    def _new_leader(self) -> Leader:
+        instance = self._rng.getrandbits(32)
+        config = LeaderConfig(
+            instance, 0, self._period_ns, self._align_row, self._freedom_ns, beacons=self._beacons
+        )
+        return Leader(config, random.Random(self._rng.getrandbits(64)))
+
+    # What a test or an experiment does to it
+
+    def start(self, spec: NodeSpec) -> VirtualNode:
+        """Start a node, or start it again after `kill`."""
+        rng = random.Random(self._rng.getrandbits(64))
+        config = ClientConfig(
+            spec.name,
+            rng.getrandbits(32),
+            describe(spec.profile),
+            spec.tolerance_ns,
+            ring_frames=60,
+            injection_profile=spec.injection_profile,
+        )
+        client: Client[SensorFrame] = Client(config, rng)
+        node = VirtualNode(spec, Sensor(spec.profile, rng), client, self._channel(spec.link))
+        self.nodes[spec.name] = node
+        self._start_stream(node)
+        self._pump(node)
+        return node
+
+    def kill(self, name: str) -> None:
+        """End a node without a word."""
+        self.nodes[name].alive = False
+
+    def restart_leader(self) -> None:
+        """End the leader without a word; another takes its place at the same address."""
+        self.leader = self._new_leader()
+
+    def trigger(self, *, frames: int, spacing: int = 1, at_leader_ns: int | None = None) -> Burst:
+        """Order a burst as `Leader.trigger` does."""
+        burst = self.leader.trigger(
+            self.now_true_ns, frames=frames, spacing=spacing, at_leader_ns=at_leader_ns
+        )
+        self._pump_leader()
+        return burst
+
+    def run_for(self, duration_ns: int) -> None:
+        """Let that much time pass."""
+        self.run_until(lambda: False, limit_ns=duration_ns)
+
+    def run_until(self, done: Callable[[], bool], *, limit_ns: int) -> bool:
+        """Let time pass until `done()`, at most `limit_ns`; return whether it came true."""
+        end_true_ns = self.now_true_ns + limit_ns
+        while self._heap and self._heap[0][0] <= end_true_ns:
+            self.now_true_ns, _, action = heapq.heappop(self._heap)
+            action()
+            if done():
+                return True
+        self.now_true_ns = end_true_ns
+        return done()
+
+    def all_ready(self) -> bool:
+        """Whether the leader sees every node as ready."""
+        clients = self.leader.clients(self.now_true_ns)
+        return len(clients) == len(self.nodes) and all(c.report.state is NodeState.READY for c in clients)
+
+    # The world
+
+    def _at(self, true_ns: int, action: Callable[[], object]) -> None:
+        self._scheduled += 1
+        heapq.heappush(self._heap, (true_ns, self._scheduled, action))
+
+    def _channel(self, link: Link) -> Channel:
+        """Open a link; all who name the same medium share its air."""
+        if link.medium is None:
+            return Channel(link)
+        return Channel(link, self._airs.setdefault(link.medium, Air(link.medium)))
+
+    def _start_stream(self, node: VirtualNode) -> None:
+        if not node.alive:
+            return
+        node.sensor.restart(self.now_true_ns)
+        node.client.stream_started(self._local(node))
+        self._expect_frame(node)
+
+    def _expect_frame(self, node: VirtualNode) -> None:
+        frame = node.sensor.next_frame()
+        arrival_true_ns = frame.readout_end_true_ns + _DELIVERY_NS
+
+        def arrive() -> None:
+            if not node.alive or not node.sensor.streaming or node.sensor.stream != frame.stream:
+                return
+            self._expect_frame(node)
+            if not frame.dropped:
+                timestamp_ns = node.spec.clock.local_from_true(frame.timestamp_true_ns)
+                stamp = FrameStamp(frame.sequence, frame.stream, timestamp_ns)
+                node.client.frame_arrived(stamp, frame, self._local(node))
+            self._pump(node)
+
+        self._at(arrival_true_ns, arrive)
+
+    def _pump(self, node: VirtualNode) -> None:
+        client = node.client
+        if not node.alive:
+            return
+        if self._local(node) >= client.next_timer():
+            client.handle_timer(self._local(node))
+        for data in client.datagrams_to_send(self._local(node)):
+            for delay_ns in node.channel.deliveries("to_leader", self.now_true_ns, self._rng):
+                self._at(self.now_true_ns + delay_ns, partial(self._to_leader, data, node))
+        while (command := client.next_command()) is not None:
+            match command:
+                case InjectFrame(exposure_ns):
+                    node.sensor.inject(exposure_ns, self.now_true_ns)
+                case SetFrameDuration(duration_ns):
+                    node.sensor.set_frame_duration(duration_ns, self.now_true_ns)
+                case RestartStream(delay_ns):
+                    node.sensor.stop()
+                    self._at(self.now_true_ns + delay_ns, lambda: self._start_stream(node))
+        while (event := client.next_event()) is not None:
+            node.events.append(event)
+            if isinstance(event, BurstReady):
+                node.bursts[event.burst] = event
+        timer_true_ns = max(node.spec.clock.true_from_local(client.next_timer()), self.now_true_ns) + 1
+        if not self.now_true_ns < node.timer_true_ns <= timer_true_ns:
+            node.timer_true_ns = timer_true_ns
+            self._at(timer_true_ns, lambda: self._pump(node))
+
+    def _to_leader(self, data: bytes, node: VirtualNode) -> None:
+        self.leader.receive_datagram(data, (node.spec.name, 0), self.now_true_ns)
+        self._pump_leader()
+
+    def _to_client(self, data: bytes, node: VirtualNode) -> None:
+        if node.alive:
+            node.client.receive_datagram(data, self._local(node))
+            self._pump(node)
+
+    def _broadcast(self, data: bytes) -> None:
+        nodes = ((name, node.spec) for name, node in self.nodes.items())
+        ears = {name: (spec.cell, spec.ear) for name, spec in nodes if spec.cell is not None}
+        for name, delay_ns in heard(ears, self.now_true_ns, self._rng):
+            self._at(self.now_true_ns + delay_ns, partial(self._hear, data, self.nodes[name]))
+
+    def _hear(self, data: bytes, node: VirtualNode) -> None:
+        if node.alive:
+            node.client.receive_broadcast(data, self._local(node))
+            self._pump(node)
+
+    def _pump_leader(self) -> None:
+        due_ns = self.leader.next_timer()
+        if due_ns is not None and self.now_true_ns >= due_ns:
+            self.leader.handle_timer(self.now_true_ns)
+        for data, (name, _) in self.leader.datagrams_to_send(self.now_true_ns):
+            node = self.nodes[name]
+            for delay_ns in node.channel.deliveries("to_client", self.now_true_ns, self._rng):
+                self._at(self.now_true_ns + delay_ns, partial(self._to_client, data, node))
+        beacon = self.leader.beacon_to_send()
+        if beacon is not None:
+            self._broadcast(beacon)
+        while (event := self.leader.next_event()) is not None:
+            self.leader_events.append(event)
+        due_ns = self.leader.next_timer()
+        if due_ns is not None and not self.now_true_ns < self._leader_timer_ns <= due_ns:
+            self._leader_timer_ns = max(due_ns, self.now_true_ns + 1)
+            self._at(self._leader_timer_ns, self._pump_leader)
+
+    def _local(self, node: VirtualNode) -> int:
+        return node.spec.clock.local_from_true(self.now_true_ns)

@@ -1,0 +1,66 @@
+"""A relay's own clock on the way to the root's: what it adds to every estimate made from it."""
+
+from math import isfinite
+from typing import Annotated
+
+from msgspec import Meta, Struct
+
+from capture_app.sync.clock.timebase import TimeMap
+
+MAX_DEPTH = 8
+"""Clocks between a node and the root's, at most."""
+Skew = Annotated[float, Meta(ge=-0.01, le=0.01)]
+Error = Annotated[float, Meta(ge=0.0, le=1e18)]
+SkewError = Annotated[float, Meta(ge=0.0, le=1.0)]
+Offset = Annotated[int, Meta(ge=-(2**62), le=2**62)]
+
+
+class Onward(Struct, frozen=True, array_like=True):
+    """A relay's map from its own clock to the root's, as it goes over the wire; times in ns.
+
+    A relay's time replies carry its own clock, which never jumps; its clients add this to what they find.
+    `path` names the instances from the root to the relay, so that nobody follows itself.
+    """
+
+    path: Annotated[tuple[int, ...], Meta(min_length=1, max_length=MAX_DEPTH)]
+    epoch_local_ns: int
+    offset_ns: Offset
+    skew: Skew
+    uncertainty_ns: Error
+    hard_bound_ns: Error
+    skew_uncertainty: SkewError
+    skew_bound: SkewError
+    shared_uncertainty: Error = 0.0
+
+    def time_map(self) -> TimeMap | None:
+        """The map from the relay's clock to the root's; None where a value is not a number."""
+        errors = (self.uncertainty_ns, self.hard_bound_ns, self.skew_uncertainty, self.skew_bound)
+        if not all(isfinite(number) for number in (self.skew, *errors, self.shared_uncertainty)):
+            return None
+        return TimeMap(
+            epoch_local_ns=self.epoch_local_ns,
+            offset_ns=self.offset_ns,
+            skew=self.skew,
+            uncertainty_ns=self.uncertainty_ns,
+            hard_bound_ns=self.hard_bound_ns,
+            skew_uncertainty=self.skew_uncertainty,
+            skew_bound=self.skew_bound,
+            samples=0,
+            round_trip_ns=0,
+            shared_uncertainty=self.shared_uncertainty,
+        )
+
+
+def onward(path: tuple[int, ...], time_map: TimeMap) -> Onward:
+    """Return what a relay of that path tells its clients about its clock."""
+    return Onward(
+        path,
+        time_map.epoch_local_ns,
+        time_map.offset_ns,
+        time_map.skew,
+        time_map.uncertainty_ns,
+        time_map.hard_bound_ns,
+        time_map.skew_uncertainty,
+        time_map.skew_bound,
+        time_map.shared_uncertainty,
+    )

@@ -1,0 +1,271 @@
+"""When the frames of a stream start: period and phase from many timestamps, and the drops among them.
+
+Frames are counted along one line time = height + period * index. A restart or an injected frame gives the
+line a new height (a new run) but keeps the period, which belongs to the camera's crystal.
+"""
+
+from collections import deque
+from dataclasses import dataclass
+from math import sqrt
+from statistics import median
+
+from capture_app.sync.phase.frame_line import MEDIAN_FACTOR, PHASE_FRAMES, FrameLine, PendingShifts, Point
+
+FIRST_LOOK = 8
+"""Intervals whose median gives the first period."""
+RATE_FRAMES = 15
+CALM_FRAMES = 5
+
+
+@dataclass(frozen=True, slots=True)
+class FrameStamp:
+    """The driver's number and timestamp of one frame; the time in ns of the node's local clock.
+
+    `stream` counts the stream's starts: sequence numbers compare only within one stream.
+    """
+
+    sequence: int
+    stream: int
+    timestamp_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class PhaseEstimate:
+    """How far a stream is off its goal at one instant of leader time."""
+
+    error_ns: int
+    """Signed distance of the nearest frame from the nearest goal instant, in [-period/2, period/2)."""
+    period_ns: int
+    """Of the camera, in leader time; the drift says it more finely."""
+    drift_ppm: float
+    """Change of the error, in us per second."""
+    sigma_ns: float
+    """One standard deviation of the error from the timestamps' noise; the clock's comes on top."""
+    frames: int
+    """Frames since the phase last moved."""
+    at_leader_ns: int
+
+
+class PhaseEstimator:
+    """Period and phase of a stream of frames, robust to outliers, drops and moved phases."""
+
+    def __init__(self, *, period_ns: int, window_frames: int = 300) -> None:
+        self._line = FrameLine(period_ns=float(period_ns), window_frames=window_frames)
+        self.frames = 0
+        self.drops = 0
+        self.last_shift_ns: int | None = None
+        """How far the last disturbance moved the phase, unwrapped, in ns; None if nobody can tell."""
+        self._stream: int | None = None
+        self._sequence = self._time_ns = self._origin_ns = self._index = 0
+        self._first_look: list[float] | None = []
+        self._intervals: deque[float] = deque(maxlen=RATE_FRAMES)
+        self.shifts = PendingShifts()
+        self._disturbed = False
+        self._pending: list[Point] = []
+        """Frames since a disturbance was expected."""
+        self._timeout_frames = 0
+        self._height_before_ns = 0.0
+
+    @property
+    def period_ns(self) -> float:
+        """Period in ns of local time."""
+        return self._line.period_ns
+
+    @property
+    def period_sigma_ns(self) -> float:
+        """One standard deviation of the period, in ns; infinite before the first fit."""
+        return self._line.period_sigma_ns
+
+    @property
+    def noise_ns(self) -> float:
+        """Standard deviation of one timestamp, in ns."""
+        return self._line.noise_ns
+
+    @property
+    def known(self) -> bool:
+        """Whether the period has been fitted to this stream's own frames."""
+        return self._line.known
+
+    @property
+    def run_frames(self) -> int:
+        """Frames since the phase last moved."""
+        return 0 if self._disturbed else len(self._line.run)
+
+    @property
+    def last_ns(self) -> int:
+        """Timestamp of the newest frame, in ns of local time."""
+        return self._time_ns
+
+    @property
+    def disturbed(self) -> bool:
+        """Whether the phase is on the move, or expected to."""
+        return self._disturbed
+
+    def add(self, stamp: FrameStamp) -> int:
+        """Take a frame in and return how many were dropped just before it.
+
+        Frames of older streams, repeated ones and ones that go back in time are passed over.
+        """
+        if self._stream is None or stamp.stream > self._stream:
+            self._start_stream(stamp)
+            self.frames += 1
+            return 0
+        steps = stamp.sequence - self._sequence
+        interval = stamp.timestamp_ns - self._time_ns
+        if stamp.stream < self._stream or steps <= 0 or interval <= 0:
+            return 0
+        by_time = max(1, round(interval / self._line.period_ns))
+        # Only a disturbance explains a long interval without a jump in the numbers.
+        advance = steps if self._disturbed or self._first_look is not None else by_time
+        dropped = steps - 1 if steps > 1 or self._disturbed else advance - 1
+        self._sequence, self._time_ns = stamp.sequence, stamp.timestamp_ns
+        self._index += advance
+        self.frames += 1
+        self.drops += dropped
+        self._intervals.append(interval / steps)
+        if self._first_look is not None:
+            self._look(interval / steps)
+        elif self._runs_at_another_rate():
+            return dropped
+        self._file()
+        return dropped
+
+    def time_of(self, sequence: int) -> int:
+        """Local time in ns of the frame of that number in the current stream, past or to come."""
+        return round(self._time_at(self._index + sequence - self._sequence))
+
+    def nearest(self, local_ns: int) -> int:
+        """Local time in ns of the frame nearest to a local time."""
+        return round(self._time_at(self.index_near(local_ns)))
+
+    def index_near(self, local_ns: int) -> int:
+        """Index of the frame nearest to a local time in ns."""
+        return self._index + round((local_ns - self._time_at(self._index)) / self._line.period_ns)
+
+    def outlier_ns(self, stamp_ns: int) -> int:
+        """How far in ns a timestamp lies off the line of its stream's frames, 0 within the noise.
+
+        0 also for frames from before the phase last moved: their line is not kept.
+        """
+        run = self._line.run
+        if self._disturbed or not self.known or len(run) < PHASE_FRAMES:
+            return 0
+        if stamp_ns < self._origin_ns + run[0][1]:
+            return 0
+        off_ns = stamp_ns - self.nearest(stamp_ns)
+        return off_ns if abs(off_ns) > self._line.tolerance_ns + 3.0 * self.sigma_at(stamp_ns) else 0
+
+    def sigma_at(self, local_ns: int) -> float:
+        """One standard deviation in ns of a predicted frame time near a local time."""
+        used = min(self._line.phase_frames, max(1, self.run_frames))
+        ahead = (local_ns - self._time_ns) / self._line.period_ns + used / 2
+        drift = self.period_sigma_ns * abs(ahead) if self.period_sigma_ns < self.period_ns else 0.0
+        return sqrt((MEDIAN_FACTOR * self.noise_ns) ** 2 / used + drift**2)
+
+    def first_off_ns(self) -> float:
+        """How far in ns the first frame since the phase last moved lies off the line of those after it."""
+        index, first_ns = self._line.run[0]
+        return abs(first_ns - self._line.period_ns * index - self._line.height_ns)
+
+    def shift_to_come(self, local_ns: int) -> int:
+        """Expected shifts in ns that the frame near a local time may not have felt yet."""
+        return self.shifts.total_ns - self.shifts.due_by(self.index_near(local_ns))
+
+    def expect_shift(self, shift_ns: int) -> None:
+        """Expect the coming frames to be later by exactly so much, from one of the next few on."""
+        self.shifts.expect(self._index, shift_ns)
+
+    def mark_disturbance(self, *, timeout_frames: int = 12) -> None:
+        """Expect the phase to move within so many frames; `last_shift_ns` tells afterwards how far."""
+        if self._stream is None:
+            return
+        self._disturbed = True
+        self.last_shift_ns = None
+        self._pending.clear()
+        self._timeout_frames = timeout_frames
+        self._height_before_ns = self._line.height_ns
+
+    def _start_stream(self, stamp: FrameStamp) -> None:
+        self._stream, self._sequence, self._time_ns = stamp.stream, stamp.sequence, stamp.timestamp_ns
+        self.last_shift_ns = None
+        self._disturbed = False
+        self._line.begin_run()
+        self.shifts.clear()
+        self._index, self._origin_ns = 0, stamp.timestamp_ns
+        self._file()
+
+    def _look(self, period: float) -> None:
+        """Learn the first period: the camera's may differ from the one it was asked for."""
+        assert self._first_look is not None
+        self._first_look.append(period)
+        if len(self._first_look) < FIRST_LOOK:
+            return
+        self._line.period_ns = median(self._first_look)
+        self._first_look = None
+        # Now that a period is known, drops that the numbers did not tell show in the times.
+        for run in self._line.runs:
+            index = 0
+            for i, (_, time_ns) in enumerate(run):
+                index += max(1, round((time_ns - run[i - 1][1]) / self._line.period_ns)) if i else 0
+                run[i] = (index, time_ns)
+        run = self._line.run
+        self._index = run[-1][0] + max(
+            1, round((self._time_ns - self._origin_ns - run[-1][1]) / self._line.period_ns)
+        )
+
+    def _runs_at_another_rate(self) -> bool:
+        """Learn the period anew where all frames come at another one (a webcam in the dark halves it)."""
+        if self._disturbed or len(self._intervals) < RATE_FRAMES:
+            return False
+        period = median(self._intervals)
+        if abs(period - self._line.period_ns) <= max(0.02 * self._line.period_ns, 2.0 * self.noise_ns):
+            return False
+        self._line.begin_at_rate(period)
+        self._index, self._origin_ns = 0, self._time_ns
+        self.shifts.clear()
+        return True
+
+    def _file(self) -> None:
+        elapsed_ns = self._time_ns - self._origin_ns
+        seen_ns = elapsed_ns - self._line.height_ns - self._line.period_ns * self._index
+        point = (self._index, elapsed_ns - self.shifts.felt_by(self._index, seen_ns))
+        if self._disturbed:
+            self._pending.append(point)
+            self._settle()
+            return
+        self._line.add(point, fit=self._first_look is None)
+        if self._first_look is None:
+            self._notice_jump()
+
+    def _time_at(self, index: int) -> float:
+        line = self._line
+        return self._origin_ns + line.height_ns + line.period_ns * index + self.shifts.due_by(index)
+
+    def _settle(self) -> None:
+        """End a disturbance once the last few frames lie on a line again, moved or too long the same."""
+        last = self._pending[-CALM_FRAMES:]
+        if len(last) < CALM_FRAMES:
+            return
+        heights = self._line.heights_of(last)
+        shift = median(heights) - self._height_before_ns
+        calm = max(heights) - min(heights) < self._line.tolerance_ns
+        moved = abs(shift) > max(4.0 * self.noise_ns, 2_000.0)
+        if not (calm and moved) and len(self._pending) < self._timeout_frames:
+            return
+        if not calm and len(self._pending) < 2 * self._timeout_frames:
+            return
+        self._disturbed = False
+        self._line.begin_run(last)
+        self.last_shift_ns = round(shift)
+
+    def _notice_jump(self) -> None:
+        """Start a new run where the last frames all left the line: the camera moved by itself."""
+        run = self._line.run
+        if len(run) < 2 * CALM_FRAMES:
+            return
+        before = median(self._line.heights_of(run[-CALM_FRAMES - PHASE_FRAMES : -CALM_FRAMES]))
+        off = [height - before for height in self._line.heights_of(run[-CALM_FRAMES:])]
+        limit = max(8.0 * self.noise_ns, 20_000.0)
+        if min(off) > limit or max(off) < -limit:
+            self._line.cut(CALM_FRAMES)
+            self.last_shift_ns = None

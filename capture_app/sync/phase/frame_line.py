@@ -1,0 +1,166 @@
+"""The line that a stream's frames lie on: time = height + period * index, fitted to many timestamps.
+
+Each run of frames between two moves of the phase has a height of its own; all share the period, which belongs
+to the camera's crystal.
+"""
+
+from collections import deque
+from collections.abc import Iterable, Sequence
+from math import isfinite
+from statistics import median
+
+from capture_app.sync.clock.robust import shared_slope
+
+LATENCY_FRAMES = (2, 9)
+"""A command counts at the earliest and at the latest for the frame that comes so many after the newest."""
+
+
+class PendingShifts:
+    """The sum of the shifts that count, and those on their way; times in ns, frames by their index."""
+
+    def __init__(self) -> None:
+        self.done_ns = 0
+        self._waiting: deque[tuple[int, int]] = deque()
+
+    @property
+    def total_ns(self) -> int:
+        """Sum of all shifts, once the last one on its way has arrived."""
+        return self.done_ns + sum(shift_ns for _, shift_ns in self._waiting)
+
+    def clear(self) -> None:
+        """Forget all: the stream starts anew."""
+        self.done_ns = 0
+        self._waiting.clear()
+
+    def expect(self, index: int, shift_ns: int) -> None:
+        """A shift was commanded when `index` was the newest frame."""
+        self._waiting.append((index, shift_ns))
+
+    def felt_by(self, index: int, seen_ns: float) -> int:
+        """Sum of the shifts that a frame has felt which comes `seen_ns` later than without any of them."""
+        earliest, latest = LATENCY_FRAMES
+        while self._waiting and index >= self._waiting[0][0] + latest:
+            self.done_ns += self._waiting.popleft()[1]
+        best_ns = sum_ns = self.done_ns
+        for commanded, shift_ns in self._waiting:
+            if index < commanded + earliest:
+                break
+            sum_ns += shift_ns
+            if abs(seen_ns - sum_ns) < abs(seen_ns - best_ns):
+                best_ns = sum_ns
+        return best_ns
+
+    def due_by(self, index: int) -> int:
+        """Sum of the shifts that the frame of a future index will have felt for certain."""
+        due = (shift_ns for commanded, shift_ns in self._waiting if index >= commanded + LATENCY_FRAMES[1])
+        return self.done_ns + sum(due)
+
+
+Point = tuple[int, int]
+"""Index of a frame, and its time in ns since the stream's origin."""
+
+REFIT_FRAMES = 10
+REFIT_SHARE = 0.1
+"""A period is fitted anew after so many frames, or so large a share of those that it was fitted to."""
+PHASE_FRAMES = 10
+MEDIAN_FACTOR = 1.25
+"""A median of normal noise is this much noisier than a mean."""
+FINEST_PHASE = 1e-4
+"""More frames than PHASE_FRAMES are used until the phase is known to this share of a period."""
+
+
+class FrameLine:
+    """Runs of points, the last one under way, with their common period; all times in ns."""
+
+    def __init__(self, *, period_ns: float, window_frames: int) -> None:
+        self._window = window_frames
+        self._nominal_ns = period_ns
+        self.period_ns = period_ns
+        self.period_sigma_ns = float("inf")
+        """One standard deviation of the period; infinite before the first fit."""
+        self.noise_ns = 0.0
+        """Standard deviation of one timestamp."""
+        self.height_ns = 0.0
+        """Of the run under way."""
+        self.runs: deque[list[Point]] = deque([[]])
+        self._frames = self._since_fit = 0
+
+    @property
+    def known(self) -> bool:
+        """Whether the period has been fitted."""
+        return isfinite(self.period_sigma_ns)
+
+    @property
+    def run(self) -> list[Point]:
+        """The run under way."""
+        return self.runs[-1]
+
+    @property
+    def phase_frames(self) -> int:
+        """How many of the newest frames give the height."""
+        finest_ns = FINEST_PHASE * self.period_ns
+        enough = round((MEDIAN_FACTOR * self.noise_ns / finest_ns) ** 2)
+        return max(PHASE_FRAMES, min(self._window, enough))
+
+    @property
+    def tolerance_ns(self) -> float:
+        """How far off the line the noise alone may bring a frame."""
+        return max(8.0 * self.noise_ns, 2_000.0)
+
+    def heights_of(self, points: Iterable[Point]) -> list[float]:
+        """How high each of some points lies."""
+        return [time_ns - self.period_ns * index for index, time_ns in points]
+
+    def take_height(self) -> None:
+        """Let the newest frames say how high the line is."""
+        self.height_ns = median(self.heights_of(self.run[-self.phase_frames :]))
+
+    def begin_run(self, points: Sequence[Point] = ()) -> None:
+        """Begin a run with these points, if there is anything in the one before."""
+        if self.run:
+            self.runs.append([])
+        self.run.extend(points)
+        self._frames += len(points)
+        self._since_fit = 0
+        self.height_ns = 0.0
+        if points:
+            self.take_height()
+
+    def begin_at_rate(self, period_ns: float) -> None:
+        """Forget all: the stream has another period from here on."""
+        self.period_ns, self.period_sigma_ns = period_ns, float("inf")
+        self.runs = deque([[(0, 0)]])
+        self._frames, self._since_fit = 1, 0
+        self.take_height()
+
+    def add(self, point: Point, *, fit: bool) -> None:
+        """Take in a point of the run under way, and fit the period anew where that is worth it."""
+        self.run.append(point)
+        self._frames += 1
+        self._since_fit += 1
+        self._trim()
+        if fit and (not self.known or self._since_fit >= max(REFIT_FRAMES, REFIT_SHARE * self._frames)):
+            self._fit()
+        self.take_height()
+
+    def cut(self, count: int) -> None:
+        """Let the newest points be a run of their own."""
+        points = self.run[-count:]
+        del self.run[-count:]
+        self.runs.append(points)
+        self.take_height()
+
+    def _trim(self) -> None:
+        while self._frames > self._window:
+            oldest = self.runs[0]
+            drop = min(len(oldest), max(1, len(oldest) // 8))
+            del oldest[:drop]
+            self._frames -= drop
+            if not oldest and len(self.runs) > 1:
+                self.runs.popleft()
+
+    def _fit(self) -> None:
+        self._since_fit = 0
+        period_ns, spread_ns, self.noise_ns = shared_slope(self.runs, self.period_ns)
+        if spread_ns < 0.01 * self._nominal_ns:
+            self.period_ns, self.period_sigma_ns = period_ns, spread_ns

@@ -1,0 +1,282 @@
+"""The leader's state machine: take clients in, answer their time requests, order bursts, notice losses."""
+
+import random
+from collections import deque
+from dataclasses import dataclass
+
+from capture_app.sync.clock.timebase import Goal
+from capture_app.sync.reference_broadcast.broadcaster import Broadcaster
+from capture_app.sync.rig.events import LeaderEvent
+from capture_app.sync.rig.orders import Orders, Wanted
+from capture_app.sync.rig.roster import (
+    CLIENT_SILENT_NS,
+    CLOCK_SILENT_NS,
+    Address,
+    ClientView,
+    Member,
+    Roster,
+    spread,
+)
+from capture_app.sync.rig.sync_terms import Terms
+from capture_app.sync.rig.trigger import Burst
+from capture_app.sync.rig.uplink import Uplink
+from capture_app.sync.wire.beacon import Group, Heard
+from capture_app.sync.wire.messages import (
+    Control,
+    FromClient,
+    Goodbye,
+    Heartbeat,
+    Hello,
+    Refused,
+    TimeRequest,
+    TriggerAck,
+    Unknown,
+    WireError,
+    decode,
+    encode,
+    reply_at,
+    reply_before_t2,
+)
+
+__all__ = [
+    "CLIENT_SILENT_NS",
+    "CLOCK_SILENT_NS",
+    "Address",
+    "ClientView",
+    "Leader",
+    "LeaderConfig",
+    "spread",
+]
+
+_MS = 1_000_000
+FREE_PACE_NS, SLOWEST_PACE_NS = 25 * _MS, 60_000 * _MS
+TRIGGER_LEAD_NS = 500 * _MS
+"""A burst that is asked for now begins this much later, so that every client hears of it before."""
+AFTER_BURST_NS = 1000 * _MS
+"""The goal stays as it is for so long after a burst's last instant, until every client has picked."""
+FEW_CAMERAS, WEIGH_EVERY_NS = 20, _MS // 5
+"""The goal of more cameras than a few is weighed so seldom for each of them, not at each heartbeat."""
+
+
+@dataclass(frozen=True, slots=True)
+class LeaderConfig:
+    """What a leader is; without `period_ns` the first camera sets the rig's frame period."""
+
+    instance: int
+    transfer_port: int
+    period_ns: int | None = None
+    align_row: float | None = None
+    """Share of the height at which a row's middle of exposure is aligned; None for the first row's start."""
+    freedom_ns: int = 0
+    """A burst that is asked for now may be put off by so much, to where the cameras' frames meet best."""
+    exchanges_per_s: float = 1000.0
+    """Time requests that all clients together may send: the more there are, the slower is each one's pace."""
+    beacons: Group | None = None
+    """Where to send beacons, so that clients which hear the same ones agree; None for none."""
+
+
+class Leader:
+    """The leader's side of the protocol; `now_ns` is the leader's clock, which is the rig's time.
+
+    A relay's has an `uplink`: what its clients say goes there too, and bursts come from there.
+    """
+
+    def __init__(self, config: LeaderConfig, rng: random.Random, uplink: Uplink | None = None) -> None:
+        self.config = config
+        self.terms = Terms(
+            config.instance, config.transfer_port, config.period_ns, config.align_row, config.beacons
+        )
+        self.malformed = 0
+        self._uplink = uplink
+        self._roster = Roster(rng)
+        self._orders = Orders()
+        self._broadcaster = Broadcaster(config.instance, config.beacons)
+        self._busy_until_ns: int | None = None
+        self._weigh_due_ns = 0
+        self._times: deque[tuple[bytes, Address]] = deque()
+        self._outbox: deque[tuple[Control, Address]] = deque()
+        self._events: deque[LeaderEvent] = deque()
+
+    @property
+    def goal(self) -> Goal | None:
+        """The grid of instants that all cameras are moved onto; None before the first camera."""
+        return self.terms.goal
+
+    @property
+    def pace_ns(self) -> int:
+        """Mean time between two time requests of one client that this leader can bear, in ns; 0: any."""
+        pace_ns = round(self._roster.asking * 1e9 / self.config.exchanges_per_s)
+        return min(SLOWEST_PACE_NS, pace_ns) if pace_ns > FREE_PACE_NS else 0
+
+    # In
+
+    def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
+        """Take in a datagram that arrived at `now_ns`; stamp it as near to the socket as can be."""
+        try:
+            message = decode(data)
+        except WireError:
+            self.malformed += 1
+            return
+        if isinstance(message, FromClient):
+            self.take(message, address, now_ns)
+
+    def take(self, message: FromClient, address: Address, now_ns: int) -> None:
+        """Take in a message that arrived at `now_ns`."""
+        if isinstance(message, Hello):
+            self._take_hello(message, address, now_ns)
+            return
+        member = self._roster.present_of(message.client)
+        if member is None:
+            if isinstance(message, Heartbeat):
+                self._outbox.append((Unknown(message.client), address))
+            return
+        member.address = address
+        member.heard_ns = now_ns
+        if isinstance(message, TimeRequest):
+            self._times.append((reply_before_t2(message, now_ns), address))
+            return
+        if isinstance(message, Heard):
+            agreed = self._broadcaster.take(message, now_ns)
+            if agreed is not None:
+                self._outbox.append((agreed, address))
+            return
+        passed_on = self._uplink is not None and self._uplink.heard(member, message)
+        match message:
+            case Heartbeat():
+                member.report = message.report
+                if member.name in self._roster.bound:
+                    self._agree(now_ns)
+                if not passed_on:
+                    self.answer(member)
+            case TriggerAck():
+                answer = self._orders.take_ack(member, message)
+                if answer is not None:
+                    self._events.append(answer)
+            case Goodbye():
+                self._events.append(self._roster.lose(member, "it left"))
+
+    def handle_timer(self, now_ns: int) -> None:
+        """Do what is due; call it at `next_timer`, or any time."""
+        self._events.extend(self._roster.lose_silent(now_ns))
+        self._events.extend(self._orders.give_up(now_ns))
+        self._outbox.extend((trigger, member.address) for member, trigger in self._orders.due(now_ns))
+        self._broadcaster.handle_timer(now_ns, self._roster.asking)
+
+    # Out
+
+    def next_timer(self) -> int | None:
+        """Leader time in ns at which `handle_timer` wants to be called, None for never."""
+        timers_ns = self._roster.next_timer(), self._orders.next_timer(), self._broadcaster.next_timer()
+        return min((due_ns for due_ns in timers_ns if due_ns is not None), default=None)
+
+    def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
+        """Return datagrams and where to; time replies carry `now_ns`, so send them at once."""
+        datagrams = [(reply_at(before, now_ns), address) for before, address in self._times]
+        self._times.clear()
+        while self._outbox:
+            message, address = self._outbox.popleft()
+            datagrams.append((encode(message), address))
+        return datagrams
+
+    def beacon_to_send(self) -> bytes | None:
+        """Return the beacon that is due, for the group of the configuration; None where none is."""
+        beacon = self._broadcaster.beacon_to_send()
+        return None if beacon is None else encode(beacon)
+
+    def next_event(self) -> LeaderEvent | None:
+        """Return the next thing that happened, None where there is none."""
+        return self._events.popleft() if self._events else None
+
+    def clients(self, now_ns: int) -> tuple[ClientView, ...]:
+        """Return all clients that are or were here, by name; lost ones say so in their report."""
+        return self._roster.views(now_ns)
+
+    # Bursts
+
+    def trigger(
+        self,
+        now_ns: int,
+        *,
+        frames: int,
+        spacing: int = 1,
+        at_leader_ns: int | None = None,
+        number: int | None = None,
+    ) -> Burst:
+        """Order a burst of `frames` instants, every `spacing` periods, snapped to the rig's grid.
+
+        `at_leader_ns` may lie in the past, as far back as the clients' ring buffers reach; the default is
+        half a second from now, put off by up to the leader's freedom. `number` must be a new one; the
+        default is the next. Raises BadInputError for an impossible burst, IncompleteError where no client
+        is there to take it.
+        """
+        asked_ns = now_ns + TRIGGER_LEAD_NS
+        freedom_ns = self.config.freedom_ns if at_leader_ns is None else 0
+        burst = self._orders.begin(
+            self._roster.cameras(),
+            Wanted(frames, spacing, asked_ns if at_leader_ns is None else at_leader_ns, freedom_ns, number),
+            self.goal,
+            self.config.instance,
+            now_ns,
+        )
+        self._busy_until_ns = max(now_ns, burst.instants_ns[-1]) + AFTER_BURST_NS
+        return burst
+
+    # What a relay passes down
+
+    @property
+    def members(self) -> dict[str, Member]:
+        """All members by name, lost ones too."""
+        return self._roster.members
+
+    def tell(self, member: Member, message: Control) -> None:
+        """Send a message to a member."""
+        self._outbox.append((message, member.address))
+
+    def refuse(self, hello: Hello, reason: str, address: Address, *, soon: bool = False) -> None:
+        """Tell a client why it is not taken in; `soon` it may be."""
+        self._outbox.append((Refused(hello.instance, reason, soon), address))
+
+    def answer(self, member: Member) -> None:
+        """Tell a member what holds now."""
+        self.tell(member, self.terms.answer(member, self.pace_ns))
+
+    def answer_all(self) -> None:
+        """Tell every member what holds now."""
+        for member in self._roster.members.values():
+            if not member.lost:
+                self.answer(member)
+
+    def give_up(self, member: Member, reason: str) -> None:
+        """Take a member to be lost; if it is not, it will ask to join again."""
+        self._events.append(self._roster.lose(member, reason))
+        self.tell(member, Unknown(member.number))
+
+    # The parts
+
+    def _agree(self, now_ns: int) -> None:
+        """Move the goal to suit the cameras that cannot follow it, and tell everybody; not near a burst."""
+        if (
+            self.terms.agreement is None
+            or self.terms.onward is not None
+            or (self._busy_until_ns is not None and now_ns < self._busy_until_ns)
+            or (len(self._roster.bound) > FEW_CAMERAS and now_ns < self._weigh_due_ns)
+        ):
+            return
+        self._weigh_due_ns = now_ns + len(self._roster.bound) * WEIGH_EVERY_NS
+        if self.terms.agreement.update(self._roster.standings(), now_ns):
+            self.answer_all()
+
+    def _take_hello(self, hello: Hello, address: Address, now_ns: int) -> None:
+        refusal = self._roster.refusal(hello) or ("" if self._uplink is None else self._uplink.refusal(hello))
+        if refusal:
+            self.refuse(hello, refusal, address)
+            return
+        # A relay's grid is the root's.
+        if self._uplink is None and self.terms.begin(hello.camera, now_ns):
+            self.answer_all()
+        member, event = self._roster.admit(hello, address, now_ns)
+        if event is not None:
+            self._events.append(event)
+        self._outbox.append((self.terms.welcome(hello, member, self.pace_ns), address))
+        if self._uplink is not None:
+            self._uplink.heard(member, hello)

@@ -1,0 +1,151 @@
+"""Bursts that a leader orders, and their triggers, which are out until each is answered or given up."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from capture_app.errors import BadInputError, IncompleteError
+from capture_app.sync.clock.timebase import Goal
+from capture_app.sync.rig.events import BurstAccepted, BurstRefused
+from capture_app.sync.rig.roster import Member
+from capture_app.sync.rig.trigger import MAX_BURST_NS, MAX_FRAMES, Burst, burst_instants, possible
+from capture_app.sync.wire.messages import Trigger, TriggerAck
+
+MOST_CANDIDATES = 200
+MOST_PPM = 1000.0
+
+
+@dataclass(frozen=True, slots=True)
+class Forecast:
+    """What is known of a camera's frames: the leader time of one in ns, and their drift from the grid."""
+
+    frame_leader_ns: int
+    drift_ppm: float
+
+
+def spread_ns(goal: Goal, forecasts: Sequence[Forecast], at_leader_ns: int) -> float:
+    """Predicted time in ns from the earliest frame to the latest of those nearest to a leader time."""
+    errors = [
+        goal.phase_error(f.frame_leader_ns) + f.drift_ppm * 1e-6 * (at_leader_ns - f.frame_leader_ns)
+        for f in forecasts
+        if abs(f.drift_ppm) < MOST_PPM
+    ]
+    return max(errors) - min(errors) if errors else 0.0
+
+
+def calmest(goal: Goal, forecasts: Sequence[Forecast], from_leader_ns: int, within_ns: int) -> int:
+    """The instant of the grid with the least predicted spread, from a leader time to `within_ns` after it.
+
+    The earliest of equals; at most MOST_CANDIDATES, evenly spread, are looked at.
+    """
+    first, last = goal.index_of(from_leader_ns), goal.index_of(from_leader_ns + max(0, within_ns))
+    step = max(1, -(-(last - first) // MOST_CANDIDATES))
+    instants = [goal.instant(index) for index in range(first, last + 1, step)]
+    return min(instants, key=lambda instant_ns: spread_ns(goal, forecasts, instant_ns))
+
+
+_MS = 1_000_000
+TRIGGER_AGAIN_NS = 50 * _MS
+TRIGGER_GIVE_UP_NS = 5000 * _MS
+
+
+@dataclass(frozen=True, slots=True)
+class Wanted:
+    """A burst that is asked for: `frames` instants, every `spacing` periods, from a leader time in ns on.
+
+    It may be put off by `freedom_ns`, to where the cameras' frames meet best; without a number it gets the
+    next one.
+    """
+
+    frames: int
+    spacing: int
+    at_leader_ns: int
+    freedom_ns: int = 0
+    number: int | None = None
+
+
+@dataclass(slots=True)
+class _Order:
+    """A trigger that a client has not answered yet."""
+
+    member: Member
+    trigger: Trigger
+    give_up_ns: int
+    due_ns: int = 0
+
+
+class Orders:
+    """Triggers on their way, each sent again and again; `now_ns` is leader time."""
+
+    def __init__(self) -> None:
+        self._orders: list[_Order] = []
+        self._bursts = 0
+
+    def begin(
+        self, cameras: Sequence[Member], wanted: Wanted, goal: Goal | None, leader: int, now_ns: int
+    ) -> Burst:
+        """Order a burst of these cameras, on the rig's grid, for the leader of that run.
+
+        Raises BadInputError for an impossible burst, IncompleteError where there is nobody to take it.
+        """
+        if not cameras or goal is None:
+            raise IncompleteError(
+                "no camera has joined", hint="start nodes with `capture-app node --leader HOST:PORT`"
+            )
+        frames, step_ns = wanted.frames, wanted.spacing * goal.period_ns
+        if not possible(frames, step_ns):
+            raise BadInputError(
+                f"a burst of {frames} frames, every {wanted.spacing} periods, is not possible",
+                hint=f"1 to {MAX_FRAMES} frames, spacing 1 or more, {MAX_BURST_NS // 10**9} s at most",
+            )
+        placed_ns = wanted.at_leader_ns
+        if wanted.freedom_ns > 0:
+            placed_ns = calmest(goal, _forecasts(cameras), placed_ns, wanted.freedom_ns)
+        instants_ns = burst_instants(goal, placed_ns, frames, wanted.spacing)
+        number = self._bursts = self._bursts + 1 if wanted.number is None else wanted.number
+        for member in cameras:
+            trigger = Trigger(member.number, leader, number, instants_ns[0], step_ns, frames)
+            self._orders.append(_Order(member, trigger, now_ns + TRIGGER_GIVE_UP_NS))
+        names = tuple(member.name for member in cameras)
+        return Burst(number, instants_ns, goal.period_ns, wanted.at_leader_ns, names)
+
+    def take_ack(self, member: Member, ack: TriggerAck) -> BurstAccepted | BurstRefused | None:
+        """Take in a member's answer; None where it has been answered, or given up, before."""
+        for order in self._orders:
+            if order.member is member and order.trigger.burst == ack.burst:
+                self._orders.remove(order)
+                if ack.refusal:
+                    return BurstRefused(member.name, ack.burst, ack.refusal)
+                return BurstAccepted(member.name, ack.burst)
+        return None
+
+    def give_up(self, now_ns: int) -> list[BurstRefused]:
+        """Drop the orders of members that are lost, or have not answered for too long."""
+        refused = []
+        for order in list(self._orders):
+            if order.member.lost or now_ns >= order.give_up_ns:
+                self._orders.remove(order)
+                reason = order.member.lost or "it does not answer"
+                refused.append(BurstRefused(order.member.name, order.trigger.burst, reason))
+        return refused
+
+    def due(self, now_ns: int) -> list[tuple[Member, Trigger]]:
+        """Return the triggers to be sent now, for the first time or again, and whom to."""
+        due = [order for order in self._orders if now_ns >= order.due_ns]
+        for order in due:
+            order.due_ns = now_ns + TRIGGER_AGAIN_NS
+        return [(order.member, order.trigger) for order in due]
+
+    def next_timer(self) -> int | None:
+        """Leader time in ns at which a trigger is to be sent, None for never."""
+        return min(order.due_ns for order in self._orders) if self._orders else None
+
+
+def _forecasts(cameras: Sequence[Member]) -> list[Forecast]:
+    return [
+        Forecast(
+            member.report.frame_leader_ns,
+            0.0 if member.camera.phase_control == "frame-duration" else member.report.drift_ppm or 0.0,
+        )
+        for member in cameras
+        if member.report.frame_leader_ns is not None
+    ]

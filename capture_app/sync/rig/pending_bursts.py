@@ -1,0 +1,79 @@
+"""The bursts that a client has promised, until their frames are picked; they outlive the leader."""
+
+from collections import deque
+from collections.abc import Callable
+from typing import Generic, TypeVar
+
+from capture_app.sync.clock.timebase import TimeMap
+from capture_app.sync.phase.estimator import PhaseEstimate
+from capture_app.sync.rig.events import BurstReady
+from capture_app.sync.rig.membership import Membership
+from capture_app.sync.rig.trigger import RingBuffer, pick_frames
+from capture_app.sync.wire.messages import Trigger
+
+F = TypeVar("F")
+
+PATIENCE_PERIODS = 30
+"""A camera that gives no frames is waited for so long after a burst's last instant."""
+
+
+class PendingBursts(Generic[F]):
+    """Triggers taken from one tree's root, by its run and number, whichever relay has brought them."""
+
+    def __init__(self) -> None:
+        self._triggers: dict[tuple[int, int], Trigger] = {}
+        self._done: deque[tuple[int, int]] = deque(maxlen=64)
+
+    def __bool__(self) -> bool:
+        """Whether any burst is still to be picked."""
+        return bool(self._triggers)
+
+    def forget(self) -> None:
+        """Another root has another time: what it did not order itself cannot be picked by it."""
+        self._triggers.clear()
+        self._done.clear()
+
+    def take(self, trigger: Trigger) -> None:
+        """Remember a trigger; one that comes again changes nothing."""
+        key = trigger.leader, trigger.burst
+        if key not in self._done:
+            self._triggers[key] = trigger
+
+    def first_before(self, leader_ns: int) -> tuple[int, int] | None:
+        """First and last instant of the earliest burst that has begun, or does before a leader time in ns."""
+        spans = [
+            (t.first_leader_ns, t.first_leader_ns + (t.count - 1) * t.step_ns)
+            for t in self._triggers.values()
+        ]
+        return min((span for span in spans if span[0] <= leader_ns), default=None)
+
+    def pick_due(
+        self,
+        ring: RingBuffer[F],
+        member: Membership,
+        time_map: TimeMap,
+        now_ns: int,
+        *,
+        outlier_ns: Callable[[int], int],
+        phase: Callable[[int], PhaseEstimate | None],
+    ) -> list[BurstReady[F]]:
+        """Pick the frames of all bursts whose last frame is there, or given up.
+
+        `outlier_ns` as for `pick_frames`; `phase` tells the stream's at a local time in ns.
+        """
+        newest_ns, goal, offset_ns = ring.newest_local_ns, member.goal, member.offset_ns
+        due = []
+        for key, trigger in list(self._triggers.items()):
+            instants_ns = tuple(trigger.first_leader_ns + k * trigger.step_ns for k in range(trigger.count))
+            last_local_ns = time_map.local_from_leader(instants_ns[-1]) - offset_ns
+            seen = newest_ns is not None and newest_ns > last_local_ns + goal.period_ns // 2
+            if not seen and now_ns < last_local_ns + PATIENCE_PERIODS * goal.period_ns:
+                continue
+            del self._triggers[key]
+            self._done.append(key)
+            picks, gaps = pick_frames(
+                ring, time_map, instants_ns, goal.period_ns, offset_ns=offset_ns, outlier_ns=outlier_ns
+            )
+            ready = trigger.leader, trigger.burst, picks, gaps, time_map, phase(last_local_ns)
+            due.append(BurstReady(*ready))
+        return due

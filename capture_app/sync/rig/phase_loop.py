@@ -1,0 +1,133 @@
+"""A client's stream on its way onto the rig's grid: the camera's commands, and what is told of them."""
+
+import random
+from collections import deque
+from dataclasses import dataclass
+
+from msgspec.structs import replace
+
+from capture_app.sync.clock.timebase import TimeMap
+from capture_app.sync.phase.aligner import Aligner
+from capture_app.sync.phase.estimator import PhaseEstimate
+from capture_app.sync.phase.injection import InjectionProfile
+from capture_app.sync.rig.events import CannotAlign, PhaseCorrected
+from capture_app.sync.rig.membership import Membership
+from capture_app.sync.wire.camera_commands import CameraCommand
+from capture_app.sync.wire.messages import CameraDescription, Report
+
+
+@dataclass(frozen=True, slots=True)
+class ClientConfig:
+    """What a client is; times in ns."""
+
+    name: str
+    instance: int
+    camera: CameraDescription
+    tolerance_ns: int
+    ring_frames: int
+    injection_profile: InjectionProfile | None = None
+    """What is known from before about what a long frame does to this camera."""
+    start_latencies_ns: tuple[int, ...] = ()
+    """How long starts of such a camera took before, from the command to the first frame, newest last."""
+
+
+class Steering:
+    """One camera's aligner with its commands; `now_ns` is the node's own clock."""
+
+    def __init__(self, config: ClientConfig, rng: random.Random) -> None:
+        camera = config.camera
+        self.aligner = Aligner(
+            control=camera.phase_control,
+            period_ns=camera.period_ns,
+            tolerance_ns=config.tolerance_ns,
+            row_time_ns=camera.row_time_ns,
+            exposure_ns=camera.exposure_ns,
+            min_exposure_ns=camera.min_exposure_ns,
+            max_exposure_ns=camera.max_exposure_ns,
+            min_frame_duration_ns=camera.min_frame_duration_ns,
+            max_frame_duration_ns=camera.max_frame_duration_ns,
+            rng=rng,
+            profile=config.injection_profile,
+        )
+        for latency_ns in config.start_latencies_ns:
+            self.aligner.start_seen(latency_ns)
+        self._tolerance_ns = config.tolerance_ns
+        self._can_move = camera.phase_control != "none"
+        self._told_problem = ""
+        self._commands: deque[CameraCommand] = deque()
+        self._events: deque[PhaseCorrected | CannotAlign] = deque()
+
+    @property
+    def ready(self) -> bool:
+        """Whether the stream is where it should be, or where it will stay."""
+        return self.aligner.aligned or (self.aligner.settled and not self._can_move)
+
+    def phase(self, member: Membership, time_map: TimeMap, local_ns: int) -> PhaseEstimate | None:
+        """The stream's distance from the rig's grid at a local time in ns."""
+        at_leader_ns = time_map.leader_from_local(local_ns)
+        return self.aligner.estimate(time_map, member.goal_of_stamps, at_leader_ns)
+
+    def report(self, report: Report, member: Membership | None, phase: PhaseEstimate | None) -> Report:
+        """Add the camera's part to a report of a node's time; `phase` is as it stands now."""
+        report = replace(
+            report,
+            corrections=self.aligner.corrections,
+            frames=self.aligner.frames,
+            drops=self.aligner.drops,
+            tolerance_ns=self._tolerance_ns,
+        )
+        if phase is None or member is None:
+            return report
+        frame_leader_ns = member.goal.instant(member.goal.index_of(phase.at_leader_ns)) + phase.error_ns
+        return replace(
+            report,
+            phase_error_ns=phase.error_ns,
+            period_ns=phase.period_ns,
+            drift_ppm=phase.drift_ppm,
+            frame_leader_ns=frame_leader_ns if self.aligner.settled else None,
+        )
+
+    def step(
+        self,
+        member: Membership,
+        time_map: TimeMap,
+        now_ns: int,
+        *,
+        burst_leader_ns: tuple[int, int] | None,
+    ) -> bool:
+        """Judge the stream and command what it needs; whether the leader should know now.
+
+        `burst_leader_ns` are the first and last instant of a burst that is near, None where none is.
+        """
+        was_ready, aligner = self.ready, self.aligner
+        before, corrections = self.phase(member, time_map, now_ns), aligner.corrections
+        aligner.catch_up(now_ns)
+        if not aligner.settled:
+            member.asked = member.answered = False
+        news = aligner.settled and not member.asked
+        command = aligner.step(
+            time_map,
+            member.goal_of_stamps,
+            now_ns,
+            hold=not member.may_move,
+            burst_leader_ns=burst_leader_ns,
+            agreed_leader_ns=member.agreed_leader_ns,
+        )
+        if command is not None:
+            self._commands.append(command)
+        if aligner.corrections > corrections and command is not None:
+            self._events.append(PhaseCorrected(command, before))
+            news = True
+        if aligner.problem != self._told_problem:
+            self._told_problem = aligner.problem
+            if aligner.problem:
+                self._events.append(CannotAlign(aligner.problem))
+        return news or was_ready is not self.ready
+
+    def next_command(self) -> CameraCommand | None:
+        """Return the next command for the camera, None where there is none."""
+        return self._commands.popleft() if self._commands else None
+
+    def next_event(self) -> PhaseCorrected | CannotAlign | None:
+        """Return the next thing that happened, None where there is none."""
+        return self._events.popleft() if self._events else None

@@ -1,0 +1,209 @@
+"""Who is or was here: the clients that a leader took in, their numbers, slots, and when they fall silent."""
+
+import random
+import re
+from dataclasses import dataclass
+
+from capture_app.sync.clock.timebase import MAX_PERIOD_NS, MIN_PERIOD_NS
+from capture_app.sync.phase.shared_goal import WEIGHTS, Standing
+from capture_app.sync.rig.events import NodeJoined, NodeLost, NodeMoved, NodeReturned
+from capture_app.sync.wire.messages import (
+    CLOCK_ONLY,
+    NOBODY,
+    WITHOUT_CAMERA,
+    CameraDescription,
+    Hello,
+    NodeState,
+    Report,
+)
+
+Address = tuple[str, int]
+
+_MS = 1_000_000
+CLIENT_SILENT_NS = 2000 * _MS
+CLOCK_SILENT_NS = 150_000 * _MS
+"""A node that only keeps the time may speak but once a minute."""
+MAX_CLIENTS = 10_000
+_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
+"""Names become those of folders in a session: nothing that could leave it."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClientView:
+    """A client as the leader sees it; `age_ns` is the time since it was last heard."""
+
+    name: str
+    address: Address
+    camera: CameraDescription
+    report: Report
+    age_ns: int
+    via: str | None = None
+    """The relay that it joined."""
+
+
+@dataclass(slots=True)
+class Member:
+    """A client that is or was here, lost or alive."""
+
+    name: str
+    instance: int
+    number: int
+    address: Address
+    camera: CameraDescription
+    report: Report
+    heard_ns: int
+    slot: float
+    via: str | None = None
+    """The relay that it joined, where that speaks for it."""
+    lost: str = ""
+
+
+def spread(index: int) -> float:
+    """Return a part of 1 that is far from those of all indices near it (van der Corput 1935)."""
+    part, step = 0.0, 0.5
+    while index:
+        part += step * (index & 1)
+        index, step = index >> 1, step / 2.0
+    return part
+
+
+class Roster:
+    """All members by name; the lost ones stay, so that they can return."""
+
+    def __init__(self, rng: random.Random) -> None:
+        self.members: dict[str, Member] = {}
+        self.bound: dict[str, Member] = {}
+        """Those that do not move to any goal: the goal is moved to suit them."""
+        self.present = 0
+        """How many are not lost."""
+        self.asking = 0
+        """How many of those ask the time here, not a relay."""
+        self._rng = rng
+        self._by_number: dict[int, Member] = {}
+        self._joins = 0
+        self._silence_ns = 0
+        """Nobody can have been silent for too long before this time."""
+
+    def views(self, now_ns: int) -> tuple[ClientView, ...]:
+        """Return all that are or were here, by name; lost ones say so in their report."""
+        return tuple(
+            ClientView(m.name, m.address, m.camera, m.report, now_ns - m.heard_ns, m.via)
+            for _, m in sorted(self.members.items())
+        )
+
+    def present_of(self, number: int) -> Member | None:
+        """Return the member of that number, None where there is none or it is lost."""
+        member = self._by_number.get(number)
+        return None if member is None or member.lost else member
+
+    def refusal(self, hello: Hello) -> str:
+        """Return why a client cannot be taken in, empty where it can."""
+        known = self.members.get(hello.name)
+        if known is not None and not known.lost and known.instance != hello.instance:
+            return f"another camera named {hello.name} is here"
+        if not _NAME.fullmatch(hello.name):
+            return "its name cannot be a folder's"
+        if known is None and len(self.members) >= MAX_CLIENTS:
+            return "the rig is full"
+        if not MIN_PERIOD_NS <= hello.camera.period_ns <= MAX_PERIOD_NS:
+            return f"a frame period of {hello.camera.period_ns} ns is not possible"
+        return ""
+
+    def admit(
+        self, hello: Hello, address: Address, now_ns: int
+    ) -> tuple[Member, NodeJoined | NodeReturned | NodeMoved | None]:
+        """Take in a client that is not refused; None where it is here already and merely asks again."""
+        known = self.members.get(hello.name)
+        moved = known is not None and not known.lost
+        if known is not None:
+            if not known.lost and known.via == hello.via:
+                known.heard_ns = now_ns
+                return known, None
+            # A relay that it has left knows it by the old number, and is told that this is nobody's.
+            self._by_number.pop(known.number, None)
+            self._count(known, -1)
+        number = self._free_number()
+        report = Report(state=NodeState.JOINING)
+        member = Member(
+            hello.name,
+            hello.instance,
+            number,
+            address,
+            hello.camera,
+            report,
+            now_ns,
+            spread(self._joins),
+            hello.via,
+        )
+        self._joins += 1
+        self._count(member, 1)
+        self._silence_ns = min(self._silence_ns, now_ns + CLIENT_SILENT_NS)
+        self.members[hello.name] = self._by_number[number] = member
+        self.bound.pop(hello.name, None)
+        if hello.camera.phase_control in WEIGHTS and hello.camera.kind not in WITHOUT_CAMERA:
+            self.bound[hello.name] = member
+        if moved:
+            return member, NodeMoved(hello.name, hello.via)
+        return member, NodeJoined(hello.name) if known is None else NodeReturned(hello.name)
+
+    def lose(self, member: Member, reason: str) -> NodeLost:
+        """A member is gone; its counts of frames stay."""
+        self._count(member, -1)
+        member.lost = reason
+        member.report = Report(
+            state=NodeState.LOST, message=reason, frames=member.report.frames, drops=member.report.drops
+        )
+        return NodeLost(member.name, reason)
+
+    def lose_silent(self, now_ns: int) -> list[NodeLost]:
+        """Lose those who are silent, and note when the next one could be."""
+        if now_ns < self._silence_ns:
+            return []
+        lost = []
+        self._silence_ns = now_ns + CLIENT_SILENT_NS
+        for member in self.members.values():
+            if member.lost:
+                continue
+            patience_ns = CLOCK_SILENT_NS if member.camera.kind == CLOCK_ONLY else CLIENT_SILENT_NS
+            if now_ns - member.heard_ns >= patience_ns:
+                lost.append(self.lose(member, f"silent for {patience_ns // 10**9} s"))
+            else:
+                self._silence_ns = min(self._silence_ns, member.heard_ns + patience_ns)
+        return lost
+
+    def next_timer(self) -> int | None:
+        """Leader time in ns at which somebody could have been silent for too long, None for never."""
+        return self._silence_ns if self.present else None
+
+    def cameras(self) -> list[Member]:
+        """Return those that are here and have a camera, by name."""
+        return [
+            member
+            for _, member in sorted(self.members.items())
+            if not member.lost and member.camera.kind not in WITHOUT_CAMERA
+        ]
+
+    def standings(self) -> list[Standing]:
+        """Return what those say of themselves that do not move to any goal."""
+        return [
+            Standing(
+                member.name,
+                member.camera.phase_control,
+                member.report.frame_leader_ns,
+                member.report.drift_ppm or 0.0,
+                max(1, member.report.tolerance_ns),
+            )
+            for member in self.bound.values()
+            if not member.lost
+        ]
+
+    def _count(self, member: Member, change: int) -> None:
+        if not member.lost:
+            self.present += change
+            self.asking += change if member.via is None else 0
+
+    def _free_number(self) -> int:
+        while True:
+            number = self._rng.getrandbits(32)
+            if number != NOBODY and number not in self._by_number:
+                return number

@@ -1,0 +1,80 @@
+"""What a leader tells all its clients alike: the grid of instants, and how its clock stands to the root's."""
+
+from dataclasses import dataclass
+
+from capture_app.sync.clock.timebase import Goal
+from capture_app.sync.clock.upstream_map import Onward
+from capture_app.sync.phase.shared_goal import Agreement
+from capture_app.sync.rig.roster import Member
+from capture_app.sync.wire.beacon import Group
+from capture_app.sync.wire.messages import WITHOUT_CAMERA, CameraDescription, HeartbeatAck, Hello, Welcome
+
+
+@dataclass(slots=True)
+class Terms:
+    """What holds for all at present; `period_ns` is the rig's where it was asked for."""
+
+    leader: int
+    """Its run."""
+    transfer_port: int
+    period_ns: int | None
+    align_row: float | None
+    beacons: Group | None
+    agreement: Agreement | None = None
+    onward: Onward | None = None
+    """Of a relay: from its clock to the root's, for the clients to add to their estimates."""
+    alone: bool = False
+    """Of a relay: nobody above it orders bursts at present."""
+    of_cameras: bool = False
+    """Whether the grid's period is that of cameras, not one that holds until the first of them comes."""
+
+    @property
+    def goal(self) -> Goal | None:
+        """The grid of instants that all cameras are moved onto; None before the first client."""
+        return None if self.agreement is None else self.agreement.goal
+
+    def begin(self, camera: CameraDescription, now_ns: int) -> bool:
+        """Lay a grid at the rate of the first camera; whether it is another one than before."""
+        is_camera = camera.kind not in WITHOUT_CAMERA
+        if self.agreement is not None and (self.of_cameras or not is_camera):
+            return False
+        self.of_cameras = is_camera or self.period_ns is not None
+        goal = Goal(now_ns, self.period_ns or camera.period_ns)
+        if self.agreement is not None and goal.period_ns == self.agreement.goal.period_ns:
+            return False
+        self.agreement = Agreement(goal)
+        return True
+
+    def welcome(self, hello: Hello, member: Member, pace_ns: int) -> Welcome:
+        """Return what a client is told that is taken in."""
+        assert self.agreement is not None, "the first hello sets the goal"
+        goal = self.agreement.goal
+        return Welcome(
+            hello.instance,
+            self.leader,
+            member.number,
+            self.transfer_port,
+            goal.anchor_leader_ns,
+            goal.period_ns,
+            member.slot,
+            self.align_row,
+            pace_ns,
+            self.onward,
+            self.beacons,
+        )
+
+    def answer(self, member: Member, pace_ns: int) -> HeartbeatAck:
+        """Return what a client is told that is here."""
+        assert self.agreement is not None, "the first hello sets the goal"
+        goal = self.agreement.goal
+        return HeartbeatAck(
+            member.number,
+            self.leader,
+            goal.anchor_leader_ns,
+            goal.period_ns,
+            self.agreement.agreed_leader_ns,
+            self.align_row,
+            pace_ns,
+            self.onward,
+            self.alone,
+        )

@@ -1,0 +1,166 @@
+"""A relay: a follower of its parent, and a leader to its own clients, who thereby hold the root's time.
+
+Its time replies carry its own clock, which never jumps, however its estimate moves; how that clock stands
+to the root's goes beside them, error budget included, and each client adds the two.
+"""
+
+import random
+from dataclasses import replace
+
+import msgspec
+
+from capture_app.sync.clock.upstream_map import onward
+from capture_app.sync.phase.shared_goal import Agreement
+from capture_app.sync.rig.events import LeaderEvent
+from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.uplink import Uplink
+from capture_app.sync.tree.follower import Address, Follower, FollowerConfig, FollowerEvent
+from capture_app.sync.wire.messages import (
+    NOBODY,
+    RELAY,
+    CameraDescription,
+    FromClient,
+    Heartbeat,
+    HeartbeatAck,
+    Hello,
+    Message,
+    Refused,
+    Trigger,
+    Unknown,
+    Welcome,
+    WireError,
+    decode,
+)
+
+HEARTBEAT_EVERY_NS = 500_000_000
+OF_CAMERAS = CameraDescription(
+    kind=RELAY,
+    model="relay",
+    width=0,
+    height=0,
+    period_ns=33_333_333,
+    phase_control="none",
+    timestamp_source="none",
+)
+"""What a relay tells of itself whose clients have cameras: it is to notice within seconds who is gone."""
+
+
+class Relay:
+    """Both state machines behind one socket; `now_ns` is the relay's own clock.
+
+    Nobody is taken in before the root's time is known. `leader.instance` is the follower's. A relay that
+    loses its parent holds the time over, also for new clients; bursts come again with a parent.
+    """
+
+    def __init__(self, config: FollowerConfig, leader: LeaderConfig, rng: random.Random) -> None:
+        self.follower = Follower(config, rng)
+        self.uplink = Uplink(config.name)
+        self.leader = Leader(replace(leader, instance=config.instance), rng, self.uplink)
+        self.malformed = 0
+        self._number: int | None = None
+
+    def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
+        """Take in a datagram that arrived at `now_ns`, of a parent or of a client."""
+        try:
+            message = decode(data)
+        except WireError:
+            self.malformed += 1
+            return
+        # A parent to be may well be a client: what is said tells to whom.
+        if not isinstance(message, FromClient):
+            if address == self.follower.parent:
+                self._take_from_parent(message, now_ns)
+            elif address in self.follower.config.parents:
+                self.follower.hear_of(message, address, now_ns)
+                self._pass_on()
+        elif isinstance(message, Heartbeat) and message.client == NOBODY and self.leader.terms.alone:
+            pass  # A client looks for a better leader than its own.
+        elif self.leader.terms.onward is not None:
+            self.leader.take(message, address, now_ns)
+        elif isinstance(message, Hello) and self.follower.number is not None:
+            self.leader.refuse(message, "the relay does not know the time yet", address, soon=True)
+
+    def handle_timer(self, now_ns: int) -> None:
+        """Do what is due; call it at `next_timer`, or any time."""
+        self.follower.handle_timer(now_ns)
+        self._pass_on()
+        self.leader.handle_timer(now_ns)
+
+    def leave(self) -> None:
+        """Say goodbye to the parent, and send the clients on: this relay is about to stop."""
+        self.follower.leave()
+        for member in self.leader.members.values():
+            if not member.lost:
+                self.leader.give_up(member, "the relay stops")
+        # They ask again at once, and must not be taken in here.
+        self.leader.terms.onward = self.follower.time_map = None
+
+    def next_timer(self) -> int:
+        """Local time in ns at which `handle_timer` wants to be called."""
+        follower_ns, leader_ns = self.follower.next_timer(), self.leader.next_timer()
+        return follower_ns if leader_ns is None else min(follower_ns, leader_ns)
+
+    def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
+        """Return datagrams and where to; time messages carry `now_ns`, so send them at once."""
+        datagrams = self.leader.datagrams_to_send(now_ns) + self.follower.datagrams_to_send(now_ns)
+        return datagrams + [(data, self.follower.parent) for data in self.uplink.datagrams_to_send()]
+
+    def next_event(self) -> FollowerEvent | LeaderEvent | None:
+        """Return the next thing that happened on either side, None where there is none."""
+        return self.follower.next_event() or self.leader.next_event()
+
+    # The parts
+
+    def _take_from_parent(self, message: Message, now_ns: int) -> None:
+        """Take in what is meant for this relay itself, or for one of its members."""
+        uplink, members = self.uplink, self.leader.members
+        match message:
+            case Welcome() if message.instance != self.follower.config.instance:
+                uplink.welcomed(message.instance, message.client, members)
+            case Refused() if message.instance != self.follower.config.instance:
+                refused = uplink.refused(message.instance, message.reason, members)
+                if refused is not None:
+                    self.leader.give_up(refused, message.reason)
+            case Unknown() if message.client != self.follower.number:
+                uplink.unknown(message.client)
+            case HeartbeatAck() if member := uplink.member(message.client):
+                # What it tells holds for all, and is fresher than this relay's own answers.
+                mine = msgspec.structs.replace(message, client=self.follower.number or 0)
+                self.follower.take(mine, now_ns)
+                self._pass_on()
+                self.leader.answer(member)
+            case Trigger() if member := uplink.member(message.client):
+                self.leader.tell(member, msgspec.structs.replace(message, client=member.number))
+            case _:
+                self.follower.take(message, now_ns)
+                self._pass_on()
+
+    def _pass_on(self) -> None:
+        """Tell the clients how this clock stands to the root's, and the root's grid of instants."""
+        follower, leader = self.follower, self.leader
+        terms = leader.terms
+        if follower.number != self._number:
+            self._number = follower.number
+            self.uplink.restart(open=self._number is not None)
+        alone = self._number is None or follower.parent_is_alone
+        if terms.alone is not alone:
+            terms.alone = alone
+            if terms.agreement is not None:
+                leader.answer_all()
+        if follower.time_map is None:
+            # This clock has jumped, or the root is another one: what the clients were told is wrong now.
+            terms.onward = None
+            return
+        if follower.goal is None or follower.root != follower.path[0]:
+            # Another root's grid means nothing before its time is known.
+            return
+        if terms.onward is None or terms.onward.epoch_local_ns != follower.time_map.epoch_local_ns:
+            terms.onward = onward(follower.path, follower.time_map)
+        moved = (leader.goal, terms.align_row) != (follower.goal, follower.align_row)
+        if terms.agreement is None or moved:
+            terms.agreement = Agreement(follower.goal)
+        # Without a parent nobody is to be restarted: there is no telling what suits the others.
+        terms.agreement.agreed_leader_ns = follower.agreed_leader_ns if self._number is not None else None
+        terms.align_row = follower.align_row
+        if moved:
+            leader.answer_all()

@@ -1,0 +1,330 @@
+"""Messages on the wire: a fixed layout for time, tagged msgpack for the rest, one version in front.
+
+Every datagram begins with the magic `sS`, the version and the kind. A time reply is never larger than
+its request, and no control message is larger than MAX_DATAGRAM.
+"""
+
+import struct
+from enum import StrEnum
+from typing import Annotated
+
+import msgspec
+from msgspec import Meta, Struct
+
+from capture_app.sync.clock.upstream_map import Onward
+from capture_app.sync.wire.beacon import Agreed, Beacon, Group, Heard
+
+
+class NodeState(StrEnum):
+    """Where a node is on its way to taking pictures in step."""
+
+    JOINING = "joining"
+    SYNCING = "syncing"
+    ALIGNING = "aligning"
+    READY = "ready"
+    LOST = "lost"
+    FAILED = "failed"
+
+
+MAGIC = b"sS"
+VERSION = 1
+MAX_DATAGRAM = 1200
+"""In bytes; fits every link without fragments."""
+
+_KIND_TIME_REQUEST = 1
+_KIND_TIME_REPLY = 2
+_KIND_CONTROL = 3
+_HEADER = struct.Struct(">2sBB")
+_TIME = struct.Struct(">2sBBIIqqq")
+_BEFORE_T0 = struct.Struct(">2sBBII")
+_BEFORE_T2 = struct.Struct(">2sBBIIqq")
+_T0 = struct.Struct(">q16x")
+_T2 = struct.Struct(">q")
+
+
+Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
+"""Names of cameras become folder names on the leader's disk."""
+Text = Annotated[str, Meta(max_length=200)]
+Pace = Annotated[int, Meta(ge=0, le=60_000_000_000)]
+Number = Annotated[int, Meta(ge=0, le=0xFFFF_FFFF)]
+"""Of a client, as time messages carry it."""
+CLOCK_ONLY = "clock"
+"""The kind in the description of a node without a camera: a relay, or one that only keeps the time."""
+RELAY = "relay"
+"""The kind of a relay that tells its parent of the cameras below it, and brings them its bursts."""
+WITHOUT_CAMERA = (CLOCK_ONLY, RELAY)
+NOBODY = 0
+"""No client has this number: whoever is asked about it and answers that it is unknown, is there."""
+Share = Annotated[float, Meta(ge=0.0, le=1.0)]
+
+
+class WireError(ValueError):
+    """A datagram that is not one of ours, cut, or of another version."""
+
+
+class TimeRequest(Struct, frozen=True):
+    """A client asks for the leader's time; `t0_ns` is its own when it sent this."""
+
+    client: int
+    sequence: int
+    t0_ns: int
+
+
+class TimeReply(Struct, frozen=True):
+    """The leader's answer: request received at `t1_ns` and answered at `t2_ns`, leader time."""
+
+    client: int
+    sequence: int
+    t0_ns: int
+    t1_ns: int
+    t2_ns: int
+
+
+class CameraDescription(Struct, frozen=True, kw_only=True, array_like=True):
+    """What a client's camera is and can do; times in ns."""
+
+    kind: Text
+    model: Text
+    width: int
+    height: int
+    period_ns: int
+    phase_control: Text
+    timestamp_source: Text
+    row_time_ns: int | None = None
+    exposure_ns: int | None = None
+    min_exposure_ns: int | None = None
+    max_exposure_ns: int | None = None
+    min_frame_duration_ns: int | None = None
+    max_frame_duration_ns: int | None = None
+
+
+class Hello(Struct, frozen=True, tag="hello"):
+    """A client wants to join; `instance` tells one run of it from the next."""
+
+    name: Name
+    instance: int
+    camera: CameraDescription
+    via: Name | None = None
+    """The relay that it joined, where relays pass this on; None where it asks for itself."""
+
+
+class Welcome(Struct, frozen=True, tag="welcome"):
+    """The leader took a client in: its number, the images' TCP port, and the rig's grid of instants.
+
+    `slot` is the part of its pace, 0 to 1, at which a client sends its time requests, in leader time.
+    """
+
+    instance: int
+    leader: int
+    client: Number
+    transfer_port: int
+    anchor_leader_ns: int
+    period_ns: int
+    slot: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.0
+    align_row: Share | None = None
+    """Share of the height at which a row's middle of exposure is aligned; None for the first row's start."""
+    pace_ns: Pace = 0
+    """Mean time between two time requests of one client that this leader can bear; 0: as it likes."""
+    onward: Onward | None = None
+    """Where the leader is a relay: from its clock to the root's."""
+    beacons: Group | None = None
+    """Where the leader's beacons can be heard; None where it sends none."""
+
+
+class Refused(Struct, frozen=True, tag="refused"):
+    """The leader did not take a client in, and why; the client may ask again."""
+
+    instance: int
+    reason: Text
+    soon: bool = False
+    """It is about to be able to: no reason to ask another."""
+
+
+class Report(Struct, frozen=True, kw_only=True):
+    """A client's own view of itself, sent with each heartbeat; times in ns."""
+
+    state: NodeState
+    message: Text = ""
+    offset_ns: int | None = None
+    skew_ppm: float | None = None
+    uncertainty_ns: int | None = None
+    hard_bound_ns: int | None = None
+    round_trip_ns: int | None = None
+    samples: int = 0
+    phase_error_ns: int | None = None
+    period_ns: int | None = None
+    drift_ppm: float | None = None
+    corrections: int = 0
+    frames: int = 0
+    drops: int = 0
+    frame_leader_ns: int | None = None
+    """Leader time of the aligned moment of a frame near now; None while the phase is not known."""
+    tolerance_ns: int = 0
+    """Largest phase error that this client leaves alone."""
+    moved_ns: int | None = None
+    """By how much agreement with other clients moved this clock; None where there is none."""
+    apart_ns: int | None = None
+    """95 % error of this clock against those of the other clients that hear the same beacons."""
+
+
+class Heartbeat(Struct, frozen=True, tag="heartbeat"):
+    """A client is alive and well, or not so well."""
+
+    client: int
+    report: Report
+
+
+class HeartbeatAck(Struct, frozen=True, tag="alive"):
+    """The leader is alive and knows the client; which leader, and its grid, so that no mistake lasts."""
+
+    client: int
+    leader: int
+    anchor_leader_ns: int
+    period_ns: int
+    agreed_leader_ns: int | None = None
+    """When streams that can only be restarted should suit the grid, or be restarted; None: none need be."""
+    align_row: Share | None = None
+    pace_ns: Pace = 0
+    onward: Onward | None = None
+    alone: bool = False
+    """This relay, or one above it, has lost its leader: the time is held over, and no bursts come."""
+
+
+class Unknown(Struct, frozen=True, tag="unknown"):
+    """The leader does not know this client (it was restarted, or had given it up): join again."""
+
+    client: int
+
+
+class Trigger(Struct, frozen=True, tag="trigger"):
+    """Save the frames nearest to first + k * step, k < count, leader time; past or future.
+
+    `leader` is the run of the tree's root that ordered it: within that run its number tells a burst.
+    """
+
+    client: int
+    leader: int
+    burst: int
+    first_leader_ns: int
+    step_ns: int
+    count: int
+
+
+class TriggerAck(Struct, frozen=True, tag="triggered"):
+    """A client will save the burst, or says why it cannot."""
+
+    client: int
+    leader: int
+    burst: int
+    refusal: Text = ""
+
+
+class Goodbye(Struct, frozen=True, tag="goodbye"):
+    """A client leaves of its own will."""
+
+    client: int
+
+
+Control = (
+    Hello
+    | Welcome
+    | Refused
+    | Heartbeat
+    | HeartbeatAck
+    | Unknown
+    | Trigger
+    | TriggerAck
+    | Goodbye
+    | Beacon
+    | Heard
+    | Agreed
+)
+Message = TimeRequest | TimeReply | Control
+FromClient = TimeRequest | Hello | Heartbeat | TriggerAck | Goodbye | Heard
+
+
+def root_of(message: Welcome | HeartbeatAck) -> int:
+    """Return the run of the tree's root, whose time it is and who orders bursts."""
+    return message.leader if message.onward is None else message.onward.path[0]
+
+
+_encoder = msgspec.msgpack.Encoder()
+_decoder = msgspec.msgpack.Decoder(Control)
+
+
+def encode(message: Message) -> bytes:
+    """Return the datagram of a message. Raises WireError where it would be larger than MAX_DATAGRAM."""
+    if isinstance(message, TimeRequest):
+        head = (MAGIC, VERSION, _KIND_TIME_REQUEST, message.client, message.sequence)
+        return _TIME.pack(*head, message.t0_ns, 0, 0)
+    if isinstance(message, TimeReply):
+        head = (MAGIC, VERSION, _KIND_TIME_REPLY, message.client, message.sequence)
+        return _TIME.pack(*head, message.t0_ns, message.t1_ns, message.t2_ns)
+    data = _HEADER.pack(MAGIC, VERSION, _KIND_CONTROL) + _encoder.encode(message)
+    if len(data) > MAX_DATAGRAM:
+        raise WireError(f"a {type(message).__name__} of {len(data)} bytes is over {MAX_DATAGRAM}")
+    return data
+
+
+def decode(data: bytes) -> Message:
+    """Return the message of a datagram. Raises WireError where it is not a message of this version."""
+    if len(data) < _HEADER.size or data[:2] != MAGIC:
+        raise WireError("not a simulshot datagram")
+    version, kind = data[2], data[3]
+    if version != VERSION:
+        raise WireError(f"protocol version {version}, this is version {VERSION}")
+    if kind == _KIND_CONTROL:
+        try:
+            message: Control = _decoder.decode(data[_HEADER.size :])
+        except (msgspec.DecodeError, msgspec.ValidationError, UnicodeDecodeError) as error:
+            raise WireError(f"malformed control message: {error}") from error
+        return message
+    if kind not in (_KIND_TIME_REQUEST, _KIND_TIME_REPLY) or len(data) != _TIME.size:
+        raise WireError(f"unknown message kind {kind} of {len(data)} bytes")
+    client, sequence, t0_ns, t1_ns, t2_ns = _TIME.unpack(data)[3:]
+    if kind == _KIND_TIME_REQUEST:
+        return TimeRequest(client, sequence, t0_ns)
+    return TimeReply(client, sequence, t0_ns, t1_ns, t2_ns)
+
+
+# A time message in two parts: what is known before, and the time of sending, which goes in last. Every
+# microsecond between the reading of the clock and the socket would be an error of the estimate.
+
+
+def request_before_t0(client: int, sequence: int) -> bytes:
+    """Return a TimeRequest up to its `t0_ns`."""
+    return _BEFORE_T0.pack(MAGIC, VERSION, _KIND_TIME_REQUEST, client, sequence)
+
+
+def request_at(before: bytes, t0_ns: int) -> bytes:
+    """Return the datagram of a TimeRequest."""
+    return before + _T0.pack(t0_ns)
+
+
+def reply_before_t2(request: TimeRequest, t1_ns: int) -> bytes:
+    """Return the TimeReply to a request up to its `t2_ns`."""
+    head = MAGIC, VERSION, _KIND_TIME_REPLY, request.client, request.sequence
+    return _BEFORE_T2.pack(*head, request.t0_ns, t1_ns)
+
+
+def reply_at(before: bytes, t2_ns: int) -> bytes:
+    """Return the datagram of a TimeReply."""
+    return before + _T2.pack(t2_ns)
+
+
+def offset_ns(camera: CameraDescription, share: float | None) -> int | None:
+    """Time in ns from a frame's timestamp to the middle of the exposure of the row at that share of height.
+
+    0 for `share` None: the timestamp itself is aligned. None where the camera's rows or exposure, or what its
+    timestamps mean, is not known.
+    """
+    if share is None:
+        return 0
+    if camera.row_time_ns is None or camera.exposure_ns is None:
+        return None
+    below = round(share * (camera.height - 1))
+    if camera.timestamp_source == "start-of-exposure":
+        return below * camera.row_time_ns + camera.exposure_ns // 2
+    if camera.timestamp_source == "end-of-frame":
+        return -(camera.height - 1 - below) * camera.row_time_ns - camera.exposure_ns // 2
+    return None

@@ -1,0 +1,174 @@
+"""A batch's units as jobs of a SLURM cluster, through submitit.
+
+The cluster must see this machine's folders and Python under the same paths, as clusters do. Jobs outlive
+whoever submitted them: each unit's job is noted beside it, and a repeated command waits for it.
+"""
+
+import subprocess
+import time
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import redirect_stderr, suppress
+from functools import partial
+from importlib import import_module
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from capture_app.errors import BadInputError, ExitCode, NotAvailableError, SimulshotError
+from capture_app.session.files.durable import write_named
+from reconstruction.batch.units import WORK, Outcome, Unit, perform
+
+POLL_S = 1.0
+LARGEST_ARRAY = 500
+"""Jobs in one array; SLURM refuses more than 1001 where nobody set another limit."""
+DEFAULTS: Mapping[str, Any] = {"cpus_per_task": 1, "time": 60, "mem": "2GB"}
+
+
+class SlurmExecutor:
+    """Jobs of the cluster whose commands (`sbatch`, `squeue`) this machine has."""
+
+    def __init__(self, jobs: int | None = None, settings: Sequence[str] = ()) -> None:
+        """`jobs`: how many at once; `settings`: `name=value` as submitit names them, `partition=gpu`.
+
+        Raises:
+            NotAvailableError: submitit is not installed, or this is no machine of a cluster.
+            BadInputError: a setting is none.
+        """
+        try:
+            self.submitit: Any = import_module("submitit")
+        except ImportError as error:
+            raise NotAvailableError(
+                "SLURM needs the package submitit, which is not installed",
+                hint="pip install 'simulshot[slurm]'",
+            ) from error
+        self.settings = {**DEFAULTS, **dict(map(_setting, settings))}
+        if jobs:
+            self.settings["array_parallelism"] = jobs
+        _squeue()
+
+    def run(self, make: str, units: Sequence[Unit], root: Path) -> Generator[Outcome, None, None]:
+        """Perform all units as jobs; where the iterator is closed early, the jobs are cancelled."""
+        folder = root / WORK / "slurm"
+        folder.mkdir(parents=True, exist_ok=True)
+        alive = _squeue()
+        jobs = {}
+        for unit in units:
+            with suppress(FileNotFoundError):
+                number = _note(folder, unit).read_text().strip()
+                if number in alive:
+                    jobs[unit.key] = self.submitit.SlurmJob(folder=folder, job_id=number, tasks=(0,))
+        new = [unit for unit in units if unit.key not in jobs]
+        try:
+            for first in range(0, len(new), LARGEST_ARRAY):
+                some = new[first : first + LARGEST_ARRAY]
+                for unit, job in zip(some, self._submit(make, some, root, folder), strict=True):
+                    jobs[unit.key] = job
+                    write_named(_note(folder, unit), f"{job.job_id}\n".encode())
+            yield from _wait_for(jobs)
+        finally:
+            _cancel([job.job_id for job in jobs.values()])
+
+    def _submit(self, make: str, units: Sequence[Unit], root: Path, folder: Path) -> list[Any]:
+        executor = self.submitit.SlurmExecutor(folder=folder, max_num_timeout=0)
+        try:
+            executor.update_parameters(job_name="simulshot", **self.settings)
+            # sbatch's complaint is in the error too.
+            with redirect_stderr(StringIO()):
+                submitted: list[Any] = executor.map_array(partial(_job, make, str(root)), units)
+        except (ValueError, TypeError) as error:
+            raise BadInputError(f"--slurm: {_first_line(error)}") from error
+        except (self.submitit.core.utils.FailedJobError, subprocess.CalledProcessError, OSError) as error:
+            raise SimulshotError(
+                f"SLURM takes no jobs: {_first_line(error)}", hint="see sinfo, and the --slurm settings"
+            ) from error
+        return submitted
+
+
+def _job(make: str, root: str, unit: Unit) -> Outcome:
+    # Before pycolmap: in the other order the first PNG that OpenCV writes aborts the process.
+    import_module("cv2")
+    return perform(make, unit, Path(root))
+
+
+def _wait_for(jobs: dict[str, Any]) -> Generator[Outcome, None, None]:
+    """Yield each job's outcome and take it out of `jobs`.
+
+    A job without a result that the queue does not know any more has died: asked of the queue, since only
+    clusters with accounting can tell what became of a job.
+    """
+    missing: set[str] = set()
+    while jobs:
+        alive = _squeue()
+        for key, job in list(jobs.items()):
+            if job.paths.result_pickle.exists():
+                yield _outcome(key, job)
+            elif job.job_id in alive:
+                missing.discard(key)
+                continue
+            elif key not in missing:
+                # The result's file may be on its way from another machine.
+                missing.add(key)
+                continue
+            else:
+                problem = f"its SLURM job {job.job_id} ended without a result; see {job.paths.stderr}"
+                yield Outcome(key=key, problem=problem, code=ExitCode.FAILURE)
+            del jobs[key]
+        if jobs:
+            time.sleep(POLL_S)
+
+
+def _outcome(key: str, job: Any) -> Outcome:
+    error = job.exception()
+    if error is None:
+        outcome: Outcome = job.result()
+        return outcome
+    return Outcome(key=key, problem=_first_line(error), code=ExitCode.FAILURE)
+
+
+def _squeue() -> set[str]:
+    """The user's jobs that wait or run, an array's one by one (`12_3`).
+
+    Raises:
+        NotAvailableError: there is no SLURM here, or it does not answer.
+    """
+    command = ["squeue", "--me", "--noheader", "--array", "--format=%i"]
+    for _ in range(30):
+        try:
+            asked = subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
+        except FileNotFoundError as error:
+            raise NotAvailableError(
+                "SLURM's command squeue is not on this machine",
+                hint="run on a login node of the cluster, or use --executor local",
+            ) from error
+        if asked.returncode == 0:
+            return set(asked.stdout.split())
+        time.sleep(POLL_S)
+    raise NotAvailableError(
+        f"SLURM does not answer: {_first_line(asked.stderr)}", hint="its jobs go on; repeat the command later"
+    )
+
+
+def _cancel(numbers: Sequence[str]) -> None:
+    with suppress(OSError):
+        if numbers:
+            subprocess.run(["scancel", *numbers], capture_output=True, check=False)  # noqa: S603, S607
+
+
+def _note(folder: Path, unit: Unit) -> Path:
+    return folder / f"{unit.key}.job"
+
+
+def _setting(text: str) -> tuple[str, Any]:
+    name, equals, value = text.partition("=")
+    if not name or not equals:
+        raise BadInputError(f"{text!r} is no setting", hint="write name=value, as in partition=gpu")
+    with suppress(msgspec.DecodeError):
+        return name, msgspec.json.decode(value)
+    return name, value
+
+
+def _first_line(error: object) -> str:
+    lines = [line for line in str(error).splitlines() if line.strip()]
+    return lines[0].strip() if lines else type(error).__name__

@@ -1,0 +1,130 @@
+"""A ChArUco board and where it is in pictures: printed light or dark, seen from its front or its back."""
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import cv2
+import numpy as np
+
+from capture_app.errors import BadInputError
+from reconstruction.common.geometry import Array
+from reconstruction.session.dataset import Dataset
+
+FEWEST_CORNERS = 6
+MOST_BEND = 0.03
+"""Corners further from a flat board than this share of its size were misread; a lens bends it less."""
+
+
+@dataclass(frozen=True)
+class Board:
+    """Squares across and down, lengths in m, and the name of the markers' dictionary (as `4X4_50`)."""
+
+    across: int
+    down: int
+    square_m: float
+    marker_m: float
+    dictionary: str
+
+    def made(self) -> cv2.aruco.CharucoBoard:
+        """OpenCV's board. Raises BadInputError where there is no such one."""
+        kind = getattr(cv2.aruco, f"DICT_{self.dictionary.upper()}", None)
+        if kind is None:
+            raise BadInputError(f"no dictionary {self.dictionary!r}", hint="as 4X4_50, 5X5_100, 6X6_250")
+        if not 0 < self.marker_m < self.square_m:
+            raise BadInputError("a board's markers are smaller than its squares")
+        words = cv2.aruco.getPredefinedDictionary(kind)
+        return cv2.aruco.CharucoBoard((self.across, self.down), self.square_m, self.marker_m, words)
+
+
+Corners = dict[tuple[str, int], dict[int, Array]]
+"""By camera and instant, pixels (2,) of the board's corners by their number."""
+
+
+@dataclass(frozen=True)
+class Look:
+    """How a picture is changed before the board is looked for.
+
+    `dark`: brightness turned round, for boards printed white on black. `back`: left and right turned round,
+    for the back of a board that was printed on both sides or on glass, as cameras on two sides of it need.
+    """
+
+    dark: bool = False
+    back: bool = False
+
+
+class Finder:
+    """Finds a board; the way it was found last time is tried first."""
+
+    def __init__(self, board: Board) -> None:
+        """Raises BadInputError where there is no such board."""
+        made = board.made()
+        self._detector = cv2.aruco.CharucoDetector(made)
+        self._places = np.asarray(made.getChessboardCorners(), np.float64)[:, :2]
+        self._looks = [Look(dark, back) for dark in (False, True) for back in (False, True)]
+
+    def find(self, grey: Array) -> dict[int, Array]:
+        """Pixels of the board's corners by their number in a picture (uint8); none = it is not there."""
+        for look in self._looks:
+            found = self._as(look, grey)
+            if found:
+                self._looks.remove(look)
+                self._looks.insert(0, look)
+                return found
+        return {}
+
+    def _as(self, look: Look, grey: Array) -> dict[int, Array]:
+        seen = 255 - grey if look.dark else grey
+        if look.back:
+            seen = np.ascontiguousarray(seen[:, ::-1])
+        at, numbers, _, _ = self._detector.detectBoard(seen)
+        if numbers is None or len(numbers) < FEWEST_CORNERS:
+            return {}
+        ids, pixels = np.ravel(numbers), np.asarray(at, float).reshape(-1, 2)
+        if not self._flat(ids, pixels):
+            return {}
+        if look.back:
+            pixels[:, 0] = grey.shape[1] - 1 - pixels[:, 0]
+        return dict(zip(ids.tolist(), pixels, strict=True))
+
+    def _flat(self, ids: Array, pixels: Array) -> bool:
+        """Whether these are corners of one flat board, seen as it is printed and not mirrored."""
+        places = self._places[ids]
+        if np.linalg.matrix_rank(places - places.mean(0)) < 2:
+            return False
+        matrix, _ = cv2.findHomography(places, pixels)
+        if matrix is None:
+            return False
+        seen = np.column_stack([places, np.ones(len(places))]) @ matrix.T
+        # The board's x and y are to the right and down, as the picture's are: else it is read mirrored.
+        turned = np.linalg.det(matrix) * seen[:, 2]
+        if turned.min() <= 0:
+            return False
+        apart = np.linalg.norm(seen[:, :2] / seen[:, 2:] - pixels, axis=1)
+        size = float(np.linalg.norm(np.ptp(pixels, axis=0)))
+        return bool(apart.max() < MOST_BEND * size + 1)
+
+
+def find_corners(dataset: Dataset, board: Board) -> Corners:
+    """Look for the board in every image; images that show less than FEWEST_CORNERS are left out."""
+    found: Corners = {}
+    for camera in dataset.cameras:
+        finder = Finder(board)
+        for instant in dataset.instants(camera):
+            corners = finder.find(dataset.grey(camera, instant))
+            if corners:
+                found[camera, instant] = corners
+    return found
+
+
+def shared_corners(corners: Corners) -> dict[tuple[str, str], tuple[Array, Array]]:
+    """For pairs of cameras, the pixels of corners that both see at the same instant."""
+    shared: dict[tuple[str, str], tuple[list[Array], list[Array]]] = {}
+    for (a, at_a), (b, at_b) in combinations(sorted(corners), 2):
+        if a == b or at_a != at_b:
+            continue
+        first, second = corners[a, at_a], corners[b, at_b]
+        both = sorted(first.keys() & second.keys())
+        kept = shared.setdefault((a, b), ([], []))
+        kept[0].extend(first[i] for i in both)
+        kept[1].extend(second[i] for i in both)
+    return {pair: (np.array(x), np.array(y)) for pair, (x, y) in shared.items() if x}

@@ -1,0 +1,52 @@
+"""Points that do not move, found again between cameras: what calibration and registration rest on."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from reconstruction.common.geometry import Array
+
+LONGEST_SIDE_PX = 1280
+"""Larger images are made smaller for finding points."""
+MOST_POINTS = 2500
+
+
+@dataclass(frozen=True)
+class Points:
+    """Points of one image: positions (n, 2) px in the full image, descriptors (n, 128)."""
+
+    positions: Array
+    descriptors: Array
+
+
+def find_points(image: Array, movers: Array) -> Points:
+    """SIFT points of a grey image (uint8) outside its movers (bool)."""
+    scale = min(1.0, LONGEST_SIDE_PX / max(image.shape))
+    small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else image
+    allowed = cv2.resize(
+        (~movers).astype(np.uint8) * 255, (small.shape[1], small.shape[0]), interpolation=cv2.INTER_NEAREST
+    )
+    sift = cv2.SIFT.create(nfeatures=MOST_POINTS, contrastThreshold=0.02)
+    keypoints, descriptors = sift.detectAndCompute(small, allowed)
+    if descriptors is None:
+        return Points(np.zeros((0, 2)), np.zeros((0, 128), np.float32))
+    positions = np.array([(point.pt[0] + 0.5, point.pt[1] + 0.5) for point in keypoints]) / scale - 0.5
+    return Points(positions, np.asarray(descriptors, np.float32))
+
+
+def match_points(a: Points, b: Points, ratio: float = 0.75) -> tuple[Array, Array]:
+    """Positions (n, 2) of points that are each other's best match, in a and in b."""
+    if len(a.positions) < 2 or len(b.positions) < 2:
+        return np.zeros((0, 2)), np.zeros((0, 2))
+    likeness = a.descriptors @ b.descriptors.T
+    distance = (a.descriptors**2).sum(1)[:, None] + (b.descriptors**2).sum(1)[None, :] - 2 * likeness
+    best = distance.argmin(1)
+    rows = np.arange(len(best))
+    first = distance[rows, best].copy()
+    distance[rows, best] = np.inf
+    second = distance.min(1)
+    distance[rows, best] = first
+    mutual = distance.argmin(0)[best] == rows
+    keep = mutual & (first < ratio**2 * second)
+    return a.positions[keep], b.positions[best[keep]]

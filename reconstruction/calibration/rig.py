@@ -1,0 +1,115 @@
+"""A session's cameras made ready: calibrated, and the pairs that suit depth and panoramas."""
+
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+
+from capture_app.errors import BadInputError, NotAvailableError
+from capture_app.session.format.calibration import Calibration
+from reconstruction.calibration.features import Points, find_points
+from reconstruction.calibration.pairs import Choice, choose_panorama, choose_stereo
+from reconstruction.calibration.session_calibration import find_calibration, views_of
+from reconstruction.common.geometry import View
+from reconstruction.common.stages import Stages
+from reconstruction.session.dataset import Dataset
+from reconstruction.session.movers import grow
+from reconstruction.session.scene_motion import SceneMotion
+
+
+class Rig:
+    """The cameras of one session; everything is found once and then fixed for all conditions."""
+
+    def __init__(self, dataset: Dataset, motion: SceneMotion, stages: Stages) -> None:
+        self.dataset = dataset
+        self.motion = motion
+        self.stages = stages
+        self.views: dict[str, View] = {}
+        self.calibration: Calibration | None = None
+        self._points = lru_cache(maxsize=4)(self._find_points)
+
+    @property
+    def source(self) -> str:
+        """Where the calibration came from, in words."""
+        return self.calibration.source or "the session's own" if self.calibration else "none"
+
+    @property
+    def unit(self) -> str:
+        """The unit of length of every depth."""
+        return self.calibration.unit if self.calibration else ""
+
+    def calibrate(self) -> None:
+        """Set the views: the session's own, else found from its images.
+
+        Raises:
+            NotAvailableError: it takes COLMAP, which is not installed here.
+            BadInputError: none can be found.
+        """
+        own = self.dataset.calibration()
+        self.use(own or self.stages.record("calibration", Calibration, self._solve))
+
+    def use(self, calibration: Calibration) -> None:
+        """Set the views from a calibration that is known.
+
+        Raises:
+            BadInputError: it was made for images of another shape.
+        """
+        self.calibration = calibration
+        self.views = views_of(self.dataset, calibration)
+
+    def try_calibrate(self) -> NotAvailableError | BadInputError | None:
+        """As `calibrate`; the error says why there are no views."""
+        try:
+            self.calibrate()
+        except (NotAvailableError, BadInputError) as error:
+            return error
+        return None
+
+    def check_pair(self, pair: tuple[str, str] | None) -> None:
+        """Refuse a pair of cameras that the session does not have."""
+        for name in pair or ():
+            self.dataset.session.camera(name)
+        if pair is not None and pair[0] == pair[1]:
+            raise BadInputError(f"{pair[0]} cannot be paired with itself", hint="name two cameras")
+
+    def stereo(self, asked: tuple[str, str] | None, instant: int) -> Choice:
+        """The pair for depth, asked for or chosen by what both see around an instant."""
+        choice = Choice(asked, "asked for")
+        if asked is None:
+            choice = choose_stereo(self.views, self._points(instant))
+        for name in choice.cameras or ():
+            if name not in self.views:
+                return Choice(None, f"camera {name} has no calibration")
+        return choice
+
+    def panorama(self, asked: tuple[str, str] | None, instant: int) -> Choice:
+        """The pair for a panorama, likewise."""
+        if asked is not None:
+            return Choice(asked, "asked for")
+        points = self._points(instant)
+        return choose_panorama(points, {name: self.dataset.size(name) for name in points})
+
+    def moving_share(self, instants: list[int]) -> float:
+        """Largest share of any camera's pixels that move, the mean over these instants."""
+        shares = [0.0]
+        for name in self.dataset.cameras:
+            there = [k for k in instants if self.dataset.has(name, k)]
+            if there:
+                shares.append(float(np.mean([self.motion.seen_moving(name, k).mean() for k in there])))
+        return max(shares)
+
+    def movers(self, camera: str, instant: int) -> Any:
+        """What moves (bool), made wider: what calibration and registration must leave out."""
+        return grow(self.motion.seen_moving(camera, instant), 5)
+
+    def _solve(self) -> Calibration:
+        return find_calibration(self.dataset, self.movers, range(len(self.dataset.instants_ns)))
+
+    def _find_points(self, instant: int) -> dict[str, Points]:
+        points = {}
+        for name in self.dataset.cameras:
+            there = self.dataset.instants(name)
+            if there:
+                nearest = min(there, key=lambda k: abs(k - instant))
+                points[name] = find_points(self.dataset.grey(name, nearest), self.movers(name, nearest))
+        return points

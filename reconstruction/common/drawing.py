@@ -1,0 +1,142 @@
+"""The pictures of a comparison, made to be looked at: no text, both conditions at the same crop and scale."""
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from reconstruction.common.geometry import Array
+
+EMPTY = (34, 30, 28)
+"""BGR of what nothing is known about."""
+FOUND = (172, 182, 38)
+"""Teal: a moving pixel with depth."""
+LOST = (40, 130, 250)
+"""Orange: a moving pixel without, or with wrong depth."""
+LINE = (255, 255, 255)
+GAP_PX = 6
+CLOSE_UP_PX = 480
+
+
+def depth_range(depth: Array, moving: Array) -> tuple[float, float]:
+    """Nearest and farthest depth to show: without the last hundredth at each end, but with what moves."""
+    known, fast = depth[depth > 0], depth[moving & (depth > 0)]
+    if not len(known):
+        return 1.0, 2.0
+    near, far = np.percentile(known, [1, 99])
+    if len(fast):
+        first, last = np.percentile(fast, [10, 90])
+        near, far = min(near, first), max(far, last)
+    return float(near), float(max(far, near * 1.05))
+
+
+def colour_depth(depth: Array, near: float, far: float) -> Array:
+    """Depth as colour (BGR): near is bright yellow, far is deep blue, evenly in 1/depth; unknown is dark."""
+    shown = np.where(depth > 0, depth, far)
+    level = (1 / shown - 1 / far) / (1 / near - 1 / far)
+    # The lowest part of the map is as dark as the empty pixels.
+    picture = cv2.applyColorMap(np.uint8(255 * (0.14 + 0.86 * np.clip(level, 0, 1))), cv2.COLORMAP_VIRIDIS)
+    picture[depth <= 0] = EMPTY
+    return np.asarray(picture)
+
+
+def mark_movers(image: Array, moving: Array, found: Array) -> Array:
+    """The photograph, paler, with moving pixels in teal where depth was found and orange where not."""
+    grey = cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
+    picture = (0.6 * grey + 0.2 * image).astype(np.float32)
+    for mask, colour in ((moving & found, FOUND), (moving & ~found, LOST)):
+        picture[mask] = 0.25 * grey[mask] + 0.75 * np.array(colour, np.float32)
+    return np.asarray(np.clip(picture, 0, 255), np.uint8)
+
+
+def side_by_side(left: Array, right: Array) -> Array:
+    """Two pictures of one height with a gap between."""
+    gap = np.full((left.shape[0], GAP_PX, 3), EMPTY, np.uint8)
+    return np.hstack([left, gap, right])
+
+
+def with_rows(left: Array, right: Array, rows: list[int]) -> Array:
+    """A rectified pair with thin lines across both, on which the same points must lie."""
+    picture = side_by_side(left, right)
+    lines = picture.copy()
+    thickness = max(1, picture.shape[0] // 400)
+    for row in rows:
+        cv2.line(lines, (0, row), (picture.shape[1], row), LINE, thickness, cv2.LINE_AA)
+    return np.asarray(cv2.addWeighted(lines, 0.65, picture, 0.35, 0))
+
+
+def box_around(
+    mask: Array, *, spare: float = 0.4, aspect: float = 4 / 3, least: int = 64, most: float = 1.0
+) -> tuple[int, ...]:
+    """Left, top, right, bottom (px) of the largest spot of a mask with room around it, of a fixed shape.
+
+    `spare` is the room as a share of the spot's size, `most` the greatest share of the picture's width.
+    """
+    height, width = mask.shape
+    count, _, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
+    if count < 2:
+        return 0, 0, width, height
+    x, y, w, h, _ = (int(v) for v in stats[1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))])
+    wide = max(w * (1 + 2 * spare), aspect * h * (1 + 2 * spare), least)
+    wide = min(wide, width * most, height * aspect)
+    tall = wide / aspect
+    left = int(np.clip(x + w / 2 - wide / 2, 0, width - wide))
+    top = int(np.clip(y + h / 2 - tall / 2, 0, height - tall))
+    return left, top, left + int(wide), top + int(tall)
+
+
+def crop(picture: Array, box: tuple[int, ...], *, smooth: bool = True) -> Array:
+    """A part of a picture, enlarged to be looked at."""
+    left, top, right, bottom = box
+    part = picture[top:bottom, left:right]
+    scale = max(1.0, CLOSE_UP_PX / max(part.shape[1], 1))
+    how = cv2.INTER_CUBIC if smooth else cv2.INTER_NEAREST
+    return np.asarray(cv2.resize(part, None, fx=scale, fy=scale, interpolation=how))
+
+
+def box_of_most(weight: Array, share: float, aspect: float = 4 / 3) -> tuple[int, ...]:
+    """The box, of a share of the picture's width, that holds most of a weight: left, top, right, bottom."""
+    height, width = weight.shape
+    wide = int(min(width * share, height * aspect))
+    tall = int(wide / aspect)
+    sums = cv2.integral(weight.astype(np.float64))
+    held = sums[tall:, wide:] - sums[:-tall, wide:] - sums[tall:, :-wide] + sums[:-tall, :-wide]
+    # Of all boxes that hold as much, the middle one.
+    rows, columns = np.nonzero(held >= held.max() - 1e-6 * max(float(held.max()), 1.0))
+    top, left = int(np.median(rows)), int(np.median(columns))
+    return left, top, left + wide, top + tall
+
+
+def trim(seen: Array) -> tuple[slice, slice]:
+    """The part of a panorama without empty corners: the worst side is cut until all sides are seen."""
+    top, bottom, left, right = 0, seen.shape[0], 0, seen.shape[1]
+    while bottom - top > 32 and right - left > 32:
+        part = seen[top:bottom, left:right]
+        empty = [1 - float(side.mean()) for side in (part[0], part[-1], part[:, 0], part[:, -1])]
+        worst = int(np.argmax(empty))
+        if empty[worst] == 0:
+            break
+        top, bottom = top + (worst == 0), bottom - (worst == 1)
+        left, right = left + (worst == 2), right - (worst == 3)
+    return slice(top, bottom), slice(left, right)
+
+
+def fit(picture: Array, width: int, height: int) -> Array:
+    """A picture made as large as fits into a canvas, in its middle."""
+    scale = min(width / picture.shape[1], height / picture.shape[0])
+    wide, high = max(1, round(picture.shape[1] * scale)), max(1, round(picture.shape[0] * scale))
+    canvas = np.full((height, width, 3), EMPTY, np.uint8)
+    left, top = (width - wide) // 2, (height - high) // 2
+    how = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
+    canvas[top : top + high, left : left + wide] = cv2.resize(picture, (wide, high), interpolation=how)
+    return canvas
+
+
+def save(folder: Path, name: str, picture: Array, *, quality: int = 92) -> str:
+    """Write a picture into folder/pictures; its path relative to the folder. `quality` is for JPEG."""
+    target = folder / "pictures" / name
+    target.parent.mkdir(parents=True, exist_ok=True)
+    how = [cv2.IMWRITE_JPEG_QUALITY, quality] if name.endswith(".jpg") else []
+    if not cv2.imwrite(str(target), picture, how):
+        raise OSError(f"cannot write {target}")
+    return f"pictures/{name}"

@@ -1,0 +1,95 @@
+"""A calibrated view: from pixels to rays and back."""
+
+from dataclasses import dataclass
+from typing import Any, Self
+
+import cv2
+import numpy as np
+import numpy.typing as npt
+
+from capture_app.session.format.calibration import CameraCalibration
+
+Array = npt.NDArray[Any]
+"""An array whose type and shape the docstring gives."""
+
+
+@dataclass(frozen=True)
+class View:
+    """Intrinsics (px, first pixel's centre at 0, 0) and `cam_from_rig` of one camera.
+
+    `matrix` 3x3, `distortion` (5,) after OpenCV, `rotation` 3x3 and `translation` (3,) in the
+    calibration's unit.
+    """
+
+    width: int
+    height: int
+    matrix: Array
+    distortion: Array
+    rotation: Array
+    translation: Array
+
+    @classmethod
+    def from_calibration(cls, camera: CameraCalibration, width: int, height: int) -> Self:
+        """The view of a camera whose images are width x height px, scaled from its calibration's size."""
+        sx, sy = width / camera.width, height / camera.height
+        matrix = np.array(
+            [
+                [camera.fx * sx, 0.0, (camera.cx + 0.5) * sx - 0.5],
+                [0.0, camera.fy * sy, (camera.cy + 0.5) * sy - 0.5],
+                [0.0, 0.0, 1.0],
+            ]
+        )
+        distortion = np.zeros(5)
+        distortion[: len(camera.distortion)] = camera.distortion[:5]
+        return cls(width, height, matrix, distortion, np.array(camera.rotation), np.array(camera.translation))
+
+    @property
+    def centre(self) -> Array:
+        """The camera's position in the rig, (3,)."""
+        return np.asarray(-self.rotation.T @ self.translation)
+
+    @property
+    def axis(self) -> Array:
+        """The viewing direction in the rig, a unit vector (3,)."""
+        return np.asarray(self.rotation[2])
+
+    @property
+    def focal(self) -> float:
+        """Mean focal length, px."""
+        return float(self.matrix[0, 0] + self.matrix[1, 1]) / 2
+
+    def rays(self, pixels: Array) -> Array:
+        """Directions (n, 3) with z = 1 in the camera's frame, of distorted pixels (n, 2)."""
+        points = np.asarray(pixels, np.float64).reshape(-1, 1, 2)
+        flat = cv2.undistortPoints(points, self.matrix, self.distortion).reshape(-1, 2)
+        return np.column_stack([flat, np.ones(len(flat))])
+
+    def grid(self) -> Array:
+        """Every pixel of the image, row by row, (height * width, 2)."""
+        ys, xs = np.mgrid[0 : self.height, 0 : self.width]
+        return np.column_stack([xs.ravel(), ys.ravel()]).astype(np.float64)
+
+    def border(self, steps: int = 32) -> Array:
+        """Pixels around the image's edge, in order, (4 * steps, 2)."""
+        s = np.linspace(0.0, 1.0, steps, endpoint=False)
+        w, h = self.width - 1.0, self.height - 1.0
+        return np.concatenate(
+            [
+                np.column_stack([s * w, 0 * s]),
+                np.column_stack([0 * s + w, s * h]),
+                np.column_stack([(1 - s) * w, 0 * s + h]),
+                np.column_stack([0 * s, (1 - s) * h]),
+            ]
+        )
+
+
+def other_from_reference(reference: View, other: View) -> tuple[Array, Array]:
+    """Rotation 3x3 and translation (3,) that take points of the reference view into the other."""
+    rotation = other.rotation @ reference.rotation.T
+    return rotation, other.translation - rotation @ reference.translation
+
+
+def angle_deg(a: Array, b: Array) -> float:
+    """Angle between two directions, degrees."""
+    cosine = float(a @ b) / float(np.linalg.norm(a) * np.linalg.norm(b))
+    return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))

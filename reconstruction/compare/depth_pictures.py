@@ -1,0 +1,89 @@
+"""The pictures of a pair's depth, synchronized and offset, of the instant that shows it most clearly."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from reconstruction.common import drawing as pictures
+from reconstruction.common.geometry import Array
+from reconstruction.compare.depth_study import DepthStudy, Instant
+from reconstruction.scores.results import Picture
+
+PANELS = {"pair": 2, "closeup": 2}
+"""Panels side by side in a picture; the others have one."""
+PLAIN = ("depth",)
+"""Flat colours with hard edges, kept as PNG; the others are JPEG."""
+
+
+def depth_pictures(study: DepthStudy, instants: Sequence[Instant], out: Path) -> list[Picture]:
+    """Write the pictures into out/pictures: of the instant with the most moving pixels that have a depth."""
+    one = max(instants, key=lambda i: int((i.moving & (i.maps["synced"].depth > 0)).sum()))
+    texts = _texts(study, one.truth is not None)
+    paths: dict[str, dict[str, str]] = {key: {} for key in texts}
+    for condition, later in (("synced", one.now), ("offset", one.later)):
+        for key, picture in _made(study, one, condition, later).items():
+            name = f"stereo_{key}_{condition}.{'png' if key in PLAIN else 'jpg'}"
+            paths[key][condition] = pictures.save(out, name, picture)
+    return [
+        Picture(key=f"stereo_{key}", title=title, caption=text, panels=PANELS.get(key, 1), **paths[key])
+        for key, (title, text) in texts.items()
+    ]
+
+
+def _texts(study: DepthStudy, true: bool) -> dict[str, tuple[str, str]]:
+    found = "the distance found is right within 2 %" if true else "both pictures agree on a distance"
+    lost = "there is none, or a wrong one" if true else "they do not"
+    return {
+        "late": (
+            "The second camera's picture",
+            f"What {study.other} took at the instant of {study.reference}'s picture, and when it is late.",
+        ),
+        "depth": ("Distance", "Bright is near, blue is far; dark means that no distance was found."),
+        "movers": ("What moves", f"Teal: {found}. Orange: {lost}."),
+        "closeup": ("A moving thing, close up", "The picture, and the distance found for it."),
+        "pair": (
+            "The two pictures",
+            "Turned so that the same point lies on the same line in both; what has moved does not.",
+        ),
+    }
+
+
+def _made(study: DepthStudy, one: Instant, condition: str, later: int) -> dict[str, Array]:
+    near, far = pictures.depth_range(one.maps["synced"].depth, one.moving)
+    photo = study.dataset.image(study.reference, one.now)
+    box = pictures.box_around(one.moving, most=0.65)
+    depth = one.maps[condition].depth
+    coloured = pictures.colour_depth(depth, near, far)
+    right = depth > 0
+    if one.truth is not None:
+        truth = np.nan_to_num(one.truth, nan=np.inf)
+        right &= np.abs(depth - truth) < 0.02 * np.nan_to_num(one.truth)
+    return {
+        "late": study.dataset.image(study.other, later),
+        "depth": coloured,
+        "movers": pictures.mark_movers(photo, one.moving, right),
+        "closeup": pictures.side_by_side(
+            pictures.crop(photo, box), pictures.crop(coloured, box, smooth=False)
+        ),
+        "pair": _pair(study, one, later),
+    }
+
+
+def _pair(study: DepthStudy, one: Instant, later: int) -> Array:
+    """Both pictures turned so that the same point lies in the same row, with lines to compare by."""
+    assert study.pair is not None
+    canvas = study.pair.rectification
+    a, seen = canvas.remap(study.dataset.image(study.reference, one.now))
+    b, seen_b = canvas.remap(study.dataset.image(study.other, later), other=True)
+    on, _ = canvas.remap(one.moving.astype(np.uint8), nearest=True)
+    a[~seen], b[~seen_b] = pictures.EMPTY, pictures.EMPTY
+    rows, columns = (np.nonzero(seen.mean(axis) > 0.5 * seen.mean(axis).max())[0] for axis in (1, 0))
+    part = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
+    a, b, on = a[part], b[part], on[part]
+    if canvas.mirror:
+        a, b, on = (np.ascontiguousarray(image[:, ::-1]) for image in (a, b, on))
+    _, top, _, bottom = pictures.box_around(on > 0, spare=0.0, least=8)
+    count = 3 if (on > 0).any() else 0
+    lines = [int(y) for y in np.linspace(top, bottom, count)]
+    return pictures.with_rows(a, b, lines)

@@ -1,0 +1,207 @@
+"""The panorama half of a comparison: registered once, composed and measured for both conditions."""
+
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from reconstruction.calibration.features import find_points, match_points
+from reconstruction.calibration.pairs import fit_homography
+from reconstruction.common import drawing as pictures
+from reconstruction.common.geometry import Array, View
+from reconstruction.common.stages import Progress
+from reconstruction.panorama import pair_homography as stitch
+from reconstruction.scores.intervals import interval, pooled_samples
+from reconstruction.scores.results import Interval, Picture, StitchResult, StitchScores
+from reconstruction.scores.tally import FEWEST_FOR_INTERVAL
+from reconstruction.session.dataset import Dataset
+from reconstruction.session.movers import grow
+from reconstruction.session.scene_motion import SceneMotion
+
+REGISTRATION_INSTANTS = 3
+
+
+class PanoramaStudy:
+    """A panorama of two cameras, synchronized and offset."""
+
+    def __init__(
+        self,
+        dataset: Dataset,
+        motion: SceneMotion,
+        views: dict[str, View],
+        cameras: tuple[str, str],
+        pairs: Sequence[tuple[int, int]],
+    ) -> None:
+        """`pairs` are (instant, later instant); cameras without a view are taken as they are."""
+        self.dataset = dataset
+        self.motion = motion
+        self.cameras = cameras
+        self.pairs = list(pairs)
+        self.views = [views.get(name) or stitch.plain_view(*dataset.size(name)) for name in cameras]
+        self.registration: stitch.Registration | None = None
+
+    def register(self) -> None:
+        """Fix the geometry from what stands still.
+
+        Raises:
+            ValueError: the two cameras' pictures make no panorama.
+        """
+        first, second = self.cameras
+        at: tuple[list[Array], list[Array]] = ([], [])
+        for now, _ in self.pairs[:: max(1, len(self.pairs) // REGISTRATION_INSTANTS)]:
+            points = [
+                find_points(self.dataset.grey(name, now), grow(self.motion.seen_moving(name, now), 5))
+                for name in self.cameras
+            ]
+            found = match_points(points[0], points[1])
+            for kept, view, pixels in zip(at, self.views, found, strict=True):
+                kept.append(stitch.flat(view, pixels) if len(pixels) else pixels)
+        homography = fit_homography(
+            np.concatenate(at[0]),
+            np.concatenate(at[1]),
+            self.dataset.size(first),
+            self.dataset.size(second),
+        )
+        if homography is None:
+            raise ValueError(f"the pictures of {first} and {second} cannot be laid over each other")
+        rough = stitch.register(self.views[0], self.views[1], homography)
+        moving = np.zeros(rough.overlap.shape, bool)
+        for which, name in enumerate(self.cameras):
+            for k in self.dataset.instants(name):
+                mask = self.motion.seen_moving(name, k).astype(np.uint8)
+                moving |= rough.warp(mask, which, nearest=True) > 0
+        self.registration = stitch.refine(
+            rough,
+            rough.warp(self.motion.still(first), 0),
+            rough.warp(self.motion.still(second), 1),
+            grow(moving, 4),
+        )
+
+    def result(self, progress: Progress, why: str) -> StitchResult:
+        """Misfit of both conditions in the overlap, the mean over the instants."""
+        assert self.registration is not None
+        first, second = self.cameras
+        misfits: tuple[list[stitch.Misfit], list[stitch.Misfit]] = ([], [])
+        for now, later in self.pairs:
+            progress.step(f"panorama {first}-{second}, instant {now}")
+            for shown, instant in enumerate((now, later)):
+                moving, still = self._masks(now, later, instant)
+                misfits[shown].append(
+                    stitch.measure(
+                        self.registration,
+                        self.dataset.grey(first, now),
+                        self.dataset.grey(second, instant),
+                        moving,
+                        still,
+                    )
+                )
+        return StitchResult(
+            cameras=self.cameras,
+            synced=_scores(misfits[0]),
+            offset=_scores(misfits[1]),
+            differences=_differences(*misfits),
+            why=why,
+        )
+
+    def pictures(self, out: Path) -> list[Picture]:
+        """The panorama of the instant at which most moves in the overlap, and a close-up, both conditions."""
+        assert self.registration is not None
+        first, second = self.cameras
+        now, later = max(self.pairs, key=lambda pair: int(self._moving(*pair).sum()))
+        seen = self.registration.seen[0] | self.registration.seen[1]
+        part = pictures.trim(seen)
+        wholes = {
+            condition: stitch.compose(
+                self.registration, self.dataset.image(first, now), self.dataset.image(second, instant)
+            )[part]
+            for condition, instant in (("synced", now), ("offset", later))
+        }
+        changed = np.abs(wholes["synced"].astype(np.float32) - wholes["offset"]).mean(2)
+        box = pictures.box_of_most(changed * (changed > 12), 0.5)
+        paths: dict[str, dict[str, str]] = {"panorama": {}, "closeup": {}}
+        for condition, whole in wholes.items():
+            paths["panorama"][condition] = pictures.save(out, f"panorama_{condition}.jpg", whole)
+            close = pictures.crop(whole, box)
+            paths["closeup"][condition] = pictures.save(out, f"panorama_closeup_{condition}.jpg", close)
+        return [
+            Picture(
+                key="panorama",
+                title="Panorama",
+                caption="Two pictures laid side by side and cross-faded where they overlap.",
+                synced=paths["panorama"]["synced"],
+                offset=paths["panorama"]["offset"],
+            ),
+            Picture(
+                key="panorama_closeup",
+                title="Where they overlap, close up",
+                caption="A thing that moved between the two pictures is there twice, half transparent.",
+                synced=paths["closeup"]["synced"],
+                offset=paths["closeup"]["offset"],
+            ),
+        ]
+
+    def _masks(self, now: int, later: int, shown: int) -> tuple[Array, Array]:
+        """Moving and still pixels on the panorama when the second camera shows the instant `shown`."""
+        assert self.registration is not None
+        first, second = self.cameras
+        return stitch.masks(
+            self.registration,
+            (self.motion.moving(first, now), self.motion.moving(second, shown)),
+            (
+                [self.motion.changing(first, k) for k in (now, later) if self.dataset.has(first, k)],
+                [self.motion.changing(second, k) for k in (now, later)],
+            ),
+        )
+
+    def _moving(self, now: int, later: int) -> Array:
+        assert self.registration is not None
+        return np.asarray(self._masks(now, later, later)[0] & self.registration.overlap)
+
+
+MEASURES = {
+    "overlap_flow_p95_px": "flow_p95_px",
+    "static_overlap_mad": "static_mad",
+    "mover_overlap_mad": "mover_mad",
+    "mover_flow_p95_px": "mover_flow_p95_px",
+}
+
+
+def _values(misfits: list[stitch.Misfit], measure: str) -> Array:
+    """A measure at every instant, NaN = none."""
+    found = [getattr(misfit, MEASURES[measure]) for misfit in misfits]
+    return np.array([np.nan if value is None else value for value in found], float)
+
+
+def _mean(values: Array) -> float | None:
+    known = values[np.isfinite(values)]
+    return float(known.mean()) if len(known) else None
+
+
+def _samples(values: Array) -> Array:
+    if len(values) < FEWEST_FOR_INTERVAL:
+        return np.zeros(0)
+    singles = [values[i : i + 1][np.isfinite(values[i : i + 1])] for i in range(len(values))]
+    return pooled_samples(singles, lambda pooled: float(pooled.mean()))
+
+
+def _scores(misfits: list[stitch.Misfit]) -> StitchScores:
+    values = {measure: _values(misfits, measure) for measure in MEASURES}
+    found = {measure: interval(_mean(v), _samples(v)) for measure, v in values.items()}
+    return StitchScores(
+        overlap_flow_p95_px=float(values["overlap_flow_p95_px"].mean()),
+        static_overlap_mad=float(values["static_overlap_mad"].mean()),
+        mover_overlap_mad=_mean(values["mover_overlap_mad"]),
+        mover_flow_p95_px=_mean(values["mover_flow_p95_px"]),
+        intervals={measure: one for measure, one in found.items() if one is not None},
+        instants=len(misfits),
+    )
+
+
+def _differences(synced: list[stitch.Misfit], offset: list[stitch.Misfit]) -> dict[str, Interval]:
+    found = {}
+    for measure in MEASURES:
+        change = _values(offset, measure) - _values(synced, measure)
+        one = interval(_mean(change), _samples(change))
+        if one is not None:
+            found[measure] = one
+    return found

@@ -1,0 +1,189 @@
+"""The part of a comparison that finds the cameras' poses instant by instant, as it must where all moves."""
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from reconstruction.common.geometry import Array, View
+from reconstruction.common.native import versions
+from reconstruction.common.stages import Stages
+from reconstruction.poses.poses import PoseFinder, pair_errors
+from reconstruction.scores.intervals import interval, pooled_samples, share_samples
+from reconstruction.scores.results import Interval, PoseComparison, PoseScores
+from reconstruction.scores.tally import FEWEST_FOR_INTERVAL
+from reconstruction.session.conditions import Condition, listed, refuse_together, shown_with
+from reconstruction.session.dataset import Dataset
+from reconstruction.session.variants import thin
+
+RIGHT_DEG = 2.0
+HARMED = 0.1
+LARGE_MOVING_SHARE = 0.2
+"""Less than this of the picture moving is thrown out with the outliers: poses are as good when late."""
+MOST_INSTANTS = 5
+MEASURES = ("registered", "right_pairs", "rotation_deg", "direction_deg")
+
+
+@dataclass(frozen=True)
+class Placed:
+    """One instant's result: cameras that were placed, and the two errors (degrees) of each two of them."""
+
+    cameras: int
+    registered: int
+    errors: tuple[tuple[float, float], ...]
+
+    @property
+    def pairs(self) -> int:
+        """How many pairs the cameras make."""
+        return self.cameras * (self.cameras - 1) // 2
+
+    @property
+    def right(self) -> int:
+        """How many of them were placed right."""
+        return sum(max(error) <= RIGHT_DEG for error in self.errors)
+
+
+class PoseStudy:
+    """Poses of single instants, held against the calibration, in any condition."""
+
+    def __init__(self, dataset: Dataset, views: Mapping[str, View], stages: Stages, truth: str) -> None:
+        """`truth` says in words where the calibration came from."""
+        self.dataset = dataset
+        self.views = views
+        self.stages = stages
+        self.truth = truth
+        self.cameras = tuple(name for name in dataset.cameras if name in views)
+
+    def compare(self, condition: Condition, why: str) -> PoseComparison:
+        """A condition against the synchronized one, on the same instants.
+
+        Raises:
+            ValueError: fewer than three cameras are calibrated, or the burst does not hold the condition.
+            NotAvailableError: COLMAP is not installed here.
+        """
+        if len(self.cameras) < 3:
+            raise ValueError("it takes three cameras to tell a wrong pose from another scale")
+        taken = self._taken(condition)
+        found: dict[str, list[Placed]] = {"synced": [], "offset": []}
+        with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
+            finder = _Lazy(self, Path(scratch))
+            for instant, shown in taken:
+                together = dict.fromkeys(self.cameras, instant)
+                for name, pictures in (("synced", together), ("offset", shown)):
+                    found[name].append(self._placed(finder, pictures))
+        late_ms = listed(condition, self.dataset)
+        first = self.cameras[0]
+        synced, offset = (_scores(found[name]) for name in ("synced", "offset"))
+        return PoseComparison(
+            cameras=self.cameras,
+            synced=synced,
+            offset=offset,
+            harmed=synced.right_pairs - offset.right_pairs > HARMED,
+            right_deg=RIGHT_DEG,
+            truth=self.truth,
+            offsets_ms={c: late_ms[c] - late_ms[first] for c in self.cameras} if late_ms else {},
+            per_instant=tuple(
+                {"instant": instant, **_row("synced", synced_one), **_row("offset", offset_one)}
+                for (instant, _), synced_one, offset_one in zip(taken, *found.values(), strict=True)
+            ),
+            differences=_differences(found["synced"], found["offset"]),
+            why=why,
+        )
+
+    def _taken(self, condition: Condition) -> list[tuple[int, dict[str, int]]]:
+        found = []
+        problem = "no instant has all its pictures in both conditions"
+        for instant in range(len(self.dataset.instants_ns)):
+            try:
+                shown = shown_with(self.dataset, condition, self.cameras[0], instant)
+            except ValueError as error:
+                problem = str(error)
+                continue
+            shown = {camera: shown[camera] for camera in self.cameras}
+            if all(self.dataset.has(c, k) and self.dataset.has(c, instant) for c, k in shown.items()):
+                found.append((instant, shown))
+        if not found:
+            raise ValueError(problem)
+        refuse_together(condition, found)
+        chosen = thin([(place, place) for place in range(len(found))], MOST_INSTANTS)
+        return [found[place] for place, _ in chosen]
+
+    def _placed(self, finder: "_Lazy", shown: dict[str, int]) -> Placed:
+        def make() -> Placed:
+            poses = finder.get().find(shown)
+            true = {name: (view.rotation, view.translation) for name, view in self.views.items()}
+            return Placed(len(shown), len(poses), tuple(pair_errors(poses, true)))
+
+        version = versions()["pycolmap"]
+        return self.stages.record("poses", Placed, make, tuple(shown.items()), repr(self.views), version)
+
+
+class _Lazy:
+    """A finder that is made when a result is not there already."""
+
+    def __init__(self, study: PoseStudy, folder: Path) -> None:
+        self._study = study
+        self._folder = folder
+        self._finder: PoseFinder | None = None
+
+    def get(self) -> PoseFinder:
+        if self._finder is None:
+            self._finder = PoseFinder(self._study.dataset, self._study.views, self._folder)
+        return self._finder
+
+
+def _values(placed: Sequence[Placed], measure: str) -> list[Array]:
+    """A measure's values, one array for each instant."""
+    if measure == "registered":
+        return [np.array([float(one.registered)]) for one in placed]
+    which = 0 if measure == "rotation_deg" else 1
+    return [np.array([error[which] for error in one.errors]) for one in placed]
+
+
+def _value(placed: Sequence[Placed], measure: str) -> float | None:
+    if measure == "right_pairs":
+        return sum(one.right for one in placed) / sum(one.pairs for one in placed)
+    pooled = np.concatenate(_values(placed, measure))
+    if not len(pooled):
+        return None
+    return float(pooled.mean() if measure == "registered" else np.median(pooled))
+
+
+def _samples(placed: Sequence[Placed], measure: str) -> Array:
+    if len(placed) < FEWEST_FOR_INTERVAL:
+        return np.zeros(0)
+    if measure == "right_pairs":
+        return share_samples(*(np.array(v) for v in zip(*((p.right, p.pairs) for p in placed), strict=True)))
+    middle = np.mean if measure == "registered" else np.median
+    return pooled_samples(_values(placed, measure), lambda values: float(middle(values)))
+
+
+def _scores(placed: Sequence[Placed]) -> PoseScores:
+    values = {measure: _value(placed, measure) for measure in MEASURES}
+    found = {m: interval(value, _samples(placed, m)) for m, value in values.items()}
+    return PoseScores(
+        registered=values["registered"] or 0.0,
+        right_pairs=values["right_pairs"] or 0.0,
+        rotation_deg=values["rotation_deg"],
+        direction_deg=values["direction_deg"],
+        intervals={measure: one for measure, one in found.items() if one is not None},
+        instants=len(placed),
+    )
+
+
+def _differences(synced: Sequence[Placed], offset: Sequence[Placed]) -> dict[str, Interval]:
+    found = {}
+    for measure in MEASURES:
+        before, after = _value(synced, measure), _value(offset, measure)
+        if before is None or after is None:
+            continue
+        one = interval(after - before, _samples(offset, measure) - _samples(synced, measure))
+        if one is not None:
+            found[measure] = one
+    return found
+
+
+def _row(name: str, one: Placed) -> dict[str, float | int | None]:
+    return {f"{name}_{measure}": _value([one], measure) for measure in MEASURES}

@@ -1,0 +1,4 @@
+"""Depth from many views: plane sweep, PatchMatch, consistency, fusion, mesh.
+
+Arrays in, arrays out: imports `common` alone.
+"""

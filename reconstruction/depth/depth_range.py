@@ -1,0 +1,74 @@
+"""From how near to how far the scene reaches: small pictures matched over all depths there could be."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from capture_app.errors import BadInputError
+from reconstruction.common.geometry import Array
+from reconstruction.common.photo import Lens, Photo
+from reconstruction.depth.consistency import Agreement, votes
+from reconstruction.depth.sweep import Surface, SweepOptions, sweep_levels
+
+WIDTH_PX = 176
+MOST_MOTION = 0.35
+"""The nearest thing moves by this share of the picture between two neighbouring cameras."""
+MOST_LEVELS = 192
+MOST_VIEWS = 6
+FEWEST_PIXELS = 150
+LEAST_ALIKE = 0.35
+LIMITS = Agreement(pixel=1.0, relative=0.06)
+
+
+def find_depth_range(
+    photos: Mapping[str, Photo], sources: Mapping[str, Sequence[str]]
+) -> tuple[float, float]:
+    """Nearest and farthest depth of the scene, in the rig's unit, with a margin.
+
+    Raises:
+        BadInputError: the pictures have nothing in common that two of them agree on.
+    """
+    names = [name for name in photos if sources.get(name)]
+    chosen = [names[int(i)] for i in np.linspace(0, len(names) - 1, min(MOST_VIEWS, len(names)))]
+    chosen = list(dict.fromkeys(chosen))
+    needed = dict.fromkeys([*chosen, *(s for name in chosen for s in sources[name])])
+    small = {name: photos[name].scaled(min(1.0, WIDTH_PX / photos[name].view.width)) for name in needed}
+    surfaces: dict[str, Surface] = {}
+    for name in chosen:
+        lenses = [Lens(small[name], small[other]) for other in sources[name][:3]]
+        surfaces[name] = sweep_levels(small[name], lenses, _levels(lenses), SweepOptions())
+    found = [_agreed(name, small, surfaces, sources) for name in chosen]
+    values = np.concatenate(found) if found else np.zeros(0)
+    if len(values) < FEWEST_PIXELS:
+        raise BadInputError(
+            "the pictures of this instant have nothing in common that depth could be measured by",
+            hint="cameras must see the same things from places some way apart, lit, in focus, "
+            "and their calibration must be this rig's",
+        )
+    low, high = (float(v) for v in np.percentile(values, [0.5, 99.5]))
+    margin = 0.12 * (high - low) + 0.02 * high
+    return 1 / (high + margin), 1 / max(low - margin, 0.3 * low)
+
+
+def _levels(lenses: Sequence[Lens]) -> Array:
+    reference = lenses[0].reference.view
+    bases = [float(np.linalg.norm(lens.translation)) for lens in lenses]
+    near = MOST_MOTION * reference.width / (reference.focal * min(bases))
+    count = int(np.clip(reference.focal * max(bases) * near, 48, MOST_LEVELS))
+    return np.linspace(near * 0.002, near, count)
+
+
+def _agreed(
+    name: str,
+    small: Mapping[str, Photo],
+    surfaces: Mapping[str, Surface],
+    sources: Mapping[str, Sequence[str]],
+) -> Array:
+    """Inverse depths of a view that another view's surface confirms."""
+    others = [other for other in surfaces if other != name]
+    surface = surfaces[name]
+    lenses = [Lens(small[name], small[other]) for other in others]
+    count = votes(surface, lenses, [surfaces[other] for other in others], LIMITS)
+    # Two others where there are three: what moves between the pictures finds one that agrees by chance.
+    agreed = count >= (2 if len(others) >= 3 else 1)
+    return np.asarray(surface.inverse_depth[agreed & (surface.unlike < LEAST_ALIKE)])

@@ -1,0 +1,121 @@
+"""From the fused cloud to a clean one, a mesh that stays with it, and a picture of it from all around."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from reconstruction.common.geometry import Array
+from reconstruction.common.native import load_open3d, silent
+
+NEIGHBOURS = 16
+DEEPEST_POISSON = 9
+"""Halvings of the cloud's box: 2^9 cells along its longest side."""
+FARTHEST_SPACINGS = 4.0
+"""The mesh is cut off where the cloud is farther away than this many times the distance of its points."""
+MOST_MESH_POINTS = 400_000
+TURNS_DEG = (-50, -30, -10, 10, 30, 50)
+
+
+@dataclass(frozen=True)
+class Model:
+    """What was made: points and triangles left, and the files' names."""
+
+    points: int
+    triangles: int
+    files: tuple[str, ...]
+
+
+def build_model(fused: Path, folder: Path, centre: Array, up: Array) -> Model:
+    """Clean the fused cloud, mesh it, and write cloud.ply, mesh.ply and turntable.png into the folder.
+
+    `centre` is the rig's middle and `up` (3,) the direction that is up in its pictures, in the rig's frame.
+
+    Raises:
+        OSError: a file could not be written.
+    """
+    o3d = load_open3d()
+    with silent():
+        cloud = _clean(o3d.io.read_point_cloud(str(fused)))
+        mesh = _mesh(o3d, cloud)
+        written = o3d.io.write_point_cloud(str(folder / "cloud.ply"), cloud)
+        written &= o3d.io.write_triangle_mesh(str(folder / "mesh.ply"), mesh)
+    if not written:
+        raise OSError(f"cannot write the cloud and the mesh into {folder}")
+    picture = cv2.imencode(".png", turntable(o3d, mesh, centre, up))[1]
+    (folder / "turntable.png").write_bytes(picture.tobytes())
+    return Model(len(cloud.points), len(mesh.triangles), ("cloud.ply", "mesh.ply", "turntable.png"))
+
+
+def turntable(o3d: Any, mesh: Any, centre: Array, up: Array, size: tuple[int, int] = (480, 360)) -> Array:
+    """The mesh from six places on an arc about its middle, as one BGR picture of 3 x 2."""
+    if not len(mesh.triangles):
+        return np.full((2 * size[1], 3 * size[0], 3), 32, np.uint8)
+    points = np.asarray(mesh.vertices)
+    middle = np.median(points, axis=0)
+    scene = o3d.t.geometry.RaycastingScene()
+    scene.add_triangles(o3d.t.geometry.TriangleMesh.from_legacy(mesh))
+    colours = np.asarray(mesh.vertex_colors)[np.asarray(mesh.triangles)]
+    frames = [_look(o3d, scene, colours, middle, centre, up, turn, size) for turn in TURNS_DEG]
+    return np.concatenate([np.concatenate(frames[:3], axis=1), np.concatenate(frames[3:], axis=1)])
+
+
+def _clean(cloud: Any) -> Any:
+    """Points far from their neighbours are dropped; normals stay those of the views."""
+    if len(cloud.points) <= NEIGHBOURS:
+        return cloud
+    return cloud.remove_statistical_outlier(NEIGHBOURS, 2.5)[0]
+
+
+def _mesh(o3d: Any, cloud: Any) -> Any:
+    if len(cloud.points) < 100:
+        return o3d.geometry.TriangleMesh()
+    if len(cloud.points) > MOST_MESH_POINTS:
+        cloud = cloud.random_down_sample(MOST_MESH_POINTS / len(cloud.points))
+    spacing = float(np.median(np.asarray(cloud.compute_nearest_neighbor_distance())))
+    side = float(np.max(cloud.get_max_bound() - cloud.get_min_bound()))
+    depth = int(np.clip(np.ceil(np.log2(side / max(2 * spacing, 1e-9))), 5, DEEPEST_POISSON))
+    mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(cloud, depth=depth, n_threads=-1)
+    vertices = o3d.geometry.PointCloud(mesh.vertices)
+    away = np.asarray(vertices.compute_point_cloud_distance(cloud))
+    # Poisson closes every surface: what no point supports would be invented.
+    mesh.remove_vertices_by_mask(away > FARTHEST_SPACINGS * max(spacing, side / 2**depth))
+    mesh.remove_unreferenced_vertices()
+    return mesh
+
+
+def _look(
+    o3d: Any,
+    scene: Any,
+    colours: Array,
+    middle: Array,
+    centre: Array,
+    up: Array,
+    turn_deg: float,
+    size: tuple[int, int],
+) -> Array:
+    """The mesh seen from the rig's middle after a turn about the vertical through the scene's middle."""
+    turn, _ = cv2.Rodrigues(up / np.linalg.norm(up) * np.radians(turn_deg))
+    eye = middle + turn @ (centre - middle) * 1.15
+    # Open3D's `up` is where the rows of its picture grow to.
+    rays = o3d.t.geometry.RaycastingScene.create_rays_pinhole(
+        fov_deg=65.0, center=middle, eye=eye, up=-up, width_px=size[0], height_px=size[1]
+    )
+    hits = scene.cast_rays(rays)
+    triangle = hits["primitive_ids"].numpy()
+    there = np.isfinite(hits["t_hit"].numpy())
+    uv = hits["primitive_uvs"].numpy()[there]
+    corners = colours[triangle[there]]
+    rgb = corners[:, 0] * (1 - uv[:, :1] - uv[:, 1:]) + corners[:, 1] * uv[:, :1] + corners[:, 2] * uv[:, 1:]
+    picture = np.full((size[1], size[0], 3), 32, np.uint8)
+    picture[there] = np.clip(rgb[:, ::-1] * 255, 0, 255)
+    return picture
+
+
+def up_of(rotations: Sequence[Array]) -> Array:
+    """What is up in the pictures of cameras with these `cam_from_rig` rotations, in the rig's frame (3,)."""
+    mean = -np.mean([rotation[1] for rotation in rotations], axis=0)
+    return np.asarray(mean / max(float(np.linalg.norm(mean)), 1e-9))

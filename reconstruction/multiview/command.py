@@ -1,0 +1,199 @@
+"""Depth of every camera of an instant, one cloud of points of them all, and a mesh."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from capture_app.errors import BadInputError, NotAvailableError
+from capture_app.session.files.durable import write_whole
+from reconstruction.common.geometry import View
+from reconstruction.common.native import versions
+from reconstruction.common.stages import Progress
+from reconstruction.depth.colmap_maps import read_maps
+from reconstruction.depth.depth_range import find_depth_range
+from reconstruction.depth.matcher import DepthView, match_views
+from reconstruction.depth.mesh import Model, build_model, up_of
+from reconstruction.depth.patchmatch import Gpu, find_gpu, run_patch_match
+from reconstruction.depth.workspace import fuse, write_workspace
+from reconstruction.multiview.input import Shot, load_shots
+from reconstruction.multiview.judge import view_result
+from reconstruction.multiview.output import refuse_foreign, whole_folder
+from reconstruction.multiview.result import MultiviewResult
+from reconstruction.multiview.sources import choose_sources, guessed_depths, reference_of
+from reconstruction.session.dataset import Dataset, instants_of
+
+RESULT = "multiview.json"
+OURS = {RESULT, "depth", "workspace", "fused.ply", "fused.ply.vis", "cloud.ply", "mesh.ply", "turntable.png"}
+
+
+class Matcher(StrEnum):
+    """Who finds the depth: this package on the CPU, COLMAP on a GPU, or COLMAP where there is a GPU."""
+
+    AUTO = "auto"
+    SWEEP = "sweep"
+    PATCHMATCH = "patchmatch"
+
+
+@dataclass(frozen=True, kw_only=True)
+class MultiviewOptions:
+    """What to make: `offsets_ms` are one for each camera in the session's order, or none."""
+
+    instant: int = 0
+    offsets_ms: tuple[float, ...] = ()
+    matcher: Matcher = Matcher.AUTO
+    mesh: bool = True
+
+
+@dataclass
+class _Clock:
+    """Wall seconds of the stages."""
+
+    seconds: dict[str, float] = field(default_factory=dict)
+    started: float = field(default_factory=time.perf_counter)
+    last: float = field(default_factory=time.perf_counter)
+
+    def stage(self, name: str) -> None:
+        """What ran since the last call was this stage."""
+        now = time.perf_counter()
+        self.seconds[name] = round(now - self.last, 3)
+        self.last = now
+
+    def total(self) -> float:
+        """Seconds since the start."""
+        return round(time.perf_counter() - self.started, 3)
+
+
+def multiview(
+    session: Path, out: Path, options: MultiviewOptions, progress: Progress | None = None
+) -> MultiviewResult:
+    """Make the depth, the cloud and the mesh of one instant; `out` appears whole or not at all.
+
+    Raises:
+        BadInputError: the session, the instant or the offsets cannot be used, or nothing was found.
+        NotAvailableError: the matcher asked for, or COLMAP or Open3D, is not here.
+    """
+    refuse_foreign(out, OURS)
+    gpu, note = _choose(options.matcher)
+    clock = _Clock()
+    dataset = Dataset.open(session)
+    instants = instants_of(dataset, options.instant, options.offsets_ms)
+    shots, left_out, calibration, unit = load_shots(dataset, instants)
+
+    def say(text: str) -> None:
+        if progress is not None:
+            progress.total = len(shots) + (3 if options.mesh else 2)
+            progress.step(text)
+
+    say("how near and how far the scene is")
+    nearest, farthest = find_depth_range(
+        {camera: shot.photo for camera, shot in shots.items()}, _sources(shots, guessed_depths(_views(shots)))
+    )
+    depths = (nearest, 2 / (1 / nearest + 1 / farthest), farthest)
+    sources = _sources(shots, depths)
+    left_out |= {camera: "no other camera sees what it sees" for camera in shots if not sources[camera]}
+    shots = {camera: shot for camera, shot in shots.items() if sources[camera]}
+    clock.stage("range")
+    with whole_folder(out, OURS) as part:
+        found = _match(gpu, part / "workspace", shots, sources, (nearest, farthest), say)
+        clock.stage("matching")
+        say("joining the maps to a cloud")
+        fused = fuse(part / "workspace", part / "fused.ply", len(found))
+        clock.stage("fusion")
+        (part / "depth").mkdir()
+        views = tuple(view_result(dataset, shots[c], found[c], sources[c], part) for c in found)
+        clock.stage("judging")
+        model = Model(fused, 0, ())
+        if options.mesh:
+            say("cloud, mesh and pictures")
+            model = _model(part, shots)
+            clock.stage("mesh")
+        reference = reference_of(_views(shots), depths)
+        main = next(view for view in views if view.camera == reference)
+        result = MultiviewResult(
+            session=dataset.name,
+            instant=options.instant,
+            offsets_ms=options.offsets_ms,
+            matcher="sweep" if gpu is None else "patchmatch",
+            matcher_note=note,
+            calibration=calibration,
+            unit=unit,
+            reference=reference,
+            coverage=main.coverage,
+            within_2pct=main.within_2pct,
+            mover_within_2pct=main.mover_within_2pct,
+            static_within_2pct=main.static_within_2pct,
+            median_error_pct=main.median_error_pct,
+            nearest=nearest,
+            farthest=farthest,
+            views=views,
+            left_out=left_out,
+            fused_points=fused,
+            cloud_points=model.points,
+            mesh_triangles=model.triangles,
+            files=("fused.ply", *model.files, "workspace", RESULT),
+            seconds=clock.total(),
+            seconds_of=clock.seconds,
+            versions=versions(),
+        )
+        write_whole(part / RESULT, msgspec.json.format(msgspec.json.encode(result), indent=2))
+    return result
+
+
+def _choose(matcher: Matcher) -> tuple[Gpu | None, str]:
+    if matcher is Matcher.SWEEP:
+        return None, "asked for"
+    try:
+        gpu = find_gpu()
+    except NotAvailableError as error:
+        if matcher is Matcher.PATCHMATCH:
+            raise
+        return None, error.what
+    return gpu, f"on {gpu.name}"
+
+
+def _views(shots: Mapping[str, Shot]) -> dict[str, View]:
+    return {camera: shot.photo.view for camera, shot in shots.items()}
+
+
+def _sources(shots: Mapping[str, Shot], depths: Sequence[float]) -> dict[str, tuple[str, ...]]:
+    """Whom each camera is matched with, for a scene at these depths."""
+    sources = choose_sources(_views(shots), depths)
+    if not any(sources.values()):
+        raise BadInputError(
+            "no camera sees what another sees",
+            hint="turn the cameras to the same scene, or check the calibration",
+        )
+    return sources
+
+
+def _match(
+    gpu: Gpu | None,
+    workspace: Path,
+    shots: Mapping[str, Shot],
+    sources: Mapping[str, Sequence[str]],
+    reach: tuple[float, float],
+    say: Callable[[str], None],
+) -> dict[str, DepthView]:
+    """Depth and normals of every camera, also written into a workspace."""
+    views = _views(shots)
+    colours = {camera: shot.colours for camera, shot in shots.items()}
+    if gpu is None:
+        photos = {camera: shot.photo for camera, shot in shots.items()}
+        found = match_views(photos, sources, *reach, done=lambda name: say(f"depth of {name}"))
+        write_workspace(workspace, views, colours, found)
+        return found
+    say(f"PatchMatch on {gpu.name}")
+    write_workspace(workspace, views, colours, reach=reach)
+    run_patch_match(gpu, workspace, *reach)
+    return read_maps(workspace, {camera: f"{camera}.png" for camera in shots})
+
+
+def _model(part: Path, shots: Mapping[str, Shot]) -> Model:
+    views = _views(shots).values()
+    centre = np.mean([view.centre for view in views], axis=0)
+    return build_model(part / "fused.ply", part, centre, up_of([view.rotation for view in views]))

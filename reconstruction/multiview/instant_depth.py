@@ -1,0 +1,112 @@
+"""Depth of one camera by several at one instant, what it is judged by, and the cloud of all their maps."""
+
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from capture_app.errors import BadInputError, NotAvailableError
+from reconstruction.common.geometry import Array
+from reconstruction.common.photo import Lens
+from reconstruction.depth.consistency import Agreement, agreeing
+from reconstruction.depth.matcher import DepthView, match_views
+from reconstruction.depth.workspace import fuse, write_workspace
+from reconstruction.multiview.input import Shot
+from reconstruction.stereo.stereo import level
+
+CONFIRMING = 2
+"""Other views that must have found a depth for it to be called consistent."""
+
+
+@dataclass(frozen=True, eq=False)
+class InstantDepth:
+    """Maps on the reference's undistorted pixels (height x width), and a cloud in the rig's frame.
+
+    `depth` is 0 where none is believed. `consistent` (bool): where two other views, each matched for
+    itself, found the same depth, before any other check. `difference`: grey levels between the reference
+    and its sources, seen through all that was matched; the median over them, NaN = none sees it.
+    `points` (n, 3) float32; `seen` (n, cameras) bool: whose maps each point was fused from, in the order
+    in which the shots were given. Without COLMAP there is no cloud, and `no_cloud` says so.
+    """
+
+    depth: Array
+    consistent: Array
+    difference: Array
+    points: Array
+    seen: Array
+    no_cloud: Array
+
+
+def instant_depth(
+    shots: Mapping[str, Shot],
+    sources: Mapping[str, Sequence[str]],
+    reach: tuple[float, float],
+    reference: str,
+) -> InstantDepth:
+    """Match all cameras' pictures between two depths, check them against each other, and fuse the maps."""
+    photos = {camera: shot.photo for camera, shot in shots.items()}
+    found = match_views(photos, sources, *reach)
+    surfaces = {camera: view.surface for camera, view in found.items() if view.surface is not None}
+    own = surfaces[reference]
+    others = [camera for camera in surfaces if camera != reference]
+    lenses = [Lens(photos[reference], photos[other]) for other in others]
+    votes = agreeing(own, lenses, [surfaces[other] for other in others], Agreement())
+    return InstantDepth(
+        depth=found[reference].depth,
+        consistent=votes >= min(CONFIRMING, len(others)),
+        difference=_difference(own.inverse_depth, [Lens(photos[reference], photos[o]) for o in others]),
+        **_cloud(shots, found),
+    )
+
+
+def _difference(inverse_depth: Array, lenses: Sequence[Lens]) -> Array:
+    """Median over the sources of how far their brightness is off once the pictures are levelled."""
+    apart = []
+    for lens in lenses:
+        seen = lens.through_depth(inverse_depth)
+        seen = np.where(seen < 0, np.nan, seen).astype(np.float32)
+        apart.append(np.abs(lens.reference.grey - level(lens.reference.grey, seen)))
+    stack = np.stack(apart)
+    known = np.isfinite(stack).any(0)
+    result = np.full(inverse_depth.shape, np.nan, np.float32)
+    result[known] = np.nanmedian(stack[:, known], axis=0)
+    return result
+
+
+def _cloud(shots: Mapping[str, Shot], found: Mapping[str, DepthView]) -> dict[str, Array]:
+    fused = [camera for camera in shots if camera in found]
+    points, seen, reason = np.zeros((0, 3), np.float32), np.zeros((0, len(fused)), bool), ""
+    with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
+        cloud = Path(scratch) / "fused.ply"
+        try:
+            views = {camera: shots[camera].photo.view for camera in fused}
+            colours = {camera: shots[camera].colours for camera in fused}
+            write_workspace(Path(scratch), views, colours, {camera: found[camera] for camera in fused})
+            fuse(Path(scratch), cloud, len(fused))
+            points, seen = _read_cloud(cloud, len(fused))
+        except NotAvailableError as error:
+            reason = str(error)
+        except BadInputError:
+            # No point is seen alike by enough cameras: an empty cloud, which is a result.
+            pass
+    whole = np.zeros((len(points), len(shots)), bool)
+    whole[:, [list(shots).index(camera) for camera in fused]] = seen
+    return {"points": points, "seen": whole, "no_cloud": np.array(reason)}
+
+
+def _read_cloud(path: Path, views: int) -> tuple[Array, Array]:
+    """Points of a PLY as COLMAP's fusion writes it, and from its `.vis` file whose maps they were in."""
+    data = path.read_bytes()
+    start = data.index(b"end_header\n") + len(b"end_header\n")
+    vertex = np.dtype([("at", "<f4", 3), ("normal", "<f4", 3), ("colour", "u1", 3)])
+    points = np.frombuffer(data, vertex, offset=start)["at"]
+    lists = np.frombuffer(path.with_name(path.name + ".vis").read_bytes(), "<u4", offset=8)
+    seen = np.zeros((len(points), views), bool)
+    at = 0
+    for row in seen:
+        count = int(lists[at])
+        row[lists[at + 1 : at + 1 + count]] = True
+        at += 1 + count
+    return np.array(points), seen

@@ -1,0 +1,159 @@
+"""`reconstruct stitch`: the panorama of a session's instant, or of a folder of pictures."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import msgspec
+import numpy as np
+
+from capture_app.errors import BadInputError
+from capture_app.session.format.manifest import MANIFEST
+from reconstruction.common import drawing as pictures
+from reconstruction.common.geometry import Array
+from reconstruction.common.native import versions
+from reconstruction.common.output_folder import Output
+from reconstruction.panorama.opencv_stitcher import Panorama, Stitching
+from reconstruction.session.dataset import Dataset
+from reconstruction.session.movers import grow
+from reconstruction.session.scene_motion import SceneMotion
+from reconstruction.session.variants import choose_offset
+
+SUFFIXES = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp"}
+
+
+@dataclass(frozen=True, kw_only=True)
+class StitchOptions:
+    """`instant` of a session; `offset_ms`: also compose it with every second camera so much later."""
+
+    instant: int = 0
+    offset_ms: float | None = None
+
+
+class OverlapScore(msgspec.Struct, frozen=True, kw_only=True):
+    """Two pictures' misfit where they overlap, before blending."""
+
+    first: str
+    second: str
+    flow_p95_px: float
+    mad: float
+
+
+class Composed(msgspec.Struct, frozen=True, kw_only=True):
+    """One condition's panorama: paths relative to the output folder."""
+
+    panorama: str
+    ghosts: str
+    width: int
+    height: int
+    ghosting_px: float | None
+    """Mean of the overlaps' flow_p95_px."""
+    overlaps: tuple[OverlapScore, ...]
+
+
+class StitchedResult(msgspec.Struct, frozen=True, kw_only=True):
+    """Everything `reconstruct stitch` found."""
+
+    source: str
+    used: tuple[str, ...]
+    left_out: dict[str, str]
+    """Pictures that are not in it, and why."""
+    synced: Composed
+    offset: Composed | None = None
+    actual_offset_ms: float = 0.0
+    seconds: float = 0.0
+    versions: dict[str, str] = {}
+
+
+def stitch(sources: tuple[Path, ...], out: Path, options: StitchOptions) -> StitchedResult:
+    """Make a panorama of a session, of a folder of pictures or of pictures; write it to `out`.
+
+    Raises:
+        SimulshotError: the pictures cannot be read, or make no panorama.
+    """
+    began = time.monotonic()
+    with Output(out) as output:
+        images, later, actual_ms, movers = _load(sources, options)
+        stitching = Stitching(images, movers)
+        synced = _saved(stitching.compose(images), "synced", output.folder)
+        offset = _saved(stitching.compose(later), "offset", output.folder) if later else None
+        result = StitchedResult(
+            source=" ".join(map(str, sources)),
+            used=stitching.used,
+            left_out=stitching.left_out,
+            synced=synced,
+            offset=offset,
+            actual_offset_ms=actual_ms,
+            seconds=time.monotonic() - began,
+            versions=versions(),
+        )
+        output.finish(result)
+    return result
+
+
+def _load(
+    sources: tuple[Path, ...], options: StitchOptions
+) -> tuple[dict[str, Array], dict[str, Array], float, dict[str, Array] | None]:
+    """Pictures by name, the same of the offset condition (empty = none), its offset, and movers."""
+    if len(sources) == 1 and (sources[0] / MANIFEST).exists():
+        return _session(sources[0], options)
+    if options.offset_ms is not None:
+        raise BadInputError("pictures have no instants, so none can be offset", hint="give a session")
+    paths: list[Path] = []
+    for source in sources:
+        if source.is_dir():
+            paths += sorted(path for path in source.iterdir() if path.suffix.lower() in SUFFIXES)
+        else:
+            paths.append(source)
+    if not paths:
+        raise BadInputError(f"{sources[0]} is no session and holds no pictures")
+    images: dict[str, Array] = {}
+    for path in paths:
+        image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+        if image is None:
+            raise BadInputError(f"{path} is no image that can be read")
+        images[path.name if path.name not in images else str(path)] = np.asarray(image)
+    return images, {}, 0.0, None
+
+
+def _session(
+    folder: Path, options: StitchOptions
+) -> tuple[dict[str, Array], dict[str, Array], float, dict[str, Array] | None]:
+    dataset = Dataset.open(folder)
+    count, instant = len(dataset.instants_ns), options.instant
+    if not 0 <= instant < count:
+        raise BadInputError(f"{folder} has no instant {instant}", hint=f"it has 0 to {count - 1}")
+    cameras = [name for name in dataset.cameras if dataset.has(name, instant)]
+    images = {name: dataset.image(name, instant) for name in cameras}
+    if count < 2:
+        return images, {}, 0.0, None
+    motion = SceneMotion(dataset, 1)
+    movers = {name: grow(motion.seen_moving(name, instant), 5) for name in cameras}
+    if options.offset_ms is None:
+        return images, {}, 0.0, movers
+    offset = choose_offset(dataset.instants_ns, dataset.period_ns, options.offset_ms)
+    partner = dict(offset.pairs).get(instant)
+    late = cameras[1::2]
+    if partner is None or not all(dataset.has(name, partner) for name in late):
+        raise BadInputError(
+            f"{folder} has no pictures {offset.actual_ms:.0f} ms after instant {instant}",
+            hint="choose an earlier --instant",
+        )
+    later = {name: dataset.image(name, partner if name in late else instant) for name in cameras}
+    return images, later, offset.actual_ms, movers
+
+
+def _saved(made: Panorama, condition: str, folder: Path) -> Composed:
+    flows = [overlap.flow_p95_px for overlap in made.overlaps]
+    return Composed(
+        panorama=pictures.save(folder, f"panorama_{condition}.jpg", made.picture),
+        ghosts=pictures.save(folder, f"ghosts_{condition}.jpg", made.ghosts),
+        width=made.picture.shape[1],
+        height=made.picture.shape[0],
+        ghosting_px=float(np.mean(flows)) if flows else None,
+        overlaps=tuple(
+            OverlapScore(first=o.first, second=o.second, flow_p95_px=o.flow_p95_px, mad=o.mad)
+            for o in made.overlaps
+        ),
+    )

@@ -1,0 +1,170 @@
+"""A session as reconstruction sees it: images and truth by camera and instant, nothing about capture."""
+
+import hashlib
+from collections.abc import Sequence
+from functools import lru_cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from capture_app.errors import BadInputError, IncompleteError
+from capture_app.session.format.calibration import Calibration
+from capture_app.session.format.manifest import ImageRecord
+from capture_app.session.writing.store import Session
+from reconstruction.common.geometry import Array
+
+KEPT_IMAGES = 96
+
+
+class Dataset:
+    """The images of one burst, read when they are needed."""
+
+    def __init__(self, session: Session) -> None:
+        """A frame that its camera dropped is no image of its instant and is left out."""
+        manifest = session.manifest
+        self.session = session
+        self.name = manifest.name
+        self.cameras = tuple(camera.name for camera in manifest.cameras)
+        self.instants_ns = manifest.burst.instants_ns
+        self.period_ns = manifest.burst.period_ns
+        self._records = {
+            (record.camera, record.instant): record for record in manifest.images if not record.dropped
+        }
+        self._read = lru_cache(maxsize=KEPT_IMAGES)(self._read_image)
+
+    @classmethod
+    def open(cls, path: Path) -> "Dataset":
+        """Open a session's folder.
+
+        Raises:
+            BadInputError: it is no session, or its manifest is broken.
+            IncompleteError: an image is not there or not whole.
+        """
+        dataset = cls(Session.open(path))
+        for record in dataset._records.values():
+            dataset._check(record)
+        return dataset
+
+    def has(self, camera: str, instant: int) -> bool:
+        """Whether there is an image of this camera at this instant."""
+        return (camera, instant) in self._records
+
+    def instants(self, camera: str) -> tuple[int, ...]:
+        """The instants that this camera has images of."""
+        return tuple(k for k in range(len(self.instants_ns)) if self.has(camera, k))
+
+    def image(self, camera: str, instant: int) -> Array:
+        """The image, uint8 height x width x 3, BGR (grey cameras: three equal channels).
+
+        Raises:
+            BadInputError: the file is no image, or not of its camera's size.
+        """
+        return self._read(camera, instant)
+
+    def grey(self, camera: str, instant: int) -> Array:
+        """The image's brightness, uint8 height x width."""
+        return np.asarray(cv2.cvtColor(self.image(camera, instant), cv2.COLOR_BGR2GRAY))
+
+    def size(self, camera: str) -> tuple[int, int]:
+        """Width and height of a camera's images, px."""
+        record = self.session.camera(camera)
+        return record.width, record.height
+
+    def calibration(self) -> Calibration | None:
+        """The session's own calibration."""
+        return self.session.calibration()
+
+    def truth(self, camera: str, instant: int) -> tuple[Array, Array] | None:
+        """True depth (m, float32) and movers (bool) of a simulated image, height x width; or None.
+
+        Raises:
+            BadInputError: the file is broken.
+        """
+        path = self.session.ground_truth(camera, instant)
+        if path is None:
+            return None
+        try:
+            with np.load(path) as data:
+                return np.asarray(data["depth_m"], np.float32), np.asarray(data["movers"], bool)
+        except (OSError, ValueError, KeyError, EOFError) as error:
+            raise BadInputError(f"{path} is no ground truth: {error}") from error
+
+    def fingerprint(self) -> str:
+        """One checksum over all images and the calibration: the same session gives the same."""
+        digest = hashlib.sha256()
+        for (camera, instant), record in sorted(self._records.items()):
+            digest.update(f"{camera} {instant} {record.sha256}\n".encode())
+        digest.update(repr(self.calibration()).encode())
+        return digest.hexdigest()
+
+    def residual_us(self) -> float | None:
+        """Largest distance of an image from its instant by the session's record, us.
+
+        None where nobody knows how sure the times are, as in imported sessions.
+        """
+        records = self._records.values()
+        sure = all(record.uncertainty_ns is not None for record in records)
+        if not records or not sure or self.session.manifest.origin == "imported":
+            return None
+        return max(abs(record.residual_ns) for record in records) / 1000
+
+    def bound_us(self) -> float | None:
+        """Largest hard bound on the error of an image's time, us."""
+        values = [r.hard_bound_ns for r in self._records.values() if r.hard_bound_ns is not None]
+        return max(values) / 1000 if values else None
+
+    def _check(self, record: ImageRecord) -> None:
+        path = self.session.image_file(record)
+        if not path.is_file():
+            raise IncompleteError(
+                f"{path} is missing", hint="capture-app sessions verify shows all that is missing"
+            )
+        if path.stat().st_size != record.bytes:
+            raise IncompleteError(
+                f"{path} has {path.stat().st_size} bytes, not {record.bytes}",
+                hint="capture-app sessions verify checks every image",
+            )
+
+    def _read_image(self, camera: str, instant: int) -> Array:
+        path = self.session.image_file(self._records[camera, instant])
+        image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+        if image is None:
+            raise BadInputError(f"{path} is no image that can be read")
+        width, height = self.size(camera)
+        if image.shape[:2] != (height, width):
+            raise BadInputError(
+                f"{path} is {image.shape[1]}x{image.shape[0]}, but {camera} is {width}x{height}",
+                hint="the session's images and its manifest do not belong together",
+            )
+        return np.asarray(image, np.uint8)
+
+
+def instants_of(dataset: Dataset, instant: int, offsets_ms: Sequence[float]) -> dict[str, int]:
+    """Each camera's instant: the one asked for, or the one nearest to its offset from it.
+
+    Raises:
+        BadInputError: there is no such instant, or a wrong number of offsets.
+    """
+    times = dataset.instants_ns
+    if not 0 <= instant < len(times):
+        raise BadInputError(f"the session has no instant {instant}", hint=f"it has 0 to {len(times) - 1}")
+    if not offsets_ms:
+        return dict.fromkeys(dataset.cameras, instant)
+    if len(offsets_ms) != len(dataset.cameras):
+        raise BadInputError(
+            f"{len(offsets_ms)} offsets for {len(dataset.cameras)} cameras",
+            hint=f"give one for each, in this order: {', '.join(dataset.cameras)}",
+        )
+    chosen = {}
+    for camera, offset_ms in zip(dataset.cameras, offsets_ms, strict=True):
+        wanted = times[instant] + round(offset_ms * 1e6)
+        nearest = min(range(len(times)), key=lambda k: abs(times[k] - wanted))
+        if abs(times[nearest] - wanted) > dataset.period_ns / 2:
+            raise BadInputError(
+                f"no instant is {offset_ms:g} ms from instant {instant} of this burst",
+                hint=f"its instants reach from {(times[0] - times[instant]) / 1e6:.0f} "
+                f"to {(times[-1] - times[instant]) / 1e6:.0f} ms from there",
+            )
+        chosen[camera] = nearest
+    return chosen

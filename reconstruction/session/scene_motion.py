@@ -1,0 +1,51 @@
+"""What moves in each image of a burst, worked out once and remembered."""
+
+from functools import lru_cache
+
+import numpy as np
+
+from reconstruction.common.geometry import Array
+from reconstruction.session.dataset import Dataset
+from reconstruction.session.movers import background, movers
+
+
+class SceneMotion:
+    """Masks of moving pixels (bool, height x width) by camera and instant."""
+
+    def __init__(self, dataset: Dataset, step: int) -> None:
+        """`step`: how many instants away the neighbours in time are that an image is compared with."""
+        self.dataset = dataset
+        self.step = step
+        self._moving = lru_cache(maxsize=None)(self._by_difference)
+        self._still = lru_cache(maxsize=None)(self._background)
+
+    def seen_moving(self, camera: str, instant: int) -> Array:
+        """What the images themselves show to move; the computation uses no other knowledge."""
+        return self._moving(camera, instant)
+
+    def moving(self, camera: str, instant: int) -> Array:
+        """What moves in truth, where the session knows it, else what is seen moving: for judging."""
+        truth = self.dataset.truth(camera, instant)
+        return truth[1] if truth is not None else self._moving(camera, instant)
+
+    def changing(self, camera: str, instant: int) -> Array:
+        """What moves or looks different, such as a shadow: what a still control must leave out."""
+        return np.asarray(self.moving(camera, instant) | self._moving(camera, instant))
+
+    def still(self, camera: str) -> Array:
+        """The camera's still background, grey uint8."""
+        return self._still(camera)
+
+    def _background(self, camera: str) -> Array:
+        return background([self.dataset.grey(camera, k) for k in self.dataset.instants(camera)])
+
+    def _by_difference(self, camera: str, instant: int) -> Array:
+        there = self.dataset.instants(camera)
+        near = [k for k in (instant - self.step, instant + self.step) if k in there]
+        if not near:
+            near = [k for k in there if k != instant][:1]
+        return movers(
+            self.dataset.grey(camera, instant),
+            [self.dataset.grey(camera, k) for k in near],
+            self._still(camera),
+        )

@@ -1,0 +1,4 @@
+"""Depth from a pair: rectification, matching, the command.
+
+Imports `calibration`, `session` and `common`.
+"""

@@ -1,0 +1,152 @@
+"""`reconstruct stereo`: depth, confidence and a picture from one pair at one instant."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+import cv2
+import msgspec
+import numpy as np
+
+from capture_app.errors import BadInputError
+from reconstruction.calibration.rig import Rig
+from reconstruction.common import drawing as pictures
+from reconstruction.common.geometry import Array
+from reconstruction.common.native import versions
+from reconstruction.common.output_folder import Output
+from reconstruction.common.stages import Progress, Stages
+from reconstruction.session.dataset import Dataset
+from reconstruction.session.scene_motion import SceneMotion
+from reconstruction.stereo.stereo import DepthMap, StereoPair, scene_disparities
+
+DEPTH = "depth.tiff"
+
+
+@dataclass(frozen=True, kw_only=True)
+class StereoOptions:
+    """`pair` is names of cameras, None = chosen from the images; `other_instant`: None = the same."""
+
+    instant: int = 0
+    other_instant: int | None = None
+    pair: tuple[str, str] | None = None
+
+
+class StereoDepth(msgspec.Struct, frozen=True, kw_only=True):
+    """What `reconstruct stereo` made: paths relative to the output folder, shares of all pixels.
+
+    `depth` holds float32 in `unit`s along the reference's axis, 0 = none; `confidence` 0 to 255.
+    """
+
+    session: str
+    reference: str
+    other: str
+    instant: int
+    other_instant: int
+    depth: str
+    confidence: str
+    picture: str
+    unit: str
+    nearest: float
+    farthest: float
+    coverage: float
+    within_2pct: float | None
+    """Of the pixels that have a true depth, empty ones counted as wrong."""
+    calibration: str
+    why: str = ""
+    seconds: float = 0.0
+    versions: dict[str, str] = {}
+
+
+def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
+    """Match one pair of a session densely; write depth, confidence and a picture to `out`.
+
+    Raises:
+        SimulshotError: the session or the options cannot be used, or the pair sees too little in common.
+    """
+    began = time.monotonic()
+    dataset = Dataset.open(session)
+    if len(dataset.cameras) < 2:
+        raise BadInputError(
+            f"the session has one camera only ({', '.join(dataset.cameras)})",
+            hint="depth needs two that see the same from different places",
+        )
+    with Output(out) as output:
+        progress = Progress(3)
+        rig = Rig(dataset, SceneMotion(dataset, 1), Stages(output.folder / "stages", dataset.fingerprint()))
+        rig.check_pair(options.pair)
+        progress.step("calibration")
+        rig.calibrate()
+        progress.step("choosing cameras")
+        choice = rig.stereo(options.pair, options.instant)
+        if choice.cameras is None:
+            raise BadInputError(f"no depth can be made from {session}: {choice.why}")
+        reference, other = choice.cameras
+        later = options.instant if options.other_instant is None else options.other_instant
+        for name, instant in ((reference, options.instant), (other, later), (other, options.instant)):
+            if not dataset.has(name, instant):
+                raise BadInputError(
+                    f"{session} has no image of {name} at instant {instant}",
+                    hint=f"it has instants 0 to {len(dataset.instants_ns) - 1}",
+                )
+        progress.step(f"stereo {reference}-{other}, instant {options.instant}")
+        try:
+            found = _depth(rig, choice.cameras, options.instant, later)
+        except ValueError as error:
+            raise BadInputError(f"{reference} and {other}: {error}") from error
+        result = _save(rig, choice.cameras, (options.instant, later), found, output.folder)
+        result = msgspec.structs.replace(
+            result,
+            session=str(session),
+            why=choice.why,
+            seconds=time.monotonic() - began,
+            versions=versions(),
+        )
+        output.finish(result)
+    return result
+
+
+def _depth(rig: Rig, cameras: tuple[str, str], instant: int, later: int) -> DepthMap:
+    views = rig.views[cameras[0]], rig.views[cameras[1]]
+    # The range is the scene's, from images of one instant, whatever instant is matched.
+    images = [rig.dataset.grey(name, instant) for name in cameras]
+    moving = rig.motion.seen_moving(cameras[0], instant) if len(rig.dataset.instants_ns) > 1 else None
+    still = np.zeros(images[0].shape, bool) if moving is None else moving
+    pair = StereoPair(*views, scene_disparities(views, [(images[0], images[1], still)]))
+    return pair.depth(images[0], rig.dataset.grey(cameras[1], later))
+
+
+def _save(
+    rig: Rig, cameras: tuple[str, str], instants: tuple[int, int], found: DepthMap, folder: Path
+) -> StereoDepth:
+    depth, known = found.depth, found.depth > 0
+    near, far = pictures.depth_range(depth, np.zeros(depth.shape, bool))
+    photo = rig.dataset.image(cameras[0], instants[0])
+    picture = pictures.side_by_side(photo, pictures.colour_depth(depth, near, far))
+    # OpenCV's own writer says nothing of a full disk.
+    (folder / DEPTH).write_bytes(cv2.imencode(".tiff", depth.astype(np.float32))[1].tobytes())
+    level = np.asarray(np.round(255 * found.confidence), np.uint8)
+    return StereoDepth(
+        session="",
+        reference=cameras[0],
+        other=cameras[1],
+        instant=instants[0],
+        other_instant=instants[1],
+        depth=DEPTH,
+        confidence=pictures.save(folder, "confidence.png", level),
+        picture=pictures.save(folder, "depth.png", picture),
+        unit=rig.unit,
+        nearest=float(depth[known].min()) if known.any() else 0.0,
+        farthest=float(depth[known].max()) if known.any() else 0.0,
+        coverage=float(known.mean()),
+        within_2pct=_within(rig, cameras[0], instants[0], depth),
+        calibration=rig.source,
+    )
+
+
+def _within(rig: Rig, camera: str, instant: int, depth: Array) -> float | None:
+    loaded = rig.dataset.truth(camera, instant)
+    if loaded is None or rig.unit != "m":
+        return None
+    known = np.isfinite(loaded[0]) & (loaded[0] > 0)
+    truth = loaded[0][known]
+    return float((np.abs(depth[known] - truth) < 0.02 * truth).mean()) if known.any() else None

@@ -1,0 +1,381 @@
+"""The stream's state machine over a device that exists only here."""
+
+import asyncio
+import errno
+import mmap
+import os
+import threading
+import time
+from collections.abc import Callable
+from fractions import Fraction
+
+import cv2
+import numpy as np
+import pytest
+
+from capture_app.cameras.base import CapturedFrame, PhaseControl, TimestampSource
+from capture_app.cameras.v4l2 import V4L2Camera
+from capture_app.cameras.v4l2_ioctl import VideoDevice
+from capture_app.cameras.v4l2_layout import (
+    BUF_FLAG_ERROR,
+    BUF_FLAG_SOURCE_START_OF_EXPOSURE,
+    BUF_FLAG_TIMESTAMP_MONOTONIC,
+    CAP_STREAMING,
+    CAP_VIDEO_CAPTURE,
+    CID_EXPOSURE_ABSOLUTE,
+    CID_EXPOSURE_AUTO,
+    CID_EXPOSURE_AUTO_PRIORITY,
+    CID_GAIN,
+    Buffer,
+    Capability,
+    FrameInterval,
+    FrameSize,
+    PixelFormat,
+)
+from capture_app.cameras.v4l2_modes import configure, parse_options
+from capture_app.cameras.v4l2_payload import RawPayload
+from capture_app.errors import CameraError
+from capture_app.sync.wire.camera_commands import InjectFrame, RestartStream
+
+MJPG = PixelFormat("MJPG", 640, 480, 0)
+PERIOD_NS = 33_333_333
+START_OF_EXPOSURE = BUF_FLAG_TIMESTAMP_MONOTONIC | BUF_FLAG_SOURCE_START_OF_EXPOSURE
+JPEG = b"\xff\xd8 any bytes a camera calls a JPEG"
+
+
+class FakeDevice(VideoDevice):
+    """A driver with the kernel's rules for buffers; tests deliver its frames."""
+
+    def __init__(self, flags: int = START_OF_EXPOSURE) -> None:
+        self.path = "/dev/video0"
+        self.fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        self.flags = flags
+        self.asked_buffers = 0
+        self.controls = {CID_EXPOSURE_ABSOLUTE: 157, CID_GAIN: 4}
+        self.calls: list[str] = []
+        self.on_times_ns: list[int] = []
+        self.queued: list[int] = []
+        self.filled: list[Buffer] = []
+        self.dequeue_error: int | None = None
+        self.stream_on_error: int | None = None
+        self.may_start = threading.Event()
+        self.may_start.set()
+        self._memory = [mmap.mmap(-1, 4096) for _ in range(3)]
+
+    def deliver(self, sequence: int, data: bytes = JPEG, flags: int = 0, age_ns: int = 0) -> int:
+        """Fill the oldest queued buffer; returns its timestamp in ns."""
+        index = self.queued.pop(0)
+        self._memory[index][: len(data)] = data
+        timestamp_ns = time.monotonic_ns() - age_ns
+        self.filled.append(Buffer(index, len(data), self.flags | flags, timestamp_ns, sequence, 0, 4096))
+        os.eventfd_write(self.fd, 1)
+        return timestamp_ns
+
+    def unplug(self, code: int) -> None:
+        self.dequeue_error = code
+        os.eventfd_write(self.fd, 1)
+
+    def close(self) -> None:
+        self.calls.append("close")
+        os.close(self.fd)
+        self.fd = -1
+
+    def capability(self) -> Capability:
+        return Capability("fake", "Fake camera", "usb-1", CAP_VIDEO_CAPTURE | CAP_STREAMING)
+
+    def control(self, control: int) -> int | None:
+        return self.controls.get(control)
+
+    def control_range(self, control: int) -> tuple[int, int] | None:
+        return (1, 5000) if control in self.controls else None
+
+    def set_control(self, control: int, value: int) -> None:
+        self.controls[control] = value
+
+    def request_buffers(self, count: int) -> int:
+        self.asked_buffers = count
+        return min(count, len(self._memory))
+
+    def query_buffer(self, index: int) -> Buffer:
+        return Buffer(index, 0, self.flags, 0, 0, index * 4096, 4096)
+
+    def map(self, buffer: Buffer) -> mmap.mmap:
+        return self._memory[buffer.index]
+
+    def queue(self, index: int) -> None:
+        assert index not in self.queued, "the kernel answers EINVAL to a buffer that is queued already"
+        self.queued.append(index)
+
+    def dequeue(self) -> Buffer:
+        if self.dequeue_error is not None:
+            raise OSError(self.dequeue_error, "unplugged")
+        if not self.filled:
+            os.eventfd_read(self.fd)
+            raise BlockingIOError
+        return self.filled.pop(0)
+
+    def stream_on(self) -> None:
+        self.may_start.wait()
+        self.calls.append("on")
+        self.on_times_ns.append(time.monotonic_ns())
+        if self.stream_on_error is not None:
+            raise OSError(self.stream_on_error, "no")
+
+    def stream_off(self) -> None:
+        self.calls.append("off")
+        self.queued, self.filled = [], []
+
+
+class Sink:
+    """What a node would do with a camera's frames and failures."""
+
+    def __init__(self) -> None:
+        self.frames: asyncio.Queue[CapturedFrame] = asyncio.Queue()
+        self.failures: asyncio.Queue[Exception] = asyncio.Queue()
+
+    async def frame(self) -> CapturedFrame:
+        return await asyncio.wait_for(self.frames.get(), 30)
+
+    async def failure(self) -> Exception:
+        return await asyncio.wait_for(self.failures.get(), 30)
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    """Let the loop and the worker run until a condition on the device holds."""
+    while not condition():  # noqa: ASYNC110
+        await asyncio.sleep(0.001)
+
+
+async def started(device: FakeDevice, layout: PixelFormat = MJPG) -> tuple[V4L2Camera, Sink]:
+    camera, sink = V4L2Camera(device, layout, PERIOD_NS), Sink()
+    await camera.start(sink.frames.put_nowait, sink.failures.put_nowait)
+    return camera, sink
+
+
+async def test_frames_carry_the_drivers_stamp_number_and_bytes():
+    device = FakeDevice()
+    camera, sink = await started(device)
+    stamps = [device.deliver(sequence) for sequence in (0, 1)]
+    frames = [await sink.frame(), await sink.frame()]
+    assert [frame.timestamp_ns for frame in frames] == stamps
+    assert [(frame.stream, frame.sequence) for frame in frames] == [(1, 0), (1, 1)]
+    assert frames[0].payload.encode() == JPEG
+    assert (frames[0].exposure_ns, frames[0].gain) == (15_700_000, 4.0)
+    await camera.stop()
+
+
+async def test_info_says_what_the_device_can_do():
+    camera = V4L2Camera(FakeDevice(), MJPG, PERIOD_NS)
+    info = camera.info
+    assert (info.kind, info.model, info.pixel_format) == ("v4l2", "Fake camera", "MJPG")
+    assert info.timestamp_source is TimestampSource.START_OF_EXPOSURE
+    assert info.phase_control is PhaseControl.RESET
+    assert (info.min_exposure_ns, info.exposure_ns, info.max_exposure_ns) == (
+        100_000,
+        15_700_000,
+        500_000_000,
+    )
+    await camera.stop()
+
+
+@pytest.mark.parametrize(
+    ("frame_bytes", "period_ns", "count"),
+    [(614_400, PERIOD_NS, 16), (16_588_800, PERIOD_NS, 4), (153_600, 4_000_000, 24), (614_400, 10**9, 4)],
+)
+def test_half_a_second_is_buffered_where_memory_allows(frame_bytes, period_ns, count):
+    device = FakeDevice()
+    V4L2Camera(device, PixelFormat("MJPG", 640, 480, 0, frame_bytes), period_ns)
+    assert device.asked_buffers == count
+
+
+async def test_stamps_at_the_end_of_a_frame_are_called_so():
+    camera = V4L2Camera(FakeDevice(BUF_FLAG_TIMESTAMP_MONOTONIC), MJPG, PERIOD_NS)
+    assert camera.info.timestamp_source is TimestampSource.END_OF_FRAME
+    await camera.stop()
+
+
+def test_stamps_of_an_unknown_clock_are_refused():
+    with pytest.raises(CameraError, match="monotonic clock"):
+        V4L2Camera(FakeDevice(flags=0), MJPG, PERIOD_NS)
+
+
+async def test_stamps_of_another_clock_fail_the_camera_whatever_the_flags_say():
+    device = FakeDevice()
+    camera, sink = await started(device)
+    device.deliver(0, age_ns=3_600_000_000_000)
+    assert "monotonic clock" in str(await sink.failure())
+    assert sink.frames.empty()
+    await camera.stop()
+
+
+async def test_damaged_frames_are_gaps_and_their_buffers_go_back():
+    device = FakeDevice()
+    camera, sink = await started(device)
+    device.deliver(0)
+    device.deliver(1, flags=BUF_FLAG_ERROR)
+    device.deliver(2, data=b"not a JPEG")
+    assert (await sink.frame()).sequence == 0
+    await until(lambda: len(device.queued) == 3)
+    device.deliver(3)
+    assert (await sink.frame()).sequence == 3
+    await camera.stop()
+
+
+async def test_automatic_exposure_is_not_claimed_to_be_known():
+    device = FakeDevice()
+    device.controls[CID_EXPOSURE_AUTO] = 3
+    camera, sink = await started(device)
+    device.deliver(0)
+    frame = await sink.frame()
+    assert (frame.exposure_ns, frame.gain) == (None, None)
+    await camera.stop()
+
+
+async def test_a_restart_begins_a_new_stream_without_frames_of_the_old():
+    device = FakeDevice()
+    camera, sink = await started(device)
+    device.deliver(0)
+    assert (await sink.frame()).stream == 1
+    device.deliver(1)
+    restart = asyncio.ensure_future(camera.apply(RestartStream(0)))
+    asked_ns = time.monotonic_ns()
+    await restart
+    while not sink.frames.empty():
+        assert sink.frames.get_nowait().stream == 1
+    device.deliver(0)
+    frame = await sink.frame()
+    assert (frame.stream, frame.sequence) == (2, 0)
+    assert device.calls == ["on", "off", "on"]
+    # Late by the time of stopping: the start waits for its place in the next period.
+    assert device.on_times_ns[1] - asked_ns >= PERIOD_NS - 1_000_000
+    await camera.stop()
+
+
+async def test_the_loop_runs_on_while_the_device_starts():
+    device = FakeDevice()
+    camera, _sink = await started(device)
+    device.may_start.clear()
+    restart = asyncio.ensure_future(camera.apply(RestartStream(0)))
+    await until(lambda: "off" in device.calls)
+    assert not restart.done()
+    device.may_start.set()
+    await restart
+    await camera.stop()
+
+
+async def test_stopping_cuts_a_restart_short():
+    device = FakeDevice()
+    camera, sink = await started(device)
+    restart = asyncio.ensure_future(camera.apply(RestartStream(3_600_000_000_000)))
+    await until(lambda: "off" in device.calls)
+    await camera.stop()
+    await restart
+    await camera.stop()
+    assert device.calls == ["on", "off", "off", "close"]
+    assert sink.failures.empty()
+
+
+@pytest.mark.parametrize("code", [errno.ENODEV, errno.EIO])
+async def test_unplugging_is_reported_once(code):
+    device = FakeDevice()
+    camera, sink = await started(device)
+    device.unplug(code)
+    failure = await sink.failure()
+    assert isinstance(failure, CameraError)
+    assert "does not answer" in str(failure)
+    with pytest.raises(CameraError, match="does not stream"):
+        await camera.apply(RestartStream(0))
+    await camera.stop()
+    await camera.stop()
+    assert sink.failures.empty()
+    assert device.calls.count("close") == 1
+
+
+async def test_unplugging_during_a_restart_is_reported_once():
+    device = FakeDevice()
+    camera, sink = await started(device)
+    device.stream_on_error = errno.ENODEV
+    await camera.apply(RestartStream(0))
+    assert isinstance(await sink.failure(), CameraError)
+    await camera.stop()
+    assert sink.failures.empty()
+
+
+@pytest.mark.parametrize(("code", "words"), [(errno.ENOSPC, "USB"), (errno.EBUSY, "in use")])
+async def test_a_device_that_cannot_start_says_why(code, words):
+    device = FakeDevice()
+    device.stream_on_error = code
+    with pytest.raises(CameraError, match=words):
+        await started(device)
+
+
+async def test_a_longer_frame_is_refused():
+    camera, _sink = await started(FakeDevice())
+    with pytest.raises(CameraError, match="restart"):
+        await camera.apply(InjectFrame(40_000_000))
+    await camera.stop()
+
+
+async def test_the_rate_is_held_in_the_dark_and_the_setting_given_back():
+    device = FakeDevice()
+    device.controls[CID_EXPOSURE_AUTO_PRIORITY] = 1
+    camera, _sink = await started(device)
+    assert device.controls[CID_EXPOSURE_AUTO_PRIORITY] == 0
+    await camera.stop()
+    assert device.controls[CID_EXPOSURE_AUTO_PRIORITY] == 1
+
+
+def test_raw_frames_become_jpegs_without_the_padding_of_their_lines():
+    red = np.array([[76, 85, 76, 255] * 8] * 16, np.uint8)
+    padded = np.pad(red, ((0, 0), (0, 6)), constant_values=200)
+    picture = decoded(RawPayload(padded.tobytes(), PixelFormat("YUYV", 16, 16, 38)))
+    assert picture.shape == (16, 16, 3)
+    assert np.abs(picture.astype(int) - [0, 0, 255]).max() < 12
+
+    grey = np.tile(np.arange(0, 64, 4, dtype=np.uint8), (16, 1))
+    picture = decoded(RawPayload(grey.tobytes(), PixelFormat("GREY", 16, 16, 16)))
+    assert np.abs(picture.astype(int) - grey).max() < 8
+
+    nv12 = np.concatenate([np.full((16, 16), 76), np.tile([85, 255], (8, 8))]).astype(np.uint8)
+    picture = decoded(RawPayload(nv12.tobytes(), PixelFormat("NV12", 16, 16, 16)))
+    assert np.abs(picture.astype(int) - [0, 0, 255]).max() < 12
+
+
+def decoded(payload: RawPayload) -> np.ndarray:
+    return cv2.imdecode(np.frombuffer(payload.encode(), np.uint8), cv2.IMREAD_UNCHANGED)
+
+
+class FickleDevice(FakeDevice):
+    """A driver that offers one mode and takes another."""
+
+    def __init__(self, taken: PixelFormat, rate: int) -> None:
+        super().__init__()
+        self._taken, self._rate = taken, rate
+
+    def formats(self) -> tuple[str, ...]:
+        return ("MJPG", "H264")
+
+    def sizes(self, fourcc: str) -> tuple[FrameSize, ...]:
+        return (FrameSize(640, 640, 0, 480, 480, 0),)
+
+    def intervals(self, fourcc: str, width: int, height: int) -> tuple[FrameInterval, ...]:
+        return tuple(FrameInterval(Fraction(1, rate), Fraction(1, rate)) for rate in (30, 15))
+
+    def set_format(self, fourcc: str, width: int, height: int) -> PixelFormat:
+        return self._taken
+
+    def set_period(self, period: Fraction) -> Fraction:
+        return Fraction(1, self._rate)
+
+
+def test_the_period_is_the_one_the_driver_took():
+    assert configure(FickleDevice(MJPG, 25), parse_options({})) == (MJPG, Fraction(1, 25))
+
+
+@pytest.mark.parametrize(
+    ("taken", "rate", "options"),
+    [(PixelFormat("MJPG", 320, 240, 0), 30, {}), (MJPG, 15, {"fps": "30"})],
+)
+def test_a_driver_that_takes_another_mode_is_refused(taken, rate, options):
+    with pytest.raises(CameraError, match="it offers MJPG 640x480 at 30, 15 fps"):
+        configure(FickleDevice(taken, rate), parse_options(options))

@@ -1,0 +1,123 @@
+"""The family of estimators on simulated exchanges whose truth is known."""
+
+import random
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from capture_app.experiments.clock_filters.filters import estimators
+from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
+from capture_app.sync.clock.minimum_delay import excess, radius_95
+from capture_app.sync.clock.timebase import TimeMap
+
+S = 1_000_000_000
+FAMILY = tuple(estimators())
+
+
+def exchange(t0_ns: int, there_ns: int, back_ns: int, offset_ns: int, skew: float = 0.0) -> ClockSample:
+    def leader(local_ns: int) -> int:
+        return local_ns + offset_ns + round(skew * local_ns)
+
+    arrives_ns = t0_ns + there_ns
+    return ClockSample(t0_ns, leader(arrives_ns), leader(arrives_ns + 1000), arrives_ns + 1000 + back_ns)
+
+
+def run(seconds: float, *, skew: float = 0.0, seed: int = 1) -> dict[str, TimeMap]:
+    rng, family = random.Random(seed), estimators()
+    for i in range(int(seconds * 100)):
+        delays = (500_000 + round(rng.expovariate(1e-6)), 500_000 + round(rng.expovariate(2e-6)))
+        sample = exchange(i * S // 100, *delays, 10**12, skew)
+        for estimator in family.values():
+            assert estimator.add(sample)
+    maps = {name: estimator.time_map(int(seconds * S)) for name, estimator in family.items()}
+    return {name: time_map for name, time_map in maps.items() if time_map is not None}
+
+
+def test_the_family_agrees_where_nothing_is_late() -> None:
+    for estimator in estimators().values():
+        assert estimator.time_map(0) is None
+        for i in range(20):
+            estimator.add(exchange(i * 10_000_000, 400_000, 400_000, -(10**13)))
+        time_map = estimator.time_map(S)
+        assert time_map is not None
+        assert time_map.leader_from_local(S) == pytest.approx(S - 10**13, abs=2)
+        assert time_map.round_trip_ns == 800_000
+        assert time_map.samples == 20
+        assert time_map.age_ns == S - 190_801_000
+
+
+def test_each_is_as_good_as_its_idea() -> None:
+    maps = run(3.0)
+    errors = {name: abs(m.leader_from_local(3 * S) - 3 * S - 10**12) for name, m in maps.items()}
+    assert errors["mean"] == pytest.approx(250_000, rel=0.3), "half the difference of the mean delays"
+    assert errors["ours"] < errors["minimum"] < errors["mean"]
+    assert errors["per_direction_minimum"] < 15_000
+    assert errors["widest_line"] < 30_000
+
+
+@pytest.mark.parametrize("name", ["widest_line", "burst_minima", "ours"])
+def test_those_with_skew_follow_it(name: str) -> None:
+    time_map = run(20.0, skew=30e-6)[name]
+    assert time_map.skew * 1e6 == pytest.approx(30, abs=3)
+
+
+@settings(max_examples=60)
+@given(
+    st.lists(
+        st.tuples(st.integers(0, 10 * S), st.integers(0, S), st.integers(0, S)), min_size=1, max_size=30
+    ),
+    st.floats(-99e-6, 99e-6),
+    st.integers(0, 20 * S),
+)
+def test_the_hard_bound_of_each_covers_the_truth(
+    exchanges: list[tuple[int, int, int]], skew: float, asked_ns: int
+) -> None:
+    family = estimators()
+    for t0_ns, there_ns, back_ns in sorted(exchanges, key=lambda e: e[0] + e[1] + e[2]):
+        for estimator in family.values():
+            estimator.add(exchange(t0_ns, there_ns, back_ns, 7 * S, skew))
+    for name, estimator in family.items():
+        time_map = estimator.time_map(asked_ns)
+        if time_map is not None:
+            error_ns = abs(time_map.leader_from_local(asked_ns) - asked_ns - 7 * S - skew * asked_ns)
+            assert error_ns <= time_map.hard_bound_at(asked_ns) + 3, name
+
+
+@pytest.mark.parametrize(("power", "within"), [(1.0, 3.0), (2.0, 2.0), (3.0, 2.0)])
+def test_the_edge_of_the_delays_is_judged_by_their_spacing(power: float, within: float) -> None:
+    """Delays u^(1/power), u uniform, have their edge at 0; the least of 300 lies 300^(-1/power) above."""
+    rng, judged, true = random.Random(int(power)), 0.0, 0.0
+    for _ in range(40):
+        least = sorted(1e6 * rng.random() ** (1.0 / power) for _ in range(300))[:24]
+        result = excess(least)
+        judged, true = judged + result.mean, true + least[0]
+        assert result.variance > 0.0
+    assert true / within < judged < true * within
+
+
+def test_edges_without_spread_are_sharp() -> None:
+    assert excess([]).mean == excess([5.0]).mean == excess([5.0, 5.0]).variance == 0.0
+
+
+@settings(max_examples=25)
+@given(st.floats(-1e6, 1e6), st.floats(1.0, 1e6))
+def test_the_radius_holds_95_percent(mean: float, sigma: float) -> None:
+    rng = random.Random(1)
+    radius = radius_95(mean, sigma)
+    share = sum(abs(rng.gauss(mean, sigma)) <= radius for _ in range(2000)) / 2000
+    assert share == pytest.approx(0.95, abs=0.03)
+
+
+def test_ours_states_a_small_uncertainty_where_the_edge_is_sharp() -> None:
+    """The same least round trip, but delays that come close to it often, or hardly ever."""
+    widths = {}
+    for power in (1.0, 3.0):
+        rng, clock = random.Random(3), ClockFilter()
+        for i in range(300):
+            late = [round(1_000_000 * rng.random() ** (1.0 / power)) for _ in range(2)]
+            clock.add(exchange(i * 3_000_000, 500_000 + late[0], 500_000 + late[1], 10**12))
+        time_map = clock.time_map(900_000_000)
+        assert time_map is not None
+        widths[power] = time_map.uncertainty_ns
+    assert widths[1.0] < 45_000 < widths[3.0]

@@ -1,0 +1,100 @@
+"""Beacons through real nodes on the loopback interface: a leader's or a relay's, heard by its cameras."""
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+
+from capture_app.cameras.catalog import open_camera
+from capture_app.clock import HostClock
+from capture_app.net.address import Address
+from capture_app.net.multicast import BEACONS, BeaconSender, listen
+from capture_app.node.camera.client import ClientNode
+from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.relay import RelayNode
+from capture_app.sync.rig.client import Client
+from capture_app.sync.wire.beacon import Beacon
+from capture_app.sync.wire.messages import decode
+
+Heard = asyncio.Queue[tuple[Client, Beacon]]
+
+
+@pytest.fixture
+def heard(monkeypatch: pytest.MonkeyPatch) -> Heard:
+    """What the clients hear; nodes of this machine, which a leader leaves out, count as others here."""
+    sock = listen(BEACONS, "127.0.0.1")
+    if sock is None:
+        pytest.skip("no multicast on the loopback interface here")
+    sock.close()
+    notes: Heard = asyncio.Queue()
+
+    def reach(sender: BeaconSender, hosts: object) -> None:
+        sender._interfaces = ("127.0.0.1",)
+
+    def hear(client: Client, data: bytes, now_ns: int) -> None:
+        beacon = decode(data)
+        assert isinstance(beacon, Beacon)
+        assert abs(HostClock().now_ns() - now_ns) < 10**10
+        notes.put_nowait((client, beacon))
+
+    monkeypatch.setattr(BeaconSender, "reach", reach)
+    monkeypatch.setattr(Client, "receive_broadcast", hear)
+    return notes
+
+
+@contextlib.asynccontextmanager
+async def cameras(leader: Address) -> AsyncIterator[None]:
+    nodes = [
+        ClientNode(
+            name=f"cam{k}",
+            open_camera=lambda k=k: open_camera("sim:perfect", clock=HostClock(), name=f"cam{k}"),
+            leader=leader,
+        )
+        for k in range(2)
+    ]
+    running = [asyncio.ensure_future(node.run()) for node in nodes]
+    try:
+        yield
+    finally:
+        for task in running:
+            task.cancel()
+        await asyncio.gather(*running, return_exceptions=True)
+
+
+async def both_heard(heard: Heard) -> set[int]:
+    """Wait until two clients have heard something; return the runs that it came from."""
+    clients, leaders = set(), set()
+    async with asyncio.timeout(60):
+        while len(clients) < 2:
+            client, beacon = await heard.get()
+            clients.add(client)
+            leaders.add(beacon.leader)
+    return leaders
+
+
+async def test_the_cameras_of_a_leader_hear_its_beacons(heard: Heard, tmp_path: Path) -> None:
+    leader = LeaderNode(sessions=tmp_path, host="127.0.0.1", port=0, reference_broadcast=True)
+    async with leader, cameras(leader.address):
+        assert leader._instance in await both_heard(heard)
+
+
+async def test_the_cameras_of_a_relay_hear_the_relays(heard: Heard, tmp_path: Path) -> None:
+    leader = LeaderNode(sessions=tmp_path, host="127.0.0.1", port=0)
+    async with leader:
+        relay = RelayNode(
+            name="relay", parents=(leader.address,), host="127.0.0.1", port=0, reference_broadcast=True
+        )
+        async with relay, cameras(relay.address):
+            assert await both_heard(heard) == {relay._engine.leader.config.instance}
+
+
+async def test_a_leader_that_is_not_asked_sends_none(heard: Heard, tmp_path: Path) -> None:
+    leader = LeaderNode(sessions=tmp_path, host="127.0.0.1", port=0)
+    async with leader, cameras(leader.address):
+        async with asyncio.timeout(60):
+            while len(leader.status().nodes) < 2:  # noqa: ASYNC110
+                await asyncio.sleep(0.02)
+        await asyncio.sleep(0.3)
+    assert heard.empty()

@@ -1,0 +1,64 @@
+"""A node's facts in the manifest and the event log: what agreement with other nodes did to its clock."""
+
+from dataclasses import replace
+
+import msgspec
+import pytest
+
+from capture_app.cameras.base import CameraInfo, PhaseControl, TimestampSource
+from capture_app.node.camera.records import camera_record, event_line
+from capture_app.session.format.manifest import ClockRecord
+from capture_app.sync.clock.timebase import Correction, TimeMap
+from capture_app.sync.rig.events import BurstReady, ClockAgreed, ClockAlone
+
+INFO = CameraInfo(
+    kind="fake",
+    model="Fake camera",
+    width=640,
+    height=480,
+    pixel_format="MJPG",
+    period_ns=33_333_333,
+    timestamp_source=TimestampSource.START_OF_EXPOSURE,
+    phase_control=PhaseControl.RESET,
+    exposure_ns=10_000_000,
+)
+OWN = TimeMap(
+    epoch_local_ns=5,
+    offset_ns=1000,
+    skew=0.0,
+    uncertainty_ns=40_000.0,
+    hard_bound_ns=500_000.0,
+    skew_uncertainty=0.0,
+    skew_bound=0.0,
+    samples=300,
+    round_trip_ns=1_000_000,
+)
+
+
+def clock_of(time_map: TimeMap) -> ClockRecord | None:
+    ready: BurstReady[object] = BurstReady(1, 1, (), (), time_map, None)
+    return camera_record("cam", INFO, ready, 0, 1000).clock
+
+
+@pytest.mark.parametrize("below_relay", [False, True])
+def test_a_clock_that_was_moved_says_so(below_relay: bool) -> None:
+    time_map = OWN.moved(Correction(-120_000, 7_499.6), 30_000.0)
+    if below_relay:
+        time_map = time_map.then(replace(OWN, uncertainty_ns=0.0, hard_bound_ns=0.0, offset_ns=0))
+    clock = clock_of(time_map)
+    assert clock is not None
+    assert (clock.offset_ns, clock.moved_ns, clock.apart_ns) == (-119_000, -120_000, 7500)
+    assert clock.hard_bound_ns == pytest.approx(620_000, abs=2)
+    assert msgspec.json.decode(msgspec.json.encode(clock), type=ClockRecord) == clock
+
+
+def test_a_clock_that_was_not_moved_is_told_as_ever() -> None:
+    clock = clock_of(OWN)
+    assert clock is not None
+    assert (clock.moved_ns, clock.apart_ns) == (None, None)
+    assert b"moved" not in msgspec.json.encode(clock)
+
+
+def test_the_event_log_tells_when_clocks_agree_and_when_no_more() -> None:
+    assert event_line(ClockAgreed(7500)) == {"event": "clock-agreed", "apart_ns": 7500}
+    assert event_line(ClockAlone()) == {"event": "clock-alone"}

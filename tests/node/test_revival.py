@@ -1,0 +1,175 @@
+"""Bursts of earlier runs, images that come late, streams that break off, and disks without room."""
+
+import asyncio
+import hashlib
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from capture_app.errors import BadInputError, DiskFullError, NetworkError, TryAgainError
+from capture_app.node.burst.bursts import BurstSession
+from capture_app.node.burst.plans import record_of
+from capture_app.node.burst.resume import Revival, interrupted
+from capture_app.node.leader.repair import repair
+from capture_app.node.leader.space import check_room
+from capture_app.node.transfer.spool import Spool
+from capture_app.node.wire.messages import CameraReport, ImageUpload, NodeSpace
+from capture_app.session.format.manifest import ImageRecord, image_path
+from capture_app.session.reading.reader import Session
+from capture_app.session.reading.verify import ProblemKind, verify
+from capture_app.session.writing.store import SessionWriter
+from capture_app.sync.rig.trigger import Burst
+from capture_app.sync.wire.messages import CameraDescription
+
+PERIOD_NS = 33_333_333
+INSTANTS_NS = (1_000_000_000, 1_033_333_333)
+LEADER = 77
+CAMERA = CameraDescription(
+    kind="v4l2",
+    model="Webcam",
+    width=640,
+    height=480,
+    period_ns=PERIOD_NS,
+    phase_control="reset",
+    timestamp_source="start-of-exposure",
+)
+IMAGE = b"a picture of some length"
+
+
+def report(name: str) -> CameraReport:
+    return CameraReport(leader=LEADER, burst=1, camera=record_of(name, CAMERA), instants=(0, 1))
+
+
+def upload(name: str, instant: int, offset: int = 0) -> ImageUpload:
+    record = ImageRecord(
+        camera=name,
+        instant=instant,
+        path=image_path(name, instant),
+        leader_ns=INSTANTS_NS[instant],
+        bytes=len(IMAGE),
+        sha256=hashlib.sha256(IMAGE).hexdigest(),
+    )
+    return ImageUpload(leader=LEADER, burst=1, record=record, offset=offset)
+
+
+async def pieces(data: bytes, *, broken: bool = False) -> AsyncIterator[bytes]:
+    for begin in range(0, len(data), 5):
+        yield data[begin : begin + 5]
+    if broken:
+        raise NetworkError("the transfer broke off")
+
+
+async def begun(root: Path, *names: str) -> BurstSession:
+    burst = Burst(1, INSTANTS_NS, PERIOD_NS, INSTANTS_NS[0], names)
+    session = BurstSession(burst, dict.fromkeys(names, CAMERA), SessionWriter.create(root, "burst-001"))
+    await session.begin(LEADER)
+    return session
+
+
+def lies(session: Session) -> list[str]:
+    return [str(lie) for lie in verify(session) if lie.kind is not ProblemKind.UNREADABLE]
+
+
+async def test_a_broken_stream_goes_on_at_the_byte(tmp_path: Path) -> None:
+    session = await begun(tmp_path, "a")
+    assert await session.take_report(report("a"), 0) == ()
+    with pytest.raises(NetworkError):
+        await session.take_image(upload("a", 0), pieces(IMAGE[:10], broken=True), 0)
+    # The leader is killed too; what had come is still there.
+    await session.leave()
+    session = await asyncio.to_thread(BurstSession.resume, session.folder, 0)
+    (held,) = await session.take_report(report("a"), 0)
+    assert (held.instant, held.bytes, held.stored) == (0, 10, False)
+    await session.take_image(upload("a", 0, offset=10), pieces(IMAGE[10:]), 0)
+    (held,) = await session.take_report(report("a"), 0)
+    assert (held.stored, held.sha256) == (True, hashlib.sha256(IMAGE).hexdigest())
+    await session.take_image(upload("a", 1), pieces(IMAGE), 0)
+    assert session.session is not None
+    opened = Session.open(session.session)
+    assert lies(opened) == []
+    assert [opened.image_file(image).read_bytes() for image in opened.manifest.images] == [IMAGE, IMAGE]
+    assert not (opened.folder / "incoming").exists()
+
+
+async def test_a_stream_that_skips_or_changes_bytes_is_told_to_try_again(tmp_path: Path) -> None:
+    session = await begun(tmp_path, "a")
+    await session.take_report(report("a"), 0)
+    with pytest.raises(TryAgainError, match="never come"):
+        await session.take_image(upload("a", 0, offset=7), pieces(IMAGE[7:]), 0)
+    with pytest.raises(TryAgainError, match="damaged"):
+        await session.take_image(upload("a", 0), pieces(IMAGE[:-1] + b"?"), 0)
+    assert await session.take_report(report("a"), 0) == (), "nothing of it is kept"
+    await session.leave()
+
+
+async def test_the_next_run_takes_up_what_was_interrupted_and_what_comes_late(tmp_path: Path) -> None:
+    session = await begun(tmp_path, "a", "b")
+    await session.take_report(report("a"), 0)
+    await session.take_image(upload("a", 0), pieces(IMAGE), 0)
+    await session.leave()
+    assert list(interrupted(tmp_path)) == [session.folder]
+
+    taken_up: list[BurstSession] = []
+    revival = Revival(tmp_path, taken_up.append)
+    await revival.begin(0)
+    (again,) = revival.sessions()
+    assert list(interrupted(tmp_path)) == [], "it is locked"
+    await again.take_image(upload("a", 1), pieces(IMAGE), 0)
+    await again.stop("the rest never came")
+    assert len(Session.open(session.folder).manifest.missing) == 2
+    before = {path: path.read_bytes() for path in session.folder.glob("images/**/*.jpg")}
+
+    # A week later the other node is found, with its spool.
+    other = Revival(tmp_path, taken_up.append)
+    late = await other.revive(report("b"), 0)
+    await late.take_report(report("b"), 0)
+    for instant in (0, 1):
+        await late.take_image(upload("b", instant), pieces(IMAGE), 0)
+    whole = Session.open(session.folder)
+    assert lies(whole) == []
+    assert (len(whole.manifest.images), whole.manifest.missing) == (4, ())
+    assert {path: path.read_bytes() for path in before} == before
+    stranger = msgspec.structs.replace(report("b"), leader=1)
+    with pytest.raises(BadInputError, match="no session"):
+        await other.revive(stranger, 0)
+
+
+async def test_repair_without_nodes_finishes_with_what_is_there(tmp_path: Path) -> None:
+    session = await begun(tmp_path, "a", "b")
+    await session.take_report(report("a"), 0)
+    await session.take_image(upload("a", 0), pieces(IMAGE), 0)
+    busy = await repair(tmp_path, wait_s=0, host="127.0.0.1", port=0, on_news=lambda _: None)
+    assert "being written" in busy[0].what
+    await session.leave()
+    await repair(tmp_path, wait_s=0, host="127.0.0.1", port=0, on_news=lambda _: None)
+    opened = Session.open(session.folder)
+    assert lies(opened) == []
+    assert len(opened.manifest.images) == 1
+    assert all("no node brought it" in gap.reason for gap in opened.manifest.missing)
+
+
+def test_a_burst_that_will_not_fit_is_told_before_it_is_taken(tmp_path: Path) -> None:
+    space = NodeSpace(camera="a", free_bytes=1_000, image_bytes=100, spool="/spool")
+    check_room(tmp_path / "later", {"a": 100, "b": 100}, 9, {"a": space})
+    with pytest.raises(DiskFullError, match=r"a may need 0\.0 MB"):
+        check_room(tmp_path, {"a": 100}, 10, {"a": space})
+    with pytest.raises(DiskFullError, match="free"):
+        check_room(tmp_path, {"a": 10**15}, 1000, {})
+
+
+def test_two_nodes_never_share_a_spool_and_a_torn_journal_line_is_left_out(tmp_path: Path) -> None:
+    spool = Spool(tmp_path, "a")
+    assert spool.open() == []
+    with pytest.raises(TryAgainError, match="another node uses"):
+        Spool(tmp_path, "a").open()
+    burst = spool.begin(report("a"))
+    for instant in (0, 1):
+        burst.keep(upload("a", instant), IMAGE)
+    journal = burst.folder / "journal.ndjson"
+    journal.write_bytes(journal.read_bytes()[:-3])
+    spool.close()
+    (found,) = Spool(tmp_path, "a").open()
+    assert found.report() == report("a")
+    assert [image.record.instant for image in found.images()] == [0]

@@ -1,0 +1,54 @@
+"""A rig's nodes as a tree."""
+
+from msgspec import structs
+
+from capture_app.node.leader.snapshots import as_tree, cameras_here, node_statuses
+from capture_app.sync.rig.roster import ClientView
+from capture_app.sync.wire.messages import RELAY, CameraDescription, NodeState, Report
+
+CAMERA = CameraDescription(
+    kind="sim",
+    model="",
+    width=640,
+    height=480,
+    period_ns=33_333_333,
+    phase_control="none",
+    timestamp_source="start-of-exposure",
+)
+
+
+def view(name: str, via: str | None = None, *, relay: bool = False, lost: bool = False) -> ClientView:
+    state = NodeState.LOST if lost else NodeState.READY
+    camera = structs.replace(CAMERA, kind=RELAY) if relay else CAMERA
+    return ClientView(name, ("10.0.0.1", 5), camera, Report(state=state), 0, via)
+
+
+def test_each_relay_is_followed_by_what_is_below_it_and_depths_are_counted() -> None:
+    views = (
+        view("a", "z"),
+        view("b"),
+        view("c", "y"),
+        view("d", "gone"),
+        view("y", "z", relay=True),
+        view("z", relay=True),
+    )
+    nodes = tuple(as_tree(node_statuses(views)))
+    assert [(node.name, node.depth) for node in nodes] == [
+        ("b", 1),
+        ("d", 2),
+        ("z", 1),
+        ("a", 2),
+        ("y", 2),
+        ("c", 3),
+    ]
+
+
+def test_nodes_that_are_said_to_be_below_each_other_are_all_shown_once() -> None:
+    views = (view("a", "b", relay=True), view("b", "a", relay=True), view("c", "c", relay=True))
+    nodes = [node.name for node in as_tree(node_statuses(views))]
+    assert sorted(nodes) == ["a", "b", "c"]
+
+
+def test_relays_and_lost_nodes_take_no_pictures() -> None:
+    views = (view("a"), view("b", lost=True), view("c", relay=True))
+    assert [here.name for here in cameras_here(views)] == ["a"]

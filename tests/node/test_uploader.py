@@ -1,0 +1,229 @@
+"""The uploader against a leader that misbehaves, over real loopback streams."""
+
+import asyncio
+import hashlib
+from collections import deque
+from collections.abc import AsyncIterator, Awaitable, Callable
+from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+
+from capture_app.cameras.base import CapturedFrame
+from capture_app.errors import DiskFullError
+from capture_app.net.address import Address
+from capture_app.net.transfer import Channel, TransferServer, bind
+from capture_app.node.burst.plans import record_of
+from capture_app.node.transfer import uploader as uploader_module
+from capture_app.node.transfer.spool import Spool, SpooledBurst
+from capture_app.node.transfer.uploader import Uploader
+from capture_app.node.transfer.work import BurstWork
+from capture_app.node.wire.messages import CameraReport, Held, ImageUpload, Noted, Refusal, Stored, ToLeader
+from capture_app.session.format.manifest import JOURNAL
+from capture_app.sync.rig.trigger import Pick
+from capture_app.sync.wire.messages import CameraDescription
+
+CAMERA = CameraDescription(
+    kind="sim",
+    model="Simulated",
+    width=640,
+    height=480,
+    period_ns=33_333_333,
+    phase_control="injection",
+    timestamp_source="start-of-exposure",
+)
+
+
+@dataclass
+class Picture:
+    data: bytes
+    developed: int = 0
+
+    def encode(self) -> bytes:
+        self.developed += 1
+        if not self.data:
+            raise RuntimeError("the film is torn")
+        return self.data
+
+
+def work(*pictures: Picture) -> BurstWork:
+    picks = [
+        Pick(n, 1000 + n, 2000 + n, 3, 4, 5, 0, CapturedFrame(n, 0, 1000 + n, picture))
+        for n, picture in enumerate(pictures)
+    ]
+    report = CameraReport(leader=1, burst=1, camera=record_of("a", CAMERA), instants=tuple(range(len(picks))))
+    return BurstWork(report, deque(picks))
+
+
+Serve = Callable[[Channel[ToLeader]], Awaitable[None]]
+
+
+@asynccontextmanager
+async def uploading(serve: Serve, said: list[str], spool: Spool | None = None) -> AsyncIterator[Uploader]:
+    datagrams, listening = bind("127.0.0.1", 0)
+    datagrams.close()
+    server: TransferServer[ToLeader] = TransferServer(ToLeader, serve)
+    await server.start(listening)
+    uploader = Uploader(said.append, spool)
+    uploader.load_spool()
+    uploader.leader_found(Address("127.0.0.1", listening.getsockname()[1]))
+    task = asyncio.create_task(uploader.run())
+    try:
+        yield uploader
+    finally:
+        task.cancel()
+        with suppress(asyncio.CancelledError):
+            await task
+        uploader.close()
+        await server.stop()
+
+
+@pytest.fixture(autouse=True)
+def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(uploader_module, "RETRY_S", (0.0,))
+
+
+async def test_what_was_not_acknowledged_is_sent_again_and_developed_once() -> None:
+    stored: list[bytes] = []
+    done = asyncio.Event()
+    streams = 0
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        nonlocal streams
+        streams += 1
+        mine = 0
+        while (received := await channel.receive()) is not None:
+            message, payload = received
+            if isinstance(message, CameraReport):
+                await channel.send(Noted())
+            elif isinstance(message, ImageUpload):
+                mine += 1
+                if streams < 3 and mine == 2:
+                    return  # The leader dies with this image in its hands.
+                stored.append(payload)
+                await channel.send(Stored(sha256=message.record.sha256))
+                if len(stored) == 4:
+                    done.set()
+
+    pictures = [Picture(f"picture {n}".encode()) for n in range(4)]
+    async with uploading(serve, []) as uploader:
+        uploader.add(work(*pictures))
+        await done.wait()
+    assert stored == [picture.data for picture in pictures]
+    assert [picture.developed for picture in pictures] == [1, 1, 1, 1]
+    assert streams == 3
+
+
+async def test_a_frame_that_cannot_be_developed_is_reported_missing() -> None:
+    reports: list[CameraReport] = []
+    done = asyncio.Event()
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        while (received := await channel.receive()) is not None:
+            message, _ = received
+            if isinstance(message, CameraReport):
+                reports.append(message)
+                await channel.send(Noted())
+            elif isinstance(message, ImageUpload):
+                await channel.send(Stored(sha256=message.record.sha256))
+                if message.record.instant == 2:
+                    done.set()
+
+    said: list[str] = []
+    async with uploading(serve, said) as uploader:
+        uploader.add(work(Picture(b"0"), Picture(b""), Picture(b"2")))
+        await done.wait()
+    assert reports[-1].instants == (0, 2)
+    assert [gap.instant for gap in reports[-1].missing] == [1]
+    assert "the film is torn" in reports[-1].missing[0].reason
+    assert any("is lost" in line for line in said)
+
+
+async def test_a_burst_that_the_leader_does_not_want_is_dropped_and_the_next_one_sent() -> None:
+    got: asyncio.Queue[int] = asyncio.Queue()
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        while (received := await channel.receive()) is not None:
+            message, _ = received
+            if isinstance(message, CameraReport) and len(message.instants) == 1:
+                await channel.send(Refusal(what="burst 1 is not of this leader"))
+            elif isinstance(message, CameraReport):
+                await channel.send(Noted())
+            elif isinstance(message, ImageUpload):
+                got.put_nowait(message.record.instant)
+                await channel.send(Stored(sha256=message.record.sha256))
+
+    said: list[str] = []
+    async with uploading(serve, said) as uploader:
+        uploader.add(work(Picture(b"old")))
+        uploader.add(work(Picture(b"0"), Picture(b"1")))
+        assert [await got.get(), await got.get()] == [0, 1]
+    assert any("not of this leader" in line for line in said)
+
+
+async def until(condition: Callable[[], bool]) -> None:
+    while not condition():  # noqa: ASYNC110 - a file appears
+        await asyncio.sleep(0.01)
+
+
+async def test_a_spool_keeps_what_the_leader_has_not_confirmed(tmp_path: Path) -> None:
+    """A node that is stopped in the middle sends the rest, byte for byte, when it is started again."""
+    stored: dict[int, bytes] = {}
+    down, done = asyncio.Event(), asyncio.Event()
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        while not down.is_set() and (received := await channel.receive()) is not None:
+            message, payload = received
+            if isinstance(message, ImageUpload):
+                stored[message.record.instant] = payload
+                await channel.send(Stored(sha256=message.record.sha256))
+                # After the first image it is as if the leader's plug had been pulled.
+                (down if len(stored) == 1 else done).set()
+            else:
+                held = tuple(
+                    Held(instant=n, sha256=hashlib.sha256(data).hexdigest(), bytes=len(data), stored=True)
+                    for n, data in stored.items()
+                )
+                await channel.send(Noted(held=held))
+
+    pictures = [Picture(f"picture {n}".encode()) for n in range(3)]
+    async with uploading(serve, [], Spool(tmp_path, "a")) as uploader:
+        uploader.add(work(*pictures))
+        await down.wait()
+        # An image is safe when its line is: the file comes before it.
+        journal = tmp_path / "a/00000001-000001" / JOURNAL
+        await until(lambda: journal.exists() and journal.read_bytes().count(b"\n") == 3)
+    down.clear()
+    said: list[str] = []
+    async with uploading(serve, said, Spool(tmp_path, "a")):
+        await done.wait()
+        await until(lambda: not any((tmp_path / "a").iterdir()))
+    assert stored == {n: picture.data for n, picture in enumerate(pictures)}
+    assert [picture.developed for picture in pictures] == [1, 1, 1]
+    assert any("still in" in line for line in said)
+
+
+async def test_a_full_spool_is_told_and_memory_takes_its_place(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stored: asyncio.Queue[bytes] = asyncio.Queue()
+
+    async def serve(channel: Channel[ToLeader]) -> None:
+        while (received := await channel.receive()) is not None:
+            message, payload = received
+            if isinstance(message, ImageUpload):
+                await channel.send(Stored(sha256=message.record.sha256))
+                stored.put_nowait(payload)
+            else:
+                await channel.send(Noted())
+
+    def full(*_: object) -> None:
+        raise DiskFullError("the disk of /spool is full")
+
+    monkeypatch.setattr(SpooledBurst, "keep", full)
+    said: list[str] = []
+    async with uploading(serve, said, Spool(tmp_path, "a")) as uploader:
+        uploader.add(work(Picture(b"0"), Picture(b"1")))
+        assert [await stored.get(), await stored.get()] == [b"0", b"1"]
+    assert any("kept in memory" in line for line in said)

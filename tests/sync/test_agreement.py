@@ -1,0 +1,108 @@
+"""Goals that suit the cameras which cannot be moved, and bursts where frames meet."""
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from capture_app.sync.clock.timebase import Goal
+from capture_app.sync.phase.shared_goal import PATIENCE_NS, Agreement, Stance, Standing, best_shift
+from capture_app.sync.rig.orders import Forecast, calmest, spread_ns
+
+PERIOD = 33_000_000
+MS = 1_000_000
+S = 1_000_000_000
+
+
+def webcam(name: str, at_ns: int | None, ppm: float = 0.0, control: str = "reset") -> Standing:
+    return Standing(name, control, at_ns, ppm, MS)
+
+
+def test_the_goal_moves_to_most_of_the_cameras_and_to_their_middle() -> None:
+    agreement = Agreement(Goal(0, PERIOD))
+    cameras = [webcam("a", 10 * MS), webcam("b", PERIOD + 11 * MS), webcam("c", 25 * MS)]
+    assert agreement.update(cameras, 0)
+    assert agreement.goal == Goal(10 * MS + MS // 2, PERIOD)
+    assert agreement.agreed_leader_ns is not None, "one of them is to be restarted"
+
+
+def test_a_camera_alone_is_never_restarted() -> None:
+    agreement = Agreement(Goal(0, PERIOD))
+    assert agreement.update([webcam("a", 14 * MS)], 0)
+    assert agreement.goal.anchor_leader_ns == 14 * MS
+    assert not agreement.update([webcam("a", 14 * MS)], S)
+    assert agreement.agreed_leader_ns is None
+
+
+def test_a_camera_that_cannot_move_at_all_outweighs_all_others() -> None:
+    agreement = Agreement(Goal(0, PERIOD))
+    others = [webcam(str(n), 5 * MS) for n in range(20)]
+    agreement.update([webcam("fixed", 20 * MS, control="none"), *others], 0)
+    assert abs(agreement.goal.phase_error(20 * MS)) <= MS
+
+
+def test_cameras_that_inject_do_not_move_the_goal() -> None:
+    agreement = Agreement(Goal(0, PERIOD))
+    assert not agreement.update([webcam("a", 9 * MS, control="injection")], 0)
+    assert agreement.goal == Goal(0, PERIOD)
+
+
+def test_nobody_is_restarted_before_all_have_told_their_phase() -> None:
+    agreement = Agreement(Goal(0, PERIOD))
+    cameras = [webcam("a", 5 * MS), webcam("b", 20 * MS), webcam("c", None)]
+    assert not agreement.update(cameras, 0)
+    assert agreement.agreed_leader_ns is None
+    agreement.update(cameras, PATIENCE_NS + 1)
+    assert agreement.agreed_leader_ns is not None, "but not for ever"
+
+
+def test_cameras_that_will_meet_are_not_restarted() -> None:
+    agreement = Agreement(Goal(0, PERIOD))
+    cameras = [webcam("a", 0, ppm=100.0), webcam("b", 2500_000, ppm=-100.0)]
+    agreement.update(cameras, 0)
+    assert agreement.agreed_leader_ns is not None
+    for camera in cameras:
+        assert camera.frame_leader_ns is not None
+        later_ns = camera.drift_ppm * 1e-6 * agreement.agreed_leader_ns
+        assert abs(agreement.goal.phase_error(camera.frame_leader_ns) + later_ns) <= MS
+
+
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(["reset", "none", "injection"]),
+            st.one_of(st.none(), st.integers(-(2**63), 2**63 - 1)),
+            st.floats(),
+            st.integers(1, 2**40),
+        ),
+        max_size=8,
+    ),
+    st.integers(-(2**62), 2**62),
+)
+def test_whatever_cameras_say_a_goal_comes_of_it(
+    said: list[tuple[str, int | None, float, int]], now_ns: int
+) -> None:
+    agreement = Agreement(Goal(0, PERIOD))
+    for again in range(3):
+        agreement.update([Standing(str(n), *s) for n, s in enumerate(said)], now_ns + again)
+        assert agreement.goal.period_ns == PERIOD
+
+
+@given(st.lists(st.floats(0, 33e6, exclude_max=True), min_size=1, max_size=12))
+def test_no_goal_on_a_fine_grid_suits_more_than_the_best(errors: list[float]) -> None:
+    stances = [Stance(e, 0.0, MS, 1) for e in errors]
+    shift_ns, weight = best_shift(stances, 0.0, PERIOD)
+
+    def suited(goal_ns: float, slack: float = 0.0) -> int:
+        return sum(abs((e - goal_ns + PERIOD / 2) % PERIOD - PERIOD / 2) <= MS + slack for e in errors)
+
+    assert suited(shift_ns, 1.0) >= weight
+    assert weight >= max(suited(at, -1.0) for at in range(0, PERIOD, 250_000))
+
+
+def test_a_burst_is_put_where_the_frames_meet() -> None:
+    goal = Goal(0, PERIOD)
+    forecasts = [Forecast(0, 20.0), Forecast(40_000, -20.0)]
+    at_ns = calmest(goal, forecasts, 0, 3 * S)
+    assert at_ns == pytest.approx(S, abs=PERIOD)
+    assert spread_ns(goal, forecasts, at_ns) < 2_000
+    assert calmest(goal, forecasts, 0, 0) == 0

@@ -1,0 +1,117 @@
+"""Beacons on the wire: round trips, what is refused, and nodes of before there were any."""
+
+import msgspec
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from capture_app.sync.wire import messages
+from capture_app.sync.wire.beacon import MOST_ARRIVALS, Agreed, Beacon, Group, Heard
+from capture_app.sync.wire.messages import Welcome, WireError, decode, encode
+
+u32 = st.integers(0, 2**32 - 1)
+numbers = st.integers(1, 2**32 - 1)
+i64 = st.integers(-(2**63), 2**63 - 1)
+errors = st.integers(0, 10**18)
+arrivals = st.lists(st.tuples(numbers, i64), max_size=MOST_ARRIVALS).map(tuple)
+HEADER = messages.MAGIC + bytes([messages.VERSION, 3])
+
+
+@given(
+    st.builds(Beacon, u32, numbers)
+    | st.builds(Heard, u32, errors, errors, arrivals)
+    | st.builds(Agreed, u32, numbers, i64, errors, errors)
+)
+def test_a_message_survives_the_wire(message: messages.Control) -> None:
+    data = encode(message)
+    assert decode(data) == message
+    assert len(data) <= messages.MAX_DATAGRAM
+
+
+def test_they_are_small() -> None:
+    full = tuple((2**32 - 1 - k, 2**62 + k) for k in range(24))
+    assert len(encode(Beacon(2**32 - 1, 2**32 - 1))) <= 45
+    assert len(encode(Heard(2**32 - 1, 10**6, 10**7, full))) <= 450
+    assert len(encode(Agreed(2**32 - 1, 2**32 - 1, 2**62, 10**6, 10**6))) <= 100
+
+
+def test_a_group_goes_with_the_welcome() -> None:
+    welcome = Welcome(1, 2, 3, 4, 5, 33_333_333, beacons=Group("239.255.47.10", 47011))
+    assert decode(encode(welcome)) == welcome
+
+
+@pytest.mark.parametrize(
+    ("host", "port"),
+    [
+        ("224.0.0.251", 47011),
+        ("238.255.0.1", 47011),
+        ("239.256.0.1", 47011),
+        ("239.1.2", 47011),
+        ("239.1.2.3.4", 47011),
+        ("239.255.47.10 ", 47011),
+        ("example.org", 47011),
+        ("239.255.47.10", 53),
+        ("239.255.47.10", 65536),
+    ],
+)
+def test_nobody_is_made_to_join_a_group_of_the_wide_world(host: str, port: int) -> None:
+    with pytest.raises(WireError, match="malformed"):
+        decode(encode(Welcome(1, 2, 3, 4, 5, 33_333_333, beacons=Group(host, port))))
+
+
+@pytest.mark.parametrize(
+    "message",
+    [
+        Beacon(1, 0),
+        Beacon(1, 2**32),
+        Heard(1, -1, 0, ()),
+        Heard(1, 0, 10**18 + 1, ()),
+        Heard(1, 0, 0, ((0, 5),)),
+        Heard(1, 0, 0, ((1, 2**63),)),
+        Heard(1, 0, 0, ((1, 5),) * (MOST_ARRIVALS + 1)),
+        Agreed(1, 0, 0, 0, 0),
+        Agreed(1, 1, 2**63, 0, 0),
+        Agreed(1, 1, 0, 0, -1),
+    ],
+)
+def test_values_that_cannot_be_are_refused(message: messages.Control) -> None:
+    with pytest.raises(WireError, match="malformed"):
+        decode(encode(message))
+
+
+@pytest.mark.parametrize("value", [float("nan"), 1.5, "5", None])
+def test_times_are_whole_numbers(value: object) -> None:
+    told = {
+        "type": "agreed",
+        "client": 1,
+        "number": 1,
+        "leader_ns": value,
+        "uncertainty_ns": 0,
+        "apart_ns": 0,
+    }
+    with pytest.raises(WireError, match="malformed"):
+        decode(HEADER + msgspec.msgpack.encode(told))
+
+
+class OldWelcome(msgspec.Struct, frozen=True, tag="welcome"):
+    """A welcome as it was before beacons."""
+
+    instance: int
+    leader: int
+    client: int
+    transfer_port: int
+    anchor_leader_ns: int
+    period_ns: int
+
+
+def test_a_node_of_before_understands_a_leader_of_today() -> None:
+    data = encode(Welcome(1, 2, 3, 4, 5, 33_333_333, beacons=Group("239.255.47.10", 47011)))
+    old = msgspec.msgpack.decode(data[len(HEADER) :], type=OldWelcome)
+    assert (old.client, old.period_ns) == (3, 33_333_333)
+
+
+def test_a_leader_of_before_is_one_without_beacons() -> None:
+    data = HEADER + msgspec.msgpack.encode(OldWelcome(1, 2, 3, 4, 5, 33_333_333))
+    welcome = decode(data)
+    assert isinstance(welcome, Welcome)
+    assert welcome.beacons is None

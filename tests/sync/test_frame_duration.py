@@ -1,0 +1,77 @@
+"""Frame durations asked for, and shifts that count from a frame nobody knows."""
+
+import pytest
+
+from capture_app.sync.phase.frame_duration import FrameDurationController
+from capture_app.sync.phase.frame_line import LATENCY_FRAMES, PendingShifts
+from capture_app.sync.phase.phase_controller import Move
+
+ROW = 20_000
+PERIOD = 1667 * ROW
+
+
+def controller(least_rows: int = 800, most_rows: int = 6000) -> FrameDurationController:
+    return FrameDurationController(
+        period_ns=PERIOD,
+        row_time_ns=ROW,
+        min_duration_ns=least_rows * ROW,
+        max_duration_ns=most_rows * ROW,
+    )
+
+
+def move(later_ns: int) -> Move:
+    return Move(0, 0, later_ns % PERIOD, PERIOD, 50_000)
+
+
+@pytest.mark.parametrize(
+    ("later_ns", "rows"),
+    [(10_000, 0), (-10_000, 0), (12_000, 1), (-12_000, -1), (3 * ROW, 3), (-200 * ROW, -200)],
+)
+def test_whole_rows_and_nothing_within_half_of_one(later_ns: int, rows: int) -> None:
+    made = controller()
+    command = made.command(move(later_ns))
+    if rows == 0:
+        assert command is None
+        return
+    assert command is not None
+    assert command.duration_ns // ROW == 1667 + rows
+    assert made.shift_ns == rows * ROW
+
+
+def test_a_step_too_long_is_done_in_part() -> None:
+    made = controller(least_rows=1600)
+    command = made.command(move(-200 * ROW))
+    assert command is not None
+    assert command.duration_ns // ROW == 1600
+
+
+def test_frames_that_cannot_be_shorter_go_round() -> None:
+    made = controller(least_rows=1667)
+    assert made.command(move(-200 * ROW)) is not None
+    assert made.shift_ns == (1667 - 200) * ROW
+
+
+def test_a_camera_without_room_is_a_problem() -> None:
+    assert controller(most_rows=1667).problem
+    assert not controller().problem
+
+
+def test_each_frame_tells_by_its_time_which_shifts_it_felt() -> None:
+    shifts = PendingShifts()
+    shifts.expect(100, ROW)
+    assert shifts.felt_by(101, 19_000.0) == 0, "no device is so quick"
+    assert shifts.felt_by(103, 1_000.0) == 0
+    assert shifts.felt_by(104, 17_000.0) == ROW
+    assert shifts.felt_by(105, 3_000.0) == 0, "each frame by itself"
+    assert shifts.total_ns == ROW
+    latest = 100 + LATENCY_FRAMES[1]
+    assert shifts.due_by(latest) == ROW
+    assert shifts.felt_by(latest, 0.0) == ROW, "by now it counts"
+
+
+def test_shifts_count_in_their_order() -> None:
+    shifts = PendingShifts()
+    shifts.expect(100, 3 * ROW)
+    shifts.expect(101, -ROW)
+    assert shifts.felt_by(104, 2.9 * ROW) == 3 * ROW
+    assert shifts.felt_by(105, 2.1 * ROW) == 2 * ROW

@@ -1,0 +1,166 @@
+"""The exposures an injection controller asks for, and what it learns from the shifts."""
+
+from math import floor
+
+import pytest
+
+from capture_app.sync.phase.injection import InjectionController, InjectionProfile
+from capture_app.sync.phase.phase_controller import Move, Moved
+
+PERIOD_NS = 33_333_000
+ROW_NS = 10_840
+
+
+def move(shift_ns: int, tolerance_ns: int = 20_000) -> Move:
+    return Move(0, shift_ns, shift_ns, PERIOD_NS, tolerance_ns)
+
+
+def shift_of(exposure_ns: int, gain: int, overhead_ns: int) -> int:
+    """What a sensor of whole rows does: gain * row * (floor(E / row) - neutral)."""
+    neutral = (PERIOD_NS - overhead_ns) // ROW_NS
+    return gain * ROW_NS * max(0, floor(exposure_ns / ROW_NS) - neutral)
+
+
+def controller(*, row_known: bool = True, max_exposure_ns: int | None = None) -> InjectionController:
+    return InjectionController(
+        period_ns=PERIOD_NS, row_time_ns=ROW_NS if row_known else None, max_exposure_ns=max_exposure_ns
+    )
+
+
+@pytest.mark.parametrize("row_known", [True, False])
+@pytest.mark.parametrize("gain", [1, 2, 3])
+@pytest.mark.parametrize("overhead_ns", [20_000, 250_000, 700_000])
+@pytest.mark.parametrize("wanted_ns", [300_000, 9_000_000, 33_000_000])
+def test_the_second_injection_hits(row_known: bool, gain: int, overhead_ns: int, wanted_ns: int) -> None:
+    inject = controller(row_known=row_known)
+    first = inject.command(move(wanted_ns))
+    assert first is not None
+    done_ns = shift_of(first.exposure_ns, gain, overhead_ns)
+    assert done_ns > 0
+    inject.learn(Moved(0, done_ns, 3000.0))
+    assert inject.profile is not None
+    assert inject.profile.gain == gain
+    left_ns = (wanted_ns - done_ns) % PERIOD_NS
+    second = inject.command(move(left_ns))
+    if second is not None:
+        left_ns -= shift_of(second.exposure_ns, gain, overhead_ns)
+    miss_ns = (left_ns + PERIOD_NS // 2) % PERIOD_NS - PERIOD_NS // 2
+    rows = 0.55 if row_known else 1.55
+    assert abs(miss_ns) <= rows * gain * ROW_NS
+
+
+def test_the_first_shot_stretches_by_two_milliseconds_at_least() -> None:
+    command = controller().command(move(100_000))
+    assert command is not None
+    assert command.exposure_ns > PERIOD_NS - 250_000 + 2_000_000 - ROW_NS
+
+
+def test_exposures_lie_inside_a_row() -> None:
+    command = controller().command(move(9_000_000))
+    assert command is not None
+    assert command.exposure_ns % ROW_NS == pytest.approx(ROW_NS / 4, abs=1)
+
+
+def test_no_shift_at_all_asks_for_more_and_learns_nothing() -> None:
+    inject = controller()
+    first = inject.command(move(100_000))
+    inject.learn(Moved(0, 400, 3000.0))
+    assert inject.profile is None
+    second = inject.command(move(100_000))
+    assert first is not None
+    assert second is not None
+    assert second.exposure_ns - first.exposure_ns == pytest.approx(1_000_000, abs=2 * ROW_NS)
+
+
+def test_a_command_that_a_known_device_did_not_get_is_given_again_as_it_was() -> None:
+    inject = InjectionController(
+        period_ns=PERIOD_NS, row_time_ns=ROW_NS, profile=InjectionProfile(ROW_NS, 2, 3050.0)
+    )
+    assert inject.sure
+    first = inject.command(move(9_000_000))
+    inject.learn(Moved(0, 400, 3000.0))
+    assert not inject.sure, "nothing to be done just before a burst"
+    assert inject.command(move(9_000_000)) == first
+    inject.learn(Moved(0, 9_007_000, 3000.0))
+    assert inject.sure
+
+
+def test_a_camera_that_never_obeys_is_a_problem_in_the_end() -> None:
+    inject = controller()
+    for _ in range(8):
+        assert not inject.problem
+        inject.command(move(100_000))
+        inject.learn(Moved(0, 0, 3000.0))
+    assert "does not move" in inject.problem
+
+
+def test_a_longest_exposure_below_the_period_is_a_problem() -> None:
+    assert "too short" in controller(max_exposure_ns=30_000_000).problem
+    assert not controller(max_exposure_ns=70_000_000).problem
+
+
+def test_a_shift_out_of_reach_is_done_in_part() -> None:
+    inject = InjectionController(
+        period_ns=PERIOD_NS,
+        row_time_ns=ROW_NS,
+        max_exposure_ns=40_000_000,
+        profile=InjectionProfile(ROW_NS, 1, 3050.0),
+    )
+    command = inject.command(move(30_000_000))
+    assert command is not None
+    assert 39_900_000 < command.exposure_ns <= 40_000_000
+
+
+def test_an_error_below_what_rows_can_do_is_left_to_drift() -> None:
+    period_ns = 370 * 90_000
+    inject = InjectionController(
+        period_ns=period_ns, row_time_ns=30_000, profile=InjectionProfile(30_000, 3, 1100.0)
+    )
+    assert inject.command(Move(0, 25_000, 25_000, period_ns, 20_000)) is None
+
+
+@pytest.mark.parametrize("frame_rows", [2222, 2221])
+@pytest.mark.parametrize("wanted_rows", [1, 2, 301, 302])
+def test_whole_periods_bring_the_rows_between_two_steps_into_reach(frame_rows: int, wanted_rows: int) -> None:
+    row_ns, neutral = 15_000, 2200
+    period_ns = frame_rows * row_ns
+    inject = InjectionController(
+        period_ns=period_ns, row_time_ns=row_ns, profile=InjectionProfile(row_ns, 3, neutral)
+    )
+    command = inject.command(Move(0, 0, wanted_rows * row_ns, period_ns, 20_000))
+    assert command is not None
+    shift_rows = 3 * (command.exposure_ns // row_ns - neutral)
+    assert (shift_rows - wanted_rows) % frame_rows == 0
+
+
+def test_a_small_error_that_no_rows_can_mend_is_not_made_a_large_one() -> None:
+    period_ns = 1110 * 30_000
+    inject = InjectionController(
+        period_ns=period_ns, row_time_ns=30_000, profile=InjectionProfile(30_000, 1, 1090.0)
+    )
+    assert inject.command(Move(0, 0, period_ns - 16_000, period_ns, 15_000)) is None
+
+
+def test_no_aim_at_drift_takes_a_phase_out_of_its_tolerance() -> None:
+    row_ns, neutral, frame_rows = 15_000, 2200, 2222
+    period_ns = frame_rows * row_ns
+    inject = InjectionController(
+        period_ns=period_ns, row_time_ns=row_ns, profile=InjectionProfile(row_ns, 2, neutral)
+    )
+    # 12 us early would be best, by 101 rows or by 103: 21 us too early or 9 us too late.
+    shift_ns = 101 * row_ns + 9_000
+    command = inject.command(Move(0, 0, shift_ns, period_ns, 20_000, aim_ns=-12_000.0))
+    assert command is not None
+    landed_ns = 2 * row_ns * (command.exposure_ns // row_ns - neutral) - shift_ns - 12_000
+    assert abs(landed_ns) <= 20_000
+
+
+def test_one_bad_observation_is_outvoted() -> None:
+    inject = controller()
+    for wanted_ns, wrong_ns in ((9_000_000, 0), (5_000_000, 0), (7_000_000, 900_000), (3_000_000, 0)):
+        command = inject.command(move(wanted_ns))
+        assert command is not None
+        inject.learn(Moved(0, shift_of(command.exposure_ns, 2, 250_000) + wrong_ns, 3000.0))
+    assert inject.profile is not None
+    assert inject.profile.gain == 2
+    assert inject.profile.neutral_rows == (PERIOD_NS - 250_000) // ROW_NS

@@ -1,0 +1,164 @@
+"""The phase estimator against streams whose truth is known."""
+
+import random
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from capture_app.sync.phase.estimator import FrameStamp, PhaseEstimator
+
+NOMINAL_NS = 33_333_333
+PERIOD_NS = 33_334_000
+
+
+def stream(
+    count: int, *, start_ns: int = 10**9, number: int = 0, noise_ns: float = 3000, seed: int = 1
+) -> list[FrameStamp]:
+    """Frames with normal noise, 1 % of them late by up to 1 ms."""
+    rng = random.Random(seed)
+    return [
+        FrameStamp(
+            n,
+            number,
+            start_ns
+            + n * PERIOD_NS
+            + round(rng.gauss(0, noise_ns) + (rng.random() < 0.01) * rng.random() * 1e6),
+        )
+        for n in range(count)
+    ]
+
+
+def fed(stamps: list[FrameStamp]) -> PhaseEstimator:
+    phase = PhaseEstimator(period_ns=NOMINAL_NS)
+    for stamp in stamps:
+        phase.add(stamp)
+    return phase
+
+
+def test_period_and_phase_come_within_microseconds() -> None:
+    phase = fed(stream(90))
+    assert phase.period_ns == pytest.approx(PERIOD_NS, abs=60)
+    assert phase.time_of(95) == pytest.approx(10**9 + 95 * PERIOD_NS, abs=4000)
+    assert phase.noise_ns == pytest.approx(3000, rel=0.4)
+    assert phase.nearest(10**9 + 95 * PERIOD_NS + 10**7) == phase.time_of(95)
+
+
+def test_a_noisy_virtual_machine_still_gives_a_phase() -> None:
+    phase = fed(stream(300, noise_ns=2.5e6))
+    assert phase.time_of(300) == pytest.approx(10**9 + 300 * PERIOD_NS, abs=1_000_000)
+    assert phase.sigma_at(phase.last_ns) < 500_000
+
+
+def test_drops_show_in_the_numbers() -> None:
+    phase = PhaseEstimator(period_ns=NOMINAL_NS)
+    lost = {20, 41, 42, 43}
+    dropped = [phase.add(s) for s in stream(100) if s.sequence not in lost]
+    assert [d for d in dropped if d] == [1, 3]
+    assert phase.drops == 4
+    assert phase.frames == 96
+
+
+@pytest.mark.parametrize("lost", [{4}, {30}, {50, 51}])
+def test_drops_show_in_the_times_where_the_numbers_do_not_tell(lost: set[int]) -> None:
+    phase = PhaseEstimator(period_ns=NOMINAL_NS)
+    kept = [s for s in stream(100) if s.sequence not in lost]
+    for n, stamp in enumerate(kept):
+        phase.add(FrameStamp(n, 0, stamp.timestamp_ns))
+    assert phase.nearest(10**9 + 99 * PERIOD_NS) == pytest.approx(10**9 + 99 * PERIOD_NS, abs=5000)
+    if min(lost) > 10:
+        assert phase.drops == len(lost)
+
+
+def test_an_expected_long_frame_is_a_shift_and_not_a_drop() -> None:
+    stamps = stream(140)
+    phase = fed(stamps[:100])
+    phase.mark_disturbance()
+    shift_ns = PERIOD_NS + 7_000_000
+    for stamp in stamps[100:]:
+        late = shift_ns if stamp.sequence >= 103 else 0
+        phase.add(FrameStamp(stamp.sequence, 0, stamp.timestamp_ns + late))
+    assert phase.drops == 0
+    assert not phase.disturbed
+    assert phase.last_shift_ns == pytest.approx(shift_ns, abs=8000)
+    assert phase.period_ns == pytest.approx(PERIOD_NS, abs=40)
+
+
+def test_a_disturbance_that_never_comes_ends_with_no_shift() -> None:
+    phase = fed(stream(100))
+    phase.mark_disturbance()
+    for stamp in stream(120)[100:]:
+        phase.add(stamp)
+    assert not phase.disturbed
+    assert phase.last_shift_ns == pytest.approx(0, abs=8000)
+
+
+def test_a_restart_changes_the_phase_and_keeps_the_period() -> None:
+    phase = fed(stream(120))
+    before = phase.period_ns
+    for stamp in stream(6, start_ns=9 * 10**9 + 5_432_100, number=1):
+        phase.add(stamp)
+    assert phase.period_ns == pytest.approx(before, abs=20)
+    assert phase.run_frames == 6
+    assert phase.time_of(8) == pytest.approx(9 * 10**9 + 5_432_100 + 8 * PERIOD_NS, abs=8000)
+    assert phase.drops == 0
+
+
+def test_a_jump_nobody_asked_for_starts_a_new_run() -> None:
+    stamps = stream(140)
+    phase = fed(stamps[:100])
+    for stamp in stamps[100:]:
+        phase.add(FrameStamp(stamp.sequence, 0, stamp.timestamp_ns + 4_000_000))
+    assert phase.run_frames == 40
+    assert phase.time_of(140) == pytest.approx(10**9 + 140 * PERIOD_NS + 4_000_000, abs=8000)
+
+
+@pytest.mark.parametrize("other_ns", [25_000_000, 40_000_000, 50_000_000, 66_666_666])
+def test_another_frame_rate_is_learned_anew(other_ns: int) -> None:
+    phase = fed(stream(100))
+    last_ns = phase.last_ns
+    for n in range(60):
+        phase.add(FrameStamp(100 + n, 0, last_ns + (n + 1) * other_ns))
+    assert phase.period_ns == pytest.approx(other_ns, rel=1e-5)
+    assert phase.drops < 12
+
+
+def test_repeated_and_older_frames_are_passed_over() -> None:
+    stamps = stream(60)
+    once, messy = fed(stamps), fed(stamps)
+    for stamp in (stamps[-1], stamps[3], FrameStamp(500, -1, 10**12)):
+        assert messy.add(stamp) == 0
+    assert messy.time_of(70) == once.time_of(70)
+    assert messy.frames == once.frames
+
+
+stamps = st.builds(
+    FrameStamp,
+    sequence=st.integers(0, 2**32),
+    stream=st.integers(0, 3),
+    timestamp_ns=st.integers(-(2**62), 2**62),
+)
+
+
+@settings(max_examples=150, deadline=None)
+@given(st.lists(st.one_of(stamps, st.just("disturb")), max_size=60), st.booleans())
+def test_no_frames_whatsoever_raise(frames: list[FrameStamp | str], in_order: bool) -> None:
+    phase = PhaseEstimator(period_ns=NOMINAL_NS)
+    if in_order:
+        ordered = [f for f in frames if isinstance(f, FrameStamp)]
+        frames = [*sorted(ordered, key=lambda f: (f.stream, f.sequence))]
+    for frame in frames:
+        if isinstance(frame, str):
+            phase.mark_disturbance()
+        else:
+            assert phase.add(frame) >= 0
+            phase.nearest(frame.timestamp_ns)
+            phase.sigma_at(frame.timestamp_ns)
+
+
+@settings(max_examples=40, deadline=None)
+@given(lost=st.sets(st.integers(10, 79), max_size=25), seed=st.integers(0, 999))
+def test_whatever_is_lost_the_phase_stays(lost: set[int], seed: int) -> None:
+    phase = fed([s for s in stream(90, seed=seed) if s.sequence not in lost])
+    assert phase.drops == len(lost)
+    assert phase.time_of(90) == pytest.approx(10**9 + 90 * PERIOD_NS, abs=10_000)

@@ -1,0 +1,66 @@
+"""Restarts at random and aimed ones, against start latencies of several kinds."""
+
+import random
+from collections.abc import Callable
+
+import pytest
+
+from capture_app.sync.phase.phase_controller import Move, Moved
+from capture_app.sync.phase.reset import ResetController
+
+MS = 1_000_000
+PERIOD_NS = 33_333_333
+
+
+def tries(latency: Callable[[random.Random], float], tolerance_ns: int, *, aimed: bool, rounds: int) -> float:
+    """Mean number of restarts to come within the tolerance of ever new goals; the first 20 go untold."""
+    rng = random.Random(7)
+    reset = ResetController(rng=rng, aimed=aimed)
+    now_ns = total = 0
+    for n in range(rounds):
+        wanted_ns = now_ns + 10**9 + rng.randrange(PERIOD_NS)
+        for _ in range(2000):
+            move = Move(now_ns, wanted_ns, 0, PERIOD_NS, tolerance_ns)
+            command = reset.command(move)
+            assert 0 <= command.delay_ns < PERIOD_NS
+            first_ns = now_ns + command.delay_ns + round(latency(rng))
+            reset.learn(Moved(first_ns, None, 3000.0))
+            total += n >= 20
+            now_ns = first_ns + 5 * PERIOD_NS
+            error_ns = (first_ns - wanted_ns + PERIOD_NS // 2) % PERIOD_NS - PERIOD_NS // 2
+            if abs(error_ns) <= tolerance_ns:
+                break
+    return total / (rounds - 20)
+
+
+def steady(sd_ms: float) -> Callable[[random.Random], float]:
+    return lambda rng: rng.gauss(280, sd_ms) * MS
+
+
+def test_random_restarts_take_as_many_tries_as_chance_says() -> None:
+    assert tries(steady(2), MS, aimed=False, rounds=220) == pytest.approx(PERIOD_NS / (2 * MS), rel=0.2)
+
+
+@pytest.mark.parametrize(("sd_ms", "at_most"), [(0.2, 1.1), (2.0, 3.2), (5.0, 8.0)])
+def test_aimed_restarts_take_few(sd_ms: float, at_most: float) -> None:
+    assert tries(steady(sd_ms), MS, aimed=True, rounds=200) < at_most
+
+
+def test_a_latency_of_two_kinds_is_aimed_at_the_likelier() -> None:
+    def bimodal(rng: random.Random) -> float:
+        return rng.gauss(280 if rng.random() < 0.7 else 293, 2) * MS
+
+    assert tries(bimodal, MS, aimed=True, rounds=200) < 6.5
+
+
+def test_a_latency_that_cannot_be_predicted_costs_no_more_than_chance() -> None:
+    assert tries(steady(60), 2 * MS, aimed=True, rounds=200) < 1.25 * PERIOD_NS / (4 * MS)
+
+
+def test_the_first_start_of_all_is_learned_from_too() -> None:
+    reset = ResetController(rng=random.Random(1))
+    reset.started(0, PERIOD_NS)
+    reset.learn(Moved(280 * MS, None, 3000.0))
+    command = reset.command(Move(10**9, 2 * 10**9, 0, PERIOD_NS, MS))
+    first_ns = 10**9 + command.delay_ns + 280 * MS
+    assert abs((first_ns - 2 * 10**9 + PERIOD_NS // 2) % PERIOD_NS - PERIOD_NS // 2) < MS

@@ -1,0 +1,81 @@
+"""Bursts: instants on the grid, and the frames picked for them."""
+
+from hypothesis import given
+from hypothesis import strategies as st
+
+from capture_app.sync.clock.timebase import Goal, TimeMap
+from capture_app.sync.rig.trigger import RingBuffer, burst_instants, pick_frames
+
+PERIOD_NS = 33_333_333
+HOUR_NS = 3_600_000_000_000
+
+
+def time_map(offset_ns: int = 0, skew: float = 0.0, epoch_ns: int = 0) -> TimeMap:
+    return TimeMap(epoch_ns, offset_ns, skew, 10_000.0, 50_000.0, 1e-6, 2e-6, 300, 1_000_000)
+
+
+@given(
+    epoch=st.integers(-100 * HOUR_NS, 100 * HOUR_NS),
+    offset=st.integers(-100 * HOUR_NS, 100 * HOUR_NS),
+    skew=st.floats(-1e-4, 1e-4),
+    since=st.integers(-HOUR_NS, HOUR_NS),
+)
+def test_time_maps_invert(epoch: int, offset: int, skew: float, since: int) -> None:
+    there = time_map(offset, skew, epoch)
+    local_ns = epoch + since
+    assert abs(there.local_from_leader(there.leader_from_local(local_ns)) - local_ns) <= 1
+
+
+@given(
+    anchor=st.integers(-HOUR_NS, HOUR_NS), period=st.integers(1, 10**9), leader=st.integers(-HOUR_NS, HOUR_NS)
+)
+def test_phase_error_is_within_half_a_period(anchor: int, period: int, leader: int) -> None:
+    goal = Goal(anchor, period)
+    error_ns = goal.phase_error(leader)
+    assert -period <= 2 * error_ns <= period
+    assert (leader - error_ns - anchor) % period == 0
+
+
+def test_a_burst_is_snapped_to_the_grid() -> None:
+    goal = Goal(1_000, PERIOD_NS)
+    instants = burst_instants(goal, 1_000 + 10 * PERIOD_NS + 5_000_000, 3, 2)
+    assert instants == tuple(1_000 + n * PERIOD_NS for n in (10, 12, 14))
+
+
+def ring_of(timestamps: list[int], capacity: int = 100) -> RingBuffer[int]:
+    ring: RingBuffer[int] = RingBuffer(capacity)
+    for number, local_ns in enumerate(timestamps):
+        ring.add(local_ns, number)
+    return ring
+
+
+def test_the_nearest_frames_are_picked_with_their_error_bars() -> None:
+    offset_ns = 5 * HOUR_NS
+    there = time_map(offset_ns, 40e-6)
+    instants = tuple(offset_ns + n * PERIOD_NS for n in (3, 4, 5))
+    ring = ring_of([there.local_from_leader(offset_ns + n * PERIOD_NS + 20_000) for n in range(10)])
+    picks, gaps = pick_frames(ring, there, instants, PERIOD_NS)
+    assert [pick.frame for pick in picks] == [3, 4, 5]
+    assert all(abs(pick.residual_ns - 20_000) <= 1 for pick in picks)
+    assert all(pick.hard_bound_ns >= pick.uncertainty_ns > 0 for pick in picks)
+    assert gaps == ()
+
+
+def test_a_dropped_frame_leaves_a_gap_and_shifts_nothing() -> None:
+    ring = ring_of([n * PERIOD_NS for n in range(10) if n != 4])
+    picks, gaps = pick_frames(ring, time_map(), tuple(n * PERIOD_NS for n in (3, 4, 5)), PERIOD_NS)
+    assert [(pick.instant, pick.local_ns // PERIOD_NS) for pick in picks] == [(0, 3), (2, 5)]
+    assert [(gap.instant, gap.reason) for gap in gaps] == [(1, "the camera dropped the frame")]
+
+
+def test_the_past_reaches_as_far_as_the_ring_buffer() -> None:
+    ring = ring_of([n * PERIOD_NS for n in range(100)], capacity=10)
+    picks, gaps = pick_frames(ring, time_map(), (50 * PERIOD_NS, 95 * PERIOD_NS), PERIOD_NS)
+    assert [pick.instant for pick in picks] == [1]
+    assert [gap.reason for gap in gaps] == ["it had left the ring buffer"]
+
+
+def test_a_camera_without_frames_leaves_gaps() -> None:
+    picks, gaps = pick_frames(RingBuffer[int](4), time_map(), (0,), PERIOD_NS)
+    assert picks == ()
+    assert [gap.reason for gap in gaps] == ["the camera gave no frames"]

@@ -61,6 +61,10 @@ class IncompleteError(SimulshotError):
     exit_code = ExitCode.INCOMPLETE
 
 
+class NoCameraHereError(IncompleteError):
+    """A burst was ordered and no camera has joined the leader."""
+
+
 class DiskFullError(SimulshotError):
     """A disk without room for what is to be written; room can be made, and then it goes on."""
 

@@ -70,16 +70,20 @@ def burst(
 
 
 async def _take(leader: Address, request: "BurstRequest") -> "BurstStatus":
-    from capture_app.errors import NetworkError
+    from capture_app.errors import NetworkError, NoCameraHereError
     from capture_app.node.leader.control import ask_burst
     from capture_app.node.leader.wording import burst_in_words
 
     last, said = None, ""
-    async for last in ask_burst(leader, request):
-        line = burst_in_words(last)
-        if line != said:
-            said = line
-            talk(line)
+    try:
+        async for last in ask_burst(leader, request):
+            line = burst_in_words(last)
+            if line != said:
+                said = line
+                talk(line)
+    except NoCameraHereError as error:
+        hint = f"start one with: capture-app node --leader {leader} --camera SPEC"
+        raise NoCameraHereError(error.what, hint=hint) from error
     if last is None:
         raise NetworkError(f"the leader at {leader} took no burst")
     return last

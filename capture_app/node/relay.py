@@ -7,7 +7,7 @@ from contextlib import asynccontextmanager
 from typing import Any, Self
 
 from capture_app.clock import HostClock, NodeClock
-from capture_app.errors import ExitCode, NetworkError
+from capture_app.errors import NetworkError
 from capture_app.net.address import ANY_HOST, DEFAULT_PORT, Address, reachable_host, resolve
 from capture_app.net.interfaces import own_hosts
 from capture_app.net.transfer import Channel, TransferServer, bind, connect
@@ -152,8 +152,8 @@ class RelayNode:
             if isinstance(message, StatusRequest):
                 await below.send(StatusAnswer(rig=self.status()))
             else:
-                exit_code = int(ExitCode.NETWORK)
-                await below.send(Refusal(what=why.what, hint=why.hint, exit_code=exit_code, retry=True))
+                error = type(why).__name__
+                await below.send(Refusal(what=why.what, hint=why.hint, error=error, retry=True))
 
     # Events
 

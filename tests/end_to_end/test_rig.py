@@ -152,7 +152,7 @@ async def test_a_burst_that_nobody_can_take_is_one_line_and_no_session(
 ) -> None:
     leader, address = await lead(start, tmp_path / "sessions")
     for options, says in (
-        ((), "no node is here"),
+        ((), "no camera is here (start one with: capture-app node --leader"),
         (("--wait-ready", "0.2", "--nodes", "3"), "not ready after 0.2 s: 0 of 3 nodes are here"),
     ):
         command = await start("burst", "--leader", address, *options)

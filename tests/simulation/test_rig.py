@@ -148,7 +148,7 @@ def test_a_burst_is_finished_although_its_leader_is_gone() -> None:
 
 def test_a_burst_that_nobody_can_take_is_refused() -> None:
     rig = VirtualRig([], seed=1)
-    with pytest.raises(IncompleteError, match="no camera has joined"):
+    with pytest.raises(IncompleteError, match="no camera is here"):
         rig.trigger(frames=5)
     rig.start(specs(1, "perfect")[0])
     rig.run_for(S // 4)

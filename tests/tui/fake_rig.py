@@ -3,7 +3,7 @@
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 
-from capture_app.errors import IncompleteError
+from capture_app.errors import NoCameraHereError
 from capture_app.node.wire.status import BurstStatus, NodeStatus, RigStatus
 from capture_app.sync.wire.messages import NodeState
 from capture_app.tui.source import Comparison, Progress
@@ -60,7 +60,7 @@ class FakeRig:
 
     async def burst(self, frames: int) -> BurstStatus:
         if not self.nodes:
-            raise IncompleteError("no node is here", hint="start one with: capture-app node")
+            raise NoCameraHereError("no camera is here")
         self.bursts += 1
         assert self.session is not None
         self.sessions = (*self.sessions, str(self.session))

@@ -107,7 +107,7 @@ async def test_an_error_is_a_line_on_the_screen_not_a_crash() -> None:
     async with app.run_test(size=(80, 24)) as pilot:
         await pilot.press("b")
         await settle(app, pilot)
-        assert words(app) == "no node is here (start one with: capture-app node)"
+        assert words(app) == "no camera is here"
         await pilot.press("c")
         await settle(app, pilot)
         assert words(app) == "no session yet: press b to take a burst"

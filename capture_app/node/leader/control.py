@@ -4,7 +4,8 @@ import asyncio
 from collections.abc import AsyncIterator
 from typing import Any
 
-from capture_app.errors import ExitCode, NetworkError, SimulshotError
+from capture_app import errors
+from capture_app.errors import NetworkError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.net.transfer import Channel, connect
 from capture_app.node.wire.messages import (
@@ -20,17 +21,6 @@ from capture_app.node.wire.status import BurstStatus, RigStatus
 ANSWER_TIMEOUT_S = 10.0
 
 
-class RefusedError(SimulshotError):
-    """The leader's own error, told by it."""
-
-    def __init__(self, refusal: Refusal) -> None:
-        super().__init__(refusal.what, hint=refusal.hint)
-        try:
-            self.exit_code = ExitCode(refusal.exit_code)
-        except ValueError:
-            self.exit_code = ExitCode.FAILURE
-
-
 async def ask_status(leader: Address) -> RigStatus:
     """Return the status of the rig of a running leader. Raises NetworkError."""
     async with await connect(leader, FromLeader) as channel:
@@ -44,7 +34,7 @@ async def ask_status(leader: Address) -> RigStatus:
 async def ask_burst(leader: Address, request: BurstRequest) -> AsyncIterator[BurstStatus]:
     """Order a burst and yield its progress until it is done.
 
-    Raises NetworkError, and the leader's own errors as RefusedError.
+    Raises NetworkError, and the leader's own errors.
     """
     async with await connect(leader, FromLeader) as channel:
         await channel.send(request)
@@ -67,5 +57,12 @@ async def _next(channel: Channel[Any], timeout_s: float) -> FromLeader:
         raise NetworkError(f"the leader at {channel.peer} closed the connection", hint="was it stopped?")
     answer: FromLeader = received[0]
     if isinstance(answer, Refusal):
-        raise RefusedError(answer)
+        raise _leaders_error(answer)
     return answer
+
+
+def _leaders_error(refusal: Refusal) -> SimulshotError:
+    kind = getattr(errors, refusal.error, SimulshotError)
+    if not (isinstance(kind, type) and issubclass(kind, SimulshotError)):
+        kind = SimulshotError
+    return kind(refusal.what, hint=refusal.hint)

@@ -15,7 +15,7 @@ from capture_app.net.transfer import TransferServer, bind
 from capture_app.net.udp import Pump
 from capture_app.node.burst.bursts import BurstSession
 from capture_app.node.burst.resume import RETURN_NS, Revival
-from capture_app.node.leader.readiness import check_somebody_is_here, create_numbered, not_ready
+from capture_app.node.leader.readiness import create_numbered, not_ready
 from capture_app.node.leader.service import Beacons, Service
 from capture_app.node.leader.snapshots import node_statuses
 from capture_app.node.leader.space import check_room, expected_image_bytes
@@ -146,16 +146,16 @@ class LeaderNode:
     async def trigger(self, *, frames: int, spacing: int = 1, at_leader_ns: int | None = None) -> BurstStatus:
         """Order a burst of all nodes that are here, and begin its session.
 
-        Raises BadInputError for an impossible burst or a folder that cannot be written, IncompleteError
-        where no node is here, DiskFullError where it will hardly find room here or on a node.
+        Raises BadInputError for an impossible burst or a folder that cannot be written, NoCameraHereError
+        where there is no camera, DiskFullError where it will hardly find room here or on a node.
         """
         if sum(not burst.finished.is_set() for burst in self._bursts.values()) >= MAX_OPEN_BURSTS:
             raise IncompleteError(
                 f"{MAX_OPEN_BURSTS} bursts are still being saved", hint="wait until they are there"
             )
-        views = self._views()
-        check_somebody_is_here(views, self.address)
-        check_room(self.sessions, expected_image_bytes(views, self._image_bytes), frames, self._spools)
+        self._engine.check_burst(frames=frames, spacing=spacing)
+        image_bytes = expected_image_bytes(self._views(), self._image_bytes)
+        check_room(self.sessions, image_bytes, frames, self._spools)
         # A number that was given up is never given again: nodes may still know it.
         writer, number = await asyncio.to_thread(create_numbered, self.sessions, after=self._last_number)
         self._last_number = max(self._last_number, number)

@@ -5,7 +5,6 @@ from collections.abc import AsyncGenerator, Callable, Sequence
 from pathlib import Path
 
 from capture_app.errors import BadInputError, IncompleteError
-from capture_app.net.address import Address
 from capture_app.node.leader.snapshots import cameras_here
 from capture_app.session.writing.store import SessionWriter
 from capture_app.sync.rig.leader import ClientView
@@ -34,14 +33,6 @@ def _number(path: Path) -> int:
 
 
 LOOK_EVERY_S = 0.1
-
-
-def check_somebody_is_here(views: Sequence[ClientView], leader: Address) -> None:
-    """Check that there is a camera. Raises IncompleteError that says how to start one."""
-    if not cameras_here(views):
-        raise IncompleteError(
-            "no node is here", hint=f"start one with: capture-app node --leader {leader} --camera SPEC"
-        )
 
 
 def waiting_for(views: Sequence[ClientView], cameras: int) -> str:

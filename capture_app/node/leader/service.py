@@ -93,7 +93,7 @@ class Service:
                         Refusal(
                             what=error.what,
                             hint=error.hint,
-                            exit_code=int(error.exit_code),
+                            error=type(error).__name__,
                             retry=isinstance(error, DiskFullError | TryAgainError),
                         )
                     )

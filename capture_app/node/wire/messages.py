@@ -92,7 +92,8 @@ class Refusal(_Message, frozen=True, kw_only=True, tag="refusal"):
 
     what: str
     hint: str = ""
-    exit_code: int = 1
+    error: str = "SimulshotError"
+    """The class of the leader's error, one of those in `errors`."""
     retry: bool = False
     """It may be asked for again: a disk is full, or a burst was closed and can be opened again."""
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from capture_app.sync.clock.timebase import Goal
 from capture_app.sync.reference_broadcast.broadcaster import Broadcaster
 from capture_app.sync.rig.events import LeaderEvent
-from capture_app.sync.rig.orders import Orders, Wanted
+from capture_app.sync.rig.orders import Orders, Wanted, check_burst
 from capture_app.sync.rig.roster import (
     CLIENT_SILENT_NS,
     CLOCK_SILENT_NS,
@@ -193,6 +193,10 @@ class Leader:
 
     # Bursts
 
+    def check_burst(self, *, frames: int, spacing: int) -> None:
+        """Raise BadInputError for an impossible burst, NoCameraHereError where no client could take it."""
+        check_burst(self._roster.cameras(), self.goal, frames, spacing)
+
     def trigger(
         self,
         now_ns: int,
@@ -206,8 +210,8 @@ class Leader:
 
         `at_leader_ns` may lie in the past, as far back as the clients' ring buffers reach; the default is
         half a second from now, put off by up to the leader's freedom. `number` must be a new one; the
-        default is the next. Raises BadInputError for an impossible burst, IncompleteError where no client
-        is there to take it.
+        default is the next. Raises BadInputError for an impossible burst, NoCameraHereError where no
+        client is there to take it.
         """
         asked_ns = now_ns + TRIGGER_LEAD_NS
         freedom_ns = self.config.freedom_ns if at_leader_ns is None else 0

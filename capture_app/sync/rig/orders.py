@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from capture_app.errors import BadInputError, IncompleteError
+from capture_app.errors import BadInputError, NoCameraHereError
 from capture_app.sync.clock.timebase import Goal
 from capture_app.sync.rig.events import BurstAccepted, BurstRefused
 from capture_app.sync.rig.roster import Member
@@ -63,6 +63,21 @@ class Wanted:
     number: int | None = None
 
 
+def check_burst(cameras: Sequence[Member], goal: Goal | None, frames: int, spacing: int) -> Goal:
+    """Return the grid of a burst of these cameras.
+
+    Raises BadInputError for an impossible burst, NoCameraHereError where there is nobody to take it.
+    """
+    if not cameras or goal is None:
+        raise NoCameraHereError("no camera is here")
+    if not possible(frames, spacing * goal.period_ns):
+        raise BadInputError(
+            f"a burst of {frames} frames, every {spacing} periods, is not possible",
+            hint=f"1 to {MAX_FRAMES} frames, spacing 1 or more, {MAX_BURST_NS // 10**9} s at most",
+        )
+    return goal
+
+
 @dataclass(slots=True)
 class _Order:
     """A trigger that a client has not answered yet."""
@@ -85,18 +100,10 @@ class Orders:
     ) -> Burst:
         """Order a burst of these cameras, on the rig's grid, for the leader of that run.
 
-        Raises BadInputError for an impossible burst, IncompleteError where there is nobody to take it.
+        Raises what `check_burst` does.
         """
-        if not cameras or goal is None:
-            raise IncompleteError(
-                "no camera has joined", hint="start nodes with `capture-app node --leader HOST:PORT`"
-            )
+        goal = check_burst(cameras, goal, wanted.frames, wanted.spacing)
         frames, step_ns = wanted.frames, wanted.spacing * goal.period_ns
-        if not possible(frames, step_ns):
-            raise BadInputError(
-                f"a burst of {frames} frames, every {wanted.spacing} periods, is not possible",
-                hint=f"1 to {MAX_FRAMES} frames, spacing 1 or more, {MAX_BURST_NS // 10**9} s at most",
-            )
         placed_ns = wanted.at_leader_ns
         if wanted.freedom_ns > 0:
             placed_ns = calmest(goal, _forecasts(cameras), placed_ns, wanted.freedom_ns)

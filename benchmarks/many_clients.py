@@ -22,7 +22,8 @@ from multiprocessing.connection import Connection
 from typing import cast
 
 from capture_app.net.udp import Pump
-from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
+from capture_app.sync.clock.clock_filter import ClockFilter
+from capture_app.sync.clock.clock_sample import ClockSample
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.wire.messages import (
     CameraDescription,

@@ -7,9 +7,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from capture_app.experiments.clock_filters.filters import estimators
-from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
-from capture_app.sync.clock.minimum_delay import excess, radius_95
-from capture_app.sync.clock.timebase import TimeMap
+from capture_app.sync.clock.clock_filter import ClockFilter
+from capture_app.sync.clock.clock_sample import ClockSample
+from capture_app.sync.clock.minimum_delay import estimate_excess, radius_95
+from capture_app.sync.clock.time_map import TimeMap
 
 S = 1_000_000_000
 FAMILY = tuple(estimators())
@@ -90,14 +91,16 @@ def test_the_edge_of_the_delays_is_judged_by_their_spacing(power: float, within:
     rng, judged, true = random.Random(int(power)), 0.0, 0.0
     for _ in range(40):
         least = sorted(1e6 * rng.random() ** (1.0 / power) for _ in range(300))[:24]
-        result = excess(least)
+        result = estimate_excess(least)
         judged, true = judged + result.mean, true + least[0]
         assert result.variance > 0.0
     assert true / within < judged < true * within
 
 
 def test_edges_without_spread_are_sharp() -> None:
-    assert excess([]).mean == excess([5.0]).mean == excess([5.0, 5.0]).variance == 0.0
+    assert (
+        estimate_excess([]).mean == estimate_excess([5.0]).mean == estimate_excess([5.0, 5.0]).variance == 0.0
+    )
 
 
 @settings(max_examples=25)

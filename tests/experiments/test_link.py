@@ -13,7 +13,7 @@ from capture_app.experiments.link.ends import LinkProbe, SamplingClient, serve
 from capture_app.experiments.link.experiment import LinkOptions, judge
 from capture_app.net.address import Address
 from capture_app.net.transfer import bind
-from capture_app.sync.clock.clock_filter import ClockSample
+from capture_app.sync.clock.clock_sample import ClockSample
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 
 MS = 1_000_000

@@ -8,7 +8,7 @@ import pytest
 from capture_app.cameras.base import CameraInfo, PhaseControl, TimestampSource
 from capture_app.node.camera.records import camera_record, event_line
 from capture_app.session.format.manifest import ClockRecord
-from capture_app.sync.clock.timebase import Correction, TimeMap
+from capture_app.sync.clock.time_map import Correction, TimeMap
 from capture_app.sync.rig.events import BurstReady, ClockAgreed, ClockAlone
 
 INFO = CameraInfo(
@@ -42,9 +42,9 @@ def clock_of(time_map: TimeMap) -> ClockRecord | None:
 
 @pytest.mark.parametrize("below_relay", [False, True])
 def test_a_clock_that_was_moved_says_so(below_relay: bool) -> None:
-    time_map = OWN.moved(Correction(-120_000, 7_499.6), 30_000.0)
+    time_map = OWN.corrected_by(Correction(-120_000, 7_499.6), 30_000.0)
     if below_relay:
-        time_map = time_map.then(replace(OWN, uncertainty_ns=0.0, hard_bound_ns=0.0, offset_ns=0))
+        time_map = time_map.chained_to(replace(OWN, uncertainty_ns=0.0, hard_bound_ns=0.0, offset_ns=0))
     clock = clock_of(time_map)
     assert clock is not None
     assert (clock.offset_ns, clock.moved_ns, clock.apart_ns) == (-119_000, -120_000, 7500)

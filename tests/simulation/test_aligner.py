@@ -10,9 +10,10 @@ from hypothesis import strategies as st
 
 from capture_app.simulation.devices.profiles import PROFILES
 from capture_app.simulation.devices.sensor import Sensor, SensorProfile
-from capture_app.sync.clock.timebase import Goal, TimeMap
+from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.estimator import FrameStamp
+from capture_app.sync.phase.goal import Goal
 from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, RestartStream, SetFrameDuration
 
 S = 1_000_000_000

@@ -17,7 +17,7 @@ from hypothesis.stateful import (
 )
 from msgspec import structs
 
-from capture_app.sync.clock.upstream_map import Onward
+from capture_app.sync.clock.upstream_map import UpstreamMap
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.poll_schedule import FIRST_EXCHANGES
 from capture_app.sync.tree.follower import MOST_EVENTS, Address, Follower, FollowerConfig
@@ -58,7 +58,7 @@ errors = st.floats(0.0, 1e18)
 slopes = st.floats(0.0, 1.0) | st.just(1e18)
 paces = st.integers(0, 60 * S)
 onwards = st.none() | st.builds(
-    Onward,
+    UpstreamMap,
     st.lists(numbers, min_size=1, max_size=8).map(tuple),
     i64,
     i64,
@@ -279,7 +279,7 @@ MANY = settings(max_examples=150, stateful_step_count=30, suppress_health_check=
 @pytest.mark.parametrize("offset_ns", [2**63 - 1, -(2**62) - 2**61])
 @pytest.mark.parametrize("told_ns", [None, 2**62, -(2**62)])
 def test_a_clock_that_shows_anything_can_be_told_of(offset_ns: int, told_ns: int | None) -> None:
-    onward = told_ns if told_ns is None else Onward((9,), 0, told_ns, 0.01, 1e18, 1e18, 1.0, 1.0, 1e18)
+    onward = told_ns if told_ns is None else UpstreamMap((9,), 0, told_ns, 0.01, 1e18, 1e18, 1.0, 1.0, 1e18)
     machine = Forged()
     machine.start(-(2**60), 1)
     machine.turn()

@@ -14,8 +14,8 @@ from msgspec import structs
 from capture_app.simulation.network.link import PAPER_LINK, Link, crossing
 from capture_app.simulation.network.wander import wandering_clock
 from capture_app.simulation.rig.tree import ROOT, Death, Tree, TreeSpec, run_share
-from capture_app.sync.clock.timebase import TimeMap
-from capture_app.sync.clock.upstream_map import MAX_DEPTH, onward
+from capture_app.sync.clock.time_map import TimeMap
+from capture_app.sync.clock.upstream_map import MAX_DEPTH, upstream_map
 from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.failover import LOOK_EVERY_NS, PROOFS, WayBack
 from capture_app.sync.rig.leader import CLIENT_SILENT_NS, CLOCK_SILENT_NS, Leader, LeaderConfig
@@ -67,7 +67,7 @@ def test_the_hard_bound_of_two_maps_covers_what_both_can_be_wrong(
     first = time_map(offsets[0], skews[0], 5 * S, 30e3, 500e3)
     told_ns = first.leader_from_local(first.epoch_local_ns) - told_before_ns
     second = time_map(offsets[1], skews[1], told_ns, 20e3, 400e3)
-    both = first.then(second)
+    both = first.chained_to(second)
     local_ns = first.epoch_local_ns + away_ns
     # Each map is wrong by a share of its own bound, at the instant in question.
     relay_ns = first.leader_from_local(local_ns) + round(wrong[0] * first.hard_bound_at(local_ns))
@@ -211,7 +211,7 @@ def test_nobody_follows_itself_or_too_long_a_path(path: tuple[int, ...]) -> None
     follower = Follower(FollowerConfig("me", 77, parents), random.Random(1))
     follower.handle_timer(0)
     assert [address for _, address in follower.datagrams_to_send(0)] == [("a", 0)]
-    told = onward(path, time_map(0, 0.0, 0, 1.0, 2.0))
+    told = upstream_map(path, time_map(0, 0.0, 0, 1.0, 2.0))
     welcome = Welcome(77, 5, 6, 0, 0, 33_333_333, onward=told)
     follower.receive_datagram(encode(welcome), ("a", 0), 1000)
     assert follower.state is NodeState.JOINING

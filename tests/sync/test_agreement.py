@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture_app.sync.clock.timebase import Goal
+from capture_app.sync.phase.goal import Goal
 from capture_app.sync.phase.shared_goal import PATIENCE_NS, Agreement, Stance, Standing, best_shift
 from capture_app.sync.rig.orders import Forecast, calmest, spread_ns
 

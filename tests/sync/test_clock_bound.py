@@ -6,8 +6,9 @@ import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
-from capture_app.sync.clock.timebase import TimeMap
+from capture_app.sync.clock.clock_filter import ClockFilter
+from capture_app.sync.clock.clock_sample import ClockSample
+from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.tree.follower import WINDOW_NS
 
 MS = 1_000_000
@@ -174,4 +175,4 @@ def test_errors_of_two_links_add_in_squares_ahead_too(
     )
     at_ns = since_ns + ahead_ns
     apart = (own.uncertainty_at(at_ns) ** 2 + onward.uncertainty_at(at_ns) ** 2) ** 0.5
-    assert own.then(onward).uncertainty_at(at_ns) == pytest.approx(apart, rel=1e-6)
+    assert own.chained_to(onward).uncertainty_at(at_ns) == pytest.approx(apart, rel=1e-6)

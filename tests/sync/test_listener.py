@@ -5,7 +5,7 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture_app.sync.clock.timebase import TimeMap
+from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.reference_broadcast.listener import FADES_NS, KEPT, SLEW, TELL_EVERY_NS, Listener
 from capture_app.sync.reference_broadcast.reference import LEAST_COMMON
 from capture_app.sync.wire.beacon import Agreed, Heard
@@ -91,14 +91,17 @@ def test_a_clock_is_moved_slowly_and_says_what_is_left() -> None:
     moved = listener.corrected(at(now_ns), now_ns)
     assert moved.offset_ns == OFFSET_NS
     assert listener.correction is not None
-    assert listener.correction.apart_ns == 55_000
+    assert listener.correction.relative_uncertainty_ns == 55_000
     for _ in range(5):
         now_ns += 100 * MS
         before = moved
         moved = listener.corrected(at(now_ns), now_ns)
         assert 0 < before.offset_ns - moved.offset_ns <= SLEW * 100 * MS
     assert moved.offset_ns == OFFSET_NS - 50_000
-    assert (listener.correction.moved_ns, listener.correction.apart_ns) == (-50_000, 5000)
+    assert (listener.correction.reference_correction_ns, listener.correction.relative_uncertainty_ns) == (
+        -50_000,
+        5000,
+    )
     assert moved.uncertainty_ns == 30_000.0, "what the cell knows together"
     assert moved.hard_bound_ns == 550_000.0, "the proof is of the estimate, not of where it was moved"
 

@@ -3,7 +3,8 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture_app.sync.clock.timebase import Goal, TimeMap
+from capture_app.sync.clock.time_map import TimeMap
+from capture_app.sync.phase.goal import Goal
 from capture_app.sync.rig.trigger import RingBuffer, burst_instants, pick_frames
 
 PERIOD_NS = 33_333_333

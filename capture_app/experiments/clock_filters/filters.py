@@ -7,9 +7,10 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from capture_app.sync.clock.clock_filter import ROUNDING_NS, ClockFilter, ClockSample
-from capture_app.sync.clock.skew_vote import widest
-from capture_app.sync.clock.timebase import TimeMap
+from capture_app.sync.clock.clock_filter import ROUNDING_NS, ClockFilter
+from capture_app.sync.clock.clock_sample import ClockSample
+from capture_app.sync.clock.skew_vote import max_gap_line
+from capture_app.sync.clock.time_map import TimeMap
 
 REJECT_NS = 10_000_000
 """The paper's mean filter passes over longer round trips (section 4)."""
@@ -103,7 +104,7 @@ def widest_line(samples: Sequence[ClockSample], anchor_ns: int) -> Line:
     at_ns = samples[-1].t3_ns
     uppers = [(float(s.t0_ns - at_ns), float(s.upper_ns - anchor_ns)) for s in samples]
     lowers = [(float(s.t3_ns - at_ns), float(anchor_ns - s.lower_ns)) for s in samples]
-    skew, _, offset = widest(uppers, lowers, STEEPEST)
+    skew, _, offset = max_gap_line(uppers, lowers, STEEPEST)
     return offset, skew, at_ns
 
 

@@ -13,7 +13,7 @@ from capture_app.experiments.clock_filters.filters import estimators
 from capture_app.experiments.common.result import Kind, Outcome, Result, Table, error_figures
 from capture_app.experiments.link.ends import LinkProbe
 from capture_app.net.address import Address
-from capture_app.sync.clock.clock_filter import ClockSample
+from capture_app.sync.clock.clock_sample import ClockSample
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -8,7 +8,8 @@ from dataclasses import dataclass, replace
 from capture_app.simulation.devices.profiles import PROFILES
 from capture_app.simulation.devices.sensor import SensorProfile
 from capture_app.simulation.rig.bench import Bench
-from capture_app.sync.clock.timebase import Goal, TimeMap
+from capture_app.sync.clock.time_map import TimeMap
+from capture_app.sync.phase.goal import Goal
 from capture_app.sync.phase.injection import InjectionProfile
 from capture_app.sync.phase.shared_goal import Agreement, Standing
 

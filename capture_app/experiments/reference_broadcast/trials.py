@@ -11,7 +11,7 @@ from capture_app.simulation.devices.profiles import PROFILES
 from capture_app.simulation.network.broadcast import Ear, RadioCell
 from capture_app.simulation.network.link import PAPER_LINK, DelayLaw, Link
 from capture_app.simulation.rig.rig import NodeSpec, VirtualNode, VirtualRig
-from capture_app.sync.clock.timebase import TimeMap
+from capture_app.sync.clock.time_map import TimeMap
 
 S, US, HOURS_NS = 1_000_000_000, 1_000, 9 * 3600 * 1_000_000_000
 EVERY_NS = S // 2

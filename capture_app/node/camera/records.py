@@ -56,8 +56,8 @@ def camera_record(
             hard_bound_ns=round(time_map.hard_bound_ns),
             round_trip_ns=time_map.round_trip_ns,
             samples=time_map.samples,
-            moved_ns=None if correction is None else correction.moved_ns,
-            apart_ns=None if correction is None else round(correction.apart_ns),
+            moved_ns=None if correction is None else correction.reference_correction_ns,
+            apart_ns=None if correction is None else round(correction.relative_uncertainty_ns),
         ),
         phase=None
         if phase is None

@@ -14,10 +14,11 @@ from typing import Protocol
 from capture_app.errors import BadInputError
 from capture_app.simulation.devices.sensor import Sensor, SensorFrame, SensorProfile
 from capture_app.simulation.network.link import Channel, Link, ReplayedLaw
-from capture_app.sync.clock.clock_filter import ClockSample
-from capture_app.sync.clock.timebase import Goal, TimeMap
+from capture_app.sync.clock.clock_sample import ClockSample
+from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.estimator import FrameStamp
+from capture_app.sync.phase.goal import Goal
 from capture_app.sync.phase.injection import InjectionProfile
 from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, RestartStream, SetFrameDuration
 

@@ -1,5 +1,4 @@
-"""From time messages to a time map: samples, bounds on the offset, skew, and an honest error.
+"""From time messages to a time map: samples, bounds on the offset, skew and their uncertainty.
 
-Arithmetic alone: it imports nothing but the standard library, so that every estimate can be tested by
-numbers.
+Arithmetic alone: it imports nothing but the standard library and msgspec.
 """

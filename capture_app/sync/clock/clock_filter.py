@@ -4,65 +4,32 @@ A message cannot arrive before it was sent, so each one bounds the offset from o
 the tightest bounds of the two directions apart; the hard bound is all that the bounds leave possible.
 """
 
-from dataclasses import dataclass
 from math import sqrt
 
-from capture_app.sync.clock.feasible import FeasibleLines
-from capture_app.sync.clock.minimum_delay import Excess, excess, radius_95
-from capture_app.sync.clock.skew_vote import Point, VotedLine, vote
-from capture_app.sync.clock.tight_bounds import BLOCK_NS, RUNNERS_UP, Block, Bound, Edge
-from capture_app.sync.clock.timebase import TimeMap
+from capture_app.sync.clock.clock_sample import ClockSample
+from capture_app.sync.clock.feasible_lines import FeasibleLines
+from capture_app.sync.clock.minimum_delay import DelayExcess, estimate_excess, radius_95
+from capture_app.sync.clock.skew_vote import Point, VotedLine, vote_on_skews
+from capture_app.sync.clock.tight_bounds import BLOCK_NS, RUNNERS_UP, Block, Bound, OneWayBounds
+from capture_app.sync.clock.time_map import TimeMap
 
 ASYMMETRY_SHARE = 0.025
-"""One sigma of half the difference of the two least delays, as a share of half the least round trip: what
-no exchange of two messages can see. The paper's link has 0.038."""
+"""One sigma of half the difference between the minimum delays of the two directions, as a share of half the
+least round trip: two-way messages cannot measure it. The paper's link has 0.038."""
 STAMP_NS = 1_000.0
-"""One sigma of what programs, not links, make of the two ways: the one that just woke up stamps late.
-Loopback and bare cables show it (docs/accuracy.md); on radio it is nothing."""
+"""One sigma of the asymmetry that the two programs add: one that was just woken up stamps late. It matters on
+loopback and cables (docs/accuracy.md), not on radio."""
 USUAL_WANDER = 0.05
-"""One sigma of the change of the skew, as a share of the most that is allowed: a clock in a room's air."""
+"""One sigma of the change of the skew, as a share of `max_wander_ppm_per_min`: a clock in a room's air."""
 ROUNDING_NS = 2.0
 REACH_NS = 1e13
-"""No clock gets further than this from its first sample within a window."""
+"""Largest change of the offset within a window, in ns."""
 EAGER_SAMPLES = 300
 REFRESH_NS = 100_000_000
 
 
-@dataclass(frozen=True, slots=True)
-class ClockSample:
-    """One exchange, in ns: t0 client sends, t1 leader receives, t2 leader sends, t3 client receives.
-
-    t0 and t3 are read off the client's local clock, t1 and t2 off the leader's.
-    """
-
-    t0_ns: int
-    t1_ns: int
-    t2_ns: int
-    t3_ns: int
-
-    @property
-    def round_trip_ns(self) -> int:
-        """Time spent on the way, both directions together, in ns."""
-        return (self.t3_ns - self.t0_ns) - (self.t2_ns - self.t1_ns)
-
-    @property
-    def lower_ns(self) -> int:
-        """Leader minus local time is at least this at t3, in ns."""
-        return self.t2_ns - self.t3_ns
-
-    @property
-    def upper_ns(self) -> int:
-        """Leader minus local time is at most this at t0, in ns."""
-        return self.t1_ns - self.t0_ns
-
-    @property
-    def local_ns(self) -> int:
-        """Middle of the exchange in local time, in ns."""
-        return (self.t0_ns + self.t3_ns) // 2
-
-
 class ClockFilter:
-    """Leader time from local time: the minimum of each direction taken apart, extended with skew.
+    """Estimates leader time from local time: the minimum delay of each direction, and the skew.
 
     The hard bound holds for any delays, in any order, as long as the skew stays below `max_skew_ppm` and
     changes by less than `max_wander_ppm_per_min`. The local clock must never run backwards.
@@ -90,14 +57,14 @@ class ClockFilter:
         self._lines = self._all_lines()
         self._reference_ns = 0
         self._fit: VotedLine | None = None
-        self._excess = Excess(0.0, 0.0)
+        self._excess = DelayExcess(0.0, 0.0)
         self._fitted_at_ns = 0
         self._stale = True
 
     def add(self, sample: ClockSample) -> bool:
-        """Take a sample in; False if it contradicts all before it: the filter started anew with it.
+        """Add a sample; False if it contradicts all earlier ones and the filter started anew with it.
 
-        Samples with a negative time on the way, far too slow or older than the window are passed over.
+        Samples with a negative round trip, far too slow ones and those older than the window are ignored.
         """
         if sample.round_trip_ns < 0 or sample.t2_ns < sample.t1_ns:
             return True
@@ -106,7 +73,7 @@ class ClockFilter:
         if self._not_before_ns is not None and sample.t0_ns < self._not_before_ns:
             return True
         if not self._blocks:
-            self._begin(sample)
+            self._start_with(sample)
             return True
         if sample.t0_ns < self._newest_ns - self._window_ns:
             return True
@@ -114,13 +81,13 @@ class ClockFilter:
         fits = self._clip(self._lines, upper, lower)
         if fits or self._fits_latest(upper, lower):
             next_block = sample.t3_ns // BLOCK_NS > self._newest_ns // BLOCK_NS
-            self._file(sample)
+            self._store_bounds(sample)
             if (fits and not next_block) or self._rebuild():
                 return True
         # Messages of before the step may still be on their way.
         self._not_before_ns = sample.t0_ns
         self.reset()
-        self._begin(sample)
+        self._start_with(sample)
         return False
 
     def time_map(self, now_local_ns: int) -> TimeMap | None:
@@ -130,12 +97,12 @@ class ClockFilter:
         # Later on, a line a tenth of a second old is as good as a new one.
         due = self.samples <= EAGER_SAMPLES or self._newest_ns - self._fitted_at_ns >= REFRESH_NS
         if self._fit is None or (self._stale and due):
-            self._fit = self._vote()
+            self._fit = self._fit_line()
             self._fitted_at_ns, self._stale = self._newest_ns, False
         fit, age = self._fit, float(now_local_ns - self._fitted_at_ns)
         t = float(now_local_ns - self._reference_ns)
-        lowest, highest = self._lines.range_at(t)
-        least, greatest = self._lines.slopes()
+        lowest, highest = self._lines.value_range_at(t)
+        least, greatest = self._lines.slope_range()
         skew = min(max(fit.skew, least), greatest)
         offset_ns = round(min(max(fit.offset + fit.skew * age, lowest), highest))
         bound = max(highest - offset_ns, offset_ns - lowest) + self._slack(t)
@@ -161,16 +128,16 @@ class ClockFilter:
         )
 
     def _uncertainty(self, fit: VotedLine, variance: float) -> float:
-        """95 % of the error in ns: what the votes (of that variance), the edges and the link leave."""
+        """95 % of the error in ns: of the line (`variance`), the minimum delays and the link's asymmetry."""
         if not fit.upper:
             return fit.gap / 2.0 + 2.0 * sqrt(variance)
         unseen = (ASYMMETRY_SHARE * fit.gap / 2.0) ** 2 + STAMP_NS**2
         return radius_95(self._excess.mean, sqrt(variance + self._excess.variance + unseen))
 
-    def _begin(self, sample: ClockSample) -> None:
+    def _start_with(self, sample: ClockSample) -> None:
         self._newest_ns = sample.t3_ns
         self._anchor_ns = (sample.upper_ns + sample.lower_ns) // 2
-        self._file(sample)
+        self._store_bounds(sample)
         self._rebuild()
 
     def _bounds(self, sample: ClockSample) -> tuple[Bound, Bound]:
@@ -178,8 +145,8 @@ class ClockFilter:
         lower = (sample.t3_ns, self._anchor_ns - sample.lower_ns)
         return upper, lower
 
-    def _file(self, sample: ClockSample) -> None:
-        """File each of the sample's bounds under its own second."""
+    def _store_bounds(self, sample: ClockSample) -> None:
+        """Store each of the sample's bounds in the block of its own second."""
         self.samples += 1
         self._stale = True
         self._newest_ns = max(self._newest_ns, sample.t3_ns)
@@ -207,16 +174,16 @@ class ClockFilter:
 
     def _clip(self, lines: FeasibleLines, upper: Bound, lower: Bound) -> bool:
         sent, received = float(upper[0] - self._reference_ns), float(lower[0] - self._reference_ns)
-        lines.at_most(sent, upper[1] + self._slack(sent))
-        return lines.at_least(received, -lower[1] - self._slack(received))
+        lines.bound_above(sent, upper[1] + self._slack(sent))
+        return lines.bound_below(received, -lower[1] - self._slack(received))
 
     def _clip_block(self, lines: FeasibleLines, block: Block) -> bool:
         for at_ns, value in block.upper.points:
             t = float(at_ns - self._reference_ns)
-            lines.at_most(t, value + self._slack(t))
+            lines.bound_above(t, value + self._slack(t))
         for at_ns, value in block.lower.points:
             t = float(at_ns - self._reference_ns)
-            lines.at_least(t, -value - self._slack(t))
+            lines.bound_below(t, -value - self._slack(t))
         return not lines.empty
 
     def _fits_latest(self, upper: Bound, lower: Bound) -> bool:
@@ -226,9 +193,9 @@ class ClockFilter:
         return all(self._clip_block(lines, self._blocks[i]) for i in sorted(self._blocks)[-2:])
 
     def _rebuild(self) -> bool:
-        """Clip afresh from the latest second back, as far as the seconds agree; False if none does.
+        """Clip anew from the latest second back, as far as some line fits; False if none fits any.
 
-        What disagrees is too old: a clock wanders, slowly, with its temperature.
+        Older seconds are dropped: a clock wanders slowly with its temperature.
         """
         oldest = (self._newest_ns - self._window_ns) // BLOCK_NS
         self._reference_ns = self._newest_ns
@@ -247,24 +214,24 @@ class ClockFilter:
         sides = kept.values()
         return any(b.upper.points for b in sides) and any(b.lower.points for b in sides)
 
-    def _vote(self) -> VotedLine:
-        """Draw the line afresh, and judge how far the edges of the delays may lie beyond the least seen."""
+    def _fit_line(self) -> VotedLine:
+        """Fit the line anew, and estimate how far the least delays measured lie above the minimum delays."""
         ref_ns, blocks = self._newest_ns, self._blocks.values()
         uppers, lowers = [b.upper for b in blocks], [b.lower for b in blocks]
 
-        def points(edges: list[Edge]) -> list[Point]:
-            return [(float(t - ref_ns), float(v)) for edge in edges for t, v in edge.points]
+        def points(sides: list[OneWayBounds]) -> list[Point]:
+            return [(float(t - ref_ns), float(v)) for side in sides for t, v in side.points]
 
-        def tightest(edges: list[Edge], skew: float) -> list[float]:
-            return [v - skew * (t - ref_ns) for edge in edges for _, (t, v) in edge.tightest]
+        def tightest(sides: list[OneWayBounds], skew: float) -> list[float]:
+            return [v - skew * (t - ref_ns) for side in sides for _, (t, v) in side.tightest]
 
-        fit = vote(
+        fit = vote_on_skews(
             points(uppers),
             points(lowers),
             lambda skew: (tightest(uppers, skew), tightest(lowers, -skew)),
             steepest=self._steepest,
             count=RUNNERS_UP,
         )
-        there, back = excess(fit.upper), excess(fit.lower)
-        self._excess = Excess((there.mean - back.mean) / 2.0, (there.variance + back.variance) / 4.0)
+        there, back = estimate_excess(fit.upper), estimate_excess(fit.lower)
+        self._excess = DelayExcess((there.mean - back.mean) / 2.0, (there.variance + back.variance) / 4.0)
         return fit

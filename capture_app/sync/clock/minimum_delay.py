@@ -1,4 +1,4 @@
-"""How far the least delay seen lies above the least there is: what the spacing of the least ones tells.
+"""How far the least delay measured lies above the link's minimum delay, judged by the spacing of the least.
 
 Near its minimum a law of delays is taken to grow like a power of the distance, whatever law it is. Power
 and distance are unknown; both are averaged over, so that no law has to be named.
@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from math import erf, exp, log, sqrt
 
 MEAN_POWER, POWER_SHAPE = 2.25, 2.0
-"""Mean and shape of the Gamma prior of the power: 1 is a sharp edge, 2 Gamma(2)'s, 5 a very dull one."""
+"""Mean and shape of the Gamma prior of the power: 1 exponential delays, 2 Gamma(2), 5 few short ones."""
 NEARNESS = 0.95
 """The prior of the distance is the distance to minus this power; 1 would be free of scale.
 
@@ -23,24 +23,24 @@ _DISTANCES = tuple(NEAREST * _RATIO**i for i in range(STEPS))
 
 
 @dataclass(frozen=True, slots=True)
-class Excess:
-    """Mean (ns) and variance (ns squared) of what the least delay seen has above the least there is."""
+class DelayExcess:
+    """Mean (ns) and variance (ns squared) of the least delay measured minus the minimum delay."""
 
     mean: float
     variance: float
 
 
-def excess(least: Sequence[float]) -> Excess:
-    """Judge it by the least delays in ascending order, in ns; they may share any constant.
+def estimate_excess(least: Sequence[float]) -> DelayExcess:
+    """Estimate it from the least delays in ascending order, in ns; all may contain the same unknown constant.
 
-    The joint density of the m least of many delays with edge a and power k is k^m exp(-k S) over the
+    The joint density of the m least of many delays with minimum delay a and power k is k^m exp(-k S) over the
     product of (x - a), S the sum of log((x_m - a) / (x - a)); the scale is integrated out before, k after
     (Hall 1982, "On estimating the endpoint of a distribution", has the maximum of the same likelihood).
     """
     count = len(least)
     spread = least[-1] - least[0] if count else 0.0
     if spread <= 0.0:
-        return Excess(0.0, 0.0)
+        return DelayExcess(0.0, 0.0)
     above = [(x - least[0]) / spread for x in least]
     weighed: list[tuple[float, float]] = []
     for distance in _DISTANCES:
@@ -55,7 +55,7 @@ def excess(least: Sequence[float]) -> Excess:
     total = sum(share for share, _ in shares)
     mean = sum(share * distance for share, distance in shares) / total
     variance = sum(share * (distance - mean) ** 2 for share, distance in shares) / total
-    return Excess(mean * spread, variance * spread * spread)
+    return DelayExcess(mean * spread, variance * spread * spread)
 
 
 def radius_95(mean: float, sigma: float) -> float:

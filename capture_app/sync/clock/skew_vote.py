@@ -1,10 +1,10 @@
-"""The most credible line between bounds from above and from below: every possible skew has a vote."""
+"""The most likely line between upper and lower bounds: the mean over all skews, weighted by likelihood."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import exp, sqrt
 
-from capture_app.sync.clock.feasible import lower_hull
+from capture_app.sync.clock.feasible_lines import lower_hull
 
 VOTES = 33
 SHARPEST = 5
@@ -28,7 +28,7 @@ class VotedLine:
     covariance: float
     skew_variance: float
     gap: float
-    """Room between the two directions at the most roomy skew, in ns."""
+    """Largest gap between the two directions over all skews, in ns."""
     upper: Sequence[float]
     lower: Sequence[float]
     """The tightest bounds of each direction at that skew, the tightest first, in ns."""
@@ -50,7 +50,7 @@ class VotedLine:
         )
 
 
-def vote(
+def vote_on_skews(
     uppers: Sequence[Point],
     lowers: Sequence[Point],
     runners_up: Callable[[float], tuple[list[float], list[float]]],
@@ -58,7 +58,7 @@ def vote(
     steepest: float,
     count: int,
 ) -> VotedLine:
-    """Weigh each skew up to `steepest` by the room it leaves between the two directions.
+    """Average the lines of all skews up to `steepest`, weighted by the gap each leaves to the bounds.
 
     For one skew, the tightest bound of each direction gives the offset, and the gap between the two is the
     log-likelihood of exponential delays (Moon et al. 1999 take its maximum, a linear program). The gap is
@@ -101,8 +101,10 @@ def vote(
     )
 
 
-def widest(uppers: Sequence[Point], lowers: Sequence[Point], steepest: float) -> tuple[float, float, float]:
-    """Return the skew, up to `steepest`, that leaves most room, that gap in ns, and the offset in ns."""
+def max_gap_line(
+    uppers: Sequence[Point], lowers: Sequence[Point], steepest: float
+) -> tuple[float, float, float]:
+    """Return the skew, up to `steepest`, with the largest gap, that gap in ns, and the offset in ns."""
     room = _room(uppers, lowers)
     skew = _highest(lambda skew: room(skew)[0], -steepest, steepest)
     return skew, *room(skew)

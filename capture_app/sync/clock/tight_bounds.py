@@ -1,20 +1,20 @@
-"""What a second of one-sided bounds leaves behind: the few that can ever matter."""
+"""Bounds on the clock offset, by second of local time: only those that can still constrain it are kept."""
 
 from bisect import insort
 
-from capture_app.sync.clock.feasible import lower_hull
+from capture_app.sync.clock.feasible_lines import lower_hull
 
 BLOCK_NS = 1_000_000_000
 RUNNERS_UP = 24
-"""Tightest bounds kept per direction, to see how sharp the edge of the delays is."""
+"""Tightest bounds kept per direction: their spacing shows how near the minimum delay they are."""
 SETTLED_POINTS = 12
 
 Bound = tuple[int, int]
 """Local time and bound, both in ns; bounds from below are kept with their sign turned."""
 
 
-class Edge:
-    """The bounds of one direction in one block: those near the tightest, and its runners-up."""
+class OneWayBounds:
+    """The bounds of one direction in one block: those near the tightest, and the next tightest ones."""
 
     __slots__ = ("_newest_ns", "_steepest", "points", "tightest")
 
@@ -41,7 +41,7 @@ class Edge:
         if not full or level < tightest[-1][0]:
             bound = (t_ns, value_ns)
             if t_ns <= self._newest_ns and bound in [known for _, known in tightest]:
-                return  # a duplicate would make the edge look sharp
+                return  # a duplicate would look like a second delay near the minimum
             self._newest_ns = max(self._newest_ns, t_ns)
             insort(tightest, (level, bound))
             if full:
@@ -62,12 +62,12 @@ class Block:
     __slots__ = ("lower", "round_trip_ns", "upper")
 
     def __init__(self, steepest: float) -> None:
-        self.upper = Edge(steepest)
-        self.lower = Edge(steepest)
+        self.upper = OneWayBounds(steepest)
+        self.lower = OneWayBounds(steepest)
         self.round_trip_ns: int | None = None
         """The least, in ns."""
 
     def settle(self) -> None:
-        """The second is over: keep what still can matter."""
+        """Keep only bounds that can still matter, once the second is over."""
         self.upper.settle()
         self.lower.settle()

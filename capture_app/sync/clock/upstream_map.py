@@ -1,21 +1,21 @@
-"""A relay's own clock on the way to the root's: what it adds to every estimate made from it."""
+"""The map from a relay's clock to the root's, as messages carry it to the relay's clients."""
 
 from math import isfinite
 from typing import Annotated
 
 from msgspec import Meta, Struct
 
-from capture_app.sync.clock.timebase import TimeMap
+from capture_app.sync.clock.time_map import TimeMap
 
 MAX_DEPTH = 8
-"""Clocks between a node and the root's, at most."""
+"""Most clocks between a node's and the root's."""
 Skew = Annotated[float, Meta(ge=-0.01, le=0.01)]
 Error = Annotated[float, Meta(ge=0.0, le=1e18)]
 SkewError = Annotated[float, Meta(ge=0.0, le=1.0)]
 Offset = Annotated[int, Meta(ge=-(2**62), le=2**62)]
 
 
-class Onward(Struct, frozen=True, array_like=True):
+class UpstreamMap(Struct, frozen=True, array_like=True):
     """A relay's map from its own clock to the root's, as it goes over the wire; times in ns.
 
     A relay's time replies carry its own clock, which never jumps; its clients add this to what they find.
@@ -51,9 +51,9 @@ class Onward(Struct, frozen=True, array_like=True):
         )
 
 
-def onward(path: tuple[int, ...], time_map: TimeMap) -> Onward:
-    """Return what a relay of that path tells its clients about its clock."""
-    return Onward(
+def upstream_map(path: tuple[int, ...], time_map: TimeMap) -> UpstreamMap:
+    """Return the message form of the time map of a relay with that path."""
+    return UpstreamMap(
         path,
         time_map.epoch_local_ns,
         time_map.offset_ns,

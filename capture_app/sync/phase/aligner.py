@@ -3,10 +3,11 @@
 import random
 from dataclasses import dataclass
 
-from capture_app.sync.clock.timebase import Goal, TimeMap
+from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.actuators import Controls, Limits
 from capture_app.sync.phase.aim import Aim, Course
 from capture_app.sync.phase.estimator import FrameStamp, PhaseEstimate, PhaseEstimator
+from capture_app.sync.phase.goal import Goal
 from capture_app.sync.phase.injection import InjectionProfile
 from capture_app.sync.phase.phase_controller import Move, Moved
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream, SetFrameDuration

@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from math import isfinite
 from statistics import median
 
-from capture_app.sync.clock.robust import shared_slope
+from capture_app.sync.clock.robust_slope import fit_shared_slope
 
 LATENCY_FRAMES = (2, 9)
 """A command counts at the earliest and at the latest for the frame that comes so many after the newest."""
@@ -161,6 +161,6 @@ class FrameLine:
 
     def _fit(self) -> None:
         self._since_fit = 0
-        period_ns, spread_ns, self.noise_ns = shared_slope(self.runs, self.period_ns)
+        period_ns, spread_ns, self.noise_ns = fit_shared_slope(self.runs, self.period_ns)
         if spread_ns < 0.01 * self._nominal_ns:
             self.period_ns, self.period_sigma_ns = period_ns, spread_ns

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil
 
-from capture_app.sync.clock.timebase import Goal
+from capture_app.sync.phase.goal import Goal
 
 WEIGHTS = {"none": 1000, "reset": 1}
 """How much it counts to suit a camera, by its phase control; those that are not here move to any goal."""

@@ -1,6 +1,6 @@
 """A client's side of the reference broadcast: when it heard the beacons, and what came of telling it."""
 
-from capture_app.sync.clock.timebase import Correction, TimeMap
+from capture_app.sync.clock.time_map import Correction, TimeMap
 from capture_app.sync.reference_broadcast.reference import LEAST_COMMON
 from capture_app.sync.wire.beacon import Agreed, Arrival, Heard
 
@@ -97,7 +97,7 @@ class Listener:
             uncertainty_ns = min(uncertainty_ns, agreed[1].uncertainty_ns + left_ns)
             apart_ns = agreed[1].apart_ns + left_ns
         self.correction = Correction(moved_ns, apart_ns)
-        self._last = own.moved(self.correction, uncertainty_ns)
+        self._last = own.corrected_by(self.correction, uncertainty_ns)
         return self._last
 
     def _believed(self, own: TimeMap, now_ns: int) -> tuple[int, Agreed] | None:

@@ -11,7 +11,7 @@ from itertools import combinations
 from math import hypot
 from statistics import median
 
-from capture_app.sync.clock.robust import SIGMA_FROM_MAD
+from capture_app.sync.clock.robust_slope import SIGMA_FROM_MAD
 
 LEAST_COMMON = 12
 """Beacons that two must both have heard before anything is said of them: fewer may look alike by chance."""

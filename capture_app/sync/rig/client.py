@@ -4,8 +4,9 @@ import random
 from collections import deque
 from typing import Generic, TypeVar
 
-from capture_app.sync.clock.timebase import MAX_PERIOD_NS, MIN_PERIOD_NS, TimeMap
+from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.estimator import FrameStamp, PhaseEstimate
+from capture_app.sync.phase.goal import MAX_PERIOD_NS, MIN_PERIOD_NS
 from capture_app.sync.rig.events import (
     ClientEvent,
     ClockSynced,

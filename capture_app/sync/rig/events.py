@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from capture_app.sync.clock.timebase import TimeMap
+from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.estimator import PhaseEstimate
 from capture_app.sync.rig.trigger import Gap, Pick
 from capture_app.sync.wire.beacon import Group

@@ -4,7 +4,7 @@ import random
 from collections import deque
 from dataclasses import dataclass
 
-from capture_app.sync.clock.timebase import Goal
+from capture_app.sync.phase.goal import Goal
 from capture_app.sync.reference_broadcast.broadcaster import Broadcaster
 from capture_app.sync.rig.events import LeaderEvent
 from capture_app.sync.rig.orders import Orders, Wanted, check_burst

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from capture_app.sync.clock.timebase import Goal
+from capture_app.sync.phase.goal import Goal
 from capture_app.sync.wire.messages import CameraDescription, HeartbeatAck, Welcome, offset_ns
 
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from capture_app.errors import BadInputError, NoCameraHereError
-from capture_app.sync.clock.timebase import Goal
+from capture_app.sync.phase.goal import Goal
 from capture_app.sync.rig.events import BurstAccepted, BurstRefused
 from capture_app.sync.rig.roster import Member
 from capture_app.sync.rig.trigger import MAX_BURST_NS, MAX_FRAMES, Burst, burst_instants, possible

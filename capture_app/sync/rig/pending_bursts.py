@@ -4,7 +4,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Generic, TypeVar
 
-from capture_app.sync.clock.timebase import TimeMap
+from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.estimator import PhaseEstimate
 from capture_app.sync.rig.events import BurstReady
 from capture_app.sync.rig.membership import Membership

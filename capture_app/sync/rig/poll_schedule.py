@@ -1,6 +1,6 @@
 """When a node that only keeps the time asks for it: at once, and then in rounds, ever further apart."""
 
-from capture_app.sync.clock.timebase import TimeMap
+from capture_app.sync.clock.time_map import TimeMap
 
 _MS = 1_000_000
 NEVER_NS = 2**62

@@ -4,7 +4,7 @@ import random
 import re
 from dataclasses import dataclass
 
-from capture_app.sync.clock.timebase import MAX_PERIOD_NS, MIN_PERIOD_NS
+from capture_app.sync.phase.goal import MAX_PERIOD_NS, MIN_PERIOD_NS
 from capture_app.sync.phase.shared_goal import WEIGHTS, Standing
 from capture_app.sync.rig.events import NodeJoined, NodeLost, NodeMoved, NodeReturned
 from capture_app.sync.wire.messages import (

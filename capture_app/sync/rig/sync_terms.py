@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from capture_app.sync.clock.timebase import Goal
-from capture_app.sync.clock.upstream_map import Onward
+from capture_app.sync.clock.upstream_map import UpstreamMap
+from capture_app.sync.phase.goal import Goal
 from capture_app.sync.phase.shared_goal import Agreement
 from capture_app.sync.rig.roster import Member
 from capture_app.sync.wire.beacon import Group
@@ -21,7 +21,7 @@ class Terms:
     align_row: float | None
     beacons: Group | None
     agreement: Agreement | None = None
-    onward: Onward | None = None
+    onward: UpstreamMap | None = None
     """Of a relay: from its clock to the root's, for the clients to add to their estimates."""
     alone: bool = False
     """Of a relay: nobody above it orders bursts at present."""

@@ -4,8 +4,9 @@ from collections import deque
 
 from msgspec.structs import replace
 
-from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
-from capture_app.sync.clock.timebase import TimeMap
+from capture_app.sync.clock.clock_filter import ClockFilter
+from capture_app.sync.clock.clock_sample import ClockSample
+from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.reference_broadcast.listener import Listener
 from capture_app.sync.rig.events import ClockAgreed, ClockAlone, ClockStepped, ClockSynced
 from capture_app.sync.wire.beacon import Heard
@@ -180,7 +181,11 @@ class Timekeeper:
         correction = self.listener.correction
         if correction is None:
             return report
-        return replace(report, moved_ns=correction.moved_ns, apart_ns=round(correction.apart_ns))
+        return replace(
+            report,
+            moved_ns=correction.reference_correction_ns,
+            apart_ns=round(correction.relative_uncertainty_ns),
+        )
 
     def next_event(self) -> ClockEvent | None:
         """Return the next thing that happened, None where there is none."""
@@ -225,11 +230,11 @@ class Timekeeper:
         time_map = self.listener.corrected(time_map, now_ns)
         correction = self.listener.correction
         if correction is not None and not agreed_before:
-            self._events.append(ClockAgreed(round(correction.apart_ns)))
+            self._events.append(ClockAgreed(round(correction.relative_uncertainty_ns)))
         elif correction is None and agreed_before:
             self._events.append(ClockAlone())
         if self._onward is not None:
-            time_map = time_map.then(self._onward)
+            time_map = time_map.chained_to(self._onward)
         self.time_map = time_map
         if not self.synced and self.clock.samples >= FIRST_SAMPLES:
             self.synced = True

@@ -5,7 +5,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Generic, TypeVar
 
-from capture_app.sync.clock.timebase import Goal, TimeMap
+from capture_app.sync.clock.time_map import TimeMap
+from capture_app.sync.phase.goal import Goal
 
 F = TypeVar("F")
 

@@ -10,9 +10,11 @@ from dataclasses import dataclass, field
 
 from msgspec import structs
 
-from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
-from capture_app.sync.clock.timebase import MAX_PERIOD_NS, MIN_PERIOD_NS, Goal, TimeMap
+from capture_app.sync.clock.clock_filter import ClockFilter
+from capture_app.sync.clock.clock_sample import ClockSample
+from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.clock.upstream_map import MAX_DEPTH
+from capture_app.sync.phase.goal import MAX_PERIOD_NS, MIN_PERIOD_NS, Goal
 from capture_app.sync.rig.events import ClockStepped, ClockSynced, Joined, JoinRefused, LeaderLost
 from capture_app.sync.rig.failover import WayBack
 from capture_app.sync.rig.poll_schedule import LEAST_EXCHANGES, NEVER_NS, Rounds
@@ -379,7 +381,7 @@ class Follower:
         time_map = self.clock.time_map(now_ns)
         if time_map is None or self.clock.samples < LEAST_EXCHANGES:
             return
-        time_map = time_map if parent.onward is None else time_map.then(parent.onward)
+        time_map = time_map if parent.onward is None else time_map.chained_to(parent.onward)
         if abs(time_map.offset_ns) > FURTHEST_NS or self._is_worse(time_map, parent):
             return
         self.time_map, self._map_of, self.path = time_map, parent.leader, parent.path

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import msgspec
 
-from capture_app.sync.clock.upstream_map import onward
+from capture_app.sync.clock.upstream_map import upstream_map
 from capture_app.sync.phase.shared_goal import Agreement
 from capture_app.sync.rig.events import LeaderEvent
 from capture_app.sync.rig.leader import Leader, LeaderConfig
@@ -155,7 +155,7 @@ class Relay:
             # Another root's grid means nothing before its time is known.
             return
         if terms.onward is None or terms.onward.epoch_local_ns != follower.time_map.epoch_local_ns:
-            terms.onward = onward(follower.path, follower.time_map)
+            terms.onward = upstream_map(follower.path, follower.time_map)
         moved = (leader.goal, terms.align_row) != (follower.goal, follower.align_row)
         if terms.agreement is None or moved:
             terms.agreement = Agreement(follower.goal)

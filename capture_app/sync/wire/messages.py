@@ -11,7 +11,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta, Struct
 
-from capture_app.sync.clock.upstream_map import Onward
+from capture_app.sync.clock.upstream_map import UpstreamMap
 from capture_app.sync.wire.beacon import Agreed, Beacon, Group, Heard
 
 
@@ -125,7 +125,7 @@ class Welcome(Struct, frozen=True, tag="welcome"):
     """Share of the height at which a row's middle of exposure is aligned; None for the first row's start."""
     pace_ns: Pace = 0
     """Mean time between two time requests of one client that this leader can bear; 0: as it likes."""
-    onward: Onward | None = None
+    onward: UpstreamMap | None = None
     """Where the leader is a relay: from its clock to the root's."""
     beacons: Group | None = None
     """Where the leader's beacons can be heard; None where it sends none."""
@@ -185,7 +185,7 @@ class HeartbeatAck(Struct, frozen=True, tag="alive"):
     """When streams that can only be restarted should suit the grid, or be restarted; None: none need be."""
     align_row: Share | None = None
     pace_ns: Pace = 0
-    onward: Onward | None = None
+    onward: UpstreamMap | None = None
     alone: bool = False
     """This relay, or one above it, has lost its leader: the time is held over, and no bursts come."""
 

@@ -10,7 +10,9 @@ HUBER = 1.345
 """Residuals beyond this many sigma lose weight (Huber 1964; 95 % efficient for normal noise)."""
 
 
-def shared_slope(runs: Sequence[Sequence[tuple[float, float]]], start: float) -> tuple[float, float, float]:
+def fit_shared_slope(
+    runs: Sequence[Sequence[tuple[float, float]]], start: float
+) -> tuple[float, float, float]:
     """Huber fit of one slope through several runs of (x, y), each run with a height of its own.
 
     Returns the slope, its standard deviation and the standard deviation of the noise, in units of y (per

@@ -1,4 +1,4 @@
-"""All straight lines that a set of one-sided constraints leaves possible, as a convex polygon."""
+"""The straight lines that satisfy a set of one-sided bounds, as a convex polygon of value and slope."""
 
 from collections.abc import Iterable
 from typing import TypeVar
@@ -58,36 +58,36 @@ class FeasibleLines:
         """No line is left: the bounds contradict each other."""
         return not self._corners
 
-    def at_most(self, t: float, value: float) -> bool:
-        """Keep the lines that are no higher than a value at t; say whether any line is left."""
+    def bound_above(self, t: float, value: float) -> bool:
+        """Keep the lines of at most this value at t; return whether any line is left."""
         # Most bounds are nowhere near: no line gets so high.
         if value >= self._highest + self._steepest * abs(t):
             return not self.empty
         return self._clip(t, value, 1.0)
 
-    def at_least(self, t: float, value: float) -> bool:
-        """Keep the lines that are no lower than a value at t; say whether any line is left."""
+    def bound_below(self, t: float, value: float) -> bool:
+        """Keep the lines of at least this value at t; return whether any line is left."""
         if value <= self._lowest - self._steepest * abs(t):
             return not self.empty
         return self._clip(t, value, -1.0)
 
-    def range_at(self, t: float) -> tuple[float, float]:
+    def value_range_at(self, t: float) -> tuple[float, float]:
         """Lowest and highest value at t of the lines that are left; raises ValueError if there is none."""
         values = [value + slope * t for value, slope in self._corners]
         return min(values), max(values)
 
-    def slopes(self) -> tuple[float, float]:
+    def slope_range(self) -> tuple[float, float]:
         """Least and greatest slope of the lines that are left; raises ValueError if there is none."""
         slopes = [slope for _, slope in self._corners]
         return min(slopes), max(slopes)
 
     def _clip(self, t: float, bound: float, sign: float) -> bool:
-        excess = [sign * (value + slope * t - bound) for value, slope in self._corners]
-        if not excess or max(excess) <= 0.0:
-            return bool(excess)
+        overshoots = [sign * (value + slope * t - bound) for value, slope in self._corners]
+        if not overshoots or max(overshoots) <= 0.0:
+            return bool(overshoots)
         kept: list[Line] = []
-        for i, (corner, over) in enumerate(zip(self._corners, excess, strict=True)):
-            before, before_over = self._corners[i - 1], excess[i - 1]
+        for i, (corner, over) in enumerate(zip(self._corners, overshoots, strict=True)):
+            before, before_over = self._corners[i - 1], overshoots[i - 1]
             if (over > 0.0) != (before_over > 0.0):
                 part = before_over / (before_over - over)
                 kept.append(

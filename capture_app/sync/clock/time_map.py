@@ -3,20 +3,15 @@
 from dataclasses import dataclass, replace
 from math import hypot, sqrt
 
-MIN_PERIOD_NS = 100_000
-MAX_PERIOD_NS = 60_000_000_000
-"""Frame periods that a rig can have: 10,000 fps to one a minute."""
-
-
 ROUNDING_NS = 2.0
 
 
 @dataclass(frozen=True, slots=True)
 class Correction:
-    """By how much a clock was moved, and its 95 % error against the others that hear the same; in ns."""
+    """What the reference broadcast added to a clock, and its 95 % error against other receivers; in ns."""
 
-    moved_ns: int
-    apart_ns: float
+    reference_correction_ns: int
+    relative_uncertainty_ns: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,7 +37,7 @@ class TimeMap:
     shared_uncertainty: float = 0.0
     """Four times the covariance of the errors of offset and skew, in ns, where both have the same sign."""
     correction: Correction | None = None
-    """What agreement with others has done to it, at the epoch; None where nothing was agreed."""
+    """What the reference broadcast has added at the epoch; None where it is not in use."""
 
     def leader_from_local(self, local_ns: int) -> int:
         """Leader time in ns of a local time in ns."""
@@ -64,60 +59,40 @@ class TimeMap:
         """The most that `leader_from_local(local_ns)` can be wrong, in ns, link asymmetry included."""
         return self.hard_bound_ns + self.skew_bound * abs(local_ns - self.epoch_local_ns)
 
-    def moved(self, correction: Correction, uncertainty_ns: float) -> "TimeMap":
-        """Return the map moved by so much, with another uncertainty; what is proven is wider by the move."""
-        hard_bound_ns = self.hard_bound_ns + abs(correction.moved_ns)
+    def corrected_by(self, correction: Correction, uncertainty_ns: float) -> "TimeMap":
+        """Return the map with a correction added, which widens the hard bound, and another uncertainty."""
+        hard_bound_ns = self.hard_bound_ns + abs(correction.reference_correction_ns)
         return replace(
             self,
-            offset_ns=self.offset_ns + correction.moved_ns,
+            offset_ns=self.offset_ns + correction.reference_correction_ns,
             uncertainty_ns=min(uncertainty_ns, hard_bound_ns),
             hard_bound_ns=hard_bound_ns,
             correction=correction,
         )
 
-    def then(self, onward: "TimeMap") -> "TimeMap":
-        """Return the map to the leader's own leader: `onward` maps the leader's clock to that one's.
+    def chained_to(self, upstream: "TimeMap") -> "TimeMap":
+        """Return the map to the clock that a relay follows: `upstream` maps the relay's clock to that one.
 
         Hard bounds add up; uncertainties add up in squares, as those of links that do not know each other.
         """
         relay_ns = self.leader_from_local(self.epoch_local_ns)
-        # The onward map is read at an instant that is itself known to the first bound only.
-        stretch = 1.0 + abs(onward.skew) + onward.skew_bound
+        # The upstream map is read at an instant that is itself known to the first bound only.
+        stretch = 1.0 + abs(upstream.skew) + upstream.skew_bound
         pace = 1.0 + abs(self.skew) + self.skew_bound
-        since_ns = max(0, relay_ns - onward.epoch_local_ns)
+        since_ns = max(0, relay_ns - upstream.epoch_local_ns)
         return TimeMap(
             epoch_local_ns=self.epoch_local_ns,
-            offset_ns=onward.leader_from_local(relay_ns) - self.epoch_local_ns,
-            skew=(1.0 + self.skew) * (1.0 + onward.skew) - 1.0,
-            uncertainty_ns=hypot(self.uncertainty_ns, onward.uncertainty_at(relay_ns)),
-            hard_bound_ns=self.hard_bound_ns * stretch + onward.hard_bound_at(relay_ns) + ROUNDING_NS,
-            skew_uncertainty=hypot(self.skew_uncertainty, onward.skew_uncertainty),
-            skew_bound=self.skew_bound * stretch + onward.skew_bound * pace,
+            offset_ns=upstream.leader_from_local(relay_ns) - self.epoch_local_ns,
+            skew=(1.0 + self.skew) * (1.0 + upstream.skew) - 1.0,
+            uncertainty_ns=hypot(self.uncertainty_ns, upstream.uncertainty_at(relay_ns)),
+            hard_bound_ns=self.hard_bound_ns * stretch + upstream.hard_bound_at(relay_ns) + ROUNDING_NS,
+            skew_uncertainty=hypot(self.skew_uncertainty, upstream.skew_uncertainty),
+            skew_bound=self.skew_bound * stretch + upstream.skew_bound * pace,
             samples=self.samples,
             round_trip_ns=self.round_trip_ns,
             age_ns=self.age_ns,
             correction=self.correction,
             shared_uncertainty=self.shared_uncertainty
-            + onward.shared_uncertainty
-            + onward.skew_uncertainty**2 * since_ns,
+            + upstream.shared_uncertainty
+            + upstream.skew_uncertainty**2 * since_ns,
         )
-
-
-@dataclass(frozen=True, slots=True)
-class Goal:
-    """The grid of instants all cameras are moved onto: anchor + k * period, in leader time."""
-
-    anchor_leader_ns: int
-    period_ns: int
-
-    def index_of(self, leader_ns: int) -> int:
-        """Number of the grid instant nearest to a leader time."""
-        return (leader_ns - self.anchor_leader_ns + self.period_ns // 2) // self.period_ns
-
-    def instant(self, index: int) -> int:
-        """Leader time in ns of the grid instant of that number."""
-        return self.anchor_leader_ns + index * self.period_ns
-
-    def phase_error(self, leader_ns: int) -> int:
-        """Distance in ns from the nearest grid instant, in [-period/2, period/2)."""
-        return leader_ns - self.instant(self.index_of(leader_ns))

@@ -2,16 +2,16 @@
 
 import pytest
 
-from capture_app.sync.phase.frame_duration import FrameDurationController
+from capture_app.sync.phase.actuator import Move
+from capture_app.sync.phase.frame_duration import FrameDurationActuator
 from capture_app.sync.phase.frame_line import LATENCY_FRAMES, PendingShifts
-from capture_app.sync.phase.phase_controller import Move
 
 ROW = 20_000
 PERIOD = 1667 * ROW
 
 
-def controller(least_rows: int = 800, most_rows: int = 6000) -> FrameDurationController:
-    return FrameDurationController(
+def controller(least_rows: int = 800, most_rows: int = 6000) -> FrameDurationActuator:
+    return FrameDurationActuator(
         period_ns=PERIOD,
         row_time_ns=ROW,
         min_duration_ns=least_rows * ROW,

@@ -4,8 +4,8 @@ from math import floor
 
 import pytest
 
-from capture_app.sync.phase.injection import InjectionController, InjectionProfile
-from capture_app.sync.phase.phase_controller import Move, Moved
+from capture_app.sync.phase.actuator import Move, MoveEffect
+from capture_app.sync.phase.injection import InjectionActuator, InjectionProfile
 
 PERIOD_NS = 33_333_000
 ROW_NS = 10_840
@@ -21,8 +21,8 @@ def shift_of(exposure_ns: int, gain: int, overhead_ns: int) -> int:
     return gain * ROW_NS * max(0, floor(exposure_ns / ROW_NS) - neutral)
 
 
-def controller(*, row_known: bool = True, max_exposure_ns: int | None = None) -> InjectionController:
-    return InjectionController(
+def controller(*, row_known: bool = True, max_exposure_ns: int | None = None) -> InjectionActuator:
+    return InjectionActuator(
         period_ns=PERIOD_NS, row_time_ns=ROW_NS if row_known else None, max_exposure_ns=max_exposure_ns
     )
 
@@ -37,7 +37,7 @@ def test_the_second_injection_hits(row_known: bool, gain: int, overhead_ns: int,
     assert first is not None
     done_ns = shift_of(first.exposure_ns, gain, overhead_ns)
     assert done_ns > 0
-    inject.learn(Moved(0, done_ns, 3000.0))
+    inject.learn(MoveEffect(0, done_ns, 3000.0))
     assert inject.profile is not None
     assert inject.profile.gain == gain
     left_ns = (wanted_ns - done_ns) % PERIOD_NS
@@ -64,7 +64,7 @@ def test_exposures_lie_inside_a_row() -> None:
 def test_no_shift_at_all_asks_for_more_and_learns_nothing() -> None:
     inject = controller()
     first = inject.command(move(100_000))
-    inject.learn(Moved(0, 400, 3000.0))
+    inject.learn(MoveEffect(0, 400, 3000.0))
     assert inject.profile is None
     second = inject.command(move(100_000))
     assert first is not None
@@ -73,15 +73,15 @@ def test_no_shift_at_all_asks_for_more_and_learns_nothing() -> None:
 
 
 def test_a_command_that_a_known_device_did_not_get_is_given_again_as_it_was() -> None:
-    inject = InjectionController(
+    inject = InjectionActuator(
         period_ns=PERIOD_NS, row_time_ns=ROW_NS, profile=InjectionProfile(ROW_NS, 2, 3050.0)
     )
     assert inject.sure
     first = inject.command(move(9_000_000))
-    inject.learn(Moved(0, 400, 3000.0))
+    inject.learn(MoveEffect(0, 400, 3000.0))
     assert not inject.sure, "nothing to be done just before a burst"
     assert inject.command(move(9_000_000)) == first
-    inject.learn(Moved(0, 9_007_000, 3000.0))
+    inject.learn(MoveEffect(0, 9_007_000, 3000.0))
     assert inject.sure
 
 
@@ -90,7 +90,7 @@ def test_a_camera_that_never_obeys_is_a_problem_in_the_end() -> None:
     for _ in range(8):
         assert not inject.problem
         inject.command(move(100_000))
-        inject.learn(Moved(0, 0, 3000.0))
+        inject.learn(MoveEffect(0, 0, 3000.0))
     assert "does not move" in inject.problem
 
 
@@ -100,7 +100,7 @@ def test_a_longest_exposure_below_the_period_is_a_problem() -> None:
 
 
 def test_a_shift_out_of_reach_is_done_in_part() -> None:
-    inject = InjectionController(
+    inject = InjectionActuator(
         period_ns=PERIOD_NS,
         row_time_ns=ROW_NS,
         max_exposure_ns=40_000_000,
@@ -113,7 +113,7 @@ def test_a_shift_out_of_reach_is_done_in_part() -> None:
 
 def test_an_error_below_what_rows_can_do_is_left_to_drift() -> None:
     period_ns = 370 * 90_000
-    inject = InjectionController(
+    inject = InjectionActuator(
         period_ns=period_ns, row_time_ns=30_000, profile=InjectionProfile(30_000, 3, 1100.0)
     )
     assert inject.command(Move(0, 25_000, 25_000, period_ns, 20_000)) is None
@@ -124,7 +124,7 @@ def test_an_error_below_what_rows_can_do_is_left_to_drift() -> None:
 def test_whole_periods_bring_the_rows_between_two_steps_into_reach(frame_rows: int, wanted_rows: int) -> None:
     row_ns, neutral = 15_000, 2200
     period_ns = frame_rows * row_ns
-    inject = InjectionController(
+    inject = InjectionActuator(
         period_ns=period_ns, row_time_ns=row_ns, profile=InjectionProfile(row_ns, 3, neutral)
     )
     command = inject.command(Move(0, 0, wanted_rows * row_ns, period_ns, 20_000))
@@ -135,7 +135,7 @@ def test_whole_periods_bring_the_rows_between_two_steps_into_reach(frame_rows: i
 
 def test_a_small_error_that_no_rows_can_mend_is_not_made_a_large_one() -> None:
     period_ns = 1110 * 30_000
-    inject = InjectionController(
+    inject = InjectionActuator(
         period_ns=period_ns, row_time_ns=30_000, profile=InjectionProfile(30_000, 1, 1090.0)
     )
     assert inject.command(Move(0, 0, period_ns - 16_000, period_ns, 15_000)) is None
@@ -144,7 +144,7 @@ def test_a_small_error_that_no_rows_can_mend_is_not_made_a_large_one() -> None:
 def test_no_aim_at_drift_takes_a_phase_out_of_its_tolerance() -> None:
     row_ns, neutral, frame_rows = 15_000, 2200, 2222
     period_ns = frame_rows * row_ns
-    inject = InjectionController(
+    inject = InjectionActuator(
         period_ns=period_ns, row_time_ns=row_ns, profile=InjectionProfile(row_ns, 2, neutral)
     )
     # 12 us early would be best, by 101 rows or by 103: 21 us too early or 9 us too late.
@@ -160,7 +160,7 @@ def test_one_bad_observation_is_outvoted() -> None:
     for wanted_ns, wrong_ns in ((9_000_000, 0), (5_000_000, 0), (7_000_000, 900_000), (3_000_000, 0)):
         command = inject.command(move(wanted_ns))
         assert command is not None
-        inject.learn(Moved(0, shift_of(command.exposure_ns, 2, 250_000) + wrong_ns, 3000.0))
+        inject.learn(MoveEffect(0, shift_of(command.exposure_ns, 2, 250_000) + wrong_ns, 3000.0))
     assert inject.profile is not None
     assert inject.profile.gain == 2
     assert inject.profile.neutral_rows == (PERIOD_NS - 250_000) // ROW_NS

@@ -5,8 +5,8 @@ from collections.abc import Callable
 
 import pytest
 
-from capture_app.sync.phase.phase_controller import Move, Moved
-from capture_app.sync.phase.reset import ResetController
+from capture_app.sync.phase.actuator import Move, MoveEffect
+from capture_app.sync.phase.reset import ResetActuator
 
 MS = 1_000_000
 PERIOD_NS = 33_333_333
@@ -15,7 +15,7 @@ PERIOD_NS = 33_333_333
 def tries(latency: Callable[[random.Random], float], tolerance_ns: int, *, aimed: bool, rounds: int) -> float:
     """Mean number of restarts to come within the tolerance of ever new goals; the first 20 go untold."""
     rng = random.Random(7)
-    reset = ResetController(rng=rng, aimed=aimed)
+    reset = ResetActuator(rng=rng, aimed=aimed)
     now_ns = total = 0
     for n in range(rounds):
         wanted_ns = now_ns + 10**9 + rng.randrange(PERIOD_NS)
@@ -24,7 +24,7 @@ def tries(latency: Callable[[random.Random], float], tolerance_ns: int, *, aimed
             command = reset.command(move)
             assert 0 <= command.delay_ns < PERIOD_NS
             first_ns = now_ns + command.delay_ns + round(latency(rng))
-            reset.learn(Moved(first_ns, None, 3000.0))
+            reset.learn(MoveEffect(first_ns, None, 3000.0))
             total += n >= 20
             now_ns = first_ns + 5 * PERIOD_NS
             error_ns = (first_ns - wanted_ns + PERIOD_NS // 2) % PERIOD_NS - PERIOD_NS // 2
@@ -58,9 +58,9 @@ def test_a_latency_that_cannot_be_predicted_costs_no_more_than_chance() -> None:
 
 
 def test_the_first_start_of_all_is_learned_from_too() -> None:
-    reset = ResetController(rng=random.Random(1))
+    reset = ResetActuator(rng=random.Random(1))
     reset.started(0, PERIOD_NS)
-    reset.learn(Moved(280 * MS, None, 3000.0))
+    reset.learn(MoveEffect(280 * MS, None, 3000.0))
     command = reset.command(Move(10**9, 2 * 10**9, 0, PERIOD_NS, MS))
     first_ns = 10**9 + command.delay_ns + 280 * MS
     assert abs((first_ns - 2 * 10**9 + PERIOD_NS // 2) % PERIOD_NS - PERIOD_NS // 2) < MS

@@ -11,7 +11,7 @@ from capture_app.simulation.rig.bench import Bench
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.goal import Goal
 from capture_app.sync.phase.injection import InjectionProfile
-from capture_app.sync.phase.shared_goal import Agreement, Standing
+from capture_app.sync.phase.shared_goal import CameraPhase, SharedGoal
 
 S = 1_000_000_000
 EXACT = TimeMap(0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 300, 1000)
@@ -171,7 +171,7 @@ def reset_together(
     count from the moment that all cameras know their phase. `starts_known` start latencies were seen before.
     """
     rng = random.Random(seed)
-    agreement = Agreement(Goal(0, profile.period_ns))
+    shared_goal = SharedGoal(Goal(0, profile.period_ns))
     benches = [
         Bench(
             profile,
@@ -179,13 +179,13 @@ def reset_together(
             tolerance_ns,
             ppm=uniform_ppm(rng),
             aimed=aimed,
-            goal=agreement.goal,
+            goal=shared_goal.goal,
             starts_seen=[round(rng.gauss(*profile.start_latency_ns)) for _ in range(starts_known)],
         )
         for _ in range(count)
     ]
     told_ns = [0] * count
-    standings = [_unknown(number, tolerance_ns) for number in range(count)]
+    camera_phases = [_unknown_phase(number, tolerance_ns) for number in range(count)]
     heap = [(bench.due_ns, number) for number, bench in enumerate(benches)]
     heapq.heapify(heap)
     began_ns: int | None = None
@@ -194,21 +194,21 @@ def reset_together(
         bench = benches[number]
         frame = bench.take()
         if not frame.dropped:
-            bench.aligner.catch_up(now_ns)
+            bench.aligner.settle_command(now_ns)
             if not bench.aligner.settled:
-                standings[number] = _unknown(number, tolerance_ns)
-            elif standings[number].frame_leader_ns is None or now_ns - told_ns[number] >= REPORT_NS:
+                camera_phases[number] = _unknown_phase(number, tolerance_ns)
+            elif camera_phases[number].frame_leader_ns is None or now_ns - told_ns[number] >= REPORT_NS:
                 told_ns[number] = now_ns
-                standings[number] = _standing(number, bench, agreement.goal, tolerance_ns)
-                agreement.update(standings, now_ns)
-            if began_ns is None and all(s.frame_leader_ns is not None for s in standings):
+                camera_phases[number] = _camera_phase(number, bench, shared_goal.goal, tolerance_ns)
+                shared_goal.update(camera_phases, now_ns)
+            if began_ns is None and all(s.frame_leader_ns is not None for s in camera_phases):
                 began_ns = now_ns
-            bench.goal, bench.agreed_ns = agreement.goal, agreement.agreed_leader_ns
+            bench.goal, bench.agreed_ns = shared_goal.goal, shared_goal.meeting_leader_ns
             before = len(bench.commands)
             bench.judge(frame, hold=bench.agreed_ns is None)
             if len(bench.commands) > before:
-                standings[number] = _unknown(number, tolerance_ns)
-            if began_ns is not None and _all_in(benches, agreement.goal, now_ns):
+                camera_phases[number] = _unknown_phase(number, tolerance_ns)
+            if began_ns is not None and _all_in(benches, shared_goal.goal, now_ns):
                 return Way(sum(len(b.commands) for b in benches), (now_ns - began_ns) / S)
         heapq.heappush(heap, (bench.due_ns, number))
     return Way(sum(len(b.commands) for b in benches), None)
@@ -219,13 +219,13 @@ def _all_in(benches: Sequence[Bench], goal: Goal, now_ns: int) -> bool:
     return all(bench.aligner.aligned and bench.goal == goal for bench in benches)
 
 
-def _unknown(number: int, tolerance_ns: int) -> Standing:
-    return Standing(str(number), "reset", None, 0.0, tolerance_ns)
+def _unknown_phase(number: int, tolerance_ns: int) -> CameraPhase:
+    return CameraPhase(str(number), "reset", None, 0.0, tolerance_ns)
 
 
-def _standing(number: int, bench: Bench, goal: Goal, tolerance_ns: int) -> Standing:
+def _camera_phase(number: int, bench: Bench, goal: Goal, tolerance_ns: int) -> CameraPhase:
     estimate = bench.aligner.estimate(EXACT, goal, bench.now_ns) if bench.aligner.settled else None
     if estimate is None:
-        return _unknown(number, tolerance_ns)
+        return _unknown_phase(number, tolerance_ns)
     frame_ns = goal.instant(goal.index_of(bench.now_ns)) + estimate.error_ns
-    return Standing(str(number), "reset", frame_ns, estimate.drift_ppm, tolerance_ns)
+    return CameraPhase(str(number), "reset", frame_ns, estimate.drift_ppm, tolerance_ns)

@@ -170,7 +170,7 @@ class Bench:
         self._clock_rng, self._clock_noise_ns = random.Random(rng.getrandbits(64)), clock_noise_ns
         self._next: SensorFrame
         for latency_ns in starts_seen:
-            self.aligner.start_seen(latency_ns)
+            self.aligner.learn_start_latency(latency_ns)
         self.start(rng.randrange(START_NS))
 
     @property
@@ -215,7 +215,7 @@ class Bench:
             now_ns,
             hold=hold,
             burst_leader_ns=burst_ns,
-            agreed_leader_ns=self.agreed_ns,
+            meeting_leader_ns=self.agreed_ns,
         )
         error_ns = self.goal.phase_error(frame.start_true_ns)
         look = Look(now_ns, error_ns, self.aligner.aligned, self.aligner.corrections)

@@ -3,11 +3,11 @@
 import random
 from dataclasses import dataclass
 
+from capture_app.sync.phase.actuator import PhaseActuator
 from capture_app.sync.phase.aim import Aim, Course, to_burst, to_meet, to_stay
-from capture_app.sync.phase.frame_duration import FrameDurationController
-from capture_app.sync.phase.injection import InjectionController, InjectionProfile
-from capture_app.sync.phase.phase_controller import PhaseController
-from capture_app.sync.phase.reset import ResetController
+from capture_app.sync.phase.frame_duration import FrameDurationActuator
+from capture_app.sync.phase.injection import InjectionActuator, InjectionProfile
+from capture_app.sync.phase.reset import ResetActuator
 
 INJECTION_LEAD_FRAMES = 9
 """From the command until the phase is known again: 2-4 frames of latency, the long ones, five calm ones."""
@@ -19,7 +19,7 @@ RESET_LEAD_NS = 1_000_000_000
 
 
 @dataclass(frozen=True, slots=True)
-class Limits:
+class FrameLimits:
     """What is known of a camera's rows, exposures and frame durations; times in ns."""
 
     period_ns: int
@@ -37,17 +37,17 @@ class Controls:
     def __init__(
         self,
         control: str,
-        limits: Limits,
+        limits: FrameLimits,
         *,
         rng: random.Random,
         profile: InjectionProfile | None,
         aimed: bool,
     ) -> None:
-        self.injection: InjectionController | None = None
-        self.reset: ResetController | None = None
-        self.duration: FrameDurationController | None = None
+        self.injection: InjectionActuator | None = None
+        self.reset: ResetActuator | None = None
+        self.duration: FrameDurationActuator | None = None
         if control == "injection":
-            self.injection = InjectionController(
+            self.injection = InjectionActuator(
                 period_ns=limits.period_ns,
                 row_time_ns=limits.row_time_ns,
                 min_exposure_ns=max(limits.min_exposure_ns or 0, limits.exposure_ns or 0),
@@ -55,15 +55,15 @@ class Controls:
                 profile=profile,
             )
         elif control == "reset":
-            self.reset = ResetController(rng=rng, aimed=aimed)
+            self.reset = ResetActuator(rng=rng, aimed=aimed)
         elif control == "frame-duration":
-            self.duration = FrameDurationController(
+            self.duration = FrameDurationActuator(
                 period_ns=limits.period_ns,
                 row_time_ns=limits.row_time_ns,
                 min_duration_ns=limits.min_frame_duration_ns,
                 max_duration_ns=limits.max_frame_duration_ns,
             )
-        self.controller: PhaseController | None = self.injection or self.reset or self.duration
+        self.controller: PhaseActuator | None = self.injection or self.reset or self.duration
 
     def lead_ns(self, period_ns: float) -> float:
         """Time in ns from a command until it counts."""

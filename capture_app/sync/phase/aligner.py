@@ -4,12 +4,12 @@ import random
 from dataclasses import dataclass
 
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.phase.actuators import Controls, Limits
+from capture_app.sync.phase.actuator import Move, MoveEffect
+from capture_app.sync.phase.actuators import Controls, FrameLimits
 from capture_app.sync.phase.aim import Aim, Course
 from capture_app.sync.phase.estimator import FrameStamp, PhaseEstimate, PhaseEstimator
 from capture_app.sync.phase.goal import Goal
 from capture_app.sync.phase.injection import InjectionProfile
-from capture_app.sync.phase.phase_controller import Move, Moved
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream, SetFrameDuration
 
 WARM_FRAMES = (30, 90)
@@ -64,7 +64,7 @@ class Aligner:
         self._tolerance_ns = tolerance_ns
         self._hold_ns = DEFAULT_HOLD_NS[control] if hold_ns is None else hold_ns
         self._phase = PhaseEstimator(period_ns=period_ns)
-        limits = Limits(
+        limits = FrameLimits(
             period_ns,
             row_time_ns,
             exposure_ns,
@@ -117,16 +117,16 @@ class Aligner:
 
     @property
     def start_latencies_ns(self) -> tuple[int, ...]:
-        """How long starts took, modulo the period, newest last; what `start_seen` takes on the next use."""
+        """Start latencies seen, modulo the period, newest last: for `learn_start_latency` at the next use."""
         if self._reset is None:
             return ()
         return tuple(round(latency * self._phase.period_ns) for latency in self._reset.latencies)
 
-    def start_seen(self, latency_ns: int) -> None:
+    def learn_start_latency(self, latency_ns: int) -> None:
         """Take in how long a start of this device took before, in ns from the command to the first frame."""
         if self._reset is not None:
             self._reset.started(0, self._phase.period_ns)
-            self._reset.learn(Moved(latency_ns, None, 0.0))
+            self._reset.learn(MoveEffect(latency_ns, None, 0.0))
 
     def frame(self, stamp: FrameStamp) -> int:
         """Take a frame in; return how many were dropped just before it."""
@@ -150,7 +150,7 @@ class Aligner:
         if self._reset is not None:
             self._reset.started(local_ns, self._phase.period_ns)
 
-    def catch_up(self, now_local_ns: int) -> None:
+    def settle_command(self, now_local_ns: int) -> None:
         """See whether the command under way is done, and learn from what it did."""
         under_way = self._outstanding
         if under_way is not None:
@@ -167,10 +167,10 @@ class Aligner:
                 return
             if self._injection is not None:
                 shift_ns = self._phase.last_shift_ns
-                self._injection.learn(Moved(self._phase.last_ns, shift_ns, self._phase.noise_ns))
+                self._injection.learn(MoveEffect(self._phase.last_ns, shift_ns, self._phase.noise_ns))
         if self._reset is not None and not self._start_seen and self._run_settled:
             self._start_seen = True
-            self._reset.learn(Moved(self._phase.nearest(self._started_ns), None, self._phase.noise_ns))
+            self._reset.learn(MoveEffect(self._phase.nearest(self._started_ns), None, self._phase.noise_ns))
 
     def estimate(self, time_map: TimeMap, goal: Goal, at_leader_ns: int) -> PhaseEstimate | None:
         """The stream's error at an instant of leader time; None while nobody can tell."""
@@ -196,16 +196,16 @@ class Aligner:
         *,
         hold: bool = False,
         burst_leader_ns: tuple[int, int] | None = None,
-        agreed_leader_ns: int | None = None,
+        meeting_leader_ns: int | None = None,
     ) -> CameraCommand | None:
         """Judge the stream now, and return the command to carry out at once, if one is needed.
 
         `hold=True` begins no correction that shows in pictures. Nor does any from shortly before a burst
         on, whose first and last instants are `burst_leader_ns`; before that, injections whose effect is
         known bring the stream to its goal for that burst. A stream that can only be restarted is judged by
-        its phase at `agreed_leader_ns`, if that is still to come.
+        its phase at `meeting_leader_ns`, if that is still to come.
         """
-        self.catch_up(now_local_ns)
+        self.settle_command(now_local_ns)
         now_leader_ns = time_map.leader_from_local(now_local_ns)
         now = self.estimate(time_map, goal, now_leader_ns)
         if now is None or not self.settled:
@@ -223,7 +223,7 @@ class Aligner:
             self._tolerance_ns,
             grace_ns,
         )
-        aim = self._aim(course, now_leader_ns, hold, burst_leader_ns, agreed_leader_ns)
+        aim = self._aim(course, now_leader_ns, hold, burst_leader_ns, meeting_leader_ns)
         if aim is None:
             return None
         landing_local_ns = now_local_ns + aim.lead_ns
@@ -243,7 +243,7 @@ class Aligner:
         now_leader_ns: int,
         hold: bool,
         burst_leader_ns: tuple[int, int] | None,
-        agreed_leader_ns: int | None,
+        meeting_leader_ns: int | None,
     ) -> Aim | None:
         period_ns = self._phase.period_ns
         if burst_leader_ns is not None:
@@ -258,7 +258,7 @@ class Aligner:
             period_ns=period_ns,
             hold_ns=self._hold_ns,
             aligned=self.aligned,
-            agreed_ns=0 if agreed_leader_ns is None else max(0, agreed_leader_ns - now_leader_ns),
+            agreed_ns=0 if meeting_leader_ns is None else max(0, meeting_leader_ns - now_leader_ns),
         )
 
     def _give(self, command: CameraCommand | None, now_local_ns: int) -> CameraCommand | None:

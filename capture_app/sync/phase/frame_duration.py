@@ -4,8 +4,8 @@ Far from the goal one frame takes the whole shift; near it one row at a time hol
 without any frame with another exposure.
 """
 
+from capture_app.sync.phase.actuator import Move, MoveEffect
 from capture_app.sync.phase.injection import FINEST_NS, INSIDE_ROW
-from capture_app.sync.phase.phase_controller import Move, Moved
 from capture_app.sync.wire.camera_commands import SetFrameDuration
 
 FINE_ROWS = 4
@@ -14,7 +14,7 @@ DEADBAND_ROWS = 0.55
 """A row is given where the predicted error exceeds this: over a half, or noise would make it flicker."""
 
 
-class FrameDurationController:
+class FrameDurationActuator:
     """Turns wished shifts into the duration of one frame; a step too long for one frame is done in part."""
 
     def __init__(
@@ -64,5 +64,5 @@ class FrameDurationController:
         self.shift_ns = rows * self._row_ns
         return SetFrameDuration(round((self._base_rows + rows + INSIDE_ROW) * self._row_ns))
 
-    def learn(self, moved: Moved) -> None:
+    def learn(self, moved: MoveEffect) -> None:
         """Rows are rows: there is nothing to learn."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 from math import floor
 from statistics import median
 
-from capture_app.sync.phase.phase_controller import Move, Moved
+from capture_app.sync.phase.actuator import Move, MoveEffect
 from capture_app.sync.wire.camera_commands import InjectFrame
 
 GAINS = (1, 2, 3)
@@ -47,7 +47,7 @@ class InjectionProfile:
     """Longest exposure that does not stretch a frame, in rows."""
 
 
-class InjectionController:
+class InjectionActuator:
     """Turns wished shifts into exposures; starts with a guess and knows after one or two injections."""
 
     def __init__(
@@ -108,7 +108,7 @@ class InjectionController:
         self._asked = rows
         return InjectFrame(max(self._min_ns, round((rows + INSIDE_ROW) * self._row_ns)))
 
-    def learn(self, moved: Moved) -> None:
+    def learn(self, moved: MoveEffect) -> None:
         """Fit gain and neutral rows to all shifts remembered; no shift at all only raises the next one."""
         rows, self._asked = self._asked, None
         if rows is None or moved.shift_ns is None:

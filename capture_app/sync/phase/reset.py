@@ -10,7 +10,7 @@ from cmath import phase, rect
 from collections import deque
 from math import ceil, exp, log, pi, sqrt
 
-from capture_app.sync.phase.phase_controller import Move, Moved
+from capture_app.sync.phase.actuator import Move, MoveEffect
 from capture_app.sync.wire.camera_commands import RestartStream
 
 REMEMBERED = 24
@@ -26,7 +26,7 @@ UNSURE = 1.05
 """Aim only if the best window holds this much more than a uniform density puts there."""
 
 
-class ResetController:
+class ResetActuator:
     """Chooses how long to wait between stop and start; `aimed=False` waits U(0, period)."""
 
     def __init__(self, *, rng: random.Random, aimed: bool = True) -> None:
@@ -66,7 +66,7 @@ class ResetController:
         if self._start_ns is None:
             self._start_ns, self._period_ns = local_ns, period_ns
 
-    def learn(self, moved: Moved) -> None:
+    def learn(self, moved: MoveEffect) -> None:
         """Take in the latency of the start just seen."""
         if self._start_ns is None:
             return

@@ -1,7 +1,7 @@
-"""A goal and an instant that suit the cameras which cannot be moved at will.
+"""The goal of all cameras, chosen to suit those whose phase cannot be moved at will.
 
-A restart lands where it likes, and then drifts. So the grid of instants is laid where most of those cameras
-will be at some moment to come, and only the others are restarted.
+A restart sets a random phase, which then drifts. So the goal is laid where most of those cameras will be at
+some instant to come, and only the others are restarted.
 """
 
 from collections.abc import Sequence
@@ -11,38 +11,38 @@ from math import ceil
 from capture_app.sync.phase.goal import Goal
 
 WEIGHTS = {"none": 1000, "reset": 1}
-"""How much it counts to suit a camera, by its phase control; those that are not here move to any goal."""
-ROUND_NS = 800_000_000
+"""Weight of a camera in the choice of the goal, by its phase control; others can move to any goal."""
+RESTART_NS = 800_000_000
 """About the time that one restart takes."""
-LUCK = 3.0
-"""How much likelier than a uniform restart one is thought to land in the window, before any was seen."""
+PRIOR_GAIN = 3.0
+"""How much likelier than a uniform restart one is assumed to land in the window, before any was seen."""
 AHEAD_S = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0, 18.0, 25.0, 35.0)
-"""Moments to come that are weighed; further ahead, crystals wander."""
-LATER = 0.1
-"""What it costs to be judged before all have landed, by the time between: some will have drifted away."""
+"""Meeting instants that are compared, from now; further ahead, crystals wander."""
+EARLY_COST = 0.1
+"""Cost of meeting before all restarts are done, as a share of the time between: some will drift away."""
 MOST_PPM = 1000.0
-"""A camera that drifts faster suits no goal for long."""
-MANY = 100
-"""More cameras outside than this make no difference any more."""
+"""Cameras that drift faster than this do not count: they suit no goal for long."""
+MOST_OUTSIDE = 100
+"""More cameras outside their tolerance than this make no difference."""
 PATIENCE_NS = 3_000_000_000
-"""Nobody is restarted for so long while some of the cameras have not told their first phase."""
+"""Longest wait before the first restart while some cameras do not know their phase yet."""
 KEEP_NS = 3_000_000_000
-"""A goal is kept as it is while all cameras will suit it for so long."""
+"""A goal is kept while all cameras will be within their tolerance for so long."""
 
 
 @dataclass(frozen=True, slots=True)
-class Standing:
-    """What a camera says of itself: a frame's leader time in ns, None while it does not know its phase."""
+class CameraPhase:
+    """A camera's report of its phase: a frame's leader time in ns, None while its phase is not known."""
 
     name: str
-    control: str
+    phase_control: str
     frame_leader_ns: int | None
     drift_ppm: float
     tolerance_ns: int
 
 
 @dataclass(frozen=True, slots=True)
-class Stance:
+class WeightedCourse:
     """A camera's distance from the goal in ns now, its drift (ns per ns), tolerance in ns, and weight."""
 
     error_ns: float
@@ -56,20 +56,20 @@ def time_needed_ns(outside: int, chance: float) -> int:
 
     The expected largest of that many geometric tries: the harmonic number over the chance of one.
     """
-    return ceil(sum(1.0 / n for n in range(1, outside + 1)) / chance * ROUND_NS)
+    return ceil(sum(1.0 / n for n in range(1, outside + 1)) / chance * RESTART_NS)
 
 
-def weight_inside(stances: Sequence[Stance], ahead_ns: float, period_ns: int) -> int:
+def weight_inside(courses: Sequence[WeightedCourse], ahead_ns: float, period_ns: int) -> int:
     """Weight of the cameras that will be within their tolerance of the goal so much later."""
     half = period_ns / 2
     return sum(
-        s.weight
-        for s in stances
-        if abs((s.error_ns + s.drift * ahead_ns + half) % period_ns - half) <= s.tolerance_ns
+        course.weight
+        for course in courses
+        if abs((course.error_ns + course.drift * ahead_ns + half) % period_ns - half) <= course.tolerance_ns
     )
 
 
-def best_shift(stances: Sequence[Stance], ahead_ns: float, period_ns: int) -> tuple[int, int]:
+def best_shift(courses: Sequence[WeightedCourse], ahead_ns: float, period_ns: int) -> tuple[int, int]:
     """The shift of the goal in ns, in [-period/2, period/2), that suits most so much later, and their weight.
 
     Each camera is suited by an arc of goals; the answer is the middle of where most weight overlaps, so that
@@ -78,14 +78,14 @@ def best_shift(stances: Sequence[Stance], ahead_ns: float, period_ns: int) -> tu
     """
     weight = 0
     edges: list[tuple[float, int]] = []
-    for s in stances:
-        if 2 * s.tolerance_ns >= period_ns:
-            weight += s.weight
+    for course in courses:
+        if 2 * course.tolerance_ns >= period_ns:
+            weight += course.weight
             continue
-        begin = (s.error_ns + s.drift * ahead_ns - s.tolerance_ns) % period_ns
-        end = (begin + 2 * s.tolerance_ns) % period_ns
-        edges += [(begin, s.weight), (end, -s.weight)]
-        weight += s.weight if end < begin else 0
+        begin = (course.error_ns + course.drift * ahead_ns - course.tolerance_ns) % period_ns
+        end = (begin + 2 * course.tolerance_ns) % period_ns
+        edges += [(begin, course.weight), (end, -course.weight)]
+        weight += course.weight if end < begin else 0
     if not edges:
         return 0, weight
     # Where arcs end as others begin, both count.
@@ -99,54 +99,56 @@ def best_shift(stances: Sequence[Stance], ahead_ns: float, period_ns: int) -> tu
     return round((shift + period_ns / 2) % period_ns - period_ns / 2), best
 
 
-class Agreement:
-    """The rig's goal, moved to suit the cameras that can only be restarted, and when they are judged."""
+class SharedGoal:
+    """The rig's goal, moved to suit the cameras that can only be restarted, and when they are to meet it."""
 
     def __init__(self, goal: Goal) -> None:
         self.goal = goal
-        self.agreed_leader_ns: int | None = None
-        """Cameras should suit the goal at this instant, or be restarted; None where nobody should be."""
+        self.meeting_leader_ns: int | None = None
+        """Cameras are restarted unless they will be at the goal at this instant; None: none is restarted."""
         self._began_leader_ns: int | None = None
         self._patient = True
         self._landings = self._hits = 0
         self._in_flight: set[str] = set()
 
-    def update(self, standings: Sequence[Standing], now_leader_ns: int) -> bool:
-        """Weigh what all cameras say of themselves; return whether the goal has moved.
+    def update(self, cameras: Sequence[CameraPhase], now_leader_ns: int) -> bool:
+        """Choose goal and meeting instant from the phases of all cameras; return whether the goal has moved.
 
-        A moment is as good as it is soon: not before all cameras outside of its best window have landed.
+        An instant costs the time until then, or until all cameras outside its best window can have landed.
         """
         period_ns = self.goal.period_ns
-        stances = [s for s in (self._stance(standing, now_leader_ns) for standing in standings) if s]
-        unknown = sum(s.control == "reset" and s.frame_leader_ns is None for s in standings)
-        everybody = sum(s.weight for s in stances)
-        suits_all = unknown == 0 and all(
-            weight_inside(stances, ahead_ns, period_ns) == everybody for ahead_ns in (0, KEEP_NS)
+        courses = [c for c in (self._course(camera, now_leader_ns) for camera in cameras) if c]
+        unknown = sum(
+            camera.phase_control == "reset" and camera.frame_leader_ns is None for camera in cameras
         )
-        if suits_all or self._is_early(unknown, len(stances), now_leader_ns):
-            self.agreed_leader_ns = None
+        total_weight = sum(course.weight for course in courses)
+        suits_all = unknown == 0 and all(
+            weight_inside(courses, ahead_ns, period_ns) == total_weight for ahead_ns in (0, KEEP_NS)
+        )
+        if suits_all or self._is_early(unknown, len(courses), now_leader_ns):
+            self.meeting_leader_ns = None
             return False
-        chance = self._chance(standings, now_leader_ns)
+        chance = self._chance(cameras, now_leader_ns)
         candidates = [ahead_s * 1e9 for ahead_s in AHEAD_S]
-        if self.agreed_leader_ns is not None and self.agreed_leader_ns > now_leader_ns:
-            candidates.insert(0, self.agreed_leader_ns - now_leader_ns)
+        if self.meeting_leader_ns is not None and self.meeting_leader_ns > now_leader_ns:
+            candidates.insert(0, self.meeting_leader_ns - now_leader_ns)
         least = float("inf")
         best_ahead_ns, best_move_ns = 0.0, 0
         for ahead_ns in candidates:
-            shift_ns, weight = best_shift(stances, ahead_ns, period_ns)
-            if weight_inside(stances, ahead_ns, period_ns) >= weight:
+            shift_ns, weight = best_shift(courses, ahead_ns, period_ns)
+            if weight_inside(courses, ahead_ns, period_ns) >= weight:
                 shift_ns = 0
-            needed_ns = time_needed_ns(unknown + min(everybody - weight, MANY), chance)
-            cost = max(ahead_ns, needed_ns) + LATER * max(0.0, needed_ns - ahead_ns)
+            needed_ns = time_needed_ns(unknown + min(total_weight - weight, MOST_OUTSIDE), chance)
+            cost = max(ahead_ns, needed_ns) + EARLY_COST * max(0.0, needed_ns - ahead_ns)
             if cost < least:
                 least, best_ahead_ns, best_move_ns = cost, ahead_ns, shift_ns
-        self.agreed_leader_ns = now_leader_ns + round(best_ahead_ns)
+        self.meeting_leader_ns = now_leader_ns + round(best_ahead_ns)
         if best_move_ns:
             self.goal = Goal(self.goal.anchor_leader_ns + best_move_ns, period_ns)
         return best_move_ns != 0
 
     def _is_early(self, unknown: int, known: int, now_leader_ns: int) -> bool:
-        """Whether to wait for those that do not know their phase yet: the best of all windows is free."""
+        """Whether to wait for cameras that do not know their phase yet: only then is the best window free."""
         if self._began_leader_ns is None and known:
             self._began_leader_ns = now_leader_ns
         if self._began_leader_ns is None or unknown == 0:
@@ -155,32 +157,32 @@ class Agreement:
         self._patient = self._patient and now_leader_ns < self._began_leader_ns + PATIENCE_NS
         return self._patient
 
-    def _chance(self, standings: Sequence[Standing], now_leader_ns: int) -> float:
-        """How likely a restart lands in the window, from the geometry and from those that were seen."""
-        agreed_leader_ns = max(now_leader_ns, self.agreed_leader_ns or now_leader_ns)
+    def _chance(self, cameras: Sequence[CameraPhase], now_leader_ns: int) -> float:
+        """Probability that a restart lands in the window, from the window's size and the restarts so far."""
+        meeting_leader_ns = max(now_leader_ns, self.meeting_leader_ns or now_leader_ns)
         uniform = 1.0
-        for standing in standings:
-            if standing.control != "reset":
+        for camera in cameras:
+            if camera.phase_control != "reset":
                 continue
-            uniform = min(uniform, 2.0 * standing.tolerance_ns / self.goal.period_ns)
-            if standing.frame_leader_ns is None:
-                self._in_flight.add(standing.name)
-            elif standing.name in self._in_flight:
-                self._in_flight.discard(standing.name)
-                stance = self._stance(standing, now_leader_ns)
-                ahead_ns = agreed_leader_ns - now_leader_ns
+            uniform = min(uniform, 2.0 * camera.tolerance_ns / self.goal.period_ns)
+            if camera.frame_leader_ns is None:
+                self._in_flight.add(camera.name)
+            elif camera.name in self._in_flight:
+                self._in_flight.discard(camera.name)
+                course = self._course(camera, now_leader_ns)
+                ahead_ns = meeting_leader_ns - now_leader_ns
                 self._landings += 1
-                self._hits += weight_inside([stance] if stance else [], ahead_ns, self.goal.period_ns)
-        expected = max(1e-6, min(0.9, LUCK * uniform))
+                self._hits += weight_inside([course] if course else [], ahead_ns, self.goal.period_ns)
+        expected = max(1e-6, min(0.9, PRIOR_GAIN * uniform))
         return (self._hits + 1.0) / (self._landings + 1.0 / expected)
 
-    def _stance(self, standing: Standing, now_leader_ns: int) -> Stance | None:
-        weight = WEIGHTS.get(standing.control)
-        if weight is None or standing.frame_leader_ns is None:
+    def _course(self, camera: CameraPhase, now_leader_ns: int) -> WeightedCourse | None:
+        weight = WEIGHTS.get(camera.phase_control)
+        if weight is None or camera.frame_leader_ns is None:
             return None
-        if not abs(standing.drift_ppm) < MOST_PPM:
+        if not abs(camera.drift_ppm) < MOST_PPM:
             return None
-        drift = standing.drift_ppm * 1e-6
-        since_ns = now_leader_ns - standing.frame_leader_ns
-        error_ns = self.goal.phase_error(standing.frame_leader_ns) + drift * since_ns
-        return Stance(error_ns, drift, standing.tolerance_ns, weight)
+        drift = camera.drift_ppm * 1e-6
+        since_ns = now_leader_ns - camera.frame_leader_ns
+        error_ns = self.goal.phase_error(camera.frame_leader_ns) + drift * since_ns
+        return WeightedCourse(error_ns, drift, camera.tolerance_ns, weight)

@@ -260,14 +260,14 @@ class Leader:
     def _agree(self, now_ns: int) -> None:
         """Move the goal to suit the cameras that cannot follow it, and tell everybody; not near a burst."""
         if (
-            self.terms.agreement is None
+            self.terms.shared_goal is None
             or self.terms.onward is not None
             or (self._busy_until_ns is not None and now_ns < self._busy_until_ns)
             or (len(self._roster.bound) > FEW_CAMERAS and now_ns < self._weigh_due_ns)
         ):
             return
         self._weigh_due_ns = now_ns + len(self._roster.bound) * WEIGH_EVERY_NS
-        if self.terms.agreement.update(self._roster.standings(), now_ns):
+        if self.terms.shared_goal.update(self._roster.camera_phases(), now_ns):
             self.answer_all()
 
     def _take_hello(self, hello: Hello, address: Address, now_ns: int) -> None:

@@ -50,7 +50,7 @@ class Steering:
             profile=config.injection_profile,
         )
         for latency_ns in config.start_latencies_ns:
-            self.aligner.start_seen(latency_ns)
+            self.aligner.learn_start_latency(latency_ns)
         self._tolerance_ns = config.tolerance_ns
         self._can_move = camera.phase_control != "none"
         self._told_problem = ""
@@ -101,7 +101,7 @@ class Steering:
         """
         was_ready, aligner = self.ready, self.aligner
         before, corrections = self.phase(member, time_map, now_ns), aligner.corrections
-        aligner.catch_up(now_ns)
+        aligner.settle_command(now_ns)
         if not aligner.settled:
             member.asked = member.answered = False
         news = aligner.settled and not member.asked
@@ -111,7 +111,7 @@ class Steering:
             now_ns,
             hold=not member.may_move,
             burst_leader_ns=burst_leader_ns,
-            agreed_leader_ns=member.agreed_leader_ns,
+            meeting_leader_ns=member.agreed_leader_ns,
         )
         if command is not None:
             self._commands.append(command)

@@ -5,7 +5,7 @@ import re
 from dataclasses import dataclass
 
 from capture_app.sync.phase.goal import MAX_PERIOD_NS, MIN_PERIOD_NS
-from capture_app.sync.phase.shared_goal import WEIGHTS, Standing
+from capture_app.sync.phase.shared_goal import WEIGHTS, CameraPhase
 from capture_app.sync.rig.events import NodeJoined, NodeLost, NodeMoved, NodeReturned
 from capture_app.sync.wire.messages import (
     CLOCK_ONLY,
@@ -183,10 +183,10 @@ class Roster:
             if not member.lost and member.camera.kind not in WITHOUT_CAMERA
         ]
 
-    def standings(self) -> list[Standing]:
+    def camera_phases(self) -> list[CameraPhase]:
         """Return what those say of themselves that do not move to any goal."""
         return [
-            Standing(
+            CameraPhase(
                 member.name,
                 member.camera.phase_control,
                 member.report.frame_leader_ns,

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from capture_app.sync.clock.upstream_map import UpstreamMap
 from capture_app.sync.phase.goal import Goal
-from capture_app.sync.phase.shared_goal import Agreement
+from capture_app.sync.phase.shared_goal import SharedGoal
 from capture_app.sync.rig.roster import Member
 from capture_app.sync.wire.beacon import Group
 from capture_app.sync.wire.messages import WITHOUT_CAMERA, CameraDescription, HeartbeatAck, Hello, Welcome
@@ -20,7 +20,7 @@ class Terms:
     period_ns: int | None
     align_row: float | None
     beacons: Group | None
-    agreement: Agreement | None = None
+    shared_goal: SharedGoal | None = None
     onward: UpstreamMap | None = None
     """Of a relay: from its clock to the root's, for the clients to add to their estimates."""
     alone: bool = False
@@ -31,24 +31,24 @@ class Terms:
     @property
     def goal(self) -> Goal | None:
         """The grid of instants that all cameras are moved onto; None before the first client."""
-        return None if self.agreement is None else self.agreement.goal
+        return None if self.shared_goal is None else self.shared_goal.goal
 
     def begin(self, camera: CameraDescription, now_ns: int) -> bool:
         """Lay a grid at the rate of the first camera; whether it is another one than before."""
         is_camera = camera.kind not in WITHOUT_CAMERA
-        if self.agreement is not None and (self.of_cameras or not is_camera):
+        if self.shared_goal is not None and (self.of_cameras or not is_camera):
             return False
         self.of_cameras = is_camera or self.period_ns is not None
         goal = Goal(now_ns, self.period_ns or camera.period_ns)
-        if self.agreement is not None and goal.period_ns == self.agreement.goal.period_ns:
+        if self.shared_goal is not None and goal.period_ns == self.shared_goal.goal.period_ns:
             return False
-        self.agreement = Agreement(goal)
+        self.shared_goal = SharedGoal(goal)
         return True
 
     def welcome(self, hello: Hello, member: Member, pace_ns: int) -> Welcome:
         """Return what a client is told that is taken in."""
-        assert self.agreement is not None, "the first hello sets the goal"
-        goal = self.agreement.goal
+        assert self.shared_goal is not None, "the first hello sets the goal"
+        goal = self.shared_goal.goal
         return Welcome(
             hello.instance,
             self.leader,
@@ -65,14 +65,14 @@ class Terms:
 
     def answer(self, member: Member, pace_ns: int) -> HeartbeatAck:
         """Return what a client is told that is here."""
-        assert self.agreement is not None, "the first hello sets the goal"
-        goal = self.agreement.goal
+        assert self.shared_goal is not None, "the first hello sets the goal"
+        goal = self.shared_goal.goal
         return HeartbeatAck(
             member.number,
             self.leader,
             goal.anchor_leader_ns,
             goal.period_ns,
-            self.agreement.agreed_leader_ns,
+            self.shared_goal.meeting_leader_ns,
             self.align_row,
             pace_ns,
             self.onward,

@@ -10,7 +10,7 @@ from dataclasses import replace
 import msgspec
 
 from capture_app.sync.clock.upstream_map import upstream_map
-from capture_app.sync.phase.shared_goal import Agreement
+from capture_app.sync.phase.shared_goal import SharedGoal
 from capture_app.sync.rig.events import LeaderEvent
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.uplink import Uplink
@@ -145,7 +145,7 @@ class Relay:
         alone = self._number is None or follower.parent_is_alone
         if terms.alone is not alone:
             terms.alone = alone
-            if terms.agreement is not None:
+            if terms.shared_goal is not None:
                 leader.answer_all()
         if follower.time_map is None:
             # This clock has jumped, or the root is another one: what the clients were told is wrong now.
@@ -157,10 +157,10 @@ class Relay:
         if terms.onward is None or terms.onward.epoch_local_ns != follower.time_map.epoch_local_ns:
             terms.onward = upstream_map(follower.path, follower.time_map)
         moved = (leader.goal, terms.align_row) != (follower.goal, follower.align_row)
-        if terms.agreement is None or moved:
-            terms.agreement = Agreement(follower.goal)
+        if terms.shared_goal is None or moved:
+            terms.shared_goal = SharedGoal(follower.goal)
         # Without a parent nobody is to be restarted: there is no telling what suits the others.
-        terms.agreement.agreed_leader_ns = follower.agreed_leader_ns if self._number is not None else None
+        terms.shared_goal.meeting_leader_ns = follower.agreed_leader_ns if self._number is not None else None
         terms.align_row = follower.align_row
         if moved:
             leader.answer_all()

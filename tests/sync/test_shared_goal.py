@@ -5,7 +5,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture_app.sync.phase.goal import Goal
-from capture_app.sync.phase.shared_goal import PATIENCE_NS, Agreement, Stance, Standing, best_shift
+from capture_app.sync.phase.shared_goal import (
+    PATIENCE_NS,
+    CameraPhase,
+    SharedGoal,
+    WeightedCourse,
+    best_shift,
+)
 from capture_app.sync.rig.orders import Forecast, calmest, spread_ns
 
 PERIOD = 33_000_000
@@ -13,57 +19,57 @@ MS = 1_000_000
 S = 1_000_000_000
 
 
-def webcam(name: str, at_ns: int | None, ppm: float = 0.0, control: str = "reset") -> Standing:
-    return Standing(name, control, at_ns, ppm, MS)
+def webcam(name: str, at_ns: int | None, ppm: float = 0.0, control: str = "reset") -> CameraPhase:
+    return CameraPhase(name, control, at_ns, ppm, MS)
 
 
 def test_the_goal_moves_to_most_of_the_cameras_and_to_their_middle() -> None:
-    agreement = Agreement(Goal(0, PERIOD))
+    shared_goal = SharedGoal(Goal(0, PERIOD))
     cameras = [webcam("a", 10 * MS), webcam("b", PERIOD + 11 * MS), webcam("c", 25 * MS)]
-    assert agreement.update(cameras, 0)
-    assert agreement.goal == Goal(10 * MS + MS // 2, PERIOD)
-    assert agreement.agreed_leader_ns is not None, "one of them is to be restarted"
+    assert shared_goal.update(cameras, 0)
+    assert shared_goal.goal == Goal(10 * MS + MS // 2, PERIOD)
+    assert shared_goal.meeting_leader_ns is not None, "one of them is to be restarted"
 
 
 def test_a_camera_alone_is_never_restarted() -> None:
-    agreement = Agreement(Goal(0, PERIOD))
-    assert agreement.update([webcam("a", 14 * MS)], 0)
-    assert agreement.goal.anchor_leader_ns == 14 * MS
-    assert not agreement.update([webcam("a", 14 * MS)], S)
-    assert agreement.agreed_leader_ns is None
+    shared_goal = SharedGoal(Goal(0, PERIOD))
+    assert shared_goal.update([webcam("a", 14 * MS)], 0)
+    assert shared_goal.goal.anchor_leader_ns == 14 * MS
+    assert not shared_goal.update([webcam("a", 14 * MS)], S)
+    assert shared_goal.meeting_leader_ns is None
 
 
 def test_a_camera_that_cannot_move_at_all_outweighs_all_others() -> None:
-    agreement = Agreement(Goal(0, PERIOD))
+    shared_goal = SharedGoal(Goal(0, PERIOD))
     others = [webcam(str(n), 5 * MS) for n in range(20)]
-    agreement.update([webcam("fixed", 20 * MS, control="none"), *others], 0)
-    assert abs(agreement.goal.phase_error(20 * MS)) <= MS
+    shared_goal.update([webcam("fixed", 20 * MS, control="none"), *others], 0)
+    assert abs(shared_goal.goal.phase_error(20 * MS)) <= MS
 
 
 def test_cameras_that_inject_do_not_move_the_goal() -> None:
-    agreement = Agreement(Goal(0, PERIOD))
-    assert not agreement.update([webcam("a", 9 * MS, control="injection")], 0)
-    assert agreement.goal == Goal(0, PERIOD)
+    shared_goal = SharedGoal(Goal(0, PERIOD))
+    assert not shared_goal.update([webcam("a", 9 * MS, control="injection")], 0)
+    assert shared_goal.goal == Goal(0, PERIOD)
 
 
 def test_nobody_is_restarted_before_all_have_told_their_phase() -> None:
-    agreement = Agreement(Goal(0, PERIOD))
+    shared_goal = SharedGoal(Goal(0, PERIOD))
     cameras = [webcam("a", 5 * MS), webcam("b", 20 * MS), webcam("c", None)]
-    assert not agreement.update(cameras, 0)
-    assert agreement.agreed_leader_ns is None
-    agreement.update(cameras, PATIENCE_NS + 1)
-    assert agreement.agreed_leader_ns is not None, "but not for ever"
+    assert not shared_goal.update(cameras, 0)
+    assert shared_goal.meeting_leader_ns is None
+    shared_goal.update(cameras, PATIENCE_NS + 1)
+    assert shared_goal.meeting_leader_ns is not None, "but not for ever"
 
 
 def test_cameras_that_will_meet_are_not_restarted() -> None:
-    agreement = Agreement(Goal(0, PERIOD))
+    shared_goal = SharedGoal(Goal(0, PERIOD))
     cameras = [webcam("a", 0, ppm=100.0), webcam("b", 2500_000, ppm=-100.0)]
-    agreement.update(cameras, 0)
-    assert agreement.agreed_leader_ns is not None
+    shared_goal.update(cameras, 0)
+    assert shared_goal.meeting_leader_ns is not None
     for camera in cameras:
         assert camera.frame_leader_ns is not None
-        later_ns = camera.drift_ppm * 1e-6 * agreement.agreed_leader_ns
-        assert abs(agreement.goal.phase_error(camera.frame_leader_ns) + later_ns) <= MS
+        later_ns = camera.drift_ppm * 1e-6 * shared_goal.meeting_leader_ns
+        assert abs(shared_goal.goal.phase_error(camera.frame_leader_ns) + later_ns) <= MS
 
 
 @given(
@@ -81,16 +87,16 @@ def test_cameras_that_will_meet_are_not_restarted() -> None:
 def test_whatever_cameras_say_a_goal_comes_of_it(
     said: list[tuple[str, int | None, float, int]], now_ns: int
 ) -> None:
-    agreement = Agreement(Goal(0, PERIOD))
+    shared_goal = SharedGoal(Goal(0, PERIOD))
     for again in range(3):
-        agreement.update([Standing(str(n), *s) for n, s in enumerate(said)], now_ns + again)
-        assert agreement.goal.period_ns == PERIOD
+        shared_goal.update([CameraPhase(str(n), *s) for n, s in enumerate(said)], now_ns + again)
+        assert shared_goal.goal.period_ns == PERIOD
 
 
 @given(st.lists(st.floats(0, 33e6, exclude_max=True), min_size=1, max_size=12))
 def test_no_goal_on_a_fine_grid_suits_more_than_the_best(errors: list[float]) -> None:
-    stances = [Stance(e, 0.0, MS, 1) for e in errors]
-    shift_ns, weight = best_shift(stances, 0.0, PERIOD)
+    courses = [WeightedCourse(e, 0.0, MS, 1) for e in errors]
+    shift_ns, weight = best_shift(courses, 0.0, PERIOD)
 
     def suited(goal_ns: float, slack: float = 0.0) -> int:
         return sum(abs((e - goal_ns + PERIOD / 2) % PERIOD - PERIOD / 2) <= MS + slack for e in errors)

@@ -21,7 +21,7 @@ class Move:
 
 
 @dataclass(frozen=True, slots=True)
-class Moved:
+class MoveEffect:
     """What became of a move: when a frame starts now, and how far the phase moved, if anybody can tell."""
 
     frame_local_ns: int
@@ -29,7 +29,7 @@ class Moved:
     noise_ns: float
 
 
-class PhaseController(Protocol):
+class PhaseActuator(Protocol):
     """One way of moving a phase: it turns wishes into commands, and learns what they do."""
 
     @property
@@ -39,5 +39,5 @@ class PhaseController(Protocol):
     def command(self, move: Move) -> CameraCommand | None:
         """The command that comes nearest to the wish; None if doing nothing does."""
 
-    def learn(self, moved: Moved) -> None:
+    def learn(self, moved: MoveEffect) -> None:
         """Take in what the last command did."""

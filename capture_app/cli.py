@@ -1,14 +1,13 @@
 """The command `capture-app`: each subcommand is imported when it runs, so that scripting stays quick."""
 
 import importlib
-import os
 import sys
 from collections.abc import Sequence
 
 import click
 
 from capture_app import __version__
-from capture_app.errors import ExitCode, SimulshotError
+from capture_app.terminal import run_command_line
 
 COMMANDS = {
     "leader": "Run a leader: nodes join it, bursts are taken and saved here.",
@@ -68,36 +67,12 @@ def app(ctx: click.Context) -> None:
 
 def run(arguments: Sequence[str]) -> int:
     """Run one command line and return its exit code; a mistake is one line on stderr."""
-    try:
-        app.main(args=list(arguments), prog_name="capture-app", standalone_mode=False)
-    except SimulshotError as error:
-        return _fail(str(error), error.exit_code)
-    except click.exceptions.Exit as stop:
-        return stop.exit_code
-    except click.UsageError as error:
-        where = error.ctx.command_path if error.ctx is not None else "capture-app"
-        return _fail(f"{error.format_message()} (see {where} --help)", ExitCode.USAGE)
-    except click.ClickException as error:
-        return _fail(error.format_message(), error.exit_code)
-    except (KeyboardInterrupt, click.Abort):
-        return ExitCode.INTERRUPTED
-    except BrokenPipeError:
-        # The reader of stdout has left, as `head` does; the interpreter must not complain at its end.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        return ExitCode.FAILURE
-    except OSError as error:
-        return _fail(str(error), ExitCode.FAILURE)
-    return ExitCode.OK
+    return run_command_line(app, "capture-app", arguments)
 
 
 def main() -> None:
     """Run the command line of this process."""
     sys.exit(run(sys.argv[1:]))
-
-
-def _fail(message: str, code: int) -> int:
-    click.echo(f"capture-app: error: {' '.join(message.split())}", err=True)
-    return int(code)
 
 
 if __name__ == "__main__":

@@ -1,6 +1,5 @@
 """The command `reconstruct`; what is heavy is imported when it is needed."""
 
-import os
 import signal
 import sys
 from collections.abc import Sequence
@@ -8,7 +7,7 @@ from collections.abc import Sequence
 import click
 
 from capture_app import __version__
-from capture_app.errors import ExitCode, SimulshotError
+from capture_app.terminal import run_command_line
 from reconstruction.commands.batch import batch
 from reconstruction.commands.calibrate import calibrate
 from reconstruction.commands.compare import compare
@@ -38,24 +37,10 @@ def main(arguments: Sequence[str] | None = None) -> None:
     if arguments is None:
         # Whoever ends this process means it to tidy up as after Ctrl-C.
         signal.signal(signal.SIGTERM, signal.default_int_handler)
-    try:
-        app.main(args=arguments, prog_name="reconstruct", standalone_mode=False)
-    except SimulshotError as error:
-        _fail(str(error), error.exit_code)
-    except click.ClickException as error:
-        _fail(error.format_message(), error.exit_code)
-    except (KeyboardInterrupt, click.Abort):
-        _fail("interrupted", ExitCode.INTERRUPTED)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-        sys.exit(ExitCode.FAILURE)
-    except OSError as error:
-        _fail(str(error), ExitCode.FAILURE)
-
-
-def _fail(what: str, code: int) -> None:
-    click.echo(f"reconstruct: error: {' '.join(what.split())}", err=True)
-    sys.exit(int(code))
+        arguments = sys.argv[1:]
+    code = run_command_line(app, "reconstruct", arguments)
+    if code:
+        sys.exit(code)
 
 
 if __name__ == "__main__":

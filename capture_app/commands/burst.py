@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from capture_app.commands.options import json_option, leader_option, print_json, talk
+from capture_app.commands.options import leader_option
 from capture_app.net.address import Address
+from capture_app.terminal import json_option, print_json, print_line, talk
 
 if TYPE_CHECKING:
     from capture_app.node.wire.messages import BurstRequest
@@ -64,7 +65,7 @@ def burst(
     if as_json:
         print_json(done)
     elif done.session is not None:
-        click.echo(done.session)
+        print_line(done.session)
     if done.session is None or done.received < done.expected:
         raise IncompleteError(f"burst {done.burst} is incomplete: {done.message}")
 

@@ -2,7 +2,7 @@
 
 import click
 
-from capture_app.commands.options import json_option, print_json, print_table
+from capture_app.terminal import json_option, print_json, print_table
 
 
 @click.command()

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from capture_app.commands.options import json_option, print_json, print_table, run_until_stopped, talk
+from capture_app.commands.options import run_until_stopped
+from capture_app.terminal import json_option, print_json, print_line, print_table, talk
 
 if TYPE_CHECKING:
     from capture_app.demo import DemoResult
@@ -62,7 +63,7 @@ def _print(result: "DemoResult") -> None:
         for node in result.sync.nodes
     ]
     print_table(head, rows)
-    click.echo("\n" + textwrap.fill(str(result.compare.get("verdict", "")), 88) + "\n")
-    click.echo(f"session  {result.session}")
-    click.echo(f"report   {result.report}")
+    print_line("\n" + textwrap.fill(str(result.compare.get("verdict", "")), 88) + "\n")
+    print_line(f"session  {result.session}")
+    print_line(f"report   {result.report}")
     talk(f"done in {result.seconds:.0f} s")

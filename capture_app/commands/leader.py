@@ -8,16 +8,13 @@ import click
 from capture_app.commands.options import (
     beacons_option,
     host_option,
-    json_option,
     port_option,
-    print_json_line,
     run_until_stopped,
     spool_option,
-    talk,
 )
+from capture_app.terminal import json_option, print_json_line, talk
 
 if TYPE_CHECKING:
-    from capture_app.node.leader.leader import LeaderNode
     from capture_app.node.leader.wording import News
 
 
@@ -110,6 +107,8 @@ async def _lead(
 ) -> None:
     import asyncio
 
+    from capture_app.clock import HostClock
+    from capture_app.commands.node import camera_node
     from capture_app.node.leader.leader import LeaderNode
     from capture_app.node.leader.wording import in_words
 
@@ -128,27 +127,9 @@ async def _lead(
             address = {"leader": str(node.address), "port": node.address.port}
             print_json_line({"event": "listening", **address, "sessions": str(sessions)})
         for number, spec in enumerate(cameras, start=1):
-            tasks.create_task(_run_camera(node, f"local{number}", spec, spool))
+            camera = camera_node(f"local{number}", spec, (node.address,), HostClock(), spool)
+            tasks.create_task(camera.run())
         await asyncio.Event().wait()
-
-
-async def _run_camera(node: "LeaderNode", name: str, spec: str, spool: Path) -> None:
-    from capture_app.cameras.catalog import open_camera
-    from capture_app.clock import HostClock
-    from capture_app.node.camera.client import ClientNode
-    from capture_app.node.camera.device_profiles import DeviceProfiles, data_folder
-
-    clock = HostClock()
-    camera = ClientNode(
-        name=name,
-        open_camera=lambda: open_camera(spec, clock=clock, name=name),
-        leader=node.address,
-        clock=clock,
-        talk=lambda line: talk(f"{name}: {line}"),
-        spool=spool,
-        profiles=DeviceProfiles(data_folder()),
-    )
-    await camera.run()
 
 
 def _as_line(news: "News") -> dict[str, object]:

@@ -2,12 +2,19 @@
 
 import re
 import socket
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from capture_app.commands.options import clock_option, leaders_option, run_until_stopped, spool_option, talk
+from capture_app.commands.options import clock_option, leaders_option, run_until_stopped, spool_option
 from capture_app.net.address import Address
+from capture_app.terminal import talk
+
+if TYPE_CHECKING:
+    from capture_app.clock import NodeClock
+    from capture_app.node.camera.client import ClientNode
 
 _NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 
@@ -59,22 +66,36 @@ def node(
     The leader may be a relay. With several --leader of one rig, leaders or relays, the next one is asked when
     one is gone.
     """
-    from capture_app.cameras.catalog import open_camera, parse_spec
+    from capture_app.cameras.catalog import parse_spec
     from capture_app.clock import parse_clock
-    from capture_app.node.camera.client import ClientNode
-    from capture_app.node.camera.device_profiles import DeviceProfiles, data_folder
 
     parse_spec(spec)
     clock = parse_clock(clock_text, node=name)
-    client = ClientNode(
+    client = camera_node(name, spec, leaders, clock, spool, tolerance_us)
+    run_until_stopped(client.run(), until_eof=until_eof)
+
+
+def camera_node(
+    name: str,
+    spec: str,
+    leaders: Sequence[Address],
+    clock: "NodeClock",
+    spool: Path,
+    tolerance_us: float | None = None,
+) -> "ClientNode":
+    """Make the node of one camera, which talks on stderr; the camera is opened when it runs."""
+    from capture_app.cameras.catalog import open_camera
+    from capture_app.node.camera.client import ClientNode
+    from capture_app.node.camera.device_profiles import DeviceProfiles
+
+    return ClientNode(
         name=name,
         open_camera=lambda: open_camera(spec, clock=clock, name=name),
         leader=leaders[0],
-        others=leaders[1:],
+        others=tuple(leaders[1:]),
         clock=clock,
         tolerance_ns=None if tolerance_us is None else round(tolerance_us * 1000),
         talk=lambda line: talk(f"{name}: {line}"),
         spool=spool,
-        profiles=DeviceProfiles(data_folder()),
+        profiles=DeviceProfiles(),
     )
-    run_until_stopped(client.run(), until_eof=until_eof)

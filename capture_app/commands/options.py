@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import click
-import msgspec
+from platformdirs import user_state_path
 
 from capture_app.net.address import DEFAULT_PORT, Address, parse_address
 
@@ -51,15 +51,10 @@ leaders_option = click.option(
 )
 
 
-def state_folder() -> Path:
-    """The folder for what this user's programs keep between runs."""
-    return Path(os.environ.get("XDG_STATE_HOME") or Path.home() / ".local" / "state") / "simulshot"
-
-
 spool_option = click.option(
     "--spool",
     type=click.Path(path_type=Path, file_okay=False),
-    default=lambda: state_folder() / "spool",
+    default=lambda: user_state_path("simulshot") / "spool",
     metavar="DIR",
     help="Folder on this machine's disk that keeps bursts until the leader has them.  [default: "
     "~/.local/state/simulshot/spool]",
@@ -91,34 +86,6 @@ beacons_option = click.option(
     show_default=True,
     help="Send multicast beacons: nodes alike that hear one access point agree better with each other.",
 )
-json_option = click.option("--json", "as_json", is_flag=True, help="Print JSON on stdout.")
-
-
-def talk(line: str) -> None:
-    """Say something to the user, on stderr."""
-    click.echo(line, err=True)
-
-
-def print_json(value: Any) -> None:
-    """Print one JSON object on stdout, for a reader that may be a person."""
-    click.echo(msgspec.json.format(msgspec.json.encode(value), indent=2))
-
-
-def print_json_line(value: Any) -> None:
-    """Print one JSON object on one line of stdout, at once."""
-    click.echo(msgspec.json.encode(value))
-
-
-def print_table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> None:
-    """Print a table on stdout; the first column is a name, columns of numbers go to the right."""
-    widths = [max(len(row[column]) for row in (head, *rows)) for column in range(len(head))]
-    numeric = [bool(rows) and all(_is_number(row[column]) for row in rows) for column in range(len(head))]
-    for row in (head, *rows):
-        cells = (
-            cell.rjust(width) if right else cell.ljust(width)
-            for cell, width, right in zip(row, widths, numeric, strict=True)
-        )
-        click.echo("  ".join(cells).rstrip())
 
 
 def run_until_stopped(work: Coroutine[Any, Any, None], *, until_eof: bool = False) -> None:
@@ -146,7 +113,3 @@ def _stop_at_eof(loop: asyncio.AbstractEventLoop, task: "asyncio.Future[None]") 
     if not os.read(sys.stdin.fileno(), 4096):
         loop.remove_reader(sys.stdin.fileno())
         task.cancel()
-
-
-def _is_number(cell: str) -> bool:
-    return cell == "-" or cell.lstrip("-").replace(".", "", 1).isdecimal()

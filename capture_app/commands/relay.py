@@ -10,13 +10,11 @@ from capture_app.commands.options import (
     beacons_option,
     clock_option,
     host_option,
-    json_option,
     port_option,
-    print_json_line,
     run_until_stopped,
-    talk,
 )
 from capture_app.net.address import Address
+from capture_app.terminal import json_option, print_json_line, talk
 
 if TYPE_CHECKING:
     from capture_app.node.relay import RelayNode

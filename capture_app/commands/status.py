@@ -5,8 +5,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from capture_app.commands.options import json_option, leader_option, print_json, print_table
+from capture_app.commands.options import leader_option
 from capture_app.net.address import Address
+from capture_app.terminal import json_option, print_json, print_line, print_table
 
 if TYPE_CHECKING:
     from capture_app.node.wire.status import NodeStatus
@@ -30,16 +31,16 @@ def status(leader: Address, as_json: bool) -> None:
     from capture_app.node.leader.snapshots import as_tree
 
     who = f"leader {rig.leader}" if rig.relay is None else f"relay {rig.relay} at {rig.leader}"
-    click.echo(f"{who}, {len(rig.nodes)} nodes, {_period(rig.period_ns)}")
+    print_line(f"{who}, {len(rig.nodes)} nodes, {_period(rig.period_ns)}")
     if rig.message:
-        click.echo(rig.message)
+        print_line(rig.message)
     if rig.nodes:
         agreed = any(node.apart_ns is not None for node in rig.nodes)
         clock = ("clock bound us", *(("apart us",) if agreed else ()), "round trip us")
         head = ("node", "state", *clock, "phase error us", "drops", "camera", "")
         print_table(head, [_row(node, agreed=agreed) for node in as_tree(rig.nodes)])
     for path in rig.sessions:
-        click.echo(f"saved {path}")
+        print_line(f"saved {path}")
 
 
 def _row(node: "NodeStatus", *, agreed: bool) -> tuple[str, ...]:

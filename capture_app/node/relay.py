@@ -21,6 +21,7 @@ from capture_app.sync.rig.events import Joined, LeaderLost
 from capture_app.sync.rig.leader import LeaderConfig
 from capture_app.sync.tree.follower import FollowerConfig, FollowerEvent
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
+from capture_app.text import duration
 
 WAY_UP_TIMEOUT_S = 2.0
 
@@ -190,5 +191,5 @@ class RelayNode:
         seconds = (now_ns - self._lost_ns) / 1e9
         return (
             f"relay {self.name} lost its leader {seconds:.0f} s ago and holds its time over, to"
-            f" {time_map.uncertainty_at(now_ns) / 1000:.0f} us"
+            f" {duration(time_map.uncertainty_at(now_ns))}"
         )

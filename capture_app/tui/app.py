@@ -16,7 +16,8 @@ from capture_app.node.leader.snapshots import as_tree
 from capture_app.node.wire.status import RigStatus
 from capture_app.session.reading.reader import Session
 from capture_app.sync.wire.messages import NodeState
-from capture_app.tui.source import Comparison, Progress, Rig
+from capture_app.text import ProgressStep, printable
+from capture_app.tui.source import Comparison, Rig
 from capture_app.tui.widgets.nodes import NodesTable
 from capture_app.tui.widgets.sessions import SessionsTable, describe
 
@@ -92,7 +93,7 @@ class RigApp(App[None]):
         burst = status.burst
         if self._busy == TAKING and burst is not None and not burst.done:
             text = f"saving {burst.name}: {burst.received} of {burst.expected} images"
-            self._say(text, progress=Progress(burst.received, burst.expected, text))
+            self._say(text, progress=ProgressStep(burst.received, burst.expected, text))
         for path in status.sessions:
             if path not in self._known_sessions:
                 self._known_sessions.add(path)
@@ -108,10 +109,10 @@ class RigApp(App[None]):
         self.call_from_thread(self.query_one(SessionsTable).add_session, path, images, sync)
 
     def _tell(self, line: str) -> None:
-        self.query_one(RichLog).write(line)
+        self.query_one(RichLog).write(printable(line))
 
-    def _say(self, text: str, *, error: bool = False, progress: Progress | None = None) -> None:
-        self.query_one("#message", Label).update(Text(text, style="red" if error else ""))
+    def _say(self, text: str, *, error: bool = False, progress: ProgressStep | None = None) -> None:
+        self.query_one("#message", Label).update(Text(printable(text), style="red" if error else ""))
         bar = self.query_one(ProgressBar)
         if progress is not None:
             bar.update(total=progress.total, progress=progress.done)

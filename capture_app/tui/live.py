@@ -1,7 +1,6 @@
 """The rig behind the screen: a leader in this process, simulated nodes and comparisons as children."""
 
 import asyncio
-import re
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack
 from pathlib import Path
@@ -11,10 +10,8 @@ from capture_app.errors import BadInputError, IncompleteError
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.wording import News, in_words
 from capture_app.node.wire.status import BurstStatus, RigStatus
-from capture_app.tui.source import Comparison, Progress
-
-_PROGRESS = re.compile(r"\[\s*(\d+)/(\d+)\]\s*(.*)")
-"""`[3/9] stereo cam00-cam01`: how `reconstruct` tells how far it is."""
+from capture_app.text import ProgressStep
+from capture_app.tui.source import Comparison
 
 
 class LiveRig:
@@ -57,15 +54,14 @@ class LiveRig:
         self._simulated = SimulatedNodes(self._leader.address, cameras)
         await self._open.enter_async_context(self._simulated)
 
-    async def compare(self, session: Path) -> AsyncIterator[Progress | Comparison]:
+    async def compare(self, session: Path) -> AsyncIterator[ProgressStep | Comparison]:
         """Run `reconstruct compare` as a child; yield its progress, and at last what it found."""
         out = free_folder(session.parent, f"{session.name}-compare")
-        steps: asyncio.Queue[Progress | None] = asyncio.Queue()
+        steps: asyncio.Queue[ProgressStep | None] = asyncio.Queue()
 
         def on_line(line: str) -> None:
-            found = _PROGRESS.match(line)
-            if found:
-                steps.put_nowait(Progress(int(found[1]), int(found[2]), found[3]))
+            if step := ProgressStep.parse(line):
+                steps.put_nowait(step)
 
         child = asyncio.create_task(compare(session, out, on_line))
         child.add_done_callback(lambda _: steps.put_nowait(None))

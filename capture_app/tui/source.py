@@ -6,15 +6,7 @@ from pathlib import Path
 from typing import Protocol
 
 from capture_app.node.wire.status import BurstStatus, RigStatus
-
-
-@dataclass(frozen=True, slots=True)
-class Progress:
-    """A comparison under way: step `done` of `total`, and what it does now."""
-
-    done: int
-    total: int
-    text: str
+from capture_app.text import ProgressStep
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,5 +32,5 @@ class Rig(Protocol):
     async def add_simulated(self, cameras: int) -> None:
         """Start that many simulated cameras on this machine."""
 
-    def compare(self, session: Path) -> AsyncIterator[Progress | Comparison]:
+    def compare(self, session: Path) -> AsyncIterator[ProgressStep | Comparison]:
         """Compare synchronized with offset frames; the last thing it yields is the Comparison."""

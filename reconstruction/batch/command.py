@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from capture_app.errors import BadInputError, ExitCode, SimulshotError
+from capture_app.text import ProgressStep
 from reconstruction.batch.executors import Executor
 from reconstruction.batch.plan import MAKE, Failure, plan
 from reconstruction.batch.rows import BatchResult, Row, failed_row, summarize, unit_row
@@ -121,7 +122,7 @@ def _work(
             how = f"failed: {outcome.problem}" if outcome.problem else f"{outcome.seconds:.1f} s"
             left = (time.monotonic() - began) / len(outcomes) * (len(units) - len(outcomes))
             ahead = f", about {_duration(left)} left" if len(outcomes) < len(units) else ""
-            say(f"[{there + len(outcomes)}/{there + len(units)}] {label}: {how}{ahead}")
+            say(str(ProgressStep(there + len(outcomes), there + len(units), f"{label}: {how}{ahead}")))
             if outcome.made:
                 # No reason to stop: on a full disk the units say so.
                 with suppress(OSError), (root / WORK / TIMINGS).open("a") as file:

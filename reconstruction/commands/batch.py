@@ -6,6 +6,7 @@ from pathlib import Path
 import click
 
 from capture_app.errors import ExitCode
+from capture_app.terminal import json_option, print_json, print_line, talk
 
 MOST_INSTANTS = 100_000
 
@@ -71,7 +72,7 @@ class _Instants(click.ParamType[tuple[int, ...]]):
     help="Units at a time [default: one per core, if memory allows; slurm: what the cluster takes].",
 )
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
-@click.option("--json", "as_json", is_flag=True, help="Print the summary as JSON.")
+@json_option
 def batch(
     sessions: tuple[Path, ...],
     conditions: tuple[str, ...],
@@ -88,7 +89,6 @@ def batch(
     What is in the --out folder already is not made again: after an interruption, or with more sessions,
     instants or conditions, repeat the command.
     """
-    import msgspec
 
     from reconstruction.batch.command import BatchOptions, exit_code
     from reconstruction.batch.command import batch as run
@@ -104,14 +104,14 @@ def batch(
     else:
         chosen = LocalExecutor(jobs)
     options = BatchOptions(conditions=conditions, instants=instants, matcher=matcher)
-    result = run(sessions, out, options, chosen, lambda text: click.echo(text, err=True))
+    result = run(sessions, out, options, chosen, talk)
     if as_json:
-        click.echo(msgspec.json.encode(result).decode())
+        print_json(result)
     else:
-        click.echo(f"{result.made} made, {result.there} there already, {result.failed} failed")
-        click.echo(f"summary: {out / 'summary.html'}")
+        print_line(f"{result.made} made, {result.there} there already, {result.failed} failed")
+        print_line(f"summary: {out / 'summary.html'}")
     code = exit_code(result)
     if code is not ExitCode.OK:
         count = f"{result.failed} of {len(result.units)} failed"
-        click.echo(f"reconstruct: error: {count}; repeat the command to try these again", err=True)
+        talk(f"reconstruct: error: {count}; repeat the command to try these again")
         sys.exit(int(code))

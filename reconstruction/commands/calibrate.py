@@ -5,6 +5,8 @@ from pathlib import Path
 
 import click
 
+from capture_app.terminal import json_option, print_json, print_line
+
 
 @click.command()
 @click.argument("session", type=click.Path(path_type=Path))
@@ -22,7 +24,7 @@ import click
 @click.option("--marker-mm", type=click.FloatRange(min=0, min_open=True), default=30.0, show_default=True)
 @click.option("--dictionary", default="4X4_50", show_default=True, help="Of the board's markers.")
 @click.option("--force", is_flag=True, help="Replace the calibration that the session has.")
-@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@json_option
 def calibrate(
     session: Path,
     source: str,
@@ -35,7 +37,6 @@ def calibrate(
     as_json: bool,
 ) -> None:
     """Find the calibration of SESSION, judge it and store it there, once, for everything after."""
-    import msgspec
 
     from reconstruction.calibration.charuco_board import Board
     from reconstruction.calibration.command import CalibrateOptions, Source
@@ -53,16 +54,16 @@ def calibrate(
     )
     result = run(session, options)
     if as_json:
-        click.echo(msgspec.json.encode(result).decode())
+        print_json(result)
         return
     quality = result.quality
-    click.echo(f"{len(result.cameras)} cameras from {result.source or 'the session'}")
+    print_line(f"{len(result.cameras)} cameras from {result.source or 'the session'}")
     if result.missing:
-        click.echo(f"without calibration: {', '.join(result.missing)}")
-    click.echo(
+        print_line(f"without calibration: {', '.join(result.missing)}")
+    print_line(
         f"shared points miss themselves by {quality.reprojection_px:.2f} px, "
         f"{100 * quality.fitting:.0f} % of {quality.points} fit, seen under {quality.angle_deg:.1f} degrees"
     )
     for name, share in quality.coverage.items():
-        click.echo(f"{name}: points in {100 * share:.0f} % of the picture")
-    click.echo("stored in the session" if result.stored else "it is the session's own")
+        print_line(f"{name}: points in {100 * share:.0f} % of the picture")
+    print_line("stored in the session" if result.stored else "it is the session's own")

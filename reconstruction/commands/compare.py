@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from capture_app.terminal import json_option, print_json, print_line
 from reconstruction.commands.arguments import Finite, Offsets, Pair
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ if TYPE_CHECKING:
     help="A further condition: another session of the same cameras, such as one without synchronization.",
 )
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the result.")
-@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@json_option
 def compare(
     session: Path,
     offset_ms: float,
@@ -85,7 +86,6 @@ def compare(
 
     Writes metrics.json, pictures and a report.html that explains itself into the --out folder.
     """
-    import msgspec
 
     from reconstruction.compare.all_cameras import AllCamerasOptions
     from reconstruction.compare.command import CompareOptions
@@ -105,7 +105,7 @@ def compare(
     )
     result = run(session, out, options)
     if as_json:
-        click.echo(msgspec.json.encode(result).decode())
+        print_json(result)
         return
-    click.echo(result.verdict)
-    click.echo(f"report: {out / result.report}")
+    print_line(result.verdict)
+    print_line(f"report: {out / result.report}")

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from capture_app.terminal import json_option, print_json, print_line
 from reconstruction.commands.arguments import Pair
 
 
@@ -25,7 +26,7 @@ from reconstruction.commands.arguments import Pair
     help="Use at most so many instants.",
 )
 @click.option("--out", type=click.Path(path_type=Path), help="Folder for curve, numbers and report.")
-@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@json_option
 def dose(
     session: Path,
     most_ms: float,
@@ -35,7 +36,6 @@ def dose(
     as_json: bool,
 ) -> None:
     """Measure how much lateness of one camera the motion in SESSION bears."""
-    import msgspec
 
     from reconstruction.compare.dose import DoseOptions
     from reconstruction.compare.dose import dose as run
@@ -43,7 +43,7 @@ def dose(
 
     result = run(session, out, DoseOptions(most_ms=most_ms, stereo=stereo, most_instants=instants))
     if as_json:
-        click.echo(msgspec.json.encode(result).decode())
+        print_json(result)
         return
     for point in result.points:
         scores = point.scores
@@ -51,7 +51,7 @@ def dose(
         found = scores.intervals.get(result.measure)
         around = f"  ({100 * found.low:.1f} to {100 * found.high:.1f})" if found else ""
         value = "n/a" if share is None else f"{100 * share:5.1f} %"
-        click.echo(f"{point.offset_ms:6.1f} ms  {value}{around}")
-    click.echo(dose_sentence(result))
+        print_line(f"{point.offset_ms:6.1f} ms  {value}{around}")
+    print_line(dose_sentence(result))
     if out is not None:
-        click.echo(f"report: {out / result.report}")
+        print_line(f"report: {out / result.report}")

@@ -4,6 +4,8 @@ from pathlib import Path
 
 import click
 
+from capture_app.terminal import Progress, json_option, print_json, print_line, talk
+
 
 class _Offsets(click.ParamType[tuple[float, ...]]):
     """Milliseconds with commas between, one for each camera."""
@@ -42,7 +44,7 @@ class _Offsets(click.ParamType[tuple[float, ...]]):
 )
 @click.option("--mesh/--no-mesh", default=True, show_default=True, help="Also make a mesh and its picture.")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the result.")
-@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@json_option
 def multiview(
     session: Path,
     instant: int,
@@ -53,22 +55,20 @@ def multiview(
     as_json: bool,
 ) -> None:
     """Make depth maps of all cameras of one instant of SESSION, a cloud of points and a mesh."""
-    import msgspec
 
-    from reconstruction.common.stages import Progress
     from reconstruction.multiview.command import Matcher, MultiviewOptions
     from reconstruction.multiview.command import multiview as run
 
     options = MultiviewOptions(instant=instant, offsets_ms=offsets_ms, matcher=Matcher(matcher), mesh=mesh)
     result = run(session, out, options, Progress(1))
     for camera, why in result.left_out.items():
-        click.echo(f"{camera} is left out: {why}", err=True)
+        talk(f"{camera} is left out: {why}")
     if as_json:
-        click.echo(msgspec.json.encode(result).decode())
+        print_json(result)
         return
-    click.echo(f"{len(result.views)} depth maps, {result.fused_points} points in {result.seconds:.1f} s")
+    print_line(f"{len(result.views)} depth maps, {result.fused_points} points in {result.seconds:.1f} s")
     if result.within_2pct is not None:
-        click.echo(
+        print_line(
             f"{result.reference}: {100 * result.within_2pct:.1f} % of its pixels within 2 % of the truth"
         )
-    click.echo(f"result: {out}")
+    print_line(f"result: {out}")

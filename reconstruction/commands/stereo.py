@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from capture_app.terminal import json_option, print_json, print_line
 from reconstruction.commands.arguments import Pair
 
 
@@ -17,7 +18,7 @@ from reconstruction.commands.arguments import Pair
 )
 @click.option("--pair", type=Pair(), help="The two cameras [default: chosen by what they see].")
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the result.")
-@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@json_option
 def stereo(
     session: Path,
     instant: int,
@@ -27,19 +28,18 @@ def stereo(
     as_json: bool,
 ) -> None:
     """Make a depth map from two cameras of SESSION, with its confidence and a picture."""
-    import msgspec
 
     from reconstruction.stereo.command import StereoOptions
     from reconstruction.stereo.command import stereo as run
 
     result = run(session, out, StereoOptions(instant=instant, other_instant=other_instant, pair=pair))
     if as_json:
-        click.echo(msgspec.json.encode(result).decode())
+        print_json(result)
         return
-    click.echo(
+    print_line(
         f"{result.reference} and {result.other}: depth for {100 * result.coverage:.0f} % of the picture, "
         f"{result.nearest:.3g} to {result.farthest:.3g} {result.unit}"
     )
     if result.within_2pct is not None:
-        click.echo(f"within 2 % of the truth: {100 * result.within_2pct:.1f} %")
-    click.echo(f"depth: {out / result.depth}, picture: {out / result.picture}")
+        print_line(f"within 2 % of the truth: {100 * result.within_2pct:.1f} %")
+    print_line(f"depth: {out / result.depth}, picture: {out / result.picture}")

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from capture_app.terminal import json_option, print_json, print_line
 from reconstruction.commands.arguments import Finite
 
 
@@ -18,7 +19,7 @@ from reconstruction.commands.arguments import Finite
     help="Compose it a second time with every second camera so much later, ms.",
 )
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the result.")
-@click.option("--json", "as_json", is_flag=True, help="Print the result as JSON.")
+@json_option
 def stitch(
     sources: tuple[Path, ...], instant: int, offset_ms: float | None, out: Path, as_json: bool
 ) -> None:
@@ -26,20 +27,19 @@ def stitch(
 
     Says which pictures were left out and why, and marks where the panorama ghosts.
     """
-    import msgspec
 
     from reconstruction.panorama.command import StitchOptions
     from reconstruction.panorama.command import stitch as run
 
     result = run(sources, out, StitchOptions(instant=instant, offset_ms=offset_ms))
     if as_json:
-        click.echo(msgspec.json.encode(result).decode())
+        print_json(result)
         return
     made = result.synced
-    click.echo(f"panorama of {len(result.used)} pictures, {made.width}x{made.height} pixels")
+    print_line(f"panorama of {len(result.used)} pictures, {made.width}x{made.height} pixels")
     for name, why in result.left_out.items():
-        click.echo(f"left out: {name}: {why}")
+        print_line(f"left out: {name}: {why}")
     for which, one in (("synchronized", made), (f"{result.actual_offset_ms:.0f} ms late", result.offset)):
         if one is not None and one.ghosting_px is not None:
-            click.echo(f"misfit in the overlaps, {which}: {one.ghosting_px:.1f} px")
-    click.echo(f"picture: {out / made.panorama}")
+            print_line(f"misfit in the overlaps, {which}: {one.ghosting_px:.1f} px")
+    print_line(f"picture: {out / made.panorama}")

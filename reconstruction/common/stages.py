@@ -1,42 +1,16 @@
 """Stages of a computation: paths in, path out, skipped where the output is there already."""
 
 import hashlib
-import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, TypeVar
 
-import click
 import msgspec
 import numpy as np
 
 Result = TypeVar("Result")
 VERSION = 2
 """Raised whenever a stage computes something else: old outputs are then made again."""
-
-
-class Progress:
-    """Progress lines on stderr, `[3/9] what`, one for each step."""
-
-    def __init__(self, total: int, *, silent: bool = False) -> None:
-        """`silent`: count only, as a part of what another progress tells."""
-        self.total = total
-        self.done = 0
-        self.silent = silent
-
-    def step(self, text: str) -> None:
-        """Say what begins now."""
-        self.done += 1
-        self.total = max(self.total, self.done)
-        if self.silent:
-            return
-        click.echo(f"[{self.done}/{self.total}] {text}", err=True)
-        sys.stderr.flush()
-
-    def last(self, text: str) -> None:
-        """Say what comes last, whatever was skipped before."""
-        self.done = max(self.done, self.total - 1)
-        self.step(text)
 
 
 class Stages:

@@ -6,8 +6,8 @@ from pathlib import Path
 import msgspec
 
 from capture_app.errors import NotAvailableError
+from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
-from reconstruction.common.stages import Progress
 from reconstruction.compare.multiview_study import MultiviewStudy
 from reconstruction.compare.pose_study import LARGE_MOVING_SHARE, PoseStudy
 from reconstruction.multiview.shots import Shots

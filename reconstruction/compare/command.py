@@ -8,12 +8,13 @@ from pathlib import Path
 import msgspec
 
 from capture_app.errors import NotAvailableError
+from capture_app.terminal import Progress
 from reconstruction.bullet_time.burst_grid import burst_grid
 from reconstruction.bullet_time.command import bullet_time
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.native import versions
 from reconstruction.common.output_folder import Output
-from reconstruction.common.stages import Progress, Stages
+from reconstruction.common.stages import Stages
 from reconstruction.compare.all_cameras import AllCameras, AllCamerasOptions
 from reconstruction.compare.depth_pictures import depth_pictures
 from reconstruction.compare.depth_study import DepthStudy

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from capture_app.terminal import Progress
 from reconstruction.common.geometry import Array, View
-from reconstruction.common.stages import Progress, Stages
+from reconstruction.common.stages import Stages
 from reconstruction.scores import metrics
 from reconstruction.scores.results import DepthScores, StereoResult
 from reconstruction.scores.tally import Tally, count_depth, differences

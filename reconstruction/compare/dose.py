@@ -12,10 +12,11 @@ import msgspec
 import numpy as np
 
 from capture_app.errors import BadInputError
+from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.native import versions
 from reconstruction.common.output_folder import Output
-from reconstruction.common.stages import Progress, Stages
+from reconstruction.common.stages import Stages
 from reconstruction.compare.depth_study import DepthStudy
 from reconstruction.report.dose import write_dose_report
 from reconstruction.scores.results import DepthScores, DosePoint, DoseResult, Interval

@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
-from reconstruction.common.stages import Progress, Stages
+from reconstruction.common.stages import Stages
 from reconstruction.compare.all_cameras import AllCameras
 from reconstruction.compare.depth_study import DepthStudy
 from reconstruction.compare.panorama_study import PanoramaStudy

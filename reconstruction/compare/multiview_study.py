@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.errors import BadInputError
+from capture_app.terminal import Progress
 from reconstruction.common.native import versions
-from reconstruction.common.stages import Progress, Stages
+from reconstruction.common.stages import Stages
 from reconstruction.depth.depth_range import find_depth_range
 from reconstruction.multiview.count import Judge
 from reconstruction.multiview.instant_depth import InstantDepth, instant_depth

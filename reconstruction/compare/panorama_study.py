@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
+from capture_app.terminal import Progress
 from reconstruction.calibration.features import find_points, match_points
 from reconstruction.calibration.pairs import fit_homography
 from reconstruction.common import drawing as pictures
 from reconstruction.common.geometry import Array, View
-from reconstruction.common.stages import Progress
 from reconstruction.panorama import pair_homography as stitch
 from reconstruction.scores.intervals import interval, pooled_samples
 from reconstruction.scores.results import Interval, Picture, StitchResult, StitchScores

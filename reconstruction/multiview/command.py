@@ -11,9 +11,9 @@ import numpy as np
 
 from capture_app.errors import BadInputError, NotAvailableError
 from capture_app.session.files.durable import write_whole
+from capture_app.terminal import Progress
 from reconstruction.common.geometry import View
 from reconstruction.common.native import versions
-from reconstruction.common.stages import Progress
 from reconstruction.depth.colmap_maps import read_maps
 from reconstruction.depth.depth_range import find_depth_range
 from reconstruction.depth.matcher import DepthView, match_views

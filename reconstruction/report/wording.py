@@ -5,6 +5,7 @@ import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+from capture_app.text import duration
 from reconstruction.report.verdict import CLEAR_SHARE, together
 from reconstruction.scores.results import CompareResult, DepthScores
 
@@ -51,14 +52,10 @@ def milliseconds(value_ms: float) -> str:
 
 
 def microseconds(value_us: float | None) -> str:
-    """A time in us, shown in us, ms or s, whichever reads best."""
+    """A time in us, shown in ns, us, ms or s, whichever reads best."""
     if value_us is None or math.isnan(value_us):
         return NOT_AVAILABLE
-    if abs(value_us) < 999.5:
-        return f"{value_us:.0f}{GAP}µs"
-    if abs(value_us) < 999_500:
-        return f"{value_us / 1e3:.3g}{GAP}ms"
-    return f"{value_us / 1e6:.3g}{GAP}s"
+    return duration(value_us * 1e3, gap=GAP)
 
 
 def seconds(value_s: float) -> str:

@@ -9,12 +9,13 @@ import msgspec
 import numpy as np
 
 from capture_app.errors import BadInputError
+from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common import drawing as pictures
 from reconstruction.common.geometry import Array
 from reconstruction.common.native import versions
 from reconstruction.common.output_folder import Output
-from reconstruction.common.stages import Progress, Stages
+from reconstruction.common.stages import Stages
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.scene_motion import SceneMotion
 from reconstruction.stereo.stereo import DepthMap, StereoPair, scene_disparities

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from capture_app.errors import ExitCode
-from capture_app.node.camera.device_profiles import FILE, data_folder
+from capture_app.node.camera.device_profiles import FILE
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 
@@ -144,7 +144,7 @@ async def test_a_leader_with_a_camera_of_its_own(
     await leader.says("local1 joined")
     done = await burst(start, address, "--frames", "1")
     assert done["received"] == 1
-    assert (data_folder() / FILE).is_file(), "what its long frames did is known on the next use"
+    assert (tmp_path / "data/simulshot" / FILE).is_file(), "what its long frames did is known on the next use"
 
 
 async def test_a_burst_that_nobody_can_take_is_one_line_and_no_session(

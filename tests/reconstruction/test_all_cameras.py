@@ -7,9 +7,10 @@ import numpy as np
 import pytest
 
 from capture_app.session.reading.reader import Session
+from capture_app.terminal import Progress
 from reconstruction.calibration.session_calibration import views_of
 from reconstruction.cli import main
-from reconstruction.common.stages import Progress, Stages
+from reconstruction.common.stages import Stages
 from reconstruction.compare import multiview_study
 from reconstruction.compare.multiview_study import MultiviewStudy
 from reconstruction.multiview import cloud_truth

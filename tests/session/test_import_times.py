@@ -100,7 +100,7 @@ def test_a_known_offset_brings_phones_together(tmp_path: Path, capsys: pytest.Ca
     write_video(tmp_path / "rec" / "right.mp4", [33_333 * n for n in range(8)])
     arguments = ["sessions", "import", str(tmp_path / "rec"), "--out", str(tmp_path), "--name", "s"]
     assert run([*arguments, "--offset-ms", "right=-101"]) == ExitCode.OK
-    assert "images of one instant are 1,001 us apart" in capsys.readouterr().out
+    assert "images of one instant are 1.0 ms apart" in capsys.readouterr().out
     session = Session.open(tmp_path / "s")
     together = [numbers for numbers in numbers_of(session) if len(numbers) == 2]
     assert together == [{"left": n, "right": n + 3} for n in range(5)]
@@ -234,7 +234,7 @@ def test_shots_of_libsoftwaresync(tmp_path: Path, capsys: pytest.CaptureFixture[
             place = tmp_path / "rec" / phone / f"capture_{number}"
             shot(place, time, 10**12 + 2 * 10**9 * number + late_ns, nv21=phone == "pixel_b")
     assert run(["sessions", "import", str(tmp_path / "rec"), "--out", str(tmp_path), "--name", "s"]) == 0
-    assert "80 us apart" in capsys.readouterr().out
+    assert "80 µs apart" in capsys.readouterr().out
     session = Session.open(tmp_path / "s")
     assert verify(session) == []
     first = session.images_by_instant()[0]

@@ -47,7 +47,7 @@ def test_without_a_folder_of_sessions_the_list_is_empty(
 def test_show(session: Session, capsys: Capture) -> None:
     assert run(["sessions", "show", str(session.folder)]) == 0
     out = capsys.readouterr().out
-    for words in ("3 instants", "2 cameras", "5 images, 1 missing", "13 us apart", "the node left", "250 us"):
+    for words in ("3 instants", "2 cameras", "5 images, 1 missing", "13 µs apart", "the node left", "250 µs"):
         assert words in out
     assert run(["sessions", "show", str(session.folder), "--json"]) == 0
     assert json.loads(capsys.readouterr().out)["manifest"]["name"] == "small"

@@ -6,7 +6,8 @@ from pathlib import Path
 from capture_app.errors import NoCameraHereError
 from capture_app.node.wire.status import BurstStatus, NodeStatus, RigStatus
 from capture_app.sync.wire.messages import NodeState
-from capture_app.tui.source import Comparison, Progress
+from capture_app.text import ProgressStep
+from capture_app.tui.source import Comparison
 
 HOUR_NS = 3_600_000_000_000
 
@@ -73,8 +74,8 @@ class FakeRig:
         self.simulated += cameras
         self.nodes = tuple(node(f"cam{n:02d}", NodeState.SYNCING, None) for n in range(cameras))
 
-    async def compare(self, session: Path) -> AsyncIterator[Progress | Comparison]:
+    async def compare(self, session: Path) -> AsyncIterator[ProgressStep | Comparison]:
         self.compared.append(session)
-        yield Progress(1, 2, "stereo")
-        yield Progress(2, 2, "report")
+        yield ProgressStep(1, 2, "stereo")
+        yield ProgressStep(2, 2, "report")
         yield Comparison("Synchronized, 98 % of what moves has depth; 66 ms late, 1 %.", Path("report.html"))

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from capture_app.commands.experiment.command import plot_option, seed_option, show, trials_option
-from capture_app.commands.options import json_option, talk
+from capture_app.terminal import json_option, talk
 
 
 @click.command(name="clock-filters")

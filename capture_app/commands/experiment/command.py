@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from capture_app.commands.options import json_option, print_json, print_table, talk
 from capture_app.experiments import EXPERIMENTS
+from capture_app.terminal import json_option, print_json, print_line, print_table, talk
 
 if TYPE_CHECKING:
     from capture_app.experiments.common.result import Outcome
@@ -82,12 +82,12 @@ def show(outcome: "Outcome", *, as_json: bool, plot: Path | None) -> None:
     if as_json:
         print_json(result)
     else:
-        click.echo(f"{result.name}: {result.kind}, {result.trials} trials, seed {result.seed}")
+        print_line(f"{result.name}: {result.kind}, {result.trials} trials, seed {result.seed}")
         for table in outcome.shown():
-            click.echo(f"\n{table.title}" if table.title else "")
+            print_line(f"\n{table.title}" if table.title else "")
             print_table(table.head, table.rows)
         for note in outcome.notes:
-            click.echo(f"\n{note}")
+            print_line(f"\n{note}")
     if plot is not None and outcome.draw is not None:
         for path in outcome.draw(plot):
             talk(f"drew {path}")

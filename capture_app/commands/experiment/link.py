@@ -5,8 +5,9 @@ from pathlib import Path
 import click
 
 from capture_app.commands.experiment.command import plot_option, seed_option, show, trials_option
-from capture_app.commands.options import AddressType, json_option, run_until_stopped, talk
+from capture_app.commands.options import AddressType, run_until_stopped
 from capture_app.net.address import DEFAULT_PORT, Address
+from capture_app.terminal import json_option, talk
 
 
 @click.command(name="link")

@@ -1,24 +1,22 @@
 """`capture-app sessions`: list, show, verify, repair, import and export sessions on disk."""
 
-import sys
 from pathlib import Path
 from typing import Any
 
 import click
-import msgspec
 
 from capture_app.commands.sessions.export import export
 from capture_app.commands.sessions.render import render
 from capture_app.commands.sessions.repair import repair
-from capture_app.commands.sessions.text import list_text, show_text, sync_of
+from capture_app.commands.sessions.text import print_session, print_sessions, sync_of
 from capture_app.errors import BadInputError, IncompleteError, SimulshotError
 from capture_app.session.format.schema import session_schema_text
 from capture_app.session.reading.reader import Session, list_sessions
 from capture_app.session.reading.synchronization import verdict
+from capture_app.terminal import json_option, print_json, print_line, show_count, talk
 
 DEFAULT_ROOT = Path("sessions")
 _FOLDER = click.Path(path_type=Path)
-_json_option = click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout.")
 
 
 @click.group()
@@ -33,35 +31,35 @@ sessions.add_command(repair)
 
 @sessions.command("list")
 @click.argument("root", type=_FOLDER, required=False)
-@_json_option
+@json_option
 def list_command(root: Path | None, as_json: bool) -> None:
     """List the sessions in ROOT (default: ./sessions)."""
     nothing_yet = root is None and not DEFAULT_ROOT.exists()
     found = [] if nothing_yet else list_sessions(root or DEFAULT_ROOT)
     if as_json:
-        _print_json({"root": str(root or DEFAULT_ROOT), "sessions": found})
+        print_json({"root": str(root or DEFAULT_ROOT), "sessions": found})
     elif found:
-        click.echo(list_text(found))
+        print_sessions(found)
     else:
-        click.echo(f"no sessions in {root or DEFAULT_ROOT}", err=True)
+        talk(f"no sessions in {root or DEFAULT_ROOT}")
 
 
 @sessions.command()
 @click.argument("session", type=_FOLDER)
-@_json_option
+@json_option
 def show(session: Path, as_json: bool) -> None:
     """Show what a session holds and how well its cameras agree."""
     opened = Session.open(session)
     if as_json:
         words = verdict(sync_of(opened.manifest))
-        _print_json({"session": str(session), "manifest": opened.manifest, "verdict": words})
+        print_json({"session": str(session), "manifest": opened.manifest, "verdict": words})
     else:
-        click.echo(show_text(opened))
+        print_session(opened)
 
 
 @sessions.command()
 @click.argument("paths", metavar="SESSION...", type=_FOLDER, nargs=-1, required=True)
-@_json_option
+@json_option
 def verify(paths: tuple[Path, ...], as_json: bool) -> None:
     """Check that sessions are whole and say the truth; exits with an error if one does not."""
     from capture_app.session.reading.verify import Problem, ProblemKind
@@ -86,11 +84,11 @@ def verify(paths: tuple[Path, ...], as_json: bool) -> None:
             failure = IncompleteError(what) if lost else BadInputError(what)
         if not as_json:
             for problem in problems:
-                click.echo(f"{path}: {problem}")
+                print_line(f"{path}: {problem}")
             if not problems:
-                click.echo(f"{path}: all {len(opened.manifest.images)} images are as they were saved")
+                print_line(f"{path}: all {len(opened.manifest.images)} images are as they were saved")
     if as_json:
-        _print_json({"ok": failure is None, "sessions": results})
+        print_json({"ok": failure is None, "sessions": results})
     if failure is not None:
         raise failure
 
@@ -142,7 +140,7 @@ def schema() -> None:
 @click.option("--name", help="Name of the session; default: of the folder the recording is in.")
 @click.option("--note", default="", help="A line kept with the session.")
 @click.option("--out", type=_FOLDER, default=DEFAULT_ROOT, show_default=True, help="Folder of sessions.")
-@_json_option
+@json_option
 def import_command(
     sources: tuple[str, ...],
     name: str | None,
@@ -167,12 +165,12 @@ def import_command(
         path = split_name(sources[0])[1].resolve()
         name = path.name if len(sources) == 1 and path.is_dir() else path.parent.name
     chosen = ImportOptions(fit=Fit(fit), times=Times(times), offsets_ms=_offsets(offsets), **options)
-    session = import_recording(sources, out, name, chosen, _progress, _talk)
+    session = import_recording(sources, out, name, chosen, show_count("images"), talk)
     manifest = session.manifest
     if not as_json:
-        click.echo(show_text(session))
+        print_session(session)
         return
-    _print_json(
+    print_json(
         {
             "session": str(session.folder),
             "cameras": [camera.name for camera in manifest.cameras],
@@ -194,16 +192,3 @@ def _offsets(texts: tuple[str, ...]) -> dict[str, float]:
         except (ValueError, OverflowError):
             raise BadInputError(f"--offset-ms {text} is not CAMERA=MS", hint="such as cam1=-12.5") from None
     return found
-
-
-def _talk(said: str) -> None:
-    click.echo(said, err=True)
-
-
-def _progress(done: int, total: int) -> None:
-    if sys.stderr.isatty():
-        click.echo(f"\r{done} of {total} images" + ("\n" if done == total else ""), nl=False, err=True)
-
-
-def _print_json(value: object) -> None:
-    click.echo(msgspec.json.format(msgspec.json.encode(value), indent=2))

@@ -1,13 +1,12 @@
 """`capture-app sessions export`: a session in the form that another program opens."""
 
-import sys
 from pathlib import Path
 
 import click
-import msgspec
 
 from capture_app.session.exporters.formats import FORMATS
 from capture_app.session.reading.reader import Session
+from capture_app.terminal import json_option, print_json, print_line, show_count, talk
 
 _FOLDER = click.Path(path_type=Path)
 
@@ -33,7 +32,7 @@ _FORMATS_TEXT = "\b\n" + "\n".join(f"{name:<11} {what}" for name, what in FORMAT
     help="n3dv: least depth, in the calibration's unit.",
 )
 @click.option("--far", type=click.FloatRange(min=0, min_open=True), help="n3dv: greatest depth.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout.")
+@json_option
 def export(
     session: Path, name: str, out: Path, link: bool, near: float | None, far: float | None, as_json: bool
 ) -> None:
@@ -45,19 +44,10 @@ def export(
     from capture_app.session.exporters.registry import export_session
 
     options = ExportOptions(link=link, near=near, far=far)
-    try:
-        report = export_session(Session.open(session), name, out, options, _progress)
-    finally:
-        if sys.stderr.isatty():
-            click.echo("\r\033[K", nl=False, err=True)
+    report = export_session(Session.open(session), name, out, options, show_count("images"))
     if as_json:
-        click.echo(msgspec.json.format(msgspec.json.encode(report), indent=2))
+        print_json(report)
     else:
-        click.echo(report.folder)
+        print_line(report.folder)
     for note in report.notes:
-        click.echo(note, err=True)
-
-
-def _progress(done: int, total: int) -> None:
-    if sys.stderr.isatty():
-        click.echo(f"\r{done} of {total} images", nl=False, err=True)
+        talk(note)

@@ -1,13 +1,13 @@
 """`capture-app sessions render`: a session out of a recipe, the same bytes every time."""
 
-import sys
 from pathlib import Path
 
 import click
 import msgspec
 
-from capture_app.commands.sessions.text import show_text
+from capture_app.commands.sessions.text import print_session
 from capture_app.errors import BadInputError
+from capture_app.terminal import json_option, print_json, print_line, show_count
 
 
 @click.command()
@@ -22,7 +22,7 @@ from capture_app.errors import BadInputError
 @click.option("--name", help="Another name for the session.")
 @click.option("--retake", is_flag=True, help="Let the engine take the burst anew, as it does today.")
 @click.option("--replace", is_flag=True, help="Put it in the place of an earlier rendering.")
-@click.option("--json", "as_json", is_flag=True, help="One JSON object on stdout.")
+@json_option
 def render(
     recipes: tuple[Path, ...], out: Path, name: str | None, retake: bool, replace: bool, as_json: bool
 ) -> None:
@@ -43,18 +43,13 @@ def render(
             recipe = msgspec.structs.replace(recipe, name=name)
         if retake:
             recipe = msgspec.structs.replace(recipe, take=None)
-        rendered = render_recipe(recipe, out, replace=replace, progress=_progress)
+        rendered = render_recipe(recipe, out, replace=replace, progress=show_count("images"))
         folder = str(rendered.session.folder)
         results.append({"session": folder, "same_bytes_as_before": rendered.same})
         if not as_json:
             if rendered.same is not None:
-                click.echo(f"{folder}: {'the same bytes as before' if rendered.same else 'changed'}")
+                print_line(f"{folder}: {'the same bytes as before' if rendered.same else 'changed'}")
             else:
-                click.echo(show_text(rendered.session))
+                print_session(rendered.session)
     if as_json:
-        click.echo(msgspec.json.format(msgspec.json.encode({"sessions": results}), indent=2))
-
-
-def _progress(done: int, total: int) -> None:
-    if sys.stderr.isatty():
-        click.echo(f"\r{done} of {total} images" + ("\n" if done == total else ""), nl=False, err=True)
+        print_json({"sessions": results})

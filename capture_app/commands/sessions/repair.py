@@ -5,9 +5,10 @@ from typing import TYPE_CHECKING
 
 import click
 
-from capture_app.commands.options import AddressType, json_option, print_json, talk
+from capture_app.commands.options import AddressType
 from capture_app.errors import BadInputError
 from capture_app.net.address import DEFAULT_PORT, Address
+from capture_app.terminal import json_option, print_json, print_line, talk
 
 if TYPE_CHECKING:
     from capture_app.node.leader.repair import Repaired
@@ -56,7 +57,7 @@ def repair(path: Path, wait_s: float, listen: Address, as_json: bool) -> None:
         print_json({"ok": all(one.ok for one in repaired), "sessions": repaired})
     else:
         for one in repaired:
-            click.echo(_line(one))
+            print_line(_line(one))
     failed = [one for one in repaired if not one.ok]
     if failed:
         raise BadInputError(f"{failed[0].session}: {failed[0].what}")

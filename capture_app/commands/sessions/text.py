@@ -1,4 +1,4 @@
-"""Sessions in plain words, for people."""
+"""Sessions in plain words, for people, on stdout."""
 
 from collections.abc import Sequence
 from statistics import median
@@ -6,47 +6,54 @@ from statistics import median
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, Manifest, SyncRecord
 from capture_app.session.reading.reader import Session, SessionSummary
 from capture_app.session.reading.synchronization import PX_PER_S, pixels, sync_record, verdict
+from capture_app.terminal import print_line, print_table
+from capture_app.text import NO_VALUE, count, duration
 
 
-def list_text(found: Sequence[SessionSummary]) -> str:
-    """One line a session."""
-    rows: list[tuple[str, ...]] = [
-        ("NAME", "TAKEN (UTC)", "CAMERAS", "INSTANTS", "IMAGES", "MISSING", "ORIGIN")
+def print_sessions(found: Sequence[SessionSummary]) -> None:
+    """Print one line a session, and what is wrong with those that cannot be used."""
+    rows = [
+        (
+            one.name,
+            _date(one.created),
+            *(str(number) for number in (one.cameras, one.instants, one.images, one.missing)),
+            one.origin,
+        )
+        for one in found
+        if not one.problem
     ]
+    if rows:
+        print_table(("name", "taken (UTC)", "cameras", "instants", "images", "missing", "origin"), rows)
     for one in found:
         if one.problem:
-            continue
-        counts = (str(n) for n in (one.cameras, one.instants, one.images, one.missing))
-        rows.append((one.name, _taken(one.created), *counts, one.origin))
-    lines = _columns(rows) if len(rows) > 1 else []
-    return "\n".join([*lines, *(f"unusable: {one.problem}" for one in found if one.problem)])
+            print_line(f"unusable: {one.problem}")
 
 
-def show_text(session: Session) -> str:
-    """What a session holds: its cameras, their error bars, and how far apart the images of an instant are."""
+def print_session(session: Session) -> None:
+    """Print a session's cameras, their error bars, and how far apart the images of an instant are."""
     manifest = session.manifest
     instants = manifest.burst.instants_ns
     span_ns = instants[-1] - instants[0] if instants else 0
     lines = [
-        f"{manifest.name}: {manifest.origin}, {_taken(manifest.created)} UTC, {manifest.software}",
-        f"{_of(len(instants), 'instant')} over {span_ns / 1e6:.1f} ms, "
+        f"{manifest.name}: {manifest.origin}, {_date(manifest.created)} UTC, {manifest.software}",
+        f"{count(len(instants), 'instant')} over {duration(span_ns)}, "
         f"frames {manifest.burst.period_ns / 1e6:.3f} ms apart",
-        f"{_of(len(manifest.cameras), 'camera')}, {_of(len(manifest.images), 'image')}, "
+        f"{count(len(manifest.cameras), 'camera')}, {count(len(manifest.images), 'image')}, "
         f"{len(manifest.missing)} missing",
         *_spread(session),
         "calibrated" if session.calibration() is not None else "not calibrated",
     ]
     if manifest.note:
         lines.append(manifest.note)
-    head = ("CAMERA", "SIZE", "IMAGES", "SURE TO", "AT WORST", "OFF INSTANT", "PHASE", "DROPPED")
-    rows = [head, *(_camera(manifest, camera) for camera in manifest.cameras)]
-    lines += ["", *_columns(rows)]
+    print_line("\n".join([*lines, ""]))
+    head = ("camera", "size", "images", "95 % within", "hard bound", "off instant", "phase", "dropped")
+    print_table(head, [_camera(manifest, camera) for camera in manifest.cameras])
     if manifest.missing:
-        lines += ["", "missing:"]
-        lines += [f"  {gone.camera}, instant {gone.instant}: {gone.reason}" for gone in manifest.missing[:12]]
+        print_line("\nmissing:")
+        for gone in manifest.missing[:12]:
+            print_line(f"  {gone.camera}, instant {gone.instant}: {gone.reason}")
         if len(manifest.missing) > 12:
-            lines.append(f"  and {len(manifest.missing) - 12} more")
-    return "\n".join(lines)
+            print_line(f"  and {len(manifest.missing) - 12} more")
 
 
 def sync_of(manifest: Manifest) -> SyncRecord:
@@ -72,17 +79,17 @@ def _spread(session: Session) -> list[str]:
     if sync.row_spread_ns is not None and sync.row_spread_ns > 2 * max(sync.spread_ns):
         lines.append(
             "rolling shutters: rows of the same number are up to "
-            f"{_microseconds(sync.row_spread_ns)} apart, since not all cameras read out alike"
+            f"{duration(sync.row_spread_ns)} apart, since not all cameras read out alike"
         )
     counts = ((sync.dropped, "dropped"), (sync.substituted, "substituted"), (sync.late, "late"))
-    if any(count for count, _ in counts):
-        lines.append(", ".join(f"{count} {what}" for count, what in counts if count))
+    if any(number for number, _ in counts):
+        lines.append(", ".join(f"{number} {what}" for number, what in counts if number))
     return lines
 
 
 def _apart(spreads_ns: Sequence[int]) -> str:
     middle_ns, most_ns = round(median(spreads_ns)), max(spreads_ns)
-    return f"{_microseconds(middle_ns)} apart at the median, {_microseconds(most_ns)} at most"
+    return f"{duration(middle_ns)} apart at the median, {duration(most_ns)} at most"
 
 
 def _true_spreads(session: Session) -> list[int]:
@@ -105,36 +112,19 @@ def _camera(manifest: Manifest, camera: CameraRecord) -> tuple[str, ...]:
         _worst([image.uncertainty_ns for image in images]),
         _worst([image.hard_bound_ns for image in images]),
         _worst_residual(images),
-        "-" if phase is None else _microseconds(phase),
+        duration(phase),
         str(sum(image.dropped for image in images) + dropped),
     )
 
 
 def _worst(values: Sequence[int | None]) -> str:
     known = [value for value in values if value is not None]
-    return _microseconds(max(known)) if known else "not known"
+    return duration(max(known)) if known else NO_VALUE
 
 
 def _worst_residual(images: Sequence[ImageRecord]) -> str:
-    return _microseconds(max((abs(image.residual_ns) for image in images), default=0))
+    return duration(max((abs(image.residual_ns) for image in images), default=0))
 
 
-def _microseconds(ns: int) -> str:
-    if abs(ns) >= 10_000_000:
-        return f"{ns / 1e6:,.0f} ms"
-    return f"{ns / 1e3:,.0f} us" if abs(ns) >= 10_000 or ns == 0 else f"{ns / 1e3:.1f} us"
-
-
-def _taken(created: str) -> str:
+def _date(created: str) -> str:
     return created[:19].replace("T", " ")
-
-
-def _of(count: int, what: str) -> str:
-    return f"{count} {what}" + ("" if count == 1 else "s")
-
-
-def _columns(rows: Sequence[tuple[str, ...]]) -> list[str]:
-    widths = [max(len(row[column]) for row in rows) for column in range(len(rows[0]))]
-    return [
-        "  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows
-    ]

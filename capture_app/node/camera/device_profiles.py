@@ -4,6 +4,7 @@ import os
 from pathlib import Path
 
 import msgspec
+from platformdirs import user_data_path
 
 from capture_app.cameras.base import CameraInfo
 from capture_app.sync.phase.injection import InjectionProfile
@@ -23,16 +24,12 @@ class _Entry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     start_latencies_ns: tuple[int, ...] = ()
 
 
-def data_folder() -> Path:
-    """The user's data folder of this project: in $XDG_DATA_HOME, else in ~/.local/share."""
-    return Path(os.environ.get("XDG_DATA_HOME") or Path.home() / ".local" / "share") / "simulshot"
-
-
 class DeviceProfiles:
     """The profiles in one folder; a file that cannot be read or written only costs some corrections."""
 
-    def __init__(self, folder: Path) -> None:
-        self._path = folder / FILE
+    def __init__(self, folder: Path | None = None) -> None:
+        """`folder`: another one than the user's data folder, $XDG_DATA_HOME/simulshot on Linux."""
+        self._path = (folder or user_data_path("simulshot")) / FILE
 
     def find(self, info: CameraInfo) -> InjectionProfile | None:
         """What a long frame does to cameras like this one; None where it is not known."""

@@ -5,9 +5,10 @@ from pathlib import Path
 
 from capture_app.errors import DiskFullError
 from capture_app.node.leader.snapshots import cameras_here
-from capture_app.node.wire.disk_space import MARGIN, SPARE_BYTES, free_bytes, guessed_image_bytes, megabytes
+from capture_app.node.wire.disk_space import MARGIN, SPARE_BYTES, free_bytes, guessed_image_bytes
 from capture_app.node.wire.messages import NodeSpace
 from capture_app.sync.rig.leader import ClientView
+from capture_app.text import megabytes
 
 
 def expected_image_bytes(views: Sequence[ClientView], known: Mapping[str, int]) -> dict[str, int]:

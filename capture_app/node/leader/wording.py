@@ -15,6 +15,7 @@ from capture_app.sync.rig.events import (
     NodeMoved,
     NodeReturned,
 )
+from capture_app.text import duration
 
 News = LeaderEvent | BurstStatus
 """What a leader tells about: nodes that come and go, and bursts that make progress."""
@@ -50,7 +51,7 @@ def follower_in_words(
         case JoinRefused():
             return f"{parent} does not take this relay in: {event.reason}"
         case ClockSynced():
-            return f"ready: knows the time to {event.time_map.hard_bound_ns / 1000:.0f} us at worst"
+            return f"ready: knows the time to {duration(event.time_map.hard_bound_ns)} at worst"
         case ClockStepped():
             return "a clock was set: finding the time anew"
 

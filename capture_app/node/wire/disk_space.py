@@ -19,8 +19,3 @@ def free_bytes(folder: Path) -> int:
     while not folder.exists() and folder != folder.parent:
         folder = folder.parent
     return shutil.disk_usage(folder).free
-
-
-def megabytes(size: int) -> str:
-    """A size in bytes, told in MB."""
-    return f"{size / 1e6:,.1f} MB"

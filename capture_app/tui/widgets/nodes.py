@@ -5,7 +5,8 @@ from textual.widgets import DataTable
 
 from capture_app.node.wire.status import NodeStatus
 from capture_app.sync.wire.messages import NodeState
-from capture_app.tui.formats import clock_offset, gauge, short_time
+from capture_app.text import clock_offset, duration, printable
+from capture_app.tui.gauge import gauge
 
 STATE_STYLES = {
     NodeState.JOINING: "dim",
@@ -54,12 +55,12 @@ def _cells(node: NodeStatus, *, wide: bool) -> list[Text]:
     name = Text("  " * (node.depth - 1) + node.name, style="bold " + plain)
     state = Text(f"● {node.state.value}", style=style)
     offset = Text(clock_offset(node.offset_ns), style=plain, justify="right")
-    bound = Text(short_time(node.hard_bound_ns), style=plain, justify="right")
-    trip = Text(short_time(node.round_trip_ns), style=plain, justify="right")
-    phase = Text(short_time(node.phase_error_ns, signed=True), style=phase_style, justify="right")
+    bound = Text(duration(node.hard_bound_ns), style=plain, justify="right")
+    trip = Text(duration(node.round_trip_ns), style=plain, justify="right")
+    phase = Text(duration(node.phase_error_ns, signed=True), style=phase_style, justify="right")
     drops = Text(str(node.drops), style=plain or ("yellow" if node.drops else ""), justify="right")
     if not wide:
         return [name, state, offset, bound, trip, phase, drops]
-    model = Text(node.model, style="dim")
+    model = Text(printable(node.model), style="dim")
     mark = Text(gauge(None if gone else node.phase_error_ns, GAUGE_WIDTH), style=phase_style)
     return [name, state, model, offset, bound, trip, phase, mark, drops]

@@ -7,16 +7,16 @@ from rich.text import Text
 from textual.widgets import DataTable
 
 from capture_app.session.format.manifest import Manifest
-from capture_app.tui.formats import short_time
+from capture_app.text import NO_VALUE, duration
 
 
 def describe(manifest: Manifest) -> tuple[str, str]:
     """Return a session's images (have/asked), and how far one instant's are apart with the clocks' bound."""
     asked = len(manifest.images) + len(manifest.missing)
     apart = manifest.sync.spread_ns if manifest.sync is not None else ()
-    sync = short_time(round(median(apart))) if apart else "–"
+    sync = duration(round(median(apart))) if apart else NO_VALUE
     if manifest.sync is not None and manifest.sync.hard_bound_ns is not None:
-        sync += f" ±{short_time(manifest.sync.hard_bound_ns)}"
+        sync += f" ±{duration(manifest.sync.hard_bound_ns)}"
     return f"{len(manifest.images)}/{asked}", sync
 
 

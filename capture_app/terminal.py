@@ -1,0 +1,162 @@
+"""What both command lines print and how they end: results on stdout, talk and progress on stderr."""
+
+import os
+import sys
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+import click
+import msgspec
+
+from capture_app.errors import ExitCode, SimulshotError
+from capture_app.text import ProgressStep, pretty_json, printable
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as Bar
+    from rich.progress import TaskID
+
+json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON on stdout.")
+
+
+def talk(line: str) -> None:
+    """Print a line for the user on stderr."""
+    click.echo(printable(line), err=True)
+
+
+def print_line(line: str) -> None:
+    """Print a line of the result on stdout."""
+    _stop_bar()
+    click.echo(printable(line))
+
+
+def print_json(value: Any) -> None:
+    """Print one JSON object on stdout, for programs and people."""
+    _stop_bar()
+    click.echo(pretty_json(value))
+
+
+def print_json_line(value: Any) -> None:
+    """Print one JSON object on one line of stdout, at once."""
+    click.echo(msgspec.json.encode(value))
+
+
+def print_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print a table on stdout, columns of numbers to the right; without lines and colours in a file."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    _stop_bar()
+    on_terminal = sys.stdout.isatty()
+    table = Table(box=box.SIMPLE_HEAD if on_terminal else None, pad_edge=False, padding=(0, 2, 0, 0))
+    for place, title in enumerate(head):
+        numbers = bool(rows) and all(_is_number(row[place]) for row in rows)
+        table.add_column(Text(title), justify="right" if numbers else "left", overflow="fold")
+    for row in rows:
+        table.add_row(*(Text(printable(cell)) for cell in row))
+    console = Console(file=sys.stdout, width=None if on_terminal else 100_000)
+    with console.capture() as printed:
+        console.print(table)
+    click.echo("\n".join(line.rstrip() for line in printed.get().strip("\n").split("\n")))
+
+
+def _is_number(cell: str) -> bool:
+    return cell in ("-", "–") or cell.lstrip("+-").replace(".", "", 1).isdecimal()
+
+
+class Progress:
+    """How far a command is, on stderr: a bar on a terminal, elsewhere a line `[3/9] what` for each step."""
+
+    def __init__(self, total: int, *, silent: bool = False) -> None:
+        """`silent`: count only, as a part of what another progress shows."""
+        self.total = total
+        self.done = 0
+        self.silent = silent
+
+    def step(self, text: str) -> None:
+        """Show what begins now."""
+        self.done += 1
+        self.total = max(self.total, self.done)
+        if not self.silent:
+            show_progress(ProgressStep(self.done, self.total, text))
+
+    def last(self, text: str) -> None:
+        """Show what comes last, whatever was skipped before."""
+        self.done = max(self.done, self.total - 1)
+        self.step(text)
+
+
+def show_progress(step: ProgressStep) -> None:
+    """Show how far the running command is: on its bar, or as a line where stderr is no terminal."""
+    context = click.get_current_context(silent=True)
+    if context is None or not sys.stderr.isatty():
+        talk(str(step))
+        return
+    global _bar
+    if _bar is None:
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+        from rich.progress import Progress as Bar
+
+        columns = (
+            BarColumn(20),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            TextColumn("{task.description}", markup=False),
+        )
+        # What goes to stdout is data and must not end up on stderr, where the bar is.
+        bar = Bar(*columns, console=Console(stderr=True), transient=True, redirect_stdout=False)
+        _bar = bar, bar.add_task("")
+        bar.start()
+        context.call_on_close(_stop_bar)
+    bar, task = _bar
+    bar.update(task, completed=step.done, total=step.total, description=printable(step.text))
+
+
+def show_count(thing: str) -> Callable[[int, int], None]:
+    """Return a function (done, total) that shows how many things are done; in a file, now and then."""
+
+    def show(done: int, total: int) -> None:
+        if sys.stderr.isatty() or done % max(50, total // 10) == 0:
+            show_progress(ProgressStep(done, total, thing))
+
+    return show
+
+
+_bar: "tuple[Bar, TaskID] | None" = None
+
+
+def _stop_bar() -> None:
+    global _bar
+    if _bar is not None:
+        _bar[0].stop()
+        _bar = None
+
+
+def run_command_line(command: click.Command, name: str, arguments: Sequence[str]) -> int:
+    """Run a command line and return its exit code; a mistake is one line on stderr, never a traceback."""
+    try:
+        code = command.main(args=list(arguments), prog_name=name, standalone_mode=False)
+    except SimulshotError as error:
+        return _fail(name, str(error), error.exit_code)
+    except click.UsageError as error:
+        where = error.ctx.command_path if error.ctx is not None else name
+        return _fail(name, f"{error.format_message()} (see {where} --help)", ExitCode.USAGE)
+    except click.ClickException as error:
+        return _fail(name, error.format_message(), error.exit_code)
+    except (KeyboardInterrupt, click.Abort):
+        return ExitCode.INTERRUPTED
+    except BrokenPipeError:
+        # The reader of stdout has left, as `head` does; the interpreter must not complain at its end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return ExitCode.FAILURE
+    except OSError as error:
+        return _fail(name, str(error), ExitCode.FAILURE)
+    # With standalone_mode off click returns the code of an early exit, such as --help, or None.
+    return code if isinstance(code, int) else ExitCode.OK
+
+
+def _fail(name: str, message: str, code: int) -> int:
+    talk(f"{name}: error: {' '.join(message.split())}")
+    return int(code)

@@ -1,0 +1,77 @@
+"""The one spelling of times, sizes, counts, JSON and progress lines, for both packages."""
+
+import re
+from dataclasses import dataclass
+from typing import Any, Self
+
+import msgspec
+
+NO_VALUE = "–"
+_CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
+_PROGRESS = re.compile(r"\[\s*(\d+)/(\d+)\]\s*(.*)")
+
+
+def duration(ns: float | None, *, signed: bool = False, gap: str = " ") -> str:
+    """Return a time with its unit, in two or three digits: 850 ns, 12 µs, 3.4 ms, 2.1 s; a dash for None."""
+    if ns is None:
+        return NO_VALUE
+    sign, size = "-" if ns < 0 else ("+" if signed else ""), abs(ns)
+    if size < 999.5:
+        return f"{sign}{size:.0f}{gap}ns"
+    for unit, scale in (("µs", 1e3), ("ms", 1e6)):
+        if size < scale * 999.5:
+            return f"{sign}{size / scale:.{1 if size < scale * 9.95 else 0}f}{gap}{unit}"
+    return f"{sign}{size / 1e9:.1f}{gap}s"
+
+
+def clock_offset(ns: int | None) -> str:
+    """Return the offset of a clock, from ns to days: +4 h 12 min, -12.3 s, +45 µs; a dash for None."""
+    if ns is None or abs(ns) < 60e9:
+        return duration(ns, signed=True)
+    sign = "-" if ns < 0 else "+"
+    minutes = round(abs(ns) / 60e9)
+    if minutes < 60:
+        return f"{sign}{minutes} min"
+    hours, minutes = divmod(minutes, 60)
+    if hours < 48:
+        return f"{sign}{hours} h {minutes:02d} min"
+    return f"{sign}{hours // 24} d {hours % 24} h"
+
+
+def megabytes(size: int) -> str:
+    """Return a size in bytes as MB: 12.3 MB."""
+    return f"{size / 1e6:,.1f} MB"
+
+
+def count(number: int, thing: str) -> str:
+    """Return a number of things: 1 frame, 2 frames."""
+    return f"{number} {thing}" if abs(number) == 1 else f"{number} {thing}s"
+
+
+def printable(text: str) -> str:
+    """Return the text with control characters, but for tabs and line ends, replaced by their escapes."""
+    return _CONTROL.sub(lambda found: repr(found[0])[1:-1], text)
+
+
+def pretty_json(value: Any) -> bytes:
+    """Encode msgspec structs or plain data as JSON for people, one value a line."""
+    return msgspec.json.format(msgspec.json.encode(value), indent=2)
+
+
+@dataclass(frozen=True, slots=True)
+class ProgressStep:
+    """How far a computation is: step `done` of `total`, and what it does now."""
+
+    done: int
+    total: int
+    text: str
+
+    def __str__(self) -> str:
+        """Return the line that programs print: [3/9] stereo cam00-cam01."""
+        return f"[{self.done}/{self.total}] {self.text}"
+
+    @classmethod
+    def parse(cls, line: str) -> Self | None:
+        """Read such a line; None for any other."""
+        found = _PROGRESS.match(line)
+        return cls(int(found[1]), int(found[2]), found[3]) if found else None

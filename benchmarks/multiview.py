@@ -35,12 +35,13 @@ from multiview_session import line as session_line
 from multiview_session import longer, medians, run_session
 
 from reconstruction.common.geometry import Array, View
+from reconstruction.depth.cloud_fusion import fuse_depth_maps
+from reconstruction.depth.colmap_workspace import write_workspace
 from reconstruction.depth.depth_range import find_depth_range
-from reconstruction.depth.matcher import match_views
-from reconstruction.depth.workspace import fuse, write_workspace
-from reconstruction.multiview.input import shot_of
-from reconstruction.multiview.judge import judge
-from reconstruction.multiview.sources import choose_sources, guessed_depths, reference_of
+from reconstruction.depth.sweep_matcher import match_all_views
+from reconstruction.multiview.input_images import undistort_image
+from reconstruction.multiview.source_views import choose_reference_view, choose_source_views, guess_depths
+from reconstruction.multiview.view_files import judge
 
 Result = dict[str, Any]
 
@@ -48,15 +49,15 @@ Result = dict[str, Any]
 def ours(views: dict[str, View], condition: Condition, reference: str, scratch: Path) -> Result:
     """The package: every view's depth, checked by the others, fused."""
     begun, cpu = time.perf_counter(), time.process_time()
-    shots = {name: shot_of(name, 0, condition.pictures[name], view) for name, view in views.items()}
+    shots = {name: undistort_image(name, 0, condition.pictures[name], view) for name, view in views.items()}
     photos = {name: shot.photo for name, shot in shots.items()}
-    nearest, farthest = find_depth_range(photos, choose_sources(views, guessed_depths(views)))
-    sources = choose_sources(views, (nearest, 2 / (1 / nearest + 1 / farthest), farthest))
-    found = match_views(photos, sources, nearest, farthest)
+    nearest, farthest = find_depth_range(photos, choose_source_views(views, guess_depths(views)))
+    sources = choose_source_views(views, (nearest, 2 / (1 / nearest + 1 / farthest), farthest))
+    found = match_all_views(photos, sources, nearest, farthest)
     matched, matched_cpu = time.perf_counter() - begun, time.process_time() - cpu
     colours = {name: shot.colours for name, shot in shots.items()}
     write_workspace(scratch / "workspace", views, colours, found)
-    points = fuse(scratch / "workspace", scratch / "fused.ply", len(found))
+    points = fuse_depth_maps(scratch / "workspace", scratch / "fused.ply", len(found))
     fused, fused_cpu = time.perf_counter() - begun, time.process_time() - cpu
     result = _shares(found[reference].depth, condition, reference)
     result |= {"map_s": matched / len(found), "map_cpu_s": matched_cpu / len(found), "all_fused_s": fused}
@@ -120,7 +121,7 @@ def _child(method: str, condition: str, path: str) -> Result:
     with Path(path).open("rb") as file:
         rendered: Rendered = pickle.load(file)  # noqa: S301
     depths = np.concatenate([z[z > 0] for z in rendered.synced.depth.values()])
-    reference = reference_of(
+    reference = choose_reference_view(
         rendered.views, (float(np.percentile(depths, 5)), float(np.percentile(depths, 95)))
     )
     with tempfile.TemporaryDirectory() as scratch:

@@ -5,10 +5,10 @@ from pathlib import Path
 import numpy as np
 
 from reconstruction.common.geometry import Array, View
-from reconstruction.common.native import load_open3d
-from reconstruction.common.photo import Photo
-from reconstruction.depth.planes import fit_planes, normals
-from reconstruction.multiview.cloud_truth import TOLERANCE_M, sees
+from reconstruction.common.native_libraries import load_open3d
+from reconstruction.depth.calibrated_image import CalibratedImage
+from reconstruction.depth.plane_fitting import fit_planes, surface_normals
+from reconstruction.multiview.cloud_accuracy import TOLERANCE_M, visible_points
 
 
 def cloud_scores(cloud: Path, views: dict[str, View], depth: dict[str, Array]) -> dict[str, float]:
@@ -23,7 +23,7 @@ def cloud_scores(cloud: Path, views: dict[str, View], depth: dict[str, Array]) -
         seen = np.zeros(len(points), bool)
         for other, other_view in views.items():
             if other != name:
-                seen |= sees(other_view, depth[other], points)
+                seen |= visible_points(other_view, depth[other], points)
         shared.append(points[seen])
     truth = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.concatenate(every)))
     wanted = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(np.concatenate(shared)))
@@ -40,10 +40,10 @@ def cloud_scores(cloud: Path, views: dict[str, View], depth: dict[str, Array]) -
 
 def normal_error_deg(found: Array, depth: Array, view: View) -> float:
     """Median angle between normals (height x width x 3, 0 = none) and those of the true depth, degrees."""
-    photo = Photo(view, depth, 5, 1.0)
+    photo = CalibratedImage(view, depth, 5, 1.0)
     inverse = np.where(depth > 0, 1 / np.maximum(depth, 1e-6), 0).astype(np.float32)
     level, right, down = fit_planes(inverse, 0.03 * float(np.median(inverse)), reach=1)
-    true = normals(level, right, down, photo.rays)
+    true = surface_normals(level, right, down, photo.rays)
     there = np.abs(found).sum(-1) > 0
     cosine = np.clip((true * found).sum(-1)[there & (depth > 0)], -1, 1)
     return float(np.degrees(np.median(np.arccos(cosine))))

@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 
 from reconstruction.common.geometry import Array, View, other_from_reference
-from reconstruction.stereo.rectify import rectify
-from reconstruction.stereo.stereo import match
+from reconstruction.stereo.rectification import rectify
+from reconstruction.stereo.sgbm import match_rectified
 
 PLANES = 112
 WINDOW = (7, 7)
@@ -50,7 +50,7 @@ def sgbm_pairs(views: dict[str, View], pictures: dict[str, Array]) -> dict[tuple
             count = int(np.ceil(views[first].focal * baseline / 1.6 / 16)) * 16
             canvas = rectify(views[first], views[second], (0.0, float(count)))
             a, b = canvas.remap(grey[first])[0], canvas.remap(grey[second], other=True)[0]
-            found[first, second] = canvas.depth(np.nan_to_num(match(a, b, 0, count)))
+            found[first, second] = canvas.depth(np.nan_to_num(match_rectified(a, b, 0, count)))
     return found
 
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from reconstruction.common.geometry import Array, View
-from reconstruction.common.native import load_open3d
+from reconstruction.common.native_libraries import load_open3d
 
 OFFSETS_MS = (66, -33, 0, 33, -66)
 PLACES = ((-0.32, 0.03), (-0.16, -0.05), (0.0, 0.0), (0.16, 0.06), (0.32, -0.04))

@@ -16,7 +16,7 @@ import cv2
 import numpy as np
 
 from reconstruction.common.geometry import Array, View
-from reconstruction.stereo.stereo import StereoPair
+from reconstruction.stereo.stereo_pair import StereoPair
 
 DISPARITIES = 64
 FOCAL = 700.0

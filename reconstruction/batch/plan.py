@@ -12,7 +12,7 @@ import msgspec
 from capture_app.errors import BadInputError, IncompleteError
 from capture_app.session.files.durable import write_whole
 from reconstruction.batch.units import Unit
-from reconstruction.common.native import versions
+from reconstruction.common.native_libraries import library_versions
 from reconstruction.multiview.command import RESULT as MULTIVIEW_RESULT
 from reconstruction.multiview.command import Matcher, MultiviewOptions, multiview
 from reconstruction.session.conditions import Condition
@@ -92,7 +92,7 @@ def plan(
 @cache
 def program() -> str:
     """A checksum of this program's own text and of the libraries' versions: what else decides a result."""
-    digest = hashlib.sha256(repr(sorted(versions().items())).encode())
+    digest = hashlib.sha256(repr(sorted(library_versions().items())).encode())
     here = Path(__file__).parents[1]
     for path in sorted(here.rglob("*.py")):
         digest.update(f"{path.relative_to(here)}\n".encode() + path.read_bytes())

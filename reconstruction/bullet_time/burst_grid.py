@@ -5,8 +5,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from reconstruction.common import drawing as pictures
-from reconstruction.scores.results import BurstGrid
+from reconstruction.common.drawing import save_picture
+from reconstruction.scores.compare_results import BurstGrid
 from reconstruction.session.dataset import Dataset
 
 MOST_CAMERAS = 20
@@ -29,7 +29,7 @@ def burst_grid(dataset: Dataset, out: Path) -> BurstGrid:
             image = dataset.image(camera, instant)
             scale = WIDTH_PX / image.shape[1]
             small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-            row.append(pictures.save(out, f"burst_{camera}_{instant:06d}.jpg", np.asarray(small)))
+            row.append(save_picture(out, f"burst_{camera}_{instant:06d}.jpg", np.asarray(small)))
         rows.append(tuple(row))
     first = dataset.instants_ns[0]
     return BurstGrid(

@@ -8,7 +8,7 @@ import numpy as np
 from reconstruction.common.geometry import Array, View
 
 
-def walk_past(views: Mapping[str, View]) -> tuple[str, ...]:
+def order_by_place(views: Mapping[str, View]) -> tuple[str, ...]:
     """The shortest walk past all cameras, from left to right as they see it.
 
     Cameras are near each other that stand and look alike: their distance is that of their places, in

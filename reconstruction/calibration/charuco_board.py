@@ -16,7 +16,7 @@ MOST_BEND = 0.03
 
 
 @dataclass(frozen=True)
-class Board:
+class CharucoBoard:
     """Squares across and down, lengths in m, and the name of the markers' dictionary (as `4X4_50`)."""
 
     across: int
@@ -36,12 +36,12 @@ class Board:
         return cv2.aruco.CharucoBoard((self.across, self.down), self.square_m, self.marker_m, words)
 
 
-Corners = dict[tuple[str, int], dict[int, Array]]
+BoardCorners = dict[tuple[str, int], dict[int, Array]]
 """By camera and instant, pixels (2,) of the board's corners by their number."""
 
 
 @dataclass(frozen=True)
-class Look:
+class BoardAppearance:
     """How a picture is changed before the board is looked for.
 
     `dark`: brightness turned round, for boards printed white on black. `back`: left and right turned round,
@@ -52,15 +52,15 @@ class Look:
     back: bool = False
 
 
-class Finder:
+class BoardDetector:
     """Finds a board; the way it was found last time is tried first."""
 
-    def __init__(self, board: Board) -> None:
+    def __init__(self, board: CharucoBoard) -> None:
         """Raises BadInputError where there is no such board."""
         made = board.made()
         self._detector = cv2.aruco.CharucoDetector(made)
         self._places = np.asarray(made.getChessboardCorners(), np.float64)[:, :2]
-        self._looks = [Look(dark, back) for dark in (False, True) for back in (False, True)]
+        self._looks = [BoardAppearance(dark, back) for dark in (False, True) for back in (False, True)]
 
     def find(self, grey: Array) -> dict[int, Array]:
         """Pixels of the board's corners by their number in a picture (uint8); none = it is not there."""
@@ -72,7 +72,7 @@ class Finder:
                 return found
         return {}
 
-    def _as(self, look: Look, grey: Array) -> dict[int, Array]:
+    def _as(self, look: BoardAppearance, grey: Array) -> dict[int, Array]:
         seen = 255 - grey if look.dark else grey
         if look.back:
             seen = np.ascontiguousarray(seen[:, ::-1])
@@ -104,11 +104,11 @@ class Finder:
         return bool(apart.max() < MOST_BEND * size + 1)
 
 
-def find_corners(dataset: Dataset, board: Board) -> Corners:
+def detect_board(dataset: Dataset, board: CharucoBoard) -> BoardCorners:
     """Look for the board in every image; images that show less than FEWEST_CORNERS are left out."""
-    found: Corners = {}
+    found: BoardCorners = {}
     for camera in dataset.cameras:
-        finder = Finder(board)
+        finder = BoardDetector(board)
         for instant in dataset.instants(camera):
             corners = finder.find(dataset.grey(camera, instant))
             if corners:
@@ -116,7 +116,7 @@ def find_corners(dataset: Dataset, board: Board) -> Corners:
     return found
 
 
-def shared_corners(corners: Corners) -> dict[tuple[str, str], tuple[Array, Array]]:
+def shared_corners(corners: BoardCorners) -> dict[tuple[str, str], tuple[Array, Array]]:
     """For pairs of cameras, the pixels of corners that both see at the same instant."""
     shared: dict[tuple[str, str], tuple[list[Array], list[Array]]] = {}
     for (a, at_a), (b, at_b) in combinations(sorted(corners), 2):

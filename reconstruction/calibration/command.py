@@ -12,13 +12,20 @@ from capture_app.errors import BadInputError
 from capture_app.session.files.durable import write_whole
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION
-from reconstruction.calibration import charuco, charuco_board
-from reconstruction.calibration.features import find_points, match_points
-from reconstruction.calibration.quality import Quality, Shared, judge, refuse_bad
+from reconstruction.calibration.calibrated_views import calibrated_views
+from reconstruction.calibration.charuco_board import CharucoBoard, detect_board, shared_corners
+from reconstruction.calibration.charuco_calibration import calibrate_from_board
+from reconstruction.calibration.features import detect_features, match_features
+from reconstruction.calibration.quality import (
+    CalibrationQuality,
+    SharedPoints,
+    judge_calibration,
+    refuse_bad_calibration,
+)
 from reconstruction.calibration.rig import Rig
-from reconstruction.calibration.session_calibration import find_calibration, views_of
+from reconstruction.calibration.structure_from_motion import calibrate_from_images
 from reconstruction.common.geometry import View, angle_deg
-from reconstruction.common.stages import Stages
+from reconstruction.common.stage_cache import StageCache
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.scene_motion import SceneMotion
 
@@ -26,7 +33,7 @@ MOST_APART_DEG = 45.0
 """Cameras that look further apart find the same points by chance only."""
 
 
-class Source(StrEnum):
+class CalibrationSource(StrEnum):
     """Where a calibration comes from."""
 
     SESSION = "session"
@@ -38,8 +45,8 @@ class Source(StrEnum):
 class CalibrateOptions:
     """`recording`: the session that shows the board, None = the session itself."""
 
-    source: Source = Source.SFM
-    board: charuco_board.Board | None = None
+    source: CalibrationSource = CalibrationSource.SFM
+    board: CharucoBoard | None = None
     recording: Path | None = None
     force: bool = False
 
@@ -53,7 +60,7 @@ class CalibrateResult(msgspec.Struct, frozen=True, kw_only=True):
     missing: tuple[str, ...]
     """Cameras of the session without a calibration."""
     unit: str
-    quality: Quality
+    quality: CalibrationQuality
     stored: bool
 
 
@@ -71,11 +78,11 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
         )
     target = session / CALIBRATION
     own = dataset.calibration()
-    stores = options.source is not Source.SESSION
+    stores = options.source is not CalibrationSource.SESSION
     if stores and target.exists() and not options.force:
         raise BadInputError(f"{session} has a calibration already", hint="--force replaces it")
-    shared: Shared
-    if options.source is Source.CHARUCO:
+    shared: SharedPoints
+    if options.source is CalibrationSource.CHARUCO:
         if options.board is None:
             raise BadInputError("a board must be described", hint="--board 7x5 --square-mm 40 --marker-mm 30")
         recording = Dataset.open(options.recording) if options.recording is not None else dataset
@@ -84,23 +91,23 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
                 f"{options.recording} was taken by other cameras ({', '.join(recording.cameras)})",
                 hint=f"{session} has {', '.join(dataset.cameras)}",
             )
-        corners = charuco_board.find_corners(recording, options.board)
-        found = charuco.calibrate(recording, options.board, corners)
-        shared = charuco_board.shared_corners(corners)
-        views = views_of(recording, found)
+        corners = detect_board(recording, options.board)
+        found = calibrate_from_board(recording, options.board, corners)
+        shared = shared_corners(corners)
+        views = calibrated_views(recording, found)
     else:
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
-            rig = Rig(dataset, SceneMotion(dataset, 1), Stages(Path(scratch), dataset.fingerprint()))
-            if options.source is Source.SFM:
-                found = find_calibration(dataset, rig.movers, range(len(dataset.instants_ns)))
+            rig = Rig(dataset, SceneMotion(dataset, 1), StageCache(Path(scratch), dataset.fingerprint()))
+            if options.source is CalibrationSource.SFM:
+                found = calibrate_from_images(dataset, rig.movers, range(len(dataset.instants_ns)))
             elif own is None:
                 raise BadInputError(f"{session} has no calibration of its own", hint="--from sfm finds one")
             else:
                 found = own
-            views = views_of(dataset, found)
+            views = calibrated_views(dataset, found)
             shared = _still_points(rig, views)
-    quality = judge(views, shared)
-    refuse_bad(quality, len(dataset.cameras))
+    quality = judge_calibration(views, shared)
+    refuse_bad_calibration(quality, len(dataset.cameras))
     if stores:
         _store(target, found)
     return CalibrateResult(
@@ -114,7 +121,7 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
     )
 
 
-def _still_points(rig: Rig, views: dict[str, View]) -> Shared:
+def _still_points(rig: Rig, views: dict[str, View]) -> SharedPoints:
     """Points at rest that pairs of cameras share, at the middle of the burst."""
     dataset = rig.dataset
     middle = len(dataset.instants_ns) // 2
@@ -123,9 +130,9 @@ def _still_points(rig: Rig, views: dict[str, View]) -> Shared:
         there = dataset.instants(name)
         if there:
             nearest = min(there, key=lambda k: abs(k - middle))
-            points[name] = find_points(dataset.grey(name, nearest), rig.movers(name, nearest))
+            points[name] = detect_features(dataset.grey(name, nearest), rig.movers(name, nearest))
     return {
-        (a, b): match_points(points[a], points[b])
+        (a, b): match_features(points[a], points[b])
         for a, b in combinations([name for name in points if name in views], 2)
         if angle_deg(views[a].axis, views[b].axis) < MOST_APART_DEG
     }

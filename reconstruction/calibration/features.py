@@ -13,14 +13,14 @@ MOST_POINTS = 2500
 
 
 @dataclass(frozen=True)
-class Points:
+class Features:
     """Points of one image: positions (n, 2) px in the full image, descriptors (n, 128)."""
 
     positions: Array
     descriptors: Array
 
 
-def find_points(image: Array, movers: Array) -> Points:
+def detect_features(image: Array, movers: Array) -> Features:
     """SIFT points of a grey image (uint8) outside its movers (bool)."""
     scale = min(1.0, LONGEST_SIDE_PX / max(image.shape))
     small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else image
@@ -30,12 +30,12 @@ def find_points(image: Array, movers: Array) -> Points:
     sift = cv2.SIFT.create(nfeatures=MOST_POINTS, contrastThreshold=0.02)
     keypoints, descriptors = sift.detectAndCompute(small, allowed)
     if descriptors is None:
-        return Points(np.zeros((0, 2)), np.zeros((0, 128), np.float32))
+        return Features(np.zeros((0, 2)), np.zeros((0, 128), np.float32))
     positions = np.array([(point.pt[0] + 0.5, point.pt[1] + 0.5) for point in keypoints]) / scale - 0.5
-    return Points(positions, np.asarray(descriptors, np.float32))
+    return Features(positions, np.asarray(descriptors, np.float32))
 
 
-def match_points(a: Points, b: Points, ratio: float = 0.75) -> tuple[Array, Array]:
+def match_features(a: Features, b: Features, ratio: float = 0.75) -> tuple[Array, Array]:
     """Positions (n, 2) of points that are each other's best match, in a and in b."""
     if len(a.positions) < 2 or len(b.positions) < 2:
         return np.zeros((0, 2)), np.zeros((0, 2))
@@ -50,3 +50,6 @@ def match_points(a: Points, b: Points, ratio: float = 0.75) -> tuple[Array, Arra
     mutual = distance.argmin(0)[best] == rows
     keep = mutual & (first < ratio**2 * second)
     return a.positions[keep], b.positions[best[keep]]
+
+
+FEWEST_MATCHES = 25

@@ -7,10 +7,10 @@ import numpy as np
 from msgspec import Struct
 
 from capture_app.errors import BadInputError
-from reconstruction.calibration.pairs import FEWEST_MATCHES
+from reconstruction.calibration.features import FEWEST_MATCHES
 from reconstruction.common.geometry import Array, View, other_from_reference
 
-Shared = Mapping[tuple[str, str], tuple[Array, Array]]
+SharedPoints = Mapping[tuple[str, str], tuple[Array, Array]]
 """For pairs of cameras, pixels (n, 2) of the same points in the first and in the second."""
 FITTING_PX = 4.0
 """Points that are further from themselves than this were matched wrongly, or the calibration is wrong."""
@@ -20,7 +20,7 @@ MOST_REPROJECTION_PX = 2.0
 LEAST_ANGLE_DEG = 0.3
 
 
-class Quality(Struct, frozen=True, kw_only=True):
+class CalibrationQuality(Struct, frozen=True, kw_only=True):
     """Judged by points that pairs of cameras share.
 
     `reprojection_px`: median distance of a point's two pixels from its best place in space, of those within
@@ -35,7 +35,7 @@ class Quality(Struct, frozen=True, kw_only=True):
     coverage: dict[str, float]
 
 
-def judge(views: Mapping[str, View], shared: Shared) -> Quality:
+def judge_calibration(views: Mapping[str, View], shared: SharedPoints) -> CalibrationQuality:
     """Triangulate every shared point (Hartley and Sturm's linear method) and see how it fits."""
     errors, angles, fits = [], [], []
     cells: dict[str, set[tuple[int, int]]] = {name: set() for name in views}
@@ -51,7 +51,7 @@ def judge(views: Mapping[str, View], shared: Shared) -> Quality:
             where = np.floor(at[good] / (views[name].width, views[name].height) * (8, 6)).astype(int)
             cells[name] |= {(int(x), int(y)) for x, y in where}
     every = np.concatenate(fits) if fits else np.zeros(0, bool)
-    return Quality(
+    return CalibrationQuality(
         points=len(every),
         fitting=float(every.mean()) if len(every) else 0.0,
         reprojection_px=float(np.median(np.concatenate(errors))) if every.any() else None,
@@ -60,7 +60,7 @@ def judge(views: Mapping[str, View], shared: Shared) -> Quality:
     )
 
 
-def refuse_bad(quality: Quality, cameras: int) -> None:
+def refuse_bad_calibration(quality: CalibrationQuality, cameras: int) -> None:
     """Raise BadInputError with the reason where a rig's calibration is not fit to measure with."""
     why, judged = "", True
     if 2 * len(quality.coverage) < cameras:

@@ -7,20 +7,21 @@ import numpy as np
 
 from capture_app.errors import BadInputError, NotAvailableError
 from capture_app.session.format.calibration import Calibration
-from reconstruction.calibration.features import Points, find_points
-from reconstruction.calibration.pairs import Choice, choose_panorama, choose_stereo
-from reconstruction.calibration.session_calibration import find_calibration, views_of
+from reconstruction.calibration.calibrated_views import calibrated_views
+from reconstruction.calibration.features import Features, detect_features
+from reconstruction.calibration.pair_choice import PairChoice, choose_panorama_pair, choose_stereo_pair
+from reconstruction.calibration.structure_from_motion import calibrate_from_images
 from reconstruction.common.geometry import View
-from reconstruction.common.stages import Stages
+from reconstruction.common.stage_cache import StageCache
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.movers import grow
+from reconstruction.session.mover_detection import dilate
 from reconstruction.session.scene_motion import SceneMotion
 
 
 class Rig:
     """The cameras of one session; everything is found once and then fixed for all conditions."""
 
-    def __init__(self, dataset: Dataset, motion: SceneMotion, stages: Stages) -> None:
+    def __init__(self, dataset: Dataset, motion: SceneMotion, stages: StageCache) -> None:
         self.dataset = dataset
         self.motion = motion
         self.stages = stages
@@ -55,7 +56,7 @@ class Rig:
             BadInputError: it was made for images of another shape.
         """
         self.calibration = calibration
-        self.views = views_of(self.dataset, calibration)
+        self.views = calibrated_views(self.dataset, calibration)
 
     def try_calibrate(self) -> NotAvailableError | BadInputError | None:
         """As `calibrate`; the error says why there are no views."""
@@ -72,22 +73,22 @@ class Rig:
         if pair is not None and pair[0] == pair[1]:
             raise BadInputError(f"{pair[0]} cannot be paired with itself", hint="name two cameras")
 
-    def stereo(self, asked: tuple[str, str] | None, instant: int) -> Choice:
+    def stereo(self, asked: tuple[str, str] | None, instant: int) -> PairChoice:
         """The pair for depth, asked for or chosen by what both see around an instant."""
-        choice = Choice(asked, "asked for")
+        choice = PairChoice(asked, "asked for")
         if asked is None:
-            choice = choose_stereo(self.views, self._points(instant))
+            choice = choose_stereo_pair(self.views, self._points(instant))
         for name in choice.cameras or ():
             if name not in self.views:
-                return Choice(None, f"camera {name} has no calibration")
+                return PairChoice(None, f"camera {name} has no calibration")
         return choice
 
-    def panorama(self, asked: tuple[str, str] | None, instant: int) -> Choice:
+    def panorama(self, asked: tuple[str, str] | None, instant: int) -> PairChoice:
         """The pair for a panorama, likewise."""
         if asked is not None:
-            return Choice(asked, "asked for")
+            return PairChoice(asked, "asked for")
         points = self._points(instant)
-        return choose_panorama(points, {name: self.dataset.size(name) for name in points})
+        return choose_panorama_pair(points, {name: self.dataset.size(name) for name in points})
 
     def moving_share(self, instants: list[int]) -> float:
         """Largest share of any camera's pixels that move, the mean over these instants."""
@@ -100,16 +101,16 @@ class Rig:
 
     def movers(self, camera: str, instant: int) -> Any:
         """What moves (bool), made wider: what calibration and registration must leave out."""
-        return grow(self.motion.seen_moving(camera, instant), 5)
+        return dilate(self.motion.seen_moving(camera, instant), 5)
 
     def _solve(self) -> Calibration:
-        return find_calibration(self.dataset, self.movers, range(len(self.dataset.instants_ns)))
+        return calibrate_from_images(self.dataset, self.movers, range(len(self.dataset.instants_ns)))
 
-    def _find_points(self, instant: int) -> dict[str, Points]:
+    def _find_points(self, instant: int) -> dict[str, Features]:
         points = {}
         for name in self.dataset.cameras:
             there = self.dataset.instants(name)
             if there:
                 nearest = min(there, key=lambda k: abs(k - instant))
-                points[name] = find_points(self.dataset.grey(name, nearest), self.movers(name, nearest))
+                points[name] = detect_features(self.dataset.grey(name, nearest), self.movers(name, nearest))
         return points

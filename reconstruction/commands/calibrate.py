@@ -38,8 +38,8 @@ def calibrate(
 ) -> None:
     """Find the calibration of SESSION, judge it and store it there, once, for everything after."""
 
-    from reconstruction.calibration.charuco_board import Board
-    from reconstruction.calibration.command import CalibrateOptions, Source
+    from reconstruction.calibration.charuco_board import CharucoBoard
+    from reconstruction.calibration.command import CalibrateOptions, CalibrationSource
     from reconstruction.calibration.command import calibrate as run
 
     size = re.fullmatch(r"(\d{1,2})x(\d{1,2})", board)
@@ -47,8 +47,8 @@ def calibrate(
         raise click.BadParameter(f"{board!r} is not squares across x down, as in 7x5", param_hint="--board")
     across, down = map(int, size.groups())
     options = CalibrateOptions(
-        source=Source(source),
-        board=Board(across, down, square_mm / 1000, marker_mm / 1000, dictionary),
+        source=CalibrationSource(source),
+        board=CharucoBoard(across, down, square_mm / 1000, marker_mm / 1000, dictionary),
         recording=recording,
         force=force,
     )

@@ -18,7 +18,7 @@ GAP_PX = 6
 CLOSE_UP_PX = 480
 
 
-def depth_range(depth: Array, moving: Array) -> tuple[float, float]:
+def display_range(depth: Array, moving: Array) -> tuple[float, float]:
     """Nearest and farthest depth to show: without the last hundredth at each end, but with what moves."""
     known, fast = depth[depth > 0], depth[moving & (depth > 0)]
     if not len(known):
@@ -55,7 +55,7 @@ def side_by_side(left: Array, right: Array) -> Array:
     return np.hstack([left, gap, right])
 
 
-def with_rows(left: Array, right: Array, rows: list[int]) -> Array:
+def draw_rows(left: Array, right: Array, rows: list[int]) -> Array:
     """A rectified pair with thin lines across both, on which the same points must lie."""
     picture = side_by_side(left, right)
     lines = picture.copy()
@@ -85,7 +85,7 @@ def box_around(
     return left, top, left + int(wide), top + int(tall)
 
 
-def crop(picture: Array, box: tuple[int, ...], *, smooth: bool = True) -> Array:
+def enlarge_crop(picture: Array, box: tuple[int, ...], *, smooth: bool = True) -> Array:
     """A part of a picture, enlarged to be looked at."""
     left, top, right, bottom = box
     part = picture[top:bottom, left:right]
@@ -94,7 +94,7 @@ def crop(picture: Array, box: tuple[int, ...], *, smooth: bool = True) -> Array:
     return np.asarray(cv2.resize(part, None, fx=scale, fy=scale, interpolation=how))
 
 
-def box_of_most(weight: Array, share: float, aspect: float = 4 / 3) -> tuple[int, ...]:
+def box_with_most(weight: Array, share: float, aspect: float = 4 / 3) -> tuple[int, ...]:
     """The box, of a share of the picture's width, that holds most of a weight: left, top, right, bottom."""
     height, width = weight.shape
     wide = int(min(width * share, height * aspect))
@@ -107,7 +107,7 @@ def box_of_most(weight: Array, share: float, aspect: float = 4 / 3) -> tuple[int
     return left, top, left + wide, top + tall
 
 
-def trim(seen: Array) -> tuple[slice, slice]:
+def trim_empty_sides(seen: Array) -> tuple[slice, slice]:
     """The part of a panorama without empty corners: the worst side is cut until all sides are seen."""
     top, bottom, left, right = 0, seen.shape[0], 0, seen.shape[1]
     while bottom - top > 32 and right - left > 32:
@@ -121,7 +121,7 @@ def trim(seen: Array) -> tuple[slice, slice]:
     return slice(top, bottom), slice(left, right)
 
 
-def fit(picture: Array, width: int, height: int) -> Array:
+def fit_canvas(picture: Array, width: int, height: int) -> Array:
     """A picture made as large as fits into a canvas, in its middle."""
     scale = min(width / picture.shape[1], height / picture.shape[0])
     wide, high = max(1, round(picture.shape[1] * scale)), max(1, round(picture.shape[0] * scale))
@@ -132,7 +132,7 @@ def fit(picture: Array, width: int, height: int) -> Array:
     return canvas
 
 
-def save(folder: Path, name: str, picture: Array, *, quality: int = 92) -> str:
+def save_picture(folder: Path, name: str, picture: Array, *, quality: int = 92) -> str:
     """Write a picture into folder/pictures; its path relative to the folder. `quality` is for JPEG."""
     target = folder / "pictures" / name
     target.parent.mkdir(parents=True, exist_ok=True)

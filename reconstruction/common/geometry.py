@@ -1,6 +1,6 @@
 """A calibrated view: from pixels to rays and back."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import cv2
@@ -93,3 +93,10 @@ def angle_deg(a: Array, b: Array) -> float:
     """Angle between two directions, degrees."""
     cosine = float(a @ b) / float(np.linalg.norm(a) * np.linalg.norm(b))
     return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+
+
+def resize_view(view: View, width: int, height: int) -> View:
+    """The view at another size of its pictures."""
+    sx, sy = width / view.width, height / view.height
+    scale = np.array([[sx, 0, 0.5 * sx - 0.5], [0, sy, 0.5 * sy - 0.5], [0, 0, 1.0]])
+    return replace(view, width=width, height=height, matrix=scale @ view.matrix)

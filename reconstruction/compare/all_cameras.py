@@ -10,9 +10,10 @@ from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.compare.multiview_study import MultiviewStudy
 from reconstruction.compare.pose_study import LARGE_MOVING_SHARE, PoseStudy
-from reconstruction.multiview.shots import Shots
+from reconstruction.multiview.undistorted_session import UndistortedSession
 from reconstruction.report import wording
-from reconstruction.scores.results import MultiviewComparison, PoseComparison
+from reconstruction.scores.depth_results import MultiviewComparison
+from reconstruction.scores.pose_results import PoseComparison
 from reconstruction.session.conditions import DISTINCT, SYNCED, Condition
 
 TOGETHER, APART = Condition(SYNCED), Condition(DISTINCT)
@@ -125,7 +126,7 @@ class AllCameras:
     def _study(self, rig: Rig, middle: int) -> MultiviewStudy:
         if not rig.views:
             raise ValueError("the cameras have no calibration")
-        shots = Shots(rig.dataset, rig.motion, rig.views, self.options.multiview_width)
+        shots = UndistortedSession(rig.dataset, rig.motion, rig.views, self.options.multiview_width)
         study = MultiviewStudy(shots, rig.stages, rig.unit, self.options.multiview_instants)
         study.prepare(middle)
         return study

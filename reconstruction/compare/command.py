@@ -10,11 +10,11 @@ import msgspec
 from capture_app.errors import NotAvailableError
 from capture_app.terminal import Progress
 from reconstruction.bullet_time.burst_grid import burst_grid
-from reconstruction.bullet_time.command import bullet_time
+from reconstruction.bullet_time.camera_sweep import render_camera_sweep
 from reconstruction.calibration.rig import Rig
-from reconstruction.common.native import versions
+from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.output_folder import Output
-from reconstruction.common.stages import Stages
+from reconstruction.common.stage_cache import StageCache
 from reconstruction.compare.all_cameras import AllCameras, AllCamerasOptions
 from reconstruction.compare.depth_pictures import depth_pictures
 from reconstruction.compare.depth_study import DepthStudy
@@ -23,18 +23,20 @@ from reconstruction.compare.further import Chosen, judge, judge_session
 from reconstruction.compare.panorama_study import PanoramaStudy
 from reconstruction.report.report import write_report
 from reconstruction.report.verdict import verdict
-from reconstruction.scores.results import (
-    CompareResult,
-    ConditionResult,
-    DoseResult,
-    Picture,
-    StereoResult,
-    StitchResult,
-)
+from reconstruction.scores.compare_results import CompareResult, ConditionResult
+from reconstruction.scores.depth_results import StereoComparison
+from reconstruction.scores.dose_results import DoseResult
+from reconstruction.scores.panorama_results import PanoramaComparison
+from reconstruction.scores.results import Picture
 from reconstruction.session.conditions import Condition
 from reconstruction.session.dataset import Dataset
+from reconstruction.session.frame_offset import (
+    FrameOffset,
+    evenly_spread,
+    nearest_frame_offset,
+    pairs_with_images,
+)
 from reconstruction.session.scene_motion import SceneMotion
-from reconstruction.session.variants import Offset, choose_offset, thin, usable_pairs
 
 DOSE_INSTANTS = 6
 """Instants of the dose curve within a comparison; `reconstruct dose` takes more."""
@@ -65,7 +67,7 @@ def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
     """
     began = time.monotonic()
     dataset = Dataset.open(session)
-    offset = choose_offset(dataset.instants_ns, dataset.period_ns, options.offset_ms)
+    offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, options.offset_ms)
     with Output(out) as output:
         result = _Comparison(dataset, offset, options, output.folder).run(session)
         result = msgspec.structs.replace(result, report="report.html", seconds=time.monotonic() - began)
@@ -77,12 +79,12 @@ def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
 class _Comparison:
     """One run, from an opened session to a result without its report."""
 
-    def __init__(self, dataset: Dataset, offset: Offset, options: CompareOptions, folder: Path) -> None:
+    def __init__(self, dataset: Dataset, offset: FrameOffset, options: CompareOptions, folder: Path) -> None:
         self.dataset = dataset
         self.offset = offset
         self.options = options
         self.folder = folder
-        self.stages = Stages(folder / "stages", dataset.fingerprint())
+        self.stages = StageCache(folder / "stages", dataset.fingerprint())
         self.motion = SceneMotion(dataset, offset.step)
         self.rig = Rig(dataset, self.motion, self.stages)
         self.middle = offset.pairs[len(offset.pairs) // 2][0]
@@ -103,7 +105,7 @@ class _Comparison:
     def run(self, session: Path) -> CompareResult:
         """Everything in turn; a half that is impossible is skipped with its reason."""
         self.progress.step(f"what moves in {self.dataset.name}")
-        moving = self.rig.moving_share([k for k, _ in thin(self.offset.pairs, 4)])
+        moving = self.rig.moving_share([k for k, _ in evenly_spread(self.offset.pairs, 4)])
         self.progress.step("calibration")
         no_views = self.rig.try_calibrate()
         self.progress.step("choosing cameras")
@@ -137,12 +139,12 @@ class _Comparison:
             conditions=conditions,
             dose=self.dose,
             burst=burst_grid(self.dataset, self.folder),
-            bullet_time=bullet_time(self.dataset, self.motion, self.rig.views, self.folder),
-            versions=versions(),
+            bullet_time=render_camera_sweep(self.dataset, self.motion, self.rig.views, self.folder),
+            versions=library_versions(),
         )
 
     def _further(
-        self, stereo: StereoResult | None, stitched: StitchResult | None
+        self, stereo: StereoComparison | None, stitched: PanoramaComparison | None
     ) -> tuple[ConditionResult, ...]:
         """What was asked for beside the two conditions."""
         chosen = Chosen(self.rig, self.options.most_instants, stereo, stitched, self.panorama, self.all)
@@ -156,12 +158,12 @@ class _Comparison:
         return tuple(found)
 
     def _pairs(self, cameras: tuple[str, str]) -> list[tuple[int, int]]:
-        found = usable_pairs(self.dataset, self.offset, *cameras)
+        found = pairs_with_images(self.dataset, self.offset, *cameras)
         if not found:
             raise ValueError(f"{cameras[0]} and {cameras[1]} have no images of the same instants")
-        return thin(found, self.options.most_instants)
+        return evenly_spread(found, self.options.most_instants)
 
-    def _stereo(self, no_views: Exception | None) -> tuple[StereoResult | None, str]:
+    def _stereo(self, no_views: Exception | None) -> tuple[StereoComparison | None, str]:
         if no_views is not None:
             return None, str(no_views)
         choice = self.rig.stereo(self.options.stereo, self.middle)
@@ -191,7 +193,7 @@ class _Comparison:
             steps = offsets(self.dataset, max(self.offset.actual_ms, MOST_MS))
             self.dose = measure(self.rig, cameras, steps, most, Progress(0, silent=True))
 
-    def _stitch(self) -> tuple[StitchResult | None, str]:
+    def _stitch(self) -> tuple[PanoramaComparison | None, str]:
         choice = self.rig.panorama(self.options.stitch, self.middle)
         if choice.cameras is None:
             return None, choice.why

@@ -5,7 +5,17 @@ from pathlib import Path
 
 import numpy as np
 
-from reconstruction.common import drawing as pictures
+from reconstruction.common.drawing import (
+    EMPTY,
+    box_around,
+    colour_depth,
+    display_range,
+    draw_rows,
+    enlarge_crop,
+    mark_movers,
+    save_picture,
+    side_by_side,
+)
 from reconstruction.common.geometry import Array
 from reconstruction.compare.depth_study import DepthStudy, Instant
 from reconstruction.scores.results import Picture
@@ -24,7 +34,7 @@ def depth_pictures(study: DepthStudy, instants: Sequence[Instant], out: Path) ->
     for condition, later in (("synced", one.now), ("offset", one.later)):
         for key, picture in _made(study, one, condition, later).items():
             name = f"stereo_{key}_{condition}.{'png' if key in PLAIN else 'jpg'}"
-            paths[key][condition] = pictures.save(out, name, picture)
+            paths[key][condition] = save_picture(out, name, picture)
     return [
         Picture(key=f"stereo_{key}", title=title, caption=text, panels=PANELS.get(key, 1), **paths[key])
         for key, (title, text) in texts.items()
@@ -50,11 +60,11 @@ def _texts(study: DepthStudy, true: bool) -> dict[str, tuple[str, str]]:
 
 
 def _made(study: DepthStudy, one: Instant, condition: str, later: int) -> dict[str, Array]:
-    near, far = pictures.depth_range(one.maps["synced"].depth, one.moving)
+    near, far = display_range(one.maps["synced"].depth, one.moving)
     photo = study.dataset.image(study.reference, one.now)
-    box = pictures.box_around(one.moving, most=0.65)
+    box = box_around(one.moving, most=0.65)
     depth = one.maps[condition].depth
-    coloured = pictures.colour_depth(depth, near, far)
+    coloured = colour_depth(depth, near, far)
     right = depth > 0
     if one.truth is not None:
         truth = np.nan_to_num(one.truth, nan=np.inf)
@@ -62,10 +72,8 @@ def _made(study: DepthStudy, one: Instant, condition: str, later: int) -> dict[s
     return {
         "late": study.dataset.image(study.other, later),
         "depth": coloured,
-        "movers": pictures.mark_movers(photo, one.moving, right),
-        "closeup": pictures.side_by_side(
-            pictures.crop(photo, box), pictures.crop(coloured, box, smooth=False)
-        ),
+        "movers": mark_movers(photo, one.moving, right),
+        "closeup": side_by_side(enlarge_crop(photo, box), enlarge_crop(coloured, box, smooth=False)),
         "pair": _pair(study, one, later),
     }
 
@@ -77,13 +85,13 @@ def _pair(study: DepthStudy, one: Instant, later: int) -> Array:
     a, seen = canvas.remap(study.dataset.image(study.reference, one.now))
     b, seen_b = canvas.remap(study.dataset.image(study.other, later), other=True)
     on, _ = canvas.remap(one.moving.astype(np.uint8), nearest=True)
-    a[~seen], b[~seen_b] = pictures.EMPTY, pictures.EMPTY
+    a[~seen], b[~seen_b] = EMPTY, EMPTY
     rows, columns = (np.nonzero(seen.mean(axis) > 0.5 * seen.mean(axis).max())[0] for axis in (1, 0))
     part = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
     a, b, on = a[part], b[part], on[part]
     if canvas.mirror:
         a, b, on = (np.ascontiguousarray(image[:, ::-1]) for image in (a, b, on))
-    _, top, _, bottom = pictures.box_around(on > 0, spare=0.0, least=8)
+    _, top, _, bottom = box_around(on > 0, spare=0.0, least=8)
     count = 3 if (on > 0).any() else 0
     lines = [int(y) for y in np.linspace(top, bottom, count)]
-    return pictures.with_rows(a, b, lines)
+    return draw_rows(a, b, lines)

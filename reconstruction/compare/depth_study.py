@@ -7,13 +7,16 @@ import numpy as np
 
 from capture_app.terminal import Progress
 from reconstruction.common.geometry import Array, View
-from reconstruction.common.stages import Stages
-from reconstruction.scores import metrics
-from reconstruction.scores.results import DepthScores, StereoResult
+from reconstruction.common.stage_cache import StageCache
+from reconstruction.scores.depth_results import DepthScores, StereoComparison
+from reconstruction.scores.depth_truth import true_depth_in_unit
+from reconstruction.scores.still_control import median_still_depth, project_into_other, still_pixels
 from reconstruction.scores.tally import Tally, count_depth, differences
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.scene_motion import SceneMotion
-from reconstruction.stereo.stereo import DepthMap, StereoPair, scene_disparities
+from reconstruction.stereo.disparity_range import find_disparity_range
+from reconstruction.stereo.epipolar_error import epipolar_errors
+from reconstruction.stereo.stereo_pair import DepthMap, StereoPair
 
 CONDITIONS = ("synced", "offset")
 RANGE_INSTANTS = 8
@@ -59,7 +62,7 @@ class DepthStudy:
         self.unit = unit
         self.pair: StereoPair | None = None
 
-    def run(self, stages: Stages, progress: Progress) -> list[Instant]:
+    def run(self, stages: StageCache, progress: Progress) -> list[Instant]:
         """Depth maps of all instants, from the stages' folder where they are there already.
 
         Raises:
@@ -101,7 +104,7 @@ class DepthStudy:
             )
             for now, _ in chosen
         ]
-        return scene_disparities((self.views[self.reference], self.views[self.other]), images)
+        return find_disparity_range((self.views[self.reference], self.views[self.other]), images)
 
     def _depth(self, now: int, instant: int) -> DepthMap:
         assert self.pair is not None
@@ -110,12 +113,12 @@ class DepthStudy:
     def _judged(self, found: list[tuple[int, int, dict[str, DepthMap]]]) -> list[Instant]:
         depths = [maps["synced"].depth for _, _, maps in found]
         moving = [self.motion.moving(self.reference, now) for now, _, _ in found]
-        still = metrics.still_depth(depths, moving)
-        where, inside = metrics.seen_through(self.views[self.reference], self.views[self.other], still)
+        still = median_still_depth(depths, moving)
+        where, inside = project_into_other(self.views[self.reference], self.views[self.other], still)
         instants = []
         for (now, later, maps), mask in zip(found, moving, strict=True):
             times = {now, later}
-            static = metrics.still_control(
+            static = still_pixels(
                 where,
                 inside,
                 [
@@ -134,9 +137,9 @@ class DepthStudy:
         loaded = self.dataset.truth(self.reference, instant)
         if loaded is None:
             return None
-        return metrics.in_unit(loaded[0], self.unit, still, static)
+        return true_depth_in_unit(loaded[0], self.unit, still, static)
 
-    def result(self, instants: Sequence[Instant], why: str) -> StereoResult:
+    def result(self, instants: Sequence[Instant], why: str) -> StereoComparison:
         """Scores of both conditions."""
         assert self.pair is not None
         tallies = {condition: Tally() for condition in CONDITIONS}
@@ -154,7 +157,7 @@ class DepthStudy:
                 counts = []
                 for mask in (one.moving, one.static):
                     count = count_depth(found.depth, found.difference, mask, one.truth)
-                    rows = metrics.row_errors(self.pair, reference, other, mask)
+                    rows = epipolar_errors(self.pair, reference, other, mask)
                     count.values["epipolar_px"] = np.array(rows, float)
                     counts.append(count)
                 single = Tally()
@@ -163,7 +166,7 @@ class DepthStudy:
                 for name, pair in ROW.items():
                     row[f"{condition}_{name}"] = single.value(*pair)
             per_instant.append(row)
-        return StereoResult(
+        return StereoComparison(
             reference=self.reference,
             other=self.other,
             synced=tallies["synced"].scores(DepthScores, intervals=True),

@@ -14,15 +14,22 @@ import numpy as np
 from capture_app.errors import BadInputError
 from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
-from reconstruction.common.native import versions
+from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.output_folder import Output
-from reconstruction.common.stages import Stages
+from reconstruction.common.stage_cache import StageCache
 from reconstruction.compare.depth_study import DepthStudy
 from reconstruction.report.dose import write_dose_report
-from reconstruction.scores.results import DepthScores, DosePoint, DoseResult, Interval
+from reconstruction.scores.depth_results import DepthScores
+from reconstruction.scores.dose_results import DosePoint, DoseResult
+from reconstruction.scores.results import Interval
 from reconstruction.session.dataset import Dataset
+from reconstruction.session.frame_offset import (
+    FrameOffset,
+    evenly_spread,
+    nearest_frame_offset,
+    pairs_with_images,
+)
 from reconstruction.session.scene_motion import SceneMotion
-from reconstruction.session.variants import Offset, choose_offset, thin, usable_pairs
 
 MOST_MS = 66.0
 MOST_STEPS = 8
@@ -61,7 +68,7 @@ def _dose(session: Path, stages: Path, options: DoseOptions) -> DoseResult:
     dataset = Dataset.open(session)
     steps = offsets(dataset, options.most_ms)
     motion = SceneMotion(dataset, steps[-1].step)
-    rig = Rig(dataset, motion, Stages(stages, dataset.fingerprint()))
+    rig = Rig(dataset, motion, StageCache(stages, dataset.fingerprint()))
     rig.check_pair(options.stereo)
     progress = Progress(3)
     progress.step("calibration")
@@ -81,11 +88,11 @@ def _dose(session: Path, stages: Path, options: DoseOptions) -> DoseResult:
         why=choice.why,
         calibration=rig.source,
         seconds=time.monotonic() - began,
-        versions=versions(),
+        versions=library_versions(),
     )
 
 
-def offsets(dataset: Dataset, most_ms: float) -> list[Offset]:
+def offsets(dataset: Dataset, most_ms: float) -> list[FrameOffset]:
     """The whole frames up to `most_ms` (or what the burst holds), at most `MOST_STEPS` of them.
 
     Raises:
@@ -100,13 +107,15 @@ def offsets(dataset: Dataset, most_ms: float) -> list[Offset]:
     # Half the burst must be left to measure on, and a frame may be a little longer than asked for.
     count = min(int(most_ms * 1e6 / spacing_ns + 0.25), max(1, len(dataset.instants_ns) // 2))
     wanted = sorted({round(k) for k in np.linspace(1, max(1, count), min(max(1, count), MOST_STEPS))})
-    return [choose_offset(dataset.instants_ns, dataset.period_ns, k * spacing_ns / 1e6) for k in wanted]
+    return [
+        nearest_frame_offset(dataset.instants_ns, dataset.period_ns, k * spacing_ns / 1e6) for k in wanted
+    ]
 
 
 def measure(
     rig: Rig,
     cameras: tuple[str, str],
-    steps: list[Offset],
+    steps: list[FrameOffset],
     most_instants: int,
     progress: Progress,
 ) -> DoseResult:
@@ -115,11 +124,11 @@ def measure(
     Raises:
         ValueError: the pair sees too little in common, or no instant has all its frames.
     """
-    later = [dict(usable_pairs(rig.dataset, step, *cameras)) for step in steps]
+    later = [dict(pairs_with_images(rig.dataset, step, *cameras)) for step in steps]
     common = [now for now in later[0] if all(now in partners for partners in later)]
     if not common:
         raise ValueError("no instant has its images at all the offsets")
-    nows = [now for now, _ in thin([(now, now) for now in common], most_instants)]
+    nows = [now for now, _ in evenly_spread([(now, now) for now in common], most_instants)]
     progress.total += len(nows) * len(steps) + len(steps)
     points: list[DosePoint] = []
     for step, partners in zip(steps, later, strict=True):

@@ -5,15 +5,17 @@ from pathlib import Path
 
 from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
-from reconstruction.common.stages import Stages
+from reconstruction.common.stage_cache import StageCache
 from reconstruction.compare.all_cameras import AllCameras
 from reconstruction.compare.depth_study import DepthStudy
 from reconstruction.compare.panorama_study import PanoramaStudy
-from reconstruction.scores.results import ConditionResult, StereoResult, StitchResult
-from reconstruction.session.conditions import Condition, listed, pair_instants
+from reconstruction.scores.compare_results import ConditionResult
+from reconstruction.scores.depth_results import StereoComparison
+from reconstruction.scores.panorama_results import PanoramaComparison
+from reconstruction.session.conditions import Condition, fixed_offsets_ms, pair_instants
 from reconstruction.session.dataset import Dataset
+from reconstruction.session.frame_offset import evenly_spread
 from reconstruction.session.scene_motion import SceneMotion
-from reconstruction.session.variants import thin
 
 Pair = tuple[str, str]
 
@@ -24,8 +26,8 @@ class Chosen:
 
     rig: Rig
     most_instants: int
-    stereo: StereoResult | None
-    stitch: StitchResult | None
+    stereo: StereoComparison | None
+    stitch: PanoramaComparison | None
     panorama: PanoramaStudy | None
     all_cameras: AllCameras
 
@@ -33,8 +35,8 @@ class Chosen:
 def judge(chosen: Chosen, condition: Condition) -> ConditionResult:
     """Score a condition against the synchronized one, on the same instants and pixels."""
     rig = chosen.rig
-    stereo: StereoResult | None = None
-    stitched: StitchResult | None = None
+    stereo: StereoComparison | None = None
+    stitched: PanoramaComparison | None = None
     late: dict[str, float | None] = {}
     skipped = []
     quiet = Progress(0, silent=True)
@@ -58,7 +60,7 @@ def judge(chosen: Chosen, condition: Condition) -> ConditionResult:
     many, poses, missing = chosen.all_cameras.judge(condition, quiet)
     return ConditionResult(
         name=condition.name,
-        offsets_ms=listed(condition, rig.dataset),
+        offsets_ms=fixed_offsets_ms(condition, rig.dataset),
         stereo_offset_ms=late.get("stereo"),
         stitch_offset_ms=late.get("stitch"),
         stereo=stereo,
@@ -72,13 +74,13 @@ def judge(chosen: Chosen, condition: Condition) -> ConditionResult:
 def judge_session(chosen: Chosen, other: Dataset, folder: Path, step: int) -> ConditionResult:
     """Score another session's images of the same instant: by its own calibration, else by this one's."""
     motion = SceneMotion(other, step)
-    theirs = Rig(other, motion, Stages(folder, other.fingerprint()))
+    theirs = Rig(other, motion, StageCache(folder, other.fingerprint()))
     quiet = Progress(0, silent=True)
     calibration = other.calibration() or chosen.rig.calibration
     if calibration is not None:
         theirs.use(calibration)
-    stereo: StereoResult | None = None
-    stitched: StitchResult | None = None
+    stereo: StereoComparison | None = None
+    stitched: PanoramaComparison | None = None
     skipped = []
     if chosen.stereo is not None and calibration is not None:
         cameras = (chosen.stereo.reference, chosen.stereo.other)
@@ -87,7 +89,7 @@ def judge_session(chosen: Chosen, other: Dataset, folder: Path, step: int) -> Co
                 other, motion, theirs.views, cameras, _same(other, cameras, chosen), theirs.unit
             )
             judged = study.result(study.run(theirs.stages, quiet), "")
-            stereo = StereoResult(
+            stereo = StereoComparison(
                 reference=cameras[0],
                 other=cameras[1],
                 synced=chosen.stereo.synced,
@@ -101,7 +103,7 @@ def judge_session(chosen: Chosen, other: Dataset, folder: Path, step: int) -> Co
         try:
             whole = PanoramaStudy(other, motion, theirs.views, cameras, _same(other, cameras, chosen))
             whole.register()
-            stitched = StitchResult(
+            stitched = PanoramaComparison(
                 cameras=cameras,
                 synced=chosen.stitch.synced,
                 offset=whole.result(quiet, "").synced,
@@ -123,11 +125,11 @@ def judge_session(chosen: Chosen, other: Dataset, folder: Path, step: int) -> Co
 
 def _pairs(chosen: Chosen, condition: Condition, cameras: Pair) -> tuple[list[tuple[int, int]], float | None]:
     found, late_ms = pair_instants(chosen.rig.dataset, condition, *cameras)
-    return thin(found, chosen.most_instants), late_ms
+    return evenly_spread(found, chosen.most_instants), late_ms
 
 
 def _same(other: Dataset, cameras: Pair, chosen: Chosen) -> list[tuple[int, int]]:
     there = [k for k in other.instants(cameras[0]) if other.has(cameras[1], k)]
     if not there:
         raise ValueError(f"{other.name} has no images of {cameras[0]} and {cameras[1]} of one instant")
-    return thin([(k, k) for k in there], chosen.most_instants)
+    return evenly_spread([(k, k) for k in there], chosen.most_instants)

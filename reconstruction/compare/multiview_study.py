@@ -8,19 +8,20 @@ import numpy as np
 
 from capture_app.errors import BadInputError
 from capture_app.terminal import Progress
-from reconstruction.common.native import versions
-from reconstruction.common.stages import Stages
+from reconstruction.common.native_libraries import library_versions
+from reconstruction.common.stage_cache import StageCache
 from reconstruction.depth.depth_range import find_depth_range
-from reconstruction.multiview.count import Judge
+from reconstruction.multiview.comparison_pictures import multiview_pictures
 from reconstruction.multiview.instant_depth import InstantDepth, instant_depth
-from reconstruction.multiview.pictures import multiview_pictures
-from reconstruction.multiview.shots import Shots
-from reconstruction.multiview.sources import choose_sources, guessed_depths, reference_of
-from reconstruction.scores.results import MultiviewComparison, MultiviewScores, Picture
+from reconstruction.multiview.instant_scoring import InstantScorer
+from reconstruction.multiview.source_views import choose_reference_view, choose_source_views, guess_depths
+from reconstruction.multiview.undistorted_session import UndistortedSession
+from reconstruction.scores.depth_results import MultiviewComparison, MultiviewScores
+from reconstruction.scores.results import Picture
 from reconstruction.scores.tally import Count, Tally, differences
-from reconstruction.session.conditions import Condition, listed, refuse_together, shown_with
+from reconstruction.session.conditions import Condition, fixed_offsets_ms, instants_shown, refuse_synchronized
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.variants import thin
+from reconstruction.session.frame_offset import evenly_spread
 
 FEWEST_CAMERAS = 3
 MOST_CAMERAS = 5
@@ -55,7 +56,7 @@ class Taken:
 class MultiviewStudy:
     """Depth from all cameras in any condition; what is fixed for all comes from synchronized pictures."""
 
-    def __init__(self, shots: Shots, stages: Stages, unit: str, most_instants: int) -> None:
+    def __init__(self, shots: UndistortedSession, stages: StageCache, unit: str, most_instants: int) -> None:
         """`unit` is the calibration's unit of length."""
         self.shots = shots
         self.stages = stages
@@ -87,16 +88,16 @@ class MultiviewStudy:
         self._need(len(photos))
         views = {camera: photo.view for camera, photo in photos.items()}
         try:
-            self.reach = find_depth_range(photos, choose_sources(views, guessed_depths(views)))
+            self.reach = find_depth_range(photos, choose_source_views(views, guess_depths(views)))
         except BadInputError as error:
             raise ValueError(error.what) from error
         depths = self._depths
-        sources = choose_sources(views, depths)
+        sources = choose_source_views(views, depths)
         alone = {c: "shares too little with any two others" for c in photos if len(sources[c]) < 2}
         views = {c: view for c, view in views.items() if c not in alone}
         self.left_out |= alone
         self._need(len(views))
-        self.reference = reference_of(views, depths)
+        self.reference = choose_reference_view(views, depths)
         near = [c for c in sources[self.reference] if c in views][: MOST_CAMERAS - 1]
         self.cameras = tuple(c for c in names if c == self.reference or c in near)
         for camera in views:
@@ -123,7 +124,9 @@ class MultiviewStudy:
                 maps[name] = self._depth(shown)
             found.append(maps)
         instants = [one.instant for one in taken]
-        judge = Judge(self.shots, self.reference, self.unit, instants, [maps["synced"] for maps in found])
+        judge = InstantScorer(
+            self.shots, self.reference, self.unit, instants, [maps["synced"] for maps in found]
+        )
         tallies = {name: Tally() for name in CONDITIONS}
         rows = []
         for one, maps in zip(taken, found, strict=True):
@@ -152,7 +155,7 @@ class MultiviewStudy:
         problem = "no instant has its pictures in both conditions"
         for instant in self.dataset.instants(self.reference):
             try:
-                shown = shown_with(self.dataset, condition, self.reference, instant)
+                shown = instants_shown(self.dataset, condition, self.reference, instant)
             except ValueError as error:
                 problem = str(error)
                 continue
@@ -161,8 +164,8 @@ class MultiviewStudy:
             raise ValueError(problem)
         most = max(len(one.shown) for one in found)
         fullest = [one for one in found if len(one.shown) == most]
-        refuse_together(condition, [(one.instant, one.shown) for one in fullest])
-        places = thin([(place, place) for place in range(len(fullest))], self.most_instants)
+        refuse_synchronized(condition, [(one.instant, one.shown) for one in fullest])
+        places = evenly_spread([(place, place) for place in range(len(fullest))], self.most_instants)
         chosen = [fullest[place] for place, _ in places]
         shown_only = [Taken(o.instant, self._kept(o.instant, o.shown, self.shots.usable)) for o in chosen]
         useful = [o for o in shown_only if self.reference in o.shown and len(o.shown) >= FEWEST_CAMERAS]
@@ -177,7 +180,7 @@ class MultiviewStudy:
     def _depth(self, shown: dict[str, int]) -> InstantDepth:
         shots = {camera: self.shots.shot(camera, instant) for camera, instant in shown.items()}
         views = {camera: shot.photo.view for camera, shot in shots.items()}
-        sources = choose_sources(views, self._depths)
+        sources = choose_source_views(views, self._depths)
         if not sources[self.reference]:
             raise ValueError(f"no camera with a picture sees what {self.reference} sees")
         made = self.stages.arrays(
@@ -187,7 +190,7 @@ class MultiviewStudy:
             tuple(shown.items()),
             repr(views),
             self.reach,
-            versions()["pycolmap"],
+            library_versions()["pycolmap"],
         )
         return InstantDepth(**made)
 
@@ -206,7 +209,7 @@ class MultiviewStudy:
         return row
 
     def _pictures(
-        self, taken: list[Taken], found: list[dict[str, InstantDepth]], judge: Judge, folder: Path
+        self, taken: list[Taken], found: list[dict[str, InstantDepth]], judge: InstantScorer, folder: Path
     ) -> tuple[Picture, ...]:
         moving = [self.shots.moving(self.reference, one.instant) for one in taken]
         seen = [
@@ -218,7 +221,7 @@ class MultiviewStudy:
         return multiview_pictures(photo, found[best], moving[best], judge.truth(instant), folder)
 
     def _late(self, condition: Condition) -> dict[str, float]:
-        late_ms = listed(condition, self.dataset)
+        late_ms = fixed_offsets_ms(condition, self.dataset)
         return {c: late_ms[c] - late_ms[self.reference] for c in self.cameras} if late_ms else {}
 
     @property

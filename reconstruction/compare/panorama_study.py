@@ -6,16 +6,24 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.terminal import Progress
-from reconstruction.calibration.features import find_points, match_points
-from reconstruction.calibration.pairs import fit_homography
-from reconstruction.common import drawing as pictures
+from reconstruction.calibration.features import detect_features, match_features
+from reconstruction.calibration.homography import fit_homography
+from reconstruction.common.drawing import box_with_most, enlarge_crop, save_picture, trim_empty_sides
 from reconstruction.common.geometry import Array, View
-from reconstruction.panorama import pair_homography as stitch
-from reconstruction.scores.intervals import interval, pooled_samples
-from reconstruction.scores.results import Interval, Picture, StitchResult, StitchScores
+from reconstruction.panorama.pair_panorama import OverlapMisfit, blend_pair, measure_misfit, panorama_masks
+from reconstruction.panorama.pair_registration import (
+    PairRegistration,
+    correct_parallax,
+    register_pair,
+    uncalibrated_view,
+    undistort_pixels,
+)
+from reconstruction.scores.bootstrap import bootstrap_interval, pooled_samples
+from reconstruction.scores.panorama_results import PanoramaComparison, PanoramaScores
+from reconstruction.scores.results import Interval, Picture
 from reconstruction.scores.tally import FEWEST_FOR_INTERVAL
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.movers import grow
+from reconstruction.session.mover_detection import dilate
 from reconstruction.session.scene_motion import SceneMotion
 
 REGISTRATION_INSTANTS = 3
@@ -37,8 +45,8 @@ class PanoramaStudy:
         self.motion = motion
         self.cameras = cameras
         self.pairs = list(pairs)
-        self.views = [views.get(name) or stitch.plain_view(*dataset.size(name)) for name in cameras]
-        self.registration: stitch.Registration | None = None
+        self.views = [views.get(name) or uncalibrated_view(*dataset.size(name)) for name in cameras]
+        self.registration: PairRegistration | None = None
 
     def register(self) -> None:
         """Fix the geometry from what stands still.
@@ -50,12 +58,12 @@ class PanoramaStudy:
         at: tuple[list[Array], list[Array]] = ([], [])
         for now, _ in self.pairs[:: max(1, len(self.pairs) // REGISTRATION_INSTANTS)]:
             points = [
-                find_points(self.dataset.grey(name, now), grow(self.motion.seen_moving(name, now), 5))
+                detect_features(self.dataset.grey(name, now), dilate(self.motion.seen_moving(name, now), 5))
                 for name in self.cameras
             ]
-            found = match_points(points[0], points[1])
+            found = match_features(points[0], points[1])
             for kept, view, pixels in zip(at, self.views, found, strict=True):
-                kept.append(stitch.flat(view, pixels) if len(pixels) else pixels)
+                kept.append(undistort_pixels(view, pixels) if len(pixels) else pixels)
         homography = fit_homography(
             np.concatenate(at[0]),
             np.concatenate(at[1]),
@@ -64,30 +72,30 @@ class PanoramaStudy:
         )
         if homography is None:
             raise ValueError(f"the pictures of {first} and {second} cannot be laid over each other")
-        rough = stitch.register(self.views[0], self.views[1], homography)
+        rough = register_pair(self.views[0], self.views[1], homography)
         moving = np.zeros(rough.overlap.shape, bool)
         for which, name in enumerate(self.cameras):
             for k in self.dataset.instants(name):
                 mask = self.motion.seen_moving(name, k).astype(np.uint8)
                 moving |= rough.warp(mask, which, nearest=True) > 0
-        self.registration = stitch.refine(
+        self.registration = correct_parallax(
             rough,
             rough.warp(self.motion.still(first), 0),
             rough.warp(self.motion.still(second), 1),
-            grow(moving, 4),
+            dilate(moving, 4),
         )
 
-    def result(self, progress: Progress, why: str) -> StitchResult:
+    def result(self, progress: Progress, why: str) -> PanoramaComparison:
         """Misfit of both conditions in the overlap, the mean over the instants."""
         assert self.registration is not None
         first, second = self.cameras
-        misfits: tuple[list[stitch.Misfit], list[stitch.Misfit]] = ([], [])
+        misfits: tuple[list[OverlapMisfit], list[OverlapMisfit]] = ([], [])
         for now, later in self.pairs:
             progress.step(f"panorama {first}-{second}, instant {now}")
             for shown, instant in enumerate((now, later)):
                 moving, still = self._masks(now, later, instant)
                 misfits[shown].append(
-                    stitch.measure(
+                    measure_misfit(
                         self.registration,
                         self.dataset.grey(first, now),
                         self.dataset.grey(second, instant),
@@ -95,7 +103,7 @@ class PanoramaStudy:
                         still,
                     )
                 )
-        return StitchResult(
+        return PanoramaComparison(
             cameras=self.cameras,
             synced=_scores(misfits[0]),
             offset=_scores(misfits[1]),
@@ -109,20 +117,20 @@ class PanoramaStudy:
         first, second = self.cameras
         now, later = max(self.pairs, key=lambda pair: int(self._moving(*pair).sum()))
         seen = self.registration.seen[0] | self.registration.seen[1]
-        part = pictures.trim(seen)
+        part = trim_empty_sides(seen)
         wholes = {
-            condition: stitch.compose(
+            condition: blend_pair(
                 self.registration, self.dataset.image(first, now), self.dataset.image(second, instant)
             )[part]
             for condition, instant in (("synced", now), ("offset", later))
         }
         changed = np.abs(wholes["synced"].astype(np.float32) - wholes["offset"]).mean(2)
-        box = pictures.box_of_most(changed * (changed > 12), 0.5)
+        box = box_with_most(changed * (changed > 12), 0.5)
         paths: dict[str, dict[str, str]] = {"panorama": {}, "closeup": {}}
         for condition, whole in wholes.items():
-            paths["panorama"][condition] = pictures.save(out, f"panorama_{condition}.jpg", whole)
-            close = pictures.crop(whole, box)
-            paths["closeup"][condition] = pictures.save(out, f"panorama_closeup_{condition}.jpg", close)
+            paths["panorama"][condition] = save_picture(out, f"panorama_{condition}.jpg", whole)
+            close = enlarge_crop(whole, box)
+            paths["closeup"][condition] = save_picture(out, f"panorama_closeup_{condition}.jpg", close)
         return [
             Picture(
                 key="panorama",
@@ -144,7 +152,7 @@ class PanoramaStudy:
         """Moving and still pixels on the panorama when the second camera shows the instant `shown`."""
         assert self.registration is not None
         first, second = self.cameras
-        return stitch.masks(
+        return panorama_masks(
             self.registration,
             (self.motion.moving(first, now), self.motion.moving(second, shown)),
             (
@@ -166,7 +174,7 @@ MEASURES = {
 }
 
 
-def _values(misfits: list[stitch.Misfit], measure: str) -> Array:
+def _values(misfits: list[OverlapMisfit], measure: str) -> Array:
     """A measure at every instant, NaN = none."""
     found = [getattr(misfit, MEASURES[measure]) for misfit in misfits]
     return np.array([np.nan if value is None else value for value in found], float)
@@ -184,10 +192,10 @@ def _samples(values: Array) -> Array:
     return pooled_samples(singles, lambda pooled: float(pooled.mean()))
 
 
-def _scores(misfits: list[stitch.Misfit]) -> StitchScores:
+def _scores(misfits: list[OverlapMisfit]) -> PanoramaScores:
     values = {measure: _values(misfits, measure) for measure in MEASURES}
-    found = {measure: interval(_mean(v), _samples(v)) for measure, v in values.items()}
-    return StitchScores(
+    found = {measure: bootstrap_interval(_mean(v), _samples(v)) for measure, v in values.items()}
+    return PanoramaScores(
         overlap_flow_p95_px=float(values["overlap_flow_p95_px"].mean()),
         static_overlap_mad=float(values["static_overlap_mad"].mean()),
         mover_overlap_mad=_mean(values["mover_overlap_mad"]),
@@ -197,11 +205,11 @@ def _scores(misfits: list[stitch.Misfit]) -> StitchScores:
     )
 
 
-def _differences(synced: list[stitch.Misfit], offset: list[stitch.Misfit]) -> dict[str, Interval]:
+def _differences(synced: list[OverlapMisfit], offset: list[OverlapMisfit]) -> dict[str, Interval]:
     found = {}
     for measure in MEASURES:
         change = _values(offset, measure) - _values(synced, measure)
-        one = interval(_mean(change), _samples(change))
+        one = bootstrap_interval(_mean(change), _samples(change))
         if one is not None:
             found[measure] = one
     return found

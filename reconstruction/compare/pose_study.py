@@ -8,15 +8,17 @@ from pathlib import Path
 import numpy as np
 
 from reconstruction.common.geometry import Array, View
-from reconstruction.common.native import versions
-from reconstruction.common.stages import Stages
-from reconstruction.poses.poses import PoseFinder, pair_errors
-from reconstruction.scores.intervals import interval, pooled_samples, share_samples
-from reconstruction.scores.results import Interval, PoseComparison, PoseScores
+from reconstruction.common.native_libraries import library_versions
+from reconstruction.common.stage_cache import StageCache
+from reconstruction.poses.pose_errors import relative_pose_errors
+from reconstruction.poses.pose_finder import PoseFinder
+from reconstruction.scores.bootstrap import bootstrap_interval, pooled_samples, share_samples
+from reconstruction.scores.pose_results import PoseComparison, PoseScores
+from reconstruction.scores.results import Interval
 from reconstruction.scores.tally import FEWEST_FOR_INTERVAL
-from reconstruction.session.conditions import Condition, listed, refuse_together, shown_with
+from reconstruction.session.conditions import Condition, fixed_offsets_ms, instants_shown, refuse_synchronized
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.variants import thin
+from reconstruction.session.frame_offset import evenly_spread
 
 RIGHT_DEG = 2.0
 HARMED = 0.1
@@ -48,7 +50,7 @@ class Placed:
 class PoseStudy:
     """Poses of single instants, held against the calibration, in any condition."""
 
-    def __init__(self, dataset: Dataset, views: Mapping[str, View], stages: Stages, truth: str) -> None:
+    def __init__(self, dataset: Dataset, views: Mapping[str, View], stages: StageCache, truth: str) -> None:
         """`truth` says in words where the calibration came from."""
         self.dataset = dataset
         self.views = views
@@ -73,7 +75,7 @@ class PoseStudy:
                 together = dict.fromkeys(self.cameras, instant)
                 for name, pictures in (("synced", together), ("offset", shown)):
                     found[name].append(self._placed(finder, pictures))
-        late_ms = listed(condition, self.dataset)
+        late_ms = fixed_offsets_ms(condition, self.dataset)
         first = self.cameras[0]
         synced, offset = (_scores(found[name]) for name in ("synced", "offset"))
         return PoseComparison(
@@ -97,7 +99,7 @@ class PoseStudy:
         problem = "no instant has all its pictures in both conditions"
         for instant in range(len(self.dataset.instants_ns)):
             try:
-                shown = shown_with(self.dataset, condition, self.cameras[0], instant)
+                shown = instants_shown(self.dataset, condition, self.cameras[0], instant)
             except ValueError as error:
                 problem = str(error)
                 continue
@@ -106,17 +108,17 @@ class PoseStudy:
                 found.append((instant, shown))
         if not found:
             raise ValueError(problem)
-        refuse_together(condition, found)
-        chosen = thin([(place, place) for place in range(len(found))], MOST_INSTANTS)
+        refuse_synchronized(condition, found)
+        chosen = evenly_spread([(place, place) for place in range(len(found))], MOST_INSTANTS)
         return [found[place] for place, _ in chosen]
 
     def _placed(self, finder: "_Lazy", shown: dict[str, int]) -> Placed:
         def make() -> Placed:
             poses = finder.get().find(shown)
             true = {name: (view.rotation, view.translation) for name, view in self.views.items()}
-            return Placed(len(shown), len(poses), tuple(pair_errors(poses, true)))
+            return Placed(len(shown), len(poses), tuple(relative_pose_errors(poses, true)))
 
-        version = versions()["pycolmap"]
+        version = library_versions()["pycolmap"]
         return self.stages.record("poses", Placed, make, tuple(shown.items()), repr(self.views), version)
 
 
@@ -162,7 +164,7 @@ def _samples(placed: Sequence[Placed], measure: str) -> Array:
 
 def _scores(placed: Sequence[Placed]) -> PoseScores:
     values = {measure: _value(placed, measure) for measure in MEASURES}
-    found = {m: interval(value, _samples(placed, m)) for m, value in values.items()}
+    found = {m: bootstrap_interval(value, _samples(placed, m)) for m, value in values.items()}
     return PoseScores(
         registered=values["registered"] or 0.0,
         right_pairs=values["right_pairs"] or 0.0,
@@ -179,7 +181,7 @@ def _differences(synced: Sequence[Placed], offset: Sequence[Placed]) -> dict[str
         before, after = _value(synced, measure), _value(offset, measure)
         if before is None or after is None:
             continue
-        one = interval(after - before, _samples(offset, measure) - _samples(synced, measure))
+        one = bootstrap_interval(after - before, _samples(offset, measure) - _samples(synced, measure))
         if one is not None:
             found[measure] = one
     return found

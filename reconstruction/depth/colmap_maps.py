@@ -11,16 +11,16 @@ import numpy as np
 
 from capture_app.errors import SimulshotError
 from reconstruction.common.geometry import Array
-from reconstruction.depth.matcher import DepthView
+from reconstruction.depth.sweep_matcher import ViewDepth
 
 
-def write_maps(workspace: Path, file: str, found: DepthView) -> None:
+def write_maps(workspace: Path, file: str, found: ViewDepth) -> None:
     """Write one picture's depth and normals, as COLMAP's geometric pass would."""
     write_array(workspace / "stereo" / "depth_maps" / f"{file}.geometric.bin", found.depth)
     write_array(workspace / "stereo" / "normal_maps" / f"{file}.geometric.bin", found.normals)
 
 
-def read_maps(workspace: Path, names: Mapping[str, str]) -> dict[str, DepthView]:
+def read_maps(workspace: Path, names: Mapping[str, str]) -> dict[str, ViewDepth]:
     """Depth and normals that PatchMatch left in the workspace, by camera; `names` are the picture files.
 
     Raises:
@@ -30,7 +30,7 @@ def read_maps(workspace: Path, names: Mapping[str, str]) -> dict[str, DepthView]
     for camera, file in names.items():
         depth = read_array(workspace / "stereo" / "depth_maps" / f"{file}.geometric.bin")
         normal = read_array(workspace / "stereo" / "normal_maps" / f"{file}.geometric.bin")
-        found[camera] = DepthView(np.maximum(depth, 0), normal * (depth > 0)[..., None])
+        found[camera] = ViewDepth(np.maximum(depth, 0), normal * (depth > 0)[..., None])
     return found
 
 

@@ -6,9 +6,10 @@ import numpy as np
 
 from capture_app.errors import BadInputError
 from reconstruction.common.geometry import Array
-from reconstruction.common.photo import Lens, Photo
-from reconstruction.depth.consistency import Agreement, votes
-from reconstruction.depth.sweep import Surface, SweepOptions, sweep_levels
+from reconstruction.depth.calibrated_image import CalibratedImage
+from reconstruction.depth.geometric_consistency import ConsistencyLimits, count_consistent_views
+from reconstruction.depth.plane_sweep import Surface, SweepOptions, sweep_planes
+from reconstruction.depth.source_view import SourceView
 
 WIDTH_PX = 176
 MOST_MOTION = 0.35
@@ -17,11 +18,11 @@ MOST_LEVELS = 192
 MOST_VIEWS = 6
 FEWEST_PIXELS = 150
 LEAST_ALIKE = 0.35
-LIMITS = Agreement(pixel=1.0, relative=0.06)
+LIMITS = ConsistencyLimits(pixel=1.0, relative=0.06)
 
 
 def find_depth_range(
-    photos: Mapping[str, Photo], sources: Mapping[str, Sequence[str]]
+    photos: Mapping[str, CalibratedImage], sources: Mapping[str, Sequence[str]]
 ) -> tuple[float, float]:
     """Nearest and farthest depth of the scene, in the rig's unit, with a margin.
 
@@ -35,8 +36,8 @@ def find_depth_range(
     small = {name: photos[name].scaled(min(1.0, WIDTH_PX / photos[name].view.width)) for name in needed}
     surfaces: dict[str, Surface] = {}
     for name in chosen:
-        lenses = [Lens(small[name], small[other]) for other in sources[name][:3]]
-        surfaces[name] = sweep_levels(small[name], lenses, _levels(lenses), SweepOptions())
+        lenses = [SourceView(small[name], small[other]) for other in sources[name][:3]]
+        surfaces[name] = sweep_planes(small[name], lenses, _levels(lenses), SweepOptions())
     found = [_agreed(name, small, surfaces, sources) for name in chosen]
     values = np.concatenate(found) if found else np.zeros(0)
     if len(values) < FEWEST_PIXELS:
@@ -50,7 +51,7 @@ def find_depth_range(
     return 1 / (high + margin), 1 / max(low - margin, 0.3 * low)
 
 
-def _levels(lenses: Sequence[Lens]) -> Array:
+def _levels(lenses: Sequence[SourceView]) -> Array:
     reference = lenses[0].reference.view
     bases = [float(np.linalg.norm(lens.translation)) for lens in lenses]
     near = MOST_MOTION * reference.width / (reference.focal * min(bases))
@@ -60,15 +61,15 @@ def _levels(lenses: Sequence[Lens]) -> Array:
 
 def _agreed(
     name: str,
-    small: Mapping[str, Photo],
+    small: Mapping[str, CalibratedImage],
     surfaces: Mapping[str, Surface],
     sources: Mapping[str, Sequence[str]],
 ) -> Array:
     """Inverse depths of a view that another view's surface confirms."""
     others = [other for other in surfaces if other != name]
     surface = surfaces[name]
-    lenses = [Lens(small[name], small[other]) for other in others]
-    count = votes(surface, lenses, [surfaces[other] for other in others], LIMITS)
+    lenses = [SourceView(small[name], small[other]) for other in others]
+    count = count_consistent_views(surface, lenses, [surfaces[other] for other in others], LIMITS)
     # Two others where there are three: what moves between the pictures finds one that agrees by chance.
     agreed = count >= (2 if len(others) >= 3 else 1)
     return np.asarray(surface.inverse_depth[agreed & (surface.unlike < LEAST_ALIKE)])

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from reconstruction.common.geometry import Array
-from reconstruction.common.native import load_open3d, silent
+from reconstruction.common.native_libraries import load_open3d, silenced_stderr
 
 NEIGHBOURS = 16
 DEEPEST_POISSON = 9
@@ -21,7 +21,7 @@ TURNS_DEG = (-50, -30, -10, 10, 30, 50)
 
 
 @dataclass(frozen=True)
-class Model:
+class MeshModel:
     """What was made: points and triangles left, and the files' names."""
 
     points: int
@@ -29,7 +29,7 @@ class Model:
     files: tuple[str, ...]
 
 
-def build_model(fused: Path, folder: Path, centre: Array, up: Array) -> Model:
+def build_mesh(fused: Path, folder: Path, centre: Array, up: Array) -> MeshModel:
     """Clean the fused cloud, mesh it, and write cloud.ply, mesh.ply and turntable.png into the folder.
 
     `centre` is the rig's middle and `up` (3,) the direction that is up in its pictures, in the rig's frame.
@@ -38,7 +38,7 @@ def build_model(fused: Path, folder: Path, centre: Array, up: Array) -> Model:
         OSError: a file could not be written.
     """
     o3d = load_open3d()
-    with silent():
+    with silenced_stderr():
         cloud = _clean(o3d.io.read_point_cloud(str(fused)))
         mesh = _mesh(o3d, cloud)
         written = o3d.io.write_point_cloud(str(folder / "cloud.ply"), cloud)
@@ -47,7 +47,7 @@ def build_model(fused: Path, folder: Path, centre: Array, up: Array) -> Model:
         raise OSError(f"cannot write the cloud and the mesh into {folder}")
     picture = cv2.imencode(".png", turntable(o3d, mesh, centre, up))[1]
     (folder / "turntable.png").write_bytes(picture.tobytes())
-    return Model(len(cloud.points), len(mesh.triangles), ("cloud.ply", "mesh.ply", "turntable.png"))
+    return MeshModel(len(cloud.points), len(mesh.triangles), ("cloud.ply", "mesh.ply", "turntable.png"))
 
 
 def turntable(o3d: Any, mesh: Any, centre: Array, up: Array, size: tuple[int, int] = (480, 360)) -> Array:
@@ -115,7 +115,7 @@ def _look(
     return picture
 
 
-def up_of(rotations: Sequence[Array]) -> Array:
+def up_direction(rotations: Sequence[Array]) -> Array:
     """What is up in the pictures of cameras with these `cam_from_rig` rotations, in the rig's frame (3,)."""
     mean = -np.mean([rotation[1] for rotation in rotations], axis=0)
     return np.asarray(mean / max(float(np.linalg.norm(mean)), 1e-9))

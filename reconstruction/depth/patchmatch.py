@@ -30,14 +30,14 @@ pycolmap.patch_match_stereo(sys.argv[1], "COLMAP", "option-all", options)
 
 
 @dataclass(frozen=True)
-class Gpu:
+class CudaGpu:
     """A CUDA GPU and the Python whose pycolmap can use it."""
 
     name: str
     python: Path
 
 
-def find_gpu(environment: Mapping[str, str] = os.environ) -> Gpu:
+def find_gpu(environment: Mapping[str, str] = os.environ) -> CudaGpu:
     """The first GPU, and the other environment's Python.
 
     Raises:
@@ -65,10 +65,10 @@ def find_gpu(environment: Mapping[str, str] = os.environ) -> Gpu:
     python = Path(named)
     if not python.is_file():
         raise NotAvailableError(f"{ENVIRONMENT} names {python}, which is not there", hint=HINT)
-    return Gpu(names[0], python)
+    return CudaGpu(names[0], python)
 
 
-def run_patch_match(gpu: Gpu, workspace: Path, nearest: float, farthest: float) -> None:
+def run_patch_match(gpu: CudaGpu, workspace: Path, nearest: float, farthest: float) -> None:
     """Fill a workspace's depth and normal maps between two depths; its messages go to stderr.
 
     Raises:

@@ -13,18 +13,19 @@ from capture_app.errors import BadInputError, NotAvailableError
 from capture_app.session.files.durable import write_whole
 from capture_app.terminal import Progress
 from reconstruction.common.geometry import View
-from reconstruction.common.native import versions
+from reconstruction.common.native_libraries import library_versions
+from reconstruction.depth.cloud_fusion import fuse_depth_maps
 from reconstruction.depth.colmap_maps import read_maps
+from reconstruction.depth.colmap_workspace import write_workspace
 from reconstruction.depth.depth_range import find_depth_range
-from reconstruction.depth.matcher import DepthView, match_views
-from reconstruction.depth.mesh import Model, build_model, up_of
-from reconstruction.depth.patchmatch import Gpu, find_gpu, run_patch_match
-from reconstruction.depth.workspace import fuse, write_workspace
-from reconstruction.multiview.input import Shot, load_shots
-from reconstruction.multiview.judge import view_result
+from reconstruction.depth.mesh import MeshModel, build_mesh, up_direction
+from reconstruction.depth.patchmatch import CudaGpu, find_gpu, run_patch_match
+from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
+from reconstruction.multiview.input_images import InputImage, load_input_images
 from reconstruction.multiview.output import refuse_foreign, whole_folder
 from reconstruction.multiview.result import MultiviewResult
-from reconstruction.multiview.sources import choose_sources, guessed_depths, reference_of
+from reconstruction.multiview.source_views import choose_reference_view, choose_source_views, guess_depths
+from reconstruction.multiview.view_files import write_view
 from reconstruction.session.dataset import Dataset, instants_of
 
 RESULT = "multiview.json"
@@ -82,7 +83,7 @@ def multiview(
     clock = _Clock()
     dataset = Dataset.open(session)
     instants = instants_of(dataset, options.instant, options.offsets_ms)
-    shots, left_out, calibration, unit = load_shots(dataset, instants)
+    shots, left_out, calibration, unit = load_input_images(dataset, instants)
 
     def say(text: str) -> None:
         if progress is not None:
@@ -91,7 +92,7 @@ def multiview(
 
     say("how near and how far the scene is")
     nearest, farthest = find_depth_range(
-        {camera: shot.photo for camera, shot in shots.items()}, _sources(shots, guessed_depths(_views(shots)))
+        {camera: shot.photo for camera, shot in shots.items()}, _sources(shots, guess_depths(_views(shots)))
     )
     depths = (nearest, 2 / (1 / nearest + 1 / farthest), farthest)
     sources = _sources(shots, depths)
@@ -102,17 +103,17 @@ def multiview(
         found = _match(gpu, part / "workspace", shots, sources, (nearest, farthest), say)
         clock.stage("matching")
         say("joining the maps to a cloud")
-        fused = fuse(part / "workspace", part / "fused.ply", len(found))
+        fused = fuse_depth_maps(part / "workspace", part / "fused.ply", len(found))
         clock.stage("fusion")
         (part / "depth").mkdir()
-        views = tuple(view_result(dataset, shots[c], found[c], sources[c], part) for c in found)
+        views = tuple(write_view(dataset, shots[c], found[c], sources[c], part) for c in found)
         clock.stage("judging")
-        model = Model(fused, 0, ())
+        model = MeshModel(fused, 0, ())
         if options.mesh:
             say("cloud, mesh and pictures")
             model = _model(part, shots)
             clock.stage("mesh")
-        reference = reference_of(_views(shots), depths)
+        reference = choose_reference_view(_views(shots), depths)
         main = next(view for view in views if view.camera == reference)
         result = MultiviewResult(
             session=dataset.name,
@@ -138,13 +139,13 @@ def multiview(
             files=("fused.ply", *model.files, "workspace", RESULT),
             seconds=clock.total(),
             seconds_of=clock.seconds,
-            versions=versions(),
+            versions=library_versions(),
         )
         write_whole(part / RESULT, msgspec.json.format(msgspec.json.encode(result), indent=2))
     return result
 
 
-def _choose(matcher: Matcher) -> tuple[Gpu | None, str]:
+def _choose(matcher: Matcher) -> tuple[CudaGpu | None, str]:
     if matcher is Matcher.SWEEP:
         return None, "asked for"
     try:
@@ -156,13 +157,13 @@ def _choose(matcher: Matcher) -> tuple[Gpu | None, str]:
     return gpu, f"on {gpu.name}"
 
 
-def _views(shots: Mapping[str, Shot]) -> dict[str, View]:
+def _views(shots: Mapping[str, InputImage]) -> dict[str, View]:
     return {camera: shot.photo.view for camera, shot in shots.items()}
 
 
-def _sources(shots: Mapping[str, Shot], depths: Sequence[float]) -> dict[str, tuple[str, ...]]:
+def _sources(shots: Mapping[str, InputImage], depths: Sequence[float]) -> dict[str, tuple[str, ...]]:
     """Whom each camera is matched with, for a scene at these depths."""
-    sources = choose_sources(_views(shots), depths)
+    sources = choose_source_views(_views(shots), depths)
     if not any(sources.values()):
         raise BadInputError(
             "no camera sees what another sees",
@@ -172,19 +173,19 @@ def _sources(shots: Mapping[str, Shot], depths: Sequence[float]) -> dict[str, tu
 
 
 def _match(
-    gpu: Gpu | None,
+    gpu: CudaGpu | None,
     workspace: Path,
-    shots: Mapping[str, Shot],
+    shots: Mapping[str, InputImage],
     sources: Mapping[str, Sequence[str]],
     reach: tuple[float, float],
     say: Callable[[str], None],
-) -> dict[str, DepthView]:
+) -> dict[str, ViewDepth]:
     """Depth and normals of every camera, also written into a workspace."""
     views = _views(shots)
     colours = {camera: shot.colours for camera, shot in shots.items()}
     if gpu is None:
         photos = {camera: shot.photo for camera, shot in shots.items()}
-        found = match_views(photos, sources, *reach, done=lambda name: say(f"depth of {name}"))
+        found = match_all_views(photos, sources, *reach, done=lambda name: say(f"depth of {name}"))
         write_workspace(workspace, views, colours, found)
         return found
     say(f"PatchMatch on {gpu.name}")
@@ -193,7 +194,7 @@ def _match(
     return read_maps(workspace, {camera: f"{camera}.png" for camera in shots})
 
 
-def _model(part: Path, shots: Mapping[str, Shot]) -> Model:
+def _model(part: Path, shots: Mapping[str, InputImage]) -> MeshModel:
     views = _views(shots).values()
     centre = np.mean([view.centre for view in views], axis=0)
-    return build_model(part / "fused.ply", part, centre, up_of([view.rotation for view in views]))
+    return build_mesh(part / "fused.ply", part, centre, up_direction([view.rotation for view in views]))

@@ -8,13 +8,14 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.errors import BadInputError, NotAvailableError
+from reconstruction.common.brightness import match_brightness
 from reconstruction.common.geometry import Array
-from reconstruction.common.photo import Lens
-from reconstruction.depth.consistency import Agreement, agreeing
-from reconstruction.depth.matcher import DepthView, match_views
-from reconstruction.depth.workspace import fuse, write_workspace
-from reconstruction.multiview.input import Shot
-from reconstruction.stereo.stereo import level
+from reconstruction.depth.cloud_fusion import fuse_depth_maps
+from reconstruction.depth.colmap_workspace import write_workspace
+from reconstruction.depth.geometric_consistency import ConsistencyLimits, count_coinciding_views
+from reconstruction.depth.source_view import SourceView
+from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
+from reconstruction.multiview.input_images import InputImage
 
 CONFIRMING = 2
 """Other views that must have found a depth for it to be called consistent."""
@@ -40,34 +41,34 @@ class InstantDepth:
 
 
 def instant_depth(
-    shots: Mapping[str, Shot],
+    shots: Mapping[str, InputImage],
     sources: Mapping[str, Sequence[str]],
     reach: tuple[float, float],
     reference: str,
 ) -> InstantDepth:
     """Match all cameras' pictures between two depths, check them against each other, and fuse the maps."""
     photos = {camera: shot.photo for camera, shot in shots.items()}
-    found = match_views(photos, sources, *reach)
+    found = match_all_views(photos, sources, *reach)
     surfaces = {camera: view.surface for camera, view in found.items() if view.surface is not None}
     own = surfaces[reference]
     others = [camera for camera in surfaces if camera != reference]
-    lenses = [Lens(photos[reference], photos[other]) for other in others]
-    votes = agreeing(own, lenses, [surfaces[other] for other in others], Agreement())
+    lenses = [SourceView(photos[reference], photos[other]) for other in others]
+    votes = count_coinciding_views(own, lenses, [surfaces[other] for other in others], ConsistencyLimits())
     return InstantDepth(
         depth=found[reference].depth,
         consistent=votes >= min(CONFIRMING, len(others)),
-        difference=_difference(own.inverse_depth, [Lens(photos[reference], photos[o]) for o in others]),
+        difference=_difference(own.inverse_depth, [SourceView(photos[reference], photos[o]) for o in others]),
         **_cloud(shots, found),
     )
 
 
-def _difference(inverse_depth: Array, lenses: Sequence[Lens]) -> Array:
+def _difference(inverse_depth: Array, lenses: Sequence[SourceView]) -> Array:
     """Median over the sources of how far their brightness is off once the pictures are levelled."""
     apart = []
     for lens in lenses:
         seen = lens.through_depth(inverse_depth)
         seen = np.where(seen < 0, np.nan, seen).astype(np.float32)
-        apart.append(np.abs(lens.reference.grey - level(lens.reference.grey, seen)))
+        apart.append(np.abs(lens.reference.grey - match_brightness(lens.reference.grey, seen)))
     stack = np.stack(apart)
     known = np.isfinite(stack).any(0)
     result = np.full(inverse_depth.shape, np.nan, np.float32)
@@ -75,7 +76,7 @@ def _difference(inverse_depth: Array, lenses: Sequence[Lens]) -> Array:
     return result
 
 
-def _cloud(shots: Mapping[str, Shot], found: Mapping[str, DepthView]) -> dict[str, Array]:
+def _cloud(shots: Mapping[str, InputImage], found: Mapping[str, ViewDepth]) -> dict[str, Array]:
     fused = [camera for camera in shots if camera in found]
     points, seen, reason = np.zeros((0, 3), np.float32), np.zeros((0, len(fused)), bool), ""
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
@@ -84,7 +85,7 @@ def _cloud(shots: Mapping[str, Shot], found: Mapping[str, DepthView]) -> dict[st
             views = {camera: shots[camera].photo.view for camera in fused}
             colours = {camera: shots[camera].colours for camera in fused}
             write_workspace(Path(scratch), views, colours, {camera: found[camera] for camera in fused})
-            fuse(Path(scratch), cloud, len(fused))
+            fuse_depth_maps(Path(scratch), cloud, len(fused))
             points, seen = _read_cloud(cloud, len(fused))
         except NotAvailableError as error:
             reason = str(error)

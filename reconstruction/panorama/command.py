@@ -10,15 +10,15 @@ import numpy as np
 
 from capture_app.errors import BadInputError
 from capture_app.session.format.manifest import MANIFEST
-from reconstruction.common import drawing as pictures
+from reconstruction.common.drawing import save_picture
 from reconstruction.common.geometry import Array
-from reconstruction.common.native import versions
+from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.output_folder import Output
-from reconstruction.panorama.opencv_stitcher import Panorama, Stitching
+from reconstruction.panorama.opencv_stitcher import Panorama, PanoramaStitcher
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.movers import grow
+from reconstruction.session.frame_offset import nearest_frame_offset
+from reconstruction.session.mover_detection import dilate
 from reconstruction.session.scene_motion import SceneMotion
-from reconstruction.session.variants import choose_offset
 
 SUFFIXES = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp"}
 
@@ -40,7 +40,7 @@ class OverlapScore(msgspec.Struct, frozen=True, kw_only=True):
     mad: float
 
 
-class Composed(msgspec.Struct, frozen=True, kw_only=True):
+class ConditionPanorama(msgspec.Struct, frozen=True, kw_only=True):
     """One condition's panorama: paths relative to the output folder."""
 
     panorama: str
@@ -52,21 +52,21 @@ class Composed(msgspec.Struct, frozen=True, kw_only=True):
     overlaps: tuple[OverlapScore, ...]
 
 
-class StitchedResult(msgspec.Struct, frozen=True, kw_only=True):
+class PanoramaResult(msgspec.Struct, frozen=True, kw_only=True):
     """Everything `reconstruct stitch` found."""
 
     source: str
     used: tuple[str, ...]
     left_out: dict[str, str]
     """Pictures that are not in it, and why."""
-    synced: Composed
-    offset: Composed | None = None
+    synced: ConditionPanorama
+    offset: ConditionPanorama | None = None
     actual_offset_ms: float = 0.0
     seconds: float = 0.0
     versions: dict[str, str] = {}
 
 
-def stitch(sources: tuple[Path, ...], out: Path, options: StitchOptions) -> StitchedResult:
+def stitch(sources: tuple[Path, ...], out: Path, options: StitchOptions) -> PanoramaResult:
     """Make a panorama of a session, of a folder of pictures or of pictures; write it to `out`.
 
     Raises:
@@ -75,10 +75,10 @@ def stitch(sources: tuple[Path, ...], out: Path, options: StitchOptions) -> Stit
     began = time.monotonic()
     with Output(out) as output:
         images, later, actual_ms, movers = _load(sources, options)
-        stitching = Stitching(images, movers)
+        stitching = PanoramaStitcher(images, movers)
         synced = _saved(stitching.compose(images), "synced", output.folder)
         offset = _saved(stitching.compose(later), "offset", output.folder) if later else None
-        result = StitchedResult(
+        result = PanoramaResult(
             source=" ".join(map(str, sources)),
             used=stitching.used,
             left_out=stitching.left_out,
@@ -86,7 +86,7 @@ def stitch(sources: tuple[Path, ...], out: Path, options: StitchOptions) -> Stit
             offset=offset,
             actual_offset_ms=actual_ms,
             seconds=time.monotonic() - began,
-            versions=versions(),
+            versions=library_versions(),
         )
         output.finish(result)
     return result
@@ -129,10 +129,10 @@ def _session(
     if count < 2:
         return images, {}, 0.0, None
     motion = SceneMotion(dataset, 1)
-    movers = {name: grow(motion.seen_moving(name, instant), 5) for name in cameras}
+    movers = {name: dilate(motion.seen_moving(name, instant), 5) for name in cameras}
     if options.offset_ms is None:
         return images, {}, 0.0, movers
-    offset = choose_offset(dataset.instants_ns, dataset.period_ns, options.offset_ms)
+    offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, options.offset_ms)
     partner = dict(offset.pairs).get(instant)
     late = cameras[1::2]
     if partner is None or not all(dataset.has(name, partner) for name in late):
@@ -144,11 +144,11 @@ def _session(
     return images, later, offset.actual_ms, movers
 
 
-def _saved(made: Panorama, condition: str, folder: Path) -> Composed:
+def _saved(made: Panorama, condition: str, folder: Path) -> ConditionPanorama:
     flows = [overlap.flow_p95_px for overlap in made.overlaps]
-    return Composed(
-        panorama=pictures.save(folder, f"panorama_{condition}.jpg", made.picture),
-        ghosts=pictures.save(folder, f"ghosts_{condition}.jpg", made.ghosts),
+    return ConditionPanorama(
+        panorama=save_picture(folder, f"panorama_{condition}.jpg", made.picture),
+        ghosts=save_picture(folder, f"ghosts_{condition}.jpg", made.ghosts),
         width=made.picture.shape[1],
         height=made.picture.shape[0],
         ghosting_px=float(np.mean(flows)) if flows else None,

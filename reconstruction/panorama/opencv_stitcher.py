@@ -11,10 +11,9 @@ import cv2
 import numpy as np
 
 from capture_app.errors import BadInputError
-from reconstruction.calibration.features import Points, find_points, match_points
-from reconstruction.calibration.pairs import FEWEST_MATCHES
+from reconstruction.calibration.features import FEWEST_MATCHES, Features, detect_features, match_features
+from reconstruction.common.brightness import match_brightness
 from reconstruction.common.geometry import Array
-from reconstruction.stereo.stereo import level
 
 LONGEST_SIDE_PX = 2000
 """Larger pictures are made smaller: panoramas of full camera pictures take minutes."""
@@ -43,7 +42,7 @@ class Panorama:
     overlaps: tuple[Overlap, ...]
 
 
-class Stitching:
+class PanoramaStitcher:
     """Pictures registered once; `used` are in the panorama, `left_out` says why the others are not."""
 
     def __init__(self, images: Mapping[str, Array], movers: Mapping[str, Array] | None = None) -> None:
@@ -145,7 +144,7 @@ class Stitching:
             both = cv2.erode((a[1] & b[1]).astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
             if both.sum() < LEAST_OVERLAP_PX:
                 continue
-            matched = level(a[0], np.where(both, b[0], np.nan).astype(np.float32))
+            matched = match_brightness(a[0], np.where(both, b[0], np.nan).astype(np.float32))
             difference = np.where(both, np.abs(a[0] - matched), 0)
             rows, columns = (np.nonzero(both.any(axis))[0] for axis in (1, 0))
             part = slice(rows[0], rows[-1] + 1), slice(columns[0], columns[-1] + 1)
@@ -178,13 +177,13 @@ def _all(image: Array) -> Array:
     return np.full(image.shape[:2], 255, np.uint8)
 
 
-def _points(image: Array) -> Points:
-    return find_points(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.zeros(image.shape[:2], bool))
+def _points(image: Array) -> Features:
+    return detect_features(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.zeros(image.shape[:2], bool))
 
 
 def _why_none(status: int, small: Mapping[str, Array]) -> str:
     points = {name: _points(image) for name, image in small.items()}
-    best = max(len(match_points(points[a], points[b])[0]) for a, b in combinations(points, 2))
+    best = max(len(match_features(points[a], points[b])[0]) for a, b in combinations(points, 2))
     if best < FEWEST_MATCHES:
         return f"no two of them share more than {best} points"
     if status == cv2.Stitcher_ERR_CAMERA_PARAMS_ADJUST_FAIL:
@@ -196,7 +195,7 @@ def _why_alone(name: str, used: tuple[str, ...], small: Mapping[str, Array]) -> 
     own = _points(small[name])
     if len(own.positions) < FEWEST_MATCHES:
         return f"it shows too little to hold on to ({len(own.positions)} points)"
-    shared = {other: len(match_points(own, _points(small[other]))[0]) for other in used}
+    shared = {other: len(match_features(own, _points(small[other]))[0]) for other in used}
     nearest = max(shared, key=lambda other: shared[other])
     if shared[nearest] < FEWEST_MATCHES:
         return f"it shares {shared[nearest]} points at most with the others (with {nearest})"

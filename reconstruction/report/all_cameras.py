@@ -9,7 +9,7 @@ from reconstruction.report import wording
 from reconstruction.report.cells import COVERAGE, EPIPOLAR, WITHIN, Head, listing
 from reconstruction.report.pictures import figure
 from reconstruction.report.tables import CORRECT, Measure, pixels, with_control
-from reconstruction.scores.results import MultiviewComparison
+from reconstruction.scores.depth_results import MultiviewComparison
 
 
 def measures(result: MultiviewComparison) -> tuple[Measure, ...]:

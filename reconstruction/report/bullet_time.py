@@ -5,7 +5,7 @@ from pathlib import Path
 
 from reconstruction.report import wording
 from reconstruction.report.burst import embed
-from reconstruction.scores.results import BulletTime
+from reconstruction.scores.compare_results import BulletTime
 
 
 def bullet_time_section(sweep: BulletTime | None, out: Path, sides: wording.Sides) -> str:

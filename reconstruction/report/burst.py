@@ -9,7 +9,7 @@ import numpy as np
 
 from capture_app.errors import BadInputError
 from reconstruction.report import wording
-from reconstruction.scores.results import BurstGrid
+from reconstruction.scores.compare_results import BurstGrid
 
 KINDS = {b"\x89PNG\r\n\x1a\n": "image/png", b"\xff\xd8\xff": "image/jpeg"}
 

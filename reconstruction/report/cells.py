@@ -7,9 +7,11 @@ from html import escape
 from itertools import groupby
 
 from reconstruction.report import wording
-from reconstruction.scores.results import DepthScores, PoseScores, StitchScores
+from reconstruction.scores.depth_results import DepthScores
+from reconstruction.scores.panorama_results import PanoramaScores
+from reconstruction.scores.pose_results import PoseScores
 
-Scores = DepthScores | StitchScores | PoseScores
+Scores = DepthScores | PanoramaScores | PoseScores
 
 WITHIN = "Measured correctly"
 COVERAGE = "Given a distance"

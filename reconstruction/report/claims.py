@@ -4,7 +4,7 @@ from html import escape
 
 from reconstruction.report import wording
 from reconstruction.report.cells import meter
-from reconstruction.scores.results import CompareResult
+from reconstruction.scores.compare_results import CompareResult
 
 
 def claims(result: CompareResult) -> str:

@@ -17,7 +17,8 @@ from reconstruction.report.cells import (
     score_of,
 )
 from reconstruction.report.tables import pixels
-from reconstruction.scores.results import CompareResult, ConditionResult, StereoResult
+from reconstruction.scores.compare_results import CompareResult, ConditionResult
+from reconstruction.scores.depth_results import StereoComparison
 
 _Show = Callable[[float | None], str]
 
@@ -120,7 +121,7 @@ _INSTANT_COLUMNS: tuple[tuple[str, str, _Show], ...] = (
 )
 
 
-def instants_table(stereo: StereoResult, names: wording.Sides) -> str:
+def instants_table(stereo: StereoComparison, names: wording.Sides) -> str:
     """Every instant's numbers on moving things, synchronized and offset, folded away."""
     columns = [
         column

@@ -9,7 +9,8 @@ from reconstruction.report.cells import COVERAGE, EPIPOLAR, STILL_COVERAGE, WITH
 from reconstruction.report.dose_plot import dose_plot
 from reconstruction.report.frame import fill_page
 from reconstruction.report.verdict import together
-from reconstruction.scores.results import DoseResult, Interval
+from reconstruction.scores.dose_results import DoseResult
+from reconstruction.scores.results import Interval
 
 REPORT = "report.html"
 

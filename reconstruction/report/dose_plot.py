@@ -3,7 +3,8 @@
 from html import escape
 
 from reconstruction.report import wording
-from reconstruction.scores.results import DoseResult, Interval
+from reconstruction.scores.dose_results import DoseResult
+from reconstruction.scores.results import Interval
 
 WIDE, HIGH = 480, 300
 LEFT, RIGHT, TOP, BOTTOM = 62, 14, 34, 48

@@ -3,7 +3,7 @@
 from html import escape
 
 from reconstruction.report import wording
-from reconstruction.scores.results import CompareResult
+from reconstruction.scores.compare_results import CompareResult
 
 
 def making_section(result: CompareResult) -> str:

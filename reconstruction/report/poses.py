@@ -5,7 +5,7 @@ from html import escape
 from reconstruction.report import wording
 from reconstruction.report.all_cameras import apart, how_apart
 from reconstruction.report.tables import Measure, beside
-from reconstruction.scores.results import PoseComparison
+from reconstruction.scores.pose_results import PoseComparison
 
 WIDE, HIGH = 480, 220
 LEFT, RIGHT, TOP, BOTTOM = 62, 10, 12, 48

@@ -19,7 +19,7 @@ from reconstruction.report.making import making_section
 from reconstruction.report.pictures import pictures_section
 from reconstruction.report.poses import poses_section
 from reconstruction.report.tables import depth_table, panorama_table
-from reconstruction.scores.results import CompareResult
+from reconstruction.scores.compare_results import CompareResult
 
 REPORT = "report.html"
 

@@ -6,7 +6,8 @@ from html import escape
 
 from reconstruction.report import wording
 from reconstruction.report.cells import COVERAGE, EPIPOLAR, WITHIN, Scores, interval, meter, score_of
-from reconstruction.scores.results import StereoResult, StitchResult
+from reconstruction.scores.depth_results import StereoComparison
+from reconstruction.scores.panorama_results import PanoramaComparison
 
 
 def pixels(value: float | None) -> str:
@@ -89,13 +90,13 @@ _PANORAMA = (
 )
 
 
-def depth_table(stereo: StereoResult, sides: wording.Sides) -> str:
+def depth_table(stereo: StereoComparison, sides: wording.Sides) -> str:
     """A pair's depth."""
     caption = f"Depth from cameras {stereo.reference} and {stereo.other}"
     return with_control(caption, _DEPTH, stereo.synced, stereo.offset, sides)
 
 
-def panorama_table(stitch: StitchResult, sides: wording.Sides) -> str:
+def panorama_table(stitch: PanoramaComparison, sides: wording.Sides) -> str:
     """The overlap of a panorama before blending."""
     caption = f"Panorama of cameras {' and '.join(stitch.cameras)}"
     return beside(caption, _PANORAMA, stitch.synced, stitch.offset, sides)

@@ -1,12 +1,8 @@
 """What a comparison found, in one or two sentences for somebody who has never heard of synchronization."""
 
-from reconstruction.scores.results import (
-    DepthScores,
-    MultiviewComparison,
-    PoseComparison,
-    StereoResult,
-    StitchResult,
-)
+from reconstruction.scores.depth_results import DepthScores, MultiviewComparison, StereoComparison
+from reconstruction.scores.panorama_results import PanoramaComparison
+from reconstruction.scores.pose_results import PoseComparison
 
 CLEAR_SHARE = 0.15
 """A loss of this share of the moving pixels is called clear."""
@@ -18,8 +14,8 @@ APART_RATIO = 5.0
 
 
 def verdict(
-    stereo: StereoResult | None,
-    stitch: StitchResult | None,
+    stereo: StereoComparison | None,
+    stitch: PanoramaComparison | None,
     offset_ms: float,
     moving_share: float,
     poses: PoseComparison | None = None,
@@ -62,7 +58,7 @@ def together(scores: DepthScores) -> bool:
     return not (moving < 0.5 * still and rows > APART_PX and rows > APART_RATIO * control)
 
 
-def _apart(result: StereoResult, late: str) -> str:
+def _apart(result: StereoComparison, late: str) -> str:
     moving, still = _found(result.synced)
     assert moving is not None
     assert still is not None
@@ -82,7 +78,7 @@ def _found(scores: DepthScores) -> tuple[float | None, float | None]:
     return scores.mover_coverage, scores.static_coverage
 
 
-def _depth(result: StereoResult, late: str) -> str | None:
+def _depth(result: StereoComparison, late: str) -> str | None:
     true = result.synced.mover_within_2pct is not None
     synced = result.synced.mover_within_2pct if true else result.synced.mover_coverage
     offset = result.offset.mover_within_2pct if true else result.offset.mover_coverage
@@ -117,7 +113,7 @@ def _many(result: MultiviewComparison | None) -> str | None:
     )
 
 
-def _panorama(result: StitchResult, late: str) -> str | None:
+def _panorama(result: PanoramaComparison, late: str) -> str | None:
     synced, offset = (
         (result.synced.mover_flow_p95_px, result.offset.mover_flow_p95_px)
         if result.synced.mover_flow_p95_px is not None and result.offset.mover_flow_p95_px is not None

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 from capture_app.text import duration
 from reconstruction.report.verdict import CLEAR_SHARE, together
-from reconstruction.scores.results import CompareResult, DepthScores
+from reconstruction.scores.compare_results import CompareResult
+from reconstruction.scores.depth_results import DepthScores
 
 NOT_AVAILABLE = "n/a"
 GAP = "\u202f"

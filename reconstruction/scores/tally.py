@@ -7,8 +7,9 @@ from typing import TypeVar
 import numpy as np
 
 from reconstruction.common.geometry import Array
-from reconstruction.scores.intervals import interval, pooled_samples, share_samples
-from reconstruction.scores.results import DepthScores, Interval
+from reconstruction.scores.bootstrap import bootstrap_interval, pooled_samples, share_samples
+from reconstruction.scores.depth_results import DepthScores
+from reconstruction.scores.results import Interval
 
 KINDS = ("mover", "static")
 TOLERANCES = {"within_1pct": 0.01, "within_2pct": 0.02, "within_5pct": 0.05}
@@ -94,7 +95,7 @@ class Tally:
 
     def interval(self, kind: str, measure: str) -> Interval | None:
         """The measure with its interval over the instants."""
-        return interval(self.value(kind, measure), self.samples(kind, measure))
+        return bootstrap_interval(self.value(kind, measure), self.samples(kind, measure))
 
     def scores(self, form: type[Scores], *, intervals: bool = False) -> Scores:
         """All that this form of scores has room for, over everything counted."""
@@ -129,7 +130,7 @@ def differences(synced: Tally, other: Tally, form: type[DepthScores]) -> dict[st
         before, after = synced.value(*pair), other.value(*pair)
         if before is None or after is None or synced.instants != other.instants:
             continue
-        one = interval(after - before, other.samples(*pair) - synced.samples(*pair))
+        one = bootstrap_interval(after - before, other.samples(*pair) - synced.samples(*pair))
         if one is not None:
             found[name] = one
     return found

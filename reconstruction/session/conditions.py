@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 from capture_app.errors import BadInputError
 from reconstruction.session.dataset import Dataset, instants_of
-from reconstruction.session.variants import Offset, choose_offset, usable_pairs
+from reconstruction.session.frame_offset import FrameOffset, nearest_frame_offset, pairs_with_images
 
 SYNCED = "synced"
 DISTINCT = "distinct"
@@ -92,13 +92,13 @@ class Condition:
             )
 
 
-def listed(condition: Condition, dataset: Dataset) -> dict[str, float]:
+def fixed_offsets_ms(condition: Condition, dataset: Dataset) -> dict[str, float]:
     """How late each camera is in every instant, ms; empty where that is drawn anew for each."""
     offsets = () if condition.drawn else condition.offsets_ms(dataset.cameras, 0)
     return dict(zip(dataset.cameras, offsets, strict=False))
 
 
-def shown_with(dataset: Dataset, condition: Condition, reference: str, instant: int) -> dict[str, int]:
+def instants_shown(dataset: Dataset, condition: Condition, reference: str, instant: int) -> dict[str, int]:
     """The instant that each camera shows when the reference shows `instant`.
 
     Only the differences of a condition's offsets can be seen; this way the reference's own picture, and
@@ -120,7 +120,7 @@ def shown_with(dataset: Dataset, condition: Condition, reference: str, instant: 
     raise ValueError(problem)
 
 
-def refuse_together(condition: Condition, shown: Iterable[tuple[int, Mapping[str, int]]]) -> None:
+def refuse_synchronized(condition: Condition, shown: Iterable[tuple[int, Mapping[str, int]]]) -> None:
     """Refuse a condition in which all cameras show the reference's own instant, each time.
 
     Raises:
@@ -147,7 +147,7 @@ def pair_instants(
     if condition.drawn:
         for instant in range(len(dataset.instants_ns)):
             try:
-                later = shown_with(dataset, condition, first, instant)[second]
+                later = instants_shown(dataset, condition, first, instant)[second]
             except ValueError:
                 continue
             if later == instant:
@@ -157,19 +157,19 @@ def pair_instants(
         late_ms = None
     else:
         offset = _pair_offset(dataset, condition, first, second)
-        found, late_ms = usable_pairs(dataset, offset, first, second), offset.actual_ms
+        found, late_ms = pairs_with_images(dataset, offset, first, second), offset.actual_ms
     if not found:
         raise ValueError(f"{first} and {second} have no images at this offset")
     return found, late_ms
 
 
-def _pair_offset(dataset: Dataset, condition: Condition, first: str, second: str) -> Offset:
-    late_ms = listed(condition, dataset)
+def _pair_offset(dataset: Dataset, condition: Condition, first: str, second: str) -> FrameOffset:
+    late_ms = fixed_offsets_ms(condition, dataset)
     asked_ms = late_ms.get(second, 0.0) - late_ms.get(first, 0.0)
     if asked_ms == 0:
         raise ValueError(f"{first} and {second} are equally late, which is synchronized for these two")
     try:
-        found = choose_offset(dataset.instants_ns, dataset.period_ns, abs(asked_ms))
+        found = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, abs(asked_ms))
     except BadInputError as error:
         raise ValueError(str(error)) from error
     if asked_ms > 0:

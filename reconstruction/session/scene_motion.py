@@ -6,7 +6,7 @@ import numpy as np
 
 from reconstruction.common.geometry import Array
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.movers import background, movers
+from reconstruction.session.mover_detection import detect_movers, median_background
 
 
 class SceneMotion:
@@ -37,14 +37,14 @@ class SceneMotion:
         return self._still(camera)
 
     def _background(self, camera: str) -> Array:
-        return background([self.dataset.grey(camera, k) for k in self.dataset.instants(camera)])
+        return median_background([self.dataset.grey(camera, k) for k in self.dataset.instants(camera)])
 
     def _by_difference(self, camera: str, instant: int) -> Array:
         there = self.dataset.instants(camera)
         near = [k for k in (instant - self.step, instant + self.step) if k in there]
         if not near:
             near = [k for k in there if k != instant][:1]
-        return movers(
+        return detect_movers(
             self.dataset.grey(camera, instant),
             [self.dataset.grey(camera, k) for k in near],
             self._still(camera),

@@ -11,14 +11,15 @@ import numpy as np
 from capture_app.errors import BadInputError
 from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
-from reconstruction.common import drawing as pictures
+from reconstruction.common.drawing import colour_depth, display_range, save_picture, side_by_side
 from reconstruction.common.geometry import Array
-from reconstruction.common.native import versions
+from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.output_folder import Output
-from reconstruction.common.stages import Stages
+from reconstruction.common.stage_cache import StageCache
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.scene_motion import SceneMotion
-from reconstruction.stereo.stereo import DepthMap, StereoPair, scene_disparities
+from reconstruction.stereo.disparity_range import find_disparity_range
+from reconstruction.stereo.stereo_pair import DepthMap, StereoPair
 
 DEPTH = "depth.tiff"
 
@@ -73,7 +74,9 @@ def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
         )
     with Output(out) as output:
         progress = Progress(3)
-        rig = Rig(dataset, SceneMotion(dataset, 1), Stages(output.folder / "stages", dataset.fingerprint()))
+        rig = Rig(
+            dataset, SceneMotion(dataset, 1), StageCache(output.folder / "stages", dataset.fingerprint())
+        )
         rig.check_pair(options.pair)
         progress.step("calibration")
         rig.calibrate()
@@ -100,7 +103,7 @@ def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
             session=str(session),
             why=choice.why,
             seconds=time.monotonic() - began,
-            versions=versions(),
+            versions=library_versions(),
         )
         output.finish(result)
     return result
@@ -112,7 +115,7 @@ def _depth(rig: Rig, cameras: tuple[str, str], instant: int, later: int) -> Dept
     images = [rig.dataset.grey(name, instant) for name in cameras]
     moving = rig.motion.seen_moving(cameras[0], instant) if len(rig.dataset.instants_ns) > 1 else None
     still = np.zeros(images[0].shape, bool) if moving is None else moving
-    pair = StereoPair(*views, scene_disparities(views, [(images[0], images[1], still)]))
+    pair = StereoPair(*views, find_disparity_range(views, [(images[0], images[1], still)]))
     return pair.depth(images[0], rig.dataset.grey(cameras[1], later))
 
 
@@ -120,9 +123,9 @@ def _save(
     rig: Rig, cameras: tuple[str, str], instants: tuple[int, int], found: DepthMap, folder: Path
 ) -> StereoDepth:
     depth, known = found.depth, found.depth > 0
-    near, far = pictures.depth_range(depth, np.zeros(depth.shape, bool))
+    near, far = display_range(depth, np.zeros(depth.shape, bool))
     photo = rig.dataset.image(cameras[0], instants[0])
-    picture = pictures.side_by_side(photo, pictures.colour_depth(depth, near, far))
+    picture = side_by_side(photo, colour_depth(depth, near, far))
     # OpenCV's own writer says nothing of a full disk.
     (folder / DEPTH).write_bytes(cv2.imencode(".tiff", depth.astype(np.float32))[1].tobytes())
     level = np.asarray(np.round(255 * found.confidence), np.uint8)
@@ -133,8 +136,8 @@ def _save(
         instant=instants[0],
         other_instant=instants[1],
         depth=DEPTH,
-        confidence=pictures.save(folder, "confidence.png", level),
-        picture=pictures.save(folder, "depth.png", picture),
+        confidence=save_picture(folder, "confidence.png", level),
+        picture=save_picture(folder, "depth.png", picture),
         unit=rig.unit,
         nearest=float(depth[known].min()) if known.any() else 0.0,
         farthest=float(depth[known].max()) if known.any() else 0.0,

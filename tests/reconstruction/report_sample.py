@@ -6,24 +6,17 @@ import cv2
 import msgspec
 import numpy as np
 
-from reconstruction.scores.results import (
-    BulletTime,
-    BurstGrid,
-    CompareResult,
-    ConditionResult,
+from reconstruction.scores.compare_results import BulletTime, BurstGrid, CompareResult, ConditionResult
+from reconstruction.scores.depth_results import (
     DepthScores,
-    DosePoint,
-    DoseResult,
-    Interval,
     MultiviewComparison,
     MultiviewScores,
-    Picture,
-    PoseComparison,
-    PoseScores,
-    StereoResult,
-    StitchResult,
-    StitchScores,
+    StereoComparison,
 )
+from reconstruction.scores.dose_results import DosePoint, DoseResult
+from reconstruction.scores.panorama_results import PanoramaComparison, PanoramaScores
+from reconstruction.scores.pose_results import PoseComparison, PoseScores
+from reconstruction.scores.results import Interval, Picture
 
 CAMERAS = ("cam_left", "cam_middle", "cam_right")
 LATE_MS = (0.0, 66.666, -33.333)
@@ -45,8 +38,8 @@ def whole_result(out: Path) -> CompareResult:
     scores = DepthScores(
         mover_coverage=0.9, static_coverage=0.7, mover_within_2pct=0.9, instants=5, intervals=RANGED
     )
-    panorama = StitchScores(overlap_flow_p95_px=1.3, static_overlap_mad=4.2, instants=5)
-    stereo = StereoResult(
+    panorama = PanoramaScores(overlap_flow_p95_px=1.3, static_overlap_mad=4.2, instants=5)
+    stereo = StereoComparison(
         reference=CAMERAS[0],
         other=CAMERAS[1],
         synced=scores,
@@ -99,7 +92,7 @@ def whole_result(out: Path) -> CompareResult:
         verdict="It matters. A lot.",
         calibration="given",
         stereo=stereo,
-        stitch=StitchResult(cameras=CAMERAS[::2], synced=panorama, offset=panorama),
+        stitch=PanoramaComparison(cameras=CAMERAS[::2], synced=panorama, offset=panorama),
         multiview=MultiviewComparison(
             reference=CAMERAS[1],
             cameras=CAMERAS,

@@ -8,15 +8,19 @@ import pytest
 
 from capture_app.session.reading.reader import Session
 from capture_app.terminal import Progress
-from reconstruction.calibration.session_calibration import views_of
+from reconstruction.calibration.calibrated_views import calibrated_views
 from reconstruction.cli import main
-from reconstruction.common.stages import Stages
+from reconstruction.common.stage_cache import StageCache
 from reconstruction.compare import multiview_study
 from reconstruction.compare.multiview_study import MultiviewStudy
-from reconstruction.multiview import cloud_truth
-from reconstruction.multiview.cloud_truth import Near, on_movers, touches, true_surfaces
+from reconstruction.multiview.cloud_accuracy import (
+    PointIndex,
+    points_on_masks,
+    points_on_movers,
+    true_surfaces,
+)
 from reconstruction.multiview.instant_depth import InstantDepth
-from reconstruction.multiview.shots import Shots
+from reconstruction.multiview.undistorted_session import UndistortedSession
 from reconstruction.session.conditions import DISTINCT, Condition
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.scene_motion import SceneMotion
@@ -41,8 +45,10 @@ def study(session: Session, folder: Path, *, instants: int = 1, width: int = 640
     dataset = Dataset(session)
     calibration = session.calibration()
     assert calibration is not None
-    shots = Shots(dataset, SceneMotion(dataset, 2), views_of(dataset, calibration), width)
-    return MultiviewStudy(shots, Stages(folder, dataset.fingerprint()), calibration.unit, instants)
+    shots = UndistortedSession(
+        dataset, SceneMotion(dataset, 2), calibrated_views(dataset, calibration), width
+    )
+    return MultiviewStudy(shots, StageCache(folder, dataset.fingerprint()), calibration.unit, instants)
 
 
 def test_only_what_moves_is_lost_when_every_camera_is_off(trio: Session, tmp_path: Path) -> None:
@@ -204,10 +210,13 @@ def test_a_cloud_is_held_against_true_surfaces() -> None:
     assert sum(near) >= len(wall)
     assert min(near) > 0.3 * len(wall)
     assert surfaces["static"].near.count(wall + np.array([0, 0, 0.02]))[0] == 0
-    right, asked = Near(wall).count(surfaces["static"].shared)
+    right, asked = PointIndex(wall).count(surfaces["static"].shared)
     assert 0 < right < asked
-    assert Near(np.zeros((0, 3))).count(wall[:5]) == (0, 5)
-    assert touches(np.array([[-0.5, 0.0, 2.0], [0.6, 0.0, 2.0]]), views, movers).tolist() == [True, False]
+    assert PointIndex(np.zeros((0, 3))).count(wall[:5]) == (0, 5)
+    assert points_on_masks(np.array([[-0.5, 0.0, 2.0], [0.6, 0.0, 2.0]]), views, movers).tolist() == [
+        True,
+        False,
+    ]
 
 
 def test_a_point_is_on_a_mover_where_most_that_saw_it_show_one() -> None:
@@ -215,5 +224,9 @@ def test_a_point_is_on_a_mover_where_most_that_saw_it_show_one() -> None:
     yes, no = np.ones((240, 320), bool), np.zeros((240, 320), bool)
     points = np.array([[0.0, 0.0, 2.0]] * 3)
     seen = np.array([[True, True, True], [True, False, True], [False, True, True]])
-    assert on_movers(points, seen, views, {"a": yes, "b": yes, "c": no}).tolist() == [True, False, False]
-    assert cloud_truth.on_movers(points[:0], seen[:0], views, {"a": yes, "b": no, "c": no}).tolist() == []
+    assert points_on_movers(points, seen, views, {"a": yes, "b": yes, "c": no}).tolist() == [
+        True,
+        False,
+        False,
+    ]
+    assert points_on_movers(points[:0], seen[:0], views, {"a": yes, "b": no, "c": no}).tolist() == []

@@ -15,11 +15,11 @@ import numpy as np
 import pytest
 
 from capture_app.session.importers.recording import ImportOptions, import_recording
-from reconstruction.calibration.session_calibration import views_of
+from reconstruction.calibration.calibrated_views import calibrated_views
 from reconstruction.cli import main
 from reconstruction.common.geometry import Array
 from reconstruction.session.dataset import Dataset
-from reconstruction.stereo.stereo import StereoPair
+from reconstruction.stereo.stereo_pair import StereoPair
 
 LATE = 4
 ACROSS_PX = 3.0
@@ -47,7 +47,7 @@ class Throw:
         self.dataset = Dataset.open(self.session.folder)
         calibration = self.dataset.calibration()
         assert calibration is not None
-        views = views_of(self.dataset, calibration)
+        views = calibrated_views(self.dataset, calibration)
         self.pair = StereoPair(views["L"], views["R"], DISPARITIES)
 
     def track(self, name: str) -> dict[int, Seen]:

@@ -6,11 +6,16 @@ import cv2
 import numpy as np
 import pytest
 
-from reconstruction.bullet_time.animation import save_animation
-from reconstruction.bullet_time.command import bullet_time
-from reconstruction.bullet_time.steady import hold, pixel_of, point_of_interest, seen_from
-from reconstruction.calibration.camera_order import walk_past
-from reconstruction.calibration.session_calibration import views_of
+from reconstruction.bullet_time.camera_sweep import render_camera_sweep
+from reconstruction.bullet_time.gif_animation import save_animation
+from reconstruction.bullet_time.stabilization import (
+    project_point,
+    render_view,
+    stabilize_views,
+    triangulate_subject,
+)
+from reconstruction.calibration.calibrated_views import calibrated_views
+from reconstruction.calibration.camera_order import order_by_place
 from reconstruction.common.geometry import View
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.scene_motion import SceneMotion
@@ -29,18 +34,18 @@ def test_the_walk_follows_a_row_whatever_the_names():
     row = {
         name: make_view((x, 0.0, 0.0)) for name, x in zip("dbaec", (-0.4, -0.2, 0.0, 0.2, 0.4), strict=True)
     }
-    assert walk_past(row) == ("d", "b", "a", "e", "c")
+    assert order_by_place(row) == ("d", "b", "a", "e", "c")
 
 
 def test_the_walk_goes_round_a_ring_and_never_across():
     angles = dict(zip("abcdefgh", (45, 180, 0, 270, 90, 225, 135, 315), strict=True))
-    walk = walk_past({name: on_arc(angle) for name, angle in angles.items()})
+    walk = order_by_place({name: on_arc(angle) for name, angle in angles.items()})
     steps = [(angles[b] - angles[a]) % 360 for a, b in pairwise(walk)]
     assert set(steps) in ({45}, {315})
 
 
 def test_cameras_in_one_spot_are_walked_from_left_to_right():
-    names = walk_past(
+    names = order_by_place(
         {"r": make_view((0, 0, 0), yaw=30), "l": make_view((0, 0, 0), yaw=-30), "m": make_view((0, 0, 0))}
     )
     assert names == ("l", "m", "r")
@@ -49,33 +54,33 @@ def test_cameras_in_one_spot_are_walked_from_left_to_right():
 def test_what_cameras_saw_is_placed_where_it_is():
     views = {name: on_arc(angle) for name, angle in zip("abc", (-20, 0, 15), strict=True)}
     point = np.array([0.1, -0.2, 2.7])
-    seen = {name: pixel_of(view, point) for name, view in views.items()}
+    seen = {name: project_point(view, point) for name, view in views.items()}
 
-    placed, miss = point_of_interest(views, seen)
+    placed, miss = triangulate_subject(views, seen)
     assert placed == pytest.approx(point, abs=1e-6)
     assert miss < 1e-3
 
     seen["a"] = seen["a"] + (0.5 * WIDTH, 0)
-    assert point_of_interest(views, seen) is None
-    assert point_of_interest(views, {"a": seen["b"]}) is None
+    assert triangulate_subject(views, seen) is None
+    assert triangulate_subject(views, {"a": seen["b"]}) is None
 
 
 def test_no_point_is_held_that_a_camera_does_not_show():
     views = {"a": on_arc(-10), "b": on_arc(10), "aside": make_view((0, 0, 0), yaw=120)}
     seen = {name: np.array([WIDTH / 2, HEIGHT / 2]) for name in "ab"}
-    assert point_of_interest(views, seen) is None
+    assert triangulate_subject(views, seen) is None
 
 
 def test_held_views_show_the_point_at_one_place_and_one_scale():
     point = np.array([0.0, 0.0, 3.0])
     views = {"a": on_arc(-25, 2.6, roll=8), "b": on_arc(0), "c": on_arc(25, 3.5, roll=-5)}
-    held = hold(views, point, 200, 150)
+    held = stabilize_views(views, point, 200, 150)
     assert held is not None
 
-    places = [pixel_of(view, point) for view in held.values()]
+    places = [project_point(view, point) for view in held.values()]
     assert np.ptp(places, axis=0) == pytest.approx([0, 0], abs=1e-6)
     below = point + np.array([0, 0.3, 0])
-    heights = [pixel_of(view, below)[1] - pixel_of(view, point)[1] for view in held.values()]
+    heights = [project_point(view, below)[1] - project_point(view, point)[1] for view in held.values()]
     assert heights == pytest.approx([heights[0]] * 3, rel=1e-3)
     for name, view in held.items():
         assert view.centre == pytest.approx(views[name].centre)
@@ -83,24 +88,28 @@ def test_held_views_show_the_point_at_one_place_and_one_scale():
 
 def test_a_held_picture_is_filled_with_what_the_camera_saw():
     views = {name: on_arc(angle) for name, angle in zip("abc", (-15, 0, 15), strict=True)}
-    held = hold(views, np.array([0.0, 0.0, 3.0]), 160, 120)
+    held = stabilize_views(views, np.array([0.0, 0.0, 3.0]), 160, 120)
     assert held is not None
     grey = np.full((HEIGHT, WIDTH, 3), 120, np.uint8)
     for name, view in views.items():
-        assert (seen_from(held[name], view, grey, (0, 0, 255)) == 120).all()
+        assert (render_view(held[name], view, grey, (0, 0, 255)) == 120).all()
 
 
 def test_views_that_look_apart_are_not_held():
     views = {"left": make_view((0, 0, 0), yaw=-16), "right": make_view((0.05, 0, 0), yaw=16)}
     point = np.array([0.0, 0.0, 3.0])
-    assert all(pixel_of(view, point) is not None for view in views.values())
-    assert hold(views, point, 160, 120) is None
+    assert all(project_point(view, point) is not None for view in views.values())
+    assert stabilize_views(views, point, 160, 120) is None
 
 
 def test_the_mover_stays_when_synchronized_and_jumps_when_not(boards, tmp_path):
     dataset = Dataset(boards)
-    views = {name: view for name, view in views_of(dataset, dataset.calibration()).items() if name != "aside"}
-    sweep = bullet_time(dataset, SceneMotion(dataset, 2), views, tmp_path)
+    views = {
+        name: view
+        for name, view in calibrated_views(dataset, dataset.calibration()).items()
+        if name != "aside"
+    }
+    sweep = render_camera_sweep(dataset, SceneMotion(dataset, 2), views, tmp_path)
 
     assert sweep is not None
     assert sweep.cameras == ("left", "right")
@@ -109,7 +118,7 @@ def test_the_mover_stays_when_synchronized_and_jumps_when_not(boards, tmp_path):
     assert len(set(sweep.late_ms)) == 2
 
     board = np.array([*jump(sweep.instant), 2.2])
-    x, y = np.mean([pixel_of(view, board) for view in views.values()], axis=0).round().astype(int)
+    x, y = np.mean([project_point(view, board) for view in views.values()], axis=0).round().astype(int)
 
     def moved(paths: tuple[str, ...]) -> float:
         """How far the board's middle is from one picture to the next, px."""
@@ -129,7 +138,7 @@ def test_the_mover_stays_when_synchronized_and_jumps_when_not(boards, tmp_path):
 
 def test_without_calibration_the_sweep_goes_by_name_and_invents_nothing(boards, tmp_path):
     dataset = Dataset(boards)
-    sweep = bullet_time(dataset, SceneMotion(dataset, 2), {}, tmp_path)
+    sweep = render_camera_sweep(dataset, SceneMotion(dataset, 2), {}, tmp_path)
 
     assert sweep is not None
     assert sweep.cameras == ("aside", "left", "right")
@@ -187,7 +196,7 @@ class Still:
 
 
 def test_cameras_of_other_shapes_and_lost_pictures_still_make_a_sweep(tmp_path):
-    sweep = bullet_time(Odd(), Still(), {}, tmp_path)
+    sweep = render_camera_sweep(Odd(), Still(), {}, tmp_path)
 
     assert sweep is not None
     assert sweep.cameras == ("a", "b", "c")
@@ -204,5 +213,5 @@ def test_a_burst_of_one_instant_has_no_sweep(tmp_path):
         def instants(self, camera):
             return (0,)
 
-    assert bullet_time(Short(), Still(), {}, tmp_path) is None
+    assert render_camera_sweep(Short(), Still(), {}, tmp_path) is None
     assert not list(tmp_path.iterdir())

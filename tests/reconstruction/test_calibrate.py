@@ -15,14 +15,14 @@ from capture_app.session.format.manifest import BurstRecord, CameraRecord
 from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.store import SessionWriter
-from reconstruction.calibration.charuco_board import Board, Finder, find_corners
-from reconstruction.calibration.quality import Quality, refuse_bad
+from reconstruction.calibration.charuco_board import BoardDetector, CharucoBoard, detect_board
+from reconstruction.calibration.quality import CalibrationQuality, refuse_bad_calibration
 from reconstruction.cli import main
 from reconstruction.common.geometry import View, other_from_reference
 from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import HEIGHT, PERIOD_NS, VIEWS, WIDTH, make_view
 
-BOARD = Board(6, 5, 0.10, 0.075, "4X4_50")
+BOARD = CharucoBoard(6, 5, 0.10, 0.075, "4X4_50")
 SEEN_BY = {"left": VIEWS["left"], "right": VIEWS["right"]}
 TEXEL_PX = 60
 
@@ -129,19 +129,19 @@ def test_a_good_calibration_is_reported_and_another_rig_s_is_refused(
 
 
 def test_few_cameras_or_few_points_are_refused() -> None:
-    found = Quality(
+    found = CalibrationQuality(
         points=35, fitting=0.8, reprojection_px=0.4, angle_deg=13.0, coverage={"a": 0.2, "b": 0.2}
     )
     with pytest.raises(BadInputError, match="2 of 5 cameras only"):
-        refuse_bad(found, 5)
+        refuse_bad_calibration(found, 5)
     with pytest.raises(BadInputError, match="share 35 points only"):
-        refuse_bad(found, 2)
-    refuse_bad(msgspec.structs.replace(found, points=60), 2)
+        refuse_bad_calibration(found, 2)
+    refuse_bad_calibration(msgspec.structs.replace(found, points=60), 2)
 
 
 def test_a_board_on_glass_printed_light_on_dark_is_found_from_both_sides(tmp_path: Path) -> None:
-    plain = find_corners(Dataset.open(board_session(tmp_path / "plain").folder), BOARD)
-    other = find_corners(Dataset.open(board_session(tmp_path / "other", two_sided=True).folder), BOARD)
+    plain = detect_board(Dataset.open(board_session(tmp_path / "plain").folder), BOARD)
+    other = detect_board(Dataset.open(board_session(tmp_path / "other", two_sided=True).folder), BOARD)
     assert len(plain) == 16
     for (camera, instant), corners in plain.items():
         seen = other[camera, instant]
@@ -155,7 +155,7 @@ def test_a_board_on_glass_printed_light_on_dark_is_found_from_both_sides(tmp_pat
 
 
 def test_corners_that_make_no_flat_board_are_no_board() -> None:
-    finder = Finder(BOARD)
+    finder = BoardDetector(BOARD)
     ids = np.arange(8)
     places = np.asarray(BOARD.made().getChessboardCorners())[ids, :2] * 900 + 40
     assert finder._flat(ids, places)

@@ -8,7 +8,8 @@ import pytest
 
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
-from reconstruction.calibration.session_calibration import find_calibration, views_of
+from reconstruction.calibration.calibrated_views import calibrated_views
+from reconstruction.calibration.structure_from_motion import calibrate_from_images
 from reconstruction.common.geometry import View, angle_deg, other_from_reference
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.scene_motion import SceneMotion
@@ -45,7 +46,7 @@ def test_colmap_places_the_cameras_from_what_stands_still(tmp_path: Path) -> Non
     session = write_session(tmp_path, rubble(), views, instants=3, calibrated=False, truth=False)
     dataset = Dataset(session)
     motion = SceneMotion(dataset, 1)
-    found = views_of(dataset, find_calibration(dataset, motion.seen_moving, (0, 2)))
+    found = calibrated_views(dataset, calibrate_from_images(dataset, motion.seen_moving, (0, 2)))
     assert set(found) == set(views)
     ratios = []
     for name in ("b", "c"):
@@ -71,11 +72,11 @@ def test_a_calibration_of_another_shape_is_refused(scene: Scene, tmp_path: Path)
     narrow = as_calibration(make_view((0, 0, 0)))
     narrow = msgspec.structs.replace(narrow, width=100)
     with pytest.raises(BadInputError, match="calibrated for 100x240, but its images are 320x240"):
-        views_of(Dataset(session), Calibration(cameras={"left": narrow}))
+        calibrated_views(Dataset(session), Calibration(cameras={"left": narrow}))
 
 
 def test_a_calibration_of_other_cameras_is_refused(scene: Scene, tmp_path: Path) -> None:
     session = write_session(tmp_path, scene, {"left": VIEWS["left"]}, instants=1, truth=False)
     other = Calibration(cameras={"cam0": as_calibration(VIEWS["left"])})
     with pytest.raises(BadInputError, match=r"of other cameras \(cam0\) \(the session has left\)"):
-        views_of(Dataset(session), other)
+        calibrated_views(Dataset(session), other)

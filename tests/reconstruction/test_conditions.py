@@ -13,9 +13,9 @@ from reconstruction.session.conditions import (
     DISTINCT_MS,
     SYNCED,
     Condition,
+    instants_shown,
     pair_instants,
-    refuse_together,
-    shown_with,
+    refuse_synchronized,
 )
 from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import VIEWS, Scene, write_session
@@ -48,30 +48,30 @@ def test_drawn_offsets_are_distinct_as_far_as_they_go(count: int) -> None:
 def test_the_reference_shows_the_same_picture_in_every_condition(boards: Session) -> None:
     dataset = Dataset(boards)
     for instant in range(5):
-        shown = shown_with(dataset, Condition(DISTINCT), "right", instant)
+        shown = instants_shown(dataset, Condition(DISTINCT), "right", instant)
         assert shown["right"] == instant
         assert len(set(shown.values())) == 3
-    listed = shown_with(dataset, Condition.parse("66,33,0"), "right", 1)
+    listed = instants_shown(dataset, Condition.parse("66,33,0"), "right", 1)
     assert listed == {"left": 2, "right": 1, "aside": 0}
-    assert shown_with(dataset, Condition(SYNCED), "left", 2) == {"left": 2, "right": 2, "aside": 2}
+    assert instants_shown(dataset, Condition(SYNCED), "left", 2) == {"left": 2, "right": 2, "aside": 2}
     with pytest.raises(ValueError, match="no instant is -33 ms from instant 0"):
-        shown_with(dataset, Condition.parse("66,33,0"), "right", 0)
+        instants_shown(dataset, Condition.parse("66,33,0"), "right", 0)
 
 
 def test_a_condition_that_is_none_is_refused() -> None:
     together, apart = (2, {"a": 2, "b": 2}), (2, {"a": 2, "b": 3})
-    refuse_together(Condition(SYNCED), [together])
-    refuse_together(Condition(DISTINCT), [together, apart])
+    refuse_synchronized(Condition(SYNCED), [together])
+    refuse_synchronized(Condition(DISTINCT), [together, apart])
     with pytest.raises(ValueError, match="too far apart for offsets of up to 66 ms"):
-        refuse_together(Condition(DISTINCT), [together])
+        refuse_synchronized(Condition(DISTINCT), [together])
     with pytest.raises(ValueError, match="equally late"):
-        refuse_together(Condition.parse("5,5"), [together, together])
+        refuse_synchronized(Condition.parse("5,5"), [together, together])
 
 
 def test_a_burst_that_is_too_short_to_draw_from_is_said(scene: Scene, tmp_path: Path) -> None:
     short = Dataset(write_session(tmp_path, scene, VIEWS, instants=2, truth=False))
     with pytest.raises(ValueError, match="too short to draw"):
-        shown_with(short, Condition(DISTINCT), "left", 0)
+        instants_shown(short, Condition(DISTINCT), "left", 0)
 
 
 def test_a_pair_sees_the_difference_of_its_offsets_in_either_direction(boards: Session) -> None:

@@ -11,7 +11,9 @@ from capture_app.session.reading.reader import Session
 from reconstruction.cli import main
 from reconstruction.compare.dose import bearable_ms, falls
 from reconstruction.report.dose_plot import dose_plot
-from reconstruction.scores.results import DepthScores, DosePoint, DoseResult, Interval
+from reconstruction.scores.depth_results import DepthScores
+from reconstruction.scores.dose_results import DosePoint, DoseResult
+from reconstruction.scores.results import Interval
 from reconstruction.scores.tally import Tally, count_depth, differences
 
 

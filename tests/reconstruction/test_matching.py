@@ -7,15 +7,26 @@ import numpy as np
 import pytest
 
 from capture_app.errors import BadInputError
-from reconstruction.common.geometry import Array, View
-from reconstruction.common.photo import Lens, Photo, mean_of_best, resized
-from reconstruction.depth.consistency import Agreement, ask, believed, without_speckles
+from reconstruction.common.geometry import Array, View, resize_view
+from reconstruction.depth.calibrated_image import CalibratedImage
 from reconstruction.depth.depth_range import find_depth_range
-from reconstruction.depth.matcher import DepthView, match_views
-from reconstruction.depth.planes import fit_planes, normals
-from reconstruction.depth.semiglobal import aggregate, cheapest
-from reconstruction.depth.sweep import Surface, SweepOptions, sweep
-from reconstruction.multiview.sources import choose_sources, guessed_depths, reference_of, score_source
+from reconstruction.depth.geometric_consistency import (
+    ConsistencyLimits,
+    consistent_and_visible_views,
+    consistent_pixels,
+    remove_speckles,
+)
+from reconstruction.depth.plane_fitting import fit_planes, surface_normals
+from reconstruction.depth.plane_sweep import Surface, SweepOptions, sweep_view
+from reconstruction.depth.semiglobal_aggregation import aggregate_costs, cheapest_depths
+from reconstruction.depth.source_view import SourceView, mean_of_lowest
+from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
+from reconstruction.multiview.source_views import (
+    choose_reference_view,
+    choose_source_views,
+    guess_depths,
+    score_source_view,
+)
 from tests.reconstruction.conftest import texture
 
 WIDTH, HEIGHT, FOCAL = 128, 96, 110.0
@@ -30,7 +41,9 @@ def view_at(x: float, y: float = 0.0, z: float = 0.0) -> View:
     return View(WIDTH, HEIGHT, MATRIX, np.zeros(5), np.eye(3), -np.array([x, y, z]))
 
 
-def photo_of(view: View, slope: Array = SLOPE, seed: int = 0, gain: float = 1.0) -> tuple[Photo, Array]:
+def photo_of(
+    view: View, slope: Array = SLOPE, seed: int = 0, gain: float = 1.0
+) -> tuple[CalibratedImage, Array]:
     """The plane z = 2 + slope . (x, y), textured, and its depth in the picture."""
     rays = view.rays(view.grid())
     reach = (2 + view.centre[:2] @ slope) / (1 - rays[:, :2] @ slope)
@@ -39,21 +52,21 @@ def photo_of(view: View, slope: Array = SLOPE, seed: int = 0, gain: float = 1.0)
     xs, ys = (np.mod(at[:, i], 511).astype(np.float32).reshape(shape) for i in (0, 1))
     image = gain * cv2.remap(PAINT, xs, ys, cv2.INTER_LINEAR)
     image += np.random.default_rng(seed).normal(0, 1, shape).astype(np.float32)
-    return Photo(view, np.asarray(image, np.float32), 5, 9.0), reach.reshape(shape)
+    return CalibratedImage(view, np.asarray(image, np.float32), 5, 9.0), reach.reshape(shape)
 
 
 @pytest.fixture(scope="module")
-def photos() -> dict[str, Photo]:
+def photos() -> dict[str, CalibratedImage]:
     return {name: photo_of(view_at(*at), seed=i)[0] for i, (name, at) in enumerate(PLACES.items())}
 
 
 @pytest.fixture(scope="module")
-def matched(photos: dict[str, Photo]) -> dict[str, DepthView]:
-    sources = choose_sources({name: photo.view for name, photo in photos.items()}, (2.0,))
-    return match_views(photos, sources, *find_depth_range(photos, sources))
+def matched(photos: dict[str, CalibratedImage]) -> dict[str, ViewDepth]:
+    sources = choose_source_views({name: photo.view for name, photo in photos.items()}, (2.0,))
+    return match_all_views(photos, sources, *find_depth_range(photos, sources))
 
 
-def test_slanted_plane_is_found_to_a_fraction_of_a_percent(matched: dict[str, DepthView]) -> None:
+def test_slanted_plane_is_found_to_a_fraction_of_a_percent(matched: dict[str, ViewDepth]) -> None:
     truth = photo_of(view_at(*PLACES["middle"]))[1]
     found = matched["middle"].depth
     inside = np.zeros(found.shape, bool)
@@ -64,7 +77,7 @@ def test_slanted_plane_is_found_to_a_fraction_of_a_percent(matched: dict[str, De
     assert np.mean(error < 0.02) > 0.95
 
 
-def test_normals_face_the_camera_and_stand_on_the_plane(matched: dict[str, DepthView]) -> None:
+def test_normals_face_the_camera_and_stand_on_the_plane(matched: dict[str, ViewDepth]) -> None:
     view = matched["middle"]
     there = view.depth > 0
     true = np.array([*SLOPE, -1.0]) / np.linalg.norm([*SLOPE, -1.0])
@@ -75,50 +88,50 @@ def test_normals_face_the_camera_and_stand_on_the_plane(matched: dict[str, Depth
     assert np.mean((view.normals * rays.transpose(1, 2, 0)).sum(-1)[there] < 0) > 0.999
 
 
-def test_no_depth_where_views_show_different_things(photos: dict[str, Photo]) -> None:
+def test_no_depth_where_views_show_different_things(photos: dict[str, CalibratedImage]) -> None:
     rng = np.random.default_rng(1)
     strangers = {}
     for name, photo in photos.items():
         noise = cv2.GaussianBlur(rng.normal(128, 90, photo.grey.shape).astype(np.float32), (0, 0), 1.2)
         strangers[name] = replace(photo, grey=noise)
-    sources = choose_sources({name: photo.view for name, photo in photos.items()}, (2.0,))
-    found = match_views(strangers, sources, 1.4, 4.0)
+    sources = choose_source_views({name: photo.view for name, photo in photos.items()}, (2.0,))
+    found = match_all_views(strangers, sources, 1.4, 4.0)
     assert max(np.mean(view.depth > 0) for view in found.values()) < 0.06
 
 
-def test_blank_views_are_empty_though_their_depths_agree(photos: dict[str, Photo]) -> None:
+def test_blank_views_are_empty_though_their_depths_agree(photos: dict[str, CalibratedImage]) -> None:
     blank = {name: replace(photo, grey=np.full_like(photo.grey, 90.0)) for name, photo in photos.items()}
-    sources = choose_sources({name: photo.view for name, photo in photos.items()}, (2.0,))
-    assert all(not view.depth.any() for view in match_views(blank, sources, 1.4, 4.0).values())
+    sources = choose_source_views({name: photo.view for name, photo in photos.items()}, (2.0,))
+    assert all(not view.depth.any() for view in match_all_views(blank, sources, 1.4, 4.0).values())
     with pytest.raises(BadInputError, match="nothing in common"):
         find_depth_range(blank, sources)
 
 
-def test_brightness_may_differ_between_cameras(photos: dict[str, Photo]) -> None:
+def test_brightness_may_differ_between_cameras(photos: dict[str, CalibratedImage]) -> None:
     dark = dict(photos)
     dark["right"] = photo_of(view_at(*PLACES["right"]), seed=9, gain=0.7)[0]
-    sources = choose_sources({name: photo.view for name, photo in photos.items()}, (2.0,))
-    found = match_views(dark, sources, 1.4, 4.0, limits=Agreement(votes=2))
+    sources = choose_source_views({name: photo.view for name, photo in photos.items()}, (2.0,))
+    found = match_all_views(dark, sources, 1.4, 4.0, limits=ConsistencyLimits(votes=2))
     assert np.mean(found["middle"].depth[8:-8, 20:-20] > 0) > 0.9
 
 
-def test_two_views_are_enough_and_the_range_is_found(photos: dict[str, Photo]) -> None:
+def test_two_views_are_enough_and_the_range_is_found(photos: dict[str, CalibratedImage]) -> None:
     pair = {name: photos[name] for name in ("left", "right")}
-    sources = choose_sources({name: photo.view for name, photo in pair.items()}, (2.0,))
+    sources = choose_source_views({name: photo.view for name, photo in pair.items()}, (2.0,))
     nearest, farthest = find_depth_range(pair, sources)
     truth = photo_of(view_at(*PLACES["left"]))[1]
     assert nearest < np.percentile(truth, 10) < np.percentile(truth, 80) < farthest
-    found = match_views(pair, sources, nearest, farthest)["left"].depth
+    found = match_all_views(pair, sources, nearest, farthest)["left"].depth
     there = found > 0
     assert there.mean() > 0.55
     assert np.mean(np.abs(found - truth)[there] < 0.02 * truth[there]) > 0.95
 
 
-def test_cameras_may_have_pictures_of_different_sizes(photos: dict[str, Photo]) -> None:
+def test_cameras_may_have_pictures_of_different_sizes(photos: dict[str, CalibratedImage]) -> None:
     mixed = dict(photos)
-    mixed["right"] = photo_of(resized(view_at(*PLACES["right"]), 192, 144), seed=5)[0]
-    sources = choose_sources({name: photo.view for name, photo in mixed.items()}, (2.0,))
-    found = match_views(mixed, sources, 1.4, 4.0)
+    mixed["right"] = photo_of(resize_view(view_at(*PLACES["right"]), 192, 144), seed=5)[0]
+    sources = choose_source_views({name: photo.view for name, photo in mixed.items()}, (2.0,))
+    found = match_all_views(mixed, sources, 1.4, 4.0)
     assert found["right"].depth.shape == (144, 192)
     truth = photo_of(view_at(*PLACES["middle"]))[1]
     right = np.abs(found["middle"].depth - truth) < 0.02 * truth
@@ -126,19 +139,19 @@ def test_cameras_may_have_pictures_of_different_sizes(photos: dict[str, Photo]) 
 
 
 def test_large_pictures_are_swept_small_and_finished_at_full_size(
-    photos: dict[str, Photo], monkeypatch: pytest.MonkeyPatch
+    photos: dict[str, CalibratedImage], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("reconstruction.depth.sweep.MOST_CELLS", 90_000)
+    monkeypatch.setattr("reconstruction.depth.plane_sweep.MOST_CELLS", 90_000)
     others = [photos["left"], photos["right"]]
-    surface = sweep(photos["middle"], others, 1.4, 4.0, SweepOptions())
+    surface = sweep_view(photos["middle"], others, 1.4, 4.0, SweepOptions())
     truth = photo_of(view_at(*PLACES["middle"]))[1]
     assert surface.inverse_depth.shape == truth.shape
     error = np.abs(surface.inverse_depth * truth - 1)[8:-8, 24:-24]
     assert np.median(error) < 0.006
 
 
-def test_lens_projects_as_the_geometry_says(photos: dict[str, Photo]) -> None:
-    lens = Lens(photos["middle"], photos["right"])
+def test_lens_projects_as_the_geometry_says(photos: dict[str, CalibratedImage]) -> None:
+    lens = SourceView(photos["middle"], photos["right"])
     x, y, z = lens.project(np.full((HEIGHT, WIDTH), 0.5, np.float32))
     # A point at 2 m, seen 0.15 m further right and 0.02 m higher.
     assert x[10, 30] == pytest.approx(30 - 0.15 / 2 * FOCAL, abs=1e-3)
@@ -148,8 +161,8 @@ def test_lens_projects_as_the_geometry_says(photos: dict[str, Photo]) -> None:
     assert moved[10, 30] == pytest.approx(np.hypot(0.15, 0.02) * FOCAL, rel=1e-3)
 
 
-def test_a_plane_and_the_same_depth_map_look_alike(photos: dict[str, Photo]) -> None:
-    lens = Lens(photos["middle"], photos["right"])
+def test_a_plane_and_the_same_depth_map_look_alike(photos: dict[str, CalibratedImage]) -> None:
+    lens = SourceView(photos["middle"], photos["right"])
     by_plane = lens.through_plane(0.45)
     by_map = lens.through_depth(np.full((HEIGHT, WIDTH), 0.45, np.float32))
     assert np.abs(by_plane - by_map)[5:-5, 5:-12].max() < 1.5
@@ -157,7 +170,7 @@ def test_a_plane_and_the_same_depth_map_look_alike(photos: dict[str, Photo]) -> 
 
 def test_resized_view_keeps_the_rays_of_the_corners() -> None:
     view = view_at(0)
-    half = resized(view, WIDTH // 2, HEIGHT // 2)
+    half = resize_view(view, WIDTH // 2, HEIGHT // 2)
     corner, same = np.array([[-0.5, -0.5]]), np.array([[-0.5, -0.5]])
     assert half.rays(corner) == pytest.approx(view.rays(same))
     assert half.rays(np.array([[63.5, 47.5]])) == pytest.approx(view.rays(np.array([[127.5, 95.5]])))
@@ -166,7 +179,7 @@ def test_resized_view_keeps_the_rays_of_the_corners() -> None:
 def test_mean_of_best_leaves_out_the_worst() -> None:
     costs = [np.full((1, 1), value, np.float32) for value in (0.9, 0.1, 0.4, 0.2)]
     for best, mean in ((1, 0.1), (2, 0.15), (3, 0.7 / 3)):
-        assert mean_of_best(costs, best)[0, 0] == pytest.approx(mean)
+        assert mean_of_lowest(costs, best)[0, 0] == pytest.approx(mean)
 
 
 def test_semiglobal_fills_a_blank_patch_and_keeps_an_edge() -> None:
@@ -176,7 +189,7 @@ def test_semiglobal_fills_a_blank_patch_and_keeps_an_edge() -> None:
     np.put_along_axis(costs, truth[:, None, :], 10, 1)
     costs[8:16, :, 5:12] = 100
     grey = np.where(truth == 3, 50, 200).astype(np.float32)
-    place, own = cheapest(aggregate(costs, grey, 20, 300), costs)
+    place, own = cheapest_depths(aggregate_costs(costs, grey, 20, 300), costs)
     assert np.array_equal(np.rint(place), truth)
     assert own[0, 0] == 10
     assert own[10, 8] == 100
@@ -185,7 +198,7 @@ def test_semiglobal_fills_a_blank_patch_and_keeps_an_edge() -> None:
 def test_parabola_finds_the_place_between_two_depths() -> None:
     levels = np.arange(8)
     total = ((levels - 3.3) ** 2 * 100).astype(np.int16)[None, :, None]
-    place, _ = cheapest(total, total.astype(np.uint8))
+    place, _ = cheapest_depths(total, total.astype(np.uint8))
     assert place[0, 0] == pytest.approx(3.3, abs=0.02)
 
 
@@ -204,7 +217,7 @@ def test_normal_of_a_wall_that_faces_the_camera() -> None:
     photo = photo_of(view_at(0))[0]
     flat = np.full(photo.grey.shape, 0.5, np.float32)
     zero = np.zeros_like(flat)
-    assert normals(flat, zero, zero, photo.rays)[5, 7] == pytest.approx([0, 0, -1])
+    assert surface_normals(flat, zero, zero, photo.rays)[5, 7] == pytest.approx([0, 0, -1])
 
 
 def test_one_vote_is_enough_where_nobody_else_can_see_but_not_against_others() -> None:
@@ -217,15 +230,15 @@ def test_one_vote_is_enough_where_nobody_else_can_see_but_not_against_others() -
         return Surface(level, flat, flat, flat)
 
     shots = [photo_of(view_at(x), np.zeros(2))[0] for x in (0.0, -0.1, 0.1, 0.2)]
-    lenses = [Lens(shots[0], other) for other in shots[1:]]
+    lenses = [SourceView(shots[0], other) for other in shots[1:]]
     # To two of three views something near hides the rows 20 to 50; from 50 to 80 they see behind the surface.
     others = [surface(), *(surface((20, 50, 0.8), (50, 80, 0.3)) for _ in range(2))]
-    count, able = ask(surface(), lenses, others, Agreement())
+    count, able = consistent_and_visible_views(surface(), lenses, others, ConsistencyLimits())
     inner = slice(20, -30)
     assert (count[22:78, inner] == 1).all()
     assert (able[22:48, inner] == 1).all()
     assert (able[52:78, inner] == 3).all()
-    kept = believed(surface(), count, able, 3, Agreement())
+    kept = consistent_pixels(surface(), count, able, 3, ConsistencyLimits())
     assert kept[:18, inner].all()
     assert kept[20:45, inner].all()
     assert not kept[55:75, inner].any()
@@ -235,21 +248,21 @@ def test_speckles_go_and_large_islands_stay() -> None:
     good = np.zeros((40, 40), bool)
     good[2:5, 2:5] = True
     good[10:35, 10:35] = True
-    kept = without_speckles(good, np.full((40, 40), 0.4, np.float32), 50)
+    kept = remove_speckles(good, np.full((40, 40), 0.4, np.float32), 50)
     assert not kept[3, 3]
     assert kept[20, 20]
-    assert not without_speckles(np.zeros((4, 4), bool), np.ones((4, 4)), 5).any()
+    assert not remove_speckles(np.zeros((4, 4), bool), np.ones((4, 4)), 5).any()
 
 
 def test_sources_see_the_same_from_elsewhere() -> None:
     views = {"a": view_at(0), "b": view_at(0.2), "far": view_at(30.0), "same": view_at(1e-4)}
-    chosen = choose_sources(views, (2.0,))
+    chosen = choose_source_views(views, (2.0,))
     assert chosen["a"] == ("b",)
     assert chosen["far"] == ()
-    assert score_source(views["a"], views["same"], 2.0) < 0.01
+    assert score_source_view(views["a"], views["same"], 2.0) < 0.01
 
 
 def test_the_middle_camera_is_the_reference() -> None:
     views = {name: view_at(*at) for name, at in PLACES.items()}
-    assert reference_of(views, (2.0, 3.0)) == "middle"
-    assert guessed_depths(views)[0] == pytest.approx(4 * np.hypot(0.15, 0.02))
+    assert choose_reference_view(views, (2.0, 3.0)) == "middle"
+    assert guess_depths(views)[0] == pytest.approx(4 * np.hypot(0.15, 0.02))

@@ -12,14 +12,14 @@ import pytest
 from capture_app.errors import BadInputError, NotAvailableError, SimulshotError
 from capture_app.session.reading.reader import Session
 from reconstruction.cli import main
-from reconstruction.common.photo import Photo
 from reconstruction.depth import patchmatch
+from reconstruction.depth.calibrated_image import CalibratedImage
 from reconstruction.depth.colmap_maps import read_array, read_maps
-from reconstruction.depth.matcher import DepthView
-from reconstruction.depth.patchmatch import ENVIRONMENT, Gpu, find_gpu, run_patch_match
-from reconstruction.depth.workspace import write_workspace
-from reconstruction.multiview.input import shot_of
-from reconstruction.multiview.judge import judge
+from reconstruction.depth.colmap_workspace import write_workspace
+from reconstruction.depth.patchmatch import ENVIRONMENT, PROGRAM, CudaGpu, find_gpu, run_patch_match
+from reconstruction.depth.sweep_matcher import ViewDepth
+from reconstruction.multiview.input_images import undistort_image
+from reconstruction.multiview.view_files import judge
 from reconstruction.session.dataset import Dataset, instants_of
 from tests.reconstruction.conftest import Scene, make_view, write_session
 
@@ -116,11 +116,11 @@ def test_full_disk_leaves_nothing_behind(
     def full(path: Path, data: bytes) -> int:
         raise OSError(28, "No space left on device", str(path))
 
-    def match(photos: dict[str, Photo], *rest: object, **more: object) -> dict[str, DepthView]:
+    def match(photos: dict[str, CalibratedImage], *rest: object, **more: object) -> dict[str, ViewDepth]:
         shape = {name: photo.grey.shape for name, photo in photos.items()}
-        return {n: DepthView(np.ones(s, np.float32), np.zeros((*s, 3), np.float32)) for n, s in shape.items()}
+        return {n: ViewDepth(np.ones(s, np.float32), np.zeros((*s, 3), np.float32)) for n, s in shape.items()}
 
-    monkeypatch.setattr("reconstruction.multiview.command.match_views", match)
+    monkeypatch.setattr("reconstruction.multiview.command.match_all_views", match)
     monkeypatch.setattr(Path, "write_bytes", full)
     code, line = failing(capsys, "multiview", str(trio.folder), "--out", str(tmp_path / "out"))
     assert code == 1
@@ -142,12 +142,12 @@ def test_patchmatch_without_a_gpu_says_so(
 
 def test_dark_cameras_are_left_out_by_name() -> None:
     with pytest.raises(BadInputError, match="empty"):
-        shot_of("left", 0, np.zeros((240, 320, 3), np.uint8), VIEWS["left"])
+        undistort_image("left", 0, np.zeros((240, 320, 3), np.uint8), VIEWS["left"])
 
 
 def test_truth_is_moved_as_the_picture_is(trio: Session) -> None:
     dataset = Dataset.open(trio.folder)
-    shot = shot_of("middle", 2, dataset.image("middle", 2), VIEWS["middle"])
+    shot = undistort_image("middle", 2, dataset.image("middle", 2), VIEWS["middle"])
     assert not shot.photo.view.distortion.any()
     ys, xs = np.mgrid[0:240, 0:320].astype(np.float32)
     moved = np.hypot(shot.flatten(xs) - xs, shot.flatten(ys) - ys)
@@ -193,20 +193,20 @@ def test_gpu_is_found_by_its_driver_and_the_other_environment_by_its_name(tmp_pa
     with pytest.raises(NotAvailableError, match="not there"):
         find_gpu({"PATH": str(tmp_path), ENVIRONMENT: str(tmp_path / "python")})
     found = find_gpu({"PATH": str(tmp_path), ENVIRONMENT: sys.executable})
-    assert found == Gpu("Some GPU", Path(sys.executable))
+    assert found == CudaGpu("Some GPU", Path(sys.executable))
 
 
 def test_patch_match_runs_in_another_process_and_its_death_is_told(tmp_path: Path) -> None:
     note = tmp_path / "asked"
     python = fake(tmp_path / "python", f'#!/bin/sh\nprintf "%s\\n" "$3" "$4" "$5" > {note}\n')
-    run_patch_match(Gpu("Some GPU", python), tmp_path / "workspace", 1.5, 4.0)
+    run_patch_match(CudaGpu("Some GPU", python), tmp_path / "workspace", 1.5, 4.0)
     assert note.read_text().split() == [str(tmp_path / "workspace"), "1.5", "4.0"]
     fake(python, "#!/bin/sh\necho no kernel image >&2\nexit 3\n")
     with pytest.raises(SimulshotError, match="exit code 3: no kernel image"):
-        run_patch_match(Gpu("Some GPU", python), tmp_path, 1.5, 4.0)
+        run_patch_match(CudaGpu("Some GPU", python), tmp_path, 1.5, 4.0)
     fake(python, "#!/bin/sh\nkill -6 $$\n")
     with pytest.raises(SimulshotError, match="signal 6"):
-        run_patch_match(Gpu("Some GPU", python), tmp_path, 1.5, 4.0)
+        run_patch_match(CudaGpu("Some GPU", python), tmp_path, 1.5, 4.0)
 
 
 def test_maps_in_the_workspace_are_read_back(tmp_path: Path) -> None:
@@ -217,7 +217,7 @@ def test_maps_in_the_workspace_are_read_back(tmp_path: Path) -> None:
     facing = np.zeros((view.height, view.width, 3), np.float32)
     facing[50:] = rng.normal(size=(view.height - 50, view.width, 3))
     picture = np.full((view.height, view.width, 3), 77, np.uint8)
-    write_workspace(tmp_path, {"left": view}, {"left": picture}, {"left": DepthView(depth, facing)})
+    write_workspace(tmp_path, {"left": view}, {"left": picture}, {"left": ViewDepth(depth, facing)})
     found = read_maps(tmp_path, {"left": "left.png"})["left"]
     assert np.array_equal(found.depth, depth)
     assert np.array_equal(found.normals, facing)
@@ -233,7 +233,7 @@ def test_auto_uses_the_gpu_where_there_is_one(
 ) -> None:
     """The other process is stood in for by one that writes true maps: all up to it is real."""
 
-    def stand_in(gpu: Gpu, workspace: Path, nearest: float, farthest: float) -> None:
+    def stand_in(gpu: CudaGpu, workspace: Path, nearest: float, farthest: float) -> None:
         assert (workspace / "stereo" / "patch-match.cfg").read_text().count("__auto__") == 3
         assert 1.0 < nearest < 2.3
         assert farthest > 3.9
@@ -241,10 +241,10 @@ def test_auto_uses_the_gpu_where_there_is_one(
         for name, view in VIEWS.items():
             truth = dataset.truth(name, 1)
             assert truth is not None
-            shot = shot_of(name, 1, dataset.image(name, 1), view)
+            shot = undistort_image(name, 1, dataset.image(name, 1), view)
             facing = np.zeros((*truth[0].shape, 3), np.float32)
             facing[..., 2] = -1
-            depth_view = DepthView(shot.flatten(truth[0]), facing)
+            depth_view = ViewDepth(shot.flatten(truth[0]), facing)
             scratch = tmp_path / f"scratch-{name}"
             scratch.mkdir()
             write_workspace(scratch, {name: shot.photo.view}, {name: shot.colours}, {name: depth_view})
@@ -252,7 +252,9 @@ def test_auto_uses_the_gpu_where_there_is_one(
                 file = f"stereo/{kind}/{name}.png.geometric.bin"
                 (workspace / file).write_bytes((scratch / file).read_bytes())
 
-    monkeypatch.setattr("reconstruction.multiview.command.find_gpu", lambda: Gpu("Some GPU", Path("python")))
+    monkeypatch.setattr(
+        "reconstruction.multiview.command.find_gpu", lambda: CudaGpu("Some GPU", Path("python"))
+    )
     monkeypatch.setattr("reconstruction.multiview.command.run_patch_match", stand_in)
     main(
         ["multiview", str(trio.folder), "--instant", "1", "--no-mesh", "--json", "--out", str(tmp_path / "o")]
@@ -265,5 +267,5 @@ def test_auto_uses_the_gpu_where_there_is_one(
 
 
 def test_the_cuda_module_is_never_imported_here() -> None:
-    assert "pycolmap" in patchmatch.PROGRAM
+    assert "pycolmap" in PROGRAM
     assert not hasattr(patchmatch, "pycolmap")

@@ -7,11 +7,11 @@ from pathlib import Path
 import pytest
 
 from capture_app.errors import ExitCode, NotAvailableError
-from reconstruction.common import native
+from reconstruction.common.native_libraries import __file__, load_pycolmap
 
 WRITES_A_PNG = """
 import sys
-from reconstruction.common.native import load_pycolmap
+from reconstruction.common.native_libraries import load_pycolmap
 assert "cv2" not in sys.modules
 load_pycolmap("testing")
 import cv2
@@ -31,7 +31,7 @@ def test_a_png_can_be_written_after_colmap_is_loaded(tmp_path: Path) -> None:
 
 
 def test_nothing_else_imports_colmap() -> None:
-    folder = Path(native.__file__).parent
+    folder = Path(__file__).parent
     importers = [path.name for path in folder.rglob("*.py") if "import pycolmap" in path.read_text()]
     assert importers == []
 
@@ -39,7 +39,7 @@ def test_nothing_else_imports_colmap() -> None:
 def test_a_machine_without_colmap_is_told_why(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pycolmap", None)
     with pytest.raises(NotAvailableError, match="needs pycolmap, which this machine cannot load") as caught:
-        native.load_pycolmap("mapping", hint=", or give it a calibration.json")
+        load_pycolmap("mapping", hint=", or give it a calibration.json")
     assert caught.value.exit_code == ExitCode.NOT_AVAILABLE
     assert "calibration.json" in str(caught.value)
 

@@ -11,12 +11,12 @@ import pytest
 from capture_app.errors import NotAvailableError
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.store import Session as Store
-from reconstruction.calibration.session_calibration import views_of
+from reconstruction.calibration.calibrated_views import calibrated_views
 from reconstruction.common.geometry import View
-from reconstruction.common.stages import Stages
+from reconstruction.common.stage_cache import StageCache
 from reconstruction.compare import pose_study
 from reconstruction.compare.pose_study import PoseStudy
-from reconstruction.poses.poses import Pose, pair_errors
+from reconstruction.poses.pose_errors import Pose, relative_pose_errors
 from reconstruction.session.conditions import DISTINCT, SYNCED, Condition
 from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import VIEWS
@@ -36,17 +36,17 @@ def turned(pose: Pose, degrees: float) -> Pose:
 
 def test_errors_are_those_between_the_cameras() -> None:
     true = poses(VIEWS)
-    assert np.max(pair_errors(true, true)) < 1e-3
+    assert np.max(relative_pose_errors(true, true)) < 1e-3
     world = cv2.Rodrigues(np.array([0.3, -1.0, 0.5]))[0]
     moved = {
         name: (turn @ world.T, 3.0 * way + turn @ world.T @ (1, 2, 3)) for name, (turn, way) in true.items()
     }
-    assert np.max(pair_errors(moved, true)) < 1e-3
+    assert np.max(relative_pose_errors(moved, true)) < 1e-3
     wrong = true | {"left": turned(true["left"], 10)}
-    errors = pair_errors(wrong, true)
+    errors = relative_pose_errors(wrong, true)
     assert len(errors) == 3
     assert sorted(round(rotation, 3) for rotation, _ in errors) == [0, 10, 10]
-    assert pair_errors({"left": true["left"]}, true) == []
+    assert relative_pose_errors({"left": true["left"]}, true) == []
 
 
 class Fake:
@@ -67,8 +67,8 @@ def study(session: Session, folder: Path) -> PoseStudy:
     dataset = Dataset(session)
     calibration = session.calibration()
     assert calibration is not None
-    views = views_of(dataset, calibration)
-    return PoseStudy(dataset, views, Stages(folder, dataset.fingerprint()), "the boards")
+    views = calibrated_views(dataset, calibration)
+    return PoseStudy(dataset, views, StageCache(folder, dataset.fingerprint()), "the boards")
 
 
 def test_harm_is_told_in_cameras_pairs_and_degrees(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from reconstruction.common.geometry import View
-from reconstruction.stereo.rectify import rectify, turn_pair
+from reconstruction.stereo.rectification import rectify, rectifying_rotations
 from tests.reconstruction.conftest import make_view
 
 PAIRS = {
@@ -43,13 +43,13 @@ def test_a_point_lies_in_one_row_and_its_disparity_gives_its_depth(reference: Vi
 
 def test_pictures_stay_upright() -> None:
     for reference, other in (PAIRS["side by side"], PAIRS["swapped"]):
-        turn, _, _, _ = turn_pair(reference, other)
+        turn, _, _, _ = rectifying_rotations(reference, other)
         assert turn[0, 0] > 0.9
         assert turn[1, 1] > 0.9
 
 
 def test_two_cameras_at_one_place_or_in_a_line_are_refused() -> None:
     with pytest.raises(ValueError, match="same place"):
-        turn_pair(make_view((0, 0, 0)), make_view((0, 0, 0), yaw=5))
+        rectifying_rotations(make_view((0, 0, 0)), make_view((0, 0, 0), yaw=5))
     with pytest.raises(ValueError, match="behind"):
-        turn_pair(make_view((0, 0, 0)), make_view((0, 0, 1)))
+        rectifying_rotations(make_view((0, 0, 0)), make_view((0, 0, 1)))

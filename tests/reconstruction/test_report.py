@@ -14,15 +14,10 @@ import pytest
 from capture_app.errors import BadInputError
 from reconstruction.report import wording
 from reconstruction.report.report import write_report
-from reconstruction.scores.results import (
-    CompareResult,
-    ConditionResult,
-    DepthScores,
-    Picture,
-    StereoResult,
-    StitchResult,
-    StitchScores,
-)
+from reconstruction.scores.compare_results import CompareResult, ConditionResult
+from reconstruction.scores.depth_results import DepthScores, StereoComparison
+from reconstruction.scores.panorama_results import PanoramaComparison, PanoramaScores
+from reconstruction.scores.results import Picture
 from tests.reconstruction.report_sample import CAMERAS, whole_result
 
 NASTY = "jump <script>alert('x')</script> & \"pinwheel\" $css {x}"
@@ -78,7 +73,7 @@ def depth(**changes: float | None) -> DepthScores:
     return msgspec.structs.replace(scores, **changes)
 
 
-STEREO = StereoResult(
+STEREO = StereoComparison(
     reference="cam2",
     other="cam3",
     synced=depth(),
@@ -86,10 +81,14 @@ STEREO = StereoResult(
         mover_coverage=0.405, static_coverage=0.733, mover_within_2pct=0.0112, mover_epipolar_px=17.7
     ),
 )
-STITCH = StitchResult(
+STITCH = PanoramaComparison(
     cameras=("cam0", "cam4"),
-    synced=StitchScores(overlap_flow_p95_px=1.31, static_overlap_mad=4.2, mover_overlap_mad=6.1, instants=5),
-    offset=StitchScores(overlap_flow_p95_px=23.4, static_overlap_mad=4.3, mover_overlap_mad=31.7, instants=5),
+    synced=PanoramaScores(
+        overlap_flow_p95_px=1.31, static_overlap_mad=4.2, mover_overlap_mad=6.1, instants=5
+    ),
+    offset=PanoramaScores(
+        overlap_flow_p95_px=23.4, static_overlap_mad=4.3, mover_overlap_mad=31.7, instants=5
+    ),
 )
 RESULT = CompareResult(
     session=NASTY,

@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from reconstruction.common.geometry import View
-from reconstruction.stereo.stereo import StereoPair, scene_disparities
+from reconstruction.stereo.disparity_range import find_disparity_range
+from reconstruction.stereo.stereo_pair import StereoPair
 from tests.reconstruction.conftest import Scene, make_view
 
 PAIRS = {
@@ -29,7 +30,7 @@ def test_a_moving_board_has_depth_only_when_synchronized(
     scene = replace(scene, shots=0)
     image, truth, movers = scene.look(reference, 2, unit)
     same, later = scene.look(other, 2, unit)[0], scene.look(other, 4, unit)[0]
-    disparities = scene_disparities((reference, other), [(image, same, movers)])
+    disparities = find_disparity_range((reference, other), [(image, same, movers)])
     pair = StereoPair(reference, other, disparities)
 
     synced = pair.depth(image, same).depth
@@ -49,4 +50,4 @@ def test_views_of_different_things_are_refused(scene: Scene) -> None:
     noise = [rng.integers(0, 255, (240, 320)).astype(np.uint8) for _ in range(2)]
     pair = make_view((0, 0, 0)), make_view((0.2, 0, 0))
     with pytest.raises(ValueError, match="too little in common"):
-        scene_disparities(pair, [(noise[0], noise[1], np.zeros((240, 320), bool))])
+        find_disparity_range(pair, [(noise[0], noise[1], np.zeros((240, 320), bool))])

@@ -11,7 +11,7 @@ import pytest
 from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.session.reading.reader import Session
 from reconstruction.cli import main
-from reconstruction.panorama.opencv_stitcher import Stitching
+from reconstruction.panorama.opencv_stitcher import PanoramaStitcher
 from tests.reconstruction.conftest import VIEWS, Scene, texture, write_session
 
 FOCAL = 630.0
@@ -51,20 +51,20 @@ def wall() -> dict[str, Any]:
 def test_three_pictures_come_out_whole_and_a_stranger_is_left_out_with_the_reason(
     wall: dict[str, Any],
 ) -> None:
-    stitching = Stitching(wall)
+    stitching = PanoramaStitcher(wall)
     assert stitching.used == ("p0", "p1", "p2")
     assert "shares" in stitching.left_out["alien"]
     made = stitching.compose(wall)
     assert made.picture.shape[1] > 1.5 * 480
     assert {(o.first, o.second) for o in made.overlaps} >= {("p0", "p1"), ("p1", "p2")}
     assert all(o.flow_p95_px < 2 for o in made.overlaps)
-    again = Stitching(wall).compose(wall)
+    again = PanoramaStitcher(wall).compose(wall)
     assert np.array_equal(made.picture, again.picture)
 
 
 def test_what_moved_in_the_overlap_shows_before_blending(wall: dict[str, Any]) -> None:
     pictures = {name: wall[name].copy() for name in ("p0", "p1", "p2")}
-    stitching = Stitching(pictures)
+    stitching = PanoramaStitcher(pictures)
     still = stitching.compose(pictures)
     pictures["p1"][120:260, 240:480] = np.roll(pictures["p1"][120:260, 240:480], 12, axis=0)
     moved = stitching.compose(pictures)

@@ -3,7 +3,7 @@
 import pytest
 
 from capture_app.errors import BadInputError
-from reconstruction.session.variants import choose_offset, thin
+from reconstruction.session.frame_offset import evenly_spread, nearest_frame_offset
 
 T30, T60 = 33_333_333, 16_666_667
 
@@ -13,7 +13,7 @@ T30, T60 = 33_333_333, 16_666_667
     [(T30, 66.0, 2, 3), (T60, 66.0, 4, 1), (T30, 33.0, 1, 4), (T60, 20.0, 1, 4), (T30, 133.0, 4, 1)],
 )
 def test_the_nearest_whole_frame_is_taken(period: int, asked_ms: float, frames: int, pairs: int) -> None:
-    offset = choose_offset([k * period for k in range(5)], period, asked_ms)
+    offset = nearest_frame_offset([k * period for k in range(5)], period, asked_ms)
     assert offset.frames == frames
     assert offset.actual_ns == frames * period
     assert len(offset.pairs) == pairs
@@ -21,30 +21,30 @@ def test_the_nearest_whole_frame_is_taken(period: int, asked_ms: float, frames: 
 
 
 def test_instants_may_be_several_periods_apart() -> None:
-    offset = choose_offset([0, 3 * T30, 6 * T30, 9 * T30], T30, 200.0)
+    offset = nearest_frame_offset([0, 3 * T30, 6 * T30, 9 * T30], T30, 200.0)
     assert (offset.frames, offset.step) == (6, 2)
     assert offset.pairs == ((0, 2), (1, 3))
 
 
 def test_a_hole_in_the_burst_pairs_by_time() -> None:
-    offset = choose_offset([0, T30, 3 * T30, 4 * T30], T30, 100.0)
+    offset = nearest_frame_offset([0, T30, 3 * T30, 4 * T30], T30, 100.0)
     assert offset.pairs == ((0, 2), (1, 3))
 
 
 def test_a_burst_too_short_says_what_is_possible() -> None:
     with pytest.raises(BadInputError, match=r"largest offset possible is 133 ms"):
-        choose_offset([k * T30 for k in range(5)], T30, 500.0)
+        nearest_frame_offset([k * T30 for k in range(5)], T30, 500.0)
     with pytest.raises(BadInputError, match=r"nearest offset possible is 33\.3 ms"):
-        choose_offset([k * T30 for k in range(5)], T30, 5.0)
+        nearest_frame_offset([k * T30 for k in range(5)], T30, 5.0)
     with pytest.raises(BadInputError, match="one instant only"):
-        choose_offset([0], T30, 66.0)
+        nearest_frame_offset([0], T30, 66.0)
 
 
 def test_thinning_keeps_both_ends() -> None:
     pairs = [(k, k + 2) for k in range(30)]
-    kept = thin(pairs, 5)
+    kept = evenly_spread(pairs, 5)
     assert len(kept) == 5
     assert kept[0] == pairs[0]
     assert kept[-1] == pairs[-1]
-    assert thin(pairs, 100) == pairs
-    assert thin(pairs, 1) == [(15, 17)]
+    assert evenly_spread(pairs, 100) == pairs
+    assert evenly_spread(pairs, 1) == [(15, 17)]

@@ -1,32 +1,32 @@
 """The verdict says what the figures say, also where they say nothing."""
 
 from reconstruction.report.verdict import together, verdict
-from reconstruction.scores.results import (
+from reconstruction.scores.depth_results import (
     DepthScores,
     MultiviewComparison,
     MultiviewScores,
-    PoseComparison,
-    PoseScores,
-    StereoResult,
-    StitchResult,
-    StitchScores,
+    StereoComparison,
 )
+from reconstruction.scores.panorama_results import PanoramaComparison, PanoramaScores
+from reconstruction.scores.pose_results import PoseComparison, PoseScores
 
 
-def stereo(synced: float, offset: float, still: float = 0.8, *, truth: bool = True) -> StereoResult:
+def stereo(synced: float, offset: float, still: float = 0.8, *, truth: bool = True) -> StereoComparison:
     def scores(moving: float, static: float) -> DepthScores:
         return DepthScores(
             mover_coverage=moving, static_coverage=static, mover_within_2pct=moving if truth else None
         )
 
-    return StereoResult(reference="a", other="b", synced=scores(synced, 0.8), offset=scores(offset, still))
+    return StereoComparison(
+        reference="a", other="b", synced=scores(synced, 0.8), offset=scores(offset, still)
+    )
 
 
-def stitch(synced: float, offset: float) -> StitchResult:
-    def scores(flow: float) -> StitchScores:
-        return StitchScores(overlap_flow_p95_px=flow, static_overlap_mad=2.0)
+def stitch(synced: float, offset: float) -> PanoramaComparison:
+    def scores(flow: float) -> PanoramaScores:
+        return PanoramaScores(overlap_flow_p95_px=flow, static_overlap_mad=2.0)
 
-    return StitchResult(cameras=("a", "b"), synced=scores(synced), offset=scores(offset))
+    return PanoramaComparison(cameras=("a", "b"), synced=scores(synced), offset=scores(offset))
 
 
 def test_a_clear_difference_is_told_with_its_control() -> None:
@@ -48,11 +48,11 @@ def test_a_control_that_changes_takes_the_conclusion_away() -> None:
 
 
 def test_cameras_that_were_never_together_are_not_called_synchronized() -> None:
-    def seen(moving: float, rows: float) -> StereoResult:
+    def seen(moving: float, rows: float) -> StereoComparison:
         scores = DepthScores(
             mover_coverage=moving, static_coverage=0.96, mover_epipolar_px=rows, static_epipolar_px=0.05
         )
-        return StereoResult(reference="a", other="b", synced=scores, offset=scores)
+        return StereoComparison(reference="a", other="b", synced=scores, offset=scores)
 
     text = verdict(seen(0.04, 9.8), None, 66.7, 0.1)
     assert text.startswith("These cameras were not synchronized.")

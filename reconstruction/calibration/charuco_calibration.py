@@ -1,0 +1,109 @@
+"""Calibration from a recording of a ChArUco board: every camera by itself, then the rig pair by pair."""
+
+from itertools import combinations
+
+import cv2
+import numpy as np
+
+from capture_app.errors import BadInputError
+from capture_app.session.format.calibration import Calibration, CameraCalibration
+from reconstruction.calibration.charuco_board import FEWEST_CORNERS, BoardCorners, CharucoBoard
+from reconstruction.common.geometry import Array
+from reconstruction.session.dataset import Dataset
+
+FEWEST_BOARDS = 4
+
+
+MOST_BOARDS = 40
+
+
+def calibrate_from_board(dataset: Dataset, board: CharucoBoard, corners: BoardCorners) -> Calibration:
+    """Intrinsics of every camera (Zhang 2000), then each camera's place from boards it shares with another.
+
+    Raises:
+        BadInputError: the board was seen too rarely, or a camera shares no boards with the others.
+    """
+    places = np.asarray(board.made().getChessboardCorners(), np.float32)
+    lenses: dict[str, tuple[Array, Array]] = {}
+    for camera in dataset.cameras:
+        seen = [k for name, k in sorted(corners) if name == camera]
+        if len(seen) < FEWEST_BOARDS:
+            raise BadInputError(
+                f"{camera} shows the board in {len(seen)} images, and it takes {FEWEST_BOARDS}",
+                hint="record the board from more places; check --board, --square-mm and --dictionary",
+            )
+        seen = [seen[round(i)] for i in np.linspace(0, len(seen) - 1, min(len(seen), MOST_BOARDS))]
+        points = [places[sorted(corners[camera, k])] for k in seen]
+        pixels = [_pixels(corners[camera, k], sorted(corners[camera, k])) for k in seen]
+        # A small or flat set of boards cannot tell the higher terms of distortion.
+        flags = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
+        _, matrix, distortion, _, _ = cv2.calibrateCamera(
+            points, pixels, dataset.size(camera), np.eye(3), np.zeros(5), flags=flags
+        )
+        lenses[camera] = np.asarray(matrix), np.asarray(distortion).ravel()[:5]
+    poses = _poses(dataset, places, corners, lenses)
+    cameras = {name: _record(dataset.size(name), *lenses[name], *poses[name]) for name in dataset.cameras}
+    return Calibration(
+        cameras=cameras, unit="m", source=f"ChArUco board in {len(corners)} images of {dataset.name}"
+    )
+
+
+def _pixels(seen: dict[int, Array], ids: list[int]) -> Array:
+    return np.array([seen[i] for i in ids], np.float32)
+
+
+def _poses(
+    dataset: Dataset, places: Array, corners: BoardCorners, lenses: dict[str, tuple[Array, Array]]
+) -> dict[str, tuple[Array, Array]]:
+    """`cam_from_rig`: the first camera is the rig; each other is joined to the one it shares most with."""
+    shared: dict[frozenset[str], list[tuple[int, list[int]]]] = {}
+    for a, b in combinations(dataset.cameras, 2):
+        for k in range(len(dataset.instants_ns)):
+            ids = sorted(corners.get((a, k), {}).keys() & corners.get((b, k), {}).keys())
+            if len(ids) >= FEWEST_CORNERS:
+                shared.setdefault(frozenset((a, b)), []).append((k, ids))
+    first = dataset.cameras[0]
+    poses = {first: (np.eye(3), np.zeros(3))}
+    while len(poses) < len(dataset.cameras):
+        links = [
+            (len(shared.get(frozenset((a, b)), ())), a, b)
+            for a in poses
+            for b in dataset.cameras
+            if b not in poses
+        ]
+        count, a, b = max(links, key=lambda link: link[0])
+        if count < FEWEST_BOARDS:
+            raise BadInputError(
+                f"{b} and {a} show the board together in {count} instants, and it takes {FEWEST_BOARDS}",
+                hint="hold the board where neighbouring cameras both see it",
+            )
+        together = shared[frozenset((a, b))][:MOST_BOARDS]
+        in_a, in_b = ([_pixels(corners[name, k], ids) for k, ids in together] for name in (a, b))
+        found = cv2.stereoCalibrate(
+            [places[ids] for _, ids in together],
+            in_a,
+            in_b,
+            *lenses[a],
+            *lenses[b],
+            dataset.size(a),
+            flags=cv2.CALIB_FIX_INTRINSIC,
+        )
+        rotation, translation = np.asarray(found[5]), np.asarray(found[6]).ravel()
+        poses[b] = rotation @ poses[a][0], rotation @ poses[a][1] + translation
+    return poses
+
+
+def _record(
+    size: tuple[int, int], matrix: Array, distortion: Array, rotation: Array, translation: Array
+) -> CameraCalibration:
+    return CameraCalibration(
+        width=size[0],
+        height=size[1],
+        fx=float(matrix[0, 0]),
+        fy=float(matrix[1, 1]),
+        cx=float(matrix[0, 2]),
+        cy=float(matrix[1, 2]),
+        rotation=tuple(tuple(float(v) for v in row) for row in rotation),  # type: ignore[arg-type]
+        translation=tuple(float(v) for v in translation),  # type: ignore[arg-type]
+        distortion=tuple(float(v) for v in distortion),
+    )

@@ -1,0 +1,109 @@
+"""Which two cameras make the best depth, and which two the best panorama."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from reconstruction.calibration.features import FEWEST_MATCHES, Features, match_features
+from reconstruction.calibration.homography import fit_homography
+from reconstruction.common.geometry import Array, View, angle_deg, other_from_reference
+
+OVERLAP_LIMITS = (0.15, 0.8)
+"""Share of a picture that its neighbour in a panorama shows too."""
+
+
+EPIPOLAR_PX = 3.0
+
+
+BEST_PARALLAX_DEG = 10.0
+"""Beyond this the two views look too different to match densely."""
+
+
+@dataclass(frozen=True)
+class PairChoice:
+    """A pair of cameras and, in plain words, why; or no pair, and why not."""
+
+    cameras: tuple[str, str] | None
+    why: str
+
+
+def choose_stereo_pair(views: Mapping[str, View], points: Mapping[str, Features]) -> PairChoice:
+    """The pair that sees most in common, from places far enough apart, without looking askew.
+
+    Scored by the share of the picture with matched still points times a factor that rises with
+    parallax (depth needs it) and falls beyond `BEST_PARALLAX_DEG` (matching suffers).
+    """
+    best: tuple[float, tuple[str, str], str] | None = None
+    for a, b in combinations((name for name in points if name in views), 2):
+        scored = _stereo_score(views[a], views[b], points[a], points[b])
+        if scored is not None and (best is None or scored[0] > best[0]):
+            best = (scored[0], (a, b), scored[1])
+    if best is None:
+        return PairChoice(None, "no two cameras see the same things from places far enough apart")
+    return PairChoice(best[1], best[2])
+
+
+def _stereo_score(a: View, b: View, points_a: Features, points_b: Features) -> tuple[float, str] | None:
+    at_a, at_b = match_features(points_a, points_b)
+    if len(at_a) < FEWEST_MATCHES:
+        return None
+    rays_a, rays_b = a.rays(at_a), b.rays(at_b)
+    rotation, translation = other_from_reference(a, b)
+    if np.linalg.norm(translation) == 0:
+        return None
+    normals = np.cross(translation, rays_a @ rotation.T)
+    off = np.abs((rays_b * normals).sum(1)) / np.maximum(np.linalg.norm(normals[:, :2], axis=1), 1e-12)
+    kept = off * b.focal < EPIPOLAR_PX
+    if kept.sum() < FEWEST_MATCHES:
+        return None
+    turned = rays_a[kept] @ rotation.T
+    other = rays_b[kept]
+    cosine = (turned * other).sum(1) / np.linalg.norm(turned, axis=1) / np.linalg.norm(other, axis=1)
+    parallax = float(np.degrees(np.median(np.arccos(np.clip(cosine, -1, 1)))))
+    shared = _spread(at_a[kept], a.width, a.height)
+    ahead = abs(float(a.axis @ (b.centre - a.centre))) / float(np.linalg.norm(b.centre - a.centre))
+    askew = angle_deg(a.axis, b.axis)
+    score = shared * (1 - np.exp(-parallax / 1.5)) * np.exp(-((parallax / BEST_PARALLAX_DEG) ** 2))
+    step = np.abs(a.rotation @ (b.centre - a.centre))[:2]
+    slant = float(step.min() / max(float(np.hypot(*step)), 1e-12))
+    # A slanted baseline turns the pictures: more empty corners, and harder to look at.
+    score *= (1 - ahead**2) * np.exp(-((askew / 25) ** 2)) * (1 - slant)
+    why = f"{100 * shared:.0f} % of the picture with things both see, {parallax:.1f}° of parallax"
+    return float(score), why
+
+
+def _spread(at: Array, width: int, height: int) -> float:
+    """Share of the cells of an 8 x 6 grid that hold a point."""
+    cells = np.floor(at / (width, height) * (8, 6)).clip(0, (7, 5)).astype(int)
+    return len(set(map(tuple, cells.tolist()))) / 48
+
+
+def choose_panorama_pair(points: Mapping[str, Features], sizes: Mapping[str, tuple[int, int]]) -> PairChoice:
+    """The pair that shows most beyond each other and still overlaps, with little parallax.
+
+    Scored by what the second adds to the first times the share of still points that one homography
+    explains, which falls as the cameras stand further apart.
+    """
+    best: tuple[float, tuple[str, str], str] | None = None
+    overlaps = []
+    for a, b in combinations(points, 2):
+        found = fit_homography(*match_features(points[a], points[b]), sizes[a], sizes[b])
+        if found is None:
+            continue
+        overlaps.append(found.overlap)
+        if not OVERLAP_LIMITS[0] <= found.overlap <= OVERLAP_LIMITS[1]:
+            continue
+        score = (1 - found.overlap) * (found.inliers / found.matches)
+        if best is None or score > best[0]:
+            best = (score, (a, b), f"{100 * found.overlap:.0f} % overlap")
+    if best is not None:
+        return PairChoice(best[1], best[2])
+    if overlaps:
+        return PairChoice(
+            None,
+            f"the cameras show too much of the same ({100 * min(overlaps):.0f} % or more) for a panorama "
+            "to show anything new",
+        )
+    return PairChoice(None, "no two cameras' pictures can be laid over each other")

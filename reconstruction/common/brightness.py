@@ -1,0 +1,36 @@
+"""Brightness and noise of pictures, and how one picture is made as bright as another."""
+
+import cv2
+import numpy as np
+
+from reconstruction.common.geometry import Array
+
+
+def noise_level(image: Array) -> float:
+    """Standard deviation of an image's noise, grey levels (Immerkaer 1996, by the median)."""
+    kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
+    response = cv2.filter2D(np.ascontiguousarray(image, np.float32), -1, kernel)
+    return float(np.median(np.abs(response))) * 1.4826 / 6.0
+
+
+def match_brightness(a: Array, b: Array) -> Array:
+    """b with gain and bias changed so that it is as bright as a (robust; NaN is left out)."""
+    gain, bias = gain_and_bias(a, b)
+    return np.asarray(gain * b + bias, np.float32)
+
+
+def gain_and_bias(a: Array, b: Array) -> tuple[float, float]:
+    """Gain and bias that make b as bright as a (robust; NaN is left out)."""
+    ok = np.isfinite(b)
+    if ok.sum() < 100:
+        return 1.0, 0.0
+    x, y = b[ok][::7].astype(np.float64), a[ok][::7].astype(np.float64)
+    keep = np.ones(len(x), bool)
+    gain, bias = 1.0, 0.0
+    for _ in range(3):
+        if keep.sum() < 50 or np.ptp(x[keep]) < 4:
+            break
+        gain, bias = np.polyfit(x[keep], y[keep], 1)
+        error = np.abs(gain * x + bias - y)
+        keep = error < 3 * max(float(np.median(error)), 0.5)
+    return float(np.clip(gain, 0.5, 2.0)), float(bias)

@@ -1,0 +1,112 @@
+"""A COLMAP workspace with pictures, poses, depth and normals."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from reconstruction.common.geometry import Array, View
+from reconstruction.common.native_libraries import load_pycolmap
+from reconstruction.depth.colmap_maps import write_maps
+from reconstruction.depth.sweep_matcher import ViewDepth
+
+POINTS_PER_VIEW = 300
+"""Fusion takes its neighbourhoods from points that views share; without them it finds nothing."""
+
+
+def write_workspace(
+    folder: Path,
+    views: Mapping[str, View],
+    pictures: Mapping[str, Array],
+    depth_views: Mapping[str, ViewDepth] | None = None,
+    *,
+    reach: tuple[float, float] = (0.1, 100.0),
+) -> None:
+    """Make a dense workspace in COLMAP's layout from undistorted pictures (uint8) of pinhole views.
+
+    With `depth_views` it also holds depth and normal maps, named as after COLMAP's geometric pass, and
+    points of them that views share; without, points between the two depths of `reach`, by which COLMAP
+    chooses what to match, and `patch-match.cfg` asks for all cameras.
+    """
+    pycolmap = load_pycolmap("fusing depth maps")
+    stereo = folder / "stereo"
+    for part in ("depth_maps", "normal_maps", "consistency_graphs"):
+        (stereo / part).mkdir(parents=True, exist_ok=True)
+    for part in ("images", "sparse"):
+        (folder / part).mkdir(exist_ok=True)
+    names = {name: f"{name}.png" for name in views}
+    for name, file in names.items():
+        # OpenCV's own writer says nothing of a full disk.
+        packed = cv2.imencode(".png", pictures[name], [cv2.IMWRITE_PNG_COMPRESSION, 1])[1]
+        (folder / "images" / file).write_bytes(packed.tobytes())
+    points = _between(views, reach) if depth_views is None else _shared_points(views, depth_views)
+    _model(pycolmap, views, names, points).write(folder / "sparse")
+    (stereo / "fusion.cfg").write_text("".join(f"{file}\n" for file in names.values()))
+    (stereo / "patch-match.cfg").write_text("".join(f"{file}\n__auto__, 20\n" for file in names.values()))
+    for name, found in (depth_views or {}).items():
+        write_maps(folder, names[name], found)
+
+
+def _shared_points(views: Mapping[str, View], depth_views: Mapping[str, ViewDepth]) -> Array:
+    """Some points of all depth maps, in the rig's frame (n, 3)."""
+    rng = np.random.default_rng(0)
+    points = [np.zeros((0, 3))]
+    for name, found in depth_views.items():
+        rows, columns = np.nonzero(found.depth > 0)
+        if not len(rows):
+            continue
+        take = rng.choice(len(rows), min(POINTS_PER_VIEW, len(rows)), replace=False)
+        view, z = views[name], found.depth[rows[take], columns[take]].astype(float)
+        rays = np.column_stack([columns[take], rows[take], np.ones(len(take))]) @ np.linalg.inv(view.matrix).T
+        points.append((rays * z[:, None] - view.translation) @ view.rotation)
+    return np.concatenate(points)
+
+
+def _between(views: Mapping[str, View], reach: tuple[float, float]) -> Array:
+    """Points spread over all views between two depths, in the rig's frame (n, 3)."""
+    rng = np.random.default_rng(0)
+    points = []
+    for view in views.values():
+        pixels = rng.random((POINTS_PER_VIEW, 2)) * (view.width, view.height)
+        z = 1 / rng.uniform(1 / reach[1], 1 / reach[0], POINTS_PER_VIEW)
+        rays = np.column_stack([pixels, np.ones(POINTS_PER_VIEW)]) @ np.linalg.inv(view.matrix).T
+        points.append((rays * z[:, None] - view.translation) @ view.rotation)
+    return np.concatenate(points)
+
+
+def _model(pycolmap: Any, views: Mapping[str, View], names: Mapping[str, str], points: Array) -> Any:
+    """The sparse model: every point is seen by every view whose picture it falls into."""
+    model = pycolmap.Reconstruction()
+    seen: list[list[tuple[int, int]]] = [[] for _ in points]
+    for number, (name, view) in enumerate(views.items(), 1):
+        matrix = view.matrix
+        camera = pycolmap.Camera(
+            model="PINHOLE",
+            width=view.width,
+            height=view.height,
+            # Elsewhere COLMAP's first pixel has its centre at (0.5, 0.5); its dense part takes a pixel's
+            # column and row for coordinates, and fuses points half a pixel off if given that.
+            params=[matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]],
+            camera_id=number,
+        )
+        model.add_camera_with_trivial_rig(camera)
+        in_view = points @ view.rotation.T + view.translation
+        z = np.where(in_view[:, 2] > 1e-9, in_view[:, 2], np.nan)
+        pixel = (in_view @ matrix.T)[:, :2] / z[:, None]
+        with np.errstate(invalid="ignore"):
+            inside = ((pixel >= 0) & (pixel < (view.width, view.height))).all(1)
+        for place, index in enumerate(np.flatnonzero(inside)):
+            seen[index].append((number, place))
+        image = pycolmap.Image(name=names[name], camera_id=number, image_id=number, keypoints=pixel[inside])
+        pose = pycolmap.Rigid3d(pycolmap.Rotation3d(view.rotation), view.translation)
+        model.add_image_with_trivial_frame(image, pose)
+    grey = np.full(3, 128, np.uint8)
+    for point, elements in zip(points, seen, strict=True):
+        if len(elements) >= 2:
+            track = pycolmap.Track()
+            for image_id, place in elements:
+                track.add_element(image_id, place)
+            model.add_point3D(point, track, grey)
+    return model

@@ -1,0 +1,148 @@
+"""Depth is believed where other views, matched for themselves, found the same surface."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from reconstruction.common.geometry import Array
+from reconstruction.depth.plane_sweep import Surface
+from reconstruction.depth.source_view import SourceView
+
+USUAL_WIDTH = 640
+
+
+MIDST_SHARE = 0.7
+"""Share of the neighbourhood that must be kept around a pixel which few views can see."""
+
+
+@dataclass(frozen=True)
+class ConsistencyLimits:
+    """When two views agree, and how much of that a pixel needs.
+
+    `pixel`: greatest distance in px after going to the other view and back, more in pictures wider than
+    `USUAL_WIDTH`, whose pixels are smaller than what windows can tell apart. `relative`: greatest
+    difference of depth. `grey`: greatest difference of brightness, grey levels of 255 beside the noise,
+    once the two pictures are levelled: blank things that are not the same would else agree. `votes`:
+    views that must agree, fewer where there are fewer. `alike`: a pixel with no greater unlikeness is
+    evidence; smoothness may carry depth over a blank patch, but not farther from evidence than `carry`
+    of the picture's width. `speckle`: smaller islands are dropped, px. `midst`: side of the neighbourhood,
+    px, that a pixel needs which few views can see.
+    """
+
+    pixel: float = 1.0
+    relative: float = 0.02
+    grey: float = 10.0
+    votes: int = 2
+    alike: float = 0.5
+    carry: float = 0.08
+    speckle: int = 50
+    midst: int = 15
+
+
+def count_consistent_views(
+    surface: Surface, lenses: Sequence[SourceView], others: Sequence[Surface], limits: ConsistencyLimits
+) -> Array:
+    """How many other views' surfaces agree with each pixel's, uint8 height x width."""
+    return consistent_and_visible_views(surface, lenses, others, limits)[0]
+
+
+def consistent_and_visible_views(
+    surface: Surface, lenses: Sequence[SourceView], others: Sequence[Surface], limits: ConsistencyLimits
+) -> tuple[Array, Array]:
+    """How many other views' surfaces agree with each pixel's, and how many could see it at all.
+
+    Both uint8 height x width. A view cannot see what is beyond its picture or behind its own surface.
+    """
+    count, able = (np.zeros(surface.inverse_depth.shape, np.uint8) for _ in range(2))
+    for lens, other in zip(lenses, others, strict=True):
+        same, sees = _compared(surface.inverse_depth, lens, other.inverse_depth, limits)
+        count += same & _as_bright(surface.inverse_depth, lens, same, limits)
+        able += sees
+    return count, able
+
+
+def count_coinciding_views(
+    surface: Surface, lenses: Sequence[SourceView], others: Sequence[Surface], limits: ConsistencyLimits
+) -> Array:
+    """How many other views' surfaces lie where each pixel's does, however bright; uint8 height x width."""
+    same = [
+        _agrees(surface.inverse_depth, lens, other.inverse_depth, limits)
+        for lens, other in zip(lenses, others, strict=True)
+    ]
+    return np.asarray(np.sum(same, axis=0, dtype=np.uint8))
+
+
+def consistent_pixels(
+    surface: Surface, count: Array, able: Array, sources: int, limits: ConsistencyLimits
+) -> Array:
+    """Where depth is kept, bool height x width, by the votes of this many source views.
+
+    Of the views that are `able` to see a pixel all but one must agree, and no more than `votes`: one where
+    only two see it, as beside something near. There it must be in the midst of others that are kept, for
+    what moves between the pictures finds one that agrees by chance.
+    """
+    usual = min(limits.votes, max(1, sources - 1))
+    agreed = count >= usual
+    few = count >= np.clip(able.astype(np.int16) - 1, 1, usual)
+    if (few & ~agreed).any():
+        window = (limits.midst, limits.midst)
+        agreed |= few & (cv2.blur((few | agreed).astype(np.float32), window) > MIDST_SHARE)
+    evidence = agreed & (surface.unlike < limits.alike)
+    # A lone alike pixel is chance: evidence comes in patches.
+    evidence = cv2.blur(evidence.astype(np.float32), (5, 5)) > 0.4
+    away = cv2.distanceTransform((~evidence).astype(np.uint8), cv2.DIST_L2, 5)
+    carried = away < limits.carry * surface.inverse_depth.shape[1]
+    return remove_speckles(agreed & carried, surface.inverse_depth, limits.speckle)
+
+
+def remove_speckles(good: Array, inverse_depth: Array, smallest: int) -> Array:
+    """The mask without islands of fewer pixels; depth that jumps parts islands."""
+    if not good.any():
+        return good
+    top = float(inverse_depth[good].max())
+    scaled = np.where(good, 1 + inverse_depth / top * 16000, 0).clip(0, 20000).astype(np.int16)
+    cv2.filterSpeckles(scaled, 0, smallest, 400)
+    return np.asarray(scaled > 0)
+
+
+def _agrees(inverse_depth: Array, lens: SourceView, other: Array, limits: ConsistencyLimits) -> Array:
+    return _compared(inverse_depth, lens, other, limits)[0]
+
+
+def _compared(
+    inverse_depth: Array, lens: SourceView, other: Array, limits: ConsistencyLimits
+) -> tuple[Array, Array]:
+    """Where another view's surface is the same as this one, and where that view could see this one (bool)."""
+    x, y, z = lens.project(inverse_depth)
+    x, y = np.nan_to_num(x, nan=-1e4), np.nan_to_num(y, nan=-1e4)
+    seen = cv2.remap(other, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=(0.0,))
+    expected = inverse_depth / np.maximum(z, 1e-6)
+    off = np.abs(seen - expected)
+    inside = (seen > 0) & (z > 1e-6)
+    near = inside & (off < limits.relative * seen)
+    pixel = limits.pixel * max(1.0, lens.reference.view.width / USUAL_WIDTH)
+    same = near & (off * lens.pixels_per_inverse_depth(x, y) < pixel)
+    return same, inside & (seen <= expected * (1 + limits.relative))
+
+
+def _as_bright(inverse_depth: Array, lens: SourceView, same: Array, limits: ConsistencyLimits) -> Array:
+    """Where the other view, seen through the surface, is as bright as this one (bool, height x width)."""
+    seen = lens.through_depth(inverse_depth)
+    reference = lens.reference.grey
+    gain, bias = _level(seen[same], reference[same])
+    difference = cv2.blur(gain * seen + bias - reference, (5, 5))
+    noise = float(np.sqrt(max(lens.reference.noise, lens.source.noise)))
+    return np.asarray(np.abs(difference) < limits.grey + noise)
+
+
+def _level(seen: Array, reference: Array) -> tuple[float, float]:
+    """Gain and bias that make one brightness the other's, by its spread; exposures may differ."""
+    if seen.size < 100:
+        return 1.0, 0.0
+    a, b = (
+        np.percentile(values[:: max(1, values.size // 20_000)], [10, 50, 90]) for values in (seen, reference)
+    )
+    gain = float(np.clip((b[2] - b[0]) / max(a[2] - a[0], 1.0), 0.5, 2.0))
+    return gain, float(b[1] - gain * a[1])

@@ -1,0 +1,163 @@
+"""One view's depth on the CPU: plane sweep, semi-global smoothing, then sweeps along the surface found."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from reconstruction.common.geometry import Array
+from reconstruction.depth.calibrated_image import CalibratedImage
+from reconstruction.depth.plane_fitting import fit_planes
+from reconstruction.depth.semiglobal_aggregation import aggregate_costs, cheapest_depths
+from reconstruction.depth.source_view import SourceView, mean_of_lowest
+
+WORST_COST = 255
+"""Cost of no likeness at all."""
+
+
+MOST_CELLS = 80_000_000
+"""Pixels times depths of one sweep, some bytes each; larger pictures are swept at a smaller size."""
+
+
+TOLERANCE = 1.0
+"""Neighbours on one plane are within so many steps of the first sweep of it."""
+
+
+@dataclass(frozen=True)
+class SweepOptions:
+    """How the matcher weighs likeness against smoothness.
+
+    `step_px`: distance of the first sweep's depths in the source that moves most. `window`,
+    `fine_window`: sides of the matched windows, px. `small_step`, `large_step`: prices of a step of
+    depth by one and by more, where 255 is no likeness at all. `finer`: for every sweep along the surface
+    its step (in steps of the first sweep) and half its width.
+    """
+
+    step_px: float = 0.8
+    window: int = 5
+    fine_window: int = 7
+    small_step: int = 20
+    large_step: int = 800
+    fine_small_step: int = 10
+    fine_large_step: int = 300
+    finer: tuple[tuple[float, int], ...] = ((0.5, 4), (0.25, 4))
+
+
+@dataclass(frozen=True, eq=False)
+class Surface:
+    """What a view sees: inverse depth, its slope per pixel in x and y, and how unlike the sources are.
+
+    Each float32 height x width; `unlike` is 0 (the same) to 1; inverse depth in 1 / the rig's unit.
+    """
+
+    inverse_depth: Array
+    right: Array
+    down: Array
+    unlike: Array
+
+
+def sweep_view(
+    reference: CalibratedImage,
+    sources: Sequence[CalibratedImage],
+    nearest: float,
+    farthest: float,
+    options: SweepOptions,
+) -> Surface:
+    """The surface that the reference view sees between two depths (the rig's unit)."""
+    span = (1 / farthest, 1 / nearest)
+    scale, count = _plan(reference, sources, span, options)
+    small = reference.scaled(scale)
+    lenses = [SourceView(small, source.scaled(scale)) for source in sources]
+    surface = sweep_planes(small, lenses, np.linspace(*span, count), options)
+    step = (span[1] - span[0]) / (count - 1)
+    if scale < 1.0:
+        surface = _enlarged(surface, reference)
+    fine = replace(reference, window=options.fine_window)
+    plan = options.finer if scale == 1.0 else (*options.finer, (0.25 * scale, 4))
+    return _refined(surface, fine, [SourceView(fine, source) for source in sources], step, plan, options)
+
+
+def sweep_planes(
+    reference: CalibratedImage, lenses: Sequence[SourceView], levels: Array, options: SweepOptions
+) -> Surface:
+    """The surface by these evenly spaced inverse depths alone."""
+    step = float(levels[1] - levels[0])
+    reference = replace(reference, window=options.window)
+    lenses = [SourceView(reference, lens.source) for lens in lenses]
+    costs = np.empty((reference.view.height, len(levels), reference.view.width), np.uint8)
+    for number, level in enumerate(levels):
+        _store(costs, number, [lens.unlikeness(lens.through_plane(float(level))) for lens in lenses])
+    total = aggregate_costs(costs, reference.grey, options.small_step, options.large_step)
+    place, unlike = cheapest_depths(total, costs)
+    found = (levels[0] + place * step).astype(np.float32)
+    planes = fit_planes(found, 2 * TOLERANCE * step, reach=2, stride=2, rounds=3)
+    return Surface(*planes, unlike / WORST_COST)
+
+
+def _refined(
+    surface: Surface,
+    reference: CalibratedImage,
+    lenses: Sequence[SourceView],
+    step: float,
+    plan: Sequence[tuple[float, int]],
+    options: SweepOptions,
+) -> Surface:
+    """The surface after sweeps along itself: windows bend with it, so that slanted things look alike."""
+    for share, reach in plan:
+        offsets = np.arange(-reach, reach + 1) * (step * share)
+        costs = np.empty((reference.view.height, len(offsets), reference.view.width), np.uint8)
+        for number, offset in enumerate(offsets):
+            moved = surface.inverse_depth + np.float32(offset)
+            _store(costs, number, [lens.unlikeness(lens.through_depth(moved)) for lens in lenses])
+        total = aggregate_costs(costs, reference.grey, options.fine_small_step, options.fine_large_step)
+        place, unlike = cheapest_depths(total, costs)
+        found = surface.inverse_depth + (place - reach) * np.float32(step * share)
+        slopes = surface.right, surface.down
+        planes = fit_planes(found, TOLERANCE * step, slopes=slopes, reach=2, stride=2)
+        surface = Surface(*planes, unlike / WORST_COST)
+    return surface
+
+
+def _store(costs: Array, number: int, unlike: Sequence[Array]) -> None:
+    """Sources that see something in front of the surface are unlike: the best three of four count."""
+    best = {1: 1, 2: 2, 3: 2}.get(len(unlike), 3)
+    np.multiply(mean_of_lowest(unlike, best), WORST_COST, out=costs[:, number, :], casting="unsafe")
+
+
+def _plan(
+    reference: CalibratedImage,
+    sources: Sequence[CalibratedImage],
+    span: tuple[float, float],
+    options: SweepOptions,
+) -> tuple[float, int]:
+    """Size of the pictures in the first sweep, and how many depths it takes."""
+    moved = max(_motion_px(SourceView(reference, source), *span) for source in sources)
+    scale, pixels = 1.0, reference.grey.size
+    while True:
+        count = int(np.clip(np.ceil(moved * scale / options.step_px) + 1, 24, 400))
+        if count * pixels * scale**2 <= MOST_CELLS:
+            return scale, count
+        scale /= np.sqrt(2.0)
+
+
+def _motion_px(lens: SourceView, low: float, high: float) -> float:
+    """How far a pixel moves in the source between two inverse depths: the median over the picture, px."""
+    ends = [lens.project(np.full((1, 1), w, np.float32)) for w in (low, high)]
+    moved = np.hypot(ends[1][0] - ends[0][0], ends[1][1] - ends[0][1])[::8, ::8]
+    moved = moved[np.isfinite(moved)]
+    return float(np.median(moved)) if moved.size else 0.0
+
+
+def _enlarged(surface: Surface, reference: CalibratedImage) -> Surface:
+    """The surface at the reference's own size, every pixel's plane continued over the pixels it becomes."""
+    height, width = surface.inverse_depth.shape
+    sx, sy = width / reference.view.width, height / reference.view.height
+    x = (np.arange(reference.view.width) + 0.5) * sx - 0.5
+    y = (np.arange(reference.view.height) + 0.5) * sy - 0.5
+    column = np.clip(np.rint(x), 0, width - 1).astype(int)
+    row = np.clip(np.rint(y), 0, height - 1).astype(int)
+    level, right, down, unlike = (
+        part[row][:, column] for part in (surface.inverse_depth, surface.right, surface.down, surface.unlike)
+    )
+    level = level + right * (x - column).astype(np.float32) + down * (y - row).astype(np.float32)[:, None]
+    return Surface(level, right * np.float32(sx), down * np.float32(sy), unlike)

@@ -1,0 +1,109 @@
+"""Depth of all cameras of an instant on the CPU: each for itself, then only what the others confirm."""
+
+import os
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from reconstruction.common.geometry import Array
+from reconstruction.depth.calibrated_image import CalibratedImage
+from reconstruction.depth.geometric_consistency import (
+    ConsistencyLimits,
+    consistent_and_visible_views,
+    consistent_pixels,
+)
+from reconstruction.depth.plane_fitting import fit_planes, surface_normals
+from reconstruction.depth.plane_sweep import Surface, SweepOptions, sweep_view
+from reconstruction.depth.source_view import SourceView
+
+MOST_WORKERS = 8
+"""Each takes some hundred MB for its sweep."""
+
+
+MOST_VOTERS = 8
+"""Other views that are asked whether they agree: the sources first, then those that share most."""
+
+
+NORMAL_TOLERANCE = 0.03
+"""Neighbours on one plane differ from it by less than this share of the median inverse depth."""
+
+
+@dataclass(frozen=True, eq=False)
+class ViewDepth:
+    """One camera's depth (height x width, the rig's unit, 0 = none) and normals (x 3, facing the camera)."""
+
+    depth: Array
+    normals: Array
+    surface: Surface | None = None
+    """What was found before anything was left out; None where somebody else matched."""
+
+
+def match_all_views(
+    photos: Mapping[str, CalibratedImage],
+    sources: Mapping[str, Sequence[str]],
+    nearest: float,
+    farthest: float,
+    *,
+    options: SweepOptions | None = None,
+    limits: ConsistencyLimits | None = None,
+    workers: int | None = None,
+    done: Callable[[str], None] = lambda name: None,
+) -> dict[str, ViewDepth]:
+    """Depth and normals of every camera that has sources; `done` is called after each."""
+    names = [name for name in photos if sources.get(name)]
+    chosen, kept = options or SweepOptions(), limits or ConsistencyLimits()
+
+    def match(name: str) -> Surface:
+        found = sweep_view(
+            photos[name], [photos[other] for other in sources[name]], nearest, farthest, chosen
+        )
+        done(name)
+        return found
+
+    with _threads(workers) as pool:
+        surfaces = dict(zip(names, pool.map(match, names), strict=True))
+        views = pool.map(lambda name: _checked(name, photos, sources, surfaces, kept), names)
+        return dict(zip(names, views, strict=True))
+
+
+def _checked(
+    name: str,
+    photos: Mapping[str, CalibratedImage],
+    sources: Mapping[str, Sequence[str]],
+    surfaces: Mapping[str, Surface],
+    limits: ConsistencyLimits,
+) -> ViewDepth:
+    surface = surfaces[name]
+    others = [other for other in sources[name] if other in surfaces]
+    others += [other for other in surfaces if other != name and other not in others]
+    others = others[:MOST_VOTERS]
+    lenses = [SourceView(photos[name], photos[other]) for other in others]
+    count, able = consistent_and_visible_views(surface, lenses, [surfaces[other] for other in others], limits)
+    good = consistent_pixels(surface, count, able, len(others), limits)
+    facing = _normals(surface, photos[name])
+    depth = np.where(good, 1 / np.maximum(surface.inverse_depth, 1e-12), 0).astype(np.float32)
+    return ViewDepth(depth, np.where(good[..., None], facing, 0).astype(np.float32), surface)
+
+
+def _normals(surface: Surface, photo: CalibratedImage) -> Array:
+    """Normals over a wider neighbourhood than depth needs: slope is more easily upset than height."""
+    tolerance = NORMAL_TOLERANCE * float(np.median(surface.inverse_depth))
+    slopes = surface.right, surface.down
+    _, right, down = fit_planes(surface.inverse_depth, tolerance, slopes=slopes, reach=3, stride=3)
+    return surface_normals(surface.inverse_depth, right, down, photo.rays)
+
+
+@contextmanager
+def _threads(workers: int | None) -> Iterator[ThreadPoolExecutor]:
+    """A pool of a thread per core; OpenCV, which each of them calls, then uses none of its own."""
+    before = cv2.getNumThreads()
+    cv2.setNumThreads(1)
+    try:
+        with ThreadPoolExecutor(workers or min(MOST_WORKERS, len(os.sched_getaffinity(0)))) as pool:
+            yield pool
+    finally:
+        cv2.setNumThreads(before)

@@ -1,0 +1,153 @@
+"""Which points of a fused cloud lie on what moves, and how the cloud compares with the true surfaces."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from reconstruction.common.geometry import Array, View
+from reconstruction.common.native_libraries import load_open3d
+
+TOLERANCE_M = 0.01
+"""A point within this of a true surface is right, and a surface within this of a point is found."""
+
+
+MOST_ASKED = 20_000
+"""Of more points, so many are drawn."""
+
+
+MOST_WIDTH_PX = 960
+
+
+SEES = 0.01
+"""A view sees a point that is no farther than its true depth there by this share."""
+
+
+class PointIndex:
+    """Answers which points have one of a set of points (n, 3), in metres, within the tolerance."""
+
+    def __init__(self, points: Array) -> None:
+        core = load_open3d().core
+        self._tensor = core.Tensor
+        self._tree = None
+        if len(points):
+            self._tree = core.nns.NearestNeighborSearch(self._made(points))
+            self._tree.hybrid_index(TOLERANCE_M)
+
+    def count(self, asked: Array) -> tuple[int, int]:
+        """How many of the points have one near, and of how many; where there are many, of some."""
+        asked = _some(asked)
+        if self._tree is None or not len(asked):
+            return 0, len(asked)
+        _, _, found = self._tree.hybrid_search(self._made(asked), TOLERANCE_M, 1)
+        return int((found.numpy() > 0).sum()), len(asked)
+
+    def _made(self, points: Array) -> Any:
+        return self._tensor(np.ascontiguousarray(points, np.float32))
+
+
+@dataclass(frozen=True, eq=False)
+class TrueSurfaces:
+    """True surfaces of one instant, of one kind: all that any view sees, and, evenly spread over what at
+    least two views see, points (n, 3) to be found again: nothing else can be known."""
+
+    near: PointIndex
+    shared: Array
+
+
+def true_surfaces(
+    views: Mapping[str, View], depth: Mapping[str, Array], movers: Mapping[str, Array]
+) -> dict[str, TrueSurfaces]:
+    """The moving (`mover`) and the still (`static`) surfaces by undistorted true depth and masks (bool).
+
+    Raises:
+        NotAvailableError: Open3D is not installed here.
+    """
+    parts: dict[str, list[Array]] = {"mover": [], "static": []}
+    for name, view in views.items():
+        step = max(1, round(view.width / MOST_WIDTH_PX))
+        rows, columns = (axis[::step, ::step].ravel() for axis in np.mgrid[0 : view.height, 0 : view.width])
+        z, moving = depth[name][rows, columns], movers[name][rows, columns]
+        points = _points(view, rows, columns, z)
+        parts["mover"].append(points[(z > 0) & moving])
+        parts["static"].append(points[(z > 0) & ~moving])
+    found = {}
+    for kind, every in parts.items():
+        points = np.concatenate(every)
+        asked = _some(_spread(points))
+        seen = sum(visible_points(view, depth[name], asked).astype(int) for name, view in views.items())
+        found[kind] = TrueSurfaces(PointIndex(points), asked[np.asarray(seen) >= 2])
+    return found
+
+
+def points_on_movers(
+    points: Array, seen: Array, views: Mapping[str, View], movers: Mapping[str, Array]
+) -> Array:
+    """Points (bool) that lie on a mover in most of the pictures that they were fused from.
+
+    `seen` (n, views) bool, in the views' order; `movers` are masks (bool) of what each view shows.
+    """
+    votes = np.zeros(len(points), int)
+    for place, (name, view) in enumerate(views.items()):
+        votes += seen[:, place] & _on(view, movers[name], points)
+    return np.asarray(2 * votes > seen.sum(1))
+
+
+def points_on_masks(points: Array, views: Mapping[str, View], masks: Mapping[str, Array]) -> Array:
+    """Points (bool) that any of the views sees on its mask (bool)."""
+    touched = np.zeros(len(points), bool)
+    for name, mask in masks.items():
+        touched |= _on(views[name], mask, points)
+    return touched
+
+
+def visible_points(view: View, depth: Array, points: Array) -> Array:
+    """Points (bool) that a view sees by its true depth: they are not hidden behind it."""
+    rows, columns, z, inside = _pixels(view, points)
+    return np.asarray(inside & (np.abs(depth[rows, columns] - z) < SEES * z))
+
+
+def _points(view: View, rows: Array, columns: Array, depth: Array) -> Array:
+    """Points (n, 3) float32 in the rig's frame."""
+    back = (np.linalg.inv(view.matrix).T @ view.rotation).astype(np.float32)
+    pixels = np.column_stack([columns, rows, np.ones(len(rows))]).astype(np.float32)
+    return np.asarray((pixels @ back) * depth.astype(np.float32)[:, None] + view.centre.astype(np.float32))
+
+
+def _pixels(view: View, points: Array) -> tuple[Array, Array, Array, Array]:
+    """Rows and columns of the pixels that points fall on, their depth, and which fall into the picture."""
+    onto = (view.matrix @ view.rotation).astype(np.float32)
+    x, y, z = (points.astype(np.float32) @ onto.T + (view.matrix @ view.translation).astype(np.float32)).T
+    ahead = z > 1e-6
+    far = 1 / np.where(ahead, z, 1)
+    columns, rows = np.rint(x * far), np.rint(y * far)
+    inside = ahead & (columns >= 0) & (columns < view.width) & (rows >= 0) & (rows < view.height)
+    return (
+        np.where(inside, rows, 0).astype(np.int32),
+        np.where(inside, columns, 0).astype(np.int32),
+        z,
+        inside,
+    )
+
+
+def _on(view: View, mask: Array, points: Array) -> Array:
+    rows, columns, _, inside = _pixels(view, points)
+    return np.asarray(inside & mask[rows, columns])
+
+
+def _some(points: Array) -> Array:
+    """At most MOST_ASKED of the points, drawn alike every time."""
+    if len(points) <= MOST_ASKED:
+        return points
+    return np.asarray(points[np.random.default_rng(0).choice(len(points), MOST_ASKED, replace=False)])
+
+
+def _spread(points: Array) -> Array:
+    """One point for each cube of a tolerance's side."""
+    if not len(points):
+        return points
+    cubes = np.floor((points - points.min(0)) / TOLERANCE_M).astype(np.int64)
+    # A million cubes along each axis, ten kilometres, are enough for any scene.
+    keys = (cubes[:, 0] << 40) | (cubes[:, 1] << 20) | cubes[:, 2]
+    return np.asarray(points[np.unique(keys, return_index=True)[1]])

@@ -1,0 +1,120 @@
+"""The pictures of one instant, made ready for matching: undistorted, grey, with their noise."""
+
+from dataclasses import dataclass, replace
+
+import cv2
+import numpy as np
+
+from capture_app.errors import BadInputError
+from capture_app.session.format.calibration import Calibration
+from reconstruction.calibration.calibrated_views import calibrated_views
+from reconstruction.calibration.structure_from_motion import calibrate_from_images
+from reconstruction.common.brightness import noise_level
+from reconstruction.common.geometry import Array, View
+from reconstruction.depth.calibrated_image import CalibratedImage
+from reconstruction.session.dataset import Dataset
+from reconstruction.session.mover_detection import dilate
+from reconstruction.session.scene_motion import SceneMotion
+
+LEAST_CONTRAST = 2.0
+"""Standard deviation of grey levels, of 255, below which a picture shows nothing."""
+
+
+NOISE_FACTOR = 3.0
+
+
+NOISE_LIMITS = (2.0, 100.0)
+
+
+@dataclass(frozen=True, eq=False)
+class InputImage:
+    """One camera's picture: undistorted colours (uint8 height x width x 3) and what is matched of it."""
+
+    camera: str
+    instant: int
+    colours: Array
+    photo: CalibratedImage
+    view: View
+    """With the distortion that the picture had."""
+
+    def flatten(self, image: Array) -> Array:
+        """An image of the camera's own pixels as if it had no distortion; the nearest pixel's value."""
+        return undistort_nearest(self.view, image)
+
+
+def undistort_nearest(view: View, image: Array) -> Array:
+    """An image of a view's pixels as if the view had no distortion; the nearest pixel's value."""
+    if not view.distortion.any():
+        return image
+    maps = cv2.initUndistortRectifyMap(
+        view.matrix, view.distortion, None, view.matrix, (view.width, view.height), cv2.CV_32FC1
+    )
+    return np.asarray(cv2.remap(image, maps[0], maps[1], cv2.INTER_NEAREST))
+
+
+def undistort_image(camera: str, instant: int, image: Array, view: View) -> InputImage:
+    """Undistort a picture (uint8 height x width x 3, BGR).
+
+    Raises:
+        BadInputError: it shows nothing.
+    """
+    plain = replace(view, distortion=np.zeros(5))
+    colours = image
+    if view.distortion.any():
+        colours = cv2.undistort(image, view.matrix, view.distortion, None, view.matrix)
+    grey = cv2.cvtColor(colours, cv2.COLOR_BGR2GRAY)
+    if float(grey.std()) < LEAST_CONTRAST:
+        raise BadInputError("its picture is empty: everywhere the same brightness")
+    noise = float(np.clip((NOISE_FACTOR * noise_level(grey)) ** 2, *NOISE_LIMITS))
+    photo = CalibratedImage(plain, grey.astype(np.float32), 5, noise)
+    return InputImage(camera, instant, colours, photo, view)
+
+
+def load_input_images(
+    dataset: Dataset, instants: dict[str, int]
+) -> tuple[dict[str, InputImage], dict[str, str], str, str]:
+    """The usable pictures by camera, the others and why they are left out, the calibration's source and unit.
+
+    Raises:
+        BadInputError: fewer than two pictures are usable, or there is no calibration to be had.
+    """
+    if len(dataset.cameras) < 2:
+        raise BadInputError(
+            f"the session has one camera only ({', '.join(dataset.cameras)})",
+            hint="depth needs two that see the same from different places",
+        )
+    calibration = dataset.calibration() or _solved(dataset)
+    views = calibrated_views(dataset, calibration)
+    shots: dict[str, InputImage] = {}
+    left_out: dict[str, str] = {}
+    for camera, instant in instants.items():
+        if camera not in views:
+            left_out[camera] = "it is not in the calibration"
+        elif not dataset.has(camera, instant):
+            left_out[camera] = f"it has no image of instant {instant}"
+        else:
+            try:
+                shots[camera] = undistort_image(
+                    camera, instant, dataset.image(camera, instant), views[camera]
+                )
+            except BadInputError as error:
+                left_out[camera] = error.what
+    if len(shots) < 2:
+        reasons = "; ".join(f"{camera}: {why}" for camera, why in left_out.items())
+        raise BadInputError(
+            f"fewer than two cameras can be used ({reasons})",
+            hint="depth needs two that are calibrated and see the same from different places",
+        )
+    return shots, left_out, calibration.source or "the session's own", calibration.unit
+
+
+def _solved(dataset: Dataset) -> Calibration:
+    """The calibration found from the pictures, with what moves masked out."""
+    motion = SceneMotion(dataset, 1)
+    whole = [k for k in range(len(dataset.instants_ns)) if all(dataset.has(c, k) for c in dataset.cameras)]
+    if not whole:
+        raise BadInputError(
+            "no calibration in the session, and no instant with a picture of every camera to find it from",
+            hint="add a calibration.json",
+        )
+    return calibrate_from_images(dataset, lambda camera, k: dilate(motion.seen_moving(camera, k), 5), whole)

@@ -1,0 +1,138 @@
+"""Depth and clouds of all cameras, counted on what moves and on the still control that must not change."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from capture_app.errors import NotAvailableError
+from reconstruction.common.geometry import Array
+from reconstruction.multiview.cloud_accuracy import (
+    TOLERANCE_M,
+    PointIndex,
+    TrueSurfaces,
+    points_on_masks,
+    points_on_movers,
+    true_surfaces,
+)
+from reconstruction.multiview.instant_depth import InstantDepth
+from reconstruction.multiview.undistorted_session import UndistortedSession
+from reconstruction.scores.depth_truth import true_depth_in_unit
+from reconstruction.scores.still_control import fill_from_nearest, median_still_depth
+from reconstruction.scores.tally import Count, count_depth
+from reconstruction.session.mover_detection import dilate
+
+CONTROL_MARGIN_PX = 4
+"""Pixels this near to a mover are no control."""
+
+
+class InstantScorer:
+    """Counts for instants of one reference camera; what is still is known from the synchronized maps."""
+
+    def __init__(
+        self,
+        shots: UndistortedSession,
+        reference: str,
+        unit: str,
+        instants: Sequence[int],
+        synced: Sequence[InstantDepth],
+    ) -> None:
+        self.shots = shots
+        self.reference = reference
+        self.unit = unit
+        self.cloud_skipped = ""
+        self.tolerance_m: float | None = None
+        moving = [shots.moving(reference, instant) for instant in instants]
+        self._still = median_still_depth([one.depth for one in synced], moving)
+
+    def count(
+        self, instant: int, shown: Mapping[str, int], maps: Mapping[str, InstantDepth]
+    ) -> dict[str, tuple[Count, Count]]:
+        """Movers and still control of each map, by condition: `synced`, and `offset` with what is `shown`.
+
+        The control is equal in both: no mover is in front of it in any picture of either.
+        """
+        moving = self.shots.moving(self.reference, instant)
+        hidden = {
+            camera: self.shots.changing(camera, instant) | self.shots.changing(camera, other)
+            for camera, other in shown.items()
+        }
+        static = self._control(instant, hidden)
+        truth = self._truth(instant, static)
+        surfaces = self._surfaces(instant, shown)
+        counts = {}
+        for name, found in maps.items():
+            pair = []
+            for mask in (moving, static):
+                count = count_depth(found.depth, found.difference, mask, truth)
+                count.shares["consistency"] = int((found.consistent & mask).sum()), int(mask.sum())
+                pair.append(count)
+            times = shown if name == "offset" else dict.fromkeys(shown, instant)
+            self._count_cloud(found, times, hidden, surfaces, pair)
+            counts[name] = pair[0], pair[1]
+        return counts
+
+    def truth(self, instant: int) -> Array | None:
+        """The reference's true depth in the calibration's unit, NaN = unknown; None where nobody knows it."""
+        return self._truth(instant, ~self.shots.moving(self.reference, instant))
+
+    def _control(self, instant: int, hidden: Mapping[str, Array]) -> Array:
+        changing = self.shots.motion.changing(self.reference, instant)
+        here = dilate(self.shots.mask(self.reference, changing), CONTROL_MARGIN_PX)
+        if not (self._still > 0).any():
+            return ~here
+        view = self.shots.views[self.reference]
+        depth = fill_from_nearest(self._still).reshape(-1, 1)
+        rays = np.column_stack([view.grid(), np.ones(depth.size)]) @ np.linalg.inv(view.matrix).T
+        points = (rays * depth - view.translation) @ view.rotation
+        others = {camera: mask for camera, mask in hidden.items() if camera != self.reference}
+        return np.asarray(~here & ~points_on_masks(points, self.shots.views, others).reshape(here.shape))
+
+    def _truth(self, instant: int, static: Array) -> Array | None:
+        loaded = self.shots.truth(self.reference, instant)
+        return None if loaded is None else true_depth_in_unit(loaded[0], self.unit, self._still, static)
+
+    def _surfaces(self, instant: int, shown: Mapping[str, int]) -> dict[str, TrueSurfaces] | None:
+        """The true surfaces of an instant, if the calibration knows metres."""
+        if self.unit != "m":
+            return None
+        loaded = {camera: self.shots.truth(camera, instant, full=True) for camera in shown}
+        known = {camera: one for camera, one in loaded.items() if one is not None}
+        if len(known) < len(loaded):
+            return None
+        views = {camera: self.shots.plain(camera) for camera in known}
+        depth = {camera: one[0] for camera, one in known.items()}
+        try:
+            return true_surfaces(views, depth, {camera: one[1] for camera, one in known.items()})
+        except NotAvailableError as error:
+            self.cloud_skipped = str(error)
+            return None
+
+    def _count_cloud(
+        self,
+        found: InstantDepth,
+        times: Mapping[str, int],
+        hidden: Mapping[str, Array],
+        surfaces: dict[str, TrueSurfaces] | None,
+        pair: list[Count],
+    ) -> None:
+        """Add what the cloud is worth to the counts of movers and of the still control."""
+        self.cloud_skipped = self.cloud_skipped or str(found.no_cloud)
+        if str(found.no_cloud):
+            return
+        views = {camera: self.shots.views[camera] for camera in times}
+        movers = {camera: self.shots.moving(camera, instant) for camera, instant in times.items()}
+        moving = points_on_movers(found.points, found.seen, views, movers)
+        still = ~moving & ~points_on_masks(found.points, views, hidden)
+        kinds = (("mover", moving, None), ("static", still, hidden))
+        for count, (kind, mask, masks) in zip(pair, kinds, strict=True):
+            points = found.points[mask]
+            count.amounts["points"] = float(len(points))
+            if surfaces is None:
+                continue
+            true = surfaces[kind]
+            shared = (
+                true.shared if masks is None else true.shared[~points_on_masks(true.shared, views, masks)]
+            )
+            count.shares["precision"] = true.near.count(points)
+            count.shares["recall"] = PointIndex(points).count(shared)
+            self.tolerance_m = TOLERANCE_M

@@ -1,0 +1,99 @@
+"""Which cameras' pictures are compared with a camera's own: those that see the same, from elsewhere."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from reconstruction.common.geometry import Array, View
+
+MOST_SOURCES = 4
+
+
+LEAST_SCORE = 0.12
+"""Less than about an eighth of the picture in common is not worth a source's time."""
+
+
+LEAST_ANGLE_DEG = 2.5
+"""Below this parallax says little about depth."""
+
+
+MOST_ANGLE_DEG = 14.0
+"""Beyond this the same surface begins to look different."""
+
+
+def choose_source_views(views: Mapping[str, View], depths: Sequence[float]) -> dict[str, tuple[str, ...]]:
+    """For every camera the others to match it with, best first; none where nothing is shared.
+
+    Judged at points of its picture at these depths (the rig's unit): the share that the other sees,
+    times a factor that is largest for `LEAST_ANGLE_DEG` to `MOST_ANGLE_DEG` of parallax.
+    """
+    chosen = {}
+    for name, view in views.items():
+        scores = {
+            other: max(score_source_view(view, seen, depth) for depth in depths)
+            for other, seen in views.items()
+            if other != name
+        }
+        ranked = sorted(scores, key=lambda other: (-scores[other], other))
+        chosen[name] = tuple(other for other in ranked[:MOST_SOURCES] if scores[other] >= LEAST_SCORE)
+    return chosen
+
+
+def choose_reference_view(views: Mapping[str, View], depths: Sequence[float]) -> str:
+    """The camera in the middle of the rig among those whose pictures the others share most of."""
+    shared = {}
+    for name, view in views.items():
+        others = [other for other in views if other != name]
+        seen = [_seen(view, views[other], depth)[0].mean() for other in others for depth in depths]
+        shared[name] = float(np.mean(seen)) if seen else 0.0
+    enough = 0.9 * max(shared.values())
+    middle = np.mean([view.centre for view in views.values()], axis=0)
+    away = {name: round(float(np.linalg.norm(view.centre - middle)), 6) for name, view in views.items()}
+    return min((name for name in views if shared[name] >= enough), key=lambda name: (away[name], name))
+
+
+def score_source_view(view: View, other: View, depth: float) -> float:
+    """How much of a view, were everything at this depth, another view can tell about; 0 to 1."""
+    inside, points = _seen(view, other, depth)
+    to_view, to_other = view.centre - points, other.centre - points
+    cosine = (to_view * to_other).sum(1)
+    cosine /= np.maximum(np.linalg.norm(to_view, axis=1) * np.linalg.norm(to_other, axis=1), 1e-12)
+    angle = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+    fit = np.minimum(angle / LEAST_ANGLE_DEG, 1.0)
+    fit *= np.exp(-((np.maximum(angle - MOST_ANGLE_DEG, 0) / 10.0) ** 2))
+    return float(np.mean(inside * fit))
+
+
+def _seen(view: View, other: View, depth: float) -> tuple[Array, Array]:
+    """Which of a view's points at this depth the other sees (n), and the points (n, 3)."""
+    points = _points(view, depth)
+    seen = points @ other.rotation.T + other.translation
+    ahead = seen[:, 2] > 1e-9
+    z = np.where(ahead, seen[:, 2], 1.0)
+    x = seen[:, 0] / z * other.matrix[0, 0] + other.matrix[0, 2]
+    y = seen[:, 1] / z * other.matrix[1, 1] + other.matrix[1, 2]
+    return ahead & (x >= 0) & (y >= 0) & (x < other.width) & (y < other.height), points
+
+
+def guess_depths(views: Mapping[str, View]) -> tuple[float, ...]:
+    """Depths worth a look before anything is known: multiples of the distance between neighbours."""
+    centres = np.array([view.centre for view in views.values()])
+    apart = np.linalg.norm(centres[:, None] - centres[None], axis=2)
+    apart[apart <= 1e-9] = np.inf
+    nearest = apart.min(1)
+    usual = float(np.median(nearest[np.isfinite(nearest)])) if np.isfinite(nearest).any() else 0.0
+    return tuple(usual * times for times in (4.0, 8.0, 16.0, 32.0))
+
+
+def _points(view: View, depth: float) -> Array:
+    """Points of a grid over the view's picture at this depth, in the rig's frame (n, 3)."""
+    xs, ys = np.meshgrid(np.linspace(0, view.width - 1, 9), np.linspace(0, view.height - 1, 7))
+    rays = np.stack(
+        [
+            (xs.ravel() - view.matrix[0, 2]) / view.matrix[0, 0],
+            (ys.ravel() - view.matrix[1, 2]) / view.matrix[1, 1],
+            np.ones(xs.size),
+        ],
+        axis=1,
+    )
+    return np.asarray((rays * depth - view.translation) @ view.rotation)

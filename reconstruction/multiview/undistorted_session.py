@@ -1,0 +1,96 @@
+"""A session's pictures and masks as the many-view part of a comparison takes them: small and undistorted."""
+
+from dataclasses import replace
+from functools import lru_cache
+
+import cv2
+import numpy as np
+
+from capture_app.errors import BadInputError
+from reconstruction.common.geometry import Array, View, resize_view
+from reconstruction.multiview.input_images import InputImage, undistort_image, undistort_nearest
+from reconstruction.session.dataset import Dataset
+from reconstruction.session.mover_detection import dilate
+from reconstruction.session.scene_motion import SceneMotion
+
+KEPT_SHOTS = 32
+
+
+class UndistortedSession:
+    """Pictures, moving pixels and true depth by camera and instant, at most `width_px` wide."""
+
+    def __init__(self, dataset: Dataset, motion: SceneMotion, views: dict[str, View], width_px: int) -> None:
+        self.dataset = dataset
+        self.motion = motion
+        self.full = views
+        self.views = {name: _small(view, width_px) for name, view in views.items()}
+        self._shot = lru_cache(maxsize=KEPT_SHOTS)(self._load)
+
+    def usable(self, camera: str, instant: int) -> bool:
+        """Whether there is a picture that shows something."""
+        return not self.problem(camera, instant)
+
+    def problem(self, camera: str, instant: int) -> str:
+        """Why there is no picture to match; empty where there is one."""
+        if camera not in self.views:
+            return "it is not in the calibration"
+        if not self.dataset.has(camera, instant):
+            return f"it has no image of instant {instant}"
+        found = self._shot(camera, instant)
+        return found if isinstance(found, str) else ""
+
+    def shot(self, camera: str, instant: int) -> InputImage:
+        """The picture; it must be usable."""
+        found = self._shot(camera, instant)
+        assert isinstance(found, InputImage)
+        return found
+
+    def moving(self, camera: str, instant: int) -> Array:
+        """What moves (bool)."""
+        return self.mask(camera, self.motion.moving(camera, instant))
+
+    def changing(self, camera: str, instant: int) -> Array:
+        """What moves or looks different (bool), made wider: no still control there."""
+        mask = self.mask(camera, self.motion.changing(camera, instant))
+        return dilate(mask, max(3, mask.shape[1] // 80))
+
+    def truth(self, camera: str, instant: int, *, full: bool = False) -> tuple[Array, Array] | None:
+        """True depth (m, 0 = unknown) and movers (bool), undistorted, at the small or at the full size."""
+        loaded = self.dataset.truth(camera, instant)
+        if loaded is None:
+            return None
+        depth = np.where(np.isfinite(loaded[0]), loaded[0], 0).astype(np.float32)
+        movers = loaded[1].astype(np.uint8)
+        if full:
+            view = self.full[camera]
+            return undistort_nearest(view, depth), undistort_nearest(view, movers) > 0
+        return self._flat(camera, depth), self._flat(camera, movers) > 0
+
+    def plain(self, camera: str) -> View:
+        """The camera's view at its full size, without distortion."""
+        return replace(self.full[camera], distortion=np.zeros(5))
+
+    def mask(self, camera: str, mask: Array) -> Array:
+        """A mask (bool) of the session's own pixels as the small picture shows it."""
+        return self._flat(camera, mask.astype(np.uint8)) > 0
+
+    def _flat(self, camera: str, image: Array) -> Array:
+        view = self.views[camera]
+        small = cv2.resize(image, (view.width, view.height), interpolation=cv2.INTER_NEAREST)
+        return undistort_nearest(view, np.asarray(small))
+
+    def _load(self, camera: str, instant: int) -> InputImage | str:
+        view = self.views[camera]
+        image = self.dataset.image(camera, instant)
+        if image.shape[1] != view.width:
+            size = (view.width, view.height)
+            image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+        try:
+            return undistort_image(camera, instant, image, view)
+        except BadInputError as error:
+            return error.what
+
+
+def _small(view: View, width_px: int) -> View:
+    scale = width_px / view.width
+    return view if scale >= 1 else resize_view(view, width_px, round(view.height * scale))

@@ -1,0 +1,95 @@
+"""Everything that `reconstruct compare` found: the contents of `metrics.json`."""
+
+from msgspec import Struct
+
+from reconstruction.scores.depth_results import MultiviewComparison, StereoComparison
+from reconstruction.scores.dose_results import DoseResult
+from reconstruction.scores.panorama_results import PanoramaComparison
+from reconstruction.scores.pose_results import PoseComparison
+from reconstruction.scores.results import Picture
+
+
+class BurstGrid(Struct, frozen=True, kw_only=True):
+    """Small pictures of the burst: a row for each camera, a column for each instant; "" = no image."""
+
+    cameras: tuple[str, ...]
+    instants: tuple[int, ...]
+    times_ms: tuple[float, ...]
+    """Since the burst's first instant."""
+    thumbnails: tuple[tuple[str, ...], ...]
+
+
+class BulletTime(Struct, frozen=True, kw_only=True):
+    """One instant from camera to camera, synchronized and with cameras late: paths of pictures by camera."""
+
+    cameras: tuple[str, ...]
+    """In the order of the sweep."""
+    instant: int
+    synced: tuple[str, ...]
+    offset: tuple[str, ...]
+    late_ms: tuple[float, ...]
+    """How late each camera's offset picture is."""
+    steady: bool
+    """The pictures are turned and zoomed so that what moves stays where it is."""
+    by_place: bool
+    """The order is that of the cameras' places, not of their names."""
+    file: str
+    """An animation of both side by side."""
+    synced_step_px: float | None = None
+    """How far the largest thing that moves goes from one picture to the next at most, px of the pictures;
+    None where they are not held steady."""
+    offset_step_px: float | None = None
+
+
+class ConditionResult(Struct, frozen=True, kw_only=True):
+    """A further condition beside the synchronized one, on the same pairs of cameras.
+
+    In `stereo` and `stitch`, `synced` is the comparison's own session and `offset` this condition.
+    """
+
+    name: str
+    offsets_ms: dict[str, float] = {}
+    """How late each camera is; empty for another session."""
+    session: str = ""
+    """The other session that this condition is; it is not paired by instant."""
+    stereo_offset_ms: float | None = None
+    """How much later the pair's second camera is in fact; None where that is drawn anew for each instant."""
+    stitch_offset_ms: float | None = None
+    stereo: StereoComparison | None = None
+    stitch: PanoramaComparison | None = None
+    multiview: MultiviewComparison | None = None
+    poses: PoseComparison | None = None
+    skipped: tuple[str, ...] = ()
+
+
+class CompareResult(Struct, frozen=True, kw_only=True):
+    """Everything `reconstruct compare` found; written as `metrics.json` and printed by --json."""
+
+    session: str
+    offset_ms: float
+    """The offset that was asked for."""
+    offset_frames: int
+    actual_offset_ms: float
+    verdict: str
+    """One or two plain sentences for somebody who has never heard of synchronization."""
+    calibration: str
+    """Where the calibration came from."""
+    stereo: StereoComparison | None = None
+    stitch: PanoramaComparison | None = None
+    multiview: MultiviewComparison | None = None
+    poses: PoseComparison | None = None
+    stereo_skipped: str = ""
+    stitch_skipped: str = ""
+    multiview_skipped: str = ""
+    poses_skipped: str = ""
+    sync_residual_us: float | None = None
+    """Largest distance of an image from its instant, by the session's own record."""
+    sync_bound_us: float | None = None
+    pictures: tuple[Picture, ...] = ()
+    conditions: tuple[ConditionResult, ...] = ()
+    dose: DoseResult | None = None
+    burst: BurstGrid | None = None
+    bullet_time: BulletTime | None = None
+    report: str = ""
+    seconds: float = 0.0
+    versions: dict[str, str] = {}

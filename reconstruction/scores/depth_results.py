@@ -1,0 +1,92 @@
+"""Depth in a comparison, of a pair and of all cameras, as `metrics.json` holds it."""
+
+from msgspec import Struct
+
+from reconstruction.scores.results import Interval, Picture
+
+
+class DepthScores(Struct, frozen=True, kw_only=True):
+    """Stereo depth in one condition; shares are of all pixels of that kind, empty ones counted as wrong.
+
+    Movers are pixels of moving things, static ones the rest. `*_within_*pct` need ground truth.
+    """
+
+    mover_coverage: float | None
+    static_coverage: float | None
+    mover_within_1pct: float | None = None
+    static_within_1pct: float | None = None
+    mover_within_2pct: float | None = None
+    static_within_2pct: float | None = None
+    mover_within_5pct: float | None = None
+    static_within_5pct: float | None = None
+    mover_epipolar_px: float | None = None
+    """Median vertical disparity of matches on movers, in px of the rectified images."""
+    static_epipolar_px: float | None = None
+    mover_photometric: float | None = None
+    """Median absolute grey-level difference after warping one view onto the other by its depth."""
+    static_photometric: float | None = None
+    intervals: dict[str, Interval] = {}
+    """By measure, where there are enough instants."""
+    instants: int = 0
+
+
+class StereoComparison(Struct, frozen=True, kw_only=True):
+    """Depth from a rectified pair, synchronized and offset."""
+
+    reference: str
+    other: str
+    synced: DepthScores
+    offset: DepthScores
+    per_instant: tuple[dict[str, float | int | None], ...] = ()
+    differences: dict[str, Interval] = {}
+    """Offset minus synced by measure, paired by instant."""
+    why: str = ""
+    """Why this pair was taken."""
+
+
+class MultiviewScores(DepthScores, frozen=True, kw_only=True):
+    """Depth of the reference camera by all of them, in one condition, and the cloud fused from all maps."""
+
+    mover_consistency: float | None = None
+    """Share of pixels whose depth two other cameras found too, each for itself, before any other check."""
+    static_consistency: float | None = None
+    mover_points: float | None = None
+    """Fused points on moving things, of an instant; the mean over the instants."""
+    static_points: float | None = None
+    mover_f_score: float | None = None
+    """Of the fused cloud against the true surfaces of the instant, within the comparison's tolerance."""
+    static_f_score: float | None = None
+    mover_precision: float | None = None
+    """Share of the fused points that lie on a true surface."""
+    static_precision: float | None = None
+    mover_recall: float | None = None
+    """Share of the true surfaces, as far as two cameras see them, that have a fused point."""
+    static_recall: float | None = None
+
+
+class MultiviewComparison(Struct, frozen=True, kw_only=True):
+    """Depth from all cameras, synchronized and with every camera off by another time.
+
+    Judged on the camera in the middle, the reference, whose own picture is the same in both.
+    """
+
+    reference: str
+    cameras: tuple[str, ...]
+    synced: MultiviewScores
+    offset: MultiviewScores
+    offsets_ms: dict[str, float] = {}
+    """How late each camera is against the reference; empty where it is drawn anew for each instant."""
+    tolerance_m: float | None = None
+    """How near a fused point and a true surface must be for the F-score; None where no truth is known."""
+    width_px: int = 0
+    """Of the reference's picture as it was matched: large ones are made smaller for a comparison."""
+    per_instant: tuple[dict[str, float | int | None], ...] = ()
+    """Keys as in StereoResult.per_instant, and `synced_mover_points` and `offset_mover_points`."""
+    differences: dict[str, Interval] = {}
+    """Offset minus synced by measure, paired by instant."""
+    pictures: tuple[Picture, ...] = ()
+    """Their offset side is not that of the pair: it is every camera off by another time."""
+    left_out: dict[str, str] = {}
+    """Cameras without depth, and why."""
+    cloud_skipped: str = ""
+    """Why there is no fused cloud, or no F-score of it."""

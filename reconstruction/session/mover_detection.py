@@ -1,0 +1,81 @@
+"""Which pixels show something that moves: the temporal difference of a camera that stands still."""
+
+from collections.abc import Sequence
+
+import cv2
+import numpy as np
+
+from reconstruction.common.geometry import Array
+
+LEAST_AREA_PX = 24
+"""Smaller spots are noise."""
+
+
+LEAST_STEP = 8.0
+"""Smallest change of grey level (of 255) that can be motion."""
+
+
+SHAKE_PX = 0.7
+"""A still edge may tremble by this much (a camera that vibrates) before it counts as motion."""
+
+
+BACKGROUND_FRAMES = 25
+
+
+def median_background(images: Sequence[Array]) -> Array:
+    """What stands still in a burst: the median over time of its grey images, uint8."""
+    step = max(1, len(images) // BACKGROUND_FRAMES)
+    return np.asarray(np.median(np.stack(images[::step]), axis=0), np.uint8)
+
+
+def detect_movers(image: Array, neighbours: Sequence[Array], still: Array) -> Array:
+    """Moving pixels (bool) of one grey image.
+
+    A moving pixel differs from the burst's `still` background and from each of the neighbours in time
+    (other images of the same camera): a difference to one neighbour alone also shows where the thing
+    will be, to the background alone where it was for most of the burst.
+    """
+    differences = [_difference(image, other) for other in (*neighbours, still)]
+    change = np.minimum.reduce(differences)
+    spread = max(_spread(image, other) for other in (*neighbours, still))
+    mask = (change > max(LEAST_STEP, 4.0 * spread) + SHAKE_PX * _slope(still)).astype(np.uint8)
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
+    mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, disc)
+    mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (9, 9)))
+    return _solid(mask)
+
+
+def dilate(mask: Array, radius_px: int) -> Array:
+    """A mask (bool) made wider by a radius, px."""
+    size = 2 * radius_px + 1
+    disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
+    return np.asarray(cv2.dilate(mask.astype(np.uint8), disc) > 0)
+
+
+def _difference(a: Array, b: Array) -> Array:
+    """Absolute difference in grey levels, smoothed; a change of the whole image's brightness is no motion."""
+    delta = a.astype(np.float32) - b.astype(np.float32)
+    return np.asarray(np.abs(cv2.GaussianBlur(delta - np.median(delta), (0, 0), 1.2)))
+
+
+def _slope(image: Array) -> Array:
+    """Grey levels per px of the smoothed image."""
+    smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), 1.2)
+    across, down = cv2.Sobel(smooth, cv2.CV_32F, 1, 0), cv2.Sobel(smooth, cv2.CV_32F, 0, 1)
+    return np.asarray(cv2.magnitude(across, down) / 8)
+
+
+def _spread(a: Array, b: Array) -> float:
+    """How far grey levels differ where nothing moves (one standard deviation, robust)."""
+    difference = _difference(a, b)
+    return float(np.median(difference)) * 1.4826
+
+
+def _solid(mask: Array) -> Array:
+    """Spots large enough, with their holes filled."""
+    outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
+    solid = np.zeros_like(mask)
+    for outline in outlines:
+        if cv2.contourArea(outline) >= LEAST_AREA_PX:
+            cv2.drawContours(solid, [outline], -1, 1, cv2.FILLED)
+    return solid > 0

@@ -1,0 +1,150 @@
+"""Rectification of a pair: both views turned so that a point lies in the same row of both."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from reconstruction.common.geometry import Array, View, other_from_reference
+
+
+@dataclass(frozen=True)
+class Rectification:
+    """A pair turned onto one common image plane, whose rows run along the baseline.
+
+    A point at depth z (in the rectified frame, calibration's unit) lies `focal * baseline / z` px
+    further left in the other view than in the reference. Where the other camera stands on the far side,
+    both images are mirrored (`mirror`), so that this always holds with a positive sign. `left` and `top`
+    are the coordinates of the canvas's first pixel relative to the common principal point.
+    """
+
+    reference: View
+    other: View
+    reference_turn: Array
+    other_turn: Array
+    focal: float
+    baseline: float
+    left: float
+    top: float
+    width: int
+    height: int
+    mirror: bool
+
+    def remap(self, image: Array, *, other: bool = False, nearest: bool = False) -> tuple[Array, Array]:
+        """The image on the canvas, and where the canvas sees it (bool)."""
+        view = self.other if other else self.reference
+        turn = self.other_turn if other else self.reference_turn
+        maps = cv2.initUndistortRectifyMap(
+            view.matrix, view.distortion, turn, self._projection(), (self.width, self.height), cv2.CV_32FC1
+        )
+        how = cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR
+        picture = cv2.remap(image, maps[0], maps[1], how)
+        outline = self.project(view.rays(view.border()), other=other)
+        seen = np.zeros((self.height, self.width), np.uint8)
+        cv2.fillPoly(seen, [np.round(outline).astype(np.int32)], 1)
+        return picture, cv2.erode(seen, np.ones((3, 3), np.uint8)) > 0
+
+    def project(self, rays: Array, *, other: bool = False) -> Array:
+        """Canvas pixels (n, 2) of directions (n, 3) in one of the two camera frames."""
+        turned = rays @ (self.other_turn if other else self.reference_turn).T
+        projection = self._projection()
+        return np.column_stack(
+            [
+                turned[:, 0] / turned[:, 2] * projection[0, 0] + projection[0, 2],
+                turned[:, 1] / turned[:, 2] * projection[1, 1] + projection[1, 2],
+            ]
+        )
+
+    def depth(self, disparity: Array) -> Array:
+        """Depth in the reference view's pixels (height x width, 0 = none) from the canvas's disparity."""
+        view = self.reference
+        turned = view.rays(view.grid()) @ self.reference_turn.T
+        where = self.project(view.rays(view.grid())).astype(np.float32)
+        shape = (view.height, view.width)
+        shift = cv2.remap(
+            disparity.astype(np.float32),
+            where[:, 0].reshape(shape),
+            where[:, 1].reshape(shape),
+            cv2.INTER_NEAREST,
+            borderMode=cv2.BORDER_CONSTANT,
+            borderValue=0.0,
+        )
+        near = shift > 0
+        rectified = np.where(near, self.focal * self.baseline / np.where(near, shift, 1.0), 0.0)
+        return np.asarray(rectified / turned[:, 2].reshape(shape), np.float32)
+
+    def to_reference(self, canvas: Array) -> Array:
+        """A canvas's values (nearest) in the reference view's pixels; 0 where the canvas does not reach."""
+        view = self.reference
+        where = self.project(view.rays(view.grid())).astype(np.float32)
+        shape = (view.height, view.width)
+        xs, ys = where[:, 0].reshape(shape), where[:, 1].reshape(shape)
+        found = cv2.remap(
+            canvas, xs, ys, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=(0.0,)
+        )
+        return np.asarray(found)
+
+    def _projection(self) -> Array:
+        sign = -1.0 if self.mirror else 1.0
+        return np.array([[sign * self.focal, 0, -self.left], [0, self.focal, -self.top], [0, 0, 1.0]])
+
+
+def rectifying_rotations(reference: View, other: View) -> tuple[Array, Array, float, bool]:
+    """The rotations of both views onto a common plane, the baseline's length, and whether to mirror.
+
+    The common x axis is the baseline, kept as close to the reference's x (or y) axis as it can be, so
+    that pictures stay upright; z is as close as possible to both viewing directions.
+
+    Raises:
+        ValueError: the two cameras stand at the same place, or one looks along the baseline.
+    """
+    rotation, translation = other_from_reference(reference, other)
+    step = -rotation.T @ translation
+    length = float(np.linalg.norm(step))
+    if length == 0.0:
+        raise ValueError("both cameras stand at the same place")
+    x = step / length
+    lead = int(np.argmax(np.abs(x[:2])))
+    mirror = bool(x[lead] < 0)
+    if mirror:
+        x = -x
+    z = np.array([0.0, 0.0, 1.0]) + rotation.T @ np.array([0.0, 0.0, 1.0])
+    z -= (z @ x) * x
+    if np.linalg.norm(z) < 0.2:
+        raise ValueError("the cameras stand one behind the other")
+    z /= np.linalg.norm(z)
+    reference_turn = np.stack([x, np.cross(z, x), z])
+    return reference_turn, reference_turn @ rotation.T, length, mirror
+
+
+def rectify(
+    reference: View, other: View, disparities: tuple[float, float], scale: float = 1.0
+) -> Rectification:
+    """The pair's rectification, wide enough for these disparities (least, greatest; px at scale 1).
+
+    The canvas holds all of the reference view and, beside it, what its matches in the other need;
+    `scale` makes it smaller or larger than the reference's own resolution.
+    """
+    reference_turn, other_turn, length, mirror = rectifying_rotations(reference, other)
+    focal = reference.focal * scale
+    bare = Rectification(reference, other, reference_turn, other_turn, focal, length, 0.0, 0.0, 1, 1, mirror)
+    outline = bare.project(reference.rays(reference.border()))
+    low, high = outline.min(0), outline.max(0)
+    limit = 3 * scale * max(reference.width, reference.height)
+    low, high = np.maximum(low, -limit), np.minimum(high, limit)
+    left = np.floor(low[0] - max(disparities[1] * scale, 0.0)) - 1
+    right = np.ceil(high[0] - min(disparities[0] * scale, 0.0)) + 1
+    top, bottom = np.floor(low[1]) - 1, np.ceil(high[1]) + 1
+    return Rectification(
+        reference,
+        other,
+        reference_turn,
+        other_turn,
+        focal,
+        length,
+        float(left),
+        float(top),
+        int(right - left) + 1,
+        int(bottom - top) + 1,
+        mirror,
+    )

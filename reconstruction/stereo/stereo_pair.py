@@ -1,0 +1,97 @@
+"""Dense depth of a pair: semi-global matching, then checks that keep only what both views agree on."""
+
+from dataclasses import dataclass, field
+
+import cv2
+import numpy as np
+
+from reconstruction.common.brightness import match_brightness, noise_level
+from reconstruction.common.geometry import Array, View
+from reconstruction.stereo.match_checks import MatchChecks, fill_small_holes, looks_alike
+from reconstruction.stereo.rectification import Rectification, rectify
+from reconstruction.stereo.sgbm import match_rectified, match_rectified_back, warp_by_disparity
+
+
+@dataclass(frozen=True)
+class DepthMap:
+    """One pair's depth on the reference view's pixels.
+
+    `depth` (height x width, calibration's unit, 0 = not believed), `raw` the same before the checks, and
+    `difference`: grey levels between the reference and the other view warped onto it by the raw depth
+    (NaN = none).
+    """
+
+    depth: Array
+    raw: Array
+    difference: Array
+    confidence: Array = field(default_factory=lambda: np.zeros((0, 0), np.float32))
+    """0 (not believed) to 1: half from how well both directions agree, half from how alike they look."""
+
+
+class StereoPair:
+    """Depth from one calibrated pair, with everything that is not in the images fixed beforehand."""
+
+    def __init__(
+        self,
+        reference: View,
+        other: View,
+        disparities: tuple[float, float],
+        checks: MatchChecks | None = None,
+    ) -> None:
+        """The disparity range (px) comes from `find_disparity_range`, the same for all conditions."""
+        self.low = max(0, int(np.floor(disparities[0])))
+        self.count = int(np.ceil((disparities[1] - self.low + 1) / 16)) * 16
+        self.rectification: Rectification = rectify(reference, other, (self.low, self.low + self.count))
+        self.checks = checks or MatchChecks()
+
+    def depth(self, reference: Array, other: Array) -> DepthMap:
+        """Depth from two grey images (uint8) of the pair."""
+        a, seen_a = self.rectification.remap(reference)
+        b, seen_b = self.rectification.remap(other, other=True)
+        forward = match_rectified(a, b, self.low, self.count)
+        backward = match_rectified_back(a, b, self.low, self.count)
+        inside = warp_by_disparity(seen_b.astype(np.float32), forward) > 0.99
+        raw = np.where(seen_a & inside, forward, np.nan)
+        warped = warp_by_disparity(b, raw)
+        warped = match_brightness(a, warped)
+        believed = self._believed(a, warped, raw, backward)
+        checked = fill_small_holes(np.where(believed, raw, np.nan), raw)
+        difference = np.abs(a.astype(np.float32) - warped)
+        return DepthMap(
+            depth=self.rectification.depth(np.nan_to_num(checked)),
+            raw=self.rectification.depth(np.nan_to_num(raw)),
+            difference=self._difference(difference),
+            confidence=self._confidence(checked, difference, raw, backward, noise_level(a)),
+        )
+
+    def _confidence(
+        self, checked: Array, difference: Array, raw: Array, backward: Array, noise: float
+    ) -> Array:
+        apart = (
+            np.nan_to_num(np.abs(warp_by_disparity(backward, raw) - raw), nan=np.inf)
+            / self.checks.agreement_px
+        )
+        unlike = cv2.blur(np.nan_to_num(difference, nan=255.0), (3, 3)) / (self.checks.grey + 3 * noise)
+        sure = 1 - 0.5 * np.minimum(apart, 1) - 0.5 * np.minimum(unlike, 1)
+        believed = np.where(np.isfinite(checked), np.maximum(sure, 0.05), 0).astype(np.float32)
+        return self.rectification.to_reference(believed)
+
+    def _difference(self, canvas: Array) -> Array:
+        marked = self.rectification.to_reference(np.nan_to_num(canvas, nan=-2.0) + 1.0)
+        return np.where(marked > 0, marked - 1.0, np.nan).astype(np.float32)
+
+    def _believed(self, a: Array, warped: Array, disparity: Array, backward: Array) -> Array:
+        checks = self.checks
+        there = np.isfinite(disparity) & np.isfinite(warped)
+        back = warp_by_disparity(backward, disparity)
+        agrees = np.abs(back - disparity) <= checks.agreement_px
+        view = np.where(there, warped, a).astype(np.float32)
+        alike = looks_alike(a.astype(np.float32), view, checks)
+        second = np.clip(view, 0, 255).astype(np.uint8)
+        flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST).calc(a, second, None)
+        still = np.hypot(flow[..., 0], flow[..., 1]) <= checks.residual_px
+        good = there & agrees & alike & still
+        clean = np.where(good, disparity, -1.0) * 16
+        speckled = np.ascontiguousarray(clean.astype(np.int16))
+        cv2.filterSpeckles(speckled, -16, checks.speckle_px, 2 * 16)
+        return np.asarray(good & (speckled > 0))

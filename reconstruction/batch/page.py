@@ -1,82 +1,61 @@
 """A batch's summary as a page for people, in the look of the reports."""
 
-from html import escape
-
 from reconstruction.batch.plan import RESULT
 from reconstruction.batch.rows import BatchResult, Group, Row
+from reconstruction.report import tables as report
 from reconstruction.report import wording
-from reconstruction.report.cells import Head, listing
-from reconstruction.report.frame import fill_page
+from reconstruction.report.page import Section, render_page
 
-_SHARES = {
+SHARES = {
     "coverage": "Given a distance",
     "within_2pct": "Measured correctly",
     "mover_within_2pct": "Moving: measured correctly",
     "static_within_2pct": "At rest: measured correctly",
 }
-_HEADS = (*_SHARES.values(), "Median error", "Points in space")
+FIRST = "Session and condition"
 
 
 def summary_page(result: BatchResult) -> str:
     """The whole page. Holds no times and no durations."""
-    made = len(result.units) - result.failed
+    failures = [row for row in result.units if row.problem]
     failed = f", {result.failed} failed" if result.failed else ""
-    verdict = f"{wording.count(made, 'unit')} made{failed}"
-    groups = listing(
-        "Medians over the instants",
-        [Head("Session and condition"), Head("Instants"), *map(Head, _HEADS)],
-        [[_name(group), _instants(group), *_figures(group)] for group in result.groups],
-    )
-    units = listing(
-        "Every unit",
-        [Head("Session and condition"), Head("Instant"), *map(Head, _HEADS)],
-        [[_unit(row), _instant(row), *_figures(row)] for row in result.units if not row.problem],
-    )
-    lost = "".join(
-        f"<dt>{_unit(row)}</dt><dd>{escape(row.problem)}</dd>" for row in result.units if row.problem
-    )
-    problems = f'<section><h2>What failed</h2><dl class="making">{lost}</dl></section>' if lost else ""
-    words = f"""<section>
-<p>The figures are those of each instant's reference camera. Measured correctly: within 2{wording.GAP}% of
-the true distance, where that is known; what was given none counts as wrong.</p>
-{groups}
-{units}
-</section>"""
-    return fill_page(
+    verdict = f"{wording.count(len(result.units) - result.failed, 'unit')} made{failed}"
+    sections = [Section("problems.html", title="What failed")] if failures else []
+    return render_page(
         title=f"Batch: {verdict}",
         kicker="Batch of reconstructions",
         name="",
         verdict=f"{verdict}. A unit is depth from all cameras of one instant of a session in one condition.",
-        sections=[problems, words],
-        footer="The same is in <code>summary.csv</code> and <code>summary.json</code> beside this page.",
+        sections=[*sections, Section("figures.html")],
+        numbers_in=("summary.csv", "summary.json"),
+        package="reconstruction.batch",
+        view={
+            "failures": failures,
+            "groups": _table("Medians over the instants", "Instants", list(map(_group, result.groups))),
+            "units": _table("Every unit", "Instant", [_unit(row) for row in result.units if not row.problem]),
+        },
     )
 
 
-def _name(group: Group) -> str:
-    return f"{escape(group.session)}<small>{escape(group.condition)}</small>"
+def _table(caption: str, counted: str, rows: list[report.Row]) -> report.Table:
+    heads = (counted, *SHARES.values(), "Median error", "Points in space")
+    return report.Table(caption, [report.Column(head) for head in heads], rows, first=FIRST)
 
 
-def _unit(row: Row) -> str:
-    name = escape(row.session)
-    if row.folder:
-        name = f'<a href="{escape(row.folder)}/{RESULT}">{name}</a>'
-    at = [row.condition] if row.condition else []
-    if row.problem and row.instant is not None:
-        at.append(f"instant {row.instant}")
-    return f"{name}<small>{escape(', '.join(at))}</small>" if at else name
+def _group(group: Group) -> report.Row:
+    note = f"{group.failed} failed" if group.failed else ""
+    cells = [report.Cell(f"{group.instants}", note=note), *_figures(group)]
+    return report.Row(group.session, cells, details=group.condition)
 
 
-def _instant(row: Row) -> str:
-    return "" if row.instant is None else str(row.instant)
+def _unit(row: Row) -> report.Row:
+    cells = [report.Cell(f"{row.instant}"), *_figures(row)]
+    return report.Row(row.session, cells, details=row.condition, link=f"{row.folder}/{RESULT}")
 
 
-def _instants(group: Group) -> str:
-    return f"{group.instants}" + (f"<small>{group.failed} failed</small>" if group.failed else "")
-
-
-def _figures(row: Row | Group) -> list[str]:
-    cells = [escape(wording.share(getattr(row, name))) for name in _SHARES]
+def _figures(row: Row | Group) -> list[report.Cell]:
     error = row.median_error_pct
-    cells.append(wording.NOT_AVAILABLE if error is None else f"{error:.2f}{wording.GAP}%")
-    cells.append(wording.number(row.fused_points))
-    return cells
+    words = [wording.share(getattr(row, name)) for name in SHARES]
+    words.append(wording.NOT_AVAILABLE if error is None else f"{error:.2f}{wording.GAP}%")
+    words.append(wording.number(row.fused_points))
+    return [report.Cell(text) for text in words]

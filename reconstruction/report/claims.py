@@ -1,50 +1,47 @@
-"""The two large numbers of a report, synchronized and offset, that say it all."""
+"""The two large numbers of a report, synchronized and offset."""
 
-from html import escape
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 from reconstruction.report import wording
-from reconstruction.report.cells import meter
 from reconstruction.scores.compare_results import CompareResult
 
 
-def claims(result: CompareResult) -> str:
-    """Two numbers, synchronized and offset, that say it all; nothing where there are none."""
+@dataclass(frozen=True)
+class Claim:
+    """One condition's number: in words, as a share 0..1 to draw, of what, and in which pictures."""
+
+    tone: str
+    value: str
+    share: float | None
+    what: str
+    when: str
+
+
+def claims(result: CompareResult, sides: wording.Sides) -> tuple[Sequence[Claim], str]:
+    """Both numbers and a note on them; none where nothing was measured."""
     stereo, stitch = result.stereo, result.stitch
-    sides = wording.sides(stereo.synced if stereo else None, result.actual_offset_ms)
     note = ""
-    shown: tuple[tuple[str, str, float | None], ...]
     if stereo and None not in (stereo.synced.mover_within_2pct, stereo.offset.mover_within_2pct):
         what = "of the moving surface measured correctly"
-        shown = _shares(stereo.synced.mover_within_2pct, stereo.offset.mover_within_2pct, what)
+        values = shares = [stereo.synced.mover_within_2pct, stereo.offset.mover_within_2pct]
+        shown = [wording.share(value, decimals=0) for value in values]
     elif stereo and None not in (stereo.synced.mover_coverage, stereo.offset.mover_coverage):
         what = "of the moving surface given a distance"
         note = "Nobody knows the true distances here, so this counts where the two pictures agree on one."
-        shown = _shares(stereo.synced.mover_coverage, stereo.offset.mover_coverage, what)
+        values = shares = [stereo.synced.mover_coverage, stereo.offset.mover_coverage]
+        shown = [wording.share(value, decimals=0) for value in values]
     elif stitch:
-        pair = (stitch.synced.mover_flow_p95_px, stitch.offset.mover_flow_p95_px)
-        words = "of misfit of moving things where the pictures of the panorama overlap"
-        if None in pair:
-            pair = (stitch.synced.overlap_flow_p95_px, stitch.offset.overlap_flow_p95_px)
-            words = "of misfit where the pictures of the panorama overlap"
-        most = max(1e-9, *(value for value in pair if value is not None))
-        shown = tuple((wording.quantity(v, "px"), words, None if v is None else v / most) for v in pair)
+        what = "of misfit of moving things where the pictures of the panorama overlap"
+        values = [stitch.synced.mover_flow_p95_px, stitch.offset.mover_flow_p95_px]
+        if None in values:
+            what = "of misfit where the pictures of the panorama overlap"
+            values = [stitch.synced.overlap_flow_p95_px, stitch.offset.overlap_flow_p95_px]
+        most = max(1e-9, *(value for value in values if value is not None))
+        shares = [None if value is None else value / most for value in values]
+        shown = [wording.quantity(value, "px") for value in values]
     else:
-        return ""
+        return (), ""
     whens = (sides.when, f"when one picture is {sides.late}")
-    both = zip(("synced", "offset"), shown, whens, strict=True)
-    cards = '<div class="claims">' + "".join(_claim(*side) for side in both) + "</div>"
-    return cards + (f'<p class="quiet">{note}</p>' if note else "")
-
-
-def _shares(
-    synced: float | None, offset: float | None, what: str
-) -> tuple[tuple[str, str, float | None], ...]:
-    return tuple((wording.share(value, decimals=0), what, value) for value in (synced, offset))
-
-
-def _claim(side: str, shown: tuple[str, str, float | None], when: str) -> str:
-    value, what, fraction = shown
-    return (
-        f'<p class="claim {side}"><strong>{escape(value)}</strong>{meter(fraction)} {escape(what)} '
-        f'<span class="which">{escape(when)}</span></p>'
-    )
+    both = zip(("synced", "offset"), shown, shares, whens, strict=True)
+    return [Claim(tone, value, share, what, when) for tone, value, share, when in both], note

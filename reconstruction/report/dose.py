@@ -1,18 +1,41 @@
 """The dose curve's part of a report, and the report of `reconstruct dose` alone."""
 
-from html import escape
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 from capture_app.session.files.durable import write_whole
 from reconstruction.report import wording
-from reconstruction.report.cells import COVERAGE, EPIPOLAR, STILL_COVERAGE, WITHIN, Head, listing
-from reconstruction.report.dose_plot import dose_plot
-from reconstruction.report.frame import fill_page
+from reconstruction.report.charts import DoseChart, dose_chart
+from reconstruction.report.making import Entry
+from reconstruction.report.measures import COVERAGE, EPIPOLAR, STILL_COVERAGE, WITHIN, pixels
+from reconstruction.report.page import Section, render_page
+from reconstruction.report.tables import Column, Row, Table, score_cell
 from reconstruction.report.verdict import together
 from reconstruction.scores.dose_results import DoseResult
-from reconstruction.scores.results import Interval
 
 REPORT = "report.html"
+COLUMNS = (
+    ("mover_within_2pct", WITHIN, wording.share),
+    ("mover_coverage", COVERAGE, wording.share),
+    ("mover_epipolar_px", EPIPOLAR, pixels),
+    ("static_coverage", STILL_COVERAGE, wording.share),
+)
+
+
+@dataclass(frozen=True)
+class DoseView:
+    """The curve, what it says, and its numbers."""
+
+    sentence: str
+    notes: Sequence[str]
+    chart: DoseChart
+    table: Table
+
+
+def dose_view(dose: DoseResult) -> DoseView:
+    """What a page shows of a dose curve."""
+    return DoseView(dose_sentence(dose), _notes(dose), dose_chart(dose), _table(dose))
 
 
 def dose_sentence(dose: DoseResult) -> str:
@@ -34,18 +57,7 @@ def dose_sentence(dose: DoseResult) -> str:
     return f"{start} This motion bears about {_time(dose.bearable_ms)} of lateness."
 
 
-def dose_section(dose: DoseResult | None) -> str:
-    """The curve with its words and numbers; nothing where there is none."""
-    if dose is None:
-        return ""
-    return f"""<section aria-labelledby="dose">
-<h2 id="dose">How much lateness this motion bears</h2>
-<p>{escape(dose_sentence(dose))}</p>
-{_curve(dose)}
-</section>"""
-
-
-def _curve(dose: DoseResult) -> str:
+def _notes(dose: DoseResult) -> list[str]:
     notes = [
         "The solid line is what moves, the dashed one what stands still: the control. Shaded: where the "
         f"value lies with 95 % confidence, from {wording.count(dose.instants, 'instant')}."
@@ -70,33 +82,47 @@ def _curve(dose: DoseResult) -> str:
             moved = f", in which it moves {'less than ' if small else ''}{far}"
         error = wording.microseconds(dose.own_error_us)
         notes.append(f"This session's own largest error is {error}{moved}.")
-    words = "".join(f"<p>{escape(wording.tie(note))}</p>" for note in notes)
-    return f"""<div class="curve">{dose_plot(dose)}
-<div>{words}</div></div>
-{_table(dose)}"""
+    return notes
+
+
+def _table(dose: DoseResult) -> Table:
+    columns = [one for one in COLUMNS if one[1] != WITHIN or dose.measure == "mover_within_2pct"]
+    rows = [
+        Row(
+            wording.milliseconds(round(point.offset_ms, 1)),
+            [score_cell(point.scores, key, show) for key, _, show in columns],
+        )
+        for point in dose.points
+    ]
+    return Table(
+        "By lateness, moving things; small: 95 % intervals",
+        [Column(name) for _, name, _ in columns],
+        rows,
+        first="Late by",
+    )
 
 
 def write_dose_report(result: DoseResult, out: Path) -> Path:
     """Write the page of the curve alone into the folder `out`."""
     name = Path(result.session).name or result.session
-    entries = {
-        "Session": result.session,
-        "Depth": f"cameras {result.reference} and {result.other}, "
-        f"{wording.count(result.instants, 'instant')} (taken for {wording.tie(result.why)})",
-        "Calibration": result.calibration,
-        "Software": ", ".join(f"{key} {value}" for key, value in result.versions.items()),
-    }
-    making = "".join(f"<dt>{escape(key)}</dt><dd>{escape(words)}</dd>" for key, words in entries.items())
-    page = fill_page(
+    cameras = f"cameras {result.reference} and {result.other}"
+    instants = wording.count(result.instants, "instant")
+    page = render_page(
         title=f"{name}: how much lateness its motion bears",
         kicker="Depth against lateness",
         name=name,
         verdict=dose_sentence(result),
-        sections=[
-            f'<section aria-label="The curve">{_curve(result)}</section>',
-            f'<section aria-labelledby="making"><h2 id="making">How it was made</h2>'
-            f'<dl class="making">{making}</dl></section>',
-        ],
+        sections=[Section("dose_alone.html"), Section("making.html", "making", "How it was made")],
+        view={
+            "dose": dose_view(result),
+            "making": [
+                Entry("Session", result.session),
+                Entry("Depth", f"{cameras}, {instants} (taken for {result.why})"),
+                Entry("Calibration", result.calibration),
+                Entry("Software", ", ".join(f"{key} {value}" for key, value in result.versions.items())),
+            ],
+            "files": [],
+        },
     )
     target = out / REPORT
     write_whole(target, page.encode("utf-8", "replace"))
@@ -105,26 +131,3 @@ def write_dose_report(result: DoseResult, out: Path) -> Path:
 
 def _time(value_ms: float) -> str:
     return wording.microseconds(value_ms * 1000) if value_ms < 1 else wording.milliseconds(round(value_ms, 1))
-
-
-def _table(dose: DoseResult) -> str:
-    true = dose.measure == "mover_within_2pct"
-    rows = []
-    for point in dose.points:
-        scores = point.scores
-        cells = [_ranged(scores.mover_within_2pct, scores.intervals.get("mover_within_2pct"))] if true else []
-        cells += [
-            _ranged(scores.mover_coverage, scores.intervals.get("mover_coverage")),
-            wording.quantity(scores.mover_epipolar_px, "px"),
-            wording.share(scores.static_coverage),
-        ]
-        rows.append([escape(wording.milliseconds(round(point.offset_ms, 1))), *cells])
-    names = ["Late by", *([WITHIN] if true else []), COVERAGE, EPIPOLAR, STILL_COVERAGE]
-    return listing("By lateness, moving things; small: 95 % intervals", [Head(name) for name in names], rows)
-
-
-def _ranged(value: float | None, found: Interval | None) -> str:
-    text = escape(wording.share(value))
-    if found is None or value is None:
-        return text
-    return f"{text}<small>{100 * found.low:.1f} to {100 * found.high:.1f}</small>"

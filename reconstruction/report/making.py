@@ -1,67 +1,77 @@
 """How a comparison was made: cameras, offset, calibration, software, and the path of every file."""
 
-from html import escape
+from collections.abc import Sequence
+from dataclasses import dataclass
 
 from reconstruction.report import wording
 from reconstruction.scores.compare_results import CompareResult
 
 
-def making_section(result: CompareResult) -> str:
-    """What decides the numbers, the software, and every file beside the page."""
-    rows = [("Session", f"<code>{escape(result.session)}</code>")]
+@dataclass(frozen=True)
+class Entry:
+    """A term and what is said of it; `path` is set as code."""
+
+    term: str
+    words: str
+    path: bool = False
+
+
+@dataclass(frozen=True)
+class Files:
+    """Files beside the page, and what they show."""
+
+    what: str
+    paths: Sequence[str]
+
+
+def making_entries(result: CompareResult) -> list[Entry]:
+    """What decides the numbers, and the software."""
+    entries = [Entry("Session", result.session, path=True)]
     if stereo := result.stereo:
-        rows.append(("Depth", _pair((stereo.reference, stereo.other), stereo.synced.instants, stereo.why)))
+        cameras = (stereo.reference, stereo.other)
+        entries.append(Entry("Depth", _pair(cameras, stereo.synced.instants, stereo.why)))
     if stitch := result.stitch:
-        rows.append(("Panorama", _pair(stitch.cameras, stitch.synced.instants, stitch.why)))
+        entries.append(Entry("Panorama", _pair(stitch.cameras, stitch.synced.instants, stitch.why)))
     if many := result.multiview:
         width = f", pictures {many.width_px} px wide" if many.width_px else ""
-        count = wording.count(many.synced.instants, "instant")
-        rows.append(("All cameras", escape(f"{', '.join(many.cameras)}, {count}{width}")))
+        instants = wording.count(many.synced.instants, "instant")
+        entries.append(Entry("All cameras", f"{', '.join(many.cameras)}, {instants}{width}"))
     elif result.multiview_skipped:
-        rows.append(("All cameras", escape(f"not measured: {result.multiview_skipped}")))
+        entries.append(Entry("All cameras", f"not measured: {result.multiview_skipped}"))
     if result.poses_skipped:
-        rows.append(("Poses by instant", escape(wording.tie(f"not looked at: {result.poses_skipped}"))))
+        entries.append(Entry("Poses by instant", f"not looked at: {result.poses_skipped}"))
     asked, actual = (wording.milliseconds(ms) for ms in (result.offset_ms, result.actual_offset_ms))
     frames = wording.count(result.offset_frames, "frame")
-    rows.append(("Offset", escape(f"{asked} asked for; {actual} given, which is {frames}")))
-    rows.append(("Calibration", escape(result.calibration)))
     sync = wording.synchronization(result.sync_residual_us, result.sync_bound_us)
-    rows.append(("Synchronization", escape(sync)))
-    rows.append(("Time taken", escape(wording.seconds(result.seconds))))
+    entries += [
+        Entry("Offset", f"{asked} asked for; {actual} given, which is {frames}"),
+        Entry("Calibration", result.calibration),
+        Entry("Synchronization", sync),
+        Entry("Time taken", wording.seconds(result.seconds)),
+    ]
     if result.versions:
         versions = ", ".join(f"{name} {version}" for name, version in result.versions.items())
-        rows.append(("Software", escape(versions)))
-    entries = "\n".join(f"<dt>{name}</dt><dd>{words}</dd>" for name, words in rows)
-    return f"""<section aria-labelledby="making">
-<h2 id="making">How it was made</h2>
-<dl class="making">
-{entries}
-</dl>
-{_files(result)}
-</section>"""
+        entries.append(Entry("Software", versions))
+    return entries
 
 
-def _pair(cameras: tuple[str, ...], instants: int, why: str) -> str:
+def _pair(cameras: Sequence[str], instants: int, why: str) -> str:
     words = f"cameras {' and '.join(cameras)}, {wording.count(instants, 'instant')}"
-    return escape(wording.tie(f"{words} (taken for {why})" if why else words))
+    return f"{words} (taken for {why})" if why else words
 
 
-def _files(result: CompareResult) -> str:
-    """Every file of the folder that this page lies in, by what it shows."""
-    found: list[tuple[str, tuple[str, ...]]] = [("every number, for programs", ("metrics.json",))]
-    found += [(f"{one.title}: synchronized, offset", (one.synced, one.offset)) for one in result.pictures]
+def files_beside(result: CompareResult) -> list[Files]:
+    """Every file of the folder that the page lies in."""
+    found = [Files("every number, for programs", ["metrics.json"])]
+    found += [
+        Files(f"{one.title}: synchronized, offset", [one.synced, one.offset]) for one in result.pictures
+    ]
     if many := result.multiview:
-        found += [(f"{one.title}: {wording.APART}", (one.synced, one.offset)) for one in many.pictures]
+        found += [Files(f"{one.title}: {wording.APART}", [one.synced, one.offset]) for one in many.pictures]
     if sweep := result.bullet_time:
-        found.append(("from camera to camera, to share", (sweep.file,)))
-        found.append(("the same, picture by picture", (*sweep.synced, *sweep.offset)))
+        found.append(Files("from camera to camera, to share", [sweep.file]))
+        found.append(Files("the same, picture by picture", [*sweep.synced, *sweep.offset]))
     if burst := result.burst:
-        found.append(("the burst", tuple(path for row in burst.thumbnails for path in row if path)))
-    found.append(("what was worked out on the way, for the next run; may be deleted", ("stages/",)))
-    items = "".join(
-        f"<dt>{escape(what)}</dt><dd>{' '.join(f'<code>{escape(path)}</code>' for path in paths)}</dd>"
-        for what, paths in found
-    )
-    return f"""<details><summary>Every file beside this page</summary>
-<p>The pictures as the cameras took them are in the session, <code>{escape(result.session)}</code>.</p>
-<dl class="making files">{items}</dl></details>"""
+        found.append(Files("the burst", [path for row in burst.thumbnails for path in row if path]))
+    found.append(Files("what was worked out on the way, for the next run; may be deleted", ["stages/"]))
+    return found

@@ -1,24 +1,21 @@
 """The report of a comparison: one self-contained HTML page for somebody who knows nothing of cameras."""
 
+from collections.abc import Mapping
 from contextlib import suppress
-from html import escape
-from importlib.resources import files
 from pathlib import Path
 
 from capture_app.errors import BadInputError
 from capture_app.session.files.durable import PART, write_whole
 from reconstruction.report import wording
-from reconstruction.report.all_cameras import all_cameras_section
-from reconstruction.report.bullet_time import bullet_time_section
-from reconstruction.report.burst import burst_section
+from reconstruction.report.charts import pose_chart
 from reconstruction.report.claims import claims
-from reconstruction.report.conditions import conditions_table, instants_table
-from reconstruction.report.dose import dose_section
-from reconstruction.report.frame import fill_page
-from reconstruction.report.making import making_section
-from reconstruction.report.pictures import pictures_section
-from reconstruction.report.poses import poses_section
-from reconstruction.report.tables import depth_table, panorama_table
+from reconstruction.report.dose import dose_view
+from reconstruction.report.listings import conditions_table, instants_table
+from reconstruction.report.making import files_beside, making_entries
+from reconstruction.report.measures import DEPTH, PANORAMA, multiview_measures, pose_measures
+from reconstruction.report.page import Section, render_page
+from reconstruction.report.pictures import embed
+from reconstruction.report.tables import WITH_CONTROL, Table, twin_table
 from reconstruction.scores.compare_results import CompareResult
 
 REPORT = "report.html"
@@ -27,8 +24,10 @@ REPORT = "report.html"
 def write_report(result: CompareResult, out: Path) -> Path:
     """Write `report.html` into the folder `out`, whole or not at all, and return its path.
 
-    Pictures are read from `out` by the paths in `result.pictures` and embedded unchanged. Raises
-    BadInputError where a picture is missing or is no PNG or JPEG, or where the page cannot be written.
+    Pictures are read from `out` by the paths in the result and embedded unchanged.
+
+    Raises:
+        BadInputError: a picture is missing or is no PNG or JPEG, or the page cannot be written.
     """
     page = _page(result, out)
     target = out / REPORT
@@ -47,72 +46,80 @@ def write_report(result: CompareResult, out: Path) -> Path:
 
 def _page(result: CompareResult, out: Path) -> str:
     name = Path(result.session).name or result.session
-    sides = _sides(result)
-    sections = [
-        _why(result),
-        pictures_section(result.pictures, out, sides),
-        bullet_time_section(result.bullet_time, out, sides),
-        burst_section(result.burst, out),
-        dose_section(result.dose),
-        all_cameras_section(result.multiview, out, sides),
-        poses_section(result.poses, sides),
-        _measures(result),
-        making_section(result),
-    ]
-    return fill_page(
+    sides = wording.sides(result.stereo.synced if result.stereo else None, result.actual_offset_ms)
+    two_claims, claims_note = claims(result, sides)
+    return render_page(
         title=f"{name}: {sides.first.lower()} against {sides.late}",
         kicker=f"{sides.first} against offset",
         name=name,
         verdict=result.verdict,
-        claims=claims(result),
-        sections=sections,
+        sections=_sections(result),
+        claims=two_claims,
+        claims_note=claims_note,
+        view={
+            "result": result,
+            "sides": sides,
+            "apart": sides.all_apart(),
+            "image": lambda path: embed(out / path),
+            "dose": dose_view(result.dose) if result.dose else None,
+            "control": wording.control(result),
+            "making": making_entries(result),
+            "files": files_beside(result),
+            **_all_cameras(result, sides.all_apart()),
+            **_tables(result, sides),
+        },
     )
 
 
-def _sides(result: CompareResult) -> wording.Sides:
-    return wording.sides(result.stereo.synced if result.stereo else None, result.actual_offset_ms)
-
-
-def _why(result: CompareResult) -> str:
-    depth = """
-<p>Two cameras see the world from two places, as two eyes do. The further a thing shifts from one picture to
-the other, the nearer it is: that shift is how distance is measured, point by point.</p>
-<p>A camera that fires late spoils this. Meanwhile a moving thing has moved by itself, and nothing in the
-pictures tells the one shift from the other: its distance comes out wrong, or not at all. Things at rest
-come out right either way."""
-    panorama = """
-<p>A panorama joins pictures where they overlap. What moves between one picture and the next no longer fits
-there: it shows up twice, cut apart, or in the wrong place."""
-    words = panorama if result.stitch and not result.stereo else depth
-    folder = files("reconstruction.report") / "template"
-    diagram = (folder / "diagram.svg").read_text("utf-8") if words is depth else ""
-    walk = escape(wording.walk(result.actual_offset_ms))
-    return f"""<section class="why" aria-labelledby="why">
-<div><h2 id="why">Why the instant matters</h2>{words} {walk}</p></div>
-{diagram}</section>"""
-
-
-def _measures(result: CompareResult) -> str:
-    sides = _sides(result)
-    parts = [
-        depth_table(result.stereo, sides)
-        if result.stereo
-        else _skipped("Depth was not measured", result.stereo_skipped),
-        panorama_table(result.stitch, sides)
-        if result.stitch
-        else _skipped("No panorama was made", result.stitch_skipped),
-        conditions_table(result),
-        instants_table(result.stereo, sides) if result.stereo else "",
+def _sections(result: CompareResult) -> list[Section]:
+    """The sections there is something to show in."""
+    found: list[tuple[object, str, str]] = [
+        (True, "why", "Why the instant matters"),
+        (result.pictures, "pictures", "See the difference"),
+        (result.bullet_time, "sweep", "From camera to camera"),
+        (result.burst, "burst", "The burst"),
+        (result.dose, "dose", "How much lateness this motion bears"),
+        (result.multiview, "all-cameras", "With all cameras at once"),
+        (result.poses, "poses", "Where the cameras stand"),
+        (True, "measures", "The measurements"),
+        (True, "making", "How it was made"),
     ]
-    fair = "The same cameras, the same calibration, the same method: only the instant of one picture differs."
-    words = f"<p>{fair} {escape(wording.control(result))}</p>" if result.stereo or result.stitch else ""
-    return f"""<section aria-labelledby="measures">
-<h2 id="measures">The measurements</h2>
-{words}
-{"".join(parts)}
-</section>"""
+    return [
+        Section(f"{anchor.replace('-', '_')}.html", anchor, title) for there, anchor, title in found if there
+    ]
 
 
-def _skipped(what: str, why: str) -> str:
-    reason = f": {escape(wording.tie(why))}" if why else ""
-    return f'<p class="note"><b>{what}</b>{reason}.</p>'
+def _tables(result: CompareResult, sides: wording.Sides) -> Mapping[str, Table | None]:
+    """The tables of the measurements; None for a study that was not made."""
+    depth = panorama = instants = None
+    if stereo := result.stereo:
+        cameras = f"cameras {stereo.reference} and {stereo.other}"
+        depth = twin_table(f"Depth from {cameras}", DEPTH, stereo.synced, stereo.offset, sides, WITH_CONTROL)
+        instants = instants_table(f"Moving things, {cameras}", stereo.per_instant, sides)
+    if stitch := result.stitch:
+        caption = f"Panorama of cameras {' and '.join(stitch.cameras)}"
+        panorama = twin_table(caption, PANORAMA, stitch.synced, stitch.offset, sides)
+    return {
+        "depth_table": depth,
+        "panorama_table": panorama,
+        "conditions_table": conditions_table(result, sides),
+        "instants_table": instants,
+    }
+
+
+def _all_cameras(result: CompareResult, sides: wording.Sides) -> Mapping[str, object]:
+    """What the studies of all cameras show beside their pictures."""
+    view: dict[str, object] = {}
+    if many := result.multiview:
+        caption = f"Depth from {wording.count(len(many.cameras), 'camera')}, as {many.reference} sees it"
+        view["multiview_table"] = twin_table(
+            caption, multiview_measures(many), many.synced, many.offset, sides, WITH_CONTROL
+        )
+        view["multiview_instants"] = instants_table("Moving things, all cameras", many.per_instant, sides)
+        view["multiview_apart"] = wording.how_apart(many.offsets_ms, many.reference)
+    if poses := result.poses:
+        caption = f"Poses of {wording.count(len(poses.cameras), 'camera')}, each instant by itself"
+        view["pose_table"] = twin_table(caption, pose_measures(poses), poses.synced, poses.offset, sides)
+        view["pose_chart"] = pose_chart(poses, sides)
+        view["pose_apart"] = wording.how_apart(poses.offsets_ms, poses.cameras[0])
+    return view

@@ -1,167 +1,123 @@
-"""The tables of a report that hold two conditions beside each other, a row for each measure."""
+"""Tables of a page as data: columns, rows and cells, and how a score fills a cell."""
 
+import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from html import escape
+from itertools import groupby
 
 from reconstruction.report import wording
-from reconstruction.report.cells import COVERAGE, EPIPOLAR, WITHIN, Scores, interval, meter, score_of
-from reconstruction.scores.depth_results import StereoComparison
-from reconstruction.scores.panorama_results import PanoramaComparison
+from reconstruction.report.measures import Measure
+from reconstruction.scores.depth_results import DepthScores
+from reconstruction.scores.panorama_results import PanoramaScores
+from reconstruction.scores.pose_results import PoseScores
 
+Scores = DepthScores | PanoramaScores | PoseScores
+Show = Callable[[float | None], str]
+"""Writes a value with its unit."""
 
-def pixels(value: float | None) -> str:
-    """A length in px."""
-    return wording.quantity(value, "px")
+PLAIN = (("", ""),)
+WITH_CONTROL = (("mover_", "Moving things"), ("static_", "Things at rest (control)"))
+"""Prefixes of a measure's fields, and the group of columns that shows them."""
 
 
 @dataclass(frozen=True)
-class Measure:
-    """A row: the field of the scores that it shows, what it is called and how it is to be read.
+class Column:
+    """A column's name, and the group and the condition (`synced`, `offset`) it belongs to."""
 
-    `show` writes a value; shares (`wording.share`) also get a bar.
-    """
-
-    key: str
     name: str
+    group: str = ""
+    tone: str = ""
+
+    @property
+    def label(self) -> str:
+        """Its name where it stands without its group above it."""
+        return f"{self.group}, {self.name.lower()}" if self.group else self.name
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A value in words; a share (0..1) that is drawn as a bar, and what stands beneath in small print."""
+
     text: str
-    show: Callable[[float | None], str] = wording.share
+    share: float | None = None
+    interval: str = ""
+    note: str = ""
     control: bool = False
 
 
-CORRECT = (
-    Measure(
-        "within_2pct",
-        WITHIN,
-        "Share whose distance is within 2 % of the truth; holes count as wrong. More is better.",
-    ),
-    Measure("within_1pct", "The same, more strictly", "Within 1 % of the truth."),
-    Measure("within_5pct", "The same, less strictly", "Within 5 % of the truth."),
-)
+@dataclass(frozen=True)
+class Row:
+    """A row: its name with an explanation beneath it, and a cell for each column."""
 
-_DEPTH = (
-    *CORRECT,
-    Measure(
-        "coverage",
-        COVERAGE,
-        "Share for which the two pictures agree on a distance; it may still be wrong. More is better.",
-    ),
-    Measure(
-        "epipolar_px",
-        EPIPOLAR,
-        "A point should lie in the same row of both pictures; this is how far off it is. Less is better.",
-        pixels,
-    ),
-    Measure(
-        "photometric",
-        "Brightness mismatch",
-        "One picture is laid over the other by the distances found; this is how far the brightness differs, "
-        "of 255. Less is better.",
-        wording.quantity,
-    ),
-)
-
-_PANORAMA = (
-    Measure(
-        "mover_flow_p95_px",
-        "Misfit of moving things",
-        "How far apart both pictures show the same thing; 5 % of what moves is worse. Less is better.",
-        pixels,
-    ),
-    Measure(
-        "overlap_flow_p95_px",
-        "Misfit in the whole overlap",
-        "The same, for everything where the pictures overlap.",
-        pixels,
-    ),
-    Measure(
-        "mover_overlap_mad",
-        "Brightness difference of moving things",
-        "On average, of 255. Less is better.",
-        wording.quantity,
-    ),
-    Measure(
-        "static_overlap_mad",
-        "Brightness difference of things at rest (control)",
-        "On average, of 255; it should not depend on timing.",
-        wording.quantity,
-        control=True,
-    ),
-)
+    name: str
+    cells: Sequence[Cell]
+    details: str = ""
+    link: str = ""
 
 
-def depth_table(stereo: StereoComparison, sides: wording.Sides) -> str:
-    """A pair's depth."""
-    caption = f"Depth from cameras {stereo.reference} and {stereo.other}"
-    return with_control(caption, _DEPTH, stereo.synced, stereo.offset, sides)
+@dataclass(frozen=True)
+class Table:
+    """A table; `first` is the head of the column of names.
 
-
-def panorama_table(stitch: PanoramaComparison, sides: wording.Sides) -> str:
-    """The overlap of a panorama before blending."""
-    caption = f"Panorama of cameras {' and '.join(stitch.cameras)}"
-    return beside(caption, _PANORAMA, stitch.synced, stitch.offset, sides)
-
-
-def with_control(
-    caption: str, measures: Sequence[Measure], synced: Scores, offset: Scores, sides: wording.Sides
-) -> str:
-    """Moving things beside the still control, in both conditions; measures nobody took are left out.
-
-    A measure's field is that of its key with `mover_` and `static_` before it.
+    A `twin` holds both conditions side by side, a row for each measure; a `listing` has a row for each
+    thing, and becomes a card for each on a narrow screen, where `prefix` stands before the row's name.
     """
-    both = _heads(sides)
-    heads = f"""<tr><td></td><th scope="colgroup" colspan="2">Moving things</th>
-<th scope="colgroup" colspan="2">Things at rest (control)</th></tr>
-<tr><td></td>{both}{both}</tr>"""
-    rows = [
-        _row(
-            measure,
-            [(f"{kind}_{measure.key}", kind == "static") for kind in ("mover", "static")],
-            synced,
-            offset,
-        )
-        for measure in measures
-    ]
-    return _table(caption, heads, rows, columns=4)
+
+    caption: str
+    columns: Sequence[Column]
+    rows: Sequence[Row]
+    kind: str = "listing"
+    first: str = ""
+    prefix: str = ""
+
+    @property
+    def groups(self) -> list[tuple[str, int]]:
+        """Groups of neighbouring columns and how many columns each has; empty where there is no group."""
+        found = [(group, len(list(ours))) for group, ours in groupby(self.columns, key=lambda one: one.group)]
+        return found if any(group for group, _ in found) else []
 
 
-def beside(
-    caption: str, measures: Sequence[Measure], synced: Scores, offset: Scores, sides: wording.Sides
-) -> str:
-    """Both conditions; measures nobody took are left out."""
-    rows = [_row(measure, [(measure.key, measure.control)], synced, offset) for measure in measures]
-    return _table(caption, f"<tr><td></td>{_heads(sides)}</tr>", rows, columns=2)
-
-
-def _table(caption: str, heads: str, rows: Sequence[str], columns: int) -> str:
-    if not any(rows):
-        return ""
-    return f"""<table class="twin" style="--columns: {columns}">
-<caption>{escape(caption)}</caption>
-<thead>{heads}</thead>
-<tbody>
-{"".join(rows)}</tbody></table>"""
-
-
-def _heads(sides: wording.Sides) -> str:
-    return (
-        f'<th scope="col" class="synced"><span class="dot"></span>{escape(sides.short)}</th>'
-        f'<th scope="col" class="offset"><span class="dot"></span>{escape(sides.late_head)}</th>'
+def score_cell(scores: Scores | None, key: str, show: Show = wording.share, *, control: bool = False) -> Cell:
+    """A measure of some scores with its 95 % interval over the instants."""
+    value = None if scores is None else score_of(scores, key)
+    found = None if scores is None else scores.intervals.get(key)
+    is_share = show is wording.share
+    ends = [] if found is None else [found.low, found.high]
+    known = is_share and value is not None and not math.isnan(value)
+    return Cell(
+        show(value),
+        share=min(max(value, 0.0), 1.0) if known and value is not None else None,
+        interval=" to ".join(f"{100 * end:.1f}" if is_share else wording.quantity(end) for end in ends),
+        control=control,
     )
 
 
-def _row(measure: Measure, fields: Sequence[tuple[str, bool]], synced: Scores, offset: Scores) -> str:
-    """The row's cells for each field (and whether it is a control), first synchronized, then offset."""
-    cells = []
-    for key, control in fields:
-        for scores, tone in ((synced, "synced"), (offset, "offset")):
-            value = score_of(scores, key)
-            bars = measure.show is wording.share
-            kind = f"{tone} control" if control else tone
-            ranged = interval(scores, key, share=bars)
-            shown = f"{escape(measure.show(value))}{meter(value) if bars else ''}{ranged}"
-            cells.append((value, f'<td class="{kind}">{shown}</td>'))
-    if all(value is None for value, _ in cells):
-        return ""
-    head = f'<th scope="row">{escape(measure.name)}<small>{escape(wording.tie(measure.text))}</small></th>'
-    return f"<tr>{head}{''.join(cell for _, cell in cells)}</tr>\n"
+def score_of(scores: Scores, key: str) -> float | None:
+    """A measure by the name of its field."""
+    value: float | None = getattr(scores, key)
+    return value
+
+
+def twin_table(
+    caption: str,
+    measures: Sequence[Measure],
+    synced: Scores,
+    offset: Scores,
+    sides: wording.Sides,
+    kinds: Sequence[tuple[str, str]] = PLAIN,
+) -> Table:
+    """Both conditions side by side, in each group of columns; measures nobody took are left out."""
+    heads = ((sides.short, "synced"), (sides.late_head, "offset"))
+    rows = []
+    for measure in measures:
+        keys = [prefix + measure.key for prefix, _ in kinds]
+        if all(score_of(scores, key) is None for key in keys for scores in (synced, offset)):
+            continue
+        cells = [
+            score_cell(scores, key, measure.show, control=measure.control or key.startswith("static_"))
+            for key in keys
+            for scores in (synced, offset)
+        ]
+        rows.append(Row(measure.name, cells, details=measure.text))
+    columns = [Column(name, group, tone) for _, group in kinds for name, tone in heads]
+    return Table(caption, columns, rows, kind="twin")

@@ -3,7 +3,8 @@
 import math
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import Self
 
 from capture_app.text import duration
 from reconstruction.report.verdict import CLEAR_SHARE, together
@@ -88,6 +89,13 @@ def offsets(late_ms: Mapping[str, float]) -> str:
     return ", ".join(f"{camera} {timeliness(ms)}" for camera, ms in late_ms.items())
 
 
+def how_apart(late_ms: Mapping[str, float], reference: str) -> str:
+    """How far the cameras are apart in time, in a sentence; without offsets, they are drawn."""
+    if not late_ms:
+        return "Apart: every camera is off by another time, up to 66 ms, drawn for each instant."
+    return f"Apart, against {reference}: {offsets(late_ms)}."
+
+
 @dataclass(frozen=True)
 class Sides:
     """What the two sides of a comparison are called."""
@@ -105,6 +113,10 @@ class Sides:
     def late_head(self) -> str:
         """The second side at the head of a column."""
         return self.late[0].upper() + self.late[1:]
+
+    def all_apart(self) -> Self:
+        """The names where every camera is off by another time."""
+        return replace(self, late=APART)
 
 
 def sides(synced: DepthScores | None, offset_ms: float) -> Sides:

@@ -110,6 +110,16 @@ def test_the_summary_says_the_same_in_three_formats(run: Callable[..., Any]) -> 
     assert rows[0]["coverage"] == "0.5"
 
 
+def test_no_name_becomes_markup_in_the_summary(run: Callable[..., Any], scene: Scene, tmp_path: Path) -> None:
+    session = write_session(tmp_path / "<script>", scene, {name: VIEWS[name] for name in ("left", "right")})
+    session.folder.rename(tmp_path / "<script>" / "<script>alert(1)<!--")
+    done = run(sessions=[tmp_path / "<script>" / "<script>alert(1)<!--"], instants=(0, 99))
+    page = (done.out / "summary.html").read_text()
+    assert page.count("<script>") == 1
+    assert page.count("&lt;script&gt;alert(1)&lt;!--") == 3
+    assert 'href="units/%3Cscript%3Ealert%281%29%3C%21--/0000-synced-' in page
+
+
 def test_all_failed_alike_is_that_exit_code(run: Callable[..., Any], tmp_path: Path) -> None:
     done = run(sessions=[tmp_path / "a", tmp_path / "b"])
     assert exit_code(done.result) is ExitCode.BAD_INPUT

@@ -1,6 +1,7 @@
 """The dose curve: it falls on what moves, not on what stands still, and its words and drawing say so."""
 
 import json
+import re
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -10,7 +11,7 @@ import pytest
 from capture_app.session.reading.reader import Session
 from reconstruction.cli import main
 from reconstruction.compare.dose import bearable_ms, falls
-from reconstruction.report.dose_plot import dose_plot
+from reconstruction.report.dose import write_dose_report
 from reconstruction.scores.depth_results import DepthScores
 from reconstruction.scores.dose_results import DosePoint, DoseResult
 from reconstruction.scores.results import Interval
@@ -37,7 +38,7 @@ def test_what_is_borne_is_the_first_limit_that_is_reached() -> None:
     assert bearable_ms([point(0, 0.8), point(20, 0.79)], "mover_coverage", None) is None
 
 
-def test_the_session_s_own_error_is_marked_where_it_lies_on_the_drawing() -> None:
+def test_the_session_s_own_error_is_marked_where_it_lies_on_the_drawing(tmp_path: Path) -> None:
     def drawing(own_error_us: float | None) -> str:
         dose = DoseResult(
             reference="a",
@@ -48,9 +49,10 @@ def test_the_session_s_own_error_is_marked_where_it_lies_on_the_drawing() -> Non
             falls=True,
             own_error_us=own_error_us,
         )
-        text = dose_plot(dose)
-        ElementTree.fromstring(text)
-        return text
+        page = write_dose_report(dose, tmp_path).read_text("utf-8")
+        drawn = re.findall(r"<svg.*?</svg>", page, re.DOTALL)
+        assert len(drawn) == 1
+        return " ".join(ElementTree.fromstring(drawn[0]).itertext())
 
     assert "this session" in drawing(1500.0)
     assert "this session" not in drawing(50_000.0)

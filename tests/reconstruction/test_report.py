@@ -180,6 +180,37 @@ def test_words_of_the_user_stay_words(tmp_path, pictured):
     assert "<do not>" in page.text
 
 
+def test_no_name_and_no_note_becomes_markup(tmp_path):
+    nasty = "<script>alert(1)</script>"
+    result = whole_result(tmp_path)
+    sweep, burst, poses = result.bullet_time, result.burst, result.poses
+    cameras = tuple(f"{nasty}{camera}" for camera in CAMERAS)
+    changed = msgspec.structs.replace(
+        result,
+        session=nasty,
+        verdict=f"{nasty} It matters. {nasty}",
+        calibration=nasty,
+        stereo=msgspec.structs.replace(result.stereo, reference=nasty, other=nasty, why=nasty),
+        multiview=msgspec.structs.replace(
+            result.multiview, reference=nasty, cameras=cameras, left_out={nasty: nasty}, cloud_skipped=nasty
+        ),
+        stitch=None,
+        stitch_skipped=nasty,
+        poses=msgspec.structs.replace(
+            poses, cameras=cameras, offsets_ms=dict.fromkeys(cameras, 5.0), truth=nasty, why=nasty
+        ),
+        bullet_time=msgspec.structs.replace(sweep, cameras=cameras, file=nasty),
+        burst=msgspec.structs.replace(burst, cameras=cameras),
+        pictures=(msgspec.structs.replace(result.pictures[0], title=nasty, caption=nasty),),
+        conditions=(ConditionResult(name=nasty, session=nasty, skipped=(nasty,)),),
+        versions={nasty: nasty},
+    )
+    page = Page.read(write_report(changed, tmp_path))
+
+    assert len(page.all("script")) == 1
+    assert page.text.count(nasty) > 30
+
+
 def test_movers_stand_beside_the_static_control(tmp_path):
     page = Page.read(write_report(RESULT, tmp_path))
 

@@ -1,0 +1,73 @@
+"""Render a page from the templates: one HTML file with its style, script and pictures inside."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+
+from reconstruction.report import wording
+from reconstruction.report.claims import Claim
+
+TEMPLATES = "template"
+METRICS = "metrics.json"
+FILTERS = (
+    wording.count, wording.lateness, wording.microseconds, wording.milliseconds, wording.number,
+    wording.quantity, wording.share, wording.tie, wording.timeliness, wording.walk,
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Section:
+    """One section of a page: its template, and its anchor and title where the contents list it."""
+
+    template: str
+    anchor: str = ""
+    title: str = ""
+
+
+def render_page(
+    *,
+    title: str,
+    kicker: str,
+    name: str,
+    verdict: str,
+    sections: Sequence[Section],
+    view: Mapping[str, object],
+    claims: Sequence[Claim] = (),
+    claims_note: str = "",
+    numbers_in: Sequence[str] = (METRICS,),
+    package: str = "reconstruction.report",
+) -> str:
+    """Render the page's frame around its sections, whose templates read `view`.
+
+    `verdict` is the headline and what follows it; `numbers_in` are the files beside the page that hold
+    its numbers; the sections' templates are those of `package`, then the report's.
+    """
+    headline, lead = wording.headline(verdict)
+    frame = {
+        "title": title,
+        "kicker": kicker,
+        "name": name,
+        "headline": headline,
+        "lead": lead,
+        "sections": sections,
+        "claims": claims,
+        "claims_note": claims_note,
+        "numbers_in": numbers_in,
+    }
+    return _environment(package).get_template("page.html").render({**view, **frame})
+
+
+@cache
+def _environment(package: str) -> Environment:
+    packages = dict.fromkeys((package, "reconstruction.report"))
+    environment = Environment(
+        loader=ChoiceLoader([PackageLoader(one, TEMPLATES) for one in packages]),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    environment.filters.update({one.__name__: one for one in FILTERS})
+    return environment

@@ -21,12 +21,12 @@ from multiprocessing import get_context
 from multiprocessing.connection import Connection
 from typing import cast
 
+from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.net.udp import Pump
 from capture_app.sync.clock.clock_filter import ClockFilter
 from capture_app.sync.clock.clock_sample import ClockSample
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.wire.messages import (
-    CameraDescription,
     Heartbeat,
     HeartbeatAck,
     Hello,
@@ -48,14 +48,14 @@ JOIN_S = 60.0
 FIRST_S = 120.0
 FIRST_PACE_S = 0.003
 TARGET_CORES = 0.5
-CAMERA = CameraDescription(
+CAMERA = CameraFacts(
     kind="simulated",
     model="stand-in",
     width=0,
     height=0,
     period_ns=33_333_333,
-    phase_control="none",
-    timestamp_source="none",
+    phase_control=PhaseControl.NONE,
+    timestamp_source=TimestampSource.UNKNOWN,
 )
 
 

@@ -28,31 +28,30 @@ from typing import Any
 import cv2
 import numpy as np
 
+from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.cameras.base import CapturedFrame
 from capture_app.net.address import Address
 from capture_app.net.transfer import TransferServer, bind
 from capture_app.node.burst.bursts import BurstSession
-from capture_app.node.burst.plans import record_of
 from capture_app.node.leader.service import Service
 from capture_app.node.transfer.uploader import Uploader
 from capture_app.node.transfer.work import BurstWork
 from capture_app.node.wire.messages import BurstRequest, CameraReport, ImageUpload, NodeSpace, ToLeader
 from capture_app.node.wire.status import BurstStatus, RigStatus
-from capture_app.session.format.manifest import BurstRecord
+from capture_app.session.format.manifest import BurstRecord, CameraRecord
 from capture_app.session.reading.verify import verify
 from capture_app.session.writing.store import Session, SessionWriter
 from capture_app.sync.rig.trigger import Burst, Pick
-from capture_app.sync.wire.messages import CameraDescription
 
 WIDTH, HEIGHT, PERIOD_NS = 1920, 1080, 33_333_333
-CAMERA = CameraDescription(
+CAMERA = CameraFacts(
     kind="benchmark",
     model="JPEG files",
     width=WIDTH,
     height=HEIGHT,
     period_ns=PERIOD_NS,
-    phase_control="none",
-    timestamp_source="start-of-exposure",
+    phase_control=PhaseControl.NONE,
+    timestamp_source=TimestampSource.START_OF_EXPOSURE,
 )
 
 
@@ -104,7 +103,7 @@ def write(images: dict[tuple[str, int], bytes], root: Path, cameras: int, instan
     with ThreadPoolExecutor(cameras) as pool:
         list(pool.map(add, sorted(images, key=lambda of: of[1])))
     writer.finish(
-        [record_of(name, CAMERA) for name in names(cameras)],
+        [CameraRecord(name=name, facts=CAMERA) for name in names(cameras)],
         BurstRecord(instants_ns=times_ns, period_ns=PERIOD_NS),
     )
     return time.perf_counter() - began_s
@@ -192,7 +191,7 @@ async def send(source: Path, port: int, cameras: int, instants: int) -> None:
             for n, at_ns in enumerate(times_ns)
         )
         report = CameraReport(
-            leader=1, burst=1, camera=record_of(name, CAMERA), instants=tuple(range(instants))
+            leader=1, burst=1, camera=CameraRecord(name=name, facts=CAMERA), instants=tuple(range(instants))
         )
         uploader = Uploader(lambda line: print(line, file=sys.stderr))
         uploader.add(BurstWork(report, picks))

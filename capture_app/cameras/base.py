@@ -3,50 +3,11 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Protocol
 
+from capture_app.camera_facts import CameraFacts
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.sync.wire.camera_commands import CameraCommand
-
-
-class TimestampSource(StrEnum):
-    """The moment of a frame that the driver stamps."""
-
-    START_OF_EXPOSURE = "start-of-exposure"
-    END_OF_FRAME = "end-of-frame"
-    UNKNOWN = "unknown"
-
-
-class PhaseControl(StrEnum):
-    """How the phase of a stream can be moved."""
-
-    FRAME_DURATION = "frame-duration"
-    INJECTION = "injection"
-    RESET = "reset"
-    NONE = "none"
-
-
-@dataclass(frozen=True, slots=True)
-class CameraInfo:
-    """What a camera is and what it can do; fixed while it streams."""
-
-    kind: str
-    model: str
-    width: int
-    height: int
-    pixel_format: str
-    period_ns: int
-    timestamp_source: TimestampSource
-    phase_control: PhaseControl
-    row_time_ns: int | None = None
-    """Readout time of one row, in ns; None where it is not known."""
-    exposure_ns: int | None = None
-    min_exposure_ns: int | None = None
-    max_exposure_ns: int | None = None
-    min_frame_duration_ns: int | None = None
-    max_frame_duration_ns: int | None = None
-    """Shortest and longest time that one frame can last, where the duration of each can be set."""
 
 
 class FramePayload(Protocol):
@@ -93,8 +54,8 @@ class Camera(ABC):
 
     @property
     @abstractmethod
-    def info(self) -> CameraInfo:
-        """What this camera can do, known once it is open."""
+    def facts(self) -> CameraFacts:
+        """What this camera is and can do, known once it is open."""
 
     @property
     def calibration(self) -> CameraCalibration | None:

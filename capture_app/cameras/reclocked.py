@@ -2,7 +2,8 @@
 
 from dataclasses import replace
 
-from capture_app.cameras.base import Camera, CameraInfo, CapturedFrame, OnFailure, OnFrame
+from capture_app.camera_facts import CameraFacts
+from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
 from capture_app.clock import NodeClock
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.sync.wire.camera_commands import CameraCommand
@@ -16,9 +17,9 @@ class ReclockedCamera(Camera):
         self._clock = clock
 
     @property
-    def info(self) -> CameraInfo:
-        """What the camera behind it can do."""
-        return self._camera.info
+    def facts(self) -> CameraFacts:
+        """What the camera behind it is and can do."""
+        return self._camera.facts
 
     @property
     def calibration(self) -> CameraCalibration | None:

@@ -3,24 +3,22 @@
 import asyncio
 import random
 
+from capture_app.camera_facts import CameraFacts
 from capture_app.cameras.base import (
     Camera,
-    CameraInfo,
     CapturedFrame,
     OnFailure,
     OnFrame,
-    PhaseControl,
-    TimestampSource,
 )
 from capture_app.cameras.simulated_frame import SimulatedPayload, SimulatedTruth, frame_seed
 from capture_app.clock import NodeClock
 from capture_app.errors import CameraError
 from capture_app.session.format.calibration import CameraCalibration
+from capture_app.simulation.devices.profiles import facts_of
 from capture_app.simulation.devices.sensor import Sensor, SensorFrame
 from capture_app.simulation.rendering.pictures import PictureSource
 from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, SetFrameDuration
 
-KIND = "sim"
 DELIVERY_NS = (2_000_000, 4_000_000)
 """Least and most time from the end of a frame's readout to its callback."""
 STALL_NS = 500_000_000
@@ -51,28 +49,12 @@ class SimulatedCamera(Camera):
         self._on_failure: OnFailure | None = None
         self._timer: asyncio.TimerHandle | None = None
         self._restarting: asyncio.Future[None] | None = None
-        profile = sensor.profile
-        self._info = CameraInfo(
-            kind=KIND,
-            model=profile.model,
-            width=source.width,
-            height=source.height,
-            pixel_format="JPEG",
-            period_ns=profile.period_ns,
-            timestamp_source=TimestampSource.START_OF_EXPOSURE,
-            phase_control=PhaseControl(profile.phase_control),
-            row_time_ns=profile.row_time_ns,
-            exposure_ns=profile.exposure_ns // profile.row_time_ns * profile.row_time_ns,
-            min_exposure_ns=profile.min_exposure_ns,
-            max_exposure_ns=profile.max_exposure_ns,
-            min_frame_duration_ns=profile.min_frame_duration_ns,
-            max_frame_duration_ns=profile.max_frame_duration_ns,
-        )
+        self._facts = facts_of(sensor.profile, width=source.width, height=source.height)
 
     @property
-    def info(self) -> CameraInfo:
-        """What this camera can do."""
-        return self._info
+    def facts(self) -> CameraFacts:
+        """What this camera is and can do."""
+        return self._facts
 
     @property
     def calibration(self) -> CameraCalibration | None:
@@ -82,7 +64,7 @@ class SimulatedCamera(Camera):
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
         """Start streaming. Raises CameraError if it streams already."""
         if self._on_frame is not None:
-            raise CameraError(f"the {self._info.model} streams already")
+            raise CameraError(f"the {self._facts.model} streams already")
         self._on_frame, self._on_failure = on_frame, on_failure
         true_ns = self._true_now_ns()
         self._fail_at_true_ns = None if self._fail_after_ns is None else true_ns + self._fail_after_ns
@@ -95,7 +77,7 @@ class SimulatedCamera(Camera):
         cannot do that.
         """
         if self._on_frame is None:
-            raise CameraError(f"the {self._info.model} does not stream")
+            raise CameraError(f"the {self._facts.model} does not stream")
         true_ns = self._true_now_ns()
         if isinstance(command, InjectFrame):
             self._sensor.inject(command.exposure_ns, true_ns)
@@ -133,7 +115,7 @@ class SimulatedCamera(Camera):
             on_failure = self._on_failure
             self._halt()
             if on_failure is not None:
-                on_failure(CameraError(f"the {self._info.model} went away", hint="as its spec told it to"))
+                on_failure(CameraError(f"the {self._facts.model} went away", hint="as its spec told it to"))
             return
         # The next timer first: the callback may stop the camera.
         on_frame = self._on_frame

@@ -1,6 +1,6 @@
 """The stream of a V4L2 camera: driver timestamps, sequence numbers, restarts, unplugging.
 
-Timestamps are the driver's own, in CLOCK_MONOTONIC of the host, and are kept as stamped: `info` says which
+Timestamps are the driver's own, in CLOCK_MONOTONIC of the host, and are kept as stamped: `facts` say which
 moment of a frame they mean. With uvcvideo that is the arrival of a frame's first bytes.
 """
 
@@ -13,14 +13,12 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 
+from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.cameras.base import (
     Camera,
-    CameraInfo,
     CapturedFrame,
     OnFailure,
     OnFrame,
-    PhaseControl,
-    TimestampSource,
 )
 from capture_app.cameras.v4l2_ioctl import VideoDevice
 from capture_app.cameras.v4l2_layout import (
@@ -80,7 +78,7 @@ class V4L2Camera(Camera):
         buffers = [device.query_buffer(index) for index in range(count)]
         self._memory: list[mmap.mmap] = [device.map(buffer) for buffer in buffers]
         limits = device.control_range(CID_EXPOSURE_ABSOLUTE)
-        self._info = CameraInfo(
+        self._facts = CameraFacts(
             kind="v4l2",
             model=device.capability().card,
             width=layout.width,
@@ -96,9 +94,9 @@ class V4L2Camera(Camera):
         self._auto_priority = _keep_rate_constant(device)
 
     @property
-    def info(self) -> CameraInfo:
-        """What this camera can do."""
-        return self._info
+    def facts(self) -> CameraFacts:
+        """What this camera is and can do."""
+        return self._facts
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
         """Start streaming. Raises CameraError where the device is gone, busy, or out of USB bandwidth."""
@@ -174,7 +172,7 @@ class V4L2Camera(Camera):
             self._device.queue(index)
         late_ns = time.monotonic_ns() - start_ns
         if late_ns > 0:
-            start_ns += -(-late_ns // self._info.period_ns) * self._info.period_ns
+            start_ns += -(-late_ns // self._facts.period_ns) * self._facts.period_ns
         if not self._closing.wait((start_ns - time.monotonic_ns()) / 1e9):
             self._device.stream_on()
 

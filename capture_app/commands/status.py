@@ -52,7 +52,7 @@ def _row(node: "NodeStatus", *, agreed: bool) -> tuple[str, ...]:
         _us(node.round_trip_ns),
         _us(node.phase_error_ns),
         str(node.drops),
-        node.model,
+        node.camera.model,
         node.message,
     )
 

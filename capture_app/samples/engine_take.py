@@ -1,20 +1,17 @@
 """A burst as the engine takes it: leader and clients in virtual time, until the frames are picked."""
 
-import random
 from collections.abc import Mapping
 from dataclasses import replace
 
 from capture_app import __version__
-from capture_app.cameras.simulated import SimulatedCamera
 from capture_app.clock import seeded_clock
 from capture_app.errors import IncompleteError
 from capture_app.node.camera.records import camera_record, event_line
 from capture_app.node.wire.messages import JsonValue
 from capture_app.samples.recipe import CameraRecipe, Recipe, Take, TakenFrame
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
-from capture_app.session.format.rows import exposure_start_ns
-from capture_app.simulation.devices.profiles import find_profile
-from capture_app.simulation.devices.sensor import Sensor, SensorFrame, SensorProfile
+from capture_app.simulation.devices.profiles import facts_of, find_profile
+from capture_app.simulation.devices.sensor import SensorFrame, SensorProfile
 from capture_app.simulation.rendering.pictures import PictureSource
 from capture_app.simulation.rig.rig import NodeSpec, VirtualNode, VirtualRig
 from capture_app.sync.rig.events import BurstReady
@@ -113,10 +110,9 @@ def _camera_record(
     node: VirtualNode, ready: BurstReady[SensorFrame], sources: Mapping[str, PictureSource]
 ) -> CameraRecord:
     spec = node.spec
-    camera = SimulatedCamera(
-        Sensor(spec.profile, random.Random(0)), sources[spec.name], spec.clock, seed=0
-    )  # only what it is, for the record
-    return camera_record(spec.name, camera.info, ready, node.client.aligner.corrections, spec.tolerance_ns)
+    source = sources[spec.name]
+    facts = facts_of(spec.profile, width=source.width, height=source.height)
+    return camera_record(spec.name, facts, ready, node.client.aligner.corrections, spec.tolerance_ns)
 
 
 def _frames(camera: CameraRecord, ready: BurstReady[SensorFrame]) -> list[TakenFrame]:
@@ -130,7 +126,7 @@ def _frames(camera: CameraRecord, ready: BurstReady[SensorFrame]) -> list[TakenF
             local_ns=pick.local_ns,
             leader_ns=pick.leader_ns,
             exposure_ns=pick.frame.exposure_ns,
-            exposure_start_ns=exposure_start_ns(camera, pick.leader_ns, pick.frame.exposure_ns),
+            exposure_start_ns=camera.facts.exposure_start_ns(pick.leader_ns, pick.frame.exposure_ns),
             uncertainty_ns=pick.uncertainty_ns,
             hard_bound_ns=pick.hard_bound_ns,
             outlier_ns=pick.outlier_ns,

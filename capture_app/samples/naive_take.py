@@ -12,6 +12,7 @@ from capture_app.clock import seeded_clock
 from capture_app.samples.engine_take import profile_of
 from capture_app.samples.recipe import CameraRecipe, Recipe, Take, TakenFrame
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
+from capture_app.simulation.devices.profiles import facts_of
 from capture_app.simulation.devices.sensor import Sensor, SensorFrame
 from capture_app.simulation.rendering.pictures import PictureSource
 from capture_app.sync.rig.trigger import DROPPED
@@ -35,7 +36,7 @@ def take_naive(recipe: Recipe, sources: Mapping[str, PictureSource]) -> Take:
     for camera in recipe.cameras:
         record = _record(recipe, camera, sources[camera.name])
         if not instants_ns:
-            step_ns = recipe.spacing * record.period_ns
+            step_ns = recipe.spacing * record.facts.period_ns
             instants_ns = tuple(requested_ns + number * step_ns for number in range(recipe.frames))
         clock = seeded_clock(f"{camera.name} of {recipe.seed}")
         taken = _taken(recipe, camera, sources[camera.name], requested_ns + _delay_ns(rng), rng)
@@ -60,7 +61,9 @@ def take_naive(recipe: Recipe, sources: Mapping[str, PictureSource]) -> Take:
     return Take(
         software=f"simulshot {__version__}",
         cameras=tuple(cameras),
-        burst=BurstRecord(instants_ns=instants_ns, period_ns=cameras[0].period_ns, requested_ns=requested_ns),
+        burst=BurstRecord(
+            instants_ns=instants_ns, period_ns=cameras[0].facts.period_ns, requested_ns=requested_ns
+        ),
         frames=tuple(frames),
         missing=tuple(missing),
         clocks=clocks,
@@ -92,13 +95,5 @@ def _taken(
 
 def _record(recipe: Recipe, camera: CameraRecipe, source: PictureSource) -> CameraRecord:
     profile = profile_of(recipe, camera, source)
-    return CameraRecord(
-        name=camera.name,
-        kind="sim",
-        model=profile.model,
-        width=source.width,
-        height=source.height,
-        period_ns=profile.period_ns,
-        timestamp_source="start-of-exposure",
-        row_time_ns=profile.row_time_ns,
-    )
+    facts = facts_of(profile, width=source.width, height=source.height)
+    return CameraRecord(name=camera.name, facts=facts)

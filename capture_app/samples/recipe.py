@@ -10,18 +10,11 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
+from capture_app.camera_facts import Count, Positive
 from capture_app.errors import BadInputError
 from capture_app.node.wire.messages import JsonValue
 from capture_app.session.format.checks import read_struct
-from capture_app.session.format.manifest import (
-    RECIPE,
-    BurstRecord,
-    CameraRecord,
-    Count,
-    MissingImage,
-    Name,
-    Positive,
-)
+from capture_app.session.format.manifest import RECIPE, BurstRecord, CameraRecord, MissingImage, Name
 
 SCHEMA_VERSION = 1
 

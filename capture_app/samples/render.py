@@ -107,8 +107,8 @@ def _source(recipe: Recipe, camera: CameraRecipe) -> PictureSource:
     profile = find_profile(camera.profile)
     row_time_ns = profile.row_time_ns
     for taken in recipe.take.cameras if recipe.take else ():
-        if taken.name == camera.name and taken.row_time_ns is not None:
-            row_time_ns = taken.row_time_ns
+        if taken.name == camera.name and taken.facts.row_time_ns is not None:
+            row_time_ns = taken.facts.row_time_ns
     return open_picture_source(
         recipe.scene,
         camera.view,

@@ -68,8 +68,8 @@ class Dataset:
 
     def size(self, camera: str) -> tuple[int, int]:
         """Width and height of a camera's images, px."""
-        record = self.session.camera(camera)
-        return record.width, record.height
+        facts = self.session.camera(camera).facts
+        return facts.width, facts.height
 
     def calibration(self) -> Calibration | None:
         """The session's own calibration."""

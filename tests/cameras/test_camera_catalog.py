@@ -3,8 +3,9 @@ import sys
 
 import pytest
 
+from capture_app.camera_facts import CameraFacts
 from capture_app.cameras import v4l2
-from capture_app.cameras.base import Camera, CameraInfo, CapturedFrame, OnFailure, OnFrame
+from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
 from capture_app.cameras.catalog import CameraSpec, list_cameras, open_camera, parse_spec
 from capture_app.clock import HostClock, SimulatedClock
 from capture_app.errors import BadInputError
@@ -45,7 +46,7 @@ def test_every_simulated_camera_listed_opens() -> None:
     assert [listing.spec for listing in listed] == [f"sim:{name}" for name in PROFILES]
     for listing in listed:
         camera = open_camera(listing.spec, clock=HostClock(), name="a")
-        assert camera.info.model == listing.model
+        assert camera.facts.model == listing.model
         assert "640x480 at 30 frames/s" in listing.detail
 
 
@@ -65,7 +66,7 @@ class OneFrameCamera(Camera):
         self.commands: list[CameraCommand] = []
 
     @property
-    def info(self) -> CameraInfo:
+    def facts(self) -> CameraFacts:
         raise NotImplementedError
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:

@@ -9,7 +9,8 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.cameras.base import Camera, CapturedFrame, PhaseControl, TimestampSource
+from capture_app.camera_facts import PhaseControl, TimestampSource
+from capture_app.cameras.base import Camera, CapturedFrame
 from capture_app.cameras.catalog import open_camera
 from capture_app.clock import SimulatedClock
 from capture_app.errors import BadInputError, CameraError, NotAvailableError, SimulshotError
@@ -217,7 +218,7 @@ def test_a_camera_may_be_stopped_from_its_own_callback() -> None:
 def test_a_webcam_refuses_to_inject() -> None:
     async def scenario() -> None:
         camera = sim("sim:webcam")
-        assert camera.info.phase_control is PhaseControl.RESET
+        assert camera.facts.phase_control is PhaseControl.RESET
         await Recorder().record(camera, 0.1)
         with pytest.raises(CameraError, match="cannot inject"):
             await camera.apply(InjectFrame(40_000_000))
@@ -299,13 +300,13 @@ def test_truth_is_an_npz_of_depth_objects_and_movers() -> None:
 
 
 def test_info() -> None:
-    info = sim("sim:phone-b,exposure_ms=2").info
-    assert (info.kind, info.model, info.width, info.height) == ("sim", "Simulated phone B", 640, 480)
-    assert info.period_ns == PERIOD_NS
-    assert info.row_time_ns == 12_300
-    assert info.exposure_ns == 162 * 12_300
-    assert info.phase_control is PhaseControl.INJECTION
-    assert info.timestamp_source is TimestampSource.START_OF_EXPOSURE
+    facts = sim("sim:phone-b,exposure_ms=2").facts
+    assert (facts.kind, facts.model, facts.width, facts.height) == ("sim", "Simulated phone B", 640, 480)
+    assert facts.period_ns == PERIOD_NS
+    assert facts.row_time_ns == 12_300
+    assert facts.exposure_ns == 162 * 12_300
+    assert facts.phase_control is PhaseControl.INJECTION
+    assert facts.timestamp_source is TimestampSource.START_OF_EXPOSURE
 
 
 @pytest.mark.parametrize(
@@ -373,7 +374,7 @@ def striped(monkeypatch: pytest.MonkeyPatch) -> StripedScene:
 def test_a_scene_is_rendered_at_the_frames_true_start_when_it_is_saved(striped: StripedScene) -> None:
     async def scenario() -> None:
         camera = sim("sim:pi,scene=striped,view=right,drops=0")
-        assert (camera.info.width, camera.info.height) == (160, 90)
+        assert (camera.facts.width, camera.facts.height) == (160, 90)
         recorder = Recorder()
         frame, later = (await recorder.record(camera, 1.0))[:2]
         await camera.stop()
@@ -405,7 +406,7 @@ def test_the_rendered_scene() -> None:
         assert frame.truth is not None
         image = cv2.imdecode(np.frombuffer(frame.payload.encode(), np.uint8), cv2.IMREAD_COLOR)
         assert image is not None
-        assert image.shape == (camera.info.height, camera.info.width, 3) == (120, 160, 3)
+        assert image.shape == (camera.facts.height, camera.facts.width, 3) == (120, 160, 3)
         assert np.asarray(image).std() > 20
         with np.load(io.BytesIO(frame.truth.encode())) as truth:
             assert truth["depth_m"].shape == (120, 160)

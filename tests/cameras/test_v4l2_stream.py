@@ -13,7 +13,8 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.cameras.base import CapturedFrame, PhaseControl, TimestampSource
+from capture_app.camera_facts import PhaseControl, TimestampSource
+from capture_app.cameras.base import CapturedFrame
 from capture_app.cameras.v4l2 import V4L2Camera
 from capture_app.cameras.v4l2_ioctl import VideoDevice
 from capture_app.cameras.v4l2_layout import (
@@ -166,11 +167,11 @@ async def test_frames_carry_the_drivers_stamp_number_and_bytes():
 
 async def test_info_says_what_the_device_can_do():
     camera = V4L2Camera(FakeDevice(), MJPG, PERIOD_NS)
-    info = camera.info
-    assert (info.kind, info.model, info.pixel_format) == ("v4l2", "Fake camera", "MJPG")
-    assert info.timestamp_source is TimestampSource.START_OF_EXPOSURE
-    assert info.phase_control is PhaseControl.RESET
-    assert (info.min_exposure_ns, info.exposure_ns, info.max_exposure_ns) == (
+    facts = camera.facts
+    assert (facts.kind, facts.model, facts.pixel_format) == ("v4l2", "Fake camera", "MJPG")
+    assert facts.timestamp_source is TimestampSource.START_OF_EXPOSURE
+    assert facts.phase_control is PhaseControl.RESET
+    assert (facts.min_exposure_ns, facts.exposure_ns, facts.max_exposure_ns) == (
         100_000,
         15_700_000,
         500_000_000,
@@ -190,7 +191,7 @@ def test_half_a_second_is_buffered_where_memory_allows(frame_bytes, period_ns, c
 
 async def test_stamps_at_the_end_of_a_frame_are_called_so():
     camera = V4L2Camera(FakeDevice(BUF_FLAG_TIMESTAMP_MONOTONIC), MJPG, PERIOD_NS)
-    assert camera.info.timestamp_source is TimestampSource.END_OF_FRAME
+    assert camera.facts.timestamp_source is TimestampSource.END_OF_FRAME
     await camera.stop()
 
 

@@ -164,9 +164,9 @@ def test_the_cameras_were_aligned_by_restarts_to_within_2_ms(rig: Rig) -> None:
     session = the_session(rig)
     assert [camera.name for camera in session.manifest.cameras] == ["left", "right"]
     for camera in session.manifest.cameras:
-        assert camera.timestamp_source == "start-of-exposure"
+        assert camera.facts.timestamp_source == "start-of-exposure"
         assert camera.phase is not None
-        assert camera.phase.control == "reset"
+        assert camera.facts.phase_control == "reset"
     assert_aligned(session, rig)
     for image in session.manifest.images:
         assert image.hard_bound_ns is not None

@@ -7,28 +7,20 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from capture_app.camera_facts import PhaseControl
 from capture_app.errors import BadInputError
 from capture_app.node.burst.bursts import PATIENCE_NS, STALL_NS, BurstSession
-from capture_app.node.burst.plans import record_of
 from capture_app.node.leader.readiness import create_numbered
 from capture_app.node.wire.messages import CameraReport, ImageUpload
-from capture_app.session.format.manifest import ImageRecord, MissingImage, image_path
+from capture_app.session.format.manifest import CameraRecord, ImageRecord, MissingImage, image_path
 from capture_app.session.reading.reader import Session, list_sessions
 from capture_app.session.writing.store import SessionWriter
 from capture_app.sync.rig.trigger import Burst
-from capture_app.sync.wire.messages import CameraDescription
+from tests.facts import make_facts
 
 PERIOD_NS = 33_333_333
 INSTANTS_NS = (1_000_000_000, 1_033_333_333)
-CAMERA = CameraDescription(
-    kind="v4l2",
-    model="Webcam",
-    width=640,
-    height=480,
-    period_ns=PERIOD_NS,
-    phase_control="reset",
-    timestamp_source="start-of-exposure",
-)
+CAMERA = make_facts(kind="v4l2", model="Webcam", period_ns=PERIOD_NS, phase_control=PhaseControl.RESET)
 
 
 def burst_session(folder: Path, *names: str) -> BurstSession:
@@ -37,7 +29,9 @@ def burst_session(folder: Path, *names: str) -> BurstSession:
 
 
 def report(name: str, *instants: int, missing: tuple[MissingImage, ...] = ()) -> CameraReport:
-    return CameraReport(leader=1, burst=1, camera=record_of(name, CAMERA), instants=instants, missing=missing)
+    return CameraReport(
+        leader=1, burst=1, camera=CameraRecord(name=name, facts=CAMERA), instants=instants, missing=missing
+    )
 
 
 def upload(name: str, instant: int, image: bytes = b"picture") -> ImageUpload:

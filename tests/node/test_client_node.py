@@ -3,18 +3,16 @@
 import asyncio
 import contextlib
 from collections.abc import AsyncIterator
-from dataclasses import replace
 
 import pytest
+from msgspec.structs import replace
 
+from capture_app.camera_facts import CameraFacts, PhaseControl
 from capture_app.cameras.base import (
     Camera,
-    CameraInfo,
     CapturedFrame,
     OnFailure,
     OnFrame,
-    PhaseControl,
-    TimestampSource,
 )
 from capture_app.errors import CameraError
 from capture_app.net.address import Address
@@ -23,16 +21,14 @@ from capture_app.node.camera.client import ClientNode
 from capture_app.sync.phase.estimator import FrameStamp
 from capture_app.sync.rig.client import Client
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
+from tests.facts import make_facts
 
 PERIOD_NS = 33_333_333
-INFO = CameraInfo(
+FACTS = make_facts(
     kind="fake",
     model="Fake camera",
-    width=640,
-    height=480,
     pixel_format="MJPG",
     period_ns=PERIOD_NS,
-    timestamp_source=TimestampSource.START_OF_EXPOSURE,
     phase_control=PhaseControl.RESET,
     exposure_ns=10_000_000,
 )
@@ -41,15 +37,15 @@ INFO = CameraInfo(
 class FakeCamera(Camera):
     """A camera whose frames and failures come from the test."""
 
-    def __init__(self, info: CameraInfo = INFO) -> None:
-        self._info = info
+    def __init__(self, facts: CameraFacts = FACTS) -> None:
+        self._facts = facts
         self.on_frame: OnFrame
         self.on_failure: OnFailure
         self.commands: asyncio.Queue[CameraCommand] = asyncio.Queue()
 
     @property
-    def info(self) -> CameraInfo:
-        return self._info
+    def facts(self) -> CameraFacts:
+        return self._facts
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
         self.on_frame, self.on_failure = on_frame, on_failure
@@ -66,7 +62,7 @@ class Bench:
 
     def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
         self.opened: asyncio.Queue[FakeCamera] = asyncio.Queue()
-        self.next_info = INFO
+        self.next_facts = FACTS
         self.now_ns = 1_000_000_000
         self.stamps: list[FrameStamp] = []
         self.starts_ns: list[int] = []
@@ -83,7 +79,7 @@ class Bench:
         return await asyncio.wait_for(self.opened.get(), 30)
 
     def _open(self) -> FakeCamera:
-        camera = FakeCamera(self.next_info)
+        camera = FakeCamera(self.next_facts)
         self.opened.put_nowait(camera)
         return camera
 
@@ -141,7 +137,7 @@ async def test_a_camera_opened_again_goes_on_counting_streams(bench):
     await started(first)
     for stream in (1, 2, 3):
         first.on_frame(frame(stream))
-    bench.next_info = replace(INFO, exposure_ns=20_000_000)
+    bench.next_facts = replace(FACTS, exposure_ns=20_000_000)
     first.on_failure(CameraError("unplugged"))
     second = await bench.camera()
     await started(second)

@@ -2,22 +2,20 @@
 
 from pathlib import Path
 
-from capture_app.cameras.base import CameraInfo, PhaseControl, TimestampSource
+from capture_app.camera_facts import CameraFacts, PhaseControl
 from capture_app.node.camera.device_profiles import FILE, MOST_LATENCIES, DeviceProfiles
 from capture_app.sync.phase.injection import InjectionProfile
+from tests.facts import make_facts
 
 PROFILE = InjectionProfile(10_840, 2, 3056.0)
 
 
-def camera(model: str = "Phone", width: int = 640) -> CameraInfo:
-    return CameraInfo(
-        kind="sim",
+def camera(model: str = "Phone", width: int = 640) -> CameraFacts:
+    return make_facts(
         model=model,
         width=width,
-        height=480,
         pixel_format="JPEG",
         period_ns=33_333_000,
-        timestamp_source=TimestampSource.START_OF_EXPOSURE,
         phase_control=PhaseControl.INJECTION,
     )
 

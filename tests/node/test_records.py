@@ -5,20 +5,17 @@ from dataclasses import replace
 import msgspec
 import pytest
 
-from capture_app.cameras.base import CameraInfo, PhaseControl, TimestampSource
+from capture_app.camera_facts import PhaseControl
 from capture_app.node.camera.records import camera_record, event_line
 from capture_app.session.format.manifest import ClockRecord
 from capture_app.sync.clock.time_map import Correction, TimeMap
 from capture_app.sync.rig.events import BurstReady, ClockAgreed, ClockAlone
+from tests.facts import make_facts
 
-INFO = CameraInfo(
+FACTS = make_facts(
     kind="fake",
     model="Fake camera",
-    width=640,
-    height=480,
     pixel_format="MJPG",
-    period_ns=33_333_333,
-    timestamp_source=TimestampSource.START_OF_EXPOSURE,
     phase_control=PhaseControl.RESET,
     exposure_ns=10_000_000,
 )
@@ -37,7 +34,7 @@ OWN = TimeMap(
 
 def clock_of(time_map: TimeMap) -> ClockRecord | None:
     ready: BurstReady[object] = BurstReady(1, 1, (), (), time_map, None)
-    return camera_record("cam", INFO, ready, 0, 1000).clock
+    return camera_record("cam", FACTS, ready, 0, 1000).clock
 
 
 @pytest.mark.parametrize("below_relay", [False, True])

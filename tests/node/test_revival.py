@@ -8,38 +8,30 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from capture_app.camera_facts import PhaseControl
 from capture_app.errors import BadInputError, DiskFullError, NetworkError, TryAgainError
 from capture_app.node.burst.bursts import BurstSession
-from capture_app.node.burst.plans import record_of
 from capture_app.node.burst.resume import Revival, interrupted
 from capture_app.node.leader.repair import repair
 from capture_app.node.leader.space import check_room
 from capture_app.node.transfer.spool import Spool
 from capture_app.node.wire.messages import CameraReport, ImageUpload, NodeSpace
-from capture_app.session.format.manifest import ImageRecord, image_path
+from capture_app.session.format.manifest import CameraRecord, ImageRecord, image_path
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import ProblemKind, verify
 from capture_app.session.writing.store import SessionWriter
 from capture_app.sync.rig.trigger import Burst
-from capture_app.sync.wire.messages import CameraDescription
+from tests.facts import make_facts
 
 PERIOD_NS = 33_333_333
 INSTANTS_NS = (1_000_000_000, 1_033_333_333)
 LEADER = 77
-CAMERA = CameraDescription(
-    kind="v4l2",
-    model="Webcam",
-    width=640,
-    height=480,
-    period_ns=PERIOD_NS,
-    phase_control="reset",
-    timestamp_source="start-of-exposure",
-)
+CAMERA = make_facts(kind="v4l2", model="Webcam", period_ns=PERIOD_NS, phase_control=PhaseControl.RESET)
 IMAGE = b"a picture of some length"
 
 
 def report(name: str) -> CameraReport:
-    return CameraReport(leader=LEADER, burst=1, camera=record_of(name, CAMERA), instants=(0, 1))
+    return CameraReport(leader=LEADER, burst=1, camera=CameraRecord(name=name, facts=CAMERA), instants=(0, 1))
 
 
 def upload(name: str, instant: int, offset: int = 0) -> ImageUpload:

@@ -4,17 +4,10 @@ from msgspec import structs
 
 from capture_app.node.leader.snapshots import as_tree, cameras_here, node_statuses
 from capture_app.sync.rig.roster import ClientView
-from capture_app.sync.wire.messages import RELAY, CameraDescription, NodeState, Report
+from capture_app.sync.wire.messages import RELAY, NodeState, Report
+from tests.facts import make_facts
 
-CAMERA = CameraDescription(
-    kind="sim",
-    model="",
-    width=640,
-    height=480,
-    period_ns=33_333_333,
-    phase_control="none",
-    timestamp_source="start-of-exposure",
-)
+CAMERA = make_facts()
 
 
 def view(name: str, via: str | None = None, *, relay: bool = False, lost: bool = False) -> ClientView:

@@ -10,29 +10,21 @@ from pathlib import Path
 
 import pytest
 
+from capture_app.camera_facts import PhaseControl
 from capture_app.cameras.base import CapturedFrame
 from capture_app.errors import DiskFullError
 from capture_app.net.address import Address
 from capture_app.net.transfer import Channel, TransferServer, bind
-from capture_app.node.burst.plans import record_of
 from capture_app.node.transfer import uploader as uploader_module
 from capture_app.node.transfer.spool import Spool, SpooledBurst
 from capture_app.node.transfer.uploader import Uploader
 from capture_app.node.transfer.work import BurstWork
 from capture_app.node.wire.messages import CameraReport, Held, ImageUpload, Noted, Refusal, Stored, ToLeader
-from capture_app.session.format.manifest import JOURNAL
+from capture_app.session.format.manifest import JOURNAL, CameraRecord
 from capture_app.sync.rig.trigger import Pick
-from capture_app.sync.wire.messages import CameraDescription
+from tests.facts import make_facts
 
-CAMERA = CameraDescription(
-    kind="sim",
-    model="Simulated",
-    width=640,
-    height=480,
-    period_ns=33_333_333,
-    phase_control="injection",
-    timestamp_source="start-of-exposure",
-)
+CAMERA = make_facts(phase_control=PhaseControl.INJECTION)
 
 
 @dataclass
@@ -52,7 +44,9 @@ def work(*pictures: Picture) -> BurstWork:
         Pick(n, 1000 + n, 2000 + n, 3, 4, 5, 0, CapturedFrame(n, 0, 1000 + n, picture))
         for n, picture in enumerate(pictures)
     ]
-    report = CameraReport(leader=1, burst=1, camera=record_of("a", CAMERA), instants=tuple(range(len(picks))))
+    report = CameraReport(
+        leader=1, burst=1, camera=CameraRecord(name="a", facts=CAMERA), instants=tuple(range(len(picks)))
+    )
     return BurstWork(report, deque(picks))
 
 

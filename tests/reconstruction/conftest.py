@@ -14,6 +14,7 @@ from capture_app.session.format.manifest import BurstRecord, CameraRecord
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.store import SessionWriter
 from reconstruction.common.geometry import Array, View
+from tests.facts import make_facts
 
 WIDTH, HEIGHT, FOCAL = 320, 240, 300.0
 PERIOD_NS = 33_333_333
@@ -166,15 +167,7 @@ def write_session(
             Calibration(cameras={name: as_calibration(v) for name, v in views.items()}, source="boards")
         )
     cameras = [
-        CameraRecord(
-            name=name,
-            kind="simulated",
-            model="boards",
-            width=WIDTH,
-            height=HEIGHT,
-            period_ns=PERIOD_NS,
-            timestamp_source="start of exposure",
-        )
+        CameraRecord(name=name, facts=make_facts(width=WIDTH, height=HEIGHT, period_ns=PERIOD_NS))
         for name in views
     ]
     burst = BurstRecord(instants_ns=tuple(k * PERIOD_NS for k in range(instants)), period_ns=PERIOD_NS)

@@ -20,6 +20,7 @@ from reconstruction.calibration.quality import CalibrationQuality, refuse_bad_ca
 from reconstruction.cli import main
 from reconstruction.common.geometry import View, other_from_reference
 from reconstruction.session.dataset import Dataset
+from tests.facts import make_facts
 from tests.reconstruction.conftest import HEIGHT, PERIOD_NS, VIEWS, WIDTH, make_view
 
 BOARD = CharucoBoard(6, 5, 0.10, 0.075, "4X4_50")
@@ -55,15 +56,7 @@ def board_session(root: Path, *, two_sided: bool = False) -> Session:
             data = cv2.imencode(".png", image)[1].tobytes()
             writer.add_image(data, camera=name, instant=k, leader_ns=k * PERIOD_NS, suffix=".png")
     cameras = [
-        CameraRecord(
-            name=name,
-            kind="simulated",
-            model="boards",
-            width=WIDTH,
-            height=HEIGHT,
-            period_ns=PERIOD_NS,
-            timestamp_source="start of exposure",
-        )
+        CameraRecord(name=name, facts=make_facts(width=WIDTH, height=HEIGHT, period_ns=PERIOD_NS))
         for name in SEEN_BY
     ]
     burst = BurstRecord(instants_ns=tuple(k * PERIOD_NS for k in range(8)), period_ns=PERIOD_NS)

@@ -119,7 +119,7 @@ def test_the_time_can_be_read_off_the_panel_of_leds() -> None:
     truth = {(true.camera, true.instant): true.true_ns for true in true_times.images}
     for record in session.manifest.images[:4]:
         picture = cv2.imread(str(session.image_file(record)))
-        row_time_ns = session.camera(record.camera).row_time_ns
+        row_time_ns = session.camera(record.camera).facts.row_time_ns
         assert picture is not None
         assert record.exposure_ns is not None
         assert row_time_ns is not None

@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, ClockRecord, MissingImage
 from capture_app.session.writing.store import Session, SessionWriter
+from tests.facts import make_facts
 
 WIDTH, HEIGHT = 16, 12
 INSTANTS = (1_000_000_000, 1_033_000_000, 1_066_000_000)
@@ -29,18 +31,10 @@ def jpeg(seed: int, width: int = WIDTH, height: int = HEIGHT, suffix: str = ".jp
     return bytes(cv2.imencode(suffix, pixels)[1].tobytes())
 
 
-def camera_record(name: str) -> CameraRecord:
+def camera_record(name: str, **facts: Any) -> CameraRecord:
     """A camera with a clock far from the leader's."""
-    return CameraRecord(
-        name=name,
-        kind="sim",
-        model="test",
-        width=WIDTH,
-        height=HEIGHT,
-        period_ns=33_000_000,
-        timestamp_source="start-of-exposure",
-        clock=CLOCK,
-    )
+    known = make_facts(width=WIDTH, height=HEIGHT, period_ns=33_000_000, **facts)
+    return CameraRecord(name=name, facts=known, clock=CLOCK)
 
 
 def local_from_leader(leader_ns: int) -> int:

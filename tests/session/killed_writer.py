@@ -22,6 +22,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.node.leader.repair import repair
 from capture_app.session.format.manifest import MANIFEST, BurstRecord, CameraRecord
 from capture_app.session.format.plan import PLAN, CameraPlan, Plan
@@ -73,10 +74,11 @@ def write(root: Path, confirmed: int, threads: int = 1) -> None:
 
 
 def camera_record(number: int) -> CameraRecord:
-    return CameraRecord(
-        name=f"cam{number}", kind="sim", model="m", width=8, height=8, period_ns=PERIOD_NS,
-        timestamp_source="start-of-exposure",
+    facts = CameraFacts(
+        kind="sim", model="m", width=8, height=8, period_ns=PERIOD_NS,
+        timestamp_source=TimestampSource.START_OF_EXPOSURE, phase_control=PhaseControl.NONE,
     )  # fmt: skip
+    return CameraRecord(name=f"cam{number}", facts=facts)
 
 
 REAL: dict[str, Any] = {name: getattr(os, name) for name in CHANGING}

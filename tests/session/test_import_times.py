@@ -244,7 +244,7 @@ def test_shots_of_libsoftwaresync(tmp_path: Path, capsys: pytest.CaptureFixture[
     assert image is not None
     assert image.shape == (12, 16, 3)
     assert image.mean() > 180
-    assert {camera.model for camera in session.manifest.cameras} == {"libsoftwaresync"}
+    assert {camera.facts.model for camera in session.manifest.cameras} == {"libsoftwaresync"}
 
 
 def test_one_shot_of_libsoftwaresync_is_a_session(tmp_path: Path) -> None:
@@ -478,7 +478,8 @@ def test_a_phone_held_upright_gives_upright_pictures_either_way(tmp_path: Path) 
     shown = []
     for name, options in (("own", ImportOptions(times=Times.VIDEO)), ("rate", ImportOptions(fps=25))):
         session = import_recording([str(tmp_path / "rec")], tmp_path, name, options)
-        assert (session.manifest.cameras[0].width, session.manifest.cameras[0].height) == (48, 64)
+        facts = session.manifest.cameras[0].facts
+        assert (facts.width, facts.height) == (48, 64)
         image = cv2.imread(str(session.image_file(session.manifest.images[0])))
         assert image is not None
         shown.append(image)

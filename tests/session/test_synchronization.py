@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from msgspec.structs import replace
 
+from capture_app.camera_facts import TimestampSource
 from capture_app.session.format.manifest import BurstRecord, ImageRecord, MissingImage
-from capture_app.session.format.rows import exposure_start_ns, row_exposures
+from capture_app.session.format.rows import row_exposures
 from capture_app.session.reading.synchronization import sync_record, verdict
 
 from .conftest import HEIGHT, camera_record
@@ -20,13 +21,13 @@ def image(camera: str, instant: int, leader_ns: int, **more: object) -> ImageRec
 
 
 def test_a_stamp_at_the_start_is_the_first_rows_start() -> None:
-    camera = replace(camera_record("left"), row_time_ns=10 * US)
-    assert exposure_start_ns(camera, 5 * MS, None) == 5 * MS
+    camera = camera_record("left", row_time_ns=10 * US)
+    assert camera.facts.exposure_start_ns(5 * MS, None) == 5 * MS
 
 
 def test_a_stamp_at_the_end_is_later_by_exposure_and_readout() -> None:
-    camera = replace(camera_record("left"), timestamp_source="end-of-frame", row_time_ns=10 * US)
-    start_ns = exposure_start_ns(camera, 5 * MS, 2 * MS)
+    camera = camera_record("left", timestamp_source=TimestampSource.END_OF_FRAME, row_time_ns=10 * US)
+    start_ns = camera.facts.exposure_start_ns(5 * MS, 2 * MS)
     assert start_ns == 5 * MS - 2 * MS - (HEIGHT - 1) * 10 * US
     rows = row_exposures(camera, image("left", 0, 5 * MS, exposure_start_ns=start_ns, exposure_ns=2 * MS))
     assert rows is not None
@@ -37,13 +38,17 @@ def test_a_stamp_at_the_end_is_later_by_exposure_and_readout() -> None:
 
 @pytest.mark.parametrize(
     ("source", "exposure_ns", "row_time_ns"),
-    [("unknown", 1, 1), ("end-of-frame", None, 1), ("end-of-frame", 1, None)],
+    [
+        (TimestampSource.UNKNOWN, 1, 1),
+        (TimestampSource.END_OF_FRAME, None, 1),
+        (TimestampSource.END_OF_FRAME, 1, None),
+    ],
 )
 def test_what_is_not_known_is_not_guessed(
-    source: str, exposure_ns: int | None, row_time_ns: int | None
+    source: TimestampSource, exposure_ns: int | None, row_time_ns: int | None
 ) -> None:
-    camera = replace(camera_record("left"), timestamp_source=source, row_time_ns=row_time_ns)
-    assert exposure_start_ns(camera, 5 * MS, exposure_ns) is None
+    camera = camera_record("left", timestamp_source=source, row_time_ns=row_time_ns)
+    assert camera.facts.exposure_start_ns(5 * MS, exposure_ns) is None
     assert row_exposures(camera, image("left", 0, 5 * MS, exposure_ns=exposure_ns)) is None
 
 
@@ -66,10 +71,7 @@ def test_the_record_counts_and_measures() -> None:
 
 
 def test_rolling_shutters_that_differ_drift_apart_down_the_picture() -> None:
-    cameras = [
-        replace(camera_record("left"), row_time_ns=10 * US),
-        replace(camera_record("right"), row_time_ns=12 * US),
-    ]
+    cameras = [camera_record("left", row_time_ns=10 * US), camera_record("right", row_time_ns=12 * US)]
     images = [image(c.name, 0, 0, exposure_start_ns=0, exposure_ns=4 * MS) for c in cameras]
     sync = sync_record(cameras, BurstRecord(instants_ns=(0,), period_ns=33 * MS), images, [])
     assert sync.spread_ns == (0,)

@@ -76,7 +76,7 @@ def calibrate(name: str, width: int) -> Callable[[Session], None]:
 
 def hold_within(tolerance_ns: int) -> Callable[[dict[str, Any]], None]:
     """Say how near to the grid the cameras were to be held."""
-    phase = {"control": "none", "residual_ns": 0, "period_ns": 1, "drift_ppm": 0.0, "corrections": 0}
+    phase = {"residual_ns": 0, "period_ns": 1, "drift_ppm": 0.0, "corrections": 0}
     return lambda manifest: (
         [camera.update(phase={**phase, "tolerance_ns": tolerance_ns}) for camera in manifest["cameras"]]
         and None

@@ -17,13 +17,13 @@ from hypothesis.stateful import (
 )
 from msgspec import structs
 
+from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.sync.clock.upstream_map import UpstreamMap
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.poll_schedule import FIRST_EXCHANGES
 from capture_app.sync.tree.follower import MOST_EVENTS, Address, Follower, FollowerConfig
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
 from capture_app.sync.wire.messages import (
-    CameraDescription,
     Goodbye,
     Heartbeat,
     HeartbeatAck,
@@ -71,14 +71,14 @@ onwards = st.none() | st.builds(
 )
 slots = st.floats(0.0, 1.0, exclude_max=True) | st.just(math.nan)
 cameras = st.builds(
-    CameraDescription,
+    CameraFacts,
     kind=st.sampled_from(["clock", "relay", "sim"]),
     model=st.just(""),
-    width=i64,
-    height=i64,
+    width=st.integers(0, 2**63 - 1),
+    height=st.integers(0, 2**63 - 1),
     period_ns=periods,
-    phase_control=st.sampled_from(["none", "reset", "injection"]),
-    timestamp_source=st.just(""),
+    phase_control=st.sampled_from(PhaseControl),
+    timestamp_source=st.sampled_from(TimestampSource),
 )
 reports = st.builds(Report, state=st.sampled_from(list(NodeState)), frame_leader_ns=st.none() | i64)
 from_parents: st.SearchStrategy[Message] = st.one_of(

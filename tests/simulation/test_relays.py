@@ -24,19 +24,12 @@ from capture_app.sync.rig.failover import Candidates
 from capture_app.sync.rig.leader import ClientView, LeaderConfig
 from capture_app.sync.tree.follower import Address, FollowerConfig
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
-from capture_app.sync.wire.messages import CameraDescription, Hello, NodeState, decode
+from capture_app.sync.wire.messages import Hello, NodeState, decode
+from tests.facts import make_facts
 
 S = 1_000_000_000
 PERIOD_NS = 33_333_333
-CAMERA = CameraDescription(
-    kind="sim",
-    model="",
-    width=640,
-    height=480,
-    period_ns=PERIOD_NS,
-    phase_control="none",
-    timestamp_source="start-of-exposure",
-)
+CAMERA = make_facts(period_ns=PERIOD_NS)
 
 
 @dataclass

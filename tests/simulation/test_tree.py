@@ -23,27 +23,19 @@ from capture_app.sync.tree.follower import HELLOS, Address, Follower, FollowerCo
 from capture_app.sync.tree.relay import Relay
 from capture_app.sync.wire.messages import (
     CLOCK_ONLY,
-    CameraDescription,
     Hello,
     NodeState,
     Welcome,
     decode,
     encode,
 )
+from tests.facts import make_facts
 
 S = 1_000_000_000
 SMALL = TreeSpec(
     clients=9, relays=3, duration_s=12.0, client_pace_s=0.1, relay_pace_s=0.1, sample_every_s=1.0
 )
-CAMERA = CameraDescription(
-    kind="simulated",
-    model="",
-    width=640,
-    height=480,
-    period_ns=33_333_333,
-    phase_control="none",
-    timestamp_source="start-of-exposure",
-)
+CAMERA = make_facts()
 
 
 def time_map(offset_ns: int, skew: float, epoch_ns: int, uncertainty_ns: float, bound_ns: float) -> TimeMap:

@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.sync.wire import messages
 from capture_app.sync.wire.messages import (
-    CameraDescription,
     Control,
     Heartbeat,
     HeartbeatAck,
@@ -25,21 +25,22 @@ from capture_app.sync.wire.messages import (
     decode,
     encode,
 )
+from tests.facts import make_facts
 
 u32 = st.integers(0, 2**32 - 1)
 i64 = st.integers(-(2**63), 2**63 - 1)
 text = st.text(max_size=200)
 names = st.from_regex(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}", fullmatch=True)
 cameras = st.builds(
-    CameraDescription,
+    CameraFacts,
     kind=text,
     model=text,
     width=u32,
     height=u32,
-    period_ns=i64,
-    phase_control=text,
-    timestamp_source=text,
-    row_time_ns=st.none() | i64,
+    period_ns=st.integers(1, 2**63 - 1),
+    phase_control=st.sampled_from(PhaseControl),
+    timestamp_source=st.sampled_from(TimestampSource),
+    row_time_ns=st.none() | st.integers(0, 2**63 - 1),
 )
 floats = st.none() | st.floats(allow_nan=False)
 reports = st.builds(
@@ -61,7 +62,7 @@ def test_a_message_survives_the_wire(message: messages.Message) -> None:
 
 
 @given(name=names, instance=u32, camera=cameras)
-def test_hello_survives_or_is_refused_whole(name: str, instance: int, camera: CameraDescription) -> None:
+def test_hello_survives_or_is_refused_whole(name: str, instance: int, camera: CameraFacts) -> None:
     hello = Hello(name, instance, camera)
     try:
         data = encode(hello)
@@ -96,14 +97,6 @@ def test_another_version_is_named() -> None:
 
 @pytest.mark.parametrize("name", ["../etc", "a/b", "", ".hidden", "a" * 65, "a\x00b"])
 def test_a_name_that_could_leave_its_folder_is_refused(name: str) -> None:
-    camera = CameraDescription(
-        kind="simulated",
-        model="test",
-        width=1,
-        height=1,
-        period_ns=1,
-        phase_control="none",
-        timestamp_source="unknown",
-    )
+    camera = make_facts(width=1, height=1, period_ns=1, timestamp_source=TimestampSource.UNKNOWN)
     with pytest.raises(WireError):
         decode(encode(Hello(name, 1, camera)))

@@ -11,7 +11,6 @@ from capture_app.sync.rig.uplink import TOO_LONG, Uplink
 from capture_app.sync.wire.messages import (
     CLOCK_ONLY,
     MAX_DATAGRAM,
-    CameraDescription,
     Goodbye,
     Heartbeat,
     Hello,
@@ -21,16 +20,9 @@ from capture_app.sync.wire.messages import (
     decode,
     encode,
 )
+from tests.facts import make_facts
 
-CAMERA = CameraDescription(
-    kind="sim",
-    model="",
-    width=640,
-    height=480,
-    period_ns=33_333_333,
-    phase_control="none",
-    timestamp_source="start-of-exposure",
-)
+CAMERA = make_facts()
 REPORT = Report(state=NodeState.READY)
 
 
@@ -114,9 +106,9 @@ def test_a_client_that_the_parent_refused_is_given_up_until_it_is_welcome(
 
 def test_a_description_that_would_not_fit_with_the_relays_name_is_refused() -> None:
     uplink = Uplink("r" * 64)
-    camera = structs.replace(CAMERA, model="m" * 200, kind="ü" * 200, timestamp_source="t" * 200)
+    camera = structs.replace(CAMERA, model="ü" * 200, kind="ü" * 200, pixel_format="p" * 100)
     size = len(encode(Hello("cam", 7, camera)))
-    camera = structs.replace(camera, phase_control="p" * (MAX_DATAGRAM - size))
+    camera = structs.replace(camera, pixel_format="p" * (100 + MAX_DATAGRAM - size))
     hello = Hello("cam", 7, camera)
     assert len(encode(hello)) <= MAX_DATAGRAM
     assert uplink.refusal(hello) == TOO_LONG

@@ -3,11 +3,13 @@
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 
+from capture_app.camera_facts import PhaseControl
 from capture_app.errors import NoCameraHereError
 from capture_app.node.wire.status import BurstStatus, NodeStatus, RigStatus
 from capture_app.sync.wire.messages import NodeState
 from capture_app.text import ProgressStep
 from capture_app.tui.source import Comparison
+from tests.facts import make_facts
 
 HOUR_NS = 3_600_000_000_000
 
@@ -19,9 +21,7 @@ def node(
         name=name,
         address="192.168.1.7:50112",
         state=state,
-        kind="simulated",
-        model="Simulated phone A",
-        phase_control="injection",
+        camera=make_facts(model="Simulated phone A", phase_control=PhaseControl.INJECTION),
         offset_ns=4 * HOUR_NS + 720_000_000_000 + len(name),
         hard_bound_ns=61_000,
         uncertainty_ns=9_000,

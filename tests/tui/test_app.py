@@ -6,12 +6,14 @@ from typing import Any
 import pytest
 from textual.widgets import Label, RichLog, Static
 
+from capture_app.camera_facts import TimestampSource
 from capture_app.session.format.manifest import BurstRecord, CameraRecord
 from capture_app.session.writing.store import SessionWriter
 from capture_app.sync.wire.messages import NodeState
 from capture_app.tui.app import RigApp
 from capture_app.tui.widgets.nodes import NodesTable
 from capture_app.tui.widgets.sessions import SessionsTable
+from tests.facts import make_facts
 from tests.tui.fake_rig import FakeRig, node
 
 
@@ -20,12 +22,7 @@ def session(tmp_path: Path) -> Path:
     writer = SessionWriter.create(tmp_path, "burst-001")
     camera = CameraRecord(
         name="cam00",
-        kind="simulated",
-        model="test",
-        width=4,
-        height=4,
-        period_ns=33_333_000,
-        timestamp_source="unknown",
+        facts=make_facts(width=4, height=4, period_ns=33_333_000, timestamp_source=TimestampSource.UNKNOWN),
     )
     writer.add_image(
         b"picture",

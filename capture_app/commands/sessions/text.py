@@ -107,7 +107,7 @@ def _camera(manifest: Manifest, camera: CameraRecord) -> tuple[str, ...]:
     dropped = sum(gone.dropped for gone in manifest.missing if gone.camera == camera.name)
     return (
         camera.name,
-        f"{camera.width}x{camera.height}",
+        f"{camera.facts.width}x{camera.facts.height}",
         str(len(images)),
         _worst([image.uncertainty_ns for image in images]),
         _worst([image.hard_bound_ns for image in images]),

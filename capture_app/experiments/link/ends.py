@@ -5,6 +5,7 @@ import random
 import time
 from collections import deque
 
+from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.clock import NodeClock
 from capture_app.errors import NetworkError
 from capture_app.net.address import Address, resolve
@@ -14,7 +15,6 @@ from capture_app.sync.clock.clock_sample import ClockSample
 from capture_app.sync.rig.client import BACKLOG_NS, NEAR_NS
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.wire.messages import (
-    CameraDescription,
     Goodbye,
     Hello,
     TimeReply,
@@ -28,14 +28,14 @@ from capture_app.sync.wire.messages import (
 
 HELLO_EVERY_NS = 100_000_000
 JOIN_TIMEOUT_S = 10.0
-NO_CAMERA = CameraDescription(
+NO_CAMERA = CameraFacts(
     kind="none",
     model="none",
     width=0,
     height=0,
     period_ns=33_333_333,
-    phase_control="none",
-    timestamp_source="none",
+    phase_control=PhaseControl.NONE,
+    timestamp_source=TimestampSource.UNKNOWN,
 )
 
 

@@ -6,10 +6,11 @@ from collections.abc import AsyncIterator, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 
+from capture_app.camera_facts import CameraFacts
 from capture_app.errors import BadInputError, DiskFullError, SimulshotError, TryAgainError
 from capture_app.node.burst.camera_progress import Share
 from capture_app.node.burst.interrupted import Interrupted
-from capture_app.node.burst.plans import first_plan, record_of, with_report, write_manifest
+from capture_app.node.burst.plans import first_plan, with_report, write_manifest
 from capture_app.node.transfer.incoming import Incoming
 from capture_app.node.transfer.spool import DiskThreads
 from capture_app.node.wire.messages import CameraReport, Held, ImageUpload
@@ -17,7 +18,6 @@ from capture_app.node.wire.status import BurstStatus
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
 from capture_app.session.writing.store import SessionWriter
 from capture_app.sync.rig.trigger import Burst
-from capture_app.sync.wire.messages import CameraDescription
 
 PATIENCE_NS = 10_000_000_000
 """A camera that has had no stream open for this long has left its images behind."""
@@ -32,7 +32,7 @@ class BurstSession:
     def __init__(
         self,
         burst: Burst,
-        cameras: Mapping[str, CameraDescription | CameraRecord],
+        cameras: Mapping[str, CameraFacts],
         writer: SessionWriter,
         *,
         shares: dict[str, Share] | None = None,
@@ -50,7 +50,7 @@ class BurstSession:
         self._resumed = False
         begin_ns = burst.instants_ns[-1] + AFTER_LAST_INSTANT_NS
         self._shares = shares or {
-            name: Share(record_of(name, cameras[name]), begin_ns) for name in burst.clients
+            name: Share(CameraRecord(name=name, facts=cameras[name]), begin_ns) for name in burst.clients
         }
 
     @classmethod

@@ -11,7 +11,6 @@ from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
 from capture_app.session.format.plan import CameraPlan, Plan
 from capture_app.session.writing.store import SessionWriter
-from capture_app.sync.wire.messages import CameraDescription
 
 
 def write_manifest(
@@ -31,22 +30,6 @@ def write_manifest(
     cameras = [share.report.camera if share.report else share.camera for share in shares.values()]
     origin = "simulated" if writer.knows_true_times else "captured"
     return writer.finish(cameras, burst, missing, origin).folder
-
-
-def record_of(name: str, camera: CameraDescription | CameraRecord) -> CameraRecord:
-    """The record of a camera that has not reported."""
-    if isinstance(camera, CameraRecord):
-        return camera
-    return CameraRecord(
-        name=name,
-        kind=camera.kind,
-        model=camera.model,
-        width=camera.width,
-        height=camera.height,
-        period_ns=camera.period_ns,
-        timestamp_source=camera.timestamp_source,
-        row_time_ns=camera.row_time_ns,
-    )
 
 
 def first_plan(

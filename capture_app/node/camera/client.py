@@ -6,22 +6,24 @@ import secrets
 import socket
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
 
-from capture_app.cameras.base import Camera, CameraInfo, CapturedFrame, PhaseControl
+from msgspec.structs import replace
+
+from capture_app.camera_facts import CameraFacts, PhaseControl
+from capture_app.cameras.base import Camera, CapturedFrame
 from capture_app.clock import HostClock, NodeClock
 from capture_app.errors import CameraError, NetworkError, SimulshotError
 from capture_app.net.address import Address, resolve
 from capture_app.net.multicast import BeaconEar
 from capture_app.net.udp import Pump, client_socket
-from capture_app.node.burst.plans import record_of
 from capture_app.node.camera.device_profiles import DeviceProfiles
-from capture_app.node.camera.records import camera_record, camera_report, description, event_line, true_clock
+from capture_app.node.camera.records import camera_record, camera_report, event_line, true_clock
 from capture_app.node.transfer.spool import Spool
 from capture_app.node.transfer.uploader import Uploader
 from capture_app.node.transfer.work import BurstWork
 from capture_app.node.wire.messages import JsonValue
+from capture_app.session.format.manifest import CameraRecord
 from capture_app.sync.phase.estimator import FrameStamp
 from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.events import BurstReady, CannotAlign, ClientEvent, Joined, JoinRefused, LeaderLost
@@ -69,7 +71,7 @@ class ClientNode:
         self._profiles = profiles
         self._talk = talk or _silent
         self._camera: Camera
-        self._info: CameraInfo
+        self._facts: CameraFacts
         self._engine: Client[CapturedFrame] | None = None
         self._candidates: Candidates[CapturedFrame]
         self._pump: Pump | None = None
@@ -119,16 +121,16 @@ class ClientNode:
         peers: tuple[Address, ...],
     ) -> None:
         if self._tolerance_ns is None:
-            only_restarts = self._info.phase_control is PhaseControl.RESET
+            only_restarts = self._facts.phase_control is PhaseControl.RESET
             self._tolerance_ns = RESET_TOLERANCE_NS if only_restarts else DEFAULT_TOLERANCE_NS
         config = ClientConfig(
             name=self.name,
             instance=secrets.randbits(32),
-            camera=description(self._info),
+            camera=self._facts,
             tolerance_ns=self._tolerance_ns,
             ring_frames=self._ring_frames,
-            injection_profile=self._profiles.find(self._info) if self._profiles else None,
-            start_latencies_ns=self._profiles.start_latencies_ns(self._info) if self._profiles else (),
+            injection_profile=self._profiles.find(self._facts) if self._profiles else None,
+            start_latencies_ns=self._profiles.start_latencies_ns(self._facts) if self._profiles else (),
         )
         self._engine = Client(config, random.Random(secrets.randbits(64)))
         self._engine.stream_started(started_ns)
@@ -163,7 +165,7 @@ class ClientNode:
         # A camera that was opened again counts its streams from the start; the engine's count goes on.
         self._streams_before = self._last_stream + 1
         await self._camera.start(self._frame_arrived, on_failure)
-        self._info = self._camera.info
+        self._facts = self._camera.facts
         return failed
 
     async def _keep_camera(self, failed: "asyncio.Future[Exception] | None") -> None:
@@ -177,7 +179,7 @@ class ClientNode:
                 await self._camera.stop()
                 failed = None
             await asyncio.sleep(CAMERA_RETRY_S)
-            info = self._info
+            before = self._facts
             try:
                 self._camera = self._open_camera()
                 started_ns = self._clock.now_ns()
@@ -187,9 +189,9 @@ class ClientNode:
                 self._tell_failure(str(reason))
                 continue
             # A camera that was unplugged forgets its exposure; that makes it no other camera.
-            if replace(self._info, exposure_ns=info.exposure_ns) != info:
+            if replace(self._facts, exposure_ns=before.exposure_ns) != before:
                 raise CameraError(
-                    f"another camera is there now: {self._info.model}", hint="start the node again"
+                    f"another camera is there now: {self._facts.model}", hint="start the node again"
                 )
             self._engine.stream_started(started_ns)
             self._talk("camera is back")
@@ -218,7 +220,7 @@ class ClientNode:
             if isinstance(command, RestartStream):
                 delay_ns = command.delay_ns - (given_ns - reckoned_ns)
                 # Too late for the start aimed at: the same place in a later period is as good.
-                command = RestartStream(delay_ns if delay_ns >= 0 else delay_ns % self._info.period_ns)
+                command = RestartStream(delay_ns if delay_ns >= 0 else delay_ns % self._facts.period_ns)
             try:
                 await self._camera.apply(command)
             except CameraError as error:
@@ -248,9 +250,9 @@ class ClientNode:
         assert self._engine is not None
         aligner = self._engine.aligner
         if self._profiles is not None and aligner.injection_profile is not None:
-            self._profiles.keep(self._info, aligner.injection_profile)
+            self._profiles.keep(self._facts, aligner.injection_profile)
         if self._profiles is not None and aligner.start_latencies_ns:
-            self._profiles.keep_start_latencies(self._info, aligner.start_latencies_ns)
+            self._profiles.keep_start_latencies(self._facts, aligner.start_latencies_ns)
 
     def _take_event(self, event: ClientEvent[CapturedFrame]) -> None:
         now_ns = self._clock.now_ns()
@@ -258,7 +260,7 @@ class ClientNode:
             self._uploader.add(self._work_of(event))
             return
         if isinstance(event, Joined):
-            camera = record_of(self.name, description(self._info))
+            camera = CameraRecord(name=self.name, facts=self._facts)
             leader = Address(self._candidates.leader[0], event.transfer_port)
             self._uploader.leader_found(leader, camera)
             self._ear.follow(event.beacons, leader.host)
@@ -273,13 +275,13 @@ class ClientNode:
         assert self._engine is not None
         assert self._tolerance_ns is not None
         record = camera_record(
-            self.name, self._info, ready, self._engine.aligner.corrections, self._tolerance_ns
+            self.name, self._facts, ready, self._engine.aligner.corrections, self._tolerance_ns
         )
         report = camera_report(
             record,
             ready,
             calibration=self._camera.calibration,
-            true_clock=true_clock(self._clock, self._info),
+            true_clock=true_clock(self._clock, self._facts),
             events=tuple(self._events),
         )
         self._events.clear()

@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 from platformdirs import user_data_path
 
-from capture_app.cameras.base import CameraInfo
+from capture_app.camera_facts import CameraFacts
 from capture_app.sync.phase.injection import InjectionProfile
 
 FILE = "device-profiles.json"
@@ -31,37 +31,37 @@ class DeviceProfiles:
         """`folder`: another one than the user's data folder, $XDG_DATA_HOME/simulshot on Linux."""
         self._path = (folder or user_data_path("simulshot")) / FILE
 
-    def find(self, info: CameraInfo) -> InjectionProfile | None:
+    def find(self, facts: CameraFacts) -> InjectionProfile | None:
         """What a long frame does to cameras like this one; None where it is not known."""
-        known = self._entry(info).injection
+        known = self._entry(facts).injection
         if known is None or known.gain not in (1, 2, 3) or known.row_time_ns <= 0:
             return None
         return InjectionProfile(known.row_time_ns, known.gain, known.neutral_rows)
 
-    def start_latencies_ns(self, info: CameraInfo) -> tuple[int, ...]:
+    def start_latencies_ns(self, facts: CameraFacts) -> tuple[int, ...]:
         """How long starts of cameras like this one took, modulo the period in ns, newest last."""
-        return self._entry(info).start_latencies_ns[-MOST_LATENCIES:]
+        return self._entry(facts).start_latencies_ns[-MOST_LATENCIES:]
 
-    def keep(self, info: CameraInfo, profile: InjectionProfile) -> bool:
+    def keep(self, facts: CameraFacts, profile: InjectionProfile) -> bool:
         """Keep what a long frame does to cameras like this one; False where it cannot be written."""
         known = _Injection(
             row_time_ns=profile.row_time_ns, gain=profile.gain, neutral_rows=profile.neutral_rows
         )
-        return self._write(info, msgspec.structs.replace(self._entry(info), injection=known))
+        return self._write(facts, msgspec.structs.replace(self._entry(facts), injection=known))
 
-    def keep_start_latencies(self, info: CameraInfo, latencies_ns: tuple[int, ...]) -> bool:
+    def keep_start_latencies(self, facts: CameraFacts, latencies_ns: tuple[int, ...]) -> bool:
         """Keep how long starts took, in the place of what was known; False where it cannot be written."""
         newest = latencies_ns[-MOST_LATENCIES:]
-        return self._write(info, msgspec.structs.replace(self._entry(info), start_latencies_ns=newest))
+        return self._write(facts, msgspec.structs.replace(self._entry(facts), start_latencies_ns=newest))
 
-    def _entry(self, info: CameraInfo) -> _Entry:
-        return self._read().get(_key(info), _Entry())
+    def _entry(self, facts: CameraFacts) -> _Entry:
+        return self._read().get(_key(facts), _Entry())
 
-    def _write(self, info: CameraInfo, entry: _Entry) -> bool:
+    def _write(self, facts: CameraFacts, entry: _Entry) -> bool:
         entries = self._read()
-        if entries.get(_key(info)) == entry:
+        if entries.get(_key(facts)) == entry:
             return True
-        entries[_key(info)] = entry
+        entries[_key(facts)] = entry
         part = self._path.with_name(f"{FILE}.{os.getpid()}.part")
         try:
             self._path.parent.mkdir(parents=True, exist_ok=True)
@@ -78,6 +78,6 @@ class DeviceProfiles:
             return {}
 
 
-def _key(info: CameraInfo) -> str:
-    exposure_ns = info.exposure_ns or 0
-    return f"{info.kind}/{info.model}/{info.width}x{info.height}/{info.period_ns}/{exposure_ns}"
+def _key(facts: CameraFacts) -> str:
+    exposure_ns = facts.exposure_ns or 0
+    return f"{facts.kind}/{facts.model}/{facts.width}x{facts.height}/{facts.period_ns}/{exposure_ns}"

@@ -4,7 +4,7 @@ from typing import Any
 
 import msgspec
 
-from capture_app.cameras.base import CameraInfo
+from capture_app.camera_facts import SIMULATED, CameraFacts
 from capture_app.clock import NodeClock, SimulatedClock
 from capture_app.node.wire.messages import CameraReport, JsonValue, TrueClock
 from capture_app.session.format.calibration import CameraCalibration
@@ -24,14 +24,10 @@ from capture_app.sync.rig.events import (
     PhaseCorrected,
 )
 from capture_app.sync.rig.trigger import DROPPED
-from capture_app.sync.wire.messages import CameraDescription
-
-SIMULATED = "sim"
-"""The kind of simulated cameras."""
 
 
 def camera_record(
-    name: str, info: CameraInfo, ready: BurstReady[Any], corrections: int, tolerance_ns: int
+    name: str, facts: CameraFacts, ready: BurstReady[Any], corrections: int, tolerance_ns: int
 ) -> CameraRecord:
     """The manifest's record of a camera at a burst; `corrections` counts those of the phase until then.
 
@@ -41,13 +37,7 @@ def camera_record(
     correction = time_map.correction
     return CameraRecord(
         name=name,
-        kind=info.kind,
-        model=info.model,
-        width=info.width,
-        height=info.height,
-        period_ns=info.period_ns,
-        timestamp_source=str(info.timestamp_source),
-        row_time_ns=info.row_time_ns,
+        facts=facts,
         clock=ClockRecord(
             epoch_local_ns=time_map.epoch_local_ns,
             offset_ns=time_map.offset_ns,
@@ -62,7 +52,6 @@ def camera_record(
         phase=None
         if phase is None
         else PhaseRecord(
-            control=str(info.phase_control),
             residual_ns=phase.error_ns,
             period_ns=round(phase.period_ns),
             drift_ppm=phase.drift_ppm,
@@ -99,32 +88,13 @@ def camera_report(
     )
 
 
-def description(info: CameraInfo) -> CameraDescription:
-    """What the engine needs to know of a camera."""
-    return CameraDescription(
-        kind=info.kind,
-        model=info.model,
-        width=info.width,
-        height=info.height,
-        period_ns=info.period_ns,
-        phase_control=str(info.phase_control),
-        timestamp_source=str(info.timestamp_source),
-        row_time_ns=info.row_time_ns,
-        exposure_ns=info.exposure_ns,
-        min_exposure_ns=info.min_exposure_ns,
-        max_exposure_ns=info.max_exposure_ns,
-        min_frame_duration_ns=info.min_frame_duration_ns,
-        max_frame_duration_ns=info.max_frame_duration_ns,
-    )
-
-
-def true_clock(clock: NodeClock, info: CameraInfo) -> TrueClock | None:
+def true_clock(clock: NodeClock, facts: CameraFacts) -> TrueClock | None:
     """The truth about a node's clock, where the simulator knows it."""
     if isinstance(clock, SimulatedClock):
         return TrueClock(
             offset_ns=clock.offset_ns, skew_ppm=clock.skew_ppm, epoch_true_ns=clock.epoch_true_ns
         )
-    return TrueClock(offset_ns=0, skew_ppm=0.0, epoch_true_ns=0) if info.kind == SIMULATED else None
+    return TrueClock(offset_ns=0, skew_ppm=0.0, epoch_true_ns=0) if facts.kind == SIMULATED else None
 
 
 def event_line(event: ClientEvent[Any]) -> dict[str, JsonValue]:

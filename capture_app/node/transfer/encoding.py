@@ -16,7 +16,6 @@ from capture_app.node.transfer.spool import Spool
 from capture_app.node.transfer.work import BurstWork, Developed
 from capture_app.node.wire.messages import CameraReport, ImageUpload
 from capture_app.session.format.manifest import ImageRecord, MissingImage, image_path
-from capture_app.session.format.rows import exposure_start_ns
 from capture_app.sync.rig.trigger import Pick
 
 
@@ -46,7 +45,7 @@ def develop(report: CameraReport, pick: Pick[CapturedFrame]) -> tuple[ImageUploa
         residual_ns=pick.residual_ns,
         uncertainty_ns=pick.uncertainty_ns,
         hard_bound_ns=pick.hard_bound_ns,
-        exposure_start_ns=exposure_start_ns(camera, pick.leader_ns, frame.exposure_ns),
+        exposure_start_ns=camera.facts.exposure_start_ns(pick.leader_ns, frame.exposure_ns),
         exposure_ns=frame.exposure_ns,
         gain=frame.gain,
         white_balance=frame.white_balance,

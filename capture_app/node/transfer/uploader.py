@@ -264,7 +264,8 @@ class Uploader:
         self._space_is_due = False
         if self.spool is None or self._camera is None:
             return
-        size = self._developer.image_bytes or guessed_image_bytes(self._camera.width, self._camera.height)
+        facts = self._camera.facts
+        size = self._developer.image_bytes or guessed_image_bytes(facts.width, facts.height)
         space = NodeSpace(
             camera=self._camera.name,
             free_bytes=free_bytes(self.spool.folder),

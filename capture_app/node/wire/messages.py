@@ -4,9 +4,10 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
+from capture_app.camera_facts import Count
 from capture_app.node.wire.status import BurstStatus, RigStatus
 from capture_app.session.format.calibration import CameraCalibration
-from capture_app.session.format.manifest import CameraRecord, Count, ImageRecord, MissingImage, Sha256
+from capture_app.session.format.manifest import CameraRecord, ImageRecord, MissingImage, Sha256
 
 JsonValue = int | float | str | bool | None
 

@@ -2,6 +2,7 @@
 
 from msgspec import Struct
 
+from capture_app.camera_facts import CameraFacts
 from capture_app.sync.wire.messages import NodeState
 
 
@@ -11,9 +12,7 @@ class NodeStatus(Struct, frozen=True, kw_only=True):
     name: str
     address: str
     state: NodeState
-    kind: str
-    model: str
-    phase_control: str
+    camera: CameraFacts
     offset_ns: int | None = None
     hard_bound_ns: int | None = None
     uncertainty_ns: int | None = None

@@ -4,6 +4,8 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
+from capture_app.camera_facts import CameraFacts, Count, Positive
+
 SCHEMA_VERSION = 1
 MANIFEST = "session.json"
 JOURNAL = "journal.ndjson"
@@ -14,8 +16,6 @@ RECIPE = "recipe.json"
 IMAGES = "images"
 RIG = "rig1"
 
-Count = Annotated[int, Meta(ge=0)]
-Positive = Annotated[int, Meta(gt=0)]
 Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
 """Names of cameras and sessions become folder names: nothing that could leave the session."""
 Sha256 = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}$")]
@@ -44,7 +44,6 @@ class ClockRecord(_Record, frozen=True, kw_only=True, omit_defaults=True):
 class PhaseRecord(_Record, frozen=True, kw_only=True):
     """How a camera's stream was moved onto the rig's grid of instants."""
 
-    control: str
     residual_ns: int
     period_ns: Positive
     drift_ppm: float
@@ -55,18 +54,17 @@ class PhaseRecord(_Record, frozen=True, kw_only=True):
 
 
 class CameraRecord(_Record, frozen=True, kw_only=True):
-    """One camera of the rig; `row_time_ns` is the readout time of one row."""
+    """One camera of the rig: what it is, and how its clock and phase stood when the burst was taken."""
 
     name: Name
-    kind: str
-    model: str
-    width: Positive
-    height: Positive
-    period_ns: Positive
-    timestamp_source: str
-    row_time_ns: Count | None = None
+    facts: CameraFacts
     clock: ClockRecord | None = None
     phase: PhaseRecord | None = None
+
+    def __post_init__(self) -> None:
+        """Raise ValueError for a camera without pixels."""
+        if not (self.facts.width and self.facts.height):
+            raise ValueError(f"{self.name} has no pixels: {self.facts.width}x{self.facts.height}")
 
 
 class BurstRecord(_Record, frozen=True, kw_only=True):

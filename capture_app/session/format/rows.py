@@ -11,9 +11,6 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-START_OF_EXPOSURE = "start-of-exposure"
-END_OF_FRAME = "end-of-frame"
-
 
 @dataclass(frozen=True, slots=True)
 class RowExposures:
@@ -41,19 +38,7 @@ class RowExposures:
 
 def row_exposures(camera: CameraRecord, image: ImageRecord) -> RowExposures | None:
     """When the rows of an image were exposed; None where its start, exposure or row time is not known."""
-    if image.exposure_start_ns is None or image.exposure_ns is None or camera.row_time_ns is None:
+    row_time_ns, rows = camera.facts.row_time_ns, camera.facts.height
+    if image.exposure_start_ns is None or image.exposure_ns is None or row_time_ns is None:
         return None
-    return RowExposures(image.exposure_start_ns, image.exposure_ns, camera.row_time_ns, camera.height)
-
-
-def exposure_start_ns(camera: CameraRecord, leader_ns: int, exposure_ns: int | None) -> int | None:
-    """Leader time in ns at which the first row's exposure begins, of a frame stamped at `leader_ns`.
-
-    A stamp at the end of the frame is later by the exposure and the readout of all rows but the first.
-    None where the stamp's moment, or what would be taken off it, is not known.
-    """
-    if camera.timestamp_source == START_OF_EXPOSURE:
-        return leader_ns
-    if camera.timestamp_source != END_OF_FRAME or exposure_ns is None or camera.row_time_ns is None:
-        return None
-    return leader_ns - exposure_ns - (camera.height - 1) * camera.row_time_ns
+    return RowExposures(image.exposure_start_ns, image.exposure_ns, row_time_ns, rows)

@@ -4,6 +4,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.errors import BadInputError
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
 from capture_app.session.importers.calibration import Fit, fit_calibration, read_views
@@ -77,12 +78,15 @@ def import_recording(
         cameras = [
             CameraRecord(
                 name=source.name,
-                kind="imported",
-                model=source.kind,
-                width=sizes[source.name][0],
-                height=sizes[source.name][1],
-                period_ns=timeline.camera_periods_ns[source.name],
-                timestamp_source="unknown",
+                facts=CameraFacts(
+                    kind="imported",
+                    model=source.kind,
+                    width=sizes[source.name][0],
+                    height=sizes[source.name][1],
+                    period_ns=timeline.camera_periods_ns[source.name],
+                    timestamp_source=TimestampSource.UNKNOWN,
+                    phase_control=PhaseControl.NONE,
+                ),
             )
             for source in sources
         ]

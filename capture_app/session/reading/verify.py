@@ -22,7 +22,6 @@ from capture_app.session.format.manifest import (
     ClockRecord,
     ImageRecord,
 )
-from capture_app.session.format.rows import exposure_start_ns
 from capture_app.session.reading.checksums import changed_files
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.synchronization import sync_record
@@ -139,8 +138,8 @@ def _picture(path: str, data: bytes, camera: CameraRecord) -> Iterator[Problem]:
     size = image_size(data)
     if size is None:
         yield Problem(ProblemKind.UNREADABLE, path, "not an image that can be decoded")
-    elif size != (camera.width, camera.height):
-        what = f"{size[0]}x{size[1]} pixels; {camera.name} takes {camera.width}x{camera.height}"
+    elif size != (camera.facts.width, camera.facts.height):
+        what = f"{size[0]}x{size[1]} pixels; {camera.name} takes {camera.facts.width}x{camera.facts.height}"
         yield Problem(ProblemKind.CONTRADICTORY, path, what)
 
 
@@ -165,7 +164,7 @@ def _times(session: Session, record: ImageRecord) -> Iterator[Problem]:
         what = f"residual_ns is {record.residual_ns}; its times say {record.leader_ns - instant_ns}"
         yield Problem(ProblemKind.CONTRADICTORY, record.path, what)
     camera = session.camera(record.camera)
-    start_ns = exposure_start_ns(camera, record.leader_ns, record.exposure_ns)
+    start_ns = camera.facts.exposure_start_ns(record.leader_ns, record.exposure_ns)
     if record.exposure_start_ns not in (None, start_ns):
         what = f"exposure_start_ns is {record.exposure_start_ns}; the stamp says {start_ns}"
         yield Problem(ProblemKind.CONTRADICTORY, record.path, what)
@@ -227,7 +226,7 @@ def _calibration(session: Session) -> Iterator[Problem]:
     for name, of in (calibration.cameras if calibration else {}).items():
         if name not in known:
             yield Problem(ProblemKind.CONTRADICTORY, CALIBRATION, f"is of a camera {name} that did not film")
-        elif (of.width, of.height) != (known[name].width, known[name].height):
+        elif (of.width, of.height) != (known[name].facts.width, known[name].facts.height):
             what = f"{name} is calibrated for {of.width}x{of.height} pixels, not its own size"
             yield Problem(ProblemKind.CONTRADICTORY, CALIBRATION, what)
 

@@ -3,6 +3,7 @@
 All run at 33.333 ms, made of different whole rows, as the mixed devices of a real rig would be set up.
 """
 
+from capture_app.camera_facts import SIMULATED, CameraFacts, PhaseControl, TimestampSource
 from capture_app.errors import BadInputError
 from capture_app.simulation.devices.sensor import SensorProfile
 
@@ -86,3 +87,26 @@ def find_profile(name: str) -> SensorProfile:
         raise BadInputError(
             f"unknown simulated camera {name!r}", hint=f"there are {', '.join(PROFILES)}"
         ) from None
+
+
+def facts_of(profile: SensorProfile, *, width: int, height: int) -> CameraFacts:
+    """What a camera of that model tells of itself when its pictures are so many pixels large.
+
+    Injection's gain and overhead are not for it to know.
+    """
+    return CameraFacts(
+        kind=SIMULATED,
+        model=profile.model,
+        width=width,
+        height=height,
+        pixel_format="JPEG",
+        period_ns=profile.period_ns,
+        timestamp_source=TimestampSource.START_OF_EXPOSURE,
+        phase_control=PhaseControl(profile.phase_control),
+        row_time_ns=profile.row_time_ns,
+        exposure_ns=profile.whole_rows(profile.exposure_ns) * profile.row_time_ns,
+        min_exposure_ns=profile.min_exposure_ns,
+        max_exposure_ns=profile.max_exposure_ns,
+        min_frame_duration_ns=profile.min_frame_duration_ns,
+        max_frame_duration_ns=profile.max_frame_duration_ns,
+    )

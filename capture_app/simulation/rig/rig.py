@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from functools import partial
 
 from capture_app.clock import SimulatedClock
+from capture_app.simulation.devices.profiles import facts_of
 from capture_app.simulation.devices.sensor import Sensor, SensorFrame, SensorProfile
 from capture_app.simulation.network.broadcast import Ear, RadioCell, heard
 from capture_app.simulation.network.link import PAPER_LINK, Air, Channel, Link, Medium
@@ -22,31 +23,12 @@ from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.trigger import Burst
 from capture_app.sync.wire.beacon import Group
 from capture_app.sync.wire.camera_commands import InjectFrame, RestartStream, SetFrameDuration
-from capture_app.sync.wire.messages import CameraDescription, NodeState
+from capture_app.sync.wire.messages import NodeState
 
 _DELIVERY_NS = 5_000_000
 """From a frame's last row to the driver's callback."""
 PLAIN_EAR = Ear()
 _GROUP = Group("239.255.47.10", 47011)
-
-
-def describe(profile: SensorProfile) -> CameraDescription:
-    """What a client tells about a simulated camera; gain and overhead are not for it to know."""
-    return CameraDescription(
-        kind="simulated",
-        model=profile.model,
-        width=profile.image_width,
-        height=profile.image_rows,
-        period_ns=profile.period_ns,
-        phase_control=profile.phase_control,
-        timestamp_source="start-of-exposure",
-        row_time_ns=profile.row_time_ns,
-        exposure_ns=profile.exposure_ns,
-        min_exposure_ns=profile.min_exposure_ns,
-        max_exposure_ns=profile.max_exposure_ns,
-        min_frame_duration_ns=profile.min_frame_duration_ns,
-        max_frame_duration_ns=profile.max_frame_duration_ns,
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +104,7 @@ class VirtualRig:
         config = ClientConfig(
             spec.name,
             rng.getrandbits(32),
-            describe(spec.profile),
+            facts_of(spec.profile, width=spec.profile.image_width, height=spec.profile.image_rows),
             spec.tolerance_ns,
             ring_frames=60,
             injection_profile=spec.injection_profile,

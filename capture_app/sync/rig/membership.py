@@ -2,15 +2,16 @@
 
 from dataclasses import dataclass
 
+from capture_app.camera_facts import CameraFacts
 from capture_app.sync.phase.goal import Goal
-from capture_app.sync.wire.messages import CameraDescription, HeartbeatAck, Welcome, offset_ns
+from capture_app.sync.wire.messages import HeartbeatAck, Welcome
 
 
 @dataclass(slots=True)
 class Membership:
     """What the leader told this client since it joined, and when it was last heard, local ns."""
 
-    camera: CameraDescription
+    camera: CameraFacts
     """This client's."""
     leader: int
     client: int
@@ -24,7 +25,7 @@ class Membership:
     """Whether it has answered since."""
 
     @classmethod
-    def begin(cls, camera: CameraDescription, welcome: Welcome, now_ns: int) -> "Membership":
+    def begin(cls, camera: CameraFacts, welcome: Welcome, now_ns: int) -> "Membership":
         """Join with a welcome that arrived at `now_ns`."""
         goal = Goal(welcome.anchor_leader_ns, welcome.period_ns)
         return cls(camera, welcome.leader, welcome.client, goal, now_ns, welcome.align_row)
@@ -40,7 +41,11 @@ class Membership:
     @property
     def offset_ns(self) -> int:
         """Time from a frame's timestamp to the moment of it that is aligned; 0 where nobody can tell."""
-        return offset_ns(self.camera, self.align_row) or 0
+        return self._offset_ns or 0
+
+    @property
+    def _offset_ns(self) -> int | None:
+        return 0 if self.align_row is None else self.camera.mid_exposure_offset_ns(self.align_row)
 
     @property
     def goal_of_stamps(self) -> Goal:
@@ -50,7 +55,7 @@ class Membership:
     @property
     def why_no_centre(self) -> str:
         """Say that exposure centres were asked for and this camera's is not known; else empty."""
-        if offset_ns(self.camera, self.align_row) is not None:
+        if self._offset_ns is not None:
             return ""
         return "its rows or exposure are not known: it is aligned by its timestamps, not by a row's centre"
 

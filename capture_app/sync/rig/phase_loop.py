@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from msgspec.structs import replace
 
+from capture_app.camera_facts import CameraFacts
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.estimator import PhaseEstimate
@@ -13,7 +14,7 @@ from capture_app.sync.phase.injection import InjectionProfile
 from capture_app.sync.rig.events import CannotAlign, PhaseCorrected
 from capture_app.sync.rig.membership import Membership
 from capture_app.sync.wire.camera_commands import CameraCommand
-from capture_app.sync.wire.messages import CameraDescription, Report
+from capture_app.sync.wire.messages import Report
 
 
 @dataclass(frozen=True, slots=True)
@@ -22,7 +23,7 @@ class ClientConfig:
 
     name: str
     instance: int
-    camera: CameraDescription
+    camera: CameraFacts
     tolerance_ns: int
     ring_frames: int
     injection_profile: InjectionProfile | None = None

@@ -4,6 +4,7 @@ import random
 import re
 from dataclasses import dataclass
 
+from capture_app.camera_facts import CameraFacts
 from capture_app.sync.phase.goal import MAX_PERIOD_NS, MIN_PERIOD_NS
 from capture_app.sync.phase.shared_goal import WEIGHTS, CameraPhase
 from capture_app.sync.rig.events import NodeJoined, NodeLost, NodeMoved, NodeReturned
@@ -11,7 +12,6 @@ from capture_app.sync.wire.messages import (
     CLOCK_ONLY,
     NOBODY,
     WITHOUT_CAMERA,
-    CameraDescription,
     Hello,
     NodeState,
     Report,
@@ -34,7 +34,7 @@ class ClientView:
 
     name: str
     address: Address
-    camera: CameraDescription
+    camera: CameraFacts
     report: Report
     age_ns: int
     via: str | None = None
@@ -49,7 +49,7 @@ class Member:
     instance: int
     number: int
     address: Address
-    camera: CameraDescription
+    camera: CameraFacts
     report: Report
     heard_ns: int
     slot: float

@@ -2,12 +2,13 @@
 
 from dataclasses import dataclass
 
+from capture_app.camera_facts import CameraFacts
 from capture_app.sync.clock.upstream_map import UpstreamMap
 from capture_app.sync.phase.goal import Goal
 from capture_app.sync.phase.shared_goal import SharedGoal
 from capture_app.sync.rig.roster import Member
 from capture_app.sync.wire.beacon import Group
-from capture_app.sync.wire.messages import WITHOUT_CAMERA, CameraDescription, HeartbeatAck, Hello, Welcome
+from capture_app.sync.wire.messages import WITHOUT_CAMERA, HeartbeatAck, Hello, Welcome
 
 
 @dataclass(slots=True)
@@ -33,7 +34,7 @@ class Terms:
         """The grid of instants that all cameras are moved onto; None before the first client."""
         return None if self.shared_goal is None else self.shared_goal.goal
 
-    def begin(self, camera: CameraDescription, now_ns: int) -> bool:
+    def begin(self, camera: CameraFacts, now_ns: int) -> bool:
         """Lay a grid at the rate of the first camera; whether it is another one than before."""
         is_camera = camera.kind not in WITHOUT_CAMERA
         if self.shared_goal is not None and (self.of_cameras or not is_camera):

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 from msgspec import structs
 
+from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.sync.clock.clock_filter import ClockFilter
 from capture_app.sync.clock.clock_sample import ClockSample
 from capture_app.sync.clock.time_map import TimeMap
@@ -22,7 +23,6 @@ from capture_app.sync.rig.timekeeper import time_report
 from capture_app.sync.wire.messages import (
     CLOCK_ONLY,
     NOBODY,
-    CameraDescription,
     Control,
     Goodbye,
     Heartbeat,
@@ -85,14 +85,14 @@ WINDOW_NS = 300_000 * _MS
 """Several rounds, for the skew between them; any longer, and a clock is no longer a straight line."""
 FURTHEST_NS = 2**62
 """No clock is further from the root's, and no relay could tell its clients so."""
-CLOCK = CameraDescription(
+CLOCK = CameraFacts(
     kind=CLOCK_ONLY,
     model="",
     width=0,
     height=0,
     period_ns=33_333_333,
-    phase_control="none",
-    timestamp_source="none",
+    phase_control=PhaseControl.NONE,
+    timestamp_source=TimestampSource.UNKNOWN,
 )
 
 
@@ -103,7 +103,7 @@ class FollowerConfig:
     name: str
     instance: int
     parents: tuple[Address, ...]
-    camera: CameraDescription = CLOCK
+    camera: CameraFacts = CLOCK
     """What it tells of itself; a relay of cameras is of another kind."""
     heartbeat_every_ns: int | None = None
     """Without it, it speaks once a round, and notices but then that its parent is silent."""

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import msgspec
 
+from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.sync.clock.upstream_map import upstream_map
 from capture_app.sync.phase.shared_goal import SharedGoal
 from capture_app.sync.rig.events import LeaderEvent
@@ -18,7 +19,6 @@ from capture_app.sync.tree.follower import Address, Follower, FollowerConfig, Fo
 from capture_app.sync.wire.messages import (
     NOBODY,
     RELAY,
-    CameraDescription,
     FromClient,
     Heartbeat,
     HeartbeatAck,
@@ -33,14 +33,14 @@ from capture_app.sync.wire.messages import (
 )
 
 HEARTBEAT_EVERY_NS = 500_000_000
-OF_CAMERAS = CameraDescription(
+OF_CAMERAS = CameraFacts(
     kind=RELAY,
     model="relay",
     width=0,
     height=0,
     period_ns=33_333_333,
-    phase_control="none",
-    timestamp_source="none",
+    phase_control=PhaseControl.NONE,
+    timestamp_source=TimestampSource.UNKNOWN,
 )
 """What a relay tells of itself whose clients have cameras: it is to notice within seconds who is gone."""
 

@@ -11,6 +11,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta, Struct
 
+from capture_app.camera_facts import CameraFacts
 from capture_app.sync.clock.upstream_map import UpstreamMap
 from capture_app.sync.wire.beacon import Agreed, Beacon, Group, Heard
 
@@ -80,30 +81,12 @@ class TimeReply(Struct, frozen=True):
     t2_ns: int
 
 
-class CameraDescription(Struct, frozen=True, kw_only=True, array_like=True):
-    """What a client's camera is and can do; times in ns."""
-
-    kind: Text
-    model: Text
-    width: int
-    height: int
-    period_ns: int
-    phase_control: Text
-    timestamp_source: Text
-    row_time_ns: int | None = None
-    exposure_ns: int | None = None
-    min_exposure_ns: int | None = None
-    max_exposure_ns: int | None = None
-    min_frame_duration_ns: int | None = None
-    max_frame_duration_ns: int | None = None
-
-
 class Hello(Struct, frozen=True, tag="hello"):
     """A client wants to join; `instance` tells one run of it from the next."""
 
     name: Name
     instance: int
-    camera: CameraDescription
+    camera: CameraFacts
     via: Name | None = None
     """The relay that it joined, where relays pass this on; None where it asks for itself."""
 
@@ -310,21 +293,3 @@ def reply_before_t2(request: TimeRequest, t1_ns: int) -> bytes:
 def reply_at(before: bytes, t2_ns: int) -> bytes:
     """Return the datagram of a TimeReply."""
     return before + _T2.pack(t2_ns)
-
-
-def offset_ns(camera: CameraDescription, share: float | None) -> int | None:
-    """Time in ns from a frame's timestamp to the middle of the exposure of the row at that share of height.
-
-    0 for `share` None: the timestamp itself is aligned. None where the camera's rows or exposure, or what its
-    timestamps mean, is not known.
-    """
-    if share is None:
-        return 0
-    if camera.row_time_ns is None or camera.exposure_ns is None:
-        return None
-    below = round(share * (camera.height - 1))
-    if camera.timestamp_source == "start-of-exposure":
-        return below * camera.row_time_ns + camera.exposure_ns // 2
-    if camera.timestamp_source == "end-of-frame":
-        return -(camera.height - 1 - below) * camera.row_time_ns - camera.exposure_ns // 2
-    return None

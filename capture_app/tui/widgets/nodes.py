@@ -61,6 +61,6 @@ def _cells(node: NodeStatus, *, wide: bool) -> list[Text]:
     drops = Text(str(node.drops), style=plain or ("yellow" if node.drops else ""), justify="right")
     if not wide:
         return [name, state, offset, bound, trip, phase, drops]
-    model = Text(printable(node.model), style="dim")
+    model = Text(printable(node.camera.model), style="dim")
     mark = Text(gauge(None if gone else node.phase_error_ns, GAUGE_WIDTH), style=phase_style)
     return [name, state, model, offset, bound, trip, phase, mark, drops]

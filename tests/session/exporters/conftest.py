@@ -14,6 +14,7 @@ from capture_app.session.exporters.registry import ExportReport, export_session
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
 from capture_app.session.writing.store import Session, SessionWriter
+from tests.facts import make_facts
 
 WIDTH, HEIGHT = 96, 64
 PERIOD_NS = 33_366_701
@@ -119,13 +120,7 @@ def build(folder: Path, recipe: Recipe) -> Session:
         writer.set_calibration(Calibration(cameras=cameras, unit=recipe.unit))
     records = [
         CameraRecord(
-            name=name,
-            kind="sim",
-            model="test",
-            width=sizes[name][0],
-            height=sizes[name][1],
-            period_ns=PERIOD_NS,
-            timestamp_source="start-of-exposure",
+            name=name, facts=make_facts(width=sizes[name][0], height=sizes[name][1], period_ns=PERIOD_NS)
         )
         for name in DISTORTIONS
     ]

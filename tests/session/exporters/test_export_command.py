@@ -124,7 +124,7 @@ def test_images_that_lie_about_themselves(make: Make, refuses: Callable[..., Non
 
     def claim(content: dict[str, object]) -> None:
         for camera in content["cameras"]:  # type: ignore[attr-defined]
-            camera["width"] = 96
+            camera["facts"]["width"] = 96
 
     rewrite(session, claim)
     calibration = session.folder / "calibration.json"

@@ -70,8 +70,8 @@ class Burst:
 
     def size(self, camera: str) -> tuple[int, int]:
         """Width and height in pixels of a camera's images."""
-        record = self.session.camera(camera)
-        return record.width, record.height
+        facts = self.session.camera(camera).facts
+        return facts.width, facts.height
 
     def read(self, image: ImageRecord) -> bytes:
         """The bytes of an image's file, as they were saved.

@@ -4,10 +4,10 @@
 # make test-slurm   batches on a real SLURM of this one machine (root)
 # make test-slow   the tests that take minutes
 # make samples   render the sample sessions again from their recipes: the same bytes
-# make bench-sync   clock synchronization on an emulated WiFi link, beside other filters (root, 10 min)
+# make bench-sync   clock synchronization on an emulated WiFi link, beside other filters (root, 10 min; BENCH=--quick: 1 min)
 # make bench-multiview   depth from many views, beside a plain sweep and SGBM (BENCH="--scene plain ...")
 # make test-crash   writers killed at every step, every bit flipped (slow)
-# make bench-reference   nodes that hear the same multicast beacons, in network namespaces (root, 3 min)
+# make bench-reference   nodes that hear the same multicast beacons, on emulated links (root, 3 min)
 # make bench-relay   a rig with cameras below a relay, over two emulated WiFi links (root, 6 min)
 # make bench-clients   a thousand clients of one leader over real UDP, half a minute
 # make help   all targets

@@ -1,8 +1,8 @@
-"""Reference broadcast between real processes: a leader and three nodes in network namespaces on one bridge.
+"""Reference broadcast between real processes: a leader and three nodes in network namespaces.
 
-Beacons are real multicast over the bridge. All that goes to one address only passes a proxy that delays it,
-with a different asymmetry for each node. All namespaces share one kernel clock, so the truth is known: every
-offset should be 0. Needs root. Prints a table; `--json` prints one object instead.
+Each node's link to the leader is an emulated one, with an asymmetry of its own; multicast, and so every
+beacon, passes a bridge instead and reaches all within microseconds. All namespaces share one kernel clock:
+every offset should be 0. Needs Linux and root. Prints a table; `--json` prints one object instead.
 """
 
 import argparse
@@ -10,30 +10,26 @@ import asyncio
 import contextlib
 import json
 import os
-import shutil
-import subprocess
 import sys
-import tempfile
 import time
-from collections.abc import Iterator
 from itertools import combinations
-from pathlib import Path
 from typing import Any
+
+from emulated_link.delays import Delays, EmulatedLink
+from emulated_link.network import CAPTURE_APP, Network, read_output, running
+from report import new_parser, print_circumstances, print_report, print_table
 
 from capture_app.errors import SimulshotError
 from capture_app.net.address import Address
 from capture_app.node.leader.control import ask_status
 
-ROOT = Path(__file__).resolve().parents[1]
-PREFIX = "rb"
 PORT = 47010
-LEADER, NODE, PROXY = "10.79.0.1", "10.79.0.1{}", "10.79.0.2{}"
-CAPTURE_APP = (sys.executable, "-m", "capture_app.cli")
-TAILS_US = (1399, 616)
+LEADER, NODE = "10.79.0.1", "10.79.0.1{}"
+TAILS_US = (1399.0, 616.0)
 """Mean delay beyond the least, to the leader and from it, as on the paper's link; Gamma of shape 2."""
 LINKS = {
-    "own asymmetries": ((400, 800), (479, 517), (800, 400)),
-    "all alike": ((479, 517),) * 3,
+    "own asymmetries": ((400.0, 800.0), (479.0, 517.0), (800.0, 400.0)),
+    "all alike": ((479.0, 517.0),) * 3,
 }
 """Least delay in us to the leader and from it, of each node."""
 SETTLED_S = 20.0
@@ -42,132 +38,68 @@ TARGET_SHARE = 0.25
 
 
 def main() -> int:
-    """Run both cases; 0 if agreement brings nodes nearer and no bound broke, 1 if not, 0 where skipped."""
-    options = _options()
-    if options.poll is not None:
-        return asyncio.run(_poll(options.poll))
-    reason = _why_not()
-    if reason:
-        print(f"bench-reference skipped: {reason}", file=sys.stderr)
-        return 0
-    results = {}
-    for name, links in LINKS.items():
-        print(f"measuring: {name}, {options.seconds:g} s ...", file=sys.stderr)
-        with _namespaces(len(links)):
-            results[name] = _figures(_measure(links, options))
-    report = {"kind": "emulated link", "load_average": os.getloadavg()[0], "cases": results}
-    if options.json:
-        print(json.dumps(report, indent=2))
-    else:
-        _print(report)
-    return 0 if all(case["met"] for case in results.values()) else 1
-
-
-def _options() -> argparse.Namespace:
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    """Run both cases; 0 if agreement brings nodes nearer and no bound broke, 1 if not."""
+    parser = new_parser(__doc__, seed_of="the delays")
     parser.add_argument("--seconds", type=float, default=60.0, help="length of each case (60)")
-    parser.add_argument("--seed", type=int, default=1, help="seed of the delays (1)")
-    parser.add_argument("--json", action="store_true", help="print JSON")
     parser.add_argument("--poll", type=float, help=argparse.SUPPRESS)
     options = parser.parse_args()
     if not SETTLED_S + 10.0 <= options.seconds <= 600.0:
         parser.error(f"{SETTLED_S + 10.0:g} to 600 seconds")
-    return options
+    if options.poll is not None:
+        return asyncio.run(_poll(options.poll))
+    results, links = {}, []
+    for name, least_us in LINKS.items():
+        print(f"measuring: {name}, {options.seconds:g} s ...", file=sys.stderr)
+        with Network() as network:
+            lines, reports = _measure(network, least_us, options)
+        results[name] = _figures(lines)
+        links += reports
+    report = {
+        "kind": "emulated link",
+        "load_average": os.getloadavg()[0],
+        "cases": results,
+        "links": links,
+    }
+    print_report(report, _print, as_json=options.json)
+    return 0 if all(case["met"] for case in results.values()) else 1
 
 
-def _why_not() -> str:
-    if not sys.platform.startswith("linux") or os.geteuid() != 0:
-        return "network namespaces need Linux and root"
-    if shutil.which("ip") is None:
-        return "ip (iproute2) is not installed"
-    probe = subprocess.run(["ip", "netns", "add", f"{PREFIX}B"], capture_output=True, text=True, check=False)
-    if probe.returncode:
-        return f"no network namespaces here: {probe.stderr.strip()}"
-    bridge = _ip("-n", f"{PREFIX}B", "link", "add", "probe", "type", "bridge", check=False)
-    _ip("netns", "del", f"{PREFIX}B")
-    return "" if bridge == 0 else "this kernel has no bridge"
+def _measure(
+    network: Network, least_us: tuple[tuple[float, float], ...], options: argparse.Namespace
+) -> tuple[list[dict[str, Any]], list[dict[str, Any]]]:
+    """Run the product's own commands; return what the leader says of its nodes each half second.
 
-
-def _ip(*arguments: str, check: bool = True) -> int:
-    return subprocess.run(["ip", *arguments], check=check, stderr=subprocess.DEVNULL).returncode
-
-
-@contextlib.contextmanager
-def _namespaces(nodes: int) -> Iterator[None]:
-    """A bridge, with the leader, the proxies and the nodes on it, each in a namespace of its own."""
-    homes = {"L": (LEADER,), "P": tuple(PROXY.format(k) for k in range(nodes))}
-    homes |= {str(k): (NODE.format(k),) for k in range(nodes)}
-    bridge = f"{PREFIX}B"
-    try:
-        for name in ("B", *homes):
-            _ip("netns", "del", PREFIX + name, check=False)
-            _ip("netns", "add", PREFIX + name)
-        _ip("-n", bridge, "link", "add", "br0", "type", "bridge", "mcast_snooping", "0")
-        _ip("-n", bridge, "link", "set", "br0", "up")
-        for name, addresses in homes.items():
-            there = PREFIX + name
-            _ip(
-                "-n",
-                bridge,
-                "link",
-                "add",
-                f"v{name}",
-                "type",
-                "veth",
-                "peer",
-                "name",
-                "eth0",
-                "netns",
-                there,
-            )
-            _ip("-n", bridge, "link", "set", f"v{name}", "master", "br0", "up")
-            for address in addresses:
-                _ip("-n", there, "addr", "add", f"{address}/24", "dev", "eth0")
-            _ip("-n", there, "link", "set", "eth0", "up")
-            _ip("-n", there, "link", "set", "lo", "up")
-        yield
-    finally:
-        for name in ("B", *homes):
-            _ip("netns", "del", PREFIX + name, check=False)
-
-
-@contextlib.contextmanager
-def _running(name: str, *command: str) -> Iterator[None]:
-    process = subprocess.Popen(
-        ("ip", "netns", "exec", PREFIX + name, *command),
-        cwd=ROOT,
-        stdout=subprocess.DEVNULL,
-        stderr=subprocess.DEVNULL,
-    )
-    try:
-        yield
-    finally:
-        process.terminate()
-        process.wait(timeout=20)
-
-
-def _measure(links: tuple[tuple[int, int], ...], options: argparse.Namespace) -> list[dict[str, Any]]:
-    """Run the product's own commands, and return what the leader says of its nodes each half second."""
-    this = (sys.executable, __file__, "--seed", str(options.seed))
-    with tempfile.TemporaryDirectory() as scratch, contextlib.ExitStack() as running:
-        start = running.enter_context
-        ways = [
-            f"{PROXY.format(k)}:{there_us + TAILS_US[0]}/{there_us},{back_us + TAILS_US[1]}/{back_us}"
-            for k, (there_us, back_us) in enumerate(links)
-        ]
-        proxy = (sys.executable, str(Path(__file__).with_name("delay_proxy.py")))
-        start(_running("P", *proxy, "--seed", str(options.seed), f"{LEADER}:{PORT}", *ways))
+    Returns also what the links did.
+    """
+    leader = network.namespace("leader")
+    nodes = [network.namespace(f"node{k}") for k in range(len(least_us))]
+    hub = network.multicast_hub()
+    links = [
+        EmulatedLink(
+            network.tap(leader),
+            network.tap(node),
+            *(Delays(least, least + tail) for least, tail in zip(both, TAILS_US, strict=True)),
+        )
+        for node, both in zip(nodes, least_us, strict=True)
+    ]
+    network.join_hub(leader, f"{LEADER}/24", [link.leader for link in links], hub)
+    for k, (node, link) in enumerate(zip(nodes, links, strict=True)):
+        network.join_hub(node, f"{NODE.format(k)}/24", [link.client], hub)
+    scratch = network.scratch
+    with (
+        network.emulation(links, options.seed) as reports,
+        contextlib.ExitStack() as processes,
+    ):
+        start = processes.enter_context
         sessions = ("--sessions", f"{scratch}/sessions", "--spool", f"{scratch}/spool")
-        start(_running("L", *CAPTURE_APP, "leader", "--port", str(PORT), "--reference-broadcast", *sessions))
-        for k in range(len(links)):
+        lead = (*CAPTURE_APP, "leader", "--port", str(PORT), "--reference-broadcast", *sessions)
+        start(running(leader, *lead))
+        for k, node in enumerate(nodes):
             camera = ("--name", f"node{k}", "--camera", "sim:perfect", "--tolerance-us", "5000")
-            leader = ("--leader", f"{PROXY.format(k)}:{PORT}", "--spool", f"{scratch}/spool{k}")
-            start(_running(str(k), *CAPTURE_APP, "node", *camera, *leader))
-        poll = ("ip", "netns", "exec", f"{PREFIX}L", *this, "--poll", str(options.seconds))
-        done = subprocess.run(poll, cwd=ROOT, check=True, stdout=subprocess.PIPE)
-    return [json.loads(line) for line in done.stdout.splitlines()]
+            follow = ("--leader", f"{LEADER}:{PORT}", "--spool", f"{scratch}/spool{k}")
+            start(running(node, *CAPTURE_APP, "node", *camera, *follow))
+        poll = read_output(leader, sys.executable, __file__, "--poll", str(options.seconds))
+    return [json.loads(line) for line in poll.splitlines()], reports
 
 
 async def _poll(seconds: float) -> int:
@@ -246,18 +178,19 @@ def _summed(sizes: list[float]) -> dict[str, float]:
 def _print(report: dict[str, Any]) -> None:
     for name, case in report["cases"].items():
         print(f"{name} (emulated link, {case['moments']} moments after {SETTLED_S:g} s)")
-        print(f"  {'error, us':28}{'mean abs':>10}{'99 %':>10}{'largest':>10}")
-        for title, key in (("between nodes", "between_nodes_us"), ("to the leader", "to_leader_us")):
-            for which in ("without", "with"):
-                cells = "".join(f"{case[key][which][part]:10.1f}" for part in ("mean_abs", "p99", "max"))
-                print(f"  {f'{title}, {which}':28}{cells}")
+        rows = [
+            (f"{title}, {which}", *(f"{case[key][which][part]:.1f}" for part in ("mean_abs", "p99", "max")))
+            for title, key in (("between nodes", "between_nodes_us"), ("to the leader", "to_leader_us"))
+            for which in ("without", "with")
+        ]
+        print_table(("error, us", "mean", "99 %", "largest"), rows)
         told = "-" if case["apart_us_mean"] is None else f"{case['apart_us_mean']:.1f} us"
         print(
-            f"  in use {100 * case['in_use_share']:.0f} %, said to be apart by {told}, "
+            f"in use {100 * case['in_use_share']:.0f} %, said to be apart by {told}, "
             f"hard bound held in {100 * case['coverage_hard_bound']:.0f} %, "
             f"{'met' if case['met'] else 'NOT MET'}\n"
         )
-    print(f"load average of the machine: {report['load_average']:.1f}")
+    print_circumstances(report)
 
 
 if __name__ == "__main__":

@@ -1,0 +1,262 @@
+/* A wireless link in user space: passes Ethernet frames between pairs of TAP devices, late and with losses.
+
+   usage: emulator [-s SEED] [-l LOSS] [-o OUTLIERS] [-u OUTLIER_US] LINK...
+
+   LINK is four words: the TAP of one end, the TAP of the other, each as NAMESPACE/DEVICE, and the delays of
+   frames that the first and that the second end receives: LAW,MINIMUM_US[,MEAN_US,SHAPE].
+
+     constant   the minimum
+     gamma      minimum + Gamma(SHAPE), of that mean in all
+     lognormal  minimum + lognormal, SHAPE is its sigma, of that mean in all
+
+   -l and -o are shares: of frames lost, and of frames that are late by up to OUTLIER_US more. Frames of a direction keep their order. Every direction has a random
+   generator of its own, so that its n-th frame has the same delay in every run of the same SEED.
+
+   Says "ready" on stdout when it passes frames; on SIGTERM or SIGINT prints a line of JSON for each direction
+   with what it did, and ends. It ends with its parent. */
+
+#define _GNU_SOURCE
+#include <errno.h>
+#include <fcntl.h>
+#include <linux/if.h>
+#include <linux/if_tun.h>
+#include <poll.h>
+#include <sched.h>
+#include <signal.h>
+#include <stdlib.h>
+#include <sys/ioctl.h>
+#include <sys/mman.h>
+#include <sys/prctl.h>
+#include <time.h>
+#include <unistd.h>
+
+#include "delay_laws.h"
+
+enum { MAX_LINKS = 16, QUEUE_FRAMES = 1024, FRAME_BYTES = 1600, FRAMES_A_TURN = 64, WORDS_A_LINK = 4 };
+enum { PRIORITY = 50 };
+/* A process wakes up tens of microseconds late, so the last part of each wait is spent awake. */
+enum { AWAKE_NS = 60000 };
+
+struct frame {
+    int64_t due_ns;
+    ssize_t bytes;
+    uint8_t data[FRAME_BYTES];
+};
+
+struct direction {
+    int from, to; /* TAP file descriptors */
+    struct law law;
+    struct frame *queue;
+    unsigned first, waiting;
+    int64_t last_due_ns;
+    /* What it did. */
+    uint64_t frames, lost, outliers, overflowed, unsent, held_back, passed;
+    double drawn_sum_us, drawn_least_us, late_sum_us, late_most_us;
+};
+
+static double loss, outlier_share, outlier_us = 20000.0;
+static volatile sig_atomic_t stopped;
+
+static void fail(const char *what, const char *which)
+{
+    fprintf(stderr, "emulator: %s %s: %s\n", what, which, errno ? strerror(errno) : "not understood");
+    exit(1);
+}
+
+static int64_t now_ns(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return now.tv_sec * INT64_C(1000000000) + now.tv_nsec;
+}
+
+/* Frames */
+
+/* Attach to a TAP device, which the set-up made, in its network namespace: NAMESPACE/DEVICE. */
+static int open_tap(const char *where)
+{
+    char path[300];
+    const char *device = strrchr(where, '/');
+    errno = 0;
+    if (!device || strlen(device + 1) >= IFNAMSIZ)
+        fail("TAP", where);
+    snprintf(path, sizeof path, "/run/netns/%.*s", (int)(device - where), where);
+    int space = open(path, O_RDONLY | O_CLOEXEC);
+    if (space < 0 || setns(space, CLONE_NEWNET) < 0)
+        fail("namespace of", where);
+    close(space);
+    int tap = open("/dev/net/tun", O_RDWR | O_NONBLOCK | O_CLOEXEC);
+    struct ifreq request = {.ifr_flags = IFF_TAP | IFF_NO_PI};
+    strcpy(request.ifr_name, device + 1);
+    if (tap < 0 || ioctl(tap, TUNSETIFF, &request) < 0)
+        fail("TAP", where);
+    return tap;
+}
+
+static void send_frame(struct direction *d, const struct frame *frame)
+{
+    if (write(d->to, frame->data, (size_t)frame->bytes) != frame->bytes)
+        d->unsent++;
+}
+
+/* Let a frame that was just read wait for its time, at the end of the queue. */
+static void take_frame(struct direction *d, struct frame *frame, int64_t read_ns)
+{
+    d->frames++;
+    if (uniform(&d->law) < loss) {
+        d->lost++;
+        return;
+    }
+    double delay_us = d->law.minimum_us + d->law.excess_us(&d->law);
+    d->drawn_sum_us += delay_us;
+    d->drawn_least_us = fmin(d->drawn_least_us, delay_us);
+    if (uniform(&d->law) < outlier_share) {
+        d->outliers++;
+        delay_us += outlier_us * uniform(&d->law);
+    }
+    frame->due_ns = read_ns + llround(delay_us * 1000.0);
+    if (d->waiting && frame->due_ns < d->last_due_ns) {
+        d->held_back++;
+        frame->due_ns = d->last_due_ns;
+    }
+    d->last_due_ns = frame->due_ns;
+    d->waiting++;
+}
+
+/* Read what has come, in place at the end of the queue; where that is full, a frame is lost. */
+static void read_frames(struct direction *d)
+{
+    static struct frame spare;
+    for (int i = 0; i < FRAMES_A_TURN; i++) {
+        bool full = d->waiting == QUEUE_FRAMES;
+        struct frame *frame = full ? &spare : &d->queue[(d->first + d->waiting) % QUEUE_FRAMES];
+        frame->bytes = read(d->from, frame->data, FRAME_BYTES);
+        if (frame->bytes <= 0)
+            return;
+        if (full)
+            d->overflowed++;
+        else
+            take_frame(d, frame, now_ns());
+    }
+}
+
+/* Send what is due; return when the next is, or INT64_MAX. */
+static int64_t send_due(struct direction *d)
+{
+    while (d->waiting) {
+        struct frame *frame = &d->queue[d->first];
+        int64_t late_ns = now_ns() - frame->due_ns;
+        if (late_ns < 0)
+            return frame->due_ns;
+        send_frame(d, frame);
+        d->passed++;
+        d->late_sum_us += (double)late_ns / 1000.0;
+        d->late_most_us = fmax(d->late_most_us, (double)late_ns / 1000.0);
+        d->first = (d->first + 1) % QUEUE_FRAMES;
+        d->waiting--;
+    }
+    return INT64_MAX;
+}
+
+static void pass_frames(struct direction *directions, nfds_t count, const sigset_t *while_waiting)
+{
+    struct pollfd readable[2 * MAX_LINKS];
+    for (nfds_t i = 0; i < count; i++)
+        readable[i] = (struct pollfd){.fd = directions[i].from, .events = POLLIN};
+    while (!stopped) {
+        int64_t due_ns = INT64_MAX;
+        for (nfds_t i = 0; i < count; i++) {
+            int64_t next_ns = send_due(&directions[i]);
+            due_ns = next_ns < due_ns ? next_ns : due_ns;
+        }
+        int64_t wait_ns = due_ns - AWAKE_NS - now_ns();
+        wait_ns = wait_ns < 0 ? 0 : wait_ns;
+        struct timespec wait = {wait_ns / 1000000000, wait_ns % 1000000000};
+        if (ppoll(readable, count, due_ns == INT64_MAX ? NULL : &wait, while_waiting) < 0 && errno != EINTR)
+            fail("waiting for", "frames");
+        for (nfds_t i = 0; i < count; i++)
+            if (readable[i].revents)
+                read_frames(&directions[i]);
+    }
+}
+
+/* The program */
+
+static void stop(int signal_number)
+{
+    (void)signal_number;
+    stopped = 1;
+}
+
+static bool become_urgent(void)
+{
+    struct sched_param priority = {.sched_priority = PRIORITY};
+    prctl(PR_SET_TIMERSLACK, 1UL);
+    mlockall(MCL_CURRENT | MCL_FUTURE);
+    return sched_setscheduler(0, SCHED_FIFO, &priority) == 0;
+}
+
+static void report(const struct direction *d, int link, const char *end, bool urgent)
+{
+    uint64_t drawn = d->frames - d->lost;
+    printf("{\"link\": %d, \"to\": \"%s\", \"real_time\": %s, \"frames\": %lu, \"lost\": %lu, \"outliers\": %lu, ",
+           link, end, urgent ? "true" : "false", d->frames, d->lost, d->outliers);
+    printf("\"held_back\": %lu, \"overflowed\": %lu, \"unsent\": %lu, ",
+           d->held_back, d->overflowed, d->unsent);
+    printf("\"drawn_mean_us\": %.2f, \"drawn_least_us\": %.2f, \"late_mean_us\": %.2f, \"late_most_us\": %.2f}\n",
+           drawn ? d->drawn_sum_us / (double)drawn : 0.0, drawn ? d->drawn_least_us : 0.0,
+           d->passed ? d->late_sum_us / (double)d->passed : 0.0, d->late_most_us);
+}
+
+int main(int argc, char **argv)
+{
+    static struct direction directions[2 * MAX_LINKS];
+    uint64_t seed = 1;
+    for (int option; (option = getopt(argc, argv, "s:l:o:u:")) != -1;) {
+        switch (option) {
+        case 's': seed = strtoull(optarg, NULL, 10); break;
+        case 'l': loss = atof(optarg); break;
+        case 'o': outlier_share = atof(optarg); break;
+        case 'u': outlier_us = atof(optarg); break;
+            default: return 2;
+        }
+    }
+    int words = argc - optind, links = words / WORDS_A_LINK;
+    if (words == 0 || words % WORDS_A_LINK || links > MAX_LINKS) {
+        fprintf(stderr, "emulator: 1 to %d links of %d words each\n", MAX_LINKS, WORDS_A_LINK);
+        return 2;
+    }
+    prctl(PR_SET_PDEATHSIG, SIGTERM);
+    for (int link = 0; link < links; link++) {
+        char **word = argv + optind + WORDS_A_LINK * link;
+        struct direction *to_first = &directions[2 * link], *to_second = to_first + 1;
+        to_first->to = to_second->from = open_tap(word[0]);
+        to_second->to = to_first->from = open_tap(word[1]);
+        errno = 0;
+        if (!read_law(&to_first->law, word[2]) || !read_law(&to_second->law, word[3]))
+            fail("delays of link", word[0]);
+    }
+    for (int i = 0; i < 2 * links; i++) {
+        uint64_t mixed = seed;
+        directions[i].law.random_state = random_bits(&mixed) + random_bits(&(uint64_t){(uint64_t)i});
+        directions[i].drawn_least_us = HUGE_VAL;
+        directions[i].queue = calloc(QUEUE_FRAMES, sizeof(struct frame));
+        if (!directions[i].queue)
+            fail("memory for", "frames");
+    }
+    struct sigaction ending = {.sa_handler = stop};
+    sigset_t blocked, before;
+    sigemptyset(&blocked);
+    sigaddset(&blocked, SIGTERM);
+    sigaddset(&blocked, SIGINT);
+    sigprocmask(SIG_BLOCK, &blocked, &before);
+    sigaction(SIGTERM, &ending, NULL);
+    sigaction(SIGINT, &ending, NULL);
+    bool urgent = become_urgent();
+    puts("ready");
+    fflush(stdout);
+    pass_frames(directions, (nfds_t)(2 * links), &before);
+    for (int i = 0; i < 2 * links; i++)
+        report(&directions[i], i / 2, i % 2 ? "second" : "first", urgent);
+    return 0;
+}

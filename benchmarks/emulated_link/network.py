@@ -1,0 +1,214 @@
+"""Network namespaces for one run of a benchmark, what joins them, and the processes in them.
+
+All namespaces share one kernel clock, so the true offset between any two nodes is known: it is 0. Their
+names carry this process's id: two runs can stand side by side, and what a killed run left is removed by the
+next one.
+"""
+
+import contextlib
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from .delays import EmulatedLink
+
+ROOT = Path(__file__).resolve().parents[2]
+CAPTURE_APP = (sys.executable, "-m", "capture_app.cli")
+SEARCH_PATH = os.environ.get("PATH", os.defpath) + ":/usr/sbin:/sbin"
+TUN = Path("/dev/net/tun")
+_NAMESPACES = Path("/run/netns")
+_PREFIX = "simulshot"
+_PACKAGES = {"ip": "iproute2", "cc": "gcc libc6-dev"}
+_END_S = 20.0
+
+
+def what_is_missing(*, is_root: bool, search_path: str = SEARCH_PATH, tun: Path = TUN) -> str:
+    """Say what an emulated network needs and this machine lacks, and what to type; empty if nothing."""
+    if not sys.platform.startswith("linux"):
+        return "an emulated network needs Linux"
+    for tool, packages in _PACKAGES.items():
+        if shutil.which(tool, path=search_path) is None:
+            return f"{tool} is missing; type: sudo apt-get install {packages}"
+    if not tun.exists():
+        return f"{tun} is missing; type: sudo modprobe tun (for a container: --device {tun})"
+    if not is_root:
+        return "network namespaces need root; type: sudo make TARGET, with the target you have just typed"
+    return ""
+
+
+class Network:
+    """Namespaces and what joins them, within a `with` block; raises SystemExit where that cannot be.
+
+    `scratch` is a folder that goes with it.
+    """
+
+    def __init__(self) -> None:
+        if missing := what_is_missing(is_root=os.geteuid() == 0):
+            raise SystemExit(missing)
+        self._stack = contextlib.ExitStack()
+        self._interfaces = 0
+
+    def __enter__(self) -> "Network":
+        """Remove what killed runs left behind, and compile the emulator."""
+        signal.signal(signal.SIGTERM, lambda *_: sys.exit(128 + signal.SIGTERM))
+        _remove_leftovers()
+        self.scratch = Path(self._stack.enter_context(tempfile.TemporaryDirectory()))
+        source = Path(__file__).with_name("emulator.c")
+        _call("cc", "-O2", "-o", str(self.scratch / "emulator"), str(source), "-lm")
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Remove the namespaces, and with them all devices in them."""
+        self._stack.close()
+
+    def namespace(self, name: str) -> str:
+        """Make a namespace, and return its full name."""
+        full_name = f"{_PREFIX}-{os.getpid()}-{name}"
+        _call("ip", "netns", "add", full_name)
+        self._stack.callback(_remove_namespace, full_name)
+        _ip_in(full_name, "link", "set", "lo", "up")
+        return full_name
+
+    def cable(self, one: str, one_address: str, other: str, other_address: str) -> None:
+        """Join two namespaces by a bare virtual cable; addresses are IPv4 with a prefix length."""
+        one_end, other_end = self._add_veth(one, other)
+        _set_up(one, one_end, one_address)
+        _set_up(other, other_end, other_address)
+
+    def tap(self, namespace: str, address: str = "") -> str:
+        """Make one end of an emulated link; return it as `EmulatedLink` wants it."""
+        device = self._new_device("wifi")
+        _ip_in(namespace, "tuntap", "add", device, "mode", "tap")
+        _set_up(namespace, device, address)
+        return f"{namespace}/{device}"
+
+    def multicast_hub(self) -> str:
+        """Make a namespace whose bridge hands a packet to all that `join_hub` within microseconds."""
+        hub = self.namespace("hub")
+        _add_bridge(hub, "")
+        return hub
+
+    def join_hub(self, namespace: str, address: str, taps: Sequence[str], hub: str) -> None:
+        """Give a namespace one address on its emulated links and the hub: multicast goes by the hub alone."""
+        _add_bridge(namespace, address)
+        for tap in taps:
+            _add_port(namespace, tap.rpartition("/")[2], "mcast_flood", "off")
+        here, there = self._add_veth(namespace, hub)
+        _add_port(namespace, here, "learning", "off", "flood", "off", "bcast_flood", "off")
+        _add_port(hub, there)
+
+    @contextlib.contextmanager
+    def emulation(
+        self, links: Sequence[EmulatedLink], seed: int, *, loss: float = 0.0
+    ) -> Iterator[list[dict[str, Any]]]:
+        """Pass frames over the links within the block; afterwards the list holds each direction's report."""
+        options = ["-s", str(seed), "-l", str(loss), *EmulatedLink.OUTLIERS]
+        words = [word for link in links for word in link.words()]
+        command = [str(self.scratch / "emulator"), *options, *words]
+        reports: list[dict[str, Any]] = []
+        with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
+            assert process.stdout is not None
+            if process.stdout.readline() != "ready\n":
+                raise SystemExit("the link's emulator did not start, see above")
+            try:
+                yield reports
+            finally:
+                process.terminate()
+                asked = [delays for link in links for delays in (link.to_leader, link.to_client)]
+                for line, delays in zip(process.stdout, asked, strict=True):
+                    reports.append(json.loads(line) | {"asked_mean_us": delays.mean_us})
+
+    def _add_veth(self, one: str, other: str) -> tuple[str, str]:
+        one_end, other_end = self._new_device("veth"), self._new_device("veth")
+        peer = ("type", "veth", "peer", "name", other_end, "netns", other)
+        _ip_in(one, "link", "add", one_end, *peer)
+        return one_end, other_end
+
+    def _new_device(self, kind: str) -> str:
+        self._interfaces += 1
+        return f"{kind}{self._interfaces}"
+
+
+def in_namespace(namespace: str, *command: str) -> list[str]:
+    """Return the command that runs another one in a namespace."""
+    return [_tool("ip"), "netns", "exec", namespace, *command]
+
+
+@contextlib.contextmanager
+def running(namespace: str, *command: str, **environment: str) -> Iterator[subprocess.Popen[bytes]]:
+    """Run a command in a namespace until the block ends; `environment` adds to this process's."""
+    process = subprocess.Popen(
+        in_namespace(namespace, *command),
+        cwd=ROOT,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        env={**os.environ, **environment},
+    )
+    try:
+        yield process
+    finally:
+        process.terminate()
+        process.wait(timeout=_END_S)
+
+
+def read_output(namespace: str, *command: str) -> str:
+    """Run a command in a namespace and return its output. Raises SystemExit if it fails."""
+    there = in_namespace(namespace, *command)
+    done = subprocess.run(there, cwd=ROOT, stdout=subprocess.PIPE, text=True, check=False)
+    if done.returncode:
+        raise SystemExit(f"`{' '.join(command)}` failed with exit code {done.returncode}")
+    return done.stdout
+
+
+def _set_up(namespace: str, device: str, address: str) -> None:
+    if address:
+        _ip_in(namespace, "addr", "add", address, "dev", device)
+    _ip_in(namespace, "link", "set", device, "up")
+
+
+def _add_bridge(namespace: str, address: str) -> None:
+    _ip_in(namespace, "link", "add", "bridge", "type", "bridge", "mcast_snooping", "0")
+    _set_up(namespace, "bridge", address)
+
+
+def _add_port(namespace: str, device: str, *flags: str) -> None:
+    _ip_in(namespace, "link", "set", device, "master", "bridge", "up")
+    if flags:
+        _ip_in(namespace, "link", "set", device, "type", "bridge_slave", *flags)
+
+
+def _ip_in(namespace: str, *arguments: str) -> None:
+    _call("ip", "-n", namespace, *arguments)
+
+
+def _tool(name: str) -> str:
+    return shutil.which(name, path=SEARCH_PATH) or name
+
+
+def _call(tool: str, *arguments: str) -> str:
+    done = subprocess.run([_tool(tool), *arguments], capture_output=True, text=True, check=False)
+    if done.returncode:
+        hint = "; a container must be started with --privileged" if tool == "ip" else ""
+        raise SystemExit(f"`{tool} {' '.join(arguments)}` failed: {' '.join(done.stderr.split())}{hint}")
+    return done.stdout
+
+
+def _remove_leftovers() -> None:
+    for path in _NAMESPACES.glob(f"{_PREFIX}-*-*"):
+        if not Path(f"/proc/{path.name.split('-')[1]}").exists():
+            _remove_namespace(path.name)
+
+
+def _remove_namespace(name: str) -> None:
+    """End the processes that still run in a namespace, and remove it."""
+    for pid in _call("ip", "netns", "pids", name).split():
+        with contextlib.suppress(ProcessLookupError):
+            os.kill(int(pid), signal.SIGKILL)
+    _call("ip", "netns", "del", name)

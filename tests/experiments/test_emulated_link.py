@@ -1,0 +1,42 @@
+"""What the benchmarks' emulated link says where it cannot be had; it is measured by `make bench-sync`."""
+
+from pathlib import Path
+
+import pytest
+
+from benchmarks.emulated_link.delays import Delays
+from benchmarks.emulated_link.network import TUN, what_is_missing
+
+
+def make_tools(folder: Path, *names: str) -> str:
+    for name in names:
+        (folder / name).write_text("#!/bin/sh\n")
+        (folder / name).chmod(0o755)
+    return str(folder)
+
+
+@pytest.mark.parametrize(
+    ("tools", "tun", "is_root", "said"),
+    [
+        ((), True, True, "apt-get install iproute2"),
+        (("ip",), True, True, "apt-get install gcc"),
+        (("ip", "cc"), False, True, "modprobe tun"),
+        (("ip", "cc"), True, False, "sudo make"),
+        (("ip", "cc"), True, True, ""),
+    ],
+)
+def test_it_says_what_is_missing_and_what_to_type(
+    tmp_path: Path, tools: tuple[str, ...], tun: bool, is_root: bool, said: str
+) -> None:
+    search_path = make_tools(tmp_path, *tools)
+    there = tmp_path if tun else tmp_path / TUN.name
+    told = what_is_missing(is_root=is_root, search_path=search_path, tun=there)
+    assert said in told
+    assert bool(told) == bool(said)
+    assert "\n" not in told
+
+
+def test_each_law_has_its_word() -> None:
+    assert str(Delays(5.0, 9.0)) == "gamma,5.0,9.0,2.0"
+    assert str(Delays(5.0, 9.0, "lognormal", 0.6)) == "lognormal,5.0,9.0,0.6"
+    assert str(Delays(5.0, 5.0, "constant")) == "constant,5.0"

@@ -1,7 +1,6 @@
 """A session out of a recipe: take the burst if it is not taken yet, and develop every frame of it."""
 
 import filecmp
-import shutil
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,9 @@ from capture_app.samples.engine_take import take_synchronized
 from capture_app.samples.naive_take import take_naive
 from capture_app.samples.recipe import CameraRecipe, Recipe, Take, TakenFrame, Trigger
 from capture_app.session.files.durable import write_whole
+from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
 from capture_app.session.format.calibration import Calibration
+from capture_app.session.format.checks import check_name
 from capture_app.session.format.manifest import RECIPE
 from capture_app.session.writing.store import Session, SessionWriter
 from capture_app.simulation.devices.profiles import find_profile
@@ -46,22 +47,19 @@ def render(
     another session, or where the recipe names what the simulator does not have; NotAvailableError where
     scenes cannot be rendered. Nothing is left behind then.
     """
+    check_name(recipe.name, "session")
     place = root / recipe.name
-    if not replace:
-        return Rendered(_write(recipe, root, progress), None)
-    if place.exists() and not (place / RECIPE).is_file():
-        raise BadInputError(f"{place} is not a rendered session, and is not replaced")
-    aside = root / f".{recipe.name}.rendering"
-    shutil.rmtree(aside, ignore_errors=True)
-    try:
-        _write(recipe, aside, progress)
-        same = same_files(aside / recipe.name, place) if place.exists() else None
-        if not same:
-            shutil.rmtree(place, ignore_errors=True)
-            (aside / recipe.name).rename(place)
-    finally:
-        shutil.rmtree(aside, ignore_errors=True)
+    with OutputFolder(place, _replaces_renderings if replace else replaces_nothing) as output:
+        _write(recipe, output.folder, progress)
+        same = same_files(output.folder, place) if replace and place.exists() else None
+        if same:
+            output.discard()
     return Rendered(Session.open(place), same)
+
+
+def _replaces_renderings(place: Path) -> None:
+    if not (place / RECIPE).is_file():
+        raise BadInputError(f"{place} is not a rendered session, and is not replaced")
 
 
 def same_files(one: Path, other: Path) -> bool:
@@ -72,14 +70,13 @@ def same_files(one: Path, other: Path) -> bool:
     return all(filecmp.cmp(one / name, other / name, shallow=False) for name in names)
 
 
-def _write(recipe: Recipe, root: Path, progress: Progress) -> Session:
+def _write(recipe: Recipe, folder: Path, progress: Progress) -> None:
     sources = {camera.name: _source(recipe, camera) for camera in recipe.cameras}
     take = recipe.take
     if take is None:
         taken_by = take_naive if recipe.trigger is Trigger.NAIVE else take_synchronized
         take = taken_by(recipe, sources)
-    writer = SessionWriter.create(root, recipe.name, created=recipe.created, software=take.software)
-    try:
+    with SessionWriter(folder, recipe.name, recipe.created, take.software) as writer:
         for event in take.events:
             writer.add_event(event)
         frames = sorted(take.frames, key=lambda frame: (frame.instant, frame.camera))
@@ -97,10 +94,7 @@ def _write(recipe: Recipe, root: Path, progress: Progress) -> Session:
             writer.set_calibration(Calibration(cameras=calibrated, source=source))
         data = msgspec.json.encode(msgspec.structs.replace(recipe, take=take))
         write_whole(writer.folder / RECIPE, msgspec.json.format(data, indent=1) + b"\n")
-        return writer.finish(take.cameras, take.burst, take.missing, "simulated", recipe.note)
-    except BaseException:
-        writer.discard()
-        raise
+        writer.finish(take.cameras, take.burst, take.missing, "simulated", recipe.note)
 
 
 def _source(recipe: Recipe, camera: CameraRecipe) -> PictureSource:

@@ -3,19 +3,15 @@
 Light to import: a worker chooses its cores before it loads anything that would start threads.
 """
 
-import errno
-import fcntl
-import os
 import shutil
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
 
 from capture_app.errors import DiskFullError, ExitCode, SimulshotError
-from capture_app.session.files.durable import sync_folder
+from capture_app.session.files.output_folder import OutputFolder, clear_leftovers
 
 UNITS = "units"
 WORK = "work"
@@ -62,7 +58,7 @@ class Outcome:
 
 
 Make = Callable[[Unit, Path], None]
-"""Makes a unit's files in a folder that is not there yet; the same bytes whenever it is called."""
+"""Makes a unit's files in an empty folder; the same bytes whenever it is called."""
 
 
 def find_make(name: str) -> Make:
@@ -88,7 +84,7 @@ def perform(make: str, unit: Unit, root: Path) -> Outcome:
     except SimulshotError as error:
         return Outcome(key=unit.key, problem=_line(str(error)), code=error.exit_code)
     except OSError as error:
-        return Outcome(key=unit.key, problem=_line(_disk(error)), code=ExitCode.FAILURE)
+        return Outcome(key=unit.key, problem=_line(str(error)), code=ExitCode.FAILURE)
     except MemoryError:
         problem = "not enough memory; use fewer --jobs"
         return Outcome(key=unit.key, problem=problem, code=ExitCode.FAILURE)
@@ -99,64 +95,26 @@ def perform(make: str, unit: Unit, root: Path) -> Outcome:
 
 
 def _perform(make: str, unit: Unit, root: Path) -> bool:
-    target, place = root / unit.folder, root / WORK / unit.key
-    place.parent.mkdir(parents=True, exist_ok=True)
-    with _locked(place.with_suffix(".lock")):
+    # Only a whole unit is there by its name, and it is never replaced.
+    with OutputFolder(root / unit.folder, lambda _: None, wait=True) as output:
         if is_done(unit, root):
+            output.discard()
             return False
-        # Somebody was killed here.
-        shutil.rmtree(place, ignore_errors=True)
-        try:
-            _need_room(root, ROOM_TO_BEGIN)
-            place.mkdir()
-            find_make(make)(unit, place / "result")
-            _need_room(root, ROOM_TO_END)
-            _settle(place / "result")
-            target.parent.mkdir(parents=True, exist_ok=True)
-            (place / "result").rename(target)
-            sync_folder(target.parent)
-        finally:
-            shutil.rmtree(place, ignore_errors=True)
+        _need_room(root, ROOM_TO_BEGIN)
+        find_make(make)(unit, output.folder)
+        _need_room(root, ROOM_TO_END)
     return True
 
 
 def tidy(root: Path) -> None:
     """Remove what killed processes left half-made, but for what is still being worked on."""
-    for place in (root / WORK).iterdir():
-        lock = place.with_suffix(".lock")
-        if place.is_dir() and lock.exists():
-            with suppress(BlockingIOError), _locked(lock, fcntl.LOCK_NB):
-                shutil.rmtree(place, ignore_errors=True)
-
-
-@contextmanager
-def _locked(path: Path, how: int = 0) -> Iterator[None]:
-    """Hold a file's lock, which the system takes back from a process that is killed."""
-    with path.open("ab") as file:
-        fcntl.flock(file, fcntl.LOCK_EX | how)
-        yield
+    for folder in (root / UNITS).glob("*"):
+        clear_leftovers(folder)
 
 
 def _need_room(root: Path, least: int) -> None:
     if shutil.disk_usage(root).free < least:
         raise DiskFullError(f"the disk of {root} is full", hint="make room, then repeat the command")
-
-
-def _settle(folder: Path) -> None:
-    """Make a folder and all that is in it survive a power cut."""
-    for path in sorted(folder.rglob("*"), reverse=True):
-        if path.is_dir():
-            sync_folder(path)
-        else:
-            with path.open("rb") as file:
-                os.fsync(file.fileno())
-    sync_folder(folder)
-
-
-def _disk(error: OSError) -> str:
-    if error.errno in (errno.ENOSPC, errno.EDQUOT):
-        return "the disk is full (make room, then repeat the command)"
-    return str(error)
 
 
 def _line(text: str) -> str:

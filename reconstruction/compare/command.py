@@ -13,7 +13,7 @@ from reconstruction.bullet_time.burst_grid import burst_grid
 from reconstruction.bullet_time.camera_sweep import render_camera_sweep
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.native_libraries import library_versions
-from reconstruction.common.output_folder import Output
+from reconstruction.common.output_folder import comparison_folder, write_metrics
 from reconstruction.common.stage_cache import StageCache
 from reconstruction.compare.all_cameras import AllCameras, AllCamerasOptions
 from reconstruction.compare.depth_pictures import depth_pictures
@@ -68,11 +68,11 @@ def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
     began = time.monotonic()
     dataset = Dataset.open(session)
     offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, options.offset_ms)
-    with Output(out) as output:
+    with comparison_folder(out) as output:
         result = _Comparison(dataset, offset, options, output.folder).run(session)
         result = msgspec.structs.replace(result, report="report.html", seconds=time.monotonic() - began)
         write_report(result, output.folder)
-        output.finish(result)
+        write_metrics(output.folder, result)
     return result
 
 

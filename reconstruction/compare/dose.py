@@ -15,7 +15,7 @@ from capture_app.errors import BadInputError
 from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.native_libraries import library_versions
-from reconstruction.common.output_folder import Output
+from reconstruction.common.output_folder import comparison_folder, write_metrics
 from reconstruction.common.stage_cache import StageCache
 from reconstruction.compare.depth_study import DepthStudy
 from reconstruction.report.dose import write_dose_report
@@ -55,11 +55,11 @@ def dose(session: Path, out: Path | None, options: DoseOptions) -> DoseResult:
     if out is None:
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
             return _dose(session, Path(scratch) / "stages", options)
-    with Output(out) as output:
+    with comparison_folder(out) as output:
         result = _dose(session, output.folder / "stages", options)
         result = msgspec.structs.replace(result, report="report.html")
         write_dose_report(result, output.folder)
-        output.finish(result)
+        write_metrics(output.folder, result)
     return result
 
 

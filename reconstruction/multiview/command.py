@@ -11,6 +11,7 @@ import numpy as np
 
 from capture_app.errors import BadInputError, NotAvailableError
 from capture_app.session.files.durable import write_whole
+from capture_app.session.files.output_folder import OutputFolder, replaces_only
 from capture_app.terminal import Progress
 from reconstruction.common.geometry import View
 from reconstruction.common.native_libraries import library_versions
@@ -22,7 +23,6 @@ from reconstruction.depth.mesh import MeshModel, build_mesh, up_direction
 from reconstruction.depth.patchmatch import CudaGpu, find_gpu, run_patch_match
 from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
 from reconstruction.multiview.input_images import InputImage, load_input_images
-from reconstruction.multiview.output import refuse_foreign, whole_folder
 from reconstruction.multiview.result import MultiviewResult
 from reconstruction.multiview.source_views import choose_reference_view, choose_source_views, guess_depths
 from reconstruction.multiview.view_files import write_view
@@ -78,7 +78,7 @@ def multiview(
         BadInputError: the session, the instant or the offsets cannot be used, or nothing was found.
         NotAvailableError: the matcher asked for, or COLMAP or Open3D, is not here.
     """
-    refuse_foreign(out, OURS)
+    output = OutputFolder(out, replaces_only(OURS))
     gpu, note = _choose(options.matcher)
     clock = _Clock()
     dataset = Dataset.open(session)
@@ -99,7 +99,8 @@ def multiview(
     left_out |= {camera: "no other camera sees what it sees" for camera in shots if not sources[camera]}
     shots = {camera: shot for camera, shot in shots.items() if sources[camera]}
     clock.stage("range")
-    with whole_folder(out, OURS) as part:
+    with output:
+        part = output.folder
         found = _match(gpu, part / "workspace", shots, sources, (nearest, farthest), say)
         clock.stage("matching")
         say("joining the maps to a cloud")

@@ -13,7 +13,7 @@ from capture_app.session.format.manifest import MANIFEST
 from reconstruction.common.drawing import save_picture
 from reconstruction.common.geometry import Array
 from reconstruction.common.native_libraries import library_versions
-from reconstruction.common.output_folder import Output
+from reconstruction.common.output_folder import comparison_folder, write_metrics
 from reconstruction.panorama.opencv_stitcher import Panorama, PanoramaStitcher
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import nearest_frame_offset
@@ -73,7 +73,7 @@ def stitch(sources: tuple[Path, ...], out: Path, options: StitchOptions) -> Pano
         SimulshotError: the pictures cannot be read, or make no panorama.
     """
     began = time.monotonic()
-    with Output(out) as output:
+    with comparison_folder(out) as output:
         images, later, actual_ms, movers = _load(sources, options)
         stitching = PanoramaStitcher(images, movers)
         synced = _saved(stitching.compose(images), "synced", output.folder)
@@ -88,7 +88,7 @@ def stitch(sources: tuple[Path, ...], out: Path, options: StitchOptions) -> Pano
             seconds=time.monotonic() - began,
             versions=library_versions(),
         )
-        output.finish(result)
+        write_metrics(output.folder, result)
     return result
 
 

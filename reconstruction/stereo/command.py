@@ -14,7 +14,7 @@ from reconstruction.calibration.rig import Rig
 from reconstruction.common.drawing import colour_depth, display_range, save_picture, side_by_side
 from reconstruction.common.geometry import Array
 from reconstruction.common.native_libraries import library_versions
-from reconstruction.common.output_folder import Output
+from reconstruction.common.output_folder import comparison_folder, write_metrics
 from reconstruction.common.stage_cache import StageCache
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.scene_motion import SceneMotion
@@ -72,7 +72,7 @@ def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
             f"the session has one camera only ({', '.join(dataset.cameras)})",
             hint="depth needs two that see the same from different places",
         )
-    with Output(out) as output:
+    with comparison_folder(out) as output:
         progress = Progress(3)
         rig = Rig(
             dataset, SceneMotion(dataset, 1), StageCache(output.folder / "stages", dataset.fingerprint())
@@ -105,7 +105,7 @@ def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
             seconds=time.monotonic() - began,
             versions=library_versions(),
         )
-        output.finish(result)
+        write_metrics(output.folder, result)
     return result
 
 

@@ -22,7 +22,7 @@ BLOCKS = 20
 def make(unit: Unit, folder: Path) -> None:
     """Files whose bytes follow from the key, with a line in the log when it begins and when it ends."""
     _log(f"begin {unit.key}")
-    (folder / "depth").mkdir(parents=True)
+    (folder / "depth").mkdir()
     for k in range(BLOCKS):
         (folder / "depth" / f"{k}.bin").write_bytes(unit.key.encode() * 1000 * (k + 1))
     (folder / "unit.json").write_text('{"coverage": 0.5}\n')
@@ -36,7 +36,6 @@ def make_or_fail(unit: Unit, folder: Path) -> None:
     if unit.instant == 1:
         os.kill(os.getpid(), signal.SIGSEGV)
     if unit.instant == 2:
-        folder.mkdir()
         (folder / "half").write_text("half")
         raise OSError(errno.ENOSPC, "No space left on device")
     if unit.instant == 3:

@@ -63,7 +63,7 @@ def kill_and_compare(boards: Session, tmp_path: Path, kills: int, seed: int) -> 
     assert len(begun) == len(finished(out)) == 12
     # What was begun again is what was under way at a kill: at most one unit in each of two processes.
     assert sum(begun.values()) - len(begun) <= 2 * kills
-    assert not [path for path in (out / "work").iterdir() if path.is_dir()]
+    assert not list(out.rglob("*.part"))
 
 
 def test_a_killed_batch_resumes(boards: Session, tmp_path: Path) -> None:

@@ -1,32 +1,33 @@
-"""The folder of a result: on a full disk one clear line, and nothing left."""
+"""Every command of `reconstruct` writes its folder whole, and says plainly when the disk is full."""
 
-import errno
 from pathlib import Path
 
 import pytest
 
-from capture_app.errors import SimulshotError
-from reconstruction.common import output_folder as output
-from reconstruction.common.output_folder import Output
-from reconstruction.multiview.output import whole_folder
+from capture_app.errors import DiskFullError, ExitCode
+from capture_app.session.files import output_folder
+from capture_app.session.reading.reader import Session
+from reconstruction.cli import main
+from reconstruction.common.output_folder import comparison_folder
 
 
-@pytest.mark.parametrize("folder", [Output, lambda target: whole_folder(target, ())])
-def test_a_full_disk_is_told_and_leaves_nothing(tmp_path: Path, folder: type[Output]) -> None:
-    with (
-        pytest.raises(SimulshotError, match=r"no space is left on the disk for .*out"),
-        folder(tmp_path / "out"),
-    ):
-        raise OSError(errno.ENOSPC, "No space left on device")
-    assert not list(tmp_path.iterdir())
+@pytest.mark.parametrize("command", ["compare", "dose", "stereo", "stitch", "multiview"])
+def test_a_second_run_to_one_folder_is_refused(
+    boards: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str
+) -> None:
+    out = tmp_path / "out"
+    with comparison_folder(out), pytest.raises(SystemExit) as stop:
+        main([command, str(boards.folder), "--out", str(out)])
+    assert stop.value.code == ExitCode.BAD_INPUT
+    assert f"another run is writing to {out}" in capsys.readouterr().err
 
 
 def test_a_writer_that_gives_no_reason_is_asked_how_much_room_there_was(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with pytest.raises(OSError, match="cannot write"), Output(tmp_path / "out"):
+    with pytest.raises(OSError, match="cannot write"), comparison_folder(tmp_path / "out"):
         raise OSError("cannot write picture.jpg")
-    monkeypatch.setattr(output, "LITTLE_BYTES", 1 << 60)
-    with pytest.raises(SimulshotError, match="no space is left"), Output(tmp_path / "out"):
+    monkeypatch.setattr(output_folder, "LITTLE_BYTES", 1 << 60)
+    with pytest.raises(DiskFullError, match="is full"), comparison_folder(tmp_path / "out"):
         raise OSError("cannot write picture.jpg")
     assert not list(tmp_path.iterdir())

@@ -18,7 +18,7 @@ import signal
 import sys
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -84,11 +84,14 @@ def camera_record(number: int) -> CameraRecord:
 REAL: dict[str, Any] = {name: getattr(os, name) for name in CHANGING}
 
 
-def die_at(step: int) -> None:
-    """Kill this process at the n-th change of the disk: odd steps before it, even ones half-way through."""
+def die_at(step: int, further: Sequence[tuple[Any, str]] = ()) -> None:
+    """Kill this process at the n-th change of the disk: odd steps before it, even ones half-way through.
+
+    `further` names functions of other modules that change the disk too.
+    """
     left = step
 
-    def deadly(name: str) -> Callable[..., Any]:
+    def deadly(name: str, real: Callable[..., Any]) -> Callable[..., Any]:
         def call(*arguments: Any, **options: Any) -> Any:
             nonlocal left
             left -= 2
@@ -96,14 +99,16 @@ def die_at(step: int) -> None:
                 if left == 0 and name == "write":
                     REAL["write"](arguments[0], bytes(arguments[1])[: len(arguments[1]) // 2])
                 elif left == 0:
-                    REAL[name](*arguments, **options)
+                    real(*arguments, **options)
                 os.kill(os.getpid(), signal.SIGKILL)
-            return REAL[name](*arguments, **options)
+            return real(*arguments, **options)
 
         return call
 
     for name in CHANGING:
-        setattr(os, name, deadly(name))
+        setattr(os, name, deadly(name, REAL[name]))
+    for module, name in further:
+        setattr(module, name, deadly(name, getattr(module, name)))
 
 
 def run(work: Callable[[int], None], kill_after_s: float | None = None) -> tuple[int, bytes]:

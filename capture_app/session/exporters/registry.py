@@ -1,8 +1,6 @@
 """The formats by name, and the one way to export: into a folder that appears whole or not at all."""
 
 import importlib
-import os
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 
@@ -11,7 +9,7 @@ import msgspec
 from capture_app.errors import BadInputError, SimulshotError
 from capture_app.session.exporters.common.burst import Burst, ExportOptions, Progress
 from capture_app.session.exporters.formats import FORMATS
-from capture_app.session.files.durable import PART, sync_folder
+from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
 from capture_app.session.reading.reader import Session
 
 Write = Callable[[Burst, Path, ExportOptions], list[str]]
@@ -40,42 +38,17 @@ def export_session(
     """
     if name not in FORMATS:
         raise BadInputError(f"no format {name!r}", hint=f"there are {', '.join(FORMATS)}")
-    _check_place(session, out)
+    if out.is_symlink() or (out.exists() and not out.is_dir()):
+        raise BadInputError(f"{out} is no folder", hint="name a folder that does not exist yet")
+    if out.resolve().is_relative_to(session.folder.resolve()):
+        raise BadInputError(f"{out} lies inside the session", hint="export to a place of its own")
+    output = OutputFolder(out, replaces_nothing)
     write: Write = importlib.import_module(f"{__package__}.{name}").write
     burst = Burst(session, progress)
-    aside = out.parent / f".{out.name}.{os.getpid()}{PART}"
     try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        aside.mkdir()
-        try:
-            notes = write(burst, aside, options or ExportOptions())
-            _sync(aside)
-            aside.rename(out)
-        except BaseException:
-            shutil.rmtree(aside, ignore_errors=True)
-            raise
-        sync_folder(out.parent)
+        with output:
+            notes = write(burst, output.folder, options or ExportOptions())
     except OSError as error:
         what = f"cannot write {error.filename or out}: {error.strerror or error}"
         raise SimulshotError(what, hint="nothing was exported") from error
     return ExportReport(folder=str(out), format=name, images=len(burst.images), notes=(*burst.notes, *notes))
-
-
-def _check_place(session: Session, out: Path) -> None:
-    if out.is_symlink() or (out.exists() and not out.is_dir()):
-        raise BadInputError(f"{out} is no folder", hint="name a folder that does not exist yet")
-    if out.is_dir() and any(out.iterdir()):
-        raise BadInputError(f"{out} has something in it already", hint="name a new or an empty folder")
-    if out.resolve().is_relative_to(session.folder.resolve()):
-        raise BadInputError(f"{out} lies inside the session", hint="export to a place of its own")
-
-
-def _sync(folder: Path) -> None:
-    for parent, _, files in os.walk(folder):
-        for file in files:
-            handle = os.open(Path(parent) / file, os.O_RDONLY)
-            try:
-                os.fsync(handle)
-            finally:
-                os.close(handle)
-        sync_folder(Path(parent))

@@ -1,5 +1,7 @@
 """Files that are whole or not there: write aside, sync, rename, sync the folder."""
 
+import ctypes
+import errno
 import os
 from contextlib import suppress
 from pathlib import Path
@@ -15,6 +17,49 @@ def sync_folder(folder: Path) -> None:
         os.fsync(handle)
     finally:
         os.close(handle)
+
+
+def sync_tree(folder: Path) -> None:
+    """Make a folder and all that is in it survive a power cut."""
+    for parent, _, files in os.walk(folder):
+        for path in (Path(parent) / file for file in files):
+            if not path.is_symlink():
+                _sync_file(path)
+        sync_folder(Path(parent))
+
+
+def _sync_file(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def exchange_folders(one: Path, other: Path) -> bool:
+    """Let two folders of one file system change places in a single step; False where the system cannot.
+
+    Raises OSError. Linux' renameat2(2) with RENAME_EXCHANGE.
+    """
+    here, exchange = -100, 2  # AT_FDCWD, RENAME_EXCHANGE
+    renameat2 = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
+    if renameat2 is None:
+        return False
+    if renameat2(here, os.fsencode(one), here, os.fsencode(other), exchange) == 0:
+        return True
+    code = ctypes.get_errno()
+    if code in (errno.EINVAL, errno.ENOSYS, errno.ENOTSUP):
+        return False
+    raise OSError(code, os.strerror(code), str(other))
+
+
+def free_name(path: Path) -> Path:
+    """The path, or the first of NAME-2, NAME-3 ... that is not there yet."""
+    number, free = 1, path
+    while free.exists():
+        number += 1
+        free = path.with_stem(f"{path.stem}-{number}")
+    return free
 
 
 def write_whole(path: Path, data: bytes) -> None:
@@ -43,11 +88,7 @@ def write_named(path: Path, data: bytes) -> None:
 
 def move_named(aside: Path, path: Path) -> None:
     """Sync a file that was written aside and give it its name; its folder is not synced."""
-    handle = os.open(aside, os.O_RDONLY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+    _sync_file(aside)
     aside.replace(path)
 
 

@@ -6,6 +6,8 @@ from pathlib import Path
 
 from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.errors import BadInputError
+from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
+from capture_app.session.format.checks import check_name
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
 from capture_app.session.importers.calibration import Fit, fit_calibration, read_views
 from capture_app.session.importers.layouts import Layout, recognize
@@ -60,6 +62,8 @@ def import_recording(
 
     Raises BadInputError for anything that cannot be used; no session is left behind then.
     """
+    check_name(name, "session")
+    output = OutputFolder(root / name, replaces_nothing)
     layout = _layout(paths)
     if layout is not None:
         talk(f"{layout.videos} is of {layout.program}")
@@ -72,8 +76,7 @@ def import_recording(
     names = [source.name for source in sources]
     places = [split_name(text) for text in options.calibration]
     views = read_views(places, names) if places else None
-    writer = SessionWriter.create(root, name)
-    try:
+    with output, SessionWriter(output.folder, name) as writer:
         sizes = _write_images(writer, sources, instants, options, progress)
         cameras = [
             CameraRecord(
@@ -94,10 +97,8 @@ def import_recording(
             writer.set_calibration(fit_calibration(views, sizes, unit=options.unit, fit=options.fit))
         times_ns = tuple(instant.leader_ns for instant in instants)
         burst = BurstRecord(instants_ns=times_ns, period_ns=timeline.period_ns)
-        return writer.finish(cameras, burst, _missing(writer, names, instants), "imported", options.note)
-    except BaseException:
-        writer.discard()
-        raise
+        writer.finish(cameras, burst, _missing(writer, names, instants), "imported", options.note)
+    return Session.open(root / name)
 
 
 def _layout(paths: Sequence[str]) -> Layout | None:

@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 
 from capture_app.errors import BadInputError
-from capture_app.session.files.durable import PART, make_folders, sync_folder, write_whole
+from capture_app.session.files.durable import PART, free_name, make_folders, sync_folder, write_whole
 from capture_app.session.format.checks import read_struct
 from capture_app.session.format.ground_truth import TRUE_TIMES_JOURNAL, TrueTime, ground_truth_path
 from capture_app.session.format.journal import lines_of_file, record_of_line
@@ -109,16 +109,8 @@ def _set_aside_all_but(folder: Path, kept: set[str]) -> None:
             path.unlink()
             continue
         make_folders((folder / SET_ASIDE / name).parent, folder)
-        path.replace(_free_name(folder / SET_ASIDE / name))
+        path.replace(free_name(folder / SET_ASIDE / name))
         sync_folder((folder / SET_ASIDE / name).parent)
-
-
-def _free_name(path: Path) -> Path:
-    number, free = 1, path
-    while free.exists():
-        number += 1
-        free = path.with_stem(f"{path.stem}-{number}")
-    return free
 
 
 def remove_leftovers(folder: Path) -> None:

@@ -8,7 +8,8 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import Any, Self
 
 import msgspec
 
@@ -279,6 +280,14 @@ class SessionWriter:
             write_whole(self.folder / MANIFEST, data)
             self._close()
         return Session.open(self.folder)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.abort()
 
     def abort(self) -> None:
         """Stop here: what is saved stays, without a manifest. Harmless after `finish` or another abort."""

@@ -228,4 +228,4 @@ def test_a_full_disk_leaves_nothing(
         raise OSError(28, "No space left on device", "rig_config.json")
 
     monkeypatch.setattr(colmap, "write_frames", full)
-    refuses(make().folder, ExitCode.FAILURE, "No space left on device")
+    refuses(make().folder, ExitCode.FAILURE, "is full")

@@ -1,0 +1,274 @@
+"""The one output folder: a result appears whole under its name or not at all, an earlier one stays till then.
+
+A run works in the hidden folder `.NAME.part` beside its target, on the same file system:
+
+    lock      held by the run with flock, so that the system releases it when the run is killed
+    new       what the run makes; it takes the target's place at the end
+    earlier   the earlier result, for a moment, where the file system cannot exchange two folders at once
+
+What a killed run left there is restored or removed by the next run to the same target, with a warning.
+A second run to a target in use is refused at once: otherwise the work of one of the two would be thrown away
+without a word. Only a caller that can use the other's result, such as a batch, waits for it.
+"""
+
+import errno
+import fcntl
+import logging
+import os
+import shutil
+from collections.abc import Callable, Collection
+from contextlib import suppress
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+from capture_app.errors import BadInputError, DiskFullError, TryAgainError
+from capture_app.session.files.disk import is_full
+from capture_app.session.files.durable import (
+    PART,
+    exchange_folders,
+    free_name,
+    make_folders,
+    sync_folder,
+    sync_tree,
+)
+
+LITTLE_BYTES = 1 << 20
+"""With less than this on a disk, a write that failed without a reason failed for want of room."""
+
+_LOCK, _NEW, _EARLIER = "lock", "new", "earlier"
+_log = logging.getLogger(__name__)
+
+Check = Callable[[Path], None]
+"""Raises BadInputError where a folder that is not empty must not be replaced."""
+
+
+def replaces_only(names: Collection[str]) -> Check:
+    """A check that lets an earlier result be replaced, but no folder with other files than `names`."""
+
+    def check(target: Path) -> None:
+        foreign = sorted({path.name for path in target.iterdir()} - set(names))
+        if foreign:
+            raise BadInputError(
+                f"{target} holds other files ({foreign[0]})", hint="choose a new folder for --out"
+            )
+
+    return check
+
+
+def replaces_nothing(target: Path) -> None:
+    """A check that lets no folder with anything in it be replaced."""
+    raise BadInputError(f"{target} exists already and has something in it", hint="choose another name")
+
+
+class OutputFolder:
+    """A `folder` to work in, which takes the place of `target` when its context ends without an error."""
+
+    def __init__(self, target: Path, check: Check, *, reuse: str = "", wait: bool = False) -> None:
+        """`reuse` names a folder of the earlier result that the new one begins with; its files are shared.
+
+        `wait`: wait for another run to the same target instead of being refused.
+
+        Raises:
+            BadInputError: `target` is a file, a mount point or, by `check`, somebody else's folder.
+        """
+        self.target = Path(os.path.realpath(target))
+        self._check = check
+        self._reuse = reuse
+        self._wait = wait
+        self._discarded = False
+        self._lock = -1
+        self._check_target()
+        self._workplace = self.target.with_name(f".{self.target.name}{PART}")
+        self._earlier = self._workplace / _EARLIER
+        self.folder = self._workplace / _NEW
+
+    def __enter__(self) -> Self:
+        """Lock the target, mend what a killed run left of it, and make the working folder.
+
+        Raises:
+            TryAgainError: another run is writing to the target.
+            BadInputError: the target cannot be written, or must not be replaced.
+        """
+        try:
+            self._lock = self._acquire()
+            try:
+                self._clear_leftovers()
+                self._check_target()
+                self.folder.mkdir()
+                if self._reuse and (self.target / self._reuse).is_dir():
+                    shutil.copytree(
+                        self.target / self._reuse, self.folder / self._reuse, copy_function=_link_or_copy
+                    )
+            except BaseException:
+                self._release()
+                raise
+        except OSError as error:
+            explained = self._explain(error)
+            self._remove_workplace()
+            raise explained from error
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Put the folder in its place; after an error remove it, and leave what was there before.
+
+        Raises:
+            DiskFullError: the disk is full.
+            BadInputError: the target cannot be replaced.
+        """
+        full = isinstance(error, OSError) and self._is_disk_full(error)
+        try:
+            if error is None and not self._discarded:
+                self._put_in_place()
+        except OSError as failure:
+            raise self._explain(failure) from failure
+        finally:
+            self._release()
+        if full:
+            raise self._no_space() from error
+
+    def discard(self) -> None:
+        """Leave the target as it is, without an error."""
+        self._discarded = True
+
+    def _check_target(self) -> None:
+        if self.target.is_mount():
+            raise BadInputError(f"{self.target} is a mount point", hint="choose a folder inside it")
+        if self.target.exists() and not self.target.is_dir():
+            raise BadInputError(f"{self.target} is a file", hint="choose another --out")
+        if not self._is_free():
+            self._check(self.target)
+
+    def _is_free(self) -> bool:
+        return not self.target.exists() or not any(self.target.iterdir())
+
+    def _acquire(self) -> int:
+        path = self._workplace / _LOCK
+        while True:
+            make_folders(self._workplace, Path(self._workplace.anchor))
+            try:
+                lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+            except FileNotFoundError:
+                continue  # a run that ended removed the folder just now
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | (0 if self._wait else fcntl.LOCK_NB))
+                # A run that ended meanwhile has removed the file that was opened here.
+                if path.exists() and os.path.samestat(os.fstat(lock), path.stat()):
+                    return lock
+            except FileNotFoundError:
+                pass
+            except BlockingIOError:
+                os.close(lock)
+                raise TryAgainError(
+                    f"another run is writing to {self.target}",
+                    hint="wait until it has ended, or choose another --out",
+                ) from None
+            except BaseException:
+                os.close(lock)
+                raise
+            os.close(lock)
+
+    def _clear_leftovers(self) -> None:
+        """Restore or remove what a killed run left, and warn of it."""
+        foreign = {path.name for path in self._workplace.iterdir()} - {_LOCK, _NEW, _EARLIER}
+        if foreign:
+            raise BadInputError(
+                f"{self._workplace} is not of this program (it holds {sorted(foreign)[0]})",
+                hint="move it away, or choose another --out",
+            )
+        left = self.folder.exists() or self._earlier.exists()
+        self._restore()
+        if self.folder.exists():
+            shutil.rmtree(self.folder)
+        if left:
+            _log.warning("removed what a run that was killed had left in %s", self._workplace)
+
+    def _restore(self) -> None:
+        """Bring an earlier result back that was set aside; remove it where the new one took its place."""
+        if not self._earlier.exists():
+            return
+        if not self.target.exists():
+            self._earlier.rename(self.target)
+            sync_folder(self.target.parent)
+            _log.warning("restored the earlier result in %s", self.target)
+        elif self.folder.exists():
+            # Somebody made another folder of that name before the new result could take it.
+            kept = free_name(self.target.with_name(f"{self.target.name}-earlier"))
+            self._earlier.rename(kept)
+            _log.warning("the earlier result of %s is now in %s", self.target, kept)
+        else:
+            shutil.rmtree(self._earlier)
+
+    def _put_in_place(self) -> None:
+        sync_tree(self.folder)
+        sync_folder(self._workplace)
+        self._check_target()
+        if self._is_free():
+            # Replaces an empty folder, and refuses one that has become full meanwhile.
+            self.folder.rename(self.target)
+        elif not exchange_folders(self.folder, self.target):
+            self.target.rename(self._earlier)
+            sync_folder(self._workplace)
+            self.folder.rename(self.target)
+        sync_folder(self.target.parent)
+        sync_folder(self._workplace)
+
+    def _release(self) -> None:
+        """Remove the workplace and give the lock back; what cannot be removed is told."""
+        try:
+            self._restore()
+            shutil.rmtree(self.folder, ignore_errors=True)
+            if self.folder.exists():
+                raise OSError(0, "some files in it cannot be removed")
+            (self._workplace / _LOCK).unlink()
+            self._remove_workplace()
+        except OSError as error:
+            self._warn_left(error)
+        finally:
+            os.close(self._lock)
+
+    def _remove_workplace(self) -> None:
+        try:
+            self._workplace.rmdir()
+        except OSError as error:
+            # Another run may have begun to work in it, or have removed it.
+            if error.errno not in (errno.ENOTEMPTY, errno.ENOENT, errno.ENOTDIR):
+                self._warn_left(error)
+
+    def _warn_left(self, error: OSError) -> None:
+        _log.warning("%s is left behind: %s", self._workplace, error.strerror or error)
+
+    def _explain(self, error: OSError) -> BadInputError | DiskFullError:
+        if self._is_disk_full(error):
+            return self._no_space()
+        what = f"cannot write to {self.target}: {error.strerror or error}"
+        return BadInputError(what, hint="choose another --out")
+
+    def _is_disk_full(self, error: OSError) -> bool:
+        if is_full(error):
+            return True
+        return self._workplace.is_dir() and shutil.disk_usage(self._workplace).free < LITTLE_BYTES
+
+    def _no_space(self) -> DiskFullError:
+        return DiskFullError(
+            f"the disk of {self.target} is full",
+            hint="make room, or choose an --out on another disk",
+        )
+
+
+def clear_leftovers(parent: Path) -> None:
+    """Mend what killed runs left of any output folder in `parent`, but not what is being worked on."""
+    for lock in parent.glob(f".*{PART}/{_LOCK}"):
+        target = parent / lock.parent.name[1 : -len(PART)]
+        with suppress(TryAgainError), OutputFolder(target, lambda _: None) as output:
+            output.discard()
+
+
+def _link_or_copy(source: str, target: str) -> None:
+    try:
+        os.link(source, target)
+    except OSError:
+        # Some file systems have no links.
+        shutil.copy2(source, target)

@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
-PATIENCE_S = 60.0
-"""Generous: a busy machine is slow, and nothing here judges how fast it is."""
+PATIENCE_S = 240.0
+"""Only what hangs takes so long: a busy machine is slow, and nothing here judges how fast it is."""
 
 
 class Command:

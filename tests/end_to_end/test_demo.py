@@ -4,6 +4,7 @@ import asyncio
 import os
 import signal
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -12,19 +13,23 @@ from capture_app.demo import capture, compare, free_folder, sync_errors
 from capture_app.errors import ExitCode, SimulshotError
 from capture_app.session.reading.verify import verify
 
+from .conftest import PATIENCE_S
+
 PARENT = """
-import asyncio
+import asyncio, signal
 from pathlib import Path
 from capture_app.demo import SimulatedNodes
 from capture_app.node.leader.leader import LeaderNode
 
 async def main():
     async with LeaderNode(sessions=Path("unused"), host="127.0.0.1", port=0) as leader:
-        async with SimulatedNodes(leader.address, 2, scene="bars") as nodes:
-            await leader.wait_until_ready(60, nodes=2)
-            print(*(child.process.pid for child in nodes._children), flush=True)
+        async with SimulatedNodes(leader.address, 2, scene="bars"):
+            await leader.wait_until_ready(240, nodes=2)
+            print("ready", flush=True)
             await asyncio.Event().wait()
 
+# A script that starts these tests with & has them ignore SIGINT, and so their children.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 asyncio.run(main())
 """
 
@@ -62,8 +67,9 @@ async def test_nodes_end_with_the_process_that_started_them(how: signal.Signals)
         sys.executable, "-c", PARENT, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.DEVNULL
     )
     assert parent.stdout is not None
-    async with asyncio.timeout(60):
-        pids = [int(pid) for pid in (await parent.stdout.readline()).split()]
+    async with asyncio.timeout(PATIENCE_S):
+        assert await parent.stdout.readline() == b"ready\n"
+        pids = children_of(parent.pid)
         assert len(pids) == 2
         assert all(is_running(pid) for pid in pids)
         parent.send_signal(how)
@@ -71,6 +77,17 @@ async def test_nodes_end_with_the_process_that_started_them(how: signal.Signals)
         await parent.wait()
         while any(is_running(pid) for pid in pids):  # noqa: ASYNC110 - they are not our children
             await asyncio.sleep(0.05)
+
+
+def children_of(parent: int) -> list[int]:
+    """The processes that a process has started and that are still its own."""
+    statuses = {int(path.parent.name): path for path in Path("/proc").glob("[0-9]*/stat")}
+    found = []
+    for pid, path in statuses.items():
+        with suppress(FileNotFoundError, ProcessLookupError):
+            if int(path.read_text().rpartition(")")[2].split()[1]) == parent:
+                found.append(pid)
+    return found
 
 
 def is_running(pid: int) -> bool:

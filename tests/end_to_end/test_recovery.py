@@ -11,6 +11,7 @@ from capture_app.session.format.manifest import JOURNAL, MANIFEST
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 
+from .conftest import PATIENCE_S
 from .test_rig import burst, join, lead, output
 
 if TYPE_CHECKING:
@@ -21,7 +22,7 @@ async def until(condition: Callable[[], bool]) -> None:
     """Wait for what files tell."""
 
     def wait() -> None:
-        give_up_s = time.monotonic() + 60
+        give_up_s = time.monotonic() + PATIENCE_S
         while not condition():
             assert time.monotonic() < give_up_s
             time.sleep(0.02)
@@ -41,7 +42,7 @@ async def test_a_leader_killed_in_a_burst_finishes_it_at_the_next_start(
     port = int(address.rpartition(":")[2])
     nodes = await asyncio.gather(join(start, address, "a"), join(start, address, "b"))
     await asyncio.gather(*(node.says("ready") for node in nodes))
-    asking = await start("burst", "--leader", address, "--wait-ready", "60", "--frames", "12")
+    asking = await start("burst", "--leader", address, "--wait-ready", str(PATIENCE_S), "--frames", "12")
     session = tmp_path / "sessions" / "burst-001"
     await lines_of(session / JOURNAL, 2)
     await leader.kill()
@@ -68,7 +69,7 @@ async def test_what_a_killed_node_had_spooled_is_fetched_when_it_is_started_agai
     port = int(address.rpartition(":")[2])
     node = await join(start, address, "a")
     await node.says("ready")
-    asking = await start("burst", "--leader", address, "--wait-ready", "60", "--frames", "20")
+    asking = await start("burst", "--leader", address, "--wait-ready", str(PATIENCE_S), "--frames", "20")
     session = tmp_path / "sessions" / "burst-001"
     await lines_of(session / JOURNAL, 1)
     await leader.kill()
@@ -78,7 +79,7 @@ async def test_what_a_killed_node_had_spooled_is_fetched_when_it_is_started_agai
     await lines_of(spooled / JOURNAL, 20)
     await node.kill()
 
-    options = ("--wait", "60", "--listen", f"127.0.0.1:{port}", "--json")
+    options = ("--wait", str(PATIENCE_S), "--listen", f"127.0.0.1:{port}", "--json")
     command = await start("sessions", "repair", str(session), *options)
     await join(start, address, "a")
     repaired = json.loads(await output(command))["sessions"]

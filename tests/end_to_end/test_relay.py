@@ -14,19 +14,20 @@ from capture_app.session.format.manifest import JOURNAL
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 
+from .conftest import PATIENCE_S
 from .test_recovery import lines_of
 from .test_rig import lead, output
 
 if TYPE_CHECKING:
     from tests.end_to_end.conftest import Command, Start
 
-LOST_TIME_NS = 1_000_000
-"""No clock is off by so much on a loopback, however busy the machine; unsynchronized ones are, by hours."""
+LOST_TIME_NS = 1_000_000_000
+"""A synchronized clock is never off by so much, however busy the machine; others here are, by hours."""
 
 
 async def ask(address: str, **wanted: Any) -> BurstStatus:
     """Order a burst, without a process of its own, and return how it ended."""
-    request = BurstRequest(wait_ready_s=60.0, **wanted)
+    request = BurstRequest(wait_ready_s=PATIENCE_S, **wanted)
     return [status async for status in ask_burst(parse_address(address), request)][-1]
 
 

@@ -12,6 +12,8 @@ from capture_app.node.camera.device_profiles import FILE
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 
+from .conftest import PATIENCE_S
+
 if TYPE_CHECKING:
     from tests.end_to_end.conftest import Command, Start
 
@@ -41,7 +43,7 @@ async def status(start: "Start", leader: str) -> dict[str, dict[str, Any]]:
 
 
 async def burst(start: "Start", leader: str, *options: str) -> dict[str, Any]:
-    command = await start("burst", "--leader", leader, "--wait-ready", "60", "--json", *options)
+    command = await start("burst", "--leader", leader, "--wait-ready", str(PATIENCE_S), "--json", *options)
     done: dict[str, Any] = json.loads(await output(command))
     return done
 

@@ -43,9 +43,22 @@ async def status(start: "Start", leader: str) -> dict[str, dict[str, Any]]:
 
 
 async def burst(start: "Start", leader: str, *options: str) -> dict[str, Any]:
-    command = await start("burst", "--leader", leader, "--wait-ready", str(PATIENCE_S), "--json", *options)
-    done: dict[str, Any] = json.loads(await output(command))
-    return done
+    """Take bursts until one is whole: on a starved machine a node falls silent for as long as a lost one."""
+    async with asyncio.timeout(PATIENCE_S):
+        while True:
+            command = await start(
+                "burst", "--leader", leader, "--wait-ready", str(PATIENCE_S), "--json", *options
+            )
+            printed = await command.finish()
+            assert command.process.returncode in (ExitCode.OK, ExitCode.INCOMPLETE), command.said
+            if command.process.returncode == ExitCode.OK:
+                done: dict[str, Any] = json.loads(printed)
+                return done
+
+
+def number(done: dict[str, Any]) -> int:
+    """The number in the name of a burst's session."""
+    return int(Path(done["session"]).name.removeprefix("burst-"))
 
 
 async def test_a_rig_started_by_hand_takes_a_burst_and_survives_a_node(
@@ -56,12 +69,13 @@ async def test_a_rig_started_by_hand_takes_a_burst_and_survives_a_node(
     await asyncio.gather(leader.says("a joined"), leader.says("b joined"))
 
     done = await burst(start, address, "--frames", "3", "--spacing", "2")
+    first = number(done)
     session = Session.open(Path(done["session"]))
     assert verify(session) == []
     assert len(session.manifest.images) == 6
     assert session.manifest.origin == "simulated"
-    first, second, third = session.manifest.burst.instants_ns
-    assert second - first == third - second == 2 * session.manifest.burst.period_ns
+    one, two, three = session.manifest.burst.instants_ns
+    assert two - one == three - two == 2 * session.manifest.burst.period_ns
     for camera in session.manifest.cameras:
         assert camera.clock is not None
         assert abs(camera.clock.offset_ns) > 3600 * 10**9, "its clock is hours off"
@@ -76,7 +90,7 @@ async def test_a_rig_started_by_hand_takes_a_burst_and_survives_a_node(
     await leader.says("a is back")
     await again.says("ready")
     done = await burst(start, address, "--frames", "1")
-    assert done["session"].endswith("burst-002")
+    assert number(done) > first
     assert (done["received"], done["expected"]) == (2, 2)
 
     assert await nodes[1].stop() == 130
@@ -91,7 +105,8 @@ async def test_nodes_wait_for_a_leader_and_come_back_to_another_run_of_it(
     port = int(address.rpartition(":")[2])
     node = await join(start, address, "a")
     await node.says("ready")
-    assert (await burst(start, address, "--frames", "1"))["received"] == 1
+    first = await burst(start, address, "--frames", "1")
+    assert first["received"] == 1
 
     await leader.kill()
     await node.says("leader-lost")
@@ -101,8 +116,8 @@ async def test_nodes_wait_for_a_leader_and_come_back_to_another_run_of_it(
     await node.says("ready", after=heard)
     done = await burst(start, address, "--frames", "2")
     assert done["received"] == 2
-    assert done["session"].endswith("burst-002")
-    assert done["burst"] == 2, "its number is its session's, in whichever run of the leader"
+    assert number(done) > number(first)
+    assert done["burst"] == number(done), "its number is its session's, in whichever run of the leader"
 
 
 async def test_a_node_that_dies_in_a_burst_leaves_a_session_that_says_so(

@@ -41,7 +41,7 @@ from reconstruction.depth.depth_range import find_depth_range
 from reconstruction.depth.sweep_matcher import match_all_views
 from reconstruction.multiview.input_images import undistort_image
 from reconstruction.multiview.source_views import choose_reference_view, choose_source_views, guess_depths
-from reconstruction.multiview.view_files import judge
+from reconstruction.scores.depth_truth import depth_shares
 
 Result = dict[str, Any]
 
@@ -63,7 +63,7 @@ def ours(views: dict[str, View], condition: Condition, reference: str, scratch: 
     result |= {"map_s": matched / len(found), "map_cpu_s": matched_cpu / len(found), "all_fused_s": fused}
     result |= {"all_fused_cpu_s": fused_cpu}
     result |= {"peak_mb": _peak_mb(), "points": points, "views_within_2pct": {
-        name: judge(view.depth, condition.depth[name], condition.movers[name])["within_2pct"]
+        name: depth_shares(view.depth, condition.depth[name], condition.movers[name])["within_2pct"]
         for name, view in found.items()
     }}  # fmt: skip
     result |= cloud_scores(scratch / "fused.ply", views, condition.depth)
@@ -107,7 +107,7 @@ METHODS: dict[str, Callable[[dict[str, View], Condition, str, Path], Result]] = 
 
 
 def _shares(depth: Array, condition: Condition, reference: str) -> Result:
-    shares = judge(depth, condition.depth[reference], condition.movers[reference])
+    shares = depth_shares(depth, condition.depth[reference], condition.movers[reference])
     return {**shares, "coverage": float(np.mean(depth > 0))}
 
 

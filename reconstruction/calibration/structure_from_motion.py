@@ -6,12 +6,12 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from reconstruction.common.geometry import Array
+from reconstruction.common.image_files import write_image
 from reconstruction.common.native_libraries import load_pycolmap
 from reconstruction.session.dataset import Dataset
 
@@ -63,9 +63,9 @@ def _write_images(
         for k in instants:
             if dataset.has(camera, k):
                 name = f"{camera}/{k:06d}.png"
-                cv2.imwrite(str(root / "images" / name), dataset.image(camera, k))
+                write_image(root / "images" / name, dataset.image(camera, k))
                 still = np.where(movers(camera, k), 0, 255).astype(np.uint8)
-                cv2.imwrite(str(root / "masks" / f"{name}.png"), still)
+                write_image(root / "masks" / f"{name}.png", still)
 
 
 def _solve(pycolmap: Any, cameras: Sequence[str], root: Path) -> Any | None:

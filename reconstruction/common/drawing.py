@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from reconstruction.common.geometry import Array
+from reconstruction.common.image_files import write_image
 
 EMPTY = (34, 30, 28)
 """BGR of what nothing is known about."""
@@ -15,14 +16,16 @@ LOST = (40, 130, 250)
 """Orange: a moving pixel without, or with wrong depth."""
 LINE = (255, 255, 255)
 GAP_PX = 6
+JPEG_QUALITY = 92
 CLOSE_UP_PX = 480
 
 
-def display_range(depth: Array, moving: Array) -> tuple[float, float]:
+def display_range(depth: Array, moving: Array | None = None) -> tuple[float, float]:
     """Nearest and farthest depth to show: without the last hundredth at each end, but with what moves."""
-    known, fast = depth[depth > 0], depth[moving & (depth > 0)]
+    known = depth[depth > 0]
     if not len(known):
         return 1.0, 2.0
+    fast = known[:0] if moving is None else depth[moving & (depth > 0)]
     near, far = np.percentile(known, [1, 99])
     if len(fast):
         first, last = np.percentile(fast, [10, 90])
@@ -132,11 +135,9 @@ def fit_canvas(picture: Array, width: int, height: int) -> Array:
     return canvas
 
 
-def save_picture(folder: Path, name: str, picture: Array, *, quality: int = 92) -> str:
+def save_picture(folder: Path, name: str, picture: Array, *, quality: int = JPEG_QUALITY) -> str:
     """Write a picture into folder/pictures; its path relative to the folder. `quality` is for JPEG."""
     target = folder / "pictures" / name
     target.parent.mkdir(parents=True, exist_ok=True)
-    how = [cv2.IMWRITE_JPEG_QUALITY, quality] if name.endswith(".jpg") else []
-    if not cv2.imwrite(str(target), picture, how):
-        raise OSError(f"cannot write {target}")
+    write_image(target, picture, [cv2.IMWRITE_JPEG_QUALITY, quality] if target.suffix == ".jpg" else [])
     return f"pictures/{name}"

@@ -18,6 +18,7 @@ from reconstruction.common.drawing import (
 )
 from reconstruction.common.geometry import Array
 from reconstruction.compare.depth_study import DepthStudy, Instant
+from reconstruction.scores.depth_truth import TOLERANCE_TEXT, right_depth
 from reconstruction.scores.results import Picture
 
 PANELS = {"pair": 2, "closeup": 2}
@@ -42,7 +43,7 @@ def depth_pictures(study: DepthStudy, instants: Sequence[Instant], out: Path) ->
 
 
 def _texts(study: DepthStudy, true: bool) -> dict[str, tuple[str, str]]:
-    found = "the distance found is right within 2 %" if true else "both pictures agree on a distance"
+    found = f"the distance found is right {TOLERANCE_TEXT}" if true else "both pictures agree on a distance"
     lost = "there is none, or a wrong one" if true else "they do not"
     return {
         "late": (
@@ -67,8 +68,7 @@ def _made(study: DepthStudy, one: Instant, condition: str, later: int) -> dict[s
     coloured = colour_depth(depth, near, far)
     right = depth > 0
     if one.truth is not None:
-        truth = np.nan_to_num(one.truth, nan=np.inf)
-        right &= np.abs(depth - truth) < 0.02 * np.nan_to_num(one.truth)
+        right &= right_depth(depth, one.truth)
     return {
         "late": study.dataset.image(study.other, later),
         "depth": coloured,

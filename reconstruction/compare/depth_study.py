@@ -11,7 +11,7 @@ from reconstruction.common.stage_cache import StageCache
 from reconstruction.scores.depth_results import DepthScores, StereoComparison
 from reconstruction.scores.depth_truth import true_depth_in_unit
 from reconstruction.scores.still_control import median_still_depth, project_into_other, still_pixels
-from reconstruction.scores.tally import Tally, count_depth, differences
+from reconstruction.scores.tally import Measurements, Tally, differences, measure_depth
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.scene_motion import SceneMotion
 from reconstruction.stereo.disparity_range import find_disparity_range
@@ -20,12 +20,7 @@ from reconstruction.stereo.stereo_pair import DepthMap, StereoPair
 
 CONDITIONS = ("synced", "offset")
 RANGE_INSTANTS = 8
-ROW = {
-    "mover_coverage": ("mover", "coverage"),
-    "static_coverage": ("static", "coverage"),
-    "mover_within_2pct": ("mover", "within_2pct"),
-    "mover_epipolar_px": ("mover", "epipolar_px"),
-}
+ROW = ("mover_coverage", "static_coverage", "mover_within_2pct", "mover_epipolar_px")
 """What is told of every single instant."""
 
 
@@ -154,23 +149,19 @@ class DepthStudy:
             for condition, later in (("synced", one.now), ("offset", one.later)):
                 found = one.maps[condition]
                 other = self.dataset.grey(self.other, later)
-                counts = []
-                for mask in (one.moving, one.static):
-                    count = count_depth(found.depth, found.difference, mask, one.truth)
-                    rows = epipolar_errors(self.pair, reference, other, mask)
-                    count.values["epipolar_px"] = np.array(rows, float)
-                    counts.append(count)
-                single = Tally()
-                for tally in (tallies[condition], single):
-                    tally.add(*counts)
-                for name, pair in ROW.items():
-                    row[f"{condition}_{name}"] = single.value(*pair)
+                measured = Measurements()
+                for kind, mask in (("mover", one.moving), ("static", one.static)):
+                    measured.update(measure_depth(found.depth, found.difference, mask, one.truth), f"{kind}_")
+                    errors = epipolar_errors(self.pair, reference, other, mask)
+                    measured.medians[f"{kind}_epipolar_px"] = np.array(errors, float)
+                tallies[condition].add(measured)
+                row |= {f"{condition}_{measure}": Tally([measured]).value(measure) for measure in ROW}
             per_instant.append(row)
         return StereoComparison(
             reference=self.reference,
             other=self.other,
-            synced=tallies["synced"].scores(DepthScores, intervals=True),
-            offset=tallies["offset"].scores(DepthScores, intervals=True),
+            synced=tallies["synced"].scores(DepthScores),
+            offset=tallies["offset"].scores(DepthScores),
             per_instant=tuple(per_instant),
             differences=differences(tallies["synced"], tallies["offset"], DepthScores),
             why=why,

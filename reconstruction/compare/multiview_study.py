@@ -18,7 +18,7 @@ from reconstruction.multiview.source_views import choose_reference_view, choose_
 from reconstruction.multiview.undistorted_session import UndistortedSession
 from reconstruction.scores.depth_results import MultiviewComparison, MultiviewScores
 from reconstruction.scores.results import Picture
-from reconstruction.scores.tally import Count, Tally, differences
+from reconstruction.scores.tally import Measurements, Tally, differences
 from reconstruction.session.conditions import Condition, fixed_offsets_ms, instants_shown, refuse_synchronized
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import evenly_spread
@@ -29,14 +29,10 @@ MOST_CAMERAS = 5
 TRIES = 4
 """Instants that are looked at for one at which every camera shows something."""
 CONDITIONS = ("synced", "offset")
-ROW = {
-    "mover_coverage": ("mover", "coverage"),
-    "static_coverage": ("static", "coverage"),
-    "mover_within_2pct": ("mover", "within_2pct"),
-    "static_within_2pct": ("static", "within_2pct"),
-    "mover_consistency": ("mover", "consistency"),
-    "mover_points": ("mover", "points"),
-}
+ROW = (
+    "mover_coverage", "static_coverage", "mover_within_2pct", "static_within_2pct", "mover_consistency",
+    "mover_points",
+)  # fmt: skip
 """What is told of every single instant."""
 
 
@@ -132,13 +128,13 @@ class MultiviewStudy:
         for one, maps in zip(taken, found, strict=True):
             counts = judge.count(one.instant, one.shown, maps)
             rows.append(self._row(one, counts))
-            for name, pair in counts.items():
-                tallies[name].add(*pair)
+            for name, measured in counts.items():
+                tallies[name].add(measured)
         return MultiviewComparison(
             reference=self.reference,
             cameras=self.cameras,
-            synced=tallies["synced"].scores(MultiviewScores, intervals=True),
-            offset=tallies["offset"].scores(MultiviewScores, intervals=True),
+            synced=tallies["synced"].scores(MultiviewScores),
+            offset=tallies["offset"].scores(MultiviewScores),
             offsets_ms=self._late(condition),
             tolerance_m=judge.tolerance_m,
             width_px=self.shots.views[self.reference].width,
@@ -194,15 +190,13 @@ class MultiviewStudy:
         )
         return InstantDepth(**made)
 
-    def _row(self, one: Taken, counts: dict[str, tuple[Count, Count]]) -> dict[str, float | int | None]:
+    def _row(self, one: Taken, counts: dict[str, Measurements]) -> dict[str, float | int | None]:
         row: dict[str, float | int | None] = {
             "instant": one.instant,
-            "mover_pixels": counts["synced"][0].shares["coverage"][1],
+            "mover_pixels": counts["synced"].shares["mover_coverage"][1],
         }
-        for name, pair in counts.items():
-            single = Tally()
-            single.add(*pair)
-            row |= {f"{name}_{key}": single.value(*measure) for key, measure in ROW.items()}
+        for name, measured in counts.items():
+            row |= {f"{name}_{measure}": Tally([measured]).value(measure) for measure in ROW}
         times = self.dataset.instants_ns
         for camera, instant in one.shown.items():
             row[f"late_{camera}_ms"] = (times[instant] - times[one.instant]) / 1e6

@@ -18,10 +18,9 @@ from reconstruction.panorama.pair_registration import (
     uncalibrated_view,
     undistort_pixels,
 )
-from reconstruction.scores.bootstrap import bootstrap_interval, pooled_samples
 from reconstruction.scores.panorama_results import PanoramaComparison, PanoramaScores
-from reconstruction.scores.results import Interval, Picture
-from reconstruction.scores.tally import FEWEST_FOR_INTERVAL
+from reconstruction.scores.results import Picture
+from reconstruction.scores.tally import Measurements, Tally, measures_of
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.mover_detection import dilate
 from reconstruction.session.scene_motion import SceneMotion
@@ -103,11 +102,12 @@ class PanoramaStudy:
                         still,
                     )
                 )
+        changes = Tally(map(_measurements, misfits[1], misfits[0]))
         return PanoramaComparison(
             cameras=self.cameras,
-            synced=_scores(misfits[0]),
-            offset=_scores(misfits[1]),
-            differences=_differences(*misfits),
+            synced=Tally(map(_measurements, misfits[0])).scores(PanoramaScores),
+            offset=Tally(map(_measurements, misfits[1])).scores(PanoramaScores),
+            differences=changes.intervals(measures_of(PanoramaScores)),
             why=why,
         )
 
@@ -166,50 +166,12 @@ class PanoramaStudy:
         return np.asarray(self._masks(now, later, later)[0] & self.registration.overlap)
 
 
-MEASURES = {
-    "overlap_flow_p95_px": "flow_p95_px",
-    "static_overlap_mad": "static_mad",
-    "mover_overlap_mad": "mover_mad",
-    "mover_flow_p95_px": "mover_flow_p95_px",
-}
-
-
-def _values(misfits: list[OverlapMisfit], measure: str) -> Array:
-    """A measure at every instant, NaN = none."""
-    found = [getattr(misfit, MEASURES[measure]) for misfit in misfits]
-    return np.array([np.nan if value is None else value for value in found], float)
-
-
-def _mean(values: Array) -> float | None:
-    known = values[np.isfinite(values)]
-    return float(known.mean()) if len(known) else None
-
-
-def _samples(values: Array) -> Array:
-    if len(values) < FEWEST_FOR_INTERVAL:
-        return np.zeros(0)
-    singles = [values[i : i + 1][np.isfinite(values[i : i + 1])] for i in range(len(values))]
-    return pooled_samples(singles, lambda pooled: float(pooled.mean()))
-
-
-def _scores(misfits: list[OverlapMisfit]) -> PanoramaScores:
-    values = {measure: _values(misfits, measure) for measure in MEASURES}
-    found = {measure: bootstrap_interval(_mean(v), _samples(v)) for measure, v in values.items()}
-    return PanoramaScores(
-        overlap_flow_p95_px=float(values["overlap_flow_p95_px"].mean()),
-        static_overlap_mad=float(values["static_overlap_mad"].mean()),
-        mover_overlap_mad=_mean(values["mover_overlap_mad"]),
-        mover_flow_p95_px=_mean(values["mover_flow_p95_px"]),
-        intervals={measure: one for measure, one in found.items() if one is not None},
-        instants=len(misfits),
-    )
-
-
-def _differences(synced: list[OverlapMisfit], offset: list[OverlapMisfit]) -> dict[str, Interval]:
-    found = {}
-    for measure in MEASURES:
-        change = _values(offset, measure) - _values(synced, measure)
-        one = bootstrap_interval(_mean(change), _samples(change))
-        if one is not None:
-            found[measure] = one
-    return found
+def _measurements(misfit: OverlapMisfit, earlier: OverlapMisfit | None = None) -> Measurements:
+    """An instant's misfit, or how it differs from another."""
+    means = {}
+    for measure in measures_of(PanoramaScores):
+        value = getattr(misfit, measure)
+        before = 0.0 if earlier is None else getattr(earlier, measure)
+        if value is not None and before is not None:
+            means[measure] = np.array([value - before])
+    return Measurements(means=means)

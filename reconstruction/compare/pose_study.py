@@ -1,21 +1,19 @@
 """The part of a comparison that finds the cameras' poses instant by instant, as it must where all moves."""
 
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from reconstruction.common.geometry import Array, View
+from reconstruction.common.geometry import View
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.stage_cache import StageCache
 from reconstruction.poses.pose_errors import relative_pose_errors
 from reconstruction.poses.pose_finder import PoseFinder
-from reconstruction.scores.bootstrap import bootstrap_interval, pooled_samples, share_samples
 from reconstruction.scores.pose_results import PoseComparison, PoseScores
-from reconstruction.scores.results import Interval
-from reconstruction.scores.tally import FEWEST_FOR_INTERVAL
+from reconstruction.scores.tally import Measurements, Tally, differences, measures_of
 from reconstruction.session.conditions import Condition, fixed_offsets_ms, instants_shown, refuse_synchronized
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import evenly_spread
@@ -25,7 +23,6 @@ HARMED = 0.1
 LARGE_MOVING_SHARE = 0.2
 """Less than this of the picture moving is thrown out with the outliers: poses are as good when late."""
 MOST_INSTANTS = 5
-MEASURES = ("registered", "right_pairs", "rotation_deg", "direction_deg")
 
 
 @dataclass(frozen=True)
@@ -77,7 +74,8 @@ class PoseStudy:
                     found[name].append(self._placed(finder, pictures))
         late_ms = fixed_offsets_ms(condition, self.dataset)
         first = self.cameras[0]
-        synced, offset = (_scores(found[name]) for name in ("synced", "offset"))
+        before, after = (Tally(map(_measurements, found[name])) for name in ("synced", "offset"))
+        synced, offset = before.scores(PoseScores), after.scores(PoseScores)
         return PoseComparison(
             cameras=self.cameras,
             synced=synced,
@@ -90,7 +88,7 @@ class PoseStudy:
                 {"instant": instant, **_row("synced", synced_one), **_row("offset", offset_one)}
                 for (instant, _), synced_one, offset_one in zip(taken, *found.values(), strict=True)
             ),
-            differences=_differences(found["synced"], found["offset"]),
+            differences=differences(before, after, PoseScores),
             why=why,
         )
 
@@ -136,56 +134,15 @@ class _Lazy:
         return self._finder
 
 
-def _values(placed: Sequence[Placed], measure: str) -> list[Array]:
-    """A measure's values, one array for each instant."""
-    if measure == "registered":
-        return [np.array([float(one.registered)]) for one in placed]
-    which = 0 if measure == "rotation_deg" else 1
-    return [np.array([error[which] for error in one.errors]) for one in placed]
-
-
-def _value(placed: Sequence[Placed], measure: str) -> float | None:
-    if measure == "right_pairs":
-        return sum(one.right for one in placed) / sum(one.pairs for one in placed)
-    pooled = np.concatenate(_values(placed, measure))
-    if not len(pooled):
-        return None
-    return float(pooled.mean() if measure == "registered" else np.median(pooled))
-
-
-def _samples(placed: Sequence[Placed], measure: str) -> Array:
-    if len(placed) < FEWEST_FOR_INTERVAL:
-        return np.zeros(0)
-    if measure == "right_pairs":
-        return share_samples(*(np.array(v) for v in zip(*((p.right, p.pairs) for p in placed), strict=True)))
-    middle = np.mean if measure == "registered" else np.median
-    return pooled_samples(_values(placed, measure), lambda values: float(middle(values)))
-
-
-def _scores(placed: Sequence[Placed]) -> PoseScores:
-    values = {measure: _value(placed, measure) for measure in MEASURES}
-    found = {m: bootstrap_interval(value, _samples(placed, m)) for m, value in values.items()}
-    return PoseScores(
-        registered=values["registered"] or 0.0,
-        right_pairs=values["right_pairs"] or 0.0,
-        rotation_deg=values["rotation_deg"],
-        direction_deg=values["direction_deg"],
-        intervals={measure: one for measure, one in found.items() if one is not None},
-        instants=len(placed),
+def _measurements(one: Placed) -> Measurements:
+    rotations, directions = (np.array([error[which] for error in one.errors]) for which in (0, 1))
+    return Measurements(
+        shares={"right_pairs": (one.right, one.pairs)},
+        medians={"rotation_deg": rotations, "direction_deg": directions},
+        means={"registered": np.array([float(one.registered)])},
     )
 
 
-def _differences(synced: Sequence[Placed], offset: Sequence[Placed]) -> dict[str, Interval]:
-    found = {}
-    for measure in MEASURES:
-        before, after = _value(synced, measure), _value(offset, measure)
-        if before is None or after is None:
-            continue
-        one = bootstrap_interval(after - before, _samples(offset, measure) - _samples(synced, measure))
-        if one is not None:
-            found[measure] = one
-    return found
-
-
 def _row(name: str, one: Placed) -> dict[str, float | int | None]:
-    return {f"{name}_{measure}": _value([one], measure) for measure in MEASURES}
+    tally = Tally([_measurements(one)])
+    return {f"{name}_{measure}": tally.value(measure) for measure in measures_of(PoseScores)}

@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from reconstruction.common.geometry import Array, View
+from reconstruction.common.image_files import FAST_PNG, write_image
 from reconstruction.common.native_libraries import load_pycolmap
 from reconstruction.depth.colmap_maps import write_maps
 from reconstruction.depth.sweep_matcher import ViewDepth
@@ -38,9 +38,7 @@ def write_workspace(
         (folder / part).mkdir(exist_ok=True)
     names = {name: f"{name}.png" for name in views}
     for name, file in names.items():
-        # OpenCV's own writer says nothing of a full disk.
-        packed = cv2.imencode(".png", pictures[name], [cv2.IMWRITE_PNG_COMPRESSION, 1])[1]
-        (folder / "images" / file).write_bytes(packed.tobytes())
+        write_image(folder / "images" / file, pictures[name], FAST_PNG)
     points = _between(views, reach) if depth_views is None else _shared_points(views, depth_views)
     _model(pycolmap, views, names, points).write(folder / "sparse")
     (stereo / "fusion.cfg").write_text("".join(f"{file}\n" for file in names.values()))

@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 
 from reconstruction.common.geometry import Array
+from reconstruction.common.image_files import write_image
 from reconstruction.common.native_libraries import load_open3d, silenced_stderr
 
 NEIGHBOURS = 16
@@ -45,8 +46,7 @@ def build_mesh(fused: Path, folder: Path, centre: Array, up: Array) -> MeshModel
         written &= o3d.io.write_triangle_mesh(str(folder / "mesh.ply"), mesh)
     if not written:
         raise OSError(f"cannot write the cloud and the mesh into {folder}")
-    picture = cv2.imencode(".png", turntable(o3d, mesh, centre, up))[1]
-    (folder / "turntable.png").write_bytes(picture.tobytes())
+    write_image(folder / "turntable.png", turntable(o3d, mesh, centre, up))
     return MeshModel(len(cloud.points), len(mesh.triangles), ("cloud.ply", "mesh.ply", "turntable.png"))
 
 

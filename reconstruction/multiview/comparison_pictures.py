@@ -3,15 +3,11 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-import numpy as np
-
 from reconstruction.common.drawing import colour_depth, display_range, mark_movers, save_picture
 from reconstruction.common.geometry import Array
 from reconstruction.multiview.instant_depth import InstantDepth
+from reconstruction.scores.depth_truth import TOLERANCE_TEXT, right_depth
 from reconstruction.scores.results import Picture
-
-RIGHT = 0.02
-"""Relative error up to which a depth is shown as right."""
 
 
 def multiview_pictures(
@@ -26,12 +22,12 @@ def multiview_pictures(
     for condition, found in maps.items():
         right = found.depth > 0
         if truth is not None:
-            right &= np.abs(found.depth - np.nan_to_num(truth, nan=np.inf)) < RIGHT * np.nan_to_num(truth)
+            right &= right_depth(found.depth, truth)
         depth = colour_depth(found.depth, near, far)
         paths["depth"][condition] = save_picture(out, f"multiview_depth_{condition}.png", depth)
         marked = mark_movers(photo, moving, right)
         paths["movers"][condition] = save_picture(out, f"multiview_movers_{condition}.jpg", marked)
-    judged = "it is right within 2 %" if truth is not None else "the other cameras agree"
+    judged = f"it is right {TOLERANCE_TEXT}" if truth is not None else "the other cameras agree"
     return (
         Picture(
             key="multiview_depth",

@@ -18,7 +18,7 @@ from reconstruction.multiview.instant_depth import InstantDepth
 from reconstruction.multiview.undistorted_session import UndistortedSession
 from reconstruction.scores.depth_truth import true_depth_in_unit
 from reconstruction.scores.still_control import fill_from_nearest, median_still_depth
-from reconstruction.scores.tally import Count, count_depth
+from reconstruction.scores.tally import Measurements, measure_depth
 from reconstruction.session.mover_detection import dilate
 
 CONTROL_MARGIN_PX = 4
@@ -46,7 +46,7 @@ class InstantScorer:
 
     def count(
         self, instant: int, shown: Mapping[str, int], maps: Mapping[str, InstantDepth]
-    ) -> dict[str, tuple[Count, Count]]:
+    ) -> dict[str, Measurements]:
         """Movers and still control of each map, by condition: `synced`, and `offset` with what is `shown`.
 
         The control is equal in both: no mover is in front of it in any picture of either.
@@ -59,17 +59,16 @@ class InstantScorer:
         static = self._control(instant, hidden)
         truth = self._truth(instant, static)
         surfaces = self._surfaces(instant, shown)
-        counts = {}
+        measured = {name: Measurements() for name in maps}
         for name, found in maps.items():
-            pair = []
-            for mask in (moving, static):
-                count = count_depth(found.depth, found.difference, mask, truth)
-                count.shares["consistency"] = int((found.consistent & mask).sum()), int(mask.sum())
-                pair.append(count)
             times = shown if name == "offset" else dict.fromkeys(shown, instant)
-            self._count_cloud(found, times, hidden, surfaces, pair)
-            counts[name] = pair[0], pair[1]
-        return counts
+            clouds = self._measure_cloud(found, times, hidden, surfaces)
+            for kind, mask in (("mover", moving), ("static", static)):
+                one = measure_depth(found.depth, found.difference, mask, truth)
+                one.shares["consistency"] = int((found.consistent & mask).sum()), int(mask.sum())
+                one.update(clouds.get(kind, Measurements()))
+                measured[name].update(one, f"{kind}_")
+        return measured
 
     def truth(self, instant: int) -> Array | None:
         """The reference's true depth in the calibration's unit, NaN = unknown; None where nobody knows it."""
@@ -107,32 +106,33 @@ class InstantScorer:
             self.cloud_skipped = str(error)
             return None
 
-    def _count_cloud(
+    def _measure_cloud(
         self,
         found: InstantDepth,
         times: Mapping[str, int],
         hidden: Mapping[str, Array],
         surfaces: dict[str, TrueSurfaces] | None,
-        pair: list[Count],
-    ) -> None:
-        """Add what the cloud is worth to the counts of movers and of the still control."""
+    ) -> dict[str, Measurements]:
+        """Points, precision and recall of the cloud on movers and on the still control."""
         self.cloud_skipped = self.cloud_skipped or str(found.no_cloud)
         if str(found.no_cloud):
-            return
+            return {}
         views = {camera: self.shots.views[camera] for camera in times}
         movers = {camera: self.shots.moving(camera, instant) for camera, instant in times.items()}
         moving = points_on_movers(found.points, found.seen, views, movers)
         still = ~moving & ~points_on_masks(found.points, views, hidden)
         kinds = (("mover", moving, None), ("static", still, hidden))
-        for count, (kind, mask, masks) in zip(pair, kinds, strict=True):
+        measured = {}
+        for kind, mask, masks in kinds:
             points = found.points[mask]
-            count.amounts["points"] = float(len(points))
+            one = measured[kind] = Measurements(means={"points": np.array([float(len(points))])})
             if surfaces is None:
                 continue
             true = surfaces[kind]
             shared = (
                 true.shared if masks is None else true.shared[~points_on_masks(true.shared, views, masks)]
             )
-            count.shares["precision"] = true.near.count(points)
-            count.shares["recall"] = PointIndex(points).count(shared)
+            one.shares["precision"] = true.near.count(points)
+            one.shares["recall"] = PointIndex(points).count(shared)
             self.tolerance_m = TOLERANCE_M
+        return measured

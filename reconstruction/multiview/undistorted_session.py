@@ -59,8 +59,7 @@ class UndistortedSession:
         loaded = self.dataset.truth(camera, instant)
         if loaded is None:
             return None
-        depth = np.where(np.isfinite(loaded[0]), loaded[0], 0).astype(np.float32)
-        movers = loaded[1].astype(np.uint8)
+        depth, movers = loaded[0], loaded[1].astype(np.uint8)
         if full:
             view = self.full[camera]
             return undistort_nearest(view, depth), undistort_nearest(view, movers) > 0

@@ -4,7 +4,6 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import msgspec
 import numpy as np
 
@@ -12,6 +11,7 @@ from capture_app.errors import BadInputError
 from capture_app.session.format.manifest import MANIFEST
 from reconstruction.common.drawing import save_picture
 from reconstruction.common.geometry import Array
+from reconstruction.common.image_files import read_image
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.output_folder import comparison_folder, write_metrics
 from reconstruction.panorama.opencv_stitcher import Panorama, PanoramaStitcher
@@ -110,10 +110,7 @@ def _load(
         raise BadInputError(f"{sources[0]} is no session and holds no pictures")
     images: dict[str, Array] = {}
     for path in paths:
-        image = cv2.imread(str(path), cv2.IMREAD_COLOR)
-        if image is None:
-            raise BadInputError(f"{path} is no image that can be read")
-        images[path.name if path.name not in images else str(path)] = np.asarray(image)
+        images[path.name if path.name not in images else str(path)] = read_image(path)
     return images, {}, 0.0, None
 
 

@@ -33,10 +33,10 @@ def blend_pair(registration: PairRegistration, first: Array, second: Array) -> A
 class OverlapMisfit:
     """How far two pictures disagree in the overlap before they are blended."""
 
-    flow_p95_px: float
+    overlap_flow_p95_px: float
     mover_flow_p95_px: float | None
-    static_mad: float
-    mover_mad: float | None
+    static_overlap_mad: float
+    mover_overlap_mad: float | None
 
 
 def measure_misfit(
@@ -57,10 +57,10 @@ def measure_misfit(
     on_movers, on_still = overlap & moving, overlap & still
     enough = bool(on_movers.sum() >= 50)
     return OverlapMisfit(
-        flow_p95_px=float(np.percentile(length[overlap], 95)),
+        overlap_flow_p95_px=float(np.percentile(length[overlap], 95)),
         mover_flow_p95_px=float(np.percentile(length[on_movers], 95)) if enough else None,
-        static_mad=float(difference[on_still].mean()) if on_still.any() else 0.0,
-        mover_mad=float(difference[on_movers].mean()) if enough else None,
+        static_overlap_mad=float(difference[on_still].mean()) if on_still.any() else 0.0,
+        mover_overlap_mad=float(difference[on_movers].mean()) if enough else None,
     )
 
 

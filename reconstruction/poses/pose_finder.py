@@ -5,10 +5,10 @@ from itertools import combinations
 from pathlib import Path
 from typing import Any
 
-import cv2
 import numpy as np
 
 from reconstruction.common.geometry import View
+from reconstruction.common.image_files import FAST_PNG, write_image
 from reconstruction.common.native_libraries import load_pycolmap
 from reconstruction.poses.pose_errors import Pose
 from reconstruction.session.dataset import Dataset
@@ -68,10 +68,7 @@ class PoseFinder:
                 continue
             path = self._images / _name(camera, instant)
             path.parent.mkdir(exist_ok=True)
-            packed = cv2.imencode(
-                ".png", self._dataset.image(camera, instant), [cv2.IMWRITE_PNG_COMPRESSION, 1]
-            )
-            path.write_bytes(packed[1].tobytes())
+            write_image(path, self._dataset.image(camera, instant), FAST_PNG)
             reader = self._colmap.ImageReaderOptions()
             reader.camera_model, reader.camera_params = _camera(self._views[camera])
             self._colmap.extract_features(

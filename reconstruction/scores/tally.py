@@ -1,21 +1,17 @@
-"""What a condition is worth, counted instant by instant, with intervals over the instants."""
+"""The scores of a condition: measurements of every instant, pooled, with bootstrap intervals over them."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import TypeVar
 
 import numpy as np
+from msgspec import Struct
 
 from reconstruction.common.geometry import Array
 from reconstruction.scores.bootstrap import bootstrap_interval, pooled_samples, share_samples
-from reconstruction.scores.depth_results import DepthScores
+from reconstruction.scores.depth_truth import TOLERANCES, right_depth
 from reconstruction.scores.results import Interval
 
-KINDS = ("mover", "static")
-TOLERANCES = {"within_1pct": 0.01, "within_2pct": 0.02, "within_5pct": 0.05}
-"""Greatest relative error of a depth that counts as right."""
-SHARES = ("coverage", *TOLERANCES, "consistency", "precision", "recall")
-AMOUNTS = ("points",)
 F_SCORE = "f_score"
 MOST_DIFFERENCES = 20000
 MOST_DRAWN = 1500
@@ -23,123 +19,141 @@ MOST_DRAWN = 1500
 FEWEST_FOR_INTERVAL = 3
 """Fewer instants than this say nothing about how instants differ."""
 
-Scores = TypeVar("Scores", bound=DepthScores)
+Form = TypeVar("Form", bound=Struct)
 
 
 @dataclass
-class Count:
-    """One kind of pixels of one instant: (how many, of how many), values of which the median counts, and
-    amounts of which the mean counts, by measure."""
+class Measurements:
+    """What was measured at one instant, by measure.
+
+    `shares`: (how many, of how many), pooled over the instants; `medians` and `means`: values (n,) of which
+    the median or the mean over all instants counts.
+    """
 
     shares: dict[str, tuple[int, int]] = field(default_factory=dict)
-    values: dict[str, Array] = field(default_factory=dict)
-    amounts: dict[str, float] = field(default_factory=dict)
+    medians: dict[str, Array] = field(default_factory=dict)
+    means: dict[str, Array] = field(default_factory=dict)
+
+    def update(self, other: "Measurements", prefix: str = "") -> None:
+        """Take over another's measurements, their names with a prefix, such as `mover_`."""
+        self.shares.update({prefix + name: share for name, share in other.shares.items()})
+        self.medians.update({prefix + name: values for name, values in other.medians.items()})
+        self.means.update({prefix + name: values for name, values in other.means.items()})
 
 
-def count_depth(depth: Array, difference: Array, mask: Array, truth: Array | None) -> Count:
-    """Count a mask's (bool) pixels.
+def measure_depth(depth: Array, difference: Array, mask: Array, truth: Array | None) -> Measurements:
+    """Measure a mask's (bool) pixels: coverage, photometric difference and shares of right depths.
 
     Depth has 0 where there is none, grey-level differences and true depth (same unit) NaN.
     """
     seen = difference[mask & np.isfinite(difference)]
-    count = Count({"coverage": (int((depth[mask] > 0).sum()), int(mask.sum()))})
-    count.values["photometric"] = seen[:: max(1, len(seen) // MOST_DIFFERENCES)]
+    found = Measurements({"coverage": (int((depth[mask] > 0).sum()), int(mask.sum()))})
+    found.medians["photometric"] = seen[:: max(1, len(seen) // MOST_DIFFERENCES)]
     if truth is not None:
         known = mask & np.isfinite(truth)
-        error = np.abs(depth[known] - truth[known])
         for name, tolerance in TOLERANCES.items():
-            count.shares[name] = int(np.sum(error < tolerance * truth[known])), int(known.sum())
-    return count
+            right = right_depth(depth[known], truth[known], tolerance)
+            found.shares[name] = int(right.sum()), int(known.sum())
+    return found
 
 
 class Tally:
-    """Scores of one condition, added up over instants; every pixel counts the same."""
+    """Measurements of one condition, added up over instants; every pixel counts the same.
 
-    def __init__(self) -> None:
-        self._counts: dict[str, list[Count]] = {kind: [] for kind in KINDS}
+    A measure is named as the field of the scores that it becomes. `*f_score` is the harmonic mean of
+    `*precision` and `*recall`.
+    """
 
-    def add(self, moving: Count, static: Count) -> None:
-        """Count one instant."""
-        for kind, count in zip(KINDS, (moving, static), strict=True):
-            self._counts[kind].append(count)
+    def __init__(self, instants: Iterable[Measurements] = ()) -> None:
+        self._instants = list(instants)
+
+    def add(self, instant: Measurements) -> None:
+        """Add one instant."""
+        self._instants.append(instant)
 
     @property
     def instants(self) -> int:
         """How many instants were added."""
-        return len(self._counts["mover"])
+        return len(self._instants)
 
-    def value(self, kind: str, measure: str) -> float | None:
-        """A measure over everything counted; None where there is nothing to measure."""
-        if measure == F_SCORE:
-            recall = self.value(kind, "recall")
+    def value(self, measure: str) -> float | None:
+        """A measure over all instants; None where there is nothing to measure."""
+        if measure.endswith(F_SCORE):
+            recall = self.value(_recall(measure))
             if recall is None:
                 return None
-            return float(_harmonic(self.value(kind, "precision") or 0.0, recall))
-        if measure in SHARES:
-            parts, wholes = self._shares(kind, measure)
+            return float(_harmonic_mean(self.value(_precision(measure)) or 0.0, recall))
+        if self._is_share(measure):
+            parts, wholes = self._shares(measure)
             return float(parts.sum() / wholes.sum()) if wholes.sum() else None
-        known = np.concatenate([np.zeros(0), *self._values(kind, measure)])
-        return float(_middle(measure)(known)) if len(known) else None
+        known = np.concatenate([np.zeros(0), *self._values(measure)])
+        return self._middle(measure, known) if len(known) else None
 
-    def samples(self, kind: str, measure: str) -> Array:
+    def samples(self, measure: str) -> Array:
         """The measure of every bootstrap draw of the instants; draws of two tallies belong together."""
         if self.instants < FEWEST_FOR_INTERVAL:
             return np.zeros(0)
-        if measure == F_SCORE:
-            precision, recall = self.samples(kind, "precision"), self.samples(kind, "recall")
-            return np.asarray(_harmonic(np.nan_to_num(precision), recall))
-        if measure in SHARES:
-            return share_samples(*self._shares(kind, measure))
-        thinned = [v[:: max(1, len(v) // MOST_DRAWN)] for v in self._values(kind, measure)]
-        return pooled_samples(thinned, _middle(measure))
+        if measure.endswith(F_SCORE):
+            precision, recall = self.samples(_precision(measure)), self.samples(_recall(measure))
+            return np.asarray(_harmonic_mean(np.nan_to_num(precision), recall))
+        if self._is_share(measure):
+            return share_samples(*self._shares(measure))
+        thinned = [v[:: max(1, len(v) // MOST_DRAWN)] for v in self._values(measure)]
+        return pooled_samples(thinned, lambda values: self._middle(measure, values))
 
-    def interval(self, kind: str, measure: str) -> Interval | None:
-        """The measure with its interval over the instants."""
-        return bootstrap_interval(self.value(kind, measure), self.samples(kind, measure))
+    def intervals(self, measures: Iterable[str]) -> dict[str, Interval]:
+        """Measures with their intervals over the instants, where there are enough."""
+        known = {name: value for name in measures if (value := self.value(name)) is not None}
+        found = {name: bootstrap_interval(value, self.samples(name)) for name, value in known.items()}
+        return {name: one for name, one in found.items() if one is not None}
 
-    def scores(self, form: type[Scores], *, intervals: bool = False) -> Scores:
-        """All that this form of scores has room for, over everything counted."""
-        values = {name: self.value(*pair) for name, pair in measures(form).items()}
-        known = {}
-        if intervals:
-            found = {name: self.interval(*pair) for name, pair in measures(form).items()}
-            known = {name: one for name, one in found.items() if one is not None}
-        return form(**values, intervals=known, instants=self.instants)
+    def scores(self, form: type[Form]) -> Form:
+        """All measures that this form of scores has room for, with their intervals."""
+        names = measures_of(form)
+        values = {name: self.value(name) for name in names}
+        return form(**values, intervals=self.intervals(names), instants=self.instants)
 
-    def _shares(self, kind: str, measure: str) -> tuple[Array, Array]:
-        pairs = [count.shares.get(measure, (0, 0)) for count in self._counts[kind]]
+    def _is_share(self, measure: str) -> bool:
+        return any(measure in one.shares for one in self._instants)
+
+    def _shares(self, measure: str) -> tuple[Array, Array]:
+        pairs = [one.shares.get(measure, (0, 0)) for one in self._instants]
         return np.array([part for part, _ in pairs]), np.array([whole for _, whole in pairs])
 
-    def _values(self, kind: str, measure: str) -> list[Array]:
-        if measure in AMOUNTS:
-            amounts = [count.amounts.get(measure) for count in self._counts[kind]]
-            return [np.zeros(0) if amount is None else np.array([float(amount)]) for amount in amounts]
-        return [count.values.get(measure, np.zeros(0)) for count in self._counts[kind]]
+    def _values(self, measure: str) -> list[Array]:
+        return [one.means.get(measure, one.medians.get(measure, np.zeros(0))) for one in self._instants]
+
+    def _middle(self, measure: str, values: Array) -> float:
+        mean = any(measure in one.means for one in self._instants)
+        return float(np.mean(values) if mean else np.median(values))
 
 
-def measures(form: type[DepthScores]) -> Mapping[str, tuple[str, str]]:
-    """A form's measures by field: the kind of pixels, and what is measured on them."""
-    parted = {name: name.partition("_") for name in form.__struct_fields__}
-    return {name: (kind, measure) for name, (kind, _, measure) in parted.items() if kind in KINDS}
+def measures_of(form: type[Struct]) -> tuple[str, ...]:
+    """The measures that a form of scores has room for."""
+    return tuple(name for name in form.__struct_fields__ if name not in ("intervals", "instants"))
 
 
-def differences(synced: Tally, other: Tally, form: type[DepthScores]) -> dict[str, Interval]:
+def differences(synced: Tally, other: Tally, form: type[Struct]) -> dict[str, Interval]:
     """Other minus synced for every measure of a form, paired by instant, with intervals."""
     found = {}
-    for name, pair in measures(form).items():
-        before, after = synced.value(*pair), other.value(*pair)
+    for name in measures_of(form):
+        before, after = synced.value(name), other.value(name)
         if before is None or after is None or synced.instants != other.instants:
             continue
-        one = bootstrap_interval(after - before, other.samples(*pair) - synced.samples(*pair))
+        one = bootstrap_interval(after - before, other.samples(name) - synced.samples(name))
         if one is not None:
             found[name] = one
     return found
 
 
-def _middle(measure: str) -> Callable[[Array], float]:
-    return (lambda v: float(np.mean(v))) if measure in AMOUNTS else (lambda v: float(np.median(v)))
+def _precision(measure: str) -> str:
+    return measure.removesuffix(F_SCORE) + "precision"
 
 
-def _harmonic(precision: Array | float, recall: Array | float) -> Array:
+def _recall(measure: str) -> str:
+    return measure.removesuffix(F_SCORE) + "recall"
+
+
+def _harmonic_mean(precision: Array | float, recall: Array | float) -> Array:
     total = np.asarray(precision) + recall
     return np.asarray(2 * np.asarray(precision) * recall / np.maximum(total, 1e-12))

@@ -13,6 +13,7 @@ from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import ImageRecord
 from capture_app.session.writing.store import Session
 from reconstruction.common.geometry import Array
+from reconstruction.common.image_files import read_image
 
 KEPT_IMAGES = 96
 
@@ -76,7 +77,7 @@ class Dataset:
         return self.session.calibration()
 
     def truth(self, camera: str, instant: int) -> tuple[Array, Array] | None:
-        """True depth (m, float32) and movers (bool) of a simulated image, height x width; or None.
+        """True depth (m, float32, 0 = unknown) and movers (bool) of a simulated image, or None.
 
         Raises:
             BadInputError: the file is broken.
@@ -86,7 +87,8 @@ class Dataset:
             return None
         try:
             with np.load(path) as data:
-                return np.asarray(data["depth_m"], np.float32), np.asarray(data["movers"], bool)
+                depth = np.asarray(data["depth_m"], np.float32)
+                return np.where(np.isfinite(depth), depth, np.float32(0)), np.asarray(data["movers"], bool)
         except (OSError, ValueError, KeyError, EOFError) as error:
             raise BadInputError(f"{path} is no ground truth: {error}") from error
 
@@ -128,16 +130,14 @@ class Dataset:
 
     def _read_image(self, camera: str, instant: int) -> Array:
         path = self.session.image_file(self._records[camera, instant])
-        image = cv2.imread(str(path), cv2.IMREAD_COLOR)
-        if image is None:
-            raise BadInputError(f"{path} is no image that can be read")
+        image = read_image(path)
         width, height = self.size(camera)
         if image.shape[:2] != (height, width):
             raise BadInputError(
                 f"{path} is {image.shape[1]}x{image.shape[0]}, but {camera} is {width}x{height}",
                 hint="the session's images and its manifest do not belong together",
             )
-        return np.asarray(image, np.uint8)
+        return image
 
 
 def instants_of(dataset: Dataset, instant: int, offsets_ms: Sequence[float]) -> dict[str, int]:

@@ -4,7 +4,6 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-import cv2
 import msgspec
 import numpy as np
 
@@ -12,10 +11,11 @@ from capture_app.errors import BadInputError
 from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.drawing import colour_depth, display_range, save_picture, side_by_side
-from reconstruction.common.geometry import Array
+from reconstruction.common.image_files import write_image
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.output_folder import comparison_folder, write_metrics
 from reconstruction.common.stage_cache import StageCache
+from reconstruction.scores.depth_truth import share_right
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.scene_motion import SceneMotion
 from reconstruction.stereo.disparity_range import find_disparity_range
@@ -123,11 +123,11 @@ def _save(
     rig: Rig, cameras: tuple[str, str], instants: tuple[int, int], found: DepthMap, folder: Path
 ) -> StereoDepth:
     depth, known = found.depth, found.depth > 0
-    near, far = display_range(depth, np.zeros(depth.shape, bool))
+    near, far = display_range(depth)
     photo = rig.dataset.image(cameras[0], instants[0])
     picture = side_by_side(photo, colour_depth(depth, near, far))
-    # OpenCV's own writer says nothing of a full disk.
-    (folder / DEPTH).write_bytes(cv2.imencode(".tiff", depth.astype(np.float32))[1].tobytes())
+    write_image(folder / DEPTH, depth.astype(np.float32))
+    truth = rig.dataset.truth(cameras[0], instants[0])
     level = np.asarray(np.round(255 * found.confidence), np.uint8)
     return StereoDepth(
         session="",
@@ -142,15 +142,6 @@ def _save(
         nearest=float(depth[known].min()) if known.any() else 0.0,
         farthest=float(depth[known].max()) if known.any() else 0.0,
         coverage=float(known.mean()),
-        within_2pct=_within(rig, cameras[0], instants[0], depth),
+        within_2pct=share_right(depth, truth[0]) if truth is not None and rig.unit == "m" else None,
         calibration=rig.source,
     )
-
-
-def _within(rig: Rig, camera: str, instant: int, depth: Array) -> float | None:
-    loaded = rig.dataset.truth(camera, instant)
-    if loaded is None or rig.unit != "m":
-        return None
-    known = np.isfinite(loaded[0]) & (loaded[0] > 0)
-    truth = loaded[0][known]
-    return float((np.abs(depth[known] - truth) < 0.02 * truth).mean()) if known.any() else None

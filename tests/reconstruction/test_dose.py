@@ -15,7 +15,7 @@ from reconstruction.report.dose import write_dose_report
 from reconstruction.scores.depth_results import DepthScores
 from reconstruction.scores.dose_results import DosePoint, DoseResult
 from reconstruction.scores.results import Interval
-from reconstruction.scores.tally import Tally, count_depth, differences
+from reconstruction.scores.tally import Measurements, Tally, differences, measure_depth
 
 
 def point(ms: float, value: float, low: float | None = None, high: float | None = None) -> DosePoint:
@@ -70,8 +70,11 @@ def test_intervals_hold_the_value_and_pairs_are_drawn_together() -> None:
         worse = good.copy()
         worse.flat[:40] = 0.0
         for tally, depth in zip(tallies, (good, worse), strict=True):
-            tally.add(*(count_depth(depth, unknown, mask, None) for mask in (moving, static)))
-    found = tallies[0].scores(DepthScores, intervals=True).intervals["mover_coverage"]
+            measured = Measurements()
+            for kind, mask in (("mover", moving), ("static", static)):
+                measured.update(measure_depth(depth, unknown, mask, None), f"{kind}_")
+            tally.add(measured)
+    found = tallies[0].scores(DepthScores).intervals["mover_coverage"]
     assert found.low < found.value < found.high
     # The instants differ much, the pairs hardly: every one has lost the same tenth.
     change = differences(*tallies, DepthScores)["mover_coverage"]

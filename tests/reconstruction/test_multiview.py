@@ -19,7 +19,7 @@ from reconstruction.depth.colmap_workspace import write_workspace
 from reconstruction.depth.patchmatch import ENVIRONMENT, PROGRAM, CudaGpu, find_gpu, run_patch_match
 from reconstruction.depth.sweep_matcher import ViewDepth
 from reconstruction.multiview.input_images import undistort_image
-from reconstruction.multiview.view_files import judge
+from reconstruction.scores.depth_truth import depth_shares
 from reconstruction.session.dataset import Dataset, instants_of
 from tests.reconstruction.conftest import Scene, make_view, write_session
 
@@ -166,12 +166,12 @@ def test_shares_count_what_is_empty_as_wrong() -> None:
     truth = np.array([[2.0, 2.0, 2.0, 2.0, 0.0]])
     depth = np.array([[2.01, 2.1, 0.0, 1.99, 3.0]])
     movers = np.array([[True, True, False, False, False]])
-    shares = judge(depth, truth, movers)
+    shares = depth_shares(depth, truth, movers)
     assert shares["within_2pct"] == 0.5
     assert shares["mover_within_2pct"] == 0.5
     assert shares["static_within_2pct"] == 0.5
     assert shares["mover_coverage"] == 1.0
-    assert judge(depth, np.zeros_like(truth), movers)["within_2pct"] is None
+    assert depth_shares(depth, np.zeros_like(truth), movers)["within_2pct"] is None
 
 
 def fake(path: Path, text: str) -> Path:

@@ -27,10 +27,10 @@ def test_the_overlap_fits_when_synchronized_and_not_when_offset(scene: Scene) ->
     for time, (image, _, mask) in b.items():
         masks = panorama_masks(registration, (moving, mask), changing)
         misfit[time] = measure_misfit(registration, a, image, *masks)
-    assert misfit[2].flow_p95_px < 3
-    assert misfit[4].flow_p95_px > 2 * misfit[2].flow_p95_px
+    assert misfit[2].overlap_flow_p95_px < 3
+    assert misfit[4].overlap_flow_p95_px > 2 * misfit[2].overlap_flow_p95_px
     assert misfit[4].mover_flow_p95_px is not None
-    assert abs(misfit[2].static_mad - misfit[4].static_mad) < 0.5
+    assert abs(misfit[2].static_overlap_mad - misfit[4].static_overlap_mad) < 0.5
     colours = [np.dstack([image] * 3) for image in (a, b[2][0])]
     whole = blend_pair(registration, *colours)
     assert whole.shape[1] > 1.15 * WIDTH

@@ -1,6 +1,5 @@
 """`capture-app node`: one camera that joins a leader and stays in step with the others."""
 
-import re
 import socket
 from collections.abc import Sequence
 from pathlib import Path
@@ -9,6 +8,8 @@ from typing import TYPE_CHECKING
 import click
 
 from capture_app.commands.options import clock_option, leaders_option, run_until_stopped, spool_option
+from capture_app.errors import BadInputError
+from capture_app.names import check_name, name_like
 from capture_app.net.address import Address
 from capture_app.terminal import talk
 
@@ -16,28 +17,26 @@ if TYPE_CHECKING:
     from capture_app.clock import NodeClock
     from capture_app.node.camera.client import ClientNode
 
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
-
 
 def host_name() -> str:
     """Return this host's name as that of a node."""
-    name = re.sub(r"[^A-Za-z0-9_.-]+", "-", socket.gethostname().split(".")[0]).lstrip("_.-")
-    return name[:64] or "node"
+    return name_like(socket.gethostname().split(".")[0], "node")
 
 
-def check_name(ctx: click.Context, param: click.Parameter, value: str) -> str:
+def check_node_name(ctx: click.Context, param: click.Parameter, value: str) -> str:
     """Check a node's name, which becomes that of a folder."""
-    if not _NAME.fullmatch(value):
-        raise click.BadParameter(
-            f"{value!r} is no name for a node: letters, digits, '_', '.' and '-', at most 64, a letter or "
-            "digit first"
-        )
-    return value
+    try:
+        return check_name(value, "node")
+    except BadInputError as error:
+        raise click.BadParameter(str(error)) from None
 
 
 @click.command()
 @click.option(
-    "--name", default=host_name, callback=check_name, help="Name of this node.  [default: this host's name]"
+    "--name",
+    default=host_name,
+    callback=check_node_name,
+    help="Name of this node.  [default: this host's name]",
 )
 @click.option(
     "--camera", "spec", required=True, metavar="SPEC", help="The camera, as `capture-app cameras` lists it."

@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from capture_app.commands.node import check_name, host_name
+from capture_app.commands.node import check_node_name, host_name
 from capture_app.commands.options import (
     AddressType,
     beacons_option,
@@ -23,7 +23,10 @@ if TYPE_CHECKING:
 @click.command()
 @click.argument("parents", nargs=-1, required=True, type=AddressType(), metavar="LEADER [OTHER]...")
 @click.option(
-    "--name", default=host_name, callback=check_name, help="Name of this relay.  [default: this host's name]"
+    "--name",
+    default=host_name,
+    callback=check_node_name,
+    help="Name of this relay.  [default: this host's name]",
 )
 @host_option
 @port_option

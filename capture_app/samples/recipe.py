@@ -12,9 +12,10 @@ from msgspec import Meta, Struct
 
 from capture_app.camera_facts import Count, Positive
 from capture_app.errors import BadInputError
+from capture_app.names import Name
 from capture_app.node.wire.messages import JsonValue
 from capture_app.session.format.checks import read_struct
-from capture_app.session.format.manifest import RECIPE, BurstRecord, CameraRecord, MissingImage, Name
+from capture_app.session.format.manifest import RECIPE, BurstRecord, CameraRecord, MissingImage
 
 SCHEMA_VERSION = 1
 

@@ -9,13 +9,13 @@ import msgspec
 
 from capture_app.cameras.simulated_frame import SimulatedPayload, SimulatedTruth, seed_of
 from capture_app.errors import BadInputError
+from capture_app.names import check_name
 from capture_app.samples.engine_take import take_synchronized
 from capture_app.samples.naive_take import take_naive
 from capture_app.samples.recipe import CameraRecipe, Recipe, Take, TakenFrame, Trigger
 from capture_app.session.files.durable import write_whole
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
 from capture_app.session.format.calibration import Calibration
-from capture_app.session.format.checks import check_name
 from capture_app.session.format.manifest import RECIPE
 from capture_app.session.writing.store import Session, SessionWriter
 from capture_app.simulation.devices.profiles import find_profile

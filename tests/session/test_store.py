@@ -11,8 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture_app.errors import BadInputError, ExitCode, IncompleteError, SimulshotError
+from capture_app.names import is_name
 from capture_app.session.format.calibration import Calibration, CameraCalibration
-from capture_app.session.format.checks import inside, is_name
+from capture_app.session.format.checks import inside
 from capture_app.session.format.manifest import JOURNAL, MANIFEST, BurstRecord, ImageRecord
 from capture_app.session.reading.reader import is_being_written
 from capture_app.session.writing.store import Session, SessionWriter, list_sessions

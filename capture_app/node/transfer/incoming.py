@@ -7,10 +7,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from capture_app.errors import NetworkError, TryAgainError
+from capture_app.names import is_name
 from capture_app.node.wire.messages import Held, ImageUpload
 from capture_app.session.files.disk import disk_error
 from capture_app.session.files.durable import PART
-from capture_app.session.format.checks import is_name
 from capture_app.session.writing.recovery import INCOMING
 
 _BLOCK = 1 << 20

@@ -8,9 +8,9 @@ from typing import TypeVar
 import msgspec
 
 from capture_app.errors import BadInputError
+from capture_app.names import check_name
 from capture_app.session.format.manifest import MANIFEST, Manifest
 
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
 _T = TypeVar("_T")
 
 
@@ -18,21 +18,6 @@ class _Version(msgspec.Struct):
     """The one field that is read before all others."""
 
     schema_version: int = 1
-
-
-def is_name(text: str) -> bool:
-    """Whether a text may name a camera or a session, and so a folder."""
-    return _NAME.fullmatch(text) is not None
-
-
-def check_name(text: str, what: str) -> str:
-    """Return a name that is safe as a folder's name. Raises BadInputError for any other."""
-    if not is_name(text):
-        raise BadInputError(
-            f"{text!r} cannot be the name of a {what}",
-            hint="up to 64 letters, digits, '_', '.' and '-', beginning with a letter or a digit",
-        )
-    return text
 
 
 def inside(folder: Path, path: str) -> Path:

@@ -5,6 +5,7 @@ from typing import Annotated
 from msgspec import Meta, Struct
 
 from capture_app.camera_facts import CameraFacts, Count, Positive
+from capture_app.names import Name
 
 SCHEMA_VERSION = 1
 MANIFEST = "session.json"
@@ -16,8 +17,6 @@ RECIPE = "recipe.json"
 IMAGES = "images"
 RIG = "rig1"
 
-Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
-"""Names of cameras and sessions become folder names: nothing that could leave the session."""
 Sha256 = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}$")]
 
 

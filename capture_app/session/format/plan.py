@@ -5,9 +5,10 @@ from pathlib import Path
 from msgspec import Struct
 
 from capture_app.camera_facts import Count
+from capture_app.names import Name, check_name
 from capture_app.session.format.calibration import CameraCalibration
-from capture_app.session.format.checks import check_name, read_struct
-from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage, Name
+from capture_app.session.format.checks import read_struct
+from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
 
 PLAN = "burst.json"
 PLAN_VERSION = 1

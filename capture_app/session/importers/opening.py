@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from capture_app.errors import BadInputError
-from capture_app.session.format.checks import check_name, is_name
+from capture_app.names import check_name, is_name
 from capture_app.session.importers.phones import PhoneVideo, has_table, is_phone, phone
 from capture_app.session.importers.sources import (
     VIDEO_SUFFIXES,

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.errors import BadInputError
+from capture_app.names import check_name
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
-from capture_app.session.format.checks import check_name
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
 from capture_app.session.importers.calibration import Fit, fit_calibration, read_views
 from capture_app.session.importers.layouts import Layout, recognize

@@ -7,8 +7,9 @@ from pathlib import Path
 import msgspec
 
 from capture_app.errors import BadInputError, IncompleteError
+from capture_app.names import is_name
 from capture_app.session.format.calibration import Calibration
-from capture_app.session.format.checks import check_references, inside, is_name, read_struct
+from capture_app.session.format.checks import check_references, inside, read_struct
 from capture_app.session.format.ground_truth import TIMES, TrueTimes, ground_truth_path
 from capture_app.session.format.manifest import (
     CALIBRATION,

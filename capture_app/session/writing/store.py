@@ -15,6 +15,7 @@ import msgspec
 
 from capture_app import __version__
 from capture_app.errors import BadInputError, DiskFullError, SimulshotError
+from capture_app.names import check_name
 from capture_app.session.files.disk import disk_error, is_full, lock_folder, reserve
 from capture_app.session.files.durable import (
     AppendOnly,
@@ -25,7 +26,7 @@ from capture_app.session.files.durable import (
     write_whole,
 )
 from capture_app.session.format.calibration import Calibration
-from capture_app.session.format.checks import check_name, check_references
+from capture_app.session.format.checks import check_references
 from capture_app.session.format.encoding import checked, pretty
 from capture_app.session.format.journal import Journal
 from capture_app.session.format.manifest import (

@@ -1,10 +1,10 @@
 """Who is or was here: the clients that a leader took in, their numbers, slots, and when they fall silent."""
 
 import random
-import re
 from dataclasses import dataclass
 
 from capture_app.camera_facts import CameraFacts
+from capture_app.names import is_name
 from capture_app.sync.phase.goal import MAX_PERIOD_NS, MIN_PERIOD_NS
 from capture_app.sync.phase.shared_goal import WEIGHTS, CameraPhase
 from capture_app.sync.rig.events import NodeJoined, NodeLost, NodeMoved, NodeReturned
@@ -24,8 +24,6 @@ CLIENT_SILENT_NS = 2000 * _MS
 CLOCK_SILENT_NS = 150_000 * _MS
 """A node that only keeps the time may speak but once a minute."""
 MAX_CLIENTS = 10_000
-_NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}")
-"""Names become those of folders in a session: nothing that could leave it."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,7 +99,7 @@ class Roster:
         known = self.members.get(hello.name)
         if known is not None and not known.lost and known.instance != hello.instance:
             return f"another camera named {hello.name} is here"
-        if not _NAME.fullmatch(hello.name):
+        if not is_name(hello.name):
             return "its name cannot be a folder's"
         if known is None and len(self.members) >= MAX_CLIENTS:
             return "the rig is full"

@@ -12,6 +12,7 @@ import msgspec
 from msgspec import Meta, Struct
 
 from capture_app.camera_facts import CameraFacts
+from capture_app.names import Name
 from capture_app.sync.clock.upstream_map import UpstreamMap
 from capture_app.sync.wire.beacon import Agreed, Beacon, Group, Heard
 
@@ -43,8 +44,6 @@ _T0 = struct.Struct(">q16x")
 _T2 = struct.Struct(">q")
 
 
-Name = Annotated[str, Meta(pattern=r"^[A-Za-z0-9][A-Za-z0-9_.-]{0,63}$")]
-"""Names of cameras become folder names on the leader's disk."""
 Text = Annotated[str, Meta(max_length=200)]
 Pace = Annotated[int, Meta(ge=0, le=60_000_000_000)]
 Number = Annotated[int, Meta(ge=0, le=0xFFFF_FFFF)]

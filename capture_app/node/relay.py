@@ -19,7 +19,8 @@ from capture_app.node.wire.messages import FromLeader, Refusal, StatusAnswer, St
 from capture_app.node.wire.status import RigStatus
 from capture_app.sync.rig.events import Joined, LeaderLost
 from capture_app.sync.rig.leader import LeaderConfig
-from capture_app.sync.tree.follower import FollowerConfig, FollowerEvent
+from capture_app.sync.rig.time_client import TimeClientEvent
+from capture_app.sync.tree.follower import FollowerConfig
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
 from capture_app.text import duration
 
@@ -163,7 +164,7 @@ class RelayNode:
         while (event := self._engine.next_event()) is not None:
             if isinstance(event, Joined | LeaderLost):
                 self._change_way_up(event)
-            if isinstance(event, FollowerEvent):
+            if isinstance(event, TimeClientEvent):
                 line = follower_in_words(event, Address(*self._engine.follower.parent))
             else:
                 line = in_words(event)
@@ -183,7 +184,7 @@ class RelayNode:
 
     def _holding(self, now_ns: int) -> str:
         """Say how this relay stands without a leader; empty while it has one."""
-        if self._engine.follower.number is not None:
+        if self._engine.follower.time.is_member:
             return ""
         time_map = self._engine.follower.time_map
         if time_map is None or self._lost_ns is None:

@@ -8,8 +8,8 @@ from capture_app.clock import SimulatedClock
 from capture_app.simulation.devices.profiles import PROFILES
 from capture_app.simulation.network.link import PAPER_LINK, DelayLaw, Link
 from capture_app.simulation.rig.rig import NodeSpec, VirtualRig
-from capture_app.sync.rig.client import PACE_NS
 from capture_app.sync.rig.events import ClockStepped, ClockSynced
+from capture_app.sync.rig.poll_schedule import PACE_NS
 
 MS, S = 1_000_000, 1_000_000_000
 LAN = Link(DelayLaw(60_000, 90_000), DelayLaw(60_000, 90_000))

@@ -20,8 +20,9 @@ from msgspec import structs
 from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.sync.clock.upstream_map import UpstreamMap
 from capture_app.sync.rig.leader import Leader, LeaderConfig
-from capture_app.sync.rig.poll_schedule import FIRST_EXCHANGES
-from capture_app.sync.tree.follower import MOST_EVENTS, Address, Follower, FollowerConfig
+from capture_app.sync.rig.time_client import MOST_EVENTS
+from capture_app.sync.rig.timekeeper import OUTSTANDING
+from capture_app.sync.tree.follower import Address, Follower, FollowerConfig
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
 from capture_app.sync.wire.messages import (
     Goodbye,
@@ -133,7 +134,7 @@ class Forged(RuleBasedStateMachine):
 
     @rule(message=from_parents, at=addresses, mine=st.booleans())
     def forged(self, message: Message, at: Address, mine: bool) -> None:
-        number = self.follower.number
+        number = self.follower.time.number
         if mine:
             at = self.follower.parent
             if number is not None and isinstance(message, TimeReply | HeartbeatAck | Unknown | Trigger):
@@ -155,7 +156,7 @@ class Forged(RuleBasedStateMachine):
     @rule(offset_ns=st.sampled_from([2**63 - 1, -(2**62), 0, OFFSET_NS]) | i64, turns=st.integers(290, 320))
     def lie_for_long(self, offset_ns: int, turns: int) -> None:
         """A parent whose clock is what it likes, and which is followed."""
-        if self.follower.number is None:
+        if self.follower.time.number is None:
             self.hear(encode(Welcome(INSTANCE, HONEST, 3, 0, 0, 33_333_333)), self.follower.parent)
         for _ in range(turns):
             self.follow_its_timers(1)
@@ -190,10 +191,8 @@ class Forged(RuleBasedStateMachine):
     def send(self) -> None:
         for data, _ in self.node.datagrams_to_send(self.now_ns):
             self.note(data)
-        parent = self.follower._parent
-        assert parent is None or len(parent.outstanding) <= FIRST_EXCHANGES
-        assert len(self.follower._outbox) == 0
-        assert len(self.follower._events) <= MOST_EVENTS
+        assert self.follower.time.timekeeper.outstanding <= OUTSTANDING
+        assert not self.node.datagrams_to_send(self.now_ns), "all that was to be said has been"
         assert len(self.asked) <= 1000
 
     def note(self, data: bytes) -> None:
@@ -205,6 +204,8 @@ class Forged(RuleBasedStateMachine):
 
     def teardown(self) -> None:
         if hasattr(self, "node"):
+            events = list(iter(self.follower.next_event, None))
+            assert len(events) <= MOST_EVENTS
             honest = PARENTS[self.seed % len(PARENTS)]
             peers: dict[Address, Follower | Relay | Leader] = {("me", 1): self.node}
             peers[honest] = Leader(LeaderConfig(HONEST, 0, 33_333_333), random.Random(self.seed))
@@ -285,7 +286,7 @@ def test_a_clock_that_shows_anything_can_be_told_of(offset_ns: int, told_ns: int
     machine.turn()
     machine.hear(encode(Welcome(INSTANCE, 2, 3, 0, 0, 33_333_333, onward=onward)), machine.follower.parent)
     machine.lie_for_long(offset_ns, 420)
-    assert machine.follower.clock.samples > 100
+    assert machine.follower.time.timekeeper.clock.samples > 100
 
 
 @pytest.mark.parametrize("number", [-1, 2**32])
@@ -293,7 +294,7 @@ def test_a_number_that_no_request_can_carry_is_not_taken(number: int) -> None:
     follower = Follower(FollowerConfig("me", INSTANCE, PARENTS), random.Random(1))
     welcome = Welcome(INSTANCE, 2, number, 0, 0, 33_333_333)
     follower.receive_datagram(encode(welcome), follower.parent, 0)
-    assert (follower.number, follower.malformed) == (None, 1)
+    assert (follower.time.number, follower.time.malformed) == (None, 1)
 
 
 def test_a_follower_recovers() -> None:

@@ -11,7 +11,7 @@ from capture_app.simulation.network.wander import WanderingClock
 from capture_app.simulation.rig.tree import ROOT, Tree, TreeSpec
 from capture_app.sync.phase.estimator import FrameStamp
 from capture_app.sync.rig import failover as way_back
-from capture_app.sync.rig.client import Client, ClientConfig
+from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.events import (
     BurstAccepted,
     BurstReady,
@@ -22,6 +22,7 @@ from capture_app.sync.rig.events import (
 )
 from capture_app.sync.rig.failover import Candidates
 from capture_app.sync.rig.leader import ClientView, LeaderConfig
+from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.tree.follower import Address, FollowerConfig
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
 from capture_app.sync.wire.messages import Hello, NodeState, decode
@@ -250,7 +251,7 @@ def test_a_relay_without_its_root_holds_the_time_over_even_for_new_clients() -> 
     rig.run_until(rig.all_ready)
     rig.kill("root")
     rig.run(10.0)
-    assert rig.relays["relay"].follower.number is None
+    assert rig.relays["relay"].follower.time.number is None
     new = rig.camera("new", relay)
     rig.run_until(lambda: new.client.state is NodeState.READY)
     for camera in (old, new):
@@ -271,8 +272,8 @@ def test_a_camera_that_moves_without_having_been_lost_is_not_there_twice() -> No
     camera = rig.camera("cam", relay, ROOT)
     rig.run_until(rig.all_ready)
     assert rig.views()["cam"].via == "relay", "it had the patience to wait until the relay knew the time"
-    camera.client.hellos = 10
-    camera.client._leave("it was told to", camera.clock.local_from_true(rig.tree.now_true_ns))
+    camera.client.time.hellos = 10
+    camera.client.time.lose("it was told to", camera.clock.local_from_true(rig.tree.now_true_ns))
     rig.run_until(lambda: rig.views()["cam"].via is None)
     rig.run(5.0)
     assert NodeMoved("cam", None) in rig.events
@@ -330,7 +331,7 @@ def test_clients_leave_a_relay_that_has_lost_its_leader_for_one_that_has_not(
     assert rig.views()["cam"].via == "relay"
     rig.kill("gate")
     rig.run_until(lambda: rig.relays["relay"].leader.terms.alone)
-    assert rig.relays["relay"].follower.number is not None, "its own parent is there, and alone"
+    assert rig.relays["relay"].follower.time.is_member, "its own parent is there, and alone"
     rig.run_until(lambda: rig.views()["cam"].via == "other")
     assert stays.client.state is NodeState.READY
     assert stays.client.leader_is_alone

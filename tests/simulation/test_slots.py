@@ -1,6 +1,7 @@
 """Clients send their time requests in slots that the leader hands out, not all at once."""
 
 import random
+from functools import partial
 
 import pytest
 
@@ -8,8 +9,8 @@ from capture_app.clock import SimulatedClock
 from capture_app.simulation.devices.profiles import PROFILES
 from capture_app.simulation.network.link import Channel, DelayLaw, Direction, Link
 from capture_app.simulation.rig.rig import NodeSpec, VirtualRig
-from capture_app.sync.rig.client import FIRST_PACE_NS, PACE_NS
 from capture_app.sync.rig.leader import spread
+from capture_app.sync.rig.poll_schedule import FIRST_PACE_NS, PACE_NS, SteadySchedule
 
 S = 1_000_000_000
 LAN = Link(DelayLaw(60_000, 90_000), DelayLaw(60_000, 90_000))
@@ -37,14 +38,16 @@ def test_slots_are_far_from_each_other() -> None:
 
 
 @pytest.mark.parametrize(("pace_ns", "reached_s"), [(PACE_NS, 5.0), (FIRST_PACE_NS, 1.5)])
-def test_clients_that_join_together_do_not_send_together(
-    pace_ns: int, reached_s: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("capture_app.sync.rig.timekeeper.PACE_NS", pace_ns)
-    monkeypatch.setattr("capture_app.sync.rig.timekeeper.NEAR_NS", 0)
+def test_clients_that_join_together_do_not_send_together(pace_ns: int, reached_s: float) -> None:
     rng = random.Random(3)
     specs = [
-        NodeSpec(f"cam{i}", PROFILES["phone-a"], SimulatedClock(rng.randrange(10**13), rng.gauss(0, 20)), LAN)
+        NodeSpec(
+            f"cam{i}",
+            PROFILES["phone-a"],
+            SimulatedClock(rng.randrange(10**13), rng.gauss(0, 20)),
+            LAN,
+            schedule=partial(SteadySchedule, pace_ns=pace_ns, near_ns=0),
+        )
         for i in range(8)
     ]
     rig = VirtualRig(specs, seed=4)

@@ -16,10 +16,12 @@ from capture_app.simulation.network.wander import wandering_clock
 from capture_app.simulation.rig.tree import ROOT, Death, Tree, TreeSpec, run_share
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.clock.upstream_map import MAX_DEPTH, upstream_map
-from capture_app.sync.rig.client import Client, ClientConfig
+from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.failover import LOOK_EVERY_NS, PROOFS, WayBack
 from capture_app.sync.rig.leader import CLIENT_SILENT_NS, CLOCK_SILENT_NS, Leader, LeaderConfig
-from capture_app.sync.tree.follower import HELLOS, Address, Follower, FollowerConfig
+from capture_app.sync.rig.phase_loop import ClientConfig
+from capture_app.sync.rig.time_client import HELLOS
+from capture_app.sync.tree.follower import Address, Follower, FollowerConfig
 from capture_app.sync.tree.relay import Relay
 from capture_app.sync.wire.messages import (
     CLOCK_ONLY,

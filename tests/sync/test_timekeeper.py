@@ -2,14 +2,15 @@
 
 import pytest
 
-from capture_app.sync.rig.timekeeper import (
+from capture_app.sync.rig.poll_schedule import (
     EASING_PACES_NS,
     EASING_SAMPLES,
     FIRST_PACE_NS,
     FIRST_SAMPLES,
     PACE_NS,
-    Timekeeper,
 )
+from capture_app.sync.rig.sync_terms import LeaderTerms
+from capture_app.sync.rig.timekeeper import Timekeeper
 from capture_app.sync.wire.messages import TimeReply, TimeRequest, Welcome, decode
 
 S = 1_000_000_000
@@ -19,7 +20,9 @@ DELAY_NS = 1_000_000
 def asked_ns(seconds: float, *, told_pace_ns: int = 0, lose_each: int = 0) -> list[int]:
     """Let a client ask a leader a millisecond away; return when its requests went out."""
     keeper = Timekeeper(7)
-    keeper.follow(Welcome(1, 2, 3, 4, 0, 33_333_333, 0.25, pace_ns=told_pace_ns), 0)
+    terms = LeaderTerms.told_by(Welcome(1, 2, 3, 4, 0, 33_333_333, pace_ns=told_pace_ns))
+    assert terms is not None
+    keeper.follow(terms, 3, 0.25, 0)
     sent_ns: list[int] = []
     replies: list[tuple[int, TimeReply]] = []
     now_ns = 0

@@ -11,13 +11,15 @@ from capture_app.simulation.network.link import LAWS, DelayLaw, Law, Link, Logno
 from capture_app.simulation.network.wander import wandering_clock
 from capture_app.simulation.rig.bench import START_TRUE_NS, exchanges_at
 from capture_app.sync.clock.clock_filter import ClockFilter
-from capture_app.sync.rig.poll_schedule import GROWTH, ROUND_EXCHANGES, SPACING_NS
-from capture_app.sync.rig.timekeeper import (
+from capture_app.sync.rig.poll_schedule import (
     EASING_PACES_NS,
     EASING_SAMPLES,
     FIRST_PACE_NS,
     FIRST_SAMPLES,
+    GROWTH,
     PACE_NS,
+    ROUND_EXCHANGES,
+    SPACING_NS,
 )
 from capture_app.sync.tree.follower import WINDOW_NS
 

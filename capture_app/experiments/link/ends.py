@@ -12,8 +12,8 @@ from capture_app.net.address import Address, resolve
 from capture_app.net.transfer import bind
 from capture_app.net.udp import Pump, ToPeer, client_socket
 from capture_app.sync.clock.clock_sample import ClockSample
-from capture_app.sync.rig.client import BACKLOG_NS, NEAR_NS
 from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.poll_schedule import BACKLOG_NS, NEAR_NS
 from capture_app.sync.wire.messages import (
     Goodbye,
     Hello,

@@ -25,9 +25,10 @@ from capture_app.node.transfer.work import BurstWork
 from capture_app.node.wire.messages import JsonValue
 from capture_app.session.format.manifest import CameraRecord
 from capture_app.sync.phase.estimator import FrameStamp
-from capture_app.sync.rig.client import Client, ClientConfig
+from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.events import BurstReady, CannotAlign, ClientEvent, Joined, JoinRefused, LeaderLost
 from capture_app.sync.rig.failover import Candidates
+from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 from capture_app.sync.wire.messages import NodeState
 

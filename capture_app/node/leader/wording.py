@@ -15,6 +15,7 @@ from capture_app.sync.rig.events import (
     NodeMoved,
     NodeReturned,
 )
+from capture_app.sync.rig.time_client import TimeClientEvent
 from capture_app.text import duration
 
 News = LeaderEvent | BurstStatus
@@ -39,10 +40,8 @@ def in_words(news: News) -> str:
     return ""
 
 
-def follower_in_words(
-    event: Joined | LeaderLost | JoinRefused | ClockSynced | ClockStepped, parent: Address
-) -> str:
-    """A line about how a relay stands with its own leader."""
+def follower_in_words(event: TimeClientEvent, parent: Address) -> str:
+    """A line about how a relay stands with its own leader, empty where there is nothing to say."""
     match event:
         case Joined():
             return f"joined {parent}"
@@ -54,6 +53,7 @@ def follower_in_words(
             return f"ready: knows the time to {duration(event.time_map.hard_bound_ns)} at worst"
         case ClockStepped():
             return "a clock was set: finding the time anew"
+    return ""
 
 
 def burst_in_words(burst: BurstStatus) -> str:

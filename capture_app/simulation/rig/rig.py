@@ -17,9 +17,11 @@ from capture_app.simulation.network.broadcast import Ear, RadioCell, heard
 from capture_app.simulation.network.link import PAPER_LINK, Air, Channel, Link, Medium
 from capture_app.sync.phase.estimator import FrameStamp
 from capture_app.sync.phase.injection import InjectionProfile
-from capture_app.sync.rig.client import Client, ClientConfig
+from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.events import BurstReady, ClientEvent, LeaderEvent
 from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.phase_loop import ClientConfig
+from capture_app.sync.rig.poll_schedule import PollSchedule, SteadySchedule
 from capture_app.sync.rig.trigger import Burst
 from capture_app.sync.wire.beacon import Group
 from capture_app.sync.wire.camera_commands import InjectFrame, RestartStream, SetFrameDuration
@@ -45,6 +47,8 @@ class NodeSpec:
     cell: RadioCell | None = None
     """Where it hears what is sent to all; None for nowhere."""
     ear: Ear = PLAIN_EAR
+    schedule: Callable[[], PollSchedule] = SteadySchedule
+    """When it asks for the time."""
 
 
 @dataclass(slots=True)
@@ -109,7 +113,7 @@ class VirtualRig:
             ring_frames=60,
             injection_profile=spec.injection_profile,
         )
-        client: Client[SensorFrame] = Client(config, rng)
+        client: Client[SensorFrame] = Client(config, rng, spec.schedule())
         node = VirtualNode(spec, Sensor(spec.profile, rng), client, self._channel(spec.link))
         self.nodes[spec.name] = node
         self._start_stream(node)

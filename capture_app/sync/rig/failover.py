@@ -2,8 +2,9 @@
 
 from typing import Generic, TypeVar
 
-from capture_app.sync.rig.client import HELLOS, Client
+from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.poll_schedule import NEVER_NS
+from capture_app.sync.rig.time_client import HELLOS
 from capture_app.sync.wire.messages import (
     NOBODY,
     Heartbeat,
@@ -120,11 +121,11 @@ class Candidates(Generic[F]):
         """Do what is due; call it at `next_timer`, or any time."""
         self._client.handle_timer(now_ns)
         self._note_membership(now_ns)
-        if self._client.hellos > HELLOS:
+        if self._client.time.hellos > HELLOS:
             self._turn = (self._turn + 1) % len(self._leaders)
-            self._client.hellos = 1
+            self._client.time.hellos = 1
             self._back = False
-        if self._client.is_member and now_ns >= self._way_back.due_ns:
+        if self._client.time.is_member and now_ns >= self._way_back.due_ns:
             better = self._way_back.look(self.leader, now_ns, alone=self._client.leader_is_alone)
             if better is not None and self._client.may_change:
                 self._change(better, now_ns)
@@ -145,9 +146,9 @@ class Candidates(Generic[F]):
         self._note_membership(now_ns)
 
     def _note_membership(self, now_ns: int) -> None:
-        if self._client.is_member is self._was_member:
+        if self._client.time.is_member is self._was_member:
             return
-        self._was_member = self._client.is_member
+        self._was_member = self._client.time.is_member
         if self._was_member:
             self._way_back.follow(now_ns, back=self._back)
         else:

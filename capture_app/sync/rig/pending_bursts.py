@@ -7,7 +7,7 @@ from typing import Generic, TypeVar
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.estimator import PhaseEstimate
 from capture_app.sync.rig.events import BurstReady
-from capture_app.sync.rig.membership import Membership
+from capture_app.sync.rig.phase_loop import CameraGrid
 from capture_app.sync.rig.trigger import RingBuffer, pick_frames
 from capture_app.sync.wire.messages import Trigger
 
@@ -50,7 +50,7 @@ class PendingBursts(Generic[F]):
     def pick_due(
         self,
         ring: RingBuffer[F],
-        member: Membership,
+        grid: CameraGrid,
         time_map: TimeMap,
         now_ns: int,
         *,
@@ -61,7 +61,7 @@ class PendingBursts(Generic[F]):
 
         `outlier_ns` as for `pick_frames`; `phase` tells the stream's at a local time in ns.
         """
-        newest_ns, goal, offset_ns = ring.newest_local_ns, member.goal, member.offset_ns
+        newest_ns, goal, offset_ns = ring.newest_local_ns, grid.goal, grid.offset_ns
         due = []
         for key, trigger in list(self._triggers.items()):
             instants_ns = tuple(trigger.first_leader_ns + k * trigger.step_ns for k in range(trigger.count))

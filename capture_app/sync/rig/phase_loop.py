@@ -10,11 +10,39 @@ from capture_app.camera_facts import CameraFacts
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.estimator import PhaseEstimate
+from capture_app.sync.phase.goal import Goal
 from capture_app.sync.phase.injection import InjectionProfile
 from capture_app.sync.rig.events import CannotAlign, PhaseCorrected
-from capture_app.sync.rig.membership import Membership
+from capture_app.sync.rig.sync_terms import LeaderTerms
 from capture_app.sync.wire.camera_commands import CameraCommand
 from capture_app.sync.wire.messages import Report
+
+
+@dataclass(frozen=True, slots=True)
+class CameraGrid:
+    """The rig's grid of instants as one camera's timestamps see it; times in ns."""
+
+    goal: Goal
+    offset_ns: int
+    """From a frame's timestamp to the moment of it that is aligned; 0 where nobody can tell."""
+    why_no_centre: str
+    """Says that exposure centres were asked for and this camera's is not known; else empty."""
+    meeting_leader_ns: int | None
+
+    @classmethod
+    def of_camera(cls, camera: CameraFacts, terms: LeaderTerms) -> "CameraGrid":
+        """Return the grid of these terms for a camera."""
+        row = terms.align_row
+        known_ns = 0 if row is None else camera.mid_exposure_offset_ns(row)
+        problem = "its rows or exposure are not known: it is aligned by its timestamps, not by a row's centre"
+        return cls(
+            terms.goal, known_ns or 0, "" if known_ns is not None else problem, terms.meeting_leader_ns
+        )
+
+    @property
+    def goal_of_stamps(self) -> Goal:
+        """The grid that the frames' timestamps should lie on."""
+        return Goal(self.goal.anchor_leader_ns - self.offset_ns, self.goal.period_ns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +82,12 @@ class Steering:
             self.aligner.learn_start_latency(latency_ns)
         self._tolerance_ns = config.tolerance_ns
         self._can_move = camera.phase_control != "none"
+        self._restarts = camera.phase_control == "reset"
         self._told_problem = ""
+        self._reported = False
+        """Whether the leader was told the phase as it is now."""
+        self._answered = False
+        """Whether it has answered since."""
         self._commands: deque[CameraCommand] = deque()
         self._events: deque[PhaseCorrected | CannotAlign] = deque()
 
@@ -63,12 +96,12 @@ class Steering:
         """Whether the stream is where it should be, or where it will stay."""
         return self.aligner.aligned or (self.aligner.settled and not self._can_move)
 
-    def phase(self, member: Membership, time_map: TimeMap, local_ns: int) -> PhaseEstimate | None:
+    def phase(self, grid: CameraGrid, time_map: TimeMap, local_ns: int) -> PhaseEstimate | None:
         """The stream's distance from the rig's grid at a local time in ns."""
         at_leader_ns = time_map.leader_from_local(local_ns)
-        return self.aligner.estimate(time_map, member.goal_of_stamps, at_leader_ns)
+        return self.aligner.estimate(time_map, grid.goal_of_stamps, at_leader_ns)
 
-    def report(self, report: Report, member: Membership | None, phase: PhaseEstimate | None) -> Report:
+    def report(self, report: Report, grid: CameraGrid | None, phase: PhaseEstimate | None) -> Report:
         """Add the camera's part to a report of a node's time; `phase` is as it stands now."""
         report = replace(
             report,
@@ -77,9 +110,9 @@ class Steering:
             drops=self.aligner.drops,
             tolerance_ns=self._tolerance_ns,
         )
-        if phase is None or member is None:
+        if phase is None or grid is None:
             return report
-        frame_leader_ns = member.goal.instant(member.goal.index_of(phase.at_leader_ns)) + phase.error_ns
+        frame_leader_ns = grid.goal.instant(grid.goal.index_of(phase.at_leader_ns)) + phase.error_ns
         return replace(
             report,
             phase_error_ns=phase.error_ns,
@@ -88,9 +121,23 @@ class Steering:
             frame_leader_ns=frame_leader_ns if self.aligner.settled else None,
         )
 
+    def joined(self) -> None:
+        """Another leader knows nothing of the phase yet."""
+        self._reported = self._answered = False
+
+    def reported(self) -> None:
+        """The leader is told the phase as it is now."""
+        self._reported = self.aligner.settled
+
+    def answered(self) -> bool:
+        """The leader has answered; whether this is the first time since it was told the phase as it is."""
+        first = self._reported and not self._answered
+        self._answered = self._answered or first
+        return first
+
     def step(
         self,
-        member: Membership,
+        grid: CameraGrid,
         time_map: TimeMap,
         now_ns: int,
         *,
@@ -101,18 +148,18 @@ class Steering:
         `burst_leader_ns` are the first and last instant of a burst that is near, None where none is.
         """
         was_ready, aligner = self.ready, self.aligner
-        before, corrections = self.phase(member, time_map, now_ns), aligner.corrections
+        before, corrections = self.phase(grid, time_map, now_ns), aligner.corrections
         aligner.settle_command(now_ns)
         if not aligner.settled:
-            member.asked = member.answered = False
-        news = aligner.settled and not member.asked
+            self._reported = self._answered = False
+        news = aligner.settled and not self._reported
         command = aligner.step(
             time_map,
-            member.goal_of_stamps,
+            grid.goal_of_stamps,
             now_ns,
-            hold=not member.may_move,
+            hold=not self._may_move(grid),
             burst_leader_ns=burst_leader_ns,
-            meeting_leader_ns=member.agreed_leader_ns,
+            meeting_leader_ns=grid.meeting_leader_ns,
         )
         if command is not None:
             self._commands.append(command)
@@ -132,3 +179,7 @@ class Steering:
     def next_event(self) -> PhaseCorrected | CannotAlign | None:
         """Return the next thing that happened, None where there is none."""
         return self._events.popleft() if self._events else None
+
+    def _may_move(self, grid: CameraGrid) -> bool:
+        """Whether the leader leaves it to this client to move: restarts wait for what suits all cameras."""
+        return not self._restarts or (self._answered and grid.meeting_leader_ns is not None)

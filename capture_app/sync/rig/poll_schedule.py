@@ -1,9 +1,137 @@
-"""When a node that only keeps the time asks for it: at once, and then in rounds, ever further apart."""
+"""When a node asks for the time and estimates it: steadily as cameras need it, or in rounds far apart."""
+
+from abc import ABC, abstractmethod
+from typing import ClassVar, NamedTuple
 
 from capture_app.sync.clock.time_map import TimeMap
 
 _MS = 1_000_000
-NEVER_NS = 2**62
+AT_ONCE_NS, NEVER_NS = -(2**62), 2**62
+"""Before and after any time of any clock: a local clock may well be negative."""
+
+
+class Progress(NamedTuple):
+    """How far a node has come with its leader's time."""
+
+    synced: bool
+    samples: int
+    time_map: TimeMap | None
+
+
+class PollSchedule(ABC):
+    """The times of requests and estimates; `now_ns` is the node's own clock, all times in ns."""
+
+    least_samples: ClassVar[int]
+    """The time is not estimated from fewer samples."""
+    synced_samples: ClassVar[int]
+    """With so many the clock counts as synchronized."""
+
+    def __init__(self) -> None:
+        self.request_due_ns = self.estimate_due_ns = NEVER_NS
+        self.slot = 0.0
+        """The part of the leader's pace, 0 to 1, at which this node's requests are due."""
+        self.leader_pace_ns = 0
+        """Mean time between two requests of a node that the leader can bear; 0 for any."""
+
+    @abstractmethod
+    def begin(self, now_ns: int) -> None:
+        """Start anew: another leader is asked."""
+
+    @abstractmethod
+    def restart(self, now_ns: int) -> None:
+        """Go on as if the leader were asked for the first time: a clock has stepped."""
+
+    @abstractmethod
+    def request_sent(self, now_ns: int, progress: Progress) -> bool:
+        """Note a request, and fix when the next is due; whether it is time to report to the leader, too."""
+
+    @abstractmethod
+    def reply_arrived(self, now_ns: int, round_trip_ns: int, progress: Progress) -> bool:
+        """Note a reply, not yet in `progress`; whether the next request is to be sent at once."""
+
+    @abstractmethod
+    def estimated(self, now_ns: int) -> None:
+        """Note that the time was estimated, and fix when it is next."""
+
+    def is_unanswered(self, now_ns: int) -> bool:
+        """Whether so much went unanswered that the leader must be gone."""
+        return False
+
+
+FIRST_SAMPLES = 300
+"""K of the paper: samples taken in quick succession before the clock counts as synchronized."""
+FIRST_PACE_NS = 3 * _MS
+PACE_NS = 25 * _MS
+EASING_PACES_NS, EASING_SAMPLES = (6 * _MS, 12 * _MS), 200
+"""Between the two, so many samples at each of these: until a few seconds have shown the skew, the time is
+only as good as the newest samples are many."""
+NEAR_NS = 750_000
+"""Shorter round trips are those of a wire."""
+BACKLOG_NS = 100 * _MS
+ESTIMATE_EVERY_NS = 100 * _MS
+
+
+class SteadySchedule(PollSchedule):
+    """Many requests in quick succession, then one each `pace_ns`, on the grid of this node's slot."""
+
+    least_samples, synced_samples = 1, FIRST_SAMPLES
+
+    def __init__(
+        self,
+        *,
+        first_pace_ns: int = FIRST_PACE_NS,
+        easing_paces_ns: tuple[int, ...] = EASING_PACES_NS,
+        pace_ns: int = PACE_NS,
+        near_ns: int = NEAR_NS,
+    ) -> None:
+        """After a round trip shorter than `near_ns` the next request is sent at once."""
+        super().__init__()
+        self._first_pace_ns, self._easing_paces_ns, self._pace_ns = first_pace_ns, easing_paces_ns, pace_ns
+        self._near_ns = near_ns
+        self._grid_ns = 0
+
+    def begin(self, now_ns: int) -> None:
+        """Ask and estimate at once."""
+        self._grid_ns = self.request_due_ns = self.estimate_due_ns = now_ns
+
+    def restart(self, now_ns: int) -> None:
+        """The pace is that of a clock that is not synchronized anyway."""
+
+    def request_sent(self, now_ns: int, progress: Progress) -> bool:
+        """Fix when the next is due: what a late timer has missed is made up for, but never at once."""
+        pace_ns, time_map = self._pace(progress), progress.time_map
+        grid_ns = max(self._grid_ns + pace_ns, now_ns - BACKLOG_NS)
+        if time_map is not None:
+            past_ns = time_map.leader_from_local(grid_ns) - round(self.slot * pace_ns)
+            grid_ns += pace_ns // 2 - (past_ns + pace_ns // 2) % pace_ns
+        self._grid_ns = grid_ns
+        self.request_due_ns = max(grid_ns, now_ns + pace_ns // 2)
+        return False
+
+    def reply_arrived(self, now_ns: int, round_trip_ns: int, progress: Progress) -> bool:
+        """Whether the link is so short that the next request, if it is near, goes out at once.
+
+        A machine that is awake sends as quickly as the leader, one that just woke up is microseconds slower,
+        and on a link as short as this they count.
+        """
+        if not progress.synced and progress.samples == FIRST_SAMPLES - 1:
+            self.estimate_due_ns = now_ns
+        return round_trip_ns < self._near_ns and self.request_due_ns <= now_ns + self._pace(progress)
+
+    def estimated(self, now_ns: int) -> None:
+        """The next estimate is a tenth of a second later."""
+        self.estimate_due_ns = now_ns + ESTIMATE_EVERY_NS
+
+    def _pace(self, progress: Progress) -> int:
+        if not progress.synced:
+            return self._first_pace_ns
+        if self.leader_pace_ns > self._pace_ns:
+            return self.leader_pace_ns
+        stage = max(0, progress.samples - FIRST_SAMPLES) // EASING_SAMPLES
+        easing_ns = self._easing_paces_ns
+        return min(self._pace_ns, easing_ns[stage]) if stage < len(easing_ns) else self._pace_ns
+
+
 FIRST_EXCHANGES = 300
 LEARNING_EXCHANGES = 40
 ROUND_EXCHANGES = 50
@@ -20,45 +148,59 @@ GROWTH = 1.2
 So no guess reaches further ahead than a fifth of the time that the clock was watched."""
 
 
-class Rounds:
-    """The times of requests and estimates; `now_ns` is the node's own clock."""
+class RoundSchedule(PollSchedule):
+    """Rounds of requests in quick succession, ever further apart: a leader of many bears it, radios sleep."""
+
+    least_samples = synced_samples = LEAST_EXCHANGES
 
     def __init__(self) -> None:
-        self.request_due_ns = self.settle_due_ns = NEVER_NS
+        super().__init__()
         self._left = 0
         self._every_ns = 0
+        self._replies = 0
+        """Since the last estimate."""
 
     def begin(self, now_ns: int) -> None:
         """Start anew, with a first round of many requests."""
-        self._left, self._every_ns = FIRST_EXCHANGES, 0
-        self.request_due_ns, self.settle_due_ns = now_ns, NEVER_NS
+        self._left, self._every_ns, self._replies = FIRST_EXCHANGES, 0, 0
+        self.request_due_ns, self.estimate_due_ns = now_ns, NEVER_NS
 
     def restart(self, now_ns: int) -> None:
-        """Ask as if for the first time, from the next request on: a clock has stepped."""
+        """Ask as if for the first time, from the next request on."""
         self._left, self._every_ns = FIRST_EXCHANGES, 0
         self.request_due_ns = min(self.request_due_ns, now_ns + SPACING_NS)
 
-    def asked(self, now_ns: int, pace_ns: int, slot: float, time_map: TimeMap | None) -> bool:
-        """Note a request, and fix when the next one is due; True for the last one of a round.
-
-        `pace_ns` is the mean time between two requests that the leader bears, `slot` the part of the time
-        between two rounds, 0 to 1, at which this node's begin.
-        """
+    def request_sent(self, now_ns: int, progress: Progress) -> bool:
+        """Fix when the next request is due; True for the last one of a round."""
         self._left -= 1
         if self._left > 0:
             self.request_due_ns = now_ns + SPACING_NS
             return False
-        self.settle_due_ns = now_ns + SETTLE_NS
-        longest_ns = min(max(ROUND_EXCHANGES * pace_ns, SHORTEST_NS), LONGEST_NS)
+        self.estimate_due_ns = now_ns + SETTLE_NS
+        longest_ns = min(max(ROUND_EXCHANGES * self.leader_pace_ns, SHORTEST_NS), LONGEST_NS)
         self._every_ns = min(max(round(self._every_ns * GROWTH), FIRST_NS), longest_ns)
-        share = longest_ns // max(pace_ns, longest_ns // ROUND_EXCHANGES)
+        share = longest_ns // max(self.leader_pace_ns, longest_ns // ROUND_EXCHANGES)
         most = share if self._every_ns == longest_ns else min(share, LEARNING_EXCHANGES)
         self._left = max(most, LEAST_EXCHANGES)
         self.request_due_ns = now_ns + self._every_ns
+        time_map = progress.time_map
         if self._every_ns == longest_ns and time_map is not None:
             # All count from the root's time, each in its slot, so that no two begin together.
             past_ns = time_map.leader_from_local(self.request_due_ns)
-            self.request_due_ns -= (past_ns - round(slot * longest_ns)) % longest_ns
+            self.request_due_ns -= (past_ns - round(self.slot * longest_ns)) % longest_ns
             if self.request_due_ns < now_ns + longest_ns // 4:
                 self.request_due_ns += longest_ns
         return True
+
+    def reply_arrived(self, now_ns: int, round_trip_ns: int, progress: Progress) -> bool:
+        """Count it; the round goes on as it began."""
+        self._replies += 1
+        return False
+
+    def estimated(self, now_ns: int) -> None:
+        """The next estimate is after the next round."""
+        self.estimate_due_ns, self._replies = NEVER_NS, 0
+
+    def is_unanswered(self, now_ns: int) -> bool:
+        """Whether a whole round went unanswered."""
+        return now_ns >= self.estimate_due_ns and self._replies == 0

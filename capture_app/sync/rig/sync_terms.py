@@ -3,12 +3,53 @@
 from dataclasses import dataclass
 
 from capture_app.camera_facts import CameraFacts
+from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.clock.upstream_map import UpstreamMap
-from capture_app.sync.phase.goal import Goal
+from capture_app.sync.phase.goal import MAX_PERIOD_NS, MIN_PERIOD_NS, Goal
 from capture_app.sync.phase.shared_goal import SharedGoal
 from capture_app.sync.rig.roster import Member
 from capture_app.sync.wire.beacon import Group
 from capture_app.sync.wire.messages import WITHOUT_CAMERA, HeartbeatAck, Hello, Welcome
+
+
+@dataclass(frozen=True, slots=True)
+class LeaderTerms:
+    """The same as a client has it: what its leader, or relay, has told last; times in ns."""
+
+    leader: int
+    path: tuple[int, ...]
+    """Instances from the root to this leader."""
+    goal: Goal
+    align_row: float | None
+    meeting_leader_ns: int | None
+    pace_ns: int
+    upstream: TimeMap | None
+    """From the leader's clock to the root's; None where it is the root."""
+    alone: bool
+
+    @classmethod
+    def told_by(cls, message: Welcome | HeartbeatAck) -> "LeaderTerms | None":
+        """Return what a message tells; None where it cannot be."""
+        upstream = None if message.onward is None else message.onward.time_map()
+        if message.onward is not None and upstream is None:
+            return None
+        if not MIN_PERIOD_NS <= message.period_ns <= MAX_PERIOD_NS:
+            return None
+        answer = message if isinstance(message, HeartbeatAck) else None
+        return cls(
+            leader=message.leader,
+            path=(message.leader,) if message.onward is None else (*message.onward.path, message.leader),
+            goal=Goal(message.anchor_leader_ns, message.period_ns),
+            align_row=message.align_row,
+            meeting_leader_ns=None if answer is None else answer.agreed_leader_ns,
+            pace_ns=message.pace_ns,
+            upstream=upstream,
+            alone=answer is not None and answer.alone,
+        )
+
+    def root_map(self, own: TimeMap) -> TimeMap:
+        """Return the map to the root's clock from that to the leader's."""
+        return own if self.upstream is None else own.chained_to(self.upstream)
 
 
 @dataclass(slots=True)

@@ -14,8 +14,9 @@ from capture_app.sync.clock.upstream_map import upstream_map
 from capture_app.sync.phase.shared_goal import SharedGoal
 from capture_app.sync.rig.events import LeaderEvent
 from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.time_client import TimeClientEvent
 from capture_app.sync.rig.uplink import Uplink
-from capture_app.sync.tree.follower import Address, Follower, FollowerConfig, FollowerEvent
+from capture_app.sync.tree.follower import Address, Follower, FollowerConfig
 from capture_app.sync.wire.messages import (
     NOBODY,
     RELAY,
@@ -69,15 +70,15 @@ class Relay:
         # A parent to be may well be a client: what is said tells to whom.
         if not isinstance(message, FromClient):
             if address == self.follower.parent:
-                self._take_from_parent(message, now_ns)
+                self._take_from_parent(message, address, now_ns)
             elif address in self.follower.config.parents:
-                self.follower.hear_of(message, address, now_ns)
-                self._pass_on()
+                self.follower.take(message, address, now_ns)
+            self._pass_on()
         elif isinstance(message, Heartbeat) and message.client == NOBODY and self.leader.terms.alone:
             pass  # A client looks for a better leader than its own.
         elif self.leader.terms.onward is not None:
             self.leader.take(message, address, now_ns)
-        elif isinstance(message, Hello) and self.follower.number is not None:
+        elif isinstance(message, Hello) and self.follower.time.is_member:
             self.leader.refuse(message, "the relay does not know the time yet", address, soon=True)
 
     def handle_timer(self, now_ns: int) -> None:
@@ -93,7 +94,7 @@ class Relay:
             if not member.lost:
                 self.leader.give_up(member, "the relay stops")
         # They ask again at once, and must not be taken in here.
-        self.leader.terms.onward = self.follower.time_map = None
+        self.leader.terms.onward = None
 
     def next_timer(self) -> int:
         """Local time in ns at which `handle_timer` wants to be called."""
@@ -105,13 +106,13 @@ class Relay:
         datagrams = self.leader.datagrams_to_send(now_ns) + self.follower.datagrams_to_send(now_ns)
         return datagrams + [(data, self.follower.parent) for data in self.uplink.datagrams_to_send()]
 
-    def next_event(self) -> FollowerEvent | LeaderEvent | None:
+    def next_event(self) -> TimeClientEvent | LeaderEvent | None:
         """Return the next thing that happened on either side, None where there is none."""
         return self.follower.next_event() or self.leader.next_event()
 
     # The parts
 
-    def _take_from_parent(self, message: Message, now_ns: int) -> None:
+    def _take_from_parent(self, message: Message, address: Address, now_ns: int) -> None:
         """Take in what is meant for this relay itself, or for one of its members."""
         uplink, members = self.uplink, self.leader.members
         match message:
@@ -121,28 +122,27 @@ class Relay:
                 refused = uplink.refused(message.instance, message.reason, members)
                 if refused is not None:
                     self.leader.give_up(refused, message.reason)
-            case Unknown() if message.client != self.follower.number:
+            case Unknown() if message.client != self.follower.time.number:
                 uplink.unknown(message.client)
             case HeartbeatAck() if member := uplink.member(message.client):
                 # What it tells holds for all, and is fresher than this relay's own answers.
-                mine = msgspec.structs.replace(message, client=self.follower.number or 0)
-                self.follower.take(mine, now_ns)
+                mine = msgspec.structs.replace(message, client=self.follower.time.number or 0)
+                self.follower.take(mine, address, now_ns)
                 self._pass_on()
                 self.leader.answer(member)
             case Trigger() if member := uplink.member(message.client):
                 self.leader.tell(member, msgspec.structs.replace(message, client=member.number))
             case _:
-                self.follower.take(message, now_ns)
-                self._pass_on()
+                self.follower.take(message, address, now_ns)
 
     def _pass_on(self) -> None:
         """Tell the clients how this clock stands to the root's, and the root's grid of instants."""
         follower, leader = self.follower, self.leader
-        terms = leader.terms
-        if follower.number != self._number:
-            self._number = follower.number
-            self.uplink.restart(open=self._number is not None)
-        alone = self._number is None or follower.parent_is_alone
+        terms, above, number = leader.terms, follower.time.terms, follower.time.number
+        if number != self._number:
+            self._number = number
+            self.uplink.restart(open=number is not None)
+        alone = number is None or above is None or above.alone
         if terms.alone is not alone:
             terms.alone = alone
             if terms.shared_goal is not None:
@@ -151,16 +151,16 @@ class Relay:
             # This clock has jumped, or the root is another one: what the clients were told is wrong now.
             terms.onward = None
             return
-        if follower.goal is None or follower.root != follower.path[0]:
+        if above is None or above.path[0] != follower.path[0]:
             # Another root's grid means nothing before its time is known.
             return
         if terms.onward is None or terms.onward.epoch_local_ns != follower.time_map.epoch_local_ns:
             terms.onward = upstream_map(follower.path, follower.time_map)
-        moved = (leader.goal, terms.align_row) != (follower.goal, follower.align_row)
+        moved = (leader.goal, terms.align_row) != (above.goal, above.align_row)
         if terms.shared_goal is None or moved:
-            terms.shared_goal = SharedGoal(follower.goal)
+            terms.shared_goal = SharedGoal(above.goal)
         # Without a parent nobody is to be restarted: there is no telling what suits the others.
-        terms.shared_goal.meeting_leader_ns = follower.agreed_leader_ns if self._number is not None else None
-        terms.align_row = follower.align_row
+        terms.shared_goal.meeting_leader_ns = above.meeting_leader_ns if number is not None else None
+        terms.align_row = above.align_row
         if moved:
             leader.answer_all()

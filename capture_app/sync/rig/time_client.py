@@ -1,0 +1,292 @@
+"""A node's side of the protocol but for its camera: join a leader, keep its time, notice that it is gone."""
+
+from collections import deque
+from collections.abc import Callable
+
+from msgspec import structs
+
+from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
+from capture_app.sync.clock.time_map import TimeMap
+from capture_app.sync.rig.events import ClockSynced, Joined, JoinRefused, LeaderLost
+from capture_app.sync.rig.poll_schedule import AT_ONCE_NS, NEVER_NS
+from capture_app.sync.rig.sync_terms import LeaderTerms
+from capture_app.sync.rig.timekeeper import ClockEvent, Timekeeper
+from capture_app.sync.wire.beacon import Agreed, Beacon
+from capture_app.sync.wire.messages import (
+    CLOCK_ONLY,
+    WITHOUT_CAMERA,
+    Control,
+    Goodbye,
+    Heartbeat,
+    HeartbeatAck,
+    Hello,
+    Message,
+    NodeState,
+    Refused,
+    Report,
+    TimeReply,
+    Trigger,
+    Unknown,
+    Welcome,
+    WireError,
+    decode,
+    encode,
+)
+
+_MS = 1_000_000
+HELLO_EVERY_NS = 500 * _MS
+HELLOS = 3
+"""Unanswered ones after which another leader is asked, where there is one."""
+HEARTBEAT_EVERY_NS = 500 * _MS
+LEADER_SILENT_NS = 2500 * _MS
+MOST_EVENTS = 256
+"""Kept for a node that does not look at them."""
+CLOCK = CameraFacts(
+    kind=CLOCK_ONLY,
+    model="",
+    width=0,
+    height=0,
+    period_ns=33_333_333,
+    phase_control=PhaseControl.NONE,
+    timestamp_source=TimestampSource.UNKNOWN,
+)
+
+TimeClientEvent = Joined | JoinRefused | LeaderLost | ClockEvent
+
+
+class TimeClient:
+    """A member of one leader at a time, whose address is its owner's business.
+
+    Feed it datagrams and time (`now_ns`, the node's own clock); take datagrams and events out. It never
+    raises on what the network brings. By itself it is a node without a camera; `Client` adds a camera to it,
+    `Follower` further leaders.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        instance: int,
+        timekeeper: Timekeeper,
+        camera: CameraFacts = CLOCK,
+        *,
+        heartbeat_every_ns: int | None = HEARTBEAT_EVERY_NS,
+        silent_ns: int = LEADER_SILENT_NS,
+        report: Callable[[int], Report] | None = None,
+        objection: Callable[[LeaderTerms], str] = lambda _: "",
+    ) -> None:
+        """A leader that has said nothing for `silent_ns` is gone.
+
+        Without `heartbeat_every_ns` it reports only when its timekeeper's schedule says so, and notices only
+        by unanswered requests that its leader is silent. `report` tells of this node at a local time in ns,
+        in the place of `self.report`; `objection` says why a leader of such terms cannot be followed, if so.
+        """
+        self.name, self.instance, self.camera = name, instance, camera
+        self.timekeeper = timekeeper
+        self.malformed = 0
+        self.hellos = 0
+        """How often it has asked to join since it was last a member; HELLOS when its leader fell silent."""
+        self.number: int | None = None
+        """What the leader knows this node by; None while it is no member."""
+        self.terms: LeaderTerms | None = None
+        """What the present leader, or the last one, has told."""
+        self.why_joining = ""
+        """Why it is no member, where that is known."""
+        self._heartbeat_due_ns = NEVER_NS
+        self._heartbeat_every_ns = heartbeat_every_ns
+        self._silent_ns = silent_ns if heartbeat_every_ns is not None else None
+        self._report, self._objection = report or self.report, objection
+        self._hello_due_ns = AT_ONCE_NS
+        self._heard_ns = 0
+        self._outbox: deque[Control] = deque()
+        self._events: deque[TimeClientEvent] = deque(maxlen=MOST_EVENTS)
+
+    # What the outside sees
+
+    @property
+    def is_member(self) -> bool:
+        """Whether a leader has taken this node in and is there."""
+        return self.number is not None
+
+    @property
+    def state(self) -> NodeState:
+        """Joining, syncing, or ready: the time is that of a leader who is there."""
+        if self.number is None:
+            return NodeState.JOINING
+        return NodeState.READY if self.timekeeper.synced else NodeState.SYNCING
+
+    @property
+    def time_map(self) -> TimeMap | None:
+        """The newest estimate of the root's clock."""
+        return self.timekeeper.time_map
+
+    @property
+    def own_map(self) -> TimeMap | None:
+        """The same before anything was agreed with other clients: what the leader's answers alone tell."""
+        return self.timekeeper.own_map
+
+    def report(self, now_ns: int) -> Report:
+        """Return what such a node tells its leader about itself."""
+        return self.timekeeper.report(self.state, self.why_joining, now_ns)
+
+    # In
+
+    def receive_datagram(self, data: bytes, now_ns: int) -> None:
+        """Take in a datagram that arrived at `now_ns`; stamp it as near to the socket as can be."""
+        message = self.decode(data)
+        if message is not None:
+            self.take(message, now_ns)
+
+    def receive_broadcast(self, data: bytes, now_ns: int) -> None:
+        """Take in a datagram of the group that the leader named; of those only its beacons count."""
+        message = self.decode(data)
+        leader = self.terms.leader if self.terms is not None and self.is_member else None
+        if isinstance(message, Beacon) and message.leader == leader:
+            self.timekeeper.listener.hear(message.number, now_ns)
+
+    def decode(self, data: bytes) -> Message | None:
+        """Return the message of a datagram; None, and count it, where it is none."""
+        try:
+            return decode(data)
+        except WireError:
+            self.malformed += 1
+            return None
+
+    def is_addressed(self, message: Message) -> bool:
+        """Whether a message is meant for this member."""
+        return self.number is not None and getattr(message, "client", None) == self.number
+
+    def take(self, message: Message, now_ns: int) -> None:
+        """Take in a message of the leader that arrived at `now_ns`."""
+        match message:
+            case Welcome() if not self.is_member and message.instance == self.instance:
+                if not self.follow(message, now_ns):
+                    self.hellos = HELLOS
+            case Refused() if not self.is_member and message.instance == self.instance:
+                self.hellos = 0 if message.soon else self.hellos
+                if message.reason != self.why_joining:
+                    self.why_joining = message.reason
+                    self._events.append(JoinRefused(message.reason))
+            case TimeReply() if self.is_addressed(message):
+                if self.timekeeper.take_reply(message, now_ns):
+                    self._heard_ns = now_ns
+                self._note_clock(now_ns)
+            case Unknown() if self.is_addressed(message):
+                self.lose("the leader was restarted", now_ns)
+            case HeartbeatAck() | Agreed() | Trigger() if self.is_addressed(message):
+                self._heard_ns = now_ns
+                if isinstance(message, HeartbeatAck):
+                    self._take_answer(message, now_ns)
+                elif isinstance(message, Agreed):
+                    self.timekeeper.listener.take(message)
+            case _:
+                pass
+
+    def follow(self, welcome: Welcome, now_ns: int) -> bool:
+        """Become a member of the leader that sent this; False if it cannot be followed."""
+        terms = LeaderTerms.told_by(welcome)
+        if terms is None or self._objection(terms):
+            return False
+        self.terms, self.number = terms, welcome.client
+        self.timekeeper.follow(terms, welcome.client, welcome.slot, now_ns)
+        self.hellos, self.why_joining = 0, ""
+        self._heard_ns = now_ns
+        self._heartbeat_due_ns = NEVER_NS if self._heartbeat_every_ns is None else now_ns
+        self._events.append(Joined(welcome.transfer_port, welcome.leader, welcome.beacons))
+        return True
+
+    def lose(self, reason: str, now_ns: int) -> None:
+        """Be no member any more, and ask to join at once."""
+        self.number = None
+        self.timekeeper.stop()
+        self.why_joining = reason
+        self._hello_due_ns = now_ns
+        self._events.append(LeaderLost(reason))
+
+    def leave(self) -> None:
+        """Say goodbye: this node is about to stop."""
+        if self.number is not None:
+            self._outbox.append(Goodbye(self.number))
+        self.number = None
+        self.timekeeper.stop()
+        self._hello_due_ns = NEVER_NS
+
+    def report_at_once(self) -> None:
+        """Let the leader know soon what is new here."""
+        self._heartbeat_due_ns = AT_ONCE_NS
+
+    def send(self, message: Control) -> None:
+        """Send the leader something, with what goes there next."""
+        self._outbox.append(message)
+
+    def handle_timer(self, now_ns: int) -> None:
+        """Do what is due; call it at `next_timer`, or any time."""
+        if self.number is None:
+            if now_ns >= self._hello_due_ns:
+                self.hellos += 1
+                self._hello_due_ns = now_ns + HELLO_EVERY_NS
+                self._outbox.append(self.hello())
+            return
+        if now_ns >= self._silent_from_ns or self.timekeeper.schedule.is_unanswered(now_ns):
+            self.lose("the leader is silent", now_ns)
+            self.hellos = HELLOS
+            return
+        self.timekeeper.handle_timer(now_ns)
+        self._note_clock(now_ns)
+        if self.timekeeper.take_report_due() or now_ns >= self._heartbeat_due_ns:
+            self._outbox.append(Heartbeat(self.number, self._report(now_ns)))
+            if self._heartbeat_every_ns is not None:
+                self._heartbeat_due_ns = now_ns + self._heartbeat_every_ns
+        heard = self.timekeeper.heard(now_ns)
+        if heard is not None:
+            self._outbox.append(heard)
+
+    # Out
+
+    def next_timer(self) -> int:
+        """Local time in ns at which `handle_timer` wants to be called."""
+        if self.number is None:
+            return self._hello_due_ns
+        return min(self._silent_from_ns, self.timekeeper.next_timer(), self._heartbeat_due_ns)
+
+    def datagrams_to_send(self, now_ns: int) -> list[bytes]:
+        """Return the datagrams for the leader; a time request carries `now_ns`, so send them at once."""
+        request = self.timekeeper.request_to_send(now_ns)
+        datagrams = [] if request is None else [request]
+        while self._outbox:
+            datagrams.append(encode(self._outbox.popleft()))
+        return datagrams
+
+    def next_event(self) -> TimeClientEvent | None:
+        """Return the next thing that happened, None where there is none."""
+        return self._events.popleft() if self._events else None
+
+    def hello(self) -> Hello:
+        """Return what asks a leader to be taken in."""
+        camera = self.camera
+        if camera.kind in WITHOUT_CAMERA and self.terms is not None:
+            # A root that has been started anew can lay its grid as the cameras below have it.
+            camera = structs.replace(camera, period_ns=self.terms.goal.period_ns)
+        return Hello(self.name, self.instance, camera)
+
+    # The parts
+
+    @property
+    def _silent_from_ns(self) -> int:
+        return NEVER_NS if self._silent_ns is None else self._heard_ns + self._silent_ns
+
+    def _take_answer(self, answer: HeartbeatAck, now_ns: int) -> None:
+        terms = LeaderTerms.told_by(answer)
+        reason = "its answers cannot be right" if terms is None else self._objection(terms)
+        if terms is None or reason:
+            self.lose(reason, now_ns)
+        elif self.terms is not None and terms.leader != self.terms.leader:
+            self.lose("the leader has changed", now_ns)
+        else:
+            self.terms = terms
+            self.timekeeper.take_terms(terms)
+
+    def _note_clock(self, now_ns: int) -> None:
+        while (event := self.timekeeper.next_event()) is not None:
+            self._events.append(event)
+            if isinstance(event, ClockSynced) and self._heartbeat_every_ns is not None:
+                self.report_at_once()

@@ -5,7 +5,7 @@ import json
 from collections.abc import Callable
 from typing import Any
 
-from capture_app.commands.options import print_table
+from capture_app.terminal import print_table
 
 __all__ = ["new_parser", "print_circumstances", "print_report", "print_table"]
 

@@ -1,5 +1,7 @@
 """What the benchmarks' emulated link says where it cannot be had; it is measured by `make bench-sync`."""
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -40,3 +42,9 @@ def test_each_law_has_its_word() -> None:
     assert str(Delays(5.0, 9.0)) == "gamma,5.0,9.0,2.0"
     assert str(Delays(5.0, 9.0, "lognormal", 0.6)) == "lognormal,5.0,9.0,0.6"
     assert str(Delays(5.0, 5.0, "constant")) == "constant,5.0"
+
+
+def test_every_benchmark_finds_what_it_imports() -> None:
+    folder = Path(__file__).parents[2] / "benchmarks"
+    names = sorted(path.stem for path in folder.glob("*.py"))
+    subprocess.run([sys.executable, "-c", f"import {', '.join(names)}"], cwd=folder, check=True, timeout=120)

@@ -1,11 +1,12 @@
 """What a camera is to a node: a stream of timestamped frames, and at best a way to move its phase."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import Protocol
 
 from capture_app.camera_facts import CameraFacts
+from capture_app.clock import NodeClock
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.sync.wire.camera_commands import CameraCommand
 
@@ -77,3 +78,28 @@ class Camera(ABC):
     @abstractmethod
     async def stop(self) -> None:
         """Stop streaming and let go of the device. Calling it twice is harmless."""
+
+
+@dataclass(frozen=True, slots=True)
+class CameraListing:
+    """One camera: its spec, and what it is in words; or, where it is not usable, why."""
+
+    spec: str
+    kind: str
+    model: str
+    detail: str
+    usable: bool = True
+
+
+class CameraDriver(Protocol):
+    """What the module of a driver offers."""
+
+    def open_camera(self, device: str, options: Mapping[str, str], *, clock: NodeClock, name: str) -> Camera:
+        """Open a camera for the node `name`, its timestamps in that node's clock.
+
+        Raises BadInputError for an option that cannot be read, CameraError for a camera that is missing or
+        refuses, NotAvailableError for what this machine does not have.
+        """
+
+    def list_cameras(self) -> list[CameraListing]:
+        """The cameras that can be opened here, and those that are here and cannot."""

@@ -1,29 +1,34 @@
 """Which cameras there are, and how to open one by its spec: `KIND:DEVICE[,key=value…]`."""
 
+import importlib
 from dataclasses import dataclass
+from typing import cast
 
-from capture_app.cameras.base import Camera
-from capture_app.cameras.reclocked import ReclockedCamera
-from capture_app.cameras.simulated_spec import open_simulated
-from capture_app.clock import HostClock, NodeClock
+from capture_app.cameras.base import Camera, CameraDriver, CameraListing
+from capture_app.clock import NodeClock
 from capture_app.errors import BadInputError
-from capture_app.simulation.devices.profiles import PROFILES
-
-KINDS = {
-    "sim": "sim:PROFILE[,scene=NAME][,view=NAME][,key=value…]",
-    "v4l2": "v4l2:/dev/videoN[,key=value…]",
-}
 
 
 @dataclass(frozen=True, slots=True)
-class CameraListing:
-    """One camera: its spec, and what it is in words; or, where it is not usable, why."""
+class DriverEntry:
+    """Where a driver is, and how its specs are written; the driver is imported when it is asked for."""
 
-    spec: str
-    kind: str
-    model: str
-    detail: str
-    usable: bool = True
+    module: str
+    """Its functions are those of `CameraDriver`."""
+    spec_form: str
+
+    def load(self) -> CameraDriver:
+        """Import the driver."""
+        return cast(CameraDriver, importlib.import_module(self.module))
+
+
+DRIVERS = {
+    "sim": DriverEntry(
+        "capture_app.simulation.camera.driver", "sim:PROFILE[,scene=NAME][,view=NAME][,key=value…]"
+    ),
+    "v4l2": DriverEntry("capture_app.cameras.v4l2.driver", "v4l2:/dev/videoN[,key=value…]"),
+}
+"""By the kind that a spec begins with. By name, so that what drives simulated cameras may lie above."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,16 +43,18 @@ class CameraSpec:
 def parse_spec(spec: str) -> CameraSpec:
     """Take a camera's spec apart, without looking for the camera. Raises BadInputError."""
     kind, _, rest = spec.strip().partition(":")
-    if kind not in KINDS:
-        raise BadInputError(f"unknown camera {spec!r}", hint=f"write {' or '.join(KINDS.values())}")
+    if kind not in DRIVERS:
+        forms = " or ".join(driver.spec_form for driver in DRIVERS.values())
+        raise BadInputError(f"unknown camera {spec!r}", hint=f"write {forms}")
+    hint = f"write {DRIVERS[kind].spec_form}"
     device, *parts = (part.strip() for part in rest.split(","))
     if not device:
-        raise BadInputError(f"camera {spec!r} names no device", hint=f"write {KINDS[kind]}")
+        raise BadInputError(f"camera {spec!r} names no device", hint=hint)
     options: dict[str, str] = {}
     for part in parts:
         key, equals, value = (piece.strip() for piece in part.partition("="))
         if not (key and equals and value):
-            raise BadInputError(f"camera {spec!r}: {part!r} is not key=value", hint=f"write {KINDS[kind]}")
+            raise BadInputError(f"camera {spec!r}: {part!r} is not key=value", hint=hint)
         if key in options:
             raise BadInputError(f"camera {spec!r} says {key} twice", hint="leave one out")
         options[key] = value
@@ -62,36 +69,10 @@ def open_camera(spec: str, *, clock: NodeClock, name: str) -> Camera:
     NotAvailableError for what this machine does not have.
     """
     parsed = parse_spec(spec)
-    if parsed.kind == "sim":
-        return open_simulated(parsed.device, parsed.options, clock=clock, name=name)
-    from capture_app.cameras.v4l2 import open_v4l2
-
-    camera = open_v4l2(parsed.device, parsed.options)
-    return camera if isinstance(clock, HostClock) else ReclockedCamera(camera, clock)
+    return DRIVERS[parsed.kind].load().open_camera(parsed.device, parsed.options, clock=clock, name=name)
 
 
 def list_cameras() -> list[CameraListing]:
-    """The cameras of this machine, its video devices first, then the simulated models."""
-    from capture_app.cameras.v4l2 import list_devices
-
-    devices = [
-        CameraListing(
-            spec=f"v4l2:{device.path}",
-            kind="v4l2",
-            model=device.card,
-            detail=device.problem or ", ".join(str(mode) for mode in device.modes),
-            usable=not device.problem,
-        )
-        for device in list_devices()
-    ]
-    models = [
-        CameraListing(
-            spec=f"sim:{profile.name}",
-            kind="sim",
-            model=profile.model,
-            detail=f"{profile.image_width}x{profile.image_rows} at {1e9 / profile.period_ns:.0f} frames/s, "
-            f"moves its phase by {profile.phase_control}",
-        )
-        for profile in PROFILES.values()
-    ]
-    return devices + models
+    """The cameras of this machine, its real devices first, then the simulated models."""
+    drivers = sorted(DRIVERS, key=lambda kind: kind == "sim")
+    return [listing for kind in drivers for listing in DRIVERS[kind].load().list_cameras()]

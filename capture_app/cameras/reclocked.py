@@ -4,7 +4,7 @@ from dataclasses import replace
 
 from capture_app.camera_facts import CameraFacts
 from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
-from capture_app.clock import NodeClock
+from capture_app.clock import HostClock, NodeClock
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.sync.wire.camera_commands import CameraCommand
 
@@ -41,3 +41,8 @@ class ReclockedCamera(Camera):
     async def stop(self) -> None:
         """Stop the camera behind it."""
         await self._camera.stop()
+
+
+def in_node_clock(camera: Camera, clock: NodeClock) -> Camera:
+    """The camera with its frames stamped in a node's clock; itself where that is the host's."""
+    return camera if isinstance(clock, HostClock) else ReclockedCamera(camera, clock)

@@ -7,7 +7,6 @@ from pathlib import Path
 
 import msgspec
 
-from capture_app.cameras.simulated_frame import SimulatedPayload, SimulatedTruth, seed_of
 from capture_app.errors import BadInputError
 from capture_app.names import check_name
 from capture_app.samples.engine_take import take_synchronized
@@ -18,6 +17,7 @@ from capture_app.session.files.output_folder import OutputFolder, replaces_nothi
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import RECIPE
 from capture_app.session.writing.store import Session, SessionWriter
+from capture_app.simulation.camera.pictures import SimulatedPayload, SimulatedTruth, seed_of
 from capture_app.simulation.devices.profiles import find_profile
 from capture_app.simulation.devices.sensor import SensorFrame
 from capture_app.simulation.rendering.pictures import PictureSource, open_picture_source

@@ -1,14 +1,22 @@
 import subprocess
 import sys
+import types
 
 import pytest
 
 from capture_app.camera_facts import CameraFacts
-from capture_app.cameras import v4l2
-from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
-from capture_app.cameras.catalog import CameraSpec, list_cameras, open_camera, parse_spec
-from capture_app.clock import HostClock, SimulatedClock
-from capture_app.errors import BadInputError
+from capture_app.cameras.base import Camera, CameraListing, CapturedFrame, OnFailure, OnFrame
+from capture_app.cameras.catalog import (
+    DRIVERS,
+    CameraSpec,
+    DriverEntry,
+    list_cameras,
+    open_camera,
+    parse_spec,
+)
+from capture_app.cameras.reclocked import in_node_clock
+from capture_app.clock import HostClock, NodeClock, SimulatedClock
+from capture_app.errors import BadInputError, CameraError
 from capture_app.simulation.devices.profiles import PROFILES
 from capture_app.sync.wire.camera_commands import CameraCommand
 
@@ -50,17 +58,6 @@ def test_every_simulated_camera_listed_opens() -> None:
         assert "640x480 at 30 frames/s" in listing.detail
 
 
-def test_video_devices_are_listed_with_what_is_wrong_with_them(monkeypatch: pytest.MonkeyPatch) -> None:
-    devices = (
-        v4l2.DeviceInfo("/dev/video0", "HD Webcam", "uvcvideo", "usb-1", ()),
-        v4l2.DeviceInfo("/dev/video4", "Other", "uvcvideo", "usb-2", (), problem="not allowed"),
-    )
-    monkeypatch.setattr(v4l2, "list_devices", lambda: devices)
-    good, bad = list_cameras()[:2]
-    assert (good.spec, good.model, good.usable) == ("v4l2:/dev/video0", "HD Webcam", True)
-    assert (bad.spec, bad.detail, bad.usable) == ("v4l2:/dev/video4", "not allowed", False)
-
-
 class OneFrameCamera(Camera):
     def __init__(self) -> None:
         self.commands: list[CameraCommand] = []
@@ -82,21 +79,31 @@ class OneFrameCamera(Camera):
         return b""
 
 
-async def test_a_real_camera_is_translated_into_a_simulated_clock(monkeypatch: pytest.MonkeyPatch) -> None:
-    opened: list[tuple[str, dict[str, str]]] = []
-
-    def open_v4l2(path: str, options: dict[str, str]) -> Camera:
-        opened.append((path, options))
-        return OneFrameCamera()
-
-    monkeypatch.setattr(v4l2, "open_v4l2", open_v4l2)
+async def test_a_real_camera_is_translated_into_a_simulated_clock() -> None:
     clock = SimulatedClock(7_200_000_000_000, 12.5)
-    timestamps = []
+    timestamps: list[int] = []
     for node_clock in (HostClock(), clock):
-        camera = open_camera("v4l2:/dev/video3,fps=30", clock=node_clock, name="a")
+        camera = in_node_clock(OneFrameCamera(), node_clock)
         await camera.start(lambda frame: timestamps.append(frame.timestamp_ns), lambda error: None)
-    assert opened == [("/dev/video3", {"fps": "30"})] * 2
     assert timestamps == [10**15, clock.local_from_true(10**15)]
+
+
+def list_cameras_of_a_driver() -> list[CameraListing]:
+    return [CameraListing("new:1", "new", "One", "not allowed", usable=False)]
+
+
+def open_camera_of_a_driver(device: str, options: dict[str, str], *, clock: NodeClock, name: str) -> Camera:
+    raise CameraError(f"{device} {options} for {name}")
+
+
+def test_a_driver_is_added_by_the_name_of_its_module(monkeypatch: pytest.MonkeyPatch) -> None:
+    driver = types.ModuleType("a_new_driver")
+    driver.list_cameras, driver.open_camera = list_cameras_of_a_driver, open_camera_of_a_driver
+    monkeypatch.setitem(sys.modules, "a_new_driver", driver)
+    monkeypatch.setitem(DRIVERS, "new", DriverEntry("a_new_driver", "new:NUMBER"))
+    assert list_cameras_of_a_driver()[0] in list_cameras()
+    with pytest.raises(CameraError, match=r"^1 \{'fps': '30'\} for a$"):
+        open_camera("new:1,fps=30", clock=HostClock(), name="a")
 
 
 def test_opening_a_test_card_loads_no_heavy_library() -> None:

@@ -5,8 +5,8 @@ import struct
 
 import pytest
 
-from capture_app.cameras import v4l2_layout as layout
-from capture_app.cameras.v4l2_ioctl import check_layout
+from capture_app.cameras.v4l2 import layout as layout
+from capture_app.cameras.v4l2.ioctl import check_layout
 from capture_app.errors import NotAvailableError
 
 U32, S32 = c.c_uint32, c.c_int32
@@ -210,7 +210,7 @@ def test_request_numbers_are_what_a_c_compiler_prints(name, number):
 
 
 def test_a_32_bit_system_is_refused_in_words(monkeypatch):
-    monkeypatch.setattr("capture_app.cameras.v4l2_ioctl.struct.calcsize", lambda _format: 4)
+    monkeypatch.setattr("capture_app.cameras.v4l2.ioctl.struct.calcsize", lambda _format: 4)
     with pytest.raises(NotAvailableError, match="64-bit"):
         check_layout()
 

@@ -7,17 +7,20 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.cameras import v4l2
-from capture_app.cameras.v4l2_layout import (
+from capture_app.cameras.v4l2.driver import list_cameras, open_camera, open_video_node
+from capture_app.cameras.v4l2.layout import (
     CAP_META_CAPTURE,
     CAP_STREAMING,
     CAP_VIDEO_CAPTURE,
     CAP_VIDEO_CAPTURE_MPLANE,
     Capability,
     FrameInterval,
+    PixelFormat,
 )
-from capture_app.cameras.v4l2_modes import Mode, check_capture, choose_mode, explain, parse_options
+from capture_app.cameras.v4l2.modes import Mode, check_capture, choose_mode, configure, explain, parse_options
+from capture_app.clock import HostClock
 from capture_app.errors import BadInputError, CameraError
+from tests.cameras.fake_device import MJPG, FickleDevice
 
 
 def rates(*fps: int) -> tuple[FrameInterval, ...]:
@@ -128,31 +131,37 @@ def test_the_kernels_errors_say_what_to_do(code, words):
 )
 def test_opening_what_is_no_camera_fails_in_words(path, words):
     with pytest.raises(CameraError, match=words):
-        v4l2.open_v4l2(path, {})
+        open_camera(path, {}, clock=HostClock(), name="a")
 
 
 def test_a_regular_file_is_not_opened(tmp_path):
     note = tmp_path / "video0"
     note.write_text("no camera")
     with pytest.raises(CameraError, match="not a camera"):
-        v4l2.open_v4l2(str(note), {})
-    assert v4l2.list_devices(tmp_path) == ()
+        open_camera(str(note), {}, clock=HostClock(), name="a")
+    assert list_cameras(tmp_path) == []
 
 
-def test_a_camera_that_may_not_be_opened_is_listed_with_the_reason(tmp_path, monkeypatch):
+def test_a_camera_that_may_not_be_opened_is_listed_with_the_reason(tmp_path):
     def denied(_path: str) -> None:
         raise PermissionError(errno.EACCES, "Permission denied")
 
-    monkeypatch.setattr(v4l2, "_open_video_node", denied)
     for name in ("video10", "video2", "videox"):
         Path(tmp_path, name).touch()
-    found = v4l2.list_devices(tmp_path)
-    assert [Path(info.path).name for info in found] == ["video2", "video10"]
-    assert all("group `video`" in info.problem and info.modes == () for info in found)
+    found = list_cameras(tmp_path, denied)
+    assert [Path(listing.spec).name for listing in found] == ["video2", "video10"]
+    assert all("group `video`" in listing.detail and not listing.usable for listing in found)
+
+
+def test_a_camera_is_listed_with_its_modes(tmp_path):
+    Path(tmp_path, "video0").touch()
+    (found,) = list_cameras(tmp_path, lambda _path: FickleDevice(MJPG, 30))
+    assert (found.spec, found.model) == (f"v4l2:{tmp_path}/video0", "Fake camera")
+    assert (found.detail, found.usable) == ("MJPG 640x480 at 30, 15 fps", True)
 
 
 @pytest.mark.parametrize(("busy", "opens"), [(3, True), (99, False)])
-def test_a_camera_that_wakes_up_is_tried_again(busy, opens, monkeypatch):
+def test_a_camera_that_wakes_up_is_tried_again(busy, opens):
     answers = [OSError(errno.EBUSY, "Device or resource busy")] * busy
 
     def device(_path: str) -> str:
@@ -160,11 +169,23 @@ def test_a_camera_that_wakes_up_is_tried_again(busy, opens, monkeypatch):
             raise answers.pop()
         return "the device"
 
-    monkeypatch.setattr(v4l2, "VideoDevice", device)
-    monkeypatch.setattr(v4l2, "_VIDEO4LINUX_MAJOR", os.major(Path("/dev/null").stat().st_rdev))
-    monkeypatch.setattr(v4l2, "_WAKING_PAUSE_S", 0.0)
+    null = os.major(Path("/dev/null").stat().st_rdev)
+    known = {"open_device": device, "major": null, "pause_s": 0.0}
     if opens:
-        assert v4l2._open_video_node("/dev/null") == "the device"
+        assert open_video_node("/dev/null", **known) == "the device"
     else:
-        with pytest.raises(CameraError, match="in use"):
-            v4l2.open_v4l2("/dev/null", {})
+        with pytest.raises(OSError, match="busy"):
+            open_video_node("/dev/null", **known)
+
+
+def test_the_period_is_the_one_the_driver_took():
+    assert configure(FickleDevice(MJPG, 25), parse_options({})) == (MJPG, Fraction(1, 25))
+
+
+@pytest.mark.parametrize(
+    ("taken", "rate", "options"),
+    [(PixelFormat("MJPG", 320, 240, 0), 30, {}), (MJPG, 15, {"fps": "30"})],
+)
+def test_a_driver_that_takes_another_mode_is_refused(taken, rate, options):
+    with pytest.raises(CameraError, match="it offers MJPG 640x480 at 30, 15 fps"):
+        configure(FickleDevice(taken, rate), parse_options(options))

@@ -1,6 +1,6 @@
 """Video4Linux2 as the kernel speaks it: one method for each ioctl that a camera needs.
 
-Every method raises OSError with the kernel's errno; `v4l2_modes.explain` turns that into words for a user.
+Every method raises OSError with the kernel's errno; `modes.explain` turns that into words for a user.
 """
 
 import errno
@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterator
 from fractions import Fraction
 from typing import Any
 
-from capture_app.cameras.v4l2_layout import (
+from capture_app.cameras.v4l2.layout import (
     BUF_TYPE_VIDEO_CAPTURE,
     BUFFER,
     CAP_DEVICE_CAPS,

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 
-from capture_app.cameras.v4l2_ioctl import VideoDevice
-from capture_app.cameras.v4l2_layout import (
+from capture_app.cameras.v4l2.ioctl import VideoDevice
+from capture_app.cameras.v4l2.layout import (
     CAP_META_CAPTURE,
     CAP_STREAMING,
     CAP_VIDEO_CAPTURE,

@@ -10,10 +10,10 @@ from capture_app.cameras.base import (
     OnFailure,
     OnFrame,
 )
-from capture_app.cameras.simulated_frame import SimulatedPayload, SimulatedTruth, frame_seed
 from capture_app.clock import NodeClock
 from capture_app.errors import CameraError
 from capture_app.session.format.calibration import CameraCalibration
+from capture_app.simulation.camera.pictures import SimulatedPayload, SimulatedTruth, frame_seed
 from capture_app.simulation.devices.profiles import facts_of
 from capture_app.simulation.devices.sensor import Sensor, SensorFrame
 from capture_app.simulation.rendering.pictures import PictureSource

@@ -20,8 +20,8 @@ from capture_app.cameras.base import (
     OnFailure,
     OnFrame,
 )
-from capture_app.cameras.v4l2_ioctl import VideoDevice
-from capture_app.cameras.v4l2_layout import (
+from capture_app.cameras.v4l2.ioctl import VideoDevice
+from capture_app.cameras.v4l2.layout import (
     BUF_FLAG_ERROR,
     BUF_FLAG_SOURCE_END_OF_FRAME,
     BUF_FLAG_SOURCE_MASK,
@@ -37,8 +37,8 @@ from capture_app.cameras.v4l2_layout import (
     Buffer,
     PixelFormat,
 )
-from capture_app.cameras.v4l2_modes import explain
-from capture_app.cameras.v4l2_payload import payload_of
+from capture_app.cameras.v4l2.modes import explain
+from capture_app.cameras.v4l2.payload import payload_of
 from capture_app.errors import CameraError
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 

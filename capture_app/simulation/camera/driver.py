@@ -5,11 +5,13 @@ import random
 from collections.abc import Mapping
 from dataclasses import replace
 
-from capture_app.cameras.simulated import SimulatedCamera
-from capture_app.cameras.simulated_frame import seed_of
+from capture_app.camera_facts import SIMULATED
+from capture_app.cameras.base import CameraListing
 from capture_app.clock import NodeClock
 from capture_app.errors import BadInputError
-from capture_app.simulation.devices.profiles import find_profile
+from capture_app.simulation.camera.camera import SimulatedCamera
+from capture_app.simulation.camera.pictures import seed_of
+from capture_app.simulation.devices.profiles import PROFILES, find_profile
 from capture_app.simulation.devices.sensor import Sensor, SensorProfile
 from capture_app.simulation.rendering.pictures import LED_PANEL, TEST_CARD, open_picture_source
 
@@ -28,10 +30,22 @@ OPTIONS = {
 }
 
 
-def open_simulated(
-    profile: str, options: Mapping[str, str], *, clock: NodeClock, name: str
-) -> SimulatedCamera:
-    """Open a simulated camera of a profile of `simulation.profiles` for the node `name`; see OPTIONS.
+def list_cameras() -> list[CameraListing]:
+    """The simulated models."""
+    return [
+        CameraListing(
+            spec=f"sim:{profile.name}",
+            kind=SIMULATED,
+            model=profile.model,
+            detail=f"{profile.image_width}x{profile.image_rows} at {1e9 / profile.period_ns:.0f} frames/s, "
+            f"moves its phase by {profile.phase_control}",
+        )
+        for profile in PROFILES.values()
+    ]
+
+
+def open_camera(profile: str, options: Mapping[str, str], *, clock: NodeClock, name: str) -> SimulatedCamera:
+    """Open a simulated camera of a model of `simulation.devices.profiles` for the node `name`; see OPTIONS.
 
     Raises BadInputError for an unknown profile, scene, view, option or value, and NotAvailableError where
     this machine cannot render scenes.

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from capture_app.cameras.v4l2_layout import PixelFormat
+from capture_app.cameras.v4l2.layout import PixelFormat
 
 _JPEG_QUALITY = 95
 _JPEG_START = b"\xff\xd8"

@@ -1,0 +1,96 @@
+"""USB webcams and other Video4Linux2 cameras: finding and opening them."""
+
+import errno
+import os
+import stat
+import time
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+from capture_app.cameras.base import Camera, CameraListing
+from capture_app.cameras.reclocked import in_node_clock
+from capture_app.cameras.v4l2.ioctl import VideoDevice
+from capture_app.cameras.v4l2.modes import check_capture, configure, explain, offered_modes, parse_options
+from capture_app.cameras.v4l2.stream import V4L2Camera
+from capture_app.clock import NodeClock
+from capture_app.errors import CameraError
+
+VIDEO4LINUX_MAJOR = 81
+"""Linux's number for the device nodes of Video4Linux."""
+WAKING_TRIES = 5
+WAKING_PAUSE_S = 0.1
+
+
+def open_camera(path: str, options: Mapping[str, str], *, clock: NodeClock, name: str) -> Camera:
+    """Open a camera by its device node, with the options width, height (pixels), fps and format.
+
+    Raises BadInputError for an option that cannot be read; CameraError where the device is missing, not a
+    camera, busy, not permitted, without the mode asked for, or stamps frames in another clock;
+    NotAvailableError on a 32-bit system. May take half a second where the camera sleeps.
+    """
+    wanted = parse_options(options)
+    try:
+        device = open_video_node(path)
+        try:
+            check_capture(path, device.capability())
+            layout, period = configure(device, wanted)
+            return in_node_clock(V4L2Camera(device, layout, round(period * 1_000_000_000)), clock)
+        except BaseException:
+            device.close()
+            raise
+    except OSError as error:
+        raise explain(path, error) from error
+
+
+def open_video_node(
+    path: str,
+    *,
+    open_device: Callable[[str], VideoDevice] = VideoDevice,
+    major: int = VIDEO4LINUX_MAJOR,
+    pause_s: float = WAKING_PAUSE_S,
+) -> VideoDevice:
+    """Open a node once it is known to be one of Video4Linux: opening others may have effects of its own.
+
+    Raises CameraError for another kind of node, OSError of the driver.
+    """
+    status = Path(path).stat()
+    if not (stat.S_ISCHR(status.st_mode) and os.major(status.st_rdev) == major):
+        raise CameraError(f"{path} is not a camera", hint="`capture-app cameras` lists the cameras there are")
+    for _ in range(WAKING_TRIES - 1):
+        try:
+            return open_device(path)
+        except OSError as error:
+            if error.errno != errno.EBUSY:
+                raise
+            # A USB camera that sleeps answers so while its hub wakes up; uvcvideo never means "in use" here.
+            time.sleep(pause_s)
+    return open_device(path)
+
+
+def list_cameras(
+    folder: Path = Path("/dev"), open_node: Callable[[str], VideoDevice] = open_video_node
+) -> list[CameraListing]:
+    """The V4L2 cameras of this machine in the order of their numbers, with those that cannot be used."""
+    nodes = [node for node in folder.glob("video*") if node.name[5:].isdecimal()]
+    ordered = sorted(nodes, key=lambda node: int(node.name[5:]))
+    return [listing for node in ordered for listing in _listings(node, open_node)]
+
+
+def _listings(node: Path, open_node: Callable[[str], VideoDevice]) -> Iterator[CameraListing]:
+    """What one node is; nothing where it delivers no pictures."""
+    spec = f"v4l2:{node}"
+    try:
+        device = open_node(str(node))
+        try:
+            capability = device.capability()
+            check_capture(str(node), capability)
+            detail = ", ".join(map(str, offered_modes(device)))
+            yield CameraListing(spec, "v4l2", capability.card, detail)
+        finally:
+            device.close()
+    except CameraError:
+        return
+    except OSError as error:
+        name = Path("/sys/class/video4linux", node.name, "name")
+        card = name.read_text().strip() if name.is_file() else ""
+        yield CameraListing(spec, "v4l2", card, str(explain(str(node), error)), usable=False)

@@ -1,0 +1,86 @@
+"""Simulated cameras on an event loop whose time the test has."""
+
+import asyncio
+import selectors
+from collections.abc import Callable, Coroutine
+from typing import Any
+
+from capture_app.cameras.base import Camera, CapturedFrame
+from capture_app.cameras.catalog import open_camera
+
+PERIOD_NS = 33_333_000
+HOUR_NS = 3_600_000_000_000
+
+
+class SteppedSelector(selectors.DefaultSelector):
+    """Waits for nothing, and counts the seconds that it should have waited."""
+
+    now_s = 1000.0
+
+    def select(self, timeout: float | None = None) -> Any:
+        assert timeout is not None, "the test waits for something that never comes"
+        self.now_s += timeout
+        return super().select(0)
+
+
+class SteppedLoop(asyncio.SelectorEventLoop):
+    """An event loop whose time jumps to the next timer, so that seconds of streaming take milliseconds."""
+
+    def __init__(self) -> None:
+        self.selector = SteppedSelector()
+        super().__init__(self.selector)
+
+    def time(self) -> float:
+        return self.selector.now_s
+
+
+class LoopClock:
+    """A node clock two hours ahead of the loop's time, which is true time here."""
+
+    def local_from_true(self, true_ns: int) -> int:
+        return true_ns + 2 * HOUR_NS
+
+    def true_from_local(self, local_ns: int) -> int:
+        return local_ns - 2 * HOUR_NS
+
+    def now_ns(self) -> int:
+        return self.local_from_true(true_now_ns())
+
+
+def true_now_ns() -> int:
+    return round(asyncio.get_running_loop().time() * 1e9)
+
+
+def run(scenario: Callable[[], Coroutine[Any, Any, None]]) -> None:
+    loop = SteppedLoop()
+    try:
+        loop.run_until_complete(scenario())
+    finally:
+        loop.close()
+
+
+def sim(spec: str, name: str = "cam00") -> Camera:
+    return open_camera(spec, clock=LoopClock(), name=name)
+
+
+class Recorder:
+    """Keeps what a camera delivers, and when in true time."""
+
+    def __init__(self) -> None:
+        self.frames: list[CapturedFrame] = []
+        self.arrivals_true_ns: list[int] = []
+        self.failures: list[Exception] = []
+
+    def on_frame(self, frame: CapturedFrame) -> None:
+        self.frames.append(frame)
+        self.arrivals_true_ns.append(true_now_ns())
+
+    async def record(self, camera: Camera, seconds: float) -> list[CapturedFrame]:
+        await camera.start(self.on_frame, self.failures.append)
+        await asyncio.sleep(seconds)
+        return self.frames
+
+
+def starts(frames: list[CapturedFrame]) -> list[int]:
+    assert all(frame.truth is not None for frame in frames)
+    return [frame.truth.true_ns for frame in frames if frame.truth is not None]

@@ -80,8 +80,8 @@ def _measure(network: Network, options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _burst(namespace: str) -> dict[str, Any]:
-    ask = ("burst", "--leader", LEADER, "--frames", "1", "--wait-ready", "90", "--json")
-    return dict(json.loads(read_output(namespace, *CAPTURE_APP, *ask, "--nodes", str(len(NODES)))))
+    ask = ("burst", "--leader", LEADER, "--frames", "1", "--wait-s", "90", "--json")
+    return dict(json.loads(read_output(namespace, *CAPTURE_APP, *ask, "--min-nodes", str(len(NODES)))))
 
 
 def _errors(sessions: Path) -> dict[str, Any]:

@@ -24,7 +24,7 @@ CASES = {
     "cable": "a bare virtual cable, 300 messages",
     "minute": "the paper's link, 66 s, clock simulated 20 ppm fast",
 }
-MINUTE = ("--messages", "6000", "--pace-ms", "11", "--clock", "sim:offset_s=7200,skew_ppm=20")
+MINUTE = ("--messages", "6000", "--interval-ms", "11", "--clock", "sim:offset_s=7200,skew_ppm=20")
 TARGETS: dict[str, dict[str, float]] = {
     "paper": {"mean_us": 14.0, "max_us": 60.0, "share_of_minimum": 1 / 3, "seconds": 1.1},
     "loss": {"times_paper": 1.2, "seconds": 1.3},

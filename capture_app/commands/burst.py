@@ -1,4 +1,4 @@
-"""`capture-app burst`: make a running leader take a burst, and wait for its session."""
+"""`capture-app burst`: take a burst with a running leader and wait for its session."""
 
 import asyncio
 from typing import TYPE_CHECKING
@@ -17,32 +17,43 @@ if TYPE_CHECKING:
 @click.command()
 @leader_option
 @click.option(
-    "--frames", type=click.IntRange(1, 1000), default=5, show_default=True, help="Instants in the burst."
+    "--frames",
+    type=click.IntRange(1, 1000),
+    metavar="N",
+    default=5,
+    show_default=True,
+    help="Number of frames from each camera.",
 )
 @click.option(
     "--spacing",
     type=click.IntRange(1, 10_000),
+    metavar="N",
     default=1,
     show_default=True,
-    help="Frame periods from one instant to the next.",
+    help="Take every Nth frame.",
 )
 @click.option(
-    "--at-ns", type=int, help="First instant in ns of the leader's clock, past or future; default: at once."
+    "--at-ns",
+    type=int,
+    metavar="NS",
+    show_default="now",
+    help="Time of the first frame by the leader's clock; may be in the recent past.",
 )
 @click.option(
-    "--wait-ready",
+    "--wait-s",
     type=click.FloatRange(0.0, 3600.0),
     default=0.0,
     show_default=True,
-    metavar="SECONDS",
-    help="Wait up to this long for all nodes to be ready.",
+    metavar="S",
+    help="Wait up to this long until all nodes are ready.",
 )
 @click.option(
-    "--nodes",
+    "--min-nodes",
     type=click.IntRange(1),
+    metavar="N",
     default=1,
     show_default=True,
-    help="With --wait-ready: the fewest nodes that must be ready.",
+    help="With --wait-s: wait until at least this many nodes are ready.",
 )
 @json_option
 def burst(
@@ -50,16 +61,16 @@ def burst(
     frames: int,
     spacing: int,
     at_ns: int | None,
-    wait_ready: float,
-    nodes: int,
+    wait_s: float,
+    min_nodes: int,
     as_json: bool,
 ) -> None:
-    """Take a burst and print the path of its session (on the leader's machine)."""
+    """Take a burst and print the path of its session, which is on the leader's machine."""
     from capture_app.errors import IncompleteError
     from capture_app.node.wire.messages import BurstRequest
 
     request = BurstRequest(
-        frames=frames, spacing=spacing, at_leader_ns=at_ns, wait_ready_s=wait_ready, nodes=nodes
+        frames=frames, spacing=spacing, at_leader_ns=at_ns, wait_ready_s=wait_s, nodes=min_nodes
     )
     done = asyncio.run(_take(leader, request))
     if as_json:

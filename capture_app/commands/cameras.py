@@ -1,4 +1,4 @@
-"""`capture-app cameras`: what can be given to `--camera`."""
+"""`capture-app cameras`: the values that `--camera` takes."""
 
 import click
 
@@ -8,7 +8,7 @@ from capture_app.terminal import json_option, print_json, print_table
 @click.command()
 @json_option
 def cameras(as_json: bool) -> None:
-    """List the cameras of this machine, and the simulated ones."""
+    """List the cameras of this machine and the simulated camera models."""
     from capture_app.cameras.catalog import list_cameras
 
     found = list_cameras()

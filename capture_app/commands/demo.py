@@ -1,4 +1,4 @@
-"""`capture-app demo`: the whole path without a screen."""
+"""`capture-app demo`: from simulated cameras to a comparison."""
 
 import textwrap
 from pathlib import Path
@@ -15,7 +15,12 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.option(
-    "--cameras", type=click.IntRange(2, 7), default=5, show_default=True, help="Simulated cameras, 2 to 7."
+    "--cameras",
+    type=click.IntRange(2, 7),
+    default=5,
+    show_default=True,
+    metavar="N",
+    help="Simulated cameras.",
 )
 @click.option(
     "--out",
@@ -27,9 +32,9 @@ if TYPE_CHECKING:
 )
 @json_option
 def demo(cameras: int, out: Path, as_json: bool) -> None:
-    """Synchronize simulated cameras, take one burst, and compare synced with offset pictures.
+    """Synchronize simulated cameras, take a burst, and compare synchronized with delayed pictures.
 
-    Every camera is a process with a clock of its own, hours off; they talk over this machine's network.
+    Each camera is a process whose clock is hours off; they communicate over this machine's network.
     """
     from capture_app.demo import run_demo
 
@@ -46,7 +51,7 @@ def demo(cameras: int, out: Path, as_json: bool) -> None:
 
 
 def _print(result: "DemoResult") -> None:
-    head = ("camera", "clock error us", "phase error us", "total error us", "hard bound us")
+    head = ("camera", "clock error µs", "phase error µs", "total error µs", "hard bound µs")
     rows = [
         (
             node.name,

@@ -1,4 +1,4 @@
-"""`capture-app leader`: wait for nodes, take bursts that are asked for, save sessions."""
+"""`capture-app leader`: synchronize nodes, take bursts on request, save sessions."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, TypedDict
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 
 class EngineOptions(TypedDict):
-    """What the engine is told: see `LeaderConfig`."""
+    """Settings of the engine: see `LeaderConfig`."""
 
     period_ns: int | None
     align_row: float | None
@@ -36,36 +36,44 @@ class EngineOptions(TypedDict):
     default=Path("sessions"),
     show_default=True,
     metavar="DIR",
-    help="Folder that sessions are saved in.",
+    help="Folder for the sessions.",
 )
 @click.option(
     "--fps",
     type=click.FloatRange(0.1, 1000.0),
-    help="Frames per second of the rig; without it the first camera's rate.",
+    metavar="FPS",
+    show_default="that of the first camera",
+    help="Frame rate of all cameras.",
 )
 @click.option(
-    "--camera", "cameras", multiple=True, metavar="SPEC", help="A camera of this machine too (repeatable)."
+    "--camera",
+    "cameras",
+    multiple=True,
+    metavar="SPEC",
+    help="Also run a camera of this machine. Repeat for several.",
 )
 @click.option(
     "--align",
-    type=click.Choice(["first-row", "centre"]),
+    type=click.Choice(["first-row", "mid-exposure"]),
     default="first-row",
     show_default=True,
-    help="What of a frame is aligned: its first row's start, or the middle of a row's exposure.",
+    help="Alignment point within a frame: start of the first row, or mid-exposure of the row --align-row.",
 )
 @click.option(
     "--align-row",
     type=click.FloatRange(0.0, 1.0),
+    metavar="FRACTION",
     default=0.5,
     show_default=True,
-    help="With --align centre: which row, as a share of the height.",
+    help="With --align mid-exposure: the row, as a fraction of the image height from the top.",
 )
 @click.option(
-    "--freedom-ms",
+    "--max-delay-ms",
     type=click.FloatRange(0.0, 60_000.0),
+    metavar="MS",
     default=0.0,
     show_default=True,
-    help="Put a burst off by up to this, to where the frames are predicted to meet best.",
+    help="Allow the burst to be delayed by up to this much to reach the best predicted alignment.",
 )
 @beacons_option
 @spool_option
@@ -77,20 +85,20 @@ def leader(
     fps: float | None,
     align: str,
     align_row: float,
-    freedom_ms: float,
+    max_delay_ms: float,
     reference_broadcast: bool,
     cameras: tuple[str, ...],
     spool: Path,
     as_json: bool,
 ) -> None:
-    """Run a leader until Ctrl-C: nodes join it, and `capture-app burst` makes it take bursts.
+    """Run a leader until Ctrl-C: nodes join it, and `capture-app burst` takes bursts with it.
 
-    Joins, losses and bursts are told on stderr, and with --json on stdout as one JSON object a line.
+    Events are logged on stderr, and with --json also on stdout, one JSON object a line.
     """
     engine: EngineOptions = {
         "period_ns": None if fps is None else round(1e9 / fps),
-        "align_row": align_row if align == "centre" else None,
-        "freedom_ns": round(freedom_ms * 1e6),
+        "align_row": align_row if align == "mid-exposure" else None,
+        "freedom_ns": round(max_delay_ms * 1e6),
         "reference_broadcast": reference_broadcast,
     }
     run_until_stopped(_lead(host, port, sessions, engine, cameras, spool, as_json))
@@ -121,7 +129,7 @@ async def _lead(
 
     node = LeaderNode(host=host, port=port, sessions=sessions, on_news=on_news, **engine)
     async with node, asyncio.TaskGroup() as tasks:
-        talk(f"leader at {node.address}, sessions go to {sessions}")
+        talk(f"leader at {node.address}, sessions in {sessions}")
         talk(f"join with: capture-app node --leader {node.address} --camera SPEC")
         if as_json:
             address = {"leader": str(node.address), "port": node.address.port}

@@ -1,4 +1,4 @@
-"""`capture-app node`: one camera that joins a leader and stays in step with the others."""
+"""`capture-app node`: one camera, synchronized with the others of its leader."""
 
 import socket
 from collections.abc import Sequence
@@ -36,18 +36,20 @@ def check_node_name(ctx: click.Context, param: click.Parameter, value: str) -> s
     "--name",
     default=host_name,
     callback=check_node_name,
-    help="Name of this node.  [default: this host's name]",
+    show_default="the host name",
+    help="Name of this node and its camera.",
 )
 @click.option(
-    "--camera", "spec", required=True, metavar="SPEC", help="The camera, as `capture-app cameras` lists it."
+    "--camera", "spec", required=True, metavar="SPEC", help="The camera, as listed by `capture-app cameras`."
 )
 @leaders_option
 @clock_option
 @click.option(
     "--tolerance-us",
     type=click.FloatRange(1.0, 100_000.0),
-    help="Largest phase error that is left alone, in microseconds.  [default: 100; 2000 for a camera that "
-    "can only restart its stream]",
+    metavar="US",
+    show_default="100, or 2000 for a camera that can only restart its stream",
+    help="Largest phase error that is not corrected, in microseconds.",
 )
 @spool_option
 @click.option("--until-eof", is_flag=True, hidden=True, help="Stop when stdin closes: the parent is gone.")
@@ -60,10 +62,9 @@ def node(
     spool: Path,
     until_eof: bool,
 ) -> None:
-    """Run one camera until Ctrl-C; a leader that is not there yet, or goes away, is waited for.
+    """Run one camera until Ctrl-C. The node waits for a leader that is not running, and rejoins it.
 
-    The leader may be a relay. With several --leader of one rig, leaders or relays, the next one is asked when
-    one is gone.
+    A relay can take the place of the leader.
     """
     from capture_app.cameras.catalog import parse_spec
     from capture_app.clock import parse_clock

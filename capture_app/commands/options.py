@@ -1,4 +1,4 @@
-"""Options and output that several commands share."""
+"""Options that several commands share, and how a command runs until it is stopped."""
 
 import asyncio
 import contextlib
@@ -36,7 +36,7 @@ leader_option = click.option(
     default=str(Address("127.0.0.1", DEFAULT_PORT)),
     show_default=True,
     metavar="HOST:PORT",
-    help="Where the leader listens.",
+    help="Address of the leader or a relay.",
 )
 
 leaders_option = click.option(
@@ -47,7 +47,7 @@ leaders_option = click.option(
     default=(str(Address("127.0.0.1", DEFAULT_PORT)),),
     show_default=True,
     metavar="HOST:PORT",
-    help="Where the leader, or a relay, listens; again for others to ask when it is gone, the best first.",
+    help="Address of the leader or a relay. Repeat for failover, preferred first.",
 )
 
 
@@ -56,21 +56,22 @@ spool_option = click.option(
     type=click.Path(path_type=Path, file_okay=False),
     default=lambda: user_state_path("simulshot") / "spool",
     metavar="DIR",
-    help="Folder on this machine's disk that keeps bursts until the leader has them.  [default: "
-    "~/.local/state/simulshot/spool]",
+    show_default="~/.local/state/simulshot/spool",
+    help="Folder on this machine that keeps images until the leader has saved them.",
 )
 host_option = click.option(
     "--host",
     default="0.0.0.0",  # noqa: S104 - cameras are other machines
     show_default=True,
-    help="Address to listen on; 127.0.0.1 for this machine only.",
+    help="Address to listen on; 127.0.0.1 accepts this machine only.",
 )
 port_option = click.option(
     "--port",
     type=click.IntRange(0, 65535),
     default=DEFAULT_PORT,
     show_default=True,
-    help="Port for UDP and TCP; 0 takes a free one.",
+    metavar="PORT",
+    help="UDP and TCP port; 0 chooses a free one.",
 )
 clock_option = click.option(
     "--clock",
@@ -78,18 +79,18 @@ clock_option = click.option(
     default="host",
     show_default=True,
     metavar="CLOCK",
-    help="host, or sim[:offset_s=…,skew_ppm=…] for a clock that is hours off.",
+    help="host, or sim[:offset_s=…,skew_ppm=…] for a simulated clock that is hours off.",
 )
 beacons_option = click.option(
     "--reference-broadcast/--no-reference-broadcast",
     default=False,
     show_default=True,
-    help="Send multicast beacons: nodes alike that hear one access point agree better with each other.",
+    help="Send multicast beacons, which reduce the clock differences between nodes of one access point.",
 )
 
 
 def run_until_stopped(work: Coroutine[Any, Any, None], *, until_eof: bool = False) -> None:
-    """Run until it is done, or until SIGINT or SIGTERM, after which everything is put away in order.
+    """Run until it is done or until SIGINT or SIGTERM, then close everything in order.
 
     `until_eof` stops it also when stdin, a pipe, closes: whoever started this process has ended.
     """

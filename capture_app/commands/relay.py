@@ -1,4 +1,4 @@
-"""`capture-app relay`: carry a leader's time, bursts and images to nodes that cannot reach the leader."""
+"""`capture-app relay`: connect nodes that cannot reach the leader themselves."""
 
 from typing import TYPE_CHECKING
 
@@ -21,12 +21,13 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.argument("parents", nargs=-1, required=True, type=AddressType(), metavar="LEADER [OTHER]...")
+@click.argument("parents", nargs=-1, required=True, type=AddressType(), metavar="LEADER...")
 @click.option(
     "--name",
     default=host_name,
     callback=check_node_name,
-    help="Name of this relay.  [default: this host's name]",
+    show_default="the host name",
+    help="Name of this relay.",
 )
 @host_option
 @port_option
@@ -42,11 +43,11 @@ def relay(
     reference_broadcast: bool,
     as_json: bool,
 ) -> None:
-    """Run a relay until Ctrl-C: nodes join it as they join a leader, and are part of the leader's rig.
+    """Run a relay until Ctrl-C: nodes join it as they would join the leader.
 
-    LEADER is the leader or another relay; OTHER ones, of the same rig, are asked in turn when it is gone. The
-    relay holds the leader's time, brings bursts to its nodes and their images to the leader. `status` and
-    `burst` may be asked of it as well. Without a leader it holds the time over, and says so.
+    LEADER is the address of the leader or of another relay. Give several of the same rig for failover,
+    preferred first. The relay passes on the leader's time and bursts to its nodes, and their images to the
+    leader; `status` and `burst` work with its address too. When no leader answers, it is in holdover.
     """
     from capture_app.clock import parse_clock
     from capture_app.node.relay import RelayNode

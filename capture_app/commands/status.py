@@ -1,4 +1,4 @@
-"""`capture-app status`: the rig of a running leader, once."""
+"""`capture-app status`: the nodes of a running leader."""
 
 import asyncio
 from typing import TYPE_CHECKING
@@ -8,6 +8,7 @@ import click
 from capture_app.commands.options import leader_option
 from capture_app.net.address import Address
 from capture_app.terminal import json_option, print_json, print_line, print_table
+from capture_app.text import count
 
 if TYPE_CHECKING:
     from capture_app.node.wire.status import NodeStatus
@@ -17,10 +18,10 @@ if TYPE_CHECKING:
 @leader_option
 @json_option
 def status(leader: Address, as_json: bool) -> None:
-    """Show the nodes of a running leader, or of its whole tree: state, clock, phase and drops.
+    """Show the nodes of a running leader, those of its relays included: state, clock, phase, drops.
 
-    A clock bound is all that the time can be wrong by, the relays on its way included. Nodes that hear the
-    leader's beacons together also tell how far apart they may be: 95 % of the cases.
+    "clock bound" is the largest possible clock error, that of the relays included. "apart", with reference
+    broadcast, is the uncertainty (95 %) between nodes that receive the same beacons.
     """
     from capture_app.node.leader.control import ask_status
 
@@ -31,13 +32,13 @@ def status(leader: Address, as_json: bool) -> None:
     from capture_app.node.leader.snapshots import as_tree
 
     who = f"leader {rig.leader}" if rig.relay is None else f"relay {rig.relay} at {rig.leader}"
-    print_line(f"{who}, {len(rig.nodes)} nodes, {_period(rig.period_ns)}")
+    print_line(f"{who}, {count(len(rig.nodes), 'node')}, {_period(rig.period_ns)}")
     if rig.message:
         print_line(rig.message)
     if rig.nodes:
         agreed = any(node.apart_ns is not None for node in rig.nodes)
-        clock = ("clock bound us", *(("apart us",) if agreed else ()), "round trip us")
-        head = ("node", "state", *clock, "phase error us", "drops", "camera", "")
+        clock = ("clock bound µs", *(("apart µs",) if agreed else ()), "round trip µs")
+        head = ("node", "state", *clock, "phase error µs", "drops", "camera", "message")
         print_table(head, [_row(node, agreed=agreed) for node in as_tree(rig.nodes)])
     for path in rig.sessions:
         print_line(f"saved {path}")

@@ -9,13 +9,13 @@ if TYPE_CHECKING:
     from capture_app.experiments.common.result import Outcome
 
 EXPERIMENTS: dict[str, str] = {
-    "clock-filters": "Clock estimators under six laws of delay: mean, minimum, ours.",
-    "scale": "Thousands of clocks for an hour: one leader beside a tree of relays.",
-    "link": "The same estimators on a real link, between two processes.",
-    "led-panel": "The whole chain, read off pictures of the paper's LED panel.",
-    "reference-broadcast": "Clients that hear the same packets: how far apart, with it and without.",
-    "naive": "Triggers without synchronization, modelled from the paper, against the chain.",
-    "phase": "Injections, restarts, frame durations: how many, how long, beside the paper's way.",
+    "clock-filters": "Clock estimators under six delay distributions: mean, minimum, ours.",
+    "scale": "Thousands of clocks for an hour: one leader, and a tree of relays.",
+    "link": "The same estimators on a real link between two processes.",
+    "led-panel": "Total error, read from pictures of the paper's LED panel.",
+    "reference-broadcast": "Differences between clients with and without common beacons.",
+    "naive": "Triggering without synchronization, as in the paper, and with it.",
+    "phase": "Frame injections, restarts and frame durations that phase alignment takes.",
 }
 """Name and what it shows; its room has the same name, with underscores."""
 

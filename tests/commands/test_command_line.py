@@ -1,5 +1,7 @@
 """Every mistake: one line on stderr, the right exit code, nothing on stdout, no traceback."""
 
+import os
+import pty
 import subprocess
 import sys
 from collections.abc import Callable
@@ -81,6 +83,58 @@ def test_sessions_cannot_go_into_a_file(tmp_path: Path, capfd: pytest.CaptureFix
     assert "file" in capfd.readouterr().err
 
 
+@pytest.mark.parametrize(
+    ("arguments", "meant"),
+    [
+        (("statsu",), "status"),
+        (("sessions", "verfy"), "verify"),
+        (("experiment", "clock-filter"), "clock-filters"),
+        (("burst", "--frame", "3"), "--frames"),
+    ],
+)
+def test_a_mistyped_name_is_answered_with_the_one_meant(
+    arguments: tuple[str, ...], meant: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    assert run(arguments) == USAGE
+    assert f"Did you mean '{meant}'?" in capfd.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("module", "typed", "offered"),
+    [
+        ("capture_app", "capture-app st", {"status"}),
+        ("capture_app", "capture-app ", set(COMMANDS)),
+        ("capture_app", "capture-app experiment l", {"link", "led-panel"}),
+        ("capture_app", "capture-app leader --align ", {"first-row", "mid-exposure"}),
+        ("reconstruction", "reconstruct mult", {"multiview"}),
+    ],
+)
+def test_the_shell_completes_what_is_typed(module: str, typed: str, offered: set[str]) -> None:
+    words = typed.split(" ")
+    variable = f"_{words[0].replace('-', '_').upper()}_COMPLETE"
+    asked = {variable: "bash_complete", "COMP_WORDS": typed, "COMP_CWORD": str(len(words) - 1)}
+    done = subprocess.run(
+        [sys.executable, "-m", f"{module}.cli"],
+        env={**os.environ, **asked}, capture_output=True, text=True, check=False,
+    )  # fmt: skip
+    assert {line.partition(",")[2] for line in done.stdout.split()} == offered, done.stderr
+
+
+def test_a_table_has_lines_on_a_terminal_only() -> None:
+    command = [sys.executable, "-m", "capture_app.cli", "cameras"]
+    piped = subprocess.run(command, capture_output=True, check=True).stdout.decode()
+    assert piped.splitlines()[0].split() == ["spec", "model", "detail"]
+    assert all(line.isprintable() for line in piped.splitlines())
+    assert "─" not in piped
+    ours, theirs = pty.openpty()
+    subprocess.run(command, stdout=theirs, stderr=subprocess.DEVNULL, check=True)
+    os.close(theirs)
+    seen = os.read(ours, 65536).decode()
+    os.close(ours)
+    assert "─" in seen
+    assert "sim:phone-a" in seen
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_command_explains_itself(command: str, capfd: pytest.CaptureFixture[str]) -> None:
     assert run((command, "--help")) == ExitCode.OK
@@ -100,7 +154,7 @@ def imported_by() -> Callable[[str], set[str]]:
     return modules
 
 
-@pytest.mark.parametrize("arguments", ["--help", "status --leader 127.0.0.1:1", "cameras"])
+@pytest.mark.parametrize("arguments", ["--help", "status --leader 127.0.0.1:1", "cameras", "burst --help"])
 def test_scripting_commands_drag_nothing_heavy_in(
     arguments: str, imported_by: Callable[[str], set[str]]
 ) -> None:

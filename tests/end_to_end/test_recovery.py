@@ -42,7 +42,7 @@ async def test_a_leader_killed_in_a_burst_finishes_it_at_the_next_start(
     port = int(address.rpartition(":")[2])
     nodes = await asyncio.gather(join(start, address, "a"), join(start, address, "b"))
     await asyncio.gather(*(node.says("ready") for node in nodes))
-    asking = await start("burst", "--leader", address, "--wait-ready", str(PATIENCE_S), "--frames", "12")
+    asking = await start("burst", "--leader", address, "--wait-s", str(PATIENCE_S), "--frames", "12")
     session = tmp_path / "sessions" / "burst-001"
     await lines_of(session / JOURNAL, 2)
     await leader.kill()
@@ -59,7 +59,7 @@ async def test_a_leader_killed_in_a_burst_finishes_it_at_the_next_start(
     assert opened.manifest.origin == "simulated"
     assert {path: path.read_bytes() for path in safe} == safe
     # The rig goes on as if nothing had happened.
-    assert (await burst(start, address, "--frames", "1", "--nodes", "2"))["received"] == 2
+    assert (await burst(start, address, "--frames", "1", "--min-nodes", "2"))["received"] == 2
 
 
 async def test_what_a_killed_node_had_spooled_is_fetched_when_it_is_started_again(
@@ -69,7 +69,7 @@ async def test_what_a_killed_node_had_spooled_is_fetched_when_it_is_started_agai
     port = int(address.rpartition(":")[2])
     node = await join(start, address, "a")
     await node.says("ready")
-    asking = await start("burst", "--leader", address, "--wait-ready", str(PATIENCE_S), "--frames", "20")
+    asking = await start("burst", "--leader", address, "--wait-s", str(PATIENCE_S), "--frames", "20")
     session = tmp_path / "sessions" / "burst-001"
     await lines_of(session / JOURNAL, 1)
     await leader.kill()
@@ -79,7 +79,7 @@ async def test_what_a_killed_node_had_spooled_is_fetched_when_it_is_started_agai
     await lines_of(spooled / JOURNAL, 20)
     await node.kill()
 
-    options = ("--wait", str(PATIENCE_S), "--listen", f"127.0.0.1:{port}", "--json")
+    options = ("--wait-s", str(PATIENCE_S), "--listen", f"127.0.0.1:{port}", "--json")
     command = await start("sessions", "repair", str(session), *options)
     await join(start, address, "a")
     repaired = json.loads(await output(command))["sessions"]

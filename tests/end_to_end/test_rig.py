@@ -47,7 +47,7 @@ async def burst(start: "Start", leader: str, *options: str) -> dict[str, Any]:
     async with asyncio.timeout(PATIENCE_S):
         while True:
             command = await start(
-                "burst", "--leader", leader, "--wait-ready", str(PATIENCE_S), "--json", *options
+                "burst", "--leader", leader, "--wait-s", str(PATIENCE_S), "--json", *options
             )
             printed = await command.finish()
             assert command.process.returncode in (ExitCode.OK, ExitCode.INCOMPLETE), command.said
@@ -170,7 +170,7 @@ async def test_a_burst_that_nobody_can_take_is_one_line_and_no_session(
     leader, address = await lead(start, tmp_path / "sessions")
     for options, says in (
         ((), "no camera is here (start one with: capture-app node --leader"),
-        (("--wait-ready", "0.2", "--nodes", "3"), "not ready after 0.2 s: 0 of 3 nodes are here"),
+        (("--wait-s", "0.2", "--min-nodes", "3"), "not ready after 0.2 s: 0 of 3 nodes are here"),
     ):
         command = await start("burst", "--leader", address, *options)
         assert await command.finish() == ""

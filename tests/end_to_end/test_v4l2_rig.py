@@ -53,7 +53,7 @@ for _ in $(seq 60); do
   [ "$(cat /out/left.log /out/right.log | grep -c ': syncing')" -lt 2 ] || break
   sleep .5
 done
-app burst --leader 127.0.0.1:47010 --frames {frames} --wait-ready 120 --json >/out/burst.json 2>/out/burst.log
+app burst --leader 127.0.0.1:47010 --frames {frames} --wait-s 120 --json >/out/burst.json 2>/out/burst.log
 echo $? >/out/burst.code
 app status --leader 127.0.0.1:47010 --json >/out/status.json
 app sessions verify /tmp/sessions/* >/out/verify.txt 2>&1
@@ -69,7 +69,7 @@ for _ in $(seq 60); do
   grep -q ': camera is back' /out/right.log && break
   sleep .5
 done
-app burst --leader 127.0.0.1:47010 --frames {frames} --wait-ready 120 2>/out/burst2.log
+app burst --leader 127.0.0.1:47010 --frames {frames} --wait-s 120 2>/out/burst2.log
 app sessions verify /tmp/sessions/burst-002 >/out/verify2.txt 2>&1
 echo $? >/out/verify2.code
 cp -r /tmp/sessions/burst-002 /out/sessions

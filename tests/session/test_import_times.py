@@ -99,7 +99,7 @@ def test_a_known_offset_brings_phones_together(tmp_path: Path, capsys: pytest.Ca
     write_video(tmp_path / "rec" / "left.mp4", [33_333 * n for n in range(8)])
     write_video(tmp_path / "rec" / "right.mp4", [33_333 * n for n in range(8)])
     arguments = ["sessions", "import", str(tmp_path / "rec"), "--out", str(tmp_path), "--name", "s"]
-    assert run([*arguments, "--offset-ms", "right=-101"]) == ExitCode.OK
+    assert run([*arguments, "--time-shift-ms", "right=-101"]) == ExitCode.OK
     assert "images of one instant are 1.0 ms apart" in capsys.readouterr().out
     session = Session.open(tmp_path / "s")
     together = [numbers for numbers in numbers_of(session) if len(numbers) == 2]
@@ -401,9 +401,9 @@ def test_a_real_caliscope_recording_is_recognized(shared: Path, tmp_path: Path) 
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        (["--offset-ms", "cam9=1"], "cam9, which the recording lacks"),
-        (["--offset-ms", "cam0"], "not CAMERA=MS"),
-        (["--offset-ms", "cam0=inf"], "not CAMERA=MS"),
+        (["--time-shift-ms", "cam9=1"], "cam9, which the recording lacks"),
+        (["--time-shift-ms", "cam0"], "not CAMERA=MS"),
+        (["--time-shift-ms", "cam0=inf"], "not CAMERA=MS"),
         (["--times", "name"], "no folder of images"),
         (["--times", "video", "--fps", "30"], "either the rate"),
         ([], "--times video"),

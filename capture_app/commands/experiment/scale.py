@@ -1,11 +1,11 @@
-"""`capture-app experiment scale`: with its sizes and its length."""
+"""`capture-app experiment scale`, with the number of clients and the simulated time."""
 
 from pathlib import Path
 
 import click
 
-from capture_app.commands.experiment.command import plot_option, seed_option, show, trials_option
-from capture_app.terminal import json_option, talk
+from capture_app.commands.experiment.command import experiment_options, show
+from capture_app.terminal import talk
 
 
 @click.command(name="scale")
@@ -14,9 +14,11 @@ from capture_app.terminal import json_option, talk
     "sizes",
     type=click.IntRange(2, 10_000),
     multiple=True,
-    help="A number of clients; may be repeated. Default: 10 and 40.",
+    metavar="N",
+    show_default="10 and 40",
+    help="Number of clients. Repeat for several rigs.",
 )
-@click.option("--minutes", type=click.FloatRange(2.0, 1440.0), help="Simulated time. Default: 5.")
+@click.option("--minutes", type=click.FloatRange(2.0, 1440.0), show_default="5", help="Simulated time.")
 @click.option(
     "--full", is_flag=True, help="10, 100, 1,000 and 5,000 clients for an hour (half an hour on 2 cores)."
 )
@@ -25,13 +27,16 @@ from capture_app.terminal import json_option, talk
     type=click.Choice(["both", "one-leader", "tree"]),
     default="both",
     show_default=True,
-    help="One leader of all, a tree of relays, or one after the other.",
+    help="One leader for all clients, a tree of relays, or both in turn.",
 )
-@click.option("--jobs", type=click.IntRange(1, 256), help="Processes; default: one for each core.")
-@trials_option
-@seed_option
-@plot_option
-@json_option
+@click.option(
+    "--jobs",
+    type=click.IntRange(1, 256),
+    metavar="N",
+    show_default="one per core",
+    help="Number of processes.",
+)
+@experiment_options
 def experiment(
     sizes: tuple[int, ...],
     minutes: float | None,
@@ -43,8 +48,7 @@ def experiment(
     plot: Path | None,
     as_json: bool,
 ) -> None:
-    """Many clocks for long, in virtual time: one leader of them all beside a tree of relays."""
-    from capture_app.experiments.common.plots import require
+    """Simulate many clocks for a long time: one leader for all of them, and a tree of relays."""
     from capture_app.experiments.scale.experiment import (
         FULL_MINUTES,
         FULL_SIZES,
@@ -55,8 +59,6 @@ def experiment(
         run,
     )
 
-    if plot is not None:
-        require(plot)
     options = ScaleOptions(
         sizes=sizes or (FULL_SIZES if full else SIZES),
         minutes=minutes or (FULL_MINUTES if full else MINUTES),

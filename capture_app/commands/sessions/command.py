@@ -33,7 +33,7 @@ sessions.add_command(repair)
 @click.argument("root", type=_FOLDER, required=False)
 @json_option
 def list_command(root: Path | None, as_json: bool) -> None:
-    """List the sessions in ROOT (default: ./sessions)."""
+    """List the sessions in the folder ROOT (default: ./sessions)."""
     nothing_yet = root is None and not DEFAULT_ROOT.exists()
     found = [] if nothing_yet else list_sessions(root or DEFAULT_ROOT)
     if as_json:
@@ -48,7 +48,7 @@ def list_command(root: Path | None, as_json: bool) -> None:
 @click.argument("session", type=_FOLDER)
 @json_option
 def show(session: Path, as_json: bool) -> None:
-    """Show what a session holds and how well its cameras agree."""
+    """Show the cameras of a session and how well they were synchronized."""
     opened = Session.open(session)
     if as_json:
         words = verdict(sync_of(opened.manifest))
@@ -61,7 +61,7 @@ def show(session: Path, as_json: bool) -> None:
 @click.argument("paths", metavar="SESSION...", type=_FOLDER, nargs=-1, required=True)
 @json_option
 def verify(paths: tuple[Path, ...], as_json: bool) -> None:
-    """Check that sessions are whole and say the truth; exits with an error if one does not."""
+    """Verify the integrity and internal consistency of sessions; fails if one has problems."""
     from capture_app.session.reading.verify import Problem, ProblemKind
     from capture_app.session.reading.verify import verify as verify_session
 
@@ -79,14 +79,14 @@ def verify(paths: tuple[Path, ...], as_json: bool) -> None:
         results.append({"session": str(path), "ok": not problems, "problems": problems})
         if problems and failure is None:
             more = f" and {len(problems) - 1} more" if len(problems) > 1 else ""
-            what = f"{path} is not as it was saved: {problems[0]}{more}"
+            what = f"{path} is damaged: {problems[0]}{more}"
             lost = all(problem.kind is ProblemKind.MISSING for problem in problems)
             failure = IncompleteError(what) if lost else BadInputError(what)
         if not as_json:
             for problem in problems:
                 print_line(f"{path}: {problem}")
             if not problems:
-                print_line(f"{path}: all {len(opened.manifest.images)} images are as they were saved")
+                print_line(f"{path}: all {len(opened.manifest.images)} images are intact")
     if as_json:
         print_json({"ok": failure is None, "sessions": results})
     if failure is not None:
@@ -101,45 +101,63 @@ def schema() -> None:
 
 @sessions.command("import")
 @click.argument("sources", metavar="SOURCE...", nargs=-1, required=True)
-@click.option("--fps", type=float, help="Frames a second; equal frame numbers are one instant.")
-@click.option("--timestamps", type=_FOLDER, help="CSV of times: camera, time, and frame or sync_index.")
+@click.option(
+    "--fps",
+    type=float,
+    metavar="FPS",
+    help="Frame rate, for recordings in which equal frame numbers are the same instant.",
+)
+@click.option(
+    "--timestamps",
+    type=_FOLDER,
+    metavar="CSV",
+    help="Table of frame times with the columns camera, time, and frame or sync_index.",
+)
 @click.option(
     "--times",
     type=click.Choice(["auto", "video", "name", "exif"]),
     default="auto",
     show_default=True,
-    help="Take the frames' own times: the videos' timestamps, the images' file names or EXIF.",
+    help="Source of the frame times: timestamps in the videos, file names of the images, or EXIF.",
 )
 @click.option(
-    "--offset-ms",
-    "offsets",
+    "--time-shift-ms",
+    "shifts",
     metavar="CAMERA=MS",
     multiple=True,
-    help="What is added to that camera's times to get the others', as for phones started by hand.",
+    help="Add this to the times of a camera, as for phones started by hand. Repeat for several.",
 )
-@click.option("--start", type=int, default=0, show_default=True, help="First instant taken.")
-@click.option("--count", type=int, help="How many instants are taken.")
-@click.option("--every", type=int, default=1, show_default=True, help="Take every so many instants.")
+@click.option("--start", type=int, metavar="N", default=0, show_default=True, help="First instant to import.")
+@click.option("--count", type=int, metavar="N", show_default="all", help="Number of instants to import.")
+@click.option(
+    "--every", type=int, metavar="N", default=1, show_default=True, help="Import every Nth instant."
+)
 @click.option(
     "--calibration",
     metavar="[NAME=]PATH",
     multiple=True,
-    help="OpenCV .npz/.yml/.xml (each camera's and the pair's, or their folder), Caliscope .toml, "
+    help="Calibration: OpenCV .npz/.yml/.xml of a camera or a pair or a folder of these, Caliscope .toml, "
     "Qualisys .qca.txt.",
 )
-@click.option("--unit", help="Unit of the calibration's lengths: m (default), cm, mm, in, ft, or a name.")
+@click.option(
+    "--unit",
+    show_default="m",
+    help="Unit of lengths in the calibration: m, cm, mm, in, ft or another name.",
+)
 @click.option(
     "--fit",
     type=click.Choice(["exact", "crop", "scale"]),
     default="exact",
     show_default=True,
-    help="Where the images are not of the calibrated size: refuse, cut off at right and bottom, stretched.",
+    help="How images relate to the calibrated size: the same, cropped at right and bottom, or scaled.",
 )
-@click.option("--uncertainty-ms", type=click.FloatRange(min=0), help="How sure the times are, in ms.")
-@click.option("--png", is_flag=True, help="Keep a video's frames as PNG instead of JPEG.")
-@click.option("--name", help="Name of the session; default: of the folder the recording is in.")
-@click.option("--note", default="", help="A line kept with the session.")
-@click.option("--out", type=_FOLDER, default=DEFAULT_ROOT, show_default=True, help="Folder of sessions.")
+@click.option(
+    "--uncertainty-ms", type=click.FloatRange(min=0), metavar="MS", help="Uncertainty (95 %) of the times."
+)
+@click.option("--png", is_flag=True, help="Save video frames as PNG instead of JPEG.")
+@click.option("--name", show_default="that of the recording's folder", help="Name of the session.")
+@click.option("--note", default="", help="A line of text saved with the session.")
+@click.option("--out", type=_FOLDER, default=DEFAULT_ROOT, show_default=True, help="Folder for the session.")
 @json_option
 def import_command(
     sources: tuple[str, ...],
@@ -147,14 +165,15 @@ def import_command(
     out: Path,
     fit: str,
     times: str,
-    offsets: tuple[str, ...],
+    shifts: tuple[str, ...],
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Make a session from a recording: SOURCE is NAME=PATH for each camera, or a folder of cameras.
+    """Import a recording as a session. SOURCE is NAME=PATH of each camera, or a folder of cameras.
 
-    A camera is a folder of images, kept as they are, a video file, or a phone's folder of libsoftwaresync
-    or RecSync. Folders of Caliscope and FreeMoCap are recognized, with their times and calibration.
+    A camera is a folder of images, which are copied unchanged, a video file, or a folder written by
+    libsoftwaresync or RecSync on a phone. Caliscope and FreeMoCap folders are recognized, with their times
+    and calibration.
     """
     from capture_app.session.importers.calibration import Fit
     from capture_app.session.importers.opening import split_name
@@ -164,7 +183,7 @@ def import_command(
     if name is None:
         path = split_name(sources[0])[1].resolve()
         name = path.name if len(sources) == 1 and path.is_dir() else path.parent.name
-    chosen = ImportOptions(fit=Fit(fit), times=Times(times), offsets_ms=_offsets(offsets), **options)
+    chosen = ImportOptions(fit=Fit(fit), times=Times(times), offsets_ms=_shifts(shifts), **options)
     session = import_recording(sources, out, name, chosen, show_count("images"), talk)
     manifest = session.manifest
     if not as_json:
@@ -182,7 +201,7 @@ def import_command(
     )
 
 
-def _offsets(texts: tuple[str, ...]) -> dict[str, float]:
+def _shifts(texts: tuple[str, ...]) -> dict[str, float]:
     found = {}
     for text in texts:
         camera, _, value = text.rpartition("=")
@@ -190,5 +209,7 @@ def _offsets(texts: tuple[str, ...]) -> dict[str, float]:
             found[camera] = float(value)
             round(found[camera])  # neither infinite nor NaN
         except (ValueError, OverflowError):
-            raise BadInputError(f"--offset-ms {text} is not CAMERA=MS", hint="such as cam1=-12.5") from None
+            raise BadInputError(
+                f"--time-shift-ms {text} is not CAMERA=MS", hint="example: cam1=-12.5"
+            ) from None
     return found

@@ -1,4 +1,4 @@
-"""`capture-app sessions export`: a session in the form that another program opens."""
+"""`capture-app sessions export`: a session in the format of another program."""
 
 from pathlib import Path
 
@@ -22,28 +22,33 @@ _FORMATS_TEXT = "\b\n" + "\n".join(f"{name:<11} {what}" for name, what in FORMAT
     "name",
     type=click.Choice(list(FORMATS)),
     required=True,
-    help="What to make: one of the formats below.",
+    help="Format: see below.",
 )
-@click.option("--out", type=_FOLDER, required=True, help="The folder to make; an empty one may exist.")
-@click.option("--link", is_flag=True, help="Hard-link image files instead of copying them, where they stay.")
+@click.option("--out", type=_FOLDER, required=True, help="New or empty folder to write.")
+@click.option(
+    "--hard-link", is_flag=True, help="Hard-link image files where possible instead of copying them."
+)
 @click.option(
     "--near",
     type=click.FloatRange(min=0, min_open=True),
-    help="n3dv: least depth, in the calibration's unit.",
+    metavar="DEPTH",
+    help="For n3dv: smallest depth, in the calibration's unit.",
 )
-@click.option("--far", type=click.FloatRange(min=0, min_open=True), help="n3dv: greatest depth.")
+@click.option(
+    "--far", type=click.FloatRange(min=0, min_open=True), metavar="DEPTH", help="For n3dv: largest depth."
+)
 @json_option
 def export(
-    session: Path, name: str, out: Path, link: bool, near: float | None, far: float | None, as_json: bool
+    session: Path, name: str, out: Path, hard_link: bool, near: float | None, far: float | None, as_json: bool
 ) -> None:
-    """Write SESSION in the form of another program.
+    """Convert SESSION to the format of another program.
 
-    docs/exports.md tells what each form keeps of the times, and what becomes of missing images.
+    docs/exports.md describes how each format stores the times and what happens to missing images.
     """
     from capture_app.session.exporters.common.burst import ExportOptions
     from capture_app.session.exporters.registry import export_session
 
-    options = ExportOptions(link=link, near=near, far=far)
+    options = ExportOptions(link=hard_link, near=near, far=far)
     report = export_session(Session.open(session), name, out, options, show_count("images"))
     if as_json:
         print_json(report)

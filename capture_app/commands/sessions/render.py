@@ -1,4 +1,4 @@
-"""`capture-app sessions render`: a session out of a recipe, the same bytes every time."""
+"""`capture-app sessions render`: a simulated session from a recipe, reproducible to the byte."""
 
 from pathlib import Path
 
@@ -17,19 +17,23 @@ from capture_app.terminal import json_option, print_json, print_line, show_count
     type=click.Path(path_type=Path),
     default=Path("sessions"),
     show_default=True,
-    help="Folder of sessions.",
+    help="Folder for the sessions.",
 )
-@click.option("--name", help="Another name for the session.")
-@click.option("--retake", is_flag=True, help="Let the engine take the burst anew, as it does today.")
-@click.option("--replace", is_flag=True, help="Put it in the place of an earlier rendering.")
+@click.option("--name", show_default="that in the recipe", help="Name of the session.")
+@click.option(
+    "--retake",
+    is_flag=True,
+    help="Simulate the burst again instead of using the times recorded in the recipe.",
+)
+@click.option("--replace", is_flag=True, help="Replace an earlier rendering.")
 @json_option
 def render(
     recipes: tuple[Path, ...], out: Path, name: str | None, retake: bool, replace: bool, as_json: bool
 ) -> None:
-    """Render sessions from recipes: RECIPE is a recipe.json, or a session that was rendered from one.
+    """Render simulated sessions. RECIPE is a recipe.json or a session that was rendered from one.
 
-    Without a take in the recipe, the engine synchronizes a virtual rig and takes the burst; the rendered
-    session's recipe.json keeps it. The same recipe gives the same bytes.
+    Where the recipe has no frame times yet, a simulated rig takes the burst, and the recipe.json in the
+    session records them. The same recipe always gives the same bytes.
     """
     from capture_app.samples.recipe import read_recipe
     from capture_app.samples.render import render as render_recipe
@@ -48,7 +52,7 @@ def render(
         results.append({"session": folder, "same_bytes_as_before": rendered.same})
         if not as_json:
             if rendered.same is not None:
-                print_line(f"{folder}: {'the same bytes as before' if rendered.same else 'changed'}")
+                print_line(f"{folder}: {'unchanged' if rendered.same else 'changed'}")
             else:
                 print_session(rendered.session)
     if as_json:

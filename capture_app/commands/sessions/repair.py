@@ -1,4 +1,4 @@
-"""`capture-app sessions repair`: finish what a crash, a power cut or a full disk interrupted."""
+"""`capture-app sessions repair`: complete sessions after a crash, a power cut or a full disk."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -19,13 +19,12 @@ WAIT_S = 20.0
 @click.command()
 @click.argument("path", metavar="SESSION|ROOT", type=click.Path(path_type=Path))
 @click.option(
-    "--wait",
-    "wait_s",
+    "--wait-s",
     type=click.FloatRange(min=0),
     default=WAIT_S,
     show_default=True,
-    metavar="SECONDS",
-    help="How long nodes have to come and bring what they still hold; 0 asks nobody.",
+    metavar="S",
+    help="Time for nodes to connect and send the images they still have; 0 does not wait for nodes.",
 )
 @click.option(
     "--listen",
@@ -33,13 +32,13 @@ WAIT_S = 20.0
     default=str(Address("0.0.0.0", DEFAULT_PORT)),  # noqa: S104 - nodes are other machines
     show_default=True,
     metavar="HOST:PORT",
-    help="Where the nodes look for their leader.",
+    help="Address to listen on: the one that the nodes know as their leader's.",
 )
 @json_option
 def repair(path: Path, wait_s: float, listen: Address, as_json: bool) -> None:
-    """Finish interrupted sessions: fetch what nodes hold, keep what is safe, mark what is lost as lost.
+    """Complete interrupted sessions: fetch images that nodes still have and record which are lost.
 
-    Images that were saved are never changed; those that are damaged are moved to the session's set_aside.
+    Saved images are never changed; damaged ones are moved to the folder set_aside of the session.
     """
     import asyncio
 
@@ -66,6 +65,6 @@ def repair(path: Path, wait_s: float, listen: Address, as_json: bool) -> None:
 def _line(one: "Repaired") -> str:
     if not one.ok:
         return f"{one.session}: {one.what}"
-    state = "finished" if one.changed else "whole"
-    lost = f", {one.missing} are missing ({one.what})" if one.missing else ""
-    return f"{one.session}: {state}, {one.images} images are safe{lost}"
+    state = "completed" if one.changed else "complete already"
+    lost = f", {one.missing} missing ({one.what})" if one.missing else ""
+    return f"{one.session}: {state}, {one.images} images saved{lost}"

@@ -61,7 +61,7 @@ async def _ask_nodes(
     try:
         await leader.start()
     except NetworkError as error:
-        hint = "a leader that runs there takes up its own sessions; --wait 0 finishes without asking nodes"
+        hint = "a leader that runs there takes up its own sessions; --wait-s 0 finishes without asking nodes"
         raise NetworkError(error.what, hint=hint) from error
     try:
         await leader.revival.all_finished()

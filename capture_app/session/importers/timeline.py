@@ -32,7 +32,7 @@ def make_timeline(sources: Sequence[Source], clocks: Clocks, talk: Callable[[str
     for name in clocks.offsets_ms:
         if name not in names:
             raise BadInputError(
-                f"--offset-ms is of {name}, which the recording lacks", hint=f"it has {', '.join(names)}"
+                f"--time-shift-ms names {name}, which the recording lacks", hint=f"it has {', '.join(names)}"
             )
     given = (clocks.fps is not None, clocks.timestamps is not None, clocks.times is not Times.AUTO)
     if sum(given) > 1:

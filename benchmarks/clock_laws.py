@@ -14,7 +14,8 @@ from math import exp, log, sqrt
 from capture_app.clock import SimulatedClock
 from capture_app.experiments.clock_filters import claims as clock_claims
 from capture_app.experiments.clock_filters.claims import FIRST, SITUATIONS, Claim, claims, drawn
-from capture_app.simulation.network.link import LAWS, Link
+from capture_app.simulation.network.link import Link
+from capture_app.simulation.network.paper_link import LINKS_BY_LAW
 from capture_app.simulation.rig.bench import exchanges
 
 Shape = Callable[[random.Random], float]
@@ -180,7 +181,7 @@ def fixed(law: str) -> clock_claims.DrawLink:
     """The experiments' link of that name, always the same."""
 
     def draw(_: random.Random) -> Link:
-        return LAWS[law]
+        return LINKS_BY_LAW[law]
 
     return draw
 
@@ -208,7 +209,7 @@ def main() -> None:
     rows = {
         f"{len(SHAPES)} laws": [exp(sum(log(e[k]) for e in many) / len(many)) for k in range(len(SHARES))]
     }
-    for law in LAWS:
+    for law in LINKS_BY_LAW:
         rows[f"{law}, drawn"] = corrected_errors(drawn(law), 5 * options.trials, f"{options.seed} {law}")
         rows[law] = corrected_errors(fixed(law), 5 * options.trials, f"{options.seed} {law}")
     for name, errors in rows.items():

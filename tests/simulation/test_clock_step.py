@@ -6,13 +6,15 @@ import pytest
 
 from capture_app.clock import SimulatedClock
 from capture_app.simulation.devices.profiles import PROFILES
-from capture_app.simulation.network.link import PAPER_LINK, DelayLaw, Link
+from capture_app.simulation.network.delay_laws import GammaDelay
+from capture_app.simulation.network.link import Link
+from capture_app.simulation.network.paper_link import PAPER_LINK
 from capture_app.simulation.rig.rig import NodeSpec, VirtualRig
 from capture_app.sync.rig.events import ClockStepped, ClockSynced
 from capture_app.sync.rig.poll_schedule import PACE_NS
 
 MS, S = 1_000_000, 1_000_000_000
-LAN = Link(DelayLaw(60_000, 90_000), DelayLaw(60_000, 90_000))
+LAN = Link(GammaDelay(60_000, 90_000), GammaDelay(60_000, 90_000))
 
 
 @pytest.mark.parametrize(("link", "step_ns"), [(LAN, MS), (LAN, -MS), (PAPER_LINK, 50 * MS), (LAN, 3600 * S)])

@@ -6,14 +6,15 @@ from dataclasses import replace
 from capture_app.clock import SimulatedClock
 from capture_app.simulation.devices.profiles import PROFILES
 from capture_app.simulation.devices.sensor import SensorFrame
-from capture_app.simulation.network.link import DelayLaw, Link
+from capture_app.simulation.network.delay_laws import GammaDelay
+from capture_app.simulation.network.link import Link
 from capture_app.simulation.rig.rig import NodeSpec, VirtualRig
 from capture_app.sync.rig.events import PhaseCorrected
 from capture_app.sync.rig.trigger import Pick
 from capture_app.sync.wire.camera_commands import RestartStream
 
 S = 1_000_000_000
-WIRED = Link(DelayLaw(50_000, 70_000), DelayLaw(50_000, 70_000))
+WIRED = Link(GammaDelay(50_000, 70_000), GammaDelay(50_000, 70_000))
 
 
 def node(name: str, profile: str, tolerance_ns: int, *, exposure_ns: int | None = None) -> NodeSpec:

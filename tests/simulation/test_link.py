@@ -8,27 +8,19 @@ from pathlib import Path
 import pytest
 
 from capture_app.errors import BadInputError
-from capture_app.simulation.network.link import (
-    LAWS,
-    PAPER_LINK,
-    Air,
-    Bursts,
-    Channel,
-    DelayLaw,
-    Link,
-    Medium,
-    Outage,
-    ReplayedLaw,
-)
+from capture_app.simulation.network.delay_laws import GammaDelay, ReplayedDelay
+from capture_app.simulation.network.link import Channel, Link, Outage, TroubleSpells
+from capture_app.simulation.network.paper_link import LINKS_BY_LAW, PAPER_LINK
+from capture_app.simulation.network.shared_medium import MediumQueue, SharedMedium
 from capture_app.simulation.rig.bench import read_trace
 
 MS, S = 1_000_000, 1_000_000_000
-STEADY = DelayLaw(500_000, 500_001, 1.0)
+STEADY = GammaDelay(500_000, 500_001, 1.0)
 
 
-@pytest.mark.parametrize("name", LAWS)
+@pytest.mark.parametrize("name", LINKS_BY_LAW)
 def test_every_law_has_the_papers_minimum_and_mean(name: str) -> None:
-    rng, link = random.Random(1), LAWS[name]
+    rng, link = random.Random(1), LINKS_BY_LAW[name]
     for law, minimum_us, mean_us in ((link.to_leader, 479, 1878), (link.to_client, 517, 1133)):
         delays_us = [law.draw(rng) / 1000 for _ in range(20_000)]
         assert minimum_us <= min(delays_us)
@@ -51,8 +43,8 @@ def test_nothing_passes_in_an_outage() -> None:
 
 
 def test_trouble_comes_in_bursts() -> None:
-    bursts = Bursts(calm_ns=2 * S, trouble_ns=S, extra_ns=5 * MS, loss=0.0)
-    channel, rng = Channel(Link(STEADY, STEADY, bursts=bursts)), random.Random(2)
+    spells = TroubleSpells(calm_ns=2 * S, trouble_ns=S, extra_ns=5 * MS, loss=0.0)
+    channel, rng = Channel(Link(STEADY, STEADY, spells=spells)), random.Random(2)
     late = [channel.deliveries("to_leader", t * 10 * MS, rng)[0] > 600_000 for t in range(60_000)]
     share = sum(late) / len(late)
     assert share == pytest.approx(1 / 3, abs=0.06)
@@ -61,8 +53,8 @@ def test_trouble_comes_in_bursts() -> None:
 
 
 def test_those_who_share_a_medium_wait_for_each_other() -> None:
-    medium = Medium(airtime_ns=MS, strangers=0.0)
-    air, rng = Air(medium), random.Random(1)
+    medium = SharedMedium(airtime_ns=MS, foreign_load=0.0)
+    air, rng = MediumQueue(medium), random.Random(1)
     channels = [Channel(Link(STEADY, STEADY, medium=medium), air) for _ in range(5)]
     delays = [channel.deliveries("to_leader", 7, rng)[0] for channel in channels]
     assert [round(d / MS, 1) for d in delays] == [1.5, 2.5, 3.5, 4.5, 5.5]
@@ -71,13 +63,13 @@ def test_those_who_share_a_medium_wait_for_each_other() -> None:
 
 def test_strangers_make_a_queue_as_queueing_theory_has_it() -> None:
     """M/D/1: the mean wait is airtime * load / (2 (1 - load))."""
-    air, rng = Air(Medium(airtime_ns=MS, strangers=0.6)), random.Random(5)
+    air, rng = MediumQueue(SharedMedium(airtime_ns=MS, foreign_load=0.6)), random.Random(5)
     waits = [air.enter(i * 50 * MS, rng) - i * 50 * MS - MS for i in range(8000)]
     assert sum(waits) / len(waits) / MS == pytest.approx(0.6 / (2 * 0.4), rel=0.1)
 
 
 def test_a_replayed_law_goes_by_the_time() -> None:
-    law, rng = ReplayedLaw((5, 6, 7), 100, start=1), random.Random(1)
+    law, rng = ReplayedDelay((5, 6, 7), 100, start=1), random.Random(1)
     assert [law.draw(rng, t) for t in (0, 99, 100, 200, 300)] == [6, 6, 7, 5, 6]
 
 
@@ -106,7 +98,7 @@ def test_what_is_no_recorded_link_is_refused(text: str, tmp_path: Path) -> None:
 @pytest.mark.shared
 def test_the_recording_of_a_real_link_is_read(shared: Path) -> None:
     link = read_trace(shared / "footage" / "timing" / "wifi_rtt_offset_good.csv", random.Random(1))
-    assert isinstance(link.to_leader, ReplayedLaw)
+    assert isinstance(link.to_leader, ReplayedDelay)
     assert len(link.to_leader.delays_ns) == 2987
     assert link.to_leader.every_ns == pytest.approx(200 * MS, rel=0.05)
     assert min(link.to_leader.delays_ns) > 0

@@ -8,8 +8,9 @@ import pytest
 
 from capture_app.clock import SimulatedClock
 from capture_app.simulation.devices.profiles import PROFILES
-from capture_app.simulation.network.broadcast import Ear, RadioCell
-from capture_app.simulation.network.link import DelayLaw, Link
+from capture_app.simulation.network.delay_laws import GammaDelay
+from capture_app.simulation.network.link import Link
+from capture_app.simulation.network.radio_cell import RadioCell, Receiver
 from capture_app.simulation.rig.rig import NodeSpec, VirtualNode, VirtualRig
 from capture_app.sync.rig.events import ClockAgreed, ClockAlone
 from capture_app.sync.wire.beacon import Agreed, Beacon, Heard
@@ -25,8 +26,8 @@ WAYS_US = ((300, 700), (800, 400), (500, 500), (600, 450))
 
 def link(there_us: int, back_us: int) -> Link:
     return Link(
-        DelayLaw(there_us * US, there_us * US + 300 * US, shape=1.0),
-        DelayLaw(back_us * US, back_us * US + 300 * US, shape=1.0),
+        GammaDelay(there_us * US, there_us * US + 300 * US, shape=1.0),
+        GammaDelay(back_us * US, back_us * US + 300 * US, shape=1.0),
     )
 
 
@@ -39,7 +40,7 @@ def specs(*cells: RadioCell | None) -> list[NodeSpec]:
             SimulatedClock(rng.randrange(-9 * 3600 * S, 9 * 3600 * S), rng.gauss(0.0, 20.0)),
             link(*WAYS_US[k]),
             cell=cell,
-            ear=Ear(constant_ns=rng.randrange(5 * US)),
+            receiver=Receiver(constant_ns=rng.randrange(5 * US)),
         )
         for k, cell in enumerate(cells)
     ]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import pytest
 from msgspec import structs
 
-from capture_app.simulation.network.wander import WanderingClock
+from capture_app.simulation.network.wandering_clock import WanderingClock
 from capture_app.simulation.rig.tree import ROOT, Tree, TreeSpec
 from capture_app.sync.phase.estimator import FrameStamp
 from capture_app.sync.rig import failover as way_back

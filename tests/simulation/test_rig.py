@@ -10,7 +10,9 @@ from hypothesis import strategies as st
 from capture_app.clock import SimulatedClock
 from capture_app.errors import BadInputError, IncompleteError
 from capture_app.simulation.devices.profiles import PROFILES
-from capture_app.simulation.network.link import PAPER_LINK, DelayLaw, Link
+from capture_app.simulation.network.delay_laws import GammaDelay
+from capture_app.simulation.network.link import Link
+from capture_app.simulation.network.paper_link import PAPER_LINK
 from capture_app.simulation.rig.rig import NodeSpec, VirtualRig
 from capture_app.sync.rig.events import BurstRefused, LeaderLost, NodeLost, NodeReturned
 from capture_app.sync.wire.messages import (
@@ -27,7 +29,7 @@ from capture_app.sync.wire.messages import (
 )
 
 S = 1_000_000_000
-LAN = Link(DelayLaw(60_000, 90_000), DelayLaw(60_000, 90_000))
+LAN = Link(GammaDelay(60_000, 90_000), GammaDelay(60_000, 90_000))
 
 
 def specs(
@@ -209,8 +211,8 @@ numbers = st.sampled_from(["client", "instance", "other"])
 @given(
     link=st.builds(
         Link,
-        st.just(DelayLaw(50_000, 400_000, outlier_share=0.05)),
-        st.just(DelayLaw(50_000, 400_000, outlier_share=0.05)),
+        st.just(GammaDelay(50_000, 400_000, outlier_share=0.05)),
+        st.just(GammaDelay(50_000, 400_000, outlier_share=0.05)),
         loss=st.floats(0, 0.3),
         duplication=st.floats(0, 0.3),
     ),

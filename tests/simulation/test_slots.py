@@ -7,13 +7,14 @@ import pytest
 
 from capture_app.clock import SimulatedClock
 from capture_app.simulation.devices.profiles import PROFILES
-from capture_app.simulation.network.link import Channel, DelayLaw, Direction, Link
+from capture_app.simulation.network.delay_laws import GammaDelay
+from capture_app.simulation.network.link import Channel, Direction, Link
 from capture_app.simulation.rig.rig import NodeSpec, VirtualRig
 from capture_app.sync.rig.leader import spread
 from capture_app.sync.rig.poll_schedule import FIRST_PACE_NS, PACE_NS, SteadySchedule
 
 S = 1_000_000_000
-LAN = Link(DelayLaw(60_000, 90_000), DelayLaw(60_000, 90_000))
+LAN = Link(GammaDelay(60_000, 90_000), GammaDelay(60_000, 90_000))
 
 
 class Recorder(Channel):

@@ -11,8 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from msgspec import structs
 
-from capture_app.simulation.network.link import PAPER_LINK, Link, crossing
-from capture_app.simulation.network.wander import wandering_clock
+from capture_app.simulation.network.link import Link, delivery_draw
+from capture_app.simulation.network.paper_link import PAPER_LINK
+from capture_app.simulation.network.wandering_clock import draw_wandering_clock
 from capture_app.simulation.rig.tree import ROOT, Death, Tree, TreeSpec, run_share
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.clock.upstream_map import MAX_DEPTH, upstream_map
@@ -251,7 +252,7 @@ def test_a_leader_of_many_asks_for_a_slower_pace_and_bears_silent_clocks() -> No
 
 @pytest.mark.parametrize("link", [PAPER_LINK, replace(PAPER_LINK, loss=0.2, duplication=0.1)])
 def test_quick_draws_have_the_law_of_the_link(link: Link) -> None:
-    cross, rngs = crossing(link, link.to_leader), [random.Random(k) for k in (1, 2)]
+    cross, rngs = delivery_draw(link, link.to_leader), [random.Random(k) for k in (1, 2)]
     quick, plain = (
         sorted(delay for _ in range(20_000) for delay in draw())
         for draw in (lambda: cross(rngs[0]), lambda: link.deliveries(link.to_leader, rngs[1]))
@@ -264,7 +265,7 @@ def test_quick_draws_have_the_law_of_the_link(link: Link) -> None:
 
 @given(seed=st.integers(0, 2**32), true_ns=st.integers(0, 4 * 3600 * S))
 def test_a_wandering_clock_gains_what_its_waves_add_up_to(seed: int, true_ns: int) -> None:
-    clock = wandering_clock(random.Random(seed))
+    clock = draw_wandering_clock(random.Random(seed))
     gained_ns = clock.skew * true_ns
     for amplitude, rate, phase in clock.waves:
         gained_ns += amplitude / rate * (math.sin(rate * true_ns + phase) - math.sin(phase))
@@ -273,7 +274,7 @@ def test_a_wandering_clock_gains_what_its_waves_add_up_to(seed: int, true_ns: in
 
 @given(seed=st.integers(0, 2**32), true_ns=st.integers(0, 4 * 3600 * S))
 def test_a_wandering_clock_runs_forwards_and_can_be_read_backwards(seed: int, true_ns: int) -> None:
-    clock = wandering_clock(random.Random(seed))
+    clock = draw_wandering_clock(random.Random(seed))
     local_ns = clock.local_from_true(true_ns)
     assert abs(clock.true_from_local(local_ns) - true_ns) <= 20
     assert clock.local_from_true(true_ns + 1000) > local_ns

@@ -7,8 +7,10 @@ import random
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
-from capture_app.simulation.network.link import LAWS, DelayLaw, Law, Link, LognormalLaw
-from capture_app.simulation.network.wander import wandering_clock
+from capture_app.simulation.network.delay_laws import DelayLaw, GammaDelay, LognormalDelay
+from capture_app.simulation.network.link import Link
+from capture_app.simulation.network.paper_link import LINKS_BY_LAW
+from capture_app.simulation.network.wandering_clock import draw_wandering_clock
 from capture_app.simulation.rig.bench import START_TRUE_NS, exchanges_at
 from capture_app.sync.clock.clock_filter import ClockFilter
 from capture_app.sync.rig.poll_schedule import (
@@ -65,7 +67,7 @@ def drawn(law: str) -> DrawLink:
 
     def draw(rng: random.Random) -> Link:
         shift_ns = round(rng.gauss(0.0, ASYMMETRY * HALF_LEAST_NS))
-        to_leader, to_client = LAWS[law].to_leader, LAWS[law].to_client
+        to_leader, to_client = LINKS_BY_LAW[law].to_leader, LINKS_BY_LAW[law].to_client
         return Link(_moved(to_leader, HALF_LEAST_NS + shift_ns), _moved(to_client, HALF_LEAST_NS - shift_ns))
 
     return draw
@@ -88,7 +90,7 @@ class _Trial:
     def __init__(self, draw: DrawLink, seed: str) -> None:
         self._rng = random.Random(seed)
         self._link = draw(self._rng)
-        self._clock = wandering_clock(self._rng)
+        self._clock = draw_wandering_clock(self._rng)
 
     def listen(self, clock: ClockFilter, sent_ns: list[int], until_ns: list[int]) -> Iterator[int]:
         """Feed a filter with what arrives, and stop at each of these times; all in ns from the start."""
@@ -120,9 +122,9 @@ class _Trial:
             claim.stated_us.append(stated_ns / 1000.0)
 
 
-def _moved(law: Law, minimum_ns: int) -> Law:
+def _moved(law: DelayLaw, minimum_ns: int) -> DelayLaw:
     """The same law with another minimum, and the mean moved with it."""
-    assert isinstance(law, DelayLaw | LognormalLaw)
+    assert isinstance(law, GammaDelay | LognormalDelay)
     mean_ns = law.mean_ns + minimum_ns - law.minimum_ns
     return replace(law, minimum_ns=minimum_ns, mean_ns=mean_ns)
 

@@ -11,7 +11,9 @@ from capture_app.experiments.clock_filters.claims import FIRST as FIRST_SECOND
 from capture_app.experiments.clock_filters.claims import SITUATIONS, Claims, claims, drawn
 from capture_app.experiments.clock_filters.filters import estimators
 from capture_app.experiments.common.result import Outcome, Result, Table, error_figures
-from capture_app.simulation.network.link import LAWS, PAPER_LINK, Link, ReplayedLaw
+from capture_app.simulation.network.delay_laws import ReplayedDelay
+from capture_app.simulation.network.link import Link
+from capture_app.simulation.network.paper_link import LINKS_BY_LAW, PAPER_LINK
 from capture_app.simulation.rig.bench import Exchange, exchanges, read_trace
 
 TRIALS = 100
@@ -74,7 +76,7 @@ class Study:
 def run(*, trials: int | None, seed: int, talk: Callable[[str], None], trace: Path | None = None) -> Outcome:
     """Run it; `trace` is a recorded link to replay as one more law."""
     count = TRIALS if trials is None else trials
-    links = dict(LAWS)
+    links = dict(LINKS_BY_LAW)
     if trace is not None:
         links["recorded"] = read_trace(trace, random.Random(f"{seed} trace"))
     laws: dict[str, Trials] = {}
@@ -82,7 +84,7 @@ def run(*, trials: int | None, seed: int, talk: Callable[[str], None], trace: Pa
         talk(f"{name}: {count} trials of {FIRST} messages")
         laws[name] = _trials(link, count, f"{seed} {name}")
     claimed: dict[str, Claims] = {}
-    for name in LAWS:
+    for name in LINKS_BY_LAW:
         talk(f"{name}: what is claimed, and what holds")
         claimed[name] = claims(drawn(name), count, f"{seed} {name}")
     talk(f"{MESSAGES} messages, {min(count, CONVERGENCE_TRIALS)} times")
@@ -122,12 +124,12 @@ def _trials(link: Link, count: int, seed: str) -> Trials:
     for i in range(count):
         rng = random.Random(f"{seed} {i}")
         law, pace_ns = link, PACE_NS
-        if isinstance(link.to_leader, ReplayedLaw) and isinstance(link.to_client, ReplayedLaw):
+        if isinstance(link.to_leader, ReplayedDelay) and isinstance(link.to_client, ReplayedDelay):
             start = rng.randrange(len(link.to_leader.delays_ns))
             there, back = link.to_leader, link.to_client
             pace_ns = there.every_ns
             law = Link(
-                ReplayedLaw(there.delays_ns, pace_ns, start), ReplayedLaw(back.delays_ns, pace_ns, start)
+                ReplayedDelay(there.delays_ns, pace_ns, start), ReplayedDelay(back.delays_ns, pace_ns, start)
             )
         clock = _clock(rng)
         messages = exchanges(law, clock, rng, count=FIRST, pace_ns=pace_ns)
@@ -176,20 +178,20 @@ def _result(study: Study, seed: int, count: int) -> Result:
     found = [claim for by_situation in study.claims.values() for claim in by_situation.values()]
     bounded = sum(t.bounded for t in laws) + sum(claim.bounded for claim in found)
     judged = count * len(laws) + sum(len(claim.errors_us) for claim in found)
-    gains = [study.laws[law].gain for law in LAWS]
+    gains = [study.laws[law].gain for law in LINKS_BY_LAW]
     there = [m.there_ns / 1000.0 for m in study.messages]
     back = [m.back_ns / 1000.0 for m in study.messages]
     ours = figures("ours") | {
-        "coverage_95": sum(study.laws[law].covered for law in LAWS) / (count * len(LAWS)),
+        "coverage_95": sum(study.laws[law].covered for law in LINKS_BY_LAW) / (count * len(LINKS_BY_LAW)),
         "coverage_95_drawn": study.coverage(FIRST_SECOND),
         "coverage_95_by_law": {law: trials.covered / count for law, trials in study.laws.items()},
         "coverage_95_by_situation": {
-            situation: {law: study.claims[law][situation].coverage for law in LAWS}
+            situation: {law: study.claims[law][situation].coverage for law in LINKS_BY_LAW}
             | {"all": study.coverage(situation)}
             for situation in SITUATIONS
         },
         "error_us_by_situation": {
-            situation: {law: error_figures(study.claims[law][situation].errors_us) for law in LAWS}
+            situation: {law: error_figures(study.claims[law][situation].errors_us) for law in LINKS_BY_LAW}
             for situation in SITUATIONS
         },
         "coverage_hard_bound": bounded / judged,
@@ -238,7 +240,7 @@ def _tables(study: Study) -> tuple[Table, ...]:
     ]
     by_situation = []
     for situation in SITUATIONS:
-        found = [study.claims[law][situation] for law in LAWS]
+        found = [study.claims[law][situation] for law in LINKS_BY_LAW]
         trials_of_all = sum(len(claim.errors_us) for claim in found)
         by_situation.append(
             (
@@ -256,7 +258,7 @@ def _tables(study: Study) -> tuple[Table, ...]:
             f"Mean absolute error after {FIRST} messages, us",
         ),
         Table(
-            ("% held", *LAWS, "all", "mean error", "ours states"),
+            ("% held", *LINKS_BY_LAW, "all", "mean error", "ours states"),
             by_situation,
             "How often the stated 95 % holds, least delays drawn for each trial; errors in us",
         ),

@@ -18,7 +18,9 @@ from capture_app.experiments.common.result import Outcome, Result, Table, error_
 from capture_app.experiments.common.workers import call_all
 from capture_app.simulation.devices.profiles import PROFILES
 from capture_app.simulation.devices.sensor import SensorFrame, SensorProfile
-from capture_app.simulation.network.link import PAPER_LINK, DelayLaw, Link
+from capture_app.simulation.network.delay_laws import GammaDelay
+from capture_app.simulation.network.link import Link
+from capture_app.simulation.network.paper_link import PAPER_LINK
 from capture_app.simulation.rendering.led_panel import Image, difference_ns, read_time, render
 from capture_app.simulation.rig.rig import NodeSpec, VirtualNode, VirtualRig
 
@@ -32,7 +34,7 @@ READY_NS = 60_000_000_000
 HOURS_NS = 9 * 3600 * 1_000_000_000
 SKEW_PPM = 15.0
 """One sigma of the client's clock."""
-LOOPBACK = Link(DelayLaw(30_000, 45_000), DelayLaw(30_000, 45_000))
+LOOPBACK = Link(GammaDelay(30_000, 45_000), GammaDelay(30_000, 45_000))
 """From the leader's own camera to the leader: another process of the same machine."""
 
 PAPER = {

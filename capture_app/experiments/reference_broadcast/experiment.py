@@ -10,7 +10,7 @@ from capture_app.experiments.common.result import Outcome, Result, Table
 from capture_app.experiments.common.workers import call_all
 from capture_app.experiments.reference_broadcast.trials import (
     CASES,
-    EAR_US,
+    RECEIVER_US,
     SKEW_PPM,
     Case,
     Moment,
@@ -47,10 +47,10 @@ def run(*, trials: int | None, seed: int, talk: Callable[[str], None]) -> Outcom
 
 
 NOTES = (
-    f"Moments {SETTLED_S} to {SECONDS} s after the start, without what was agreed > with it. Receivers: a "
-    f"delay of their own of up to {EAR_US} us, and an exponential one with a mean of {EAR_US / 2:g} us. "
-    f"Beacons take 0.5 ms and more to the air, the same for all of a cell. Clocks of {SKEW_PPM:g} ppm (one "
-    "sigma).",
+    f"Moments {SETTLED_S} to {SECONDS} s after the start, without what was agreed > with it. "
+    f"Receivers: a delay of their own of up to {RECEIVER_US} us, and an exponential one "
+    f"with a mean of {RECEIVER_US / 2:g} us. Beacons take 0.5 ms and more to the air, the same for "
+    f"all of a cell. Clocks of {SKEW_PPM:g} ppm (one sigma).",
     "Between clients: of one cell, without those that hear late. What is wrong in all clocks of a cell alike "
     "stays: it is seen against the leader.",
 )

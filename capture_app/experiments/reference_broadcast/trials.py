@@ -8,8 +8,10 @@ from dataclasses import dataclass, replace
 
 from capture_app.clock import SimulatedClock
 from capture_app.simulation.devices.profiles import PROFILES
-from capture_app.simulation.network.broadcast import Ear, RadioCell
-from capture_app.simulation.network.link import PAPER_LINK, DelayLaw, Link
+from capture_app.simulation.network.delay_laws import GammaDelay
+from capture_app.simulation.network.link import Link
+from capture_app.simulation.network.paper_link import PAPER_LINK
+from capture_app.simulation.network.radio_cell import RadioCell, Receiver
 from capture_app.simulation.rig.rig import NodeSpec, VirtualNode, VirtualRig
 from capture_app.sync.clock.time_map import TimeMap
 
@@ -20,7 +22,7 @@ LEAST_US = (300.0, 900.0)
 TAILS_US = (1399.0, 616.0)
 """Mean delay beyond the least, to the leader and from it, as on the paper's link."""
 FAR_TOO_LATE = 0.0064
-EAR_US = 10
+RECEIVER_US = 10
 """A receiver's own delay is drawn up to this; what comes by chance has a mean of half of it."""
 SLOW_US = 400
 SKEW_PPM = 20.0
@@ -103,13 +105,13 @@ def _spec(k: int, case: Case, rng: random.Random) -> NodeSpec:
         tolerance_ns=S,
         start_true_ns=rng.randrange(S),
         cell=case.cells[k],
-        ear=Ear(rng.randrange(EAR_US * US) + late_us * US, EAR_US * US // 2),
+        receiver=Receiver(rng.randrange(RECEIVER_US * US) + late_us * US, RECEIVER_US * US // 2),
     )
 
 
-def _way(tail_us: float, rng: random.Random) -> DelayLaw:
+def _way(tail_us: float, rng: random.Random) -> GammaDelay:
     least_ns = round(rng.uniform(*LEAST_US) * US)
-    return DelayLaw(least_ns, least_ns + round(tail_us * US), outlier_share=FAR_TOO_LATE)
+    return GammaDelay(least_ns, least_ns + round(tail_us * US), outlier_share=FAR_TOO_LATE)
 
 
 def _moment(rig: VirtualRig, nodes: list[VirtualNode]) -> Moment:

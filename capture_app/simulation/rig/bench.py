@@ -13,7 +13,8 @@ from typing import Protocol
 
 from capture_app.errors import BadInputError
 from capture_app.simulation.devices.sensor import Sensor, SensorFrame, SensorProfile
-from capture_app.simulation.network.link import Channel, Link, ReplayedLaw
+from capture_app.simulation.network.delay_laws import ReplayedDelay
+from capture_app.simulation.network.link import Channel, Link
 from capture_app.sync.clock.clock_sample import ClockSample
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.aligner import Aligner
@@ -51,7 +52,7 @@ def read_trace(path: Path, rng: random.Random) -> Link:
         part_ms = rng.random() * (round_trip_ms - least_ms)
         there_ns.append(round((least_ms / 2.0 + part_ms) * 1e6))
         back_ns.append(round((round_trip_ms - least_ms / 2.0 - part_ms) * 1e6))
-    return Link(ReplayedLaw(tuple(there_ns), every_ns), ReplayedLaw(tuple(back_ns), every_ns))
+    return Link(ReplayedDelay(tuple(there_ns), every_ns), ReplayedDelay(tuple(back_ns), every_ns))
 
 
 TURNAROUND_NS = 30_000

@@ -13,8 +13,10 @@ from functools import partial
 from capture_app.clock import SimulatedClock
 from capture_app.simulation.devices.profiles import facts_of
 from capture_app.simulation.devices.sensor import Sensor, SensorFrame, SensorProfile
-from capture_app.simulation.network.broadcast import Ear, RadioCell, heard
-from capture_app.simulation.network.link import PAPER_LINK, Air, Channel, Link, Medium
+from capture_app.simulation.network.link import Channel, Link
+from capture_app.simulation.network.paper_link import PAPER_LINK
+from capture_app.simulation.network.radio_cell import RadioCell, Receiver, deliver_broadcast
+from capture_app.simulation.network.shared_medium import MediumQueue, SharedMedium
 from capture_app.sync.phase.estimator import FrameStamp
 from capture_app.sync.phase.injection import InjectionProfile
 from capture_app.sync.rig.client import Client
@@ -29,7 +31,7 @@ from capture_app.sync.wire.messages import NodeState
 
 _DELIVERY_NS = 5_000_000
 """From a frame's last row to the driver's callback."""
-PLAIN_EAR = Ear()
+PLAIN_RECEIVER = Receiver()
 _GROUP = Group("239.255.47.10", 47011)
 
 
@@ -46,7 +48,7 @@ class NodeSpec:
     injection_profile: InjectionProfile | None = None
     cell: RadioCell | None = None
     """Where it hears what is sent to all; None for nowhere."""
-    ear: Ear = PLAIN_EAR
+    receiver: Receiver = PLAIN_RECEIVER
     schedule: Callable[[], PollSchedule] = SteadySchedule
     """When it asks for the time."""
 
@@ -85,7 +87,7 @@ class VirtualRig:
         self._rng = random.Random(seed)
         self._heap: list[tuple[int, int, Callable[[], object]]] = []
         self._scheduled = 0
-        self._airs: dict[Medium, Air] = {}
+        self._airs: dict[SharedMedium, MediumQueue] = {}
         self._leader_timer_ns = -1
         self._period_ns, self._align_row, self._freedom_ns = period_ns, align_row, freedom_ns
         self._beacons = _GROUP if beacons else None
@@ -166,7 +168,7 @@ class VirtualRig:
         """Open a link; all who name the same medium share its air."""
         if link.medium is None:
             return Channel(link)
-        return Channel(link, self._airs.setdefault(link.medium, Air(link.medium)))
+        return Channel(link, self._airs.setdefault(link.medium, MediumQueue(link.medium)))
 
     def _start_stream(self, node: VirtualNode) -> None:
         if not node.alive:
@@ -229,8 +231,8 @@ class VirtualRig:
 
     def _broadcast(self, data: bytes) -> None:
         nodes = ((name, node.spec) for name, node in self.nodes.items())
-        ears = {name: (spec.cell, spec.ear) for name, spec in nodes if spec.cell is not None}
-        for name, delay_ns in heard(ears, self.now_true_ns, self._rng):
+        receivers = {name: (spec.cell, spec.receiver) for name, spec in nodes if spec.cell is not None}
+        for name, delay_ns in deliver_broadcast(receivers, self.now_true_ns, self._rng):
             self._at(self.now_true_ns + delay_ns, partial(self._hear, data, self.nodes[name]))
 
     def _hear(self, data: bytes, node: VirtualNode) -> None:

@@ -13,8 +13,9 @@ from dataclasses import dataclass, field
 from time import perf_counter_ns, process_time
 from typing import Protocol
 
-from capture_app.simulation.network.link import PAPER_LINK, Crossing, Link, crossing
-from capture_app.simulation.network.wander import WanderingClock, wandering_clock
+from capture_app.simulation.network.link import DeliveryDraw, Link, delivery_draw
+from capture_app.simulation.network.paper_link import PAPER_LINK
+from capture_app.simulation.network.wandering_clock import WanderingClock, draw_wandering_clock
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.tree.follower import Address, Follower, FollowerConfig
 from capture_app.sync.tree.relay import Relay
@@ -114,8 +115,8 @@ class Tree:
         self.datagrams = self.root_busy_ns = 0
         self._seed = seed
         self._share = share
-        self._to_leader: Crossing = crossing(spec.link, spec.link.to_leader)
-        self._to_client: Crossing = crossing(spec.link, spec.link.to_client)
+        self._to_leader: DeliveryDraw = delivery_draw(spec.link, spec.link.to_leader)
+        self._to_client: DeliveryDraw = delivery_draw(spec.link, spec.link.to_client)
         self._digest = hashlib.blake2b(digest_size=16)
         self._arrived: list[bytes] = []
         self._arrivals = array("q")
@@ -199,7 +200,7 @@ class Tree:
         follower: Follower | None = None,
     ) -> WanderingClock:
         """Add a node below the parents, with a clock drawn for it; all its chance comes from `rng`."""
-        clock = wandering_clock(rng, wander_ppm=self.spec.wander_ppm)
+        clock = draw_wandering_clock(rng, wander_ppm=self.spec.wander_ppm)
         node = _Node((name, 0), engine, clock, rng, follower, frozenset(parents))
         self._start(node, round(rng.uniform(0.0, self.spec.join_within_s) * _S))
         return clock

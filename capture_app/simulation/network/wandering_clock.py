@@ -61,7 +61,7 @@ class WanderingClock:
             self._bend -= amplitude * rate * sin(angle) / 2.0
 
 
-def wandering_clock(
+def draw_wandering_clock(
     rng: random.Random, *, skew_ppm: float = 20.0, wander_ppm: float = 0.3, days: float = 1.0
 ) -> WanderingClock:
     """Draw a clock: offset up to `days`, skew of one sigma, waves of 15 to 60 minutes and of 5 to 15.

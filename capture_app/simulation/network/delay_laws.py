@@ -1,0 +1,62 @@
+"""Laws of one-way delays: Gamma, lognormal, or recorded; times in ns."""
+
+import random
+from dataclasses import dataclass
+from math import log
+from typing import Protocol
+
+
+class DelayLaw(Protocol):
+    """A law of one-way delays."""
+
+    def draw(self, rng: random.Random, true_ns: int = 0) -> int:
+        """Return the delay in ns of one datagram sent at a true time in ns."""
+
+
+@dataclass(frozen=True, slots=True)
+class GammaDelay:
+    """One-way delay = minimum + Gamma(shape) of the mean given, times in ns; some come much later."""
+
+    minimum_ns: int
+    mean_ns: int
+    shape: float = 2.0
+    outlier_share: float = 0.0
+    outlier_ns: int = 20_000_000
+
+    def draw(self, rng: random.Random, true_ns: int = 0) -> int:
+        """Return the delay of one datagram, in ns."""
+        excess_ns = rng.gammavariate(self.shape, (self.mean_ns - self.minimum_ns) / self.shape)
+        return round(self.minimum_ns + excess_ns + _outlier_ns(self, rng))
+
+
+@dataclass(frozen=True, slots=True)
+class LognormalDelay:
+    """One-way delay = minimum + lognormal(sigma) of the mean given, times in ns; some come much later."""
+
+    minimum_ns: int
+    mean_ns: int
+    sigma: float = 1.0
+    outlier_share: float = 0.0
+    outlier_ns: int = 20_000_000
+
+    def draw(self, rng: random.Random, true_ns: int = 0) -> int:
+        """Return the delay of one datagram, in ns."""
+        excess_ns = rng.lognormvariate(log(self.mean_ns - self.minimum_ns) - self.sigma**2 / 2.0, self.sigma)
+        return round(self.minimum_ns + excess_ns + _outlier_ns(self, rng))
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayedDelay:
+    """Recorded delays in ns, a new one each `every_ns` of true time, over and over, from `start` on."""
+
+    delays_ns: tuple[int, ...]
+    every_ns: int
+    start: int = 0
+
+    def draw(self, rng: random.Random, true_ns: int = 0) -> int:
+        """Return the delay that was recorded at that time, in ns."""
+        return self.delays_ns[(self.start + true_ns // self.every_ns) % len(self.delays_ns)]
+
+
+def _outlier_ns(law: GammaDelay | LognormalDelay, rng: random.Random) -> float:
+    return rng.random() * law.outlier_ns if rng.random() < law.outlier_share else 0.0

@@ -12,7 +12,13 @@ from capture_app.simulation.scenes import motion, walking
 SCALE = 0.25
 START_NS = 1_000_000_000_000_000
 EXPOSURE_NS = 8_000_000
-STUDIO_MEAN = 105.6676
+STUDIO_MEANS = (
+    (71.034, 125.041, 119.072, 87.466),
+    (55.075, 112.769, 159.540, 101.119),
+    (58.424, 112.368, 130.731, 132.621),
+    (70.995, 112.143, 126.806, 115.478),
+)
+"""Mean level of each sixteenth of a picture, 120 x 160 px."""
 ROW_NS = 40_000  # a quarter of the rows: as long a readout as 10 us of a full picture
 
 
@@ -214,7 +220,9 @@ def test_views_are_those_of_the_calibration_at_full_size():
 def test_the_studio_looks_as_it_always_did():
     """Sessions are compared over years: the same arguments still give the same picture."""
     shot = load("studio").render("cam00", 5_000_000_000, 4_000_000, 11_111, seed=1)
-    assert abs(shot.mean() - STUDIO_MEAN) < 0.01
+    means = shot.reshape(4, 120, 4, 160, 3).mean(axis=(1, 3, 4))
+    # The rounding of another processor moves these by 0.001, a ball that lies 3 mm elsewhere by 0.016.
+    assert means == pytest.approx(np.array(STUDIO_MEANS), abs=0.005)
 
 
 @pytest.mark.parametrize("name", ["pinwheel", "crossing"])

@@ -13,6 +13,7 @@ import os
 import sys
 import time
 from itertools import combinations
+from statistics import mean
 from typing import Any
 
 from emulated_link.delays import Delays, EmulatedLink
@@ -122,8 +123,8 @@ async def _poll(seconds: float) -> int:
         line = {
             node.name: {
                 "offset_ns": node.offset_ns,
-                "moved_ns": node.moved_ns,
-                "apart_ns": node.apart_ns,
+                "reference_correction_ns": node.reference_correction_ns,
+                "relative_uncertainty_ns": node.relative_uncertainty_ns,
                 "hard_bound_ns": node.hard_bound_ns,
                 "uncertainty_ns": node.uncertainty_ns,
             }
@@ -138,11 +139,11 @@ def _figures(lines: list[dict[str, Any]]) -> dict[str, Any]:
     settled = [line["nodes"] for line in lines if line["at_s"] >= SETTLED_S]
     agreed = [{name: n["offset_ns"] / 1e3 for name, n in nodes.items()} for nodes in settled]
     alone = [
-        {name: (n["offset_ns"] - (n["moved_ns"] or 0)) / 1e3 for name, n in nodes.items()}
+        {name: (n["offset_ns"] - (n["reference_correction_ns"] or 0)) / 1e3 for name, n in nodes.items()}
         for nodes in settled
     ]
     every = [node for nodes in settled for node in nodes.values()]
-    in_use = [node for node in every if node["moved_ns"] is not None]
+    in_use = [node for node in every if node["reference_correction_ns"] is not None]
     pairs = {"with": _pairs(agreed), "without": _pairs(alone)}
     held = sum(abs(node["offset_ns"]) <= node["hard_bound_ns"] for node in every) / len(every)
     nearer = pairs["with"]["mean_abs"] <= TARGET_SHARE * pairs["without"]["mean_abs"]
@@ -150,7 +151,7 @@ def _figures(lines: list[dict[str, Any]]) -> dict[str, Any]:
         "between_nodes_us": pairs,
         "to_leader_us": {"with": _sizes(agreed), "without": _sizes(alone)},
         "in_use_share": len(in_use) / len(every),
-        "apart_us_mean": sum(n["apart_ns"] for n in in_use) / 1e3 / len(in_use) if in_use else None,
+        "relative_us_mean": mean(n["relative_uncertainty_ns"] / 1e3 for n in in_use) if in_use else None,
         "coverage_hard_bound": held,
         "moments": len(settled),
         "share": pairs["with"]["mean_abs"] / pairs["without"]["mean_abs"],
@@ -184,7 +185,7 @@ def _print(report: dict[str, Any]) -> None:
             for which in ("without", "with")
         ]
         print_table(("error, us", "mean", "99 %", "largest"), rows)
-        told = "-" if case["apart_us_mean"] is None else f"{case['apart_us_mean']:.1f} us"
+        told = "-" if case["relative_us_mean"] is None else f"{case['relative_us_mean']:.1f} us"
         print(
             f"in use {100 * case['in_use_share']:.0f} %, said to be apart by {told}, "
             f"hard bound held in {100 * case['coverage_hard_bound']:.0f} %, "

@@ -36,7 +36,7 @@ def status(leader: Address, as_json: bool) -> None:
     if rig.message:
         print_line(rig.message)
     if rig.nodes:
-        agreed = any(node.apart_ns is not None for node in rig.nodes)
+        agreed = any(node.relative_uncertainty_ns is not None for node in rig.nodes)
         clock = ("clock bound µs", *(("apart µs",) if agreed else ()), "round trip µs")
         head = ("node", "state", *clock, "phase error µs", "drops", "camera", "message")
         print_table(head, [_row(node, agreed=agreed) for node in as_tree(rig.nodes)])
@@ -49,7 +49,7 @@ def _row(node: "NodeStatus", *, agreed: bool) -> tuple[str, ...]:
         "  " * (node.depth - 1) + node.name,
         str(node.state),
         _us(node.hard_bound_ns),
-        *((_us(node.apart_ns),) if agreed else ()),
+        *((_us(node.relative_uncertainty_ns),) if agreed else ()),
         _us(node.round_trip_ns),
         _us(node.phase_error_ns),
         str(node.drops),

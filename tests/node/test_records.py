@@ -44,7 +44,11 @@ def test_a_clock_that_was_moved_says_so(below_relay: bool) -> None:
         time_map = time_map.chained_to(replace(OWN, uncertainty_ns=0.0, hard_bound_ns=0.0, offset_ns=0))
     clock = clock_of(time_map)
     assert clock is not None
-    assert (clock.offset_ns, clock.moved_ns, clock.apart_ns) == (-119_000, -120_000, 7500)
+    assert (clock.offset_ns, clock.reference_correction_ns, clock.relative_uncertainty_ns) == (
+        -119_000,
+        -120_000,
+        7500,
+    )
     assert clock.hard_bound_ns == pytest.approx(620_000, abs=2)
     assert msgspec.json.decode(msgspec.json.encode(clock), type=ClockRecord) == clock
 
@@ -52,10 +56,10 @@ def test_a_clock_that_was_moved_says_so(below_relay: bool) -> None:
 def test_a_clock_that_was_not_moved_is_told_as_ever() -> None:
     clock = clock_of(OWN)
     assert clock is not None
-    assert (clock.moved_ns, clock.apart_ns) == (None, None)
+    assert (clock.reference_correction_ns, clock.relative_uncertainty_ns) == (None, None)
     assert b"moved" not in msgspec.json.encode(clock)
 
 
 def test_the_event_log_tells_when_clocks_agree_and_when_no_more() -> None:
-    assert event_line(ClockAgreed(7500)) == {"event": "clock-agreed", "apart_ns": 7500}
+    assert event_line(ClockAgreed(7500)) == {"event": "clock-agreed", "relative_uncertainty_ns": 7500}
     assert event_line(ClockAlone()) == {"event": "clock-alone"}

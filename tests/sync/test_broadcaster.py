@@ -54,7 +54,7 @@ def test_two_are_moved_towards_each_other() -> None:
     assert second is not None
     assert (first.client, first.number, second.number) == (1, 24, 24)
     assert abs(first.leader_ns - second.leader_ns) < 25_000, "their own jitter at this beacon only"
-    assert 0 < first.apart_ns < 10_000
+    assert 0 < first.relative_uncertainty_ns < 10_000
     assert first.uncertainty_ns >= 60_000
 
 

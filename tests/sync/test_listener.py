@@ -39,8 +39,10 @@ def heard_some() -> tuple[Listener, int]:
     return listener, KEPT * BEACON_NS
 
 
-def agree(listener: Listener, heard_ns: int, late_ns: int, apart_ns: int = 5000) -> None:
-    listener.take(Agreed(1, heard_ns // BEACON_NS, heard_ns + OFFSET_NS - late_ns, 30_000, apart_ns))
+def agree(listener: Listener, heard_ns: int, late_ns: int, relative_uncertainty_ns: int = 5000) -> None:
+    listener.take(
+        Agreed(1, heard_ns // BEACON_NS, heard_ns + OFFSET_NS - late_ns, 30_000, relative_uncertainty_ns)
+    )
 
 
 def test_nothing_is_told_before_enough_was_heard() -> None:

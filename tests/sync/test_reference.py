@@ -61,7 +61,7 @@ def test_a_clock_that_drifts_is_placed_where_it_is_now() -> None:
         place = known.place(heard[2])
         assert place is not None
         assert place.late_ns == pytest.approx(23 * 2500, abs=1500), "10 us a second, 5.75 s long"
-        assert place.apart_ns < 3000
+        assert place.relative_uncertainty_ns < 3000
 
 
 def test_a_lying_minority_moves_nobody_far() -> None:

@@ -120,7 +120,10 @@ def _moment(rig: VirtualRig, nodes: list[VirtualNode]) -> Moment:
         rig.now_true_ns / S,
         tuple(_reading(rig, node, node.client.time.own_map) for node in nodes),
         tuple(_reading(rig, node, node.client.time_map) for node in nodes),
-        tuple(None if report.apart_ns is None else report.apart_ns / US for report in reports),
+        tuple(
+            None if report.relative_uncertainty_ns is None else report.relative_uncertainty_ns / US
+            for report in reports
+        ),
     )
 
 

@@ -46,8 +46,8 @@ def camera_record(
             hard_bound_ns=round(time_map.hard_bound_ns),
             round_trip_ns=time_map.round_trip_ns,
             samples=time_map.samples,
-            moved_ns=None if correction is None else correction.reference_correction_ns,
-            apart_ns=None if correction is None else round(correction.relative_uncertainty_ns),
+            reference_correction_ns=None if correction is None else correction.reference_correction_ns,
+            relative_uncertainty_ns=None if correction is None else round(correction.relative_uncertainty_ns),
         ),
         phase=None
         if phase is None
@@ -115,7 +115,7 @@ def event_line(event: ClientEvent[Any]) -> dict[str, JsonValue]:
         case ClockStepped():
             return {"event": "clock-stepped"}
         case ClockAgreed():
-            return {"event": "clock-agreed", "apart_ns": event.apart_ns}
+            return {"event": "clock-agreed", "relative_uncertainty_ns": event.relative_uncertainty_ns}
         case ClockAlone():
             return {"event": "clock-alone"}
         case FramesDropped():

@@ -29,9 +29,9 @@ class NodeStatus(Struct, frozen=True, kw_only=True):
     """The relay that it joined; None where that is the leader itself."""
     depth: int = 1
     """How many clocks its time has come through: 1 below the leader, 2 below a relay of it."""
-    moved_ns: int | None = None
+    reference_correction_ns: int | None = None
     """By how much agreement with other nodes that hear the same packets has moved its clock."""
-    apart_ns: int | None = None
+    relative_uncertainty_ns: int | None = None
     """95 % error of its clock against theirs."""
     last_seen_ns: int = 0
     """Age of the last message, in ns."""

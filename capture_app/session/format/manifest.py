@@ -34,9 +34,9 @@ class ClockRecord(_Record, frozen=True, kw_only=True, omit_defaults=True):
     hard_bound_ns: Count
     round_trip_ns: Count
     samples: Count
-    moved_ns: int | None = None
+    reference_correction_ns: int | None = None
     """By how much agreement with cameras that hear the same packets has moved it; part of the offset."""
-    apart_ns: Count | None = None
+    relative_uncertainty_ns: Count | None = None
     """95 % error against the clocks of those cameras."""
 
 

@@ -48,8 +48,8 @@ class Broadcaster:
             heard.client,
             newest,
             arrivals[newest] - round(place.late_ns),
-            round(cell.uncertainty_ns + place.apart_ns),
-            round(place.apart_ns),
+            round(cell.uncertainty_ns + place.relative_uncertainty_ns),
+            round(place.relative_uncertainty_ns),
         )
 
     def handle_timer(self, now_ns: int, listeners: int) -> None:

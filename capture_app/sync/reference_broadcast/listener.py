@@ -85,18 +85,18 @@ class Listener:
         # From where the clock stood, not from the newest estimate: that one jumps when a message was lucky.
         stood_ns = last.leader_from_local(now_ns) - own.leader_from_local(now_ns)
         step_ns, bound_ns = round(SLEW * max(0, now_ns - last.epoch_local_ns)), int(own.hard_bound_ns)
-        moved_ns = stood_ns + min(max(goal_ns - stood_ns, -step_ns), step_ns)
-        moved_ns = min(max(moved_ns, -bound_ns), bound_ns)
-        if agreed is None and moved_ns == 0:
+        correction_ns = stood_ns + min(max(goal_ns - stood_ns, -step_ns), step_ns)
+        correction_ns = min(max(correction_ns, -bound_ns), bound_ns)
+        if agreed is None and correction_ns == 0:
             self.correction = self._last = None
             return own
-        uncertainty_ns = apart_ns = own.uncertainty_ns + abs(moved_ns)
+        uncertainty_ns = relative_uncertainty_ns = own.uncertainty_ns + abs(correction_ns)
         if agreed is not None:
             # What is wrong in the skew has moved the clock since.
-            left_ns = abs(goal_ns - moved_ns) + own.skew_uncertainty * (now_ns - agreed[0])
+            left_ns = abs(goal_ns - correction_ns) + own.skew_uncertainty * (now_ns - agreed[0])
             uncertainty_ns = min(uncertainty_ns, agreed[1].uncertainty_ns + left_ns)
-            apart_ns = agreed[1].apart_ns + left_ns
-        self.correction = Correction(moved_ns, apart_ns)
+            relative_uncertainty_ns = agreed[1].relative_uncertainty_ns + left_ns
+        self.correction = Correction(correction_ns, relative_uncertainty_ns)
         self._last = own.corrected_by(self.correction, uncertainty_ns)
         return self._last
 

@@ -44,7 +44,7 @@ class Place:
     """How much later than agreed a client thinks it heard its newest beacon, and the 95 % error; in ns."""
 
     late_ns: float
-    apart_ns: float
+    relative_uncertainty_ns: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,16 +95,16 @@ def hear_alike(one: Hearing, other: Hearing) -> bool:
     Arrivals that scatter by more than the two clocks are thought to differ would mend nothing; arrivals that
     differ by more than the clocks may are not of one instant.
     """
-    apart_ns = [at_ns - other.arrivals[n] for n, at_ns in one.arrivals.items() if n in other.arrivals]
-    if len(apart_ns) < LEAST_COMMON:
+    differences_ns = [at_ns - other.arrivals[n] for n, at_ns in one.arrivals.items() if n in other.arrivals]
+    if len(differences_ns) < LEAST_COMMON:
         return False
-    apart_ns.sort()
-    tenth = len(apart_ns) // 10
-    scatter_ns = (apart_ns[-1 - tenth] - apart_ns[tenth]) / DECILES
+    differences_ns.sort()
+    tenth = len(differences_ns) // 10
+    scatter_ns = (differences_ns[-1 - tenth] - differences_ns[tenth]) / DECILES
     may_ns = PLAUSIBLE_SHARE * (one.hard_bound_ns + other.hard_bound_ns)
     return (
         scatter_ns <= min(SAME_INSTANT_NS, hypot(one.uncertainty_ns, other.uncertainty_ns))
-        and abs(median(apart_ns)) <= may_ns
+        and abs(median(differences_ns)) <= may_ns
     )
 
 

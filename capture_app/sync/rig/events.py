@@ -54,7 +54,7 @@ class ClockStepped:
 class ClockAgreed:
     """The clock is being moved to where all agree that hear the same beacons; 95 % error between them."""
 
-    apart_ns: int
+    relative_uncertainty_ns: int
 
 
 @dataclass(frozen=True, slots=True)

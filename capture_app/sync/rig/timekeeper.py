@@ -174,8 +174,8 @@ class Timekeeper:
             return report
         return replace(
             report,
-            moved_ns=correction.reference_correction_ns,
-            apart_ns=round(correction.relative_uncertainty_ns),
+            reference_correction_ns=correction.reference_correction_ns,
+            relative_uncertainty_ns=round(correction.relative_uncertainty_ns),
         )
 
     def next_event(self) -> ClockEvent | None:

@@ -42,11 +42,12 @@ class Heard(Struct, frozen=True, tag="heard"):
 class Agreed(Struct, frozen=True, tag="agreed"):
     """When that client should have thought it heard beacon `number`, to agree with all who heard it.
 
-    Both errors are of 95 %: `uncertainty_ns` against the leader, `apart_ns` against the other clients.
+    Both errors are of 95 %: `uncertainty_ns` against the leader, `relative_uncertainty_ns` against the other
+    clients.
     """
 
     client: int
     number: Number
     leader_ns: TimeNs
     uncertainty_ns: ErrorNs
-    apart_ns: ErrorNs
+    relative_uncertainty_ns: ErrorNs

@@ -143,9 +143,9 @@ class Report(Struct, frozen=True, kw_only=True):
     """Leader time of the aligned moment of a frame near now; None while the phase is not known."""
     tolerance_ns: int = 0
     """Largest phase error that this client leaves alone."""
-    moved_ns: int | None = None
+    reference_correction_ns: int | None = None
     """By how much agreement with other clients moved this clock; None where there is none."""
-    apart_ns: int | None = None
+    relative_uncertainty_ns: int | None = None
     """95 % error of this clock against those of the other clients that hear the same beacons."""
 
 

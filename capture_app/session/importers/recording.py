@@ -63,7 +63,6 @@ def import_recording(
     Raises BadInputError for anything that cannot be used; no session is left behind then.
     """
     check_name(name, "session")
-    output = OutputFolder(root / name, replaces_nothing)
     layout = _layout(paths)
     if layout is not None:
         talk(f"{layout.videos} is of {layout.program}")
@@ -76,7 +75,10 @@ def import_recording(
     names = [source.name for source in sources]
     places = [split_name(text) for text in options.calibration]
     views = read_views(places, names) if places else None
-    with output, SessionWriter(output.folder, name) as writer:
+    with (
+        OutputFolder(root / name, replaces_nothing) as output,
+        SessionWriter(output.folder, name) as writer,
+    ):
         sizes = _write_images(writer, sources, instants, options, progress)
         cameras = [
             CameraRecord(

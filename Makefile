@@ -33,7 +33,7 @@ demo: $(VENV)/.installed
 	$(BIN)/capture-app demo --out $(OUT)
 
 test: $(VENV)/.installed-dev
-	$(BIN)/pytest
+	$(BIN)/pytest -n auto --dist loadfile
 
 test-v4l2: $(VENV)/.installed-dev
 	$(BIN)/pytest -m v4l2 tests/end_to_end

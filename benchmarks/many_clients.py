@@ -33,7 +33,7 @@ from capture_app.sync.wire.messages import (
     NodeState,
     Report,
     TimeReply,
-    Unknown,
+    UnknownMember,
     Welcome,
     decode,
     encode,
@@ -106,7 +106,7 @@ class StandIn(asyncio.DatagramProtocol):
                 self.clock.add(sample)
                 if self.replies >= self._load.first:
                     self.settled.set()
-            case Unknown():
+            case UnknownMember():
                 # The leader has not heard of it for 2 s, on a machine that is far too busy.
                 self._say_hello()
             case HeartbeatAck():

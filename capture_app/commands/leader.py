@@ -23,7 +23,7 @@ class EngineOptions(TypedDict):
 
     period_ns: int | None
     align_row: float | None
-    freedom_ns: int
+    max_delay_ns: int
     reference_broadcast: bool
 
 
@@ -98,7 +98,7 @@ def leader(
     engine: EngineOptions = {
         "period_ns": None if fps is None else round(1e9 / fps),
         "align_row": align_row if align == "mid-exposure" else None,
-        "freedom_ns": round(max_delay_ms * 1e6),
+        "max_delay_ns": round(max_delay_ms * 1e6),
         "reference_broadcast": reference_broadcast,
     }
     run_until_stopped(_lead(host, port, sessions, engine, cameras, spool, as_json))

@@ -18,17 +18,17 @@ from capture_app.sync.rig.client import Client
 from capture_app.sync.wire.beacon import Beacon
 from capture_app.sync.wire.messages import decode
 
-Heard = asyncio.Queue[tuple[Client, Beacon]]
+BeaconArrivals = asyncio.Queue[tuple[Client, Beacon]]
 
 
 @pytest.fixture
-def heard(monkeypatch: pytest.MonkeyPatch) -> Heard:
+def heard(monkeypatch: pytest.MonkeyPatch) -> BeaconArrivals:
     """What the clients hear; nodes of this machine, which a leader leaves out, count as others here."""
     sock = listen(BEACONS, "127.0.0.1")
     if sock is None:
         pytest.skip("no multicast on the loopback interface here")
     sock.close()
-    notes: Heard = asyncio.Queue()
+    notes: BeaconArrivals = asyncio.Queue()
 
     def reach(sender: BeaconSender, hosts: object) -> None:
         sender._interfaces = ("127.0.0.1",)
@@ -63,7 +63,7 @@ async def cameras(leader: Address) -> AsyncIterator[None]:
         await asyncio.gather(*running, return_exceptions=True)
 
 
-async def both_heard(heard: Heard) -> set[int]:
+async def both_heard(heard: BeaconArrivals) -> set[int]:
     """Wait until two clients have heard something; return the runs that it came from."""
     clients, leaders = set(), set()
     async with asyncio.timeout(60):
@@ -74,13 +74,13 @@ async def both_heard(heard: Heard) -> set[int]:
     return leaders
 
 
-async def test_the_cameras_of_a_leader_hear_its_beacons(heard: Heard, tmp_path: Path) -> None:
+async def test_the_cameras_of_a_leader_hear_its_beacons(heard: BeaconArrivals, tmp_path: Path) -> None:
     leader = LeaderNode(sessions=tmp_path, host="127.0.0.1", port=0, reference_broadcast=True)
     async with leader, cameras(leader.address):
         assert leader._instance in await both_heard(heard)
 
 
-async def test_the_cameras_of_a_relay_hear_the_relays(heard: Heard, tmp_path: Path) -> None:
+async def test_the_cameras_of_a_relay_hear_the_relays(heard: BeaconArrivals, tmp_path: Path) -> None:
     leader = LeaderNode(sessions=tmp_path, host="127.0.0.1", port=0)
     async with leader:
         relay = RelayNode(
@@ -90,7 +90,7 @@ async def test_the_cameras_of_a_relay_hear_the_relays(heard: Heard, tmp_path: Pa
             assert await both_heard(heard) == {relay._engine.leader.config.instance}
 
 
-async def test_a_leader_that_is_not_asked_sends_none(heard: Heard, tmp_path: Path) -> None:
+async def test_a_leader_that_is_not_asked_sends_none(heard: BeaconArrivals, tmp_path: Path) -> None:
     leader = LeaderNode(sessions=tmp_path, host="127.0.0.1", port=0)
     async with leader, cameras(leader.address):
         async with asyncio.timeout(60):

@@ -9,7 +9,7 @@ from capture_app.camera_facts import PhaseControl
 from capture_app.node.camera.records import camera_record, event_line
 from capture_app.session.format.manifest import ClockRecord
 from capture_app.sync.clock.time_map import Correction, TimeMap
-from capture_app.sync.rig.events import BurstReady, ClockAgreed, ClockAlone
+from capture_app.sync.rig.events import BurstReady, ReferenceCorrectionEnded, ReferenceCorrectionStarted
 from tests.facts import make_facts
 
 FACTS = make_facts(
@@ -61,5 +61,8 @@ def test_a_clock_that_was_not_moved_is_told_as_ever() -> None:
 
 
 def test_the_event_log_tells_when_clocks_agree_and_when_no_more() -> None:
-    assert event_line(ClockAgreed(7500)) == {"event": "clock-agreed", "relative_uncertainty_ns": 7500}
-    assert event_line(ClockAlone()) == {"event": "clock-alone"}
+    assert event_line(ReferenceCorrectionStarted(7500)) == {
+        "event": "reference-correction-started",
+        "relative_uncertainty_ns": 7500,
+    }
+    assert event_line(ReferenceCorrectionEnded()) == {"event": "reference-correction-ended"}

@@ -63,7 +63,7 @@ def test_exposure_centres_meet_where_it_is_asked_for() -> None:
         node("short", "phone-b", 40_000, exposure_ns=1_000_000),
         node("long", "phone-a", 40_000, exposure_ns=9_000_000),
     ]
-    rig = VirtualRig(specs, seed=9, align_row=0.5, freedom_ns=S)
+    rig = VirtualRig(specs, seed=9, align_row=0.5, max_delay_ns=S)
     assert rig.run_until(rig.all_ready, limit_ns=30 * S)
     rig.run_for(5 * S)
     burst = rig.trigger(frames=1)

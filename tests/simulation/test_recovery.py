@@ -29,15 +29,15 @@ from capture_app.sync.wire.messages import (
     Heartbeat,
     HeartbeatAck,
     Hello,
+    JoinRefusal,
     Message,
     NodeState,
-    Refused,
     Report,
     TimeReply,
     TimeRequest,
     Trigger,
     TriggerAck,
-    Unknown,
+    UnknownMember,
     Welcome,
     encode,
 )
@@ -58,7 +58,7 @@ periods = st.sampled_from([33_333_333] * 8 + [0, 1, -1, 2**63 - 1])
 errors = st.floats(0.0, 1e18)
 slopes = st.floats(0.0, 1.0) | st.just(1e18)
 paces = st.integers(0, 60 * S)
-onwards = st.none() | st.builds(
+upstreams = st.none() | st.builds(
     UpstreamMap,
     st.lists(numbers, min_size=1, max_size=8).map(tuple),
     i64,
@@ -93,13 +93,20 @@ from_parents: st.SearchStrategy[Message] = st.one_of(
         periods,
         slots,
         pace_ns=paces,
-        onward=onwards,
+        upstream=upstreams,
     ),
     st.builds(
-        HeartbeatAck, numbers, numbers, i64, periods, pace_ns=paces, onward=onwards, alone=st.booleans()
+        HeartbeatAck,
+        numbers,
+        numbers,
+        i64,
+        periods,
+        pace_ns=paces,
+        upstream=upstreams,
+        in_holdover=st.booleans(),
     ),
-    st.builds(Refused, st.just(INSTANCE) | i64, st.sampled_from(["no", "never"]), st.booleans()),
-    st.builds(Unknown, numbers),
+    st.builds(JoinRefusal, st.just(INSTANCE) | i64, st.sampled_from(["no", "never"]), st.booleans()),
+    st.builds(UnknownMember, numbers),
     st.builds(Trigger, numbers, numbers, i64, i64, i64, i64),
     st.builds(TimeReply, u32, u32, i64, i64, i64),
 )
@@ -137,7 +144,7 @@ class Forged(RuleBasedStateMachine):
         number = self.follower.time.number
         if mine:
             at = self.follower.parent
-            if number is not None and isinstance(message, TimeReply | HeartbeatAck | Unknown | Trigger):
+            if number is not None and isinstance(message, TimeReply | HeartbeatAck | UnknownMember | Trigger):
                 message = structs.replace(message, client=number)
         self.hear(encode(message), at)
 
@@ -284,7 +291,7 @@ def test_a_clock_that_shows_anything_can_be_told_of(offset_ns: int, told_ns: int
     machine = Forged()
     machine.start(-(2**60), 1)
     machine.turn()
-    machine.hear(encode(Welcome(INSTANCE, 2, 3, 0, 0, 33_333_333, onward=onward)), machine.follower.parent)
+    machine.hear(encode(Welcome(INSTANCE, 2, 3, 0, 0, 33_333_333, upstream=onward)), machine.follower.parent)
     machine.lie_for_long(offset_ns, 420)
     assert machine.follower.time.timekeeper.clock.samples > 100
 

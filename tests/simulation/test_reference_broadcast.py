@@ -12,8 +12,8 @@ from capture_app.simulation.network.delay_laws import GammaDelay
 from capture_app.simulation.network.link import Link
 from capture_app.simulation.network.radio_cell import RadioCell, Receiver
 from capture_app.simulation.rig.rig import NodeSpec, VirtualNode, VirtualRig
-from capture_app.sync.rig.events import ClockAgreed, ClockAlone
-from capture_app.sync.wire.beacon import Agreed, Beacon, Heard
+from capture_app.sync.rig.events import ReferenceCorrectionEnded, ReferenceCorrectionStarted
+from capture_app.sync.wire.beacon import AgreedArrival, ArrivalReport, Beacon
 from capture_app.sync.wire.messages import Welcome, decode, encode
 
 S = 1_000_000_000
@@ -133,8 +133,12 @@ def test_a_cell_that_falls_silent_is_forgotten_softly() -> None:
     run(rig, 15)
     for node in rig.nodes.values():
         assert node.client.time_map == node.client.time.own_map
-        told = [type(event) for event in node.events if isinstance(event, ClockAgreed | ClockAlone)]
-        assert told == [ClockAgreed, ClockAlone]
+        told = [
+            type(event)
+            for event in node.events
+            if isinstance(event, ReferenceCorrectionStarted | ReferenceCorrectionEnded)
+        ]
+        assert told == [ReferenceCorrectionStarted, ReferenceCorrectionEnded]
 
 
 def test_the_same_seed_gives_the_same_run() -> None:
@@ -150,7 +154,7 @@ def test_the_same_seed_gives_the_same_run() -> None:
     assert maps[0] == maps[1]
 
 
-def forged(rng: random.Random, client: int) -> tuple[Agreed, Heard]:
+def forged(rng: random.Random, client: int) -> tuple[AgreedArrival, ArrivalReport]:
     """What a stranger might say: numbers and times near the true ones, or anything."""
 
     def time_ns() -> int:
@@ -161,7 +165,7 @@ def forged(rng: random.Random, client: int) -> tuple[Agreed, Heard]:
 
     arrivals = tuple((number(), time_ns()) for _ in range(rng.randint(0, 32)))
     errors_ns = rng.randrange(10**6), rng.randrange(10**18)
-    return Agreed(client, number(), time_ns(), *errors_ns), Heard(client, *errors_ns, arrivals)
+    return AgreedArrival(client, number(), time_ns(), *errors_ns), ArrivalReport(client, *errors_ns, arrivals)
 
 
 def test_whatever_is_forged_the_bounds_hold_and_agreement_comes_back() -> None:
@@ -198,12 +202,12 @@ class OldLeader:
             message = decode(data)
             if isinstance(message, Welcome):
                 assert message.beacons is not None
-            if not isinstance(message, Agreed):
+            if not isinstance(message, AgreedArrival):
                 datagrams.append((encode(message), address))
         return datagrams
 
     def take(self, data: bytes, address: tuple[str, int], now_ns: int) -> None:
-        if isinstance(decode(data), Heard):
+        if isinstance(decode(data), ArrivalReport):
             self.unknown += 1
         else:
             self._take(data, address, now_ns)

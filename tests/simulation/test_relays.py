@@ -330,11 +330,11 @@ def test_clients_leave_a_relay_that_has_lost_its_leader_for_one_that_has_not(
     rig.run_until(rig.all_ready)
     assert rig.views()["cam"].via == "relay"
     rig.kill("gate")
-    rig.run_until(lambda: rig.relays["relay"].leader.terms.alone)
+    rig.run_until(lambda: rig.relays["relay"].leader.terms.in_holdover)
     assert rig.relays["relay"].follower.time.is_member, "its own parent is there, and alone"
     rig.run_until(lambda: rig.views()["cam"].via == "other")
     assert stays.client.state is NodeState.READY
-    assert stays.client.leader_is_alone
+    assert stays.client.leader_in_holdover
     assert "has lost the leader" in stays.client.report(0).message
 
 

@@ -150,7 +150,7 @@ def test_nobody_goes_back_and_forth_with_a_parent_that_comes_and_goes(ups: list[
             following = False
             while way.due_ns <= end_ns and not following:
                 now_ns = way.due_ns
-                found = way.look(parents[1], now_ns, alone=False)
+                found = way.look(parents[1], now_ns, in_holdover=False)
                 if up and found is not None:
                     following = True
                 elif up:
@@ -207,7 +207,7 @@ def test_nobody_follows_itself_or_too_long_a_path(path: tuple[int, ...]) -> None
     follower.handle_timer(0)
     assert [address for _, address in follower.datagrams_to_send(0)] == [("a", 0)]
     told = upstream_map(path, time_map(0, 0.0, 0, 1.0, 2.0))
-    welcome = Welcome(77, 5, 6, 0, 0, 33_333_333, onward=told)
+    welcome = Welcome(77, 5, 6, 0, 0, 33_333_333, upstream=told)
     follower.receive_datagram(encode(welcome), ("a", 0), 1000)
     assert follower.state is NodeState.JOINING
     follower.handle_timer(S)

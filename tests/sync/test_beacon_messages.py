@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture_app.sync.wire import messages
-from capture_app.sync.wire.beacon import MOST_ARRIVALS, Agreed, Beacon, Group, Heard
+from capture_app.sync.wire.beacon import MOST_ARRIVALS, AgreedArrival, ArrivalReport, Beacon, Group
 from capture_app.sync.wire.messages import Welcome, WireError, decode, encode
 
 u32 = st.integers(0, 2**32 - 1)
@@ -19,10 +19,10 @@ HEADER = messages.MAGIC + bytes([messages.VERSION, 3])
 
 @given(
     st.builds(Beacon, u32, numbers)
-    | st.builds(Heard, u32, errors, errors, arrivals)
-    | st.builds(Agreed, u32, numbers, i64, errors, errors)
+    | st.builds(ArrivalReport, u32, errors, errors, arrivals)
+    | st.builds(AgreedArrival, u32, numbers, i64, errors, errors)
 )
-def test_a_message_survives_the_wire(message: messages.Control) -> None:
+def test_a_message_survives_the_wire(message: messages.ControlMessage) -> None:
     data = encode(message)
     assert decode(data) == message
     assert len(data) <= messages.MAX_DATAGRAM
@@ -31,8 +31,8 @@ def test_a_message_survives_the_wire(message: messages.Control) -> None:
 def test_they_are_small() -> None:
     full = tuple((2**32 - 1 - k, 2**62 + k) for k in range(24))
     assert len(encode(Beacon(2**32 - 1, 2**32 - 1))) <= 45
-    assert len(encode(Heard(2**32 - 1, 10**6, 10**7, full))) <= 450
-    assert len(encode(Agreed(2**32 - 1, 2**32 - 1, 2**62, 10**6, 10**6))) <= 110
+    assert len(encode(ArrivalReport(2**32 - 1, 10**6, 10**7, full))) <= 450
+    assert len(encode(AgreedArrival(2**32 - 1, 2**32 - 1, 2**62, 10**6, 10**6))) <= 120
 
 
 def test_a_group_goes_with_the_welcome() -> None:
@@ -64,17 +64,17 @@ def test_nobody_is_made_to_join_a_group_of_the_wide_world(host: str, port: int) 
     [
         Beacon(1, 0),
         Beacon(1, 2**32),
-        Heard(1, -1, 0, ()),
-        Heard(1, 0, 10**18 + 1, ()),
-        Heard(1, 0, 0, ((0, 5),)),
-        Heard(1, 0, 0, ((1, 2**63),)),
-        Heard(1, 0, 0, ((1, 5),) * (MOST_ARRIVALS + 1)),
-        Agreed(1, 0, 0, 0, 0),
-        Agreed(1, 1, 2**63, 0, 0),
-        Agreed(1, 1, 0, 0, -1),
+        ArrivalReport(1, -1, 0, ()),
+        ArrivalReport(1, 0, 10**18 + 1, ()),
+        ArrivalReport(1, 0, 0, ((0, 5),)),
+        ArrivalReport(1, 0, 0, ((1, 2**63),)),
+        ArrivalReport(1, 0, 0, ((1, 5),) * (MOST_ARRIVALS + 1)),
+        AgreedArrival(1, 0, 0, 0, 0),
+        AgreedArrival(1, 1, 2**63, 0, 0),
+        AgreedArrival(1, 1, 0, 0, -1),
     ],
 )
-def test_values_that_cannot_be_are_refused(message: messages.Control) -> None:
+def test_values_that_cannot_be_are_refused(message: messages.ControlMessage) -> None:
     with pytest.raises(WireError, match="malformed"):
         decode(encode(message))
 

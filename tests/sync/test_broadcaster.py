@@ -3,7 +3,7 @@
 import random
 
 from capture_app.sync.reference_broadcast.broadcaster import BEACON_EVERY_NS, FORGOTTEN_NS, Broadcaster
-from capture_app.sync.wire.beacon import Beacon, Group, Heard
+from capture_app.sync.wire.beacon import ArrivalReport, Beacon, Group
 
 MS = 1_000_000
 GROUP = Group("239.255.47.10", 47011)
@@ -14,10 +14,10 @@ def sent(broadcaster: Broadcaster, now_ns: int, listeners: int = 2) -> Beacon | 
     return broadcaster.beacon_to_send()
 
 
-def told(client: int, wrong_ns: int, *, beacons: range = range(1, 25), seed: int = 0) -> Heard:
+def told(client: int, wrong_ns: int, *, beacons: range = range(1, 25), seed: int = 0) -> ArrivalReport:
     rng = random.Random(seed + client)
     arrivals = tuple((n, n * BEACON_EVERY_NS + wrong_ns + rng.randrange(10_000)) for n in beacons)
-    return Heard(client, 60_000, 500_000, arrivals)
+    return ArrivalReport(client, 60_000, 500_000, arrivals)
 
 
 def after_beacons(count: int = 24) -> tuple[Broadcaster, int]:
@@ -69,7 +69,7 @@ def test_beacons_that_were_never_sent_are_not_believed() -> None:
     broadcaster, now_ns = after_beacons(count=10)
     broadcaster.take(told(1, 0), now_ns)
     assert broadcaster.take(told(2, 0), now_ns + 500 * MS) is None, "of 24 only 10 are known"
-    assert broadcaster.take(Heard(3, 1, 1, ()), now_ns + 500 * MS) is None
+    assert broadcaster.take(ArrivalReport(3, 1, 1, ()), now_ns + 500 * MS) is None
 
 
 def test_the_same_reports_give_the_same_answers() -> None:

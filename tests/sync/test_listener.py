@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.reference_broadcast.listener import FADES_NS, KEPT, SLEW, TELL_EVERY_NS, Listener
 from capture_app.sync.reference_broadcast.reference import LEAST_COMMON
-from capture_app.sync.wire.beacon import Agreed, Heard
+from capture_app.sync.wire.beacon import AgreedArrival, ArrivalReport
 
 MS = 1_000_000
 S = 1000 * MS
@@ -41,7 +41,9 @@ def heard_some() -> tuple[Listener, int]:
 
 def agree(listener: Listener, heard_ns: int, late_ns: int, relative_uncertainty_ns: int = 5000) -> None:
     listener.take(
-        Agreed(1, heard_ns // BEACON_NS, heard_ns + OFFSET_NS - late_ns, 30_000, relative_uncertainty_ns)
+        AgreedArrival(
+            1, heard_ns // BEACON_NS, heard_ns + OFFSET_NS - late_ns, 30_000, relative_uncertainty_ns
+        )
     )
 
 
@@ -53,7 +55,7 @@ def test_nothing_is_told_before_enough_was_heard() -> None:
     listener.hear(LEAST_COMMON, LEAST_COMMON * BEACON_NS)
     now_ns = LEAST_COMMON * BEACON_NS
     told = listener.tell(7, at(now_ns), now_ns)
-    assert isinstance(told, Heard)
+    assert isinstance(told, ArrivalReport)
     assert (told.client, told.uncertainty_ns, told.hard_bound_ns) == (7, 40_000, 500_000)
     assert told.arrivals[0] == (1, BEACON_NS + OFFSET_NS)
     assert len(told.arrivals) == LEAST_COMMON
@@ -83,7 +85,7 @@ def test_without_an_agreement_the_estimate_is_left_as_it_is() -> None:
     listener, now_ns = heard_some()
     own = at(now_ns)
     assert listener.corrected(own, now_ns) is own
-    listener.take(Agreed(1, KEPT + 9, 0, 0, 0))
+    listener.take(AgreedArrival(1, KEPT + 9, 0, 0, 0))
     assert listener.corrected(own, now_ns) is own, "a beacon that was not heard here"
 
 
@@ -173,7 +175,7 @@ def test_no_answer_moves_a_clock_out_of_its_hard_bound(
         if answer is not None:
             number, off_ns = answer
             near_ns = number * BEACON_NS + OFFSET_NS + off_ns if abs(off_ns) < 10**7 else off_ns
-            listener.take(Agreed(1, number, near_ns, 10_000, 1000))
+            listener.take(AgreedArrival(1, number, near_ns, 10_000, 1000))
         own = replace(at(now_ns, OFFSET_NS + error_ns), hard_bound_ns=600_000.0)
         moved = listener.corrected(own, now_ns)
         assert abs(moved.offset_ns - own.offset_ns) <= own.hard_bound_ns

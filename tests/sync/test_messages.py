@@ -9,12 +9,12 @@ from hypothesis import strategies as st
 from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.sync.wire import messages
 from capture_app.sync.wire.messages import (
-    Control,
+    ControlMessage,
     Heartbeat,
     HeartbeatAck,
     Hello,
+    JoinRefusal,
     NodeState,
-    Refused,
     Report,
     TimeReply,
     TimeRequest,
@@ -46,9 +46,9 @@ floats = st.none() | st.floats(allow_nan=False)
 reports = st.builds(
     Report, state=st.sampled_from(NodeState), message=text, offset_ns=st.none() | i64, skew_ppm=floats
 )
-control: st.SearchStrategy[Control] = st.one_of(
+control: st.SearchStrategy[ControlMessage] = st.one_of(
     st.builds(Welcome, u32, u32, u32, u32, i64, i64),
-    st.builds(Refused, u32, text),
+    st.builds(JoinRefusal, u32, text),
     st.builds(Heartbeat, u32, reports),
     st.builds(HeartbeatAck, u32, u32, i64, i64),
     st.builds(Trigger, u32, u32, u32, i64, i64, u32),

@@ -27,7 +27,7 @@ from capture_app.simulation.rig.rig import NodeSpec, VirtualNode, VirtualRig
 TRIALS = 239
 EXPOSURE_NS = 100_000
 TOLERANCE_NS = 15_000
-FREEDOM_NS = 1_500_000_000
+MAX_DELAY_NS = 1_500_000_000
 SETTLE_NS = 20_000_000_000
 """From the moment that the rig is ready to the burst: the clocks' skew is known by then."""
 READY_NS = 60_000_000_000
@@ -118,7 +118,7 @@ def run_trial(rng: random.Random, *, keep: bool = False) -> Trial:
             NodeSpec("client", phones[1], client_clock, PAPER_LINK, TOLERANCE_NS),
         ],
         seed=rng.getrandbits(32),
-        freedom_ns=FREEDOM_NS,
+        max_delay_ns=MAX_DELAY_NS,
     )
     if not rig.run_until(rig.all_ready, limit_ns=READY_NS):
         raise IncompleteError("the simulated rig did not get ready in a minute")
@@ -126,7 +126,7 @@ def run_trial(rng: random.Random, *, keep: bool = False) -> Trial:
     rig.run_for(SETTLE_NS)
     while True:
         number = rig.trigger(frames=1).number
-        rig.run_for(FREEDOM_NS + 1_500_000_000)
+        rig.run_for(MAX_DELAY_NS + 1_500_000_000)
         shots = [_shot(rig.nodes[name], number) for name in ("leader", "client")]
         if all(shots):
             break

@@ -26,7 +26,14 @@ from capture_app.node.wire.messages import JsonValue
 from capture_app.session.format.manifest import CameraRecord
 from capture_app.sync.phase.estimator import FrameStamp
 from capture_app.sync.rig.client import Client
-from capture_app.sync.rig.events import BurstReady, CannotAlign, ClientEvent, Joined, JoinRefused, LeaderLost
+from capture_app.sync.rig.events import (
+    AlignmentFailed,
+    BurstReady,
+    ClientEvent,
+    Joined,
+    JoinRefused,
+    LeaderLost,
+)
 from capture_app.sync.rig.failover import Candidates
 from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
@@ -269,7 +276,7 @@ class ClientNode:
                 self._talk(f"joined {leader}")
         line = {"local_ns": now_ns, **event_line(event)}
         self._events.append(line)
-        if isinstance(event, LeaderLost | JoinRefused | CannotAlign):
+        if isinstance(event, LeaderLost | JoinRefused | AlignmentFailed):
             self._talk(f"{line['event']}: {event.reason}")
 
     def _work_of(self, ready: BurstReady[CapturedFrame]) -> BurstWork:

@@ -10,11 +10,9 @@ from capture_app.node.wire.messages import CameraReport, JsonValue, TrueClock
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.manifest import CameraRecord, ClockRecord, MissingImage, PhaseRecord
 from capture_app.sync.rig.events import (
+    AlignmentFailed,
     BurstReady,
-    CannotAlign,
     ClientEvent,
-    ClockAgreed,
-    ClockAlone,
     ClockStepped,
     ClockSynced,
     FramesDropped,
@@ -22,6 +20,8 @@ from capture_app.sync.rig.events import (
     JoinRefused,
     LeaderLost,
     PhaseCorrected,
+    ReferenceCorrectionEnded,
+    ReferenceCorrectionStarted,
 )
 from capture_app.sync.rig.trigger import DROPPED
 
@@ -114,10 +114,13 @@ def event_line(event: ClientEvent[Any]) -> dict[str, JsonValue]:
             }
         case ClockStepped():
             return {"event": "clock-stepped"}
-        case ClockAgreed():
-            return {"event": "clock-agreed", "relative_uncertainty_ns": event.relative_uncertainty_ns}
-        case ClockAlone():
-            return {"event": "clock-alone"}
+        case ReferenceCorrectionStarted():
+            return {
+                "event": "reference-correction-started",
+                "relative_uncertainty_ns": event.relative_uncertainty_ns,
+            }
+        case ReferenceCorrectionEnded():
+            return {"event": "reference-correction-ended"}
         case FramesDropped():
             return {"event": "frames-dropped", "count": event.count, "sequence": event.sequence}
         case PhaseCorrected():
@@ -128,6 +131,6 @@ def event_line(event: ClientEvent[Any]) -> dict[str, JsonValue]:
                 **msgspec.to_builtins(event.command),
                 "phase_error_ns": None if before is None else before.error_ns,
             }
-        case CannotAlign():
-            return {"event": "cannot-align", "reason": event.reason}
+        case AlignmentFailed():
+            return {"event": "alignment-failed", "reason": event.reason}
     return {"event": type(event).__name__}

@@ -44,7 +44,7 @@ class LeaderNode:
         port: int = DEFAULT_PORT,
         period_ns: int | None = None,
         align_row: float | None = None,
-        freedom_ns: int = 0,
+        max_delay_ns: int = 0,
         reference_broadcast: bool = False,
         clock: NodeClock | None = None,
         on_news: Callable[[News], None] | None = None,
@@ -53,14 +53,14 @@ class LeaderNode:
     ) -> None:
         """`revive` are the interrupted sessions to finish, else all; nodes have `return_ns` to come back.
 
-        `period_ns`, `align_row` and `freedom_ns` are the engine's, see `LeaderConfig`. With
+        `period_ns`, `align_row` and `max_delay_ns` are the engine's, see `LeaderConfig`. With
         `reference_broadcast` nodes that hear the same multicast packets agree with each other.
         """
         self.sessions = sessions
         self.address = Address(host, port)
         self._host = host
         self._port = port
-        self._period_ns, self._align_row, self._freedom_ns = period_ns, align_row, freedom_ns
+        self._period_ns, self._align_row, self._max_delay_ns = period_ns, align_row, max_delay_ns
         self._beacons = Beacons(wanted=reference_broadcast)
         self._clock: NodeClock = clock or HostClock()
         self._on_news = on_news or (lambda _: None)
@@ -98,7 +98,7 @@ class LeaderNode:
             transfer_port=port,
             period_ns=self._period_ns,
             align_row=self._align_row,
-            freedom_ns=self._freedom_ns,
+            max_delay_ns=self._max_delay_ns,
             beacons=self._beacons.group,
         )
         self._engine = Leader(config, random.Random(secrets.randbits(64)))

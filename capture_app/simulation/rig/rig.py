@@ -77,10 +77,10 @@ class VirtualRig:
         seed: int,
         period_ns: int | None = None,
         align_row: float | None = None,
-        freedom_ns: int = 0,
+        max_delay_ns: int = 0,
         beacons: bool = False,
     ) -> None:
-        """`period_ns`, `align_row`, `freedom_ns` and `beacons` are the leader's, see `LeaderConfig`."""
+        """`period_ns`, `align_row`, `max_delay_ns` and `beacons` are the leader's, see `LeaderConfig`."""
         self.now_true_ns = 0
         self.nodes: dict[str, VirtualNode] = {}
         self.leader_events: list[LeaderEvent] = []
@@ -89,7 +89,7 @@ class VirtualRig:
         self._scheduled = 0
         self._airs: dict[SharedMedium, MediumQueue] = {}
         self._leader_timer_ns = -1
-        self._period_ns, self._align_row, self._freedom_ns = period_ns, align_row, freedom_ns
+        self._period_ns, self._align_row, self._max_delay_ns = period_ns, align_row, max_delay_ns
         self._beacons = _GROUP if beacons else None
         self.leader = self._new_leader()
         for spec in specs:
@@ -98,7 +98,7 @@ class VirtualRig:
     def _new_leader(self) -> Leader:
         instance = self._rng.getrandbits(32)
         config = LeaderConfig(
-            instance, 0, self._period_ns, self._align_row, self._freedom_ns, beacons=self._beacons
+            instance, 0, self._period_ns, self._align_row, self._max_delay_ns, beacons=self._beacons
         )
         return Leader(config, random.Random(self._rng.getrandbits(64)))
 

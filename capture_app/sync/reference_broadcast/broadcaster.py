@@ -1,7 +1,7 @@
 """The leader's side of the reference broadcast: beacons that are due, and what those who heard them tell."""
 
 from capture_app.sync.reference_broadcast.reference import LEAST_COMMON, Cell, Hearing, cells
-from capture_app.sync.wire.beacon import Agreed, Beacon, Group, Heard
+from capture_app.sync.wire.beacon import AgreedArrival, ArrivalReport, Beacon, Group
 
 _MS = 1_000_000
 BEACON_EVERY_NS = 250 * _MS
@@ -30,7 +30,7 @@ class Broadcaster:
         self._cells: dict[int, Cell] = {}
         self._weigh_due_ns: int | None = None
 
-    def take(self, heard: Heard, now_ns: int) -> Agreed | None:
+    def take(self, heard: ArrivalReport, now_ns: int) -> AgreedArrival | None:
         """Take in what a client heard; return what it should have thought, None where nobody can tell."""
         arrivals = {n: at_ns for n, at_ns in heard.arrivals if self._sent - REMEMBERED < n <= self._sent}
         if self.group is None or not arrivals:
@@ -44,7 +44,7 @@ class Broadcaster:
         if cell is None or place is None:
             return None
         newest = max(arrivals)
-        return Agreed(
+        return AgreedArrival(
             heard.client,
             newest,
             arrivals[newest] - round(place.late_ns),

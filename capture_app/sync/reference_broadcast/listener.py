@@ -2,7 +2,7 @@
 
 from capture_app.sync.clock.time_map import Correction, TimeMap
 from capture_app.sync.reference_broadcast.reference import LEAST_COMMON
-from capture_app.sync.wire.beacon import Agreed, Arrival, Heard
+from capture_app.sync.wire.beacon import AgreedArrival, Arrival, ArrivalReport
 
 _MS = 1_000_000
 KEPT = 24
@@ -28,7 +28,7 @@ class Listener:
         """By number, the one that came first in front."""
         self._told_ns: int | None = None
         self._news = False
-        self._agreed: tuple[int, Agreed] | None = None
+        self._agreed: tuple[int, AgreedArrival] | None = None
         """With the local time at which its beacon was heard."""
         self._last: TimeMap | None = None
 
@@ -47,7 +47,7 @@ class Listener:
             return None
         return -(2**62) if self._told_ns is None else self._told_ns + TELL_EVERY_NS
 
-    def tell(self, client: int, own: TimeMap, now_ns: int) -> Heard | None:
+    def tell(self, client: int, own: TimeMap, now_ns: int) -> ArrivalReport | None:
         """Return what was heard, by the client's own estimate of the leader's clock, None where none is due.
 
         Its own, uncorrected: nobody's correction comes back to him as another's opinion.
@@ -63,9 +63,9 @@ class Listener:
             else:
                 del self._arrivals[number]
         uncertainty_ns, hard_bound_ns = own.uncertainty_at(now_ns), own.hard_bound_at(now_ns)
-        return Heard(client, round(uncertainty_ns), round(hard_bound_ns), tuple(arrivals))
+        return ArrivalReport(client, round(uncertainty_ns), round(hard_bound_ns), tuple(arrivals))
 
-    def take(self, agreed: Agreed) -> None:
+    def take(self, agreed: AgreedArrival) -> None:
         """Note what was agreed on a beacon that was heard here; late answers change nothing."""
         local_ns = self._arrivals.get(agreed.number)
         if local_ns is not None and (self._agreed is None or local_ns >= self._agreed[0]):
@@ -100,7 +100,7 @@ class Listener:
         self._last = own.corrected_by(self.correction, uncertainty_ns)
         return self._last
 
-    def _believed(self, own: TimeMap, now_ns: int) -> tuple[int, Agreed] | None:
+    def _believed(self, own: TimeMap, now_ns: int) -> tuple[int, AgreedArrival] | None:
         """What was agreed, unless it is old or the messages prove that it cannot be."""
         if self._agreed is None or not 0 <= now_ns - self._agreed[0] <= FADES_NS:
             return None

@@ -78,15 +78,15 @@ class Client(Generic[F]):
         """What this client tells the leader about itself."""
         grid = self._grid if self.time.is_member else None
         why_no_centre = "" if grid is None else grid.why_no_centre
-        alone = "its relay has lost the leader and holds the time over" if self.leader_is_alone else ""
+        alone = "its relay has lost the leader and holds the time over" if self.leader_in_holdover else ""
         message = self.failure or self.aligner.problem or self.time.why_joining or alone or why_no_centre
         report = self.time.timekeeper.report(self.state, message, now_ns)
         return self._steering.report(report, grid, self.phase(now_ns))
 
     @property
-    def leader_is_alone(self) -> bool:
+    def leader_in_holdover(self) -> bool:
         """Whether the leader is a relay that has lost its own: it holds the time, and brings no bursts."""
-        return self.time.is_member and self.time.terms is not None and self.time.terms.alone
+        return self.time.is_member and self.time.terms is not None and self.time.terms.in_holdover
 
     @property
     def may_change(self) -> bool:

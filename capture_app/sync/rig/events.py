@@ -51,14 +51,14 @@ class ClockStepped:
 
 
 @dataclass(frozen=True, slots=True)
-class ClockAgreed:
+class ReferenceCorrectionStarted:
     """The clock is being moved to where all agree that hear the same beacons; 95 % error between them."""
 
     relative_uncertainty_ns: int
 
 
 @dataclass(frozen=True, slots=True)
-class ClockAlone:
+class ReferenceCorrectionEnded:
     """Nothing was agreed for long: the clock is again what the leader's answers alone tell."""
 
 
@@ -79,7 +79,7 @@ class PhaseCorrected:
 
 
 @dataclass(frozen=True, slots=True)
-class CannotAlign:
+class AlignmentFailed:
     """The stream cannot be held on the rig's grid."""
 
     reason: str
@@ -103,11 +103,11 @@ ClientEvent = (
     | LeaderLost
     | ClockSynced
     | ClockStepped
-    | ClockAgreed
-    | ClockAlone
+    | ReferenceCorrectionStarted
+    | ReferenceCorrectionEnded
     | FramesDropped
     | PhaseCorrected
-    | CannotAlign
+    | AlignmentFailed
     | BurstReady[F]
 )
 

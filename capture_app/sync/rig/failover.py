@@ -6,11 +6,11 @@ from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.poll_schedule import NEVER_NS
 from capture_app.sync.rig.time_client import HELLOS
 from capture_app.sync.wire.messages import (
-    NOBODY,
+    PROBE_NUMBER,
     Heartbeat,
     NodeState,
     Report,
-    Unknown,
+    UnknownMember,
     WireError,
     decode,
     encode,
@@ -23,7 +23,7 @@ PROOFS, MOST_PROOFS = 4, 64
 """Looks in a row that a better parent has to answer: a minute at first, twice that whenever it fails soon."""
 SOON = 4
 """One that then stays for less than so many times as long as it was waited for has failed soon."""
-_LOOK = encode(Heartbeat(NOBODY, Report(state=NodeState.JOINING)))
+_LOOK = encode(Heartbeat(PROBE_NUMBER, Report(state=NodeState.JOINING)))
 
 
 class WayBack:
@@ -59,18 +59,18 @@ class WayBack:
         if address in self._proofs:
             self._answered.add(address)
 
-    def look(self, parent: Address, now_ns: int, *, alone: bool) -> Address | None:
+    def look(self, parent: Address, now_ns: int, *, in_holdover: bool) -> Address | None:
         """Look for all parents better than the present one; return one that has proven to be there.
 
         A parent that is alone, without any of its own, is worse than any other, and left at the first answer.
         """
         self.due_ns = now_ns + LOOK_EVERY_NS
         others = tuple(address for address in self._parents if address != parent)
-        better = others if alone else self._parents[: self._parents.index(parent)]
+        better = others if in_holdover else self._parents[: self._parents.index(parent)]
         self._proofs = {a: self._proofs.get(a, 0) + 1 if a in self._answered else 0 for a in better}
         self._answered.clear()
         self._looks = list(better)
-        return next((a for a in better if self._proofs[a] >= (1 if alone else self._needed[a])), None)
+        return next((a for a in better if self._proofs[a] >= (1 if in_holdover else self._needed[a])), None)
 
     def datagrams_to_send(self) -> list[tuple[bytes, Address]]:
         """Return what asks whether they are there; no leader takes whoever sends it for a client."""
@@ -126,7 +126,7 @@ class Candidates(Generic[F]):
             self._client.time.hellos = 1
             self._back = False
         if self._client.time.is_member and now_ns >= self._way_back.due_ns:
-            better = self._way_back.look(self.leader, now_ns, alone=self._client.leader_is_alone)
+            better = self._way_back.look(self.leader, now_ns, in_holdover=self._client.leader_in_holdover)
             if better is not None and self._client.may_change:
                 self._change(better, now_ns)
 
@@ -160,4 +160,4 @@ def _is_there(data: bytes) -> bool:
         message = decode(data)
     except WireError:
         return False
-    return isinstance(message, Unknown) and message.client == NOBODY
+    return isinstance(message, UnknownMember) and message.client == PROBE_NUMBER

@@ -20,17 +20,17 @@ from capture_app.sync.rig.roster import (
 from capture_app.sync.rig.sync_terms import Terms
 from capture_app.sync.rig.trigger import Burst
 from capture_app.sync.rig.uplink import Uplink
-from capture_app.sync.wire.beacon import Group, Heard
+from capture_app.sync.wire.beacon import ArrivalReport, Group
 from capture_app.sync.wire.messages import (
-    Control,
+    ControlMessage,
     FromClient,
     Goodbye,
     Heartbeat,
     Hello,
-    Refused,
+    JoinRefusal,
     TimeRequest,
     TriggerAck,
-    Unknown,
+    UnknownMember,
     WireError,
     decode,
     encode,
@@ -67,7 +67,7 @@ class LeaderConfig:
     period_ns: int | None = None
     align_row: float | None = None
     """Share of the height at which a row's middle of exposure is aligned; None for the first row's start."""
-    freedom_ns: int = 0
+    max_delay_ns: int = 0
     """A burst that is asked for now may be put off by so much, to where the cameras' frames meet best."""
     exchanges_per_s: float = 1000.0
     """Time requests that all clients together may send: the more there are, the slower is each one's pace."""
@@ -94,7 +94,7 @@ class Leader:
         self._busy_until_ns: int | None = None
         self._weigh_due_ns = 0
         self._times: deque[tuple[bytes, Address]] = deque()
-        self._outbox: deque[tuple[Control, Address]] = deque()
+        self._outbox: deque[tuple[ControlMessage, Address]] = deque()
         self._events: deque[LeaderEvent] = deque()
 
     @property
@@ -128,14 +128,14 @@ class Leader:
         member = self._roster.present_of(message.client)
         if member is None:
             if isinstance(message, Heartbeat):
-                self._outbox.append((Unknown(message.client), address))
+                self._outbox.append((UnknownMember(message.client), address))
             return
         member.address = address
         member.heard_ns = now_ns
         if isinstance(message, TimeRequest):
             self._times.append((reply_before_t2(message, now_ns), address))
             return
-        if isinstance(message, Heard):
+        if isinstance(message, ArrivalReport):
             agreed = self._broadcaster.take(message, now_ns)
             if agreed is not None:
                 self._outbox.append((agreed, address))
@@ -214,10 +214,10 @@ class Leader:
         client is there to take it.
         """
         asked_ns = now_ns + TRIGGER_LEAD_NS
-        freedom_ns = self.config.freedom_ns if at_leader_ns is None else 0
+        max_delay_ns = self.config.max_delay_ns if at_leader_ns is None else 0
         burst = self._orders.begin(
             self._roster.cameras(),
-            Wanted(frames, spacing, asked_ns if at_leader_ns is None else at_leader_ns, freedom_ns, number),
+            Wanted(frames, spacing, asked_ns if at_leader_ns is None else at_leader_ns, max_delay_ns, number),
             self.goal,
             self.config.instance,
             now_ns,
@@ -232,13 +232,13 @@ class Leader:
         """All members by name, lost ones too."""
         return self._roster.members
 
-    def tell(self, member: Member, message: Control) -> None:
+    def tell(self, member: Member, message: ControlMessage) -> None:
         """Send a message to a member."""
         self._outbox.append((message, member.address))
 
-    def refuse(self, hello: Hello, reason: str, address: Address, *, soon: bool = False) -> None:
-        """Tell a client why it is not taken in; `soon` it may be."""
-        self._outbox.append((Refused(hello.instance, reason, soon), address))
+    def refuse(self, hello: Hello, reason: str, address: Address, *, retry_here: bool = False) -> None:
+        """Tell a client why it is not taken in; with `retry_here` it has no reason to ask another."""
+        self._outbox.append((JoinRefusal(hello.instance, reason, retry_here), address))
 
     def answer(self, member: Member) -> None:
         """Tell a member what holds now."""
@@ -253,7 +253,7 @@ class Leader:
     def give_up(self, member: Member, reason: str) -> None:
         """Take a member to be lost; if it is not, it will ask to join again."""
         self._events.append(self._roster.lose(member, reason))
-        self.tell(member, Unknown(member.number))
+        self.tell(member, UnknownMember(member.number))
 
     # The parts
 
@@ -261,7 +261,7 @@ class Leader:
         """Move the goal to suit the cameras that cannot follow it, and tell everybody; not near a burst."""
         if (
             self.terms.shared_goal is None
-            or self.terms.onward is not None
+            or self.terms.upstream is not None
             or (self._busy_until_ns is not None and now_ns < self._busy_until_ns)
             or (len(self._roster.bound) > FEW_CAMERAS and now_ns < self._weigh_due_ns)
         ):

@@ -52,14 +52,14 @@ TRIGGER_GIVE_UP_NS = 5000 * _MS
 class Wanted:
     """A burst that is asked for: `frames` instants, every `spacing` periods, from a leader time in ns on.
 
-    It may be put off by `freedom_ns`, to where the cameras' frames meet best; without a number it gets the
+    It may be put off by `max_delay_ns`, to where the cameras' frames meet best; without a number it gets the
     next one.
     """
 
     frames: int
     spacing: int
     at_leader_ns: int
-    freedom_ns: int = 0
+    max_delay_ns: int = 0
     number: int | None = None
 
 
@@ -105,8 +105,8 @@ class Orders:
         goal = check_burst(cameras, goal, wanted.frames, wanted.spacing)
         frames, step_ns = wanted.frames, wanted.spacing * goal.period_ns
         placed_ns = wanted.at_leader_ns
-        if wanted.freedom_ns > 0:
-            placed_ns = calmest(goal, _forecasts(cameras), placed_ns, wanted.freedom_ns)
+        if wanted.max_delay_ns > 0:
+            placed_ns = calmest(goal, _forecasts(cameras), placed_ns, wanted.max_delay_ns)
         instants_ns = burst_instants(goal, placed_ns, frames, wanted.spacing)
         number = self._bursts = self._bursts + 1 if wanted.number is None else wanted.number
         for member in cameras:

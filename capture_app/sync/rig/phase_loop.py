@@ -12,7 +12,7 @@ from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.estimator import PhaseEstimate
 from capture_app.sync.phase.goal import Goal
 from capture_app.sync.phase.injection import InjectionProfile
-from capture_app.sync.rig.events import CannotAlign, PhaseCorrected
+from capture_app.sync.rig.events import AlignmentFailed, PhaseCorrected
 from capture_app.sync.rig.sync_terms import LeaderTerms
 from capture_app.sync.wire.camera_commands import CameraCommand
 from capture_app.sync.wire.messages import Report
@@ -89,7 +89,7 @@ class Steering:
         self._answered = False
         """Whether it has answered since."""
         self._commands: deque[CameraCommand] = deque()
-        self._events: deque[PhaseCorrected | CannotAlign] = deque()
+        self._events: deque[PhaseCorrected | AlignmentFailed] = deque()
 
     @property
     def ready(self) -> bool:
@@ -169,14 +169,14 @@ class Steering:
         if aligner.problem != self._told_problem:
             self._told_problem = aligner.problem
             if aligner.problem:
-                self._events.append(CannotAlign(aligner.problem))
+                self._events.append(AlignmentFailed(aligner.problem))
         return news or was_ready is not self.ready
 
     def next_command(self) -> CameraCommand | None:
         """Return the next command for the camera, None where there is none."""
         return self._commands.popleft() if self._commands else None
 
-    def next_event(self) -> PhaseCorrected | CannotAlign | None:
+    def next_event(self) -> PhaseCorrected | AlignmentFailed | None:
         """Return the next thing that happened, None where there is none."""
         return self._events.popleft() if self._events else None
 

@@ -10,7 +10,7 @@ from capture_app.sync.phase.shared_goal import WEIGHTS, CameraPhase
 from capture_app.sync.rig.events import NodeJoined, NodeLost, NodeMoved, NodeReturned
 from capture_app.sync.wire.messages import (
     CLOCK_ONLY,
-    NOBODY,
+    PROBE_NUMBER,
     WITHOUT_CAMERA,
     Hello,
     NodeState,
@@ -203,5 +203,5 @@ class Roster:
     def _free_number(self) -> int:
         while True:
             number = self._rng.getrandbits(32)
-            if number != NOBODY and number not in self._by_number:
+            if number != PROBE_NUMBER and number not in self._by_number:
                 return number

@@ -25,26 +25,26 @@ class LeaderTerms:
     pace_ns: int
     upstream: TimeMap | None
     """From the leader's clock to the root's; None where it is the root."""
-    alone: bool
+    in_holdover: bool
 
     @classmethod
     def told_by(cls, message: Welcome | HeartbeatAck) -> "LeaderTerms | None":
         """Return what a message tells; None where it cannot be."""
-        upstream = None if message.onward is None else message.onward.time_map()
-        if message.onward is not None and upstream is None:
+        upstream = None if message.upstream is None else message.upstream.time_map()
+        if message.upstream is not None and upstream is None:
             return None
         if not MIN_PERIOD_NS <= message.period_ns <= MAX_PERIOD_NS:
             return None
         answer = message if isinstance(message, HeartbeatAck) else None
         return cls(
             leader=message.leader,
-            path=(message.leader,) if message.onward is None else (*message.onward.path, message.leader),
+            path=(message.leader,) if message.upstream is None else (*message.upstream.path, message.leader),
             goal=Goal(message.anchor_leader_ns, message.period_ns),
             align_row=message.align_row,
-            meeting_leader_ns=None if answer is None else answer.agreed_leader_ns,
+            meeting_leader_ns=None if answer is None else answer.meeting_leader_ns,
             pace_ns=message.pace_ns,
             upstream=upstream,
-            alone=answer is not None and answer.alone,
+            in_holdover=answer is not None and answer.in_holdover,
         )
 
     def root_map(self, own: TimeMap) -> TimeMap:
@@ -63,9 +63,9 @@ class Terms:
     align_row: float | None
     beacons: Group | None
     shared_goal: SharedGoal | None = None
-    onward: UpstreamMap | None = None
+    upstream: UpstreamMap | None = None
     """Of a relay: from its clock to the root's, for the clients to add to their estimates."""
-    alone: bool = False
+    in_holdover: bool = False
     """Of a relay: nobody above it orders bursts at present."""
     of_cameras: bool = False
     """Whether the grid's period is that of cameras, not one that holds until the first of them comes."""
@@ -101,7 +101,7 @@ class Terms:
             member.slot,
             self.align_row,
             pace_ns,
-            self.onward,
+            self.upstream,
             self.beacons,
         )
 
@@ -117,6 +117,6 @@ class Terms:
             self.shared_goal.meeting_leader_ns,
             self.align_row,
             pace_ns,
-            self.onward,
-            self.alone,
+            self.upstream,
+            self.in_holdover,
         )

@@ -11,22 +11,22 @@ from capture_app.sync.rig.events import ClockSynced, Joined, JoinRefused, Leader
 from capture_app.sync.rig.poll_schedule import AT_ONCE_NS, NEVER_NS
 from capture_app.sync.rig.sync_terms import LeaderTerms
 from capture_app.sync.rig.timekeeper import ClockEvent, Timekeeper
-from capture_app.sync.wire.beacon import Agreed, Beacon
+from capture_app.sync.wire.beacon import AgreedArrival, Beacon
 from capture_app.sync.wire.messages import (
     CLOCK_ONLY,
     WITHOUT_CAMERA,
-    Control,
+    ControlMessage,
     Goodbye,
     Heartbeat,
     HeartbeatAck,
     Hello,
+    JoinRefusal,
     Message,
     NodeState,
-    Refused,
     Report,
     TimeReply,
     Trigger,
-    Unknown,
+    UnknownMember,
     Welcome,
     WireError,
     decode,
@@ -97,7 +97,7 @@ class TimeClient:
         self._report, self._objection = report or self.report, objection
         self._hello_due_ns = AT_ONCE_NS
         self._heard_ns = 0
-        self._outbox: deque[Control] = deque()
+        self._outbox: deque[ControlMessage] = deque()
         self._events: deque[TimeClientEvent] = deque(maxlen=MOST_EVENTS)
 
     # What the outside sees
@@ -161,8 +161,8 @@ class TimeClient:
             case Welcome() if not self.is_member and message.instance == self.instance:
                 if not self.follow(message, now_ns):
                     self.hellos = HELLOS
-            case Refused() if not self.is_member and message.instance == self.instance:
-                self.hellos = 0 if message.soon else self.hellos
+            case JoinRefusal() if not self.is_member and message.instance == self.instance:
+                self.hellos = 0 if message.retry_here else self.hellos
                 if message.reason != self.why_joining:
                     self.why_joining = message.reason
                     self._events.append(JoinRefused(message.reason))
@@ -170,13 +170,13 @@ class TimeClient:
                 if self.timekeeper.take_reply(message, now_ns):
                     self._heard_ns = now_ns
                 self._note_clock(now_ns)
-            case Unknown() if self.is_addressed(message):
+            case UnknownMember() if self.is_addressed(message):
                 self.lose("the leader was restarted", now_ns)
-            case HeartbeatAck() | Agreed() | Trigger() if self.is_addressed(message):
+            case HeartbeatAck() | AgreedArrival() | Trigger() if self.is_addressed(message):
                 self._heard_ns = now_ns
                 if isinstance(message, HeartbeatAck):
                     self._take_answer(message, now_ns)
-                elif isinstance(message, Agreed):
+                elif isinstance(message, AgreedArrival):
                     self.timekeeper.listener.take(message)
             case _:
                 pass
@@ -214,7 +214,7 @@ class TimeClient:
         """Let the leader know soon what is new here."""
         self._heartbeat_due_ns = AT_ONCE_NS
 
-    def send(self, message: Control) -> None:
+    def send(self, message: ControlMessage) -> None:
         """Send the leader something, with what goes there next."""
         self._outbox.append(message)
 

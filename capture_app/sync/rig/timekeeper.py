@@ -9,17 +9,22 @@ from capture_app.sync.clock.clock_filter import ClockFilter
 from capture_app.sync.clock.clock_sample import ClockSample
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.reference_broadcast.listener import Listener
-from capture_app.sync.rig.events import ClockAgreed, ClockAlone, ClockStepped, ClockSynced
+from capture_app.sync.rig.events import (
+    ClockStepped,
+    ClockSynced,
+    ReferenceCorrectionEnded,
+    ReferenceCorrectionStarted,
+)
 from capture_app.sync.rig.poll_schedule import PollSchedule, Progress, SteadySchedule
 from capture_app.sync.rig.sync_terms import LeaderTerms
-from capture_app.sync.wire.beacon import Heard
+from capture_app.sync.wire.beacon import ArrivalReport
 from capture_app.sync.wire.messages import NodeState, Report, TimeReply, request_at, request_before_t0
 
 OUTSTANDING = 512
 FURTHEST_NS = 2**62
 """No clock is further from the root's, and no relay could tell its clients so."""
 
-ClockEvent = ClockStepped | ClockSynced | ClockAgreed | ClockAlone
+ClockEvent = ClockStepped | ClockSynced | ReferenceCorrectionStarted | ReferenceCorrectionEnded
 
 
 class Timekeeper:
@@ -132,7 +137,7 @@ class Timekeeper:
         tell_due_ns = self.listener.next_timer() if self.synced else None
         return due_ns if tell_due_ns is None else min(due_ns, tell_due_ns)
 
-    def heard(self, now_ns: int) -> Heard | None:
+    def heard(self, now_ns: int) -> ArrivalReport | None:
         """Return what is to be told now of the beacons that were heard, None where nothing is due."""
         if not self.synced or self.own_map is None:
             return None
@@ -224,9 +229,9 @@ class Timekeeper:
         time_map = self.listener.corrected(own, now_ns)
         correction = self.listener.correction
         if correction is not None and not had_agreed:
-            self._events.append(ClockAgreed(round(correction.relative_uncertainty_ns)))
+            self._events.append(ReferenceCorrectionStarted(round(correction.relative_uncertainty_ns)))
         elif correction is None and had_agreed:
-            self._events.append(ClockAlone())
+            self._events.append(ReferenceCorrectionEnded())
         return time_map
 
 

@@ -12,7 +12,7 @@ from msgspec.structs import replace
 from capture_app.sync.rig.roster import MAX_CLIENTS, Member
 from capture_app.sync.wire.messages import (
     CLOCK_ONLY,
-    Control,
+    ControlMessage,
     Goodbye,
     Heartbeat,
     Hello,
@@ -115,7 +115,7 @@ class Uplink:
     def _passed_on(self, hello: Hello) -> Hello:
         return replace(hello, via=hello.via or self._relay)
 
-    def _send(self, message: Control) -> bool:
+    def _send(self, message: ControlMessage) -> bool:
         try:
             self._outbox.append(encode(message))
         except WireError:

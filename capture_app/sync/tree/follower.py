@@ -14,12 +14,12 @@ from capture_app.sync.rig.sync_terms import LeaderTerms
 from capture_app.sync.rig.time_client import CLOCK, HELLOS, TimeClient, TimeClientEvent
 from capture_app.sync.rig.timekeeper import Timekeeper
 from capture_app.sync.wire.messages import (
-    NOBODY,
-    Control,
+    PROBE_NUMBER,
+    ControlMessage,
     Goodbye,
     Message,
     NodeState,
-    Unknown,
+    UnknownMember,
     Welcome,
     encode,
 )
@@ -70,7 +70,7 @@ class Follower:
         self._way_back = WayBack(config.parents)
         self._better: Address | None = None
         """A better parent that was asked whether it takes this node in, while the present one is followed."""
-        self._outbox: deque[tuple[Control, Address]] = deque()
+        self._outbox: deque[tuple[ControlMessage, Address]] = deque()
 
     @property
     def parent(self) -> Address:
@@ -111,7 +111,7 @@ class Follower:
             self._note_membership(now_ns)
             return
         match message:
-            case Unknown() if message.client == NOBODY:
+            case UnknownMember() if message.client == PROBE_NUMBER:
                 self._way_back.answered(address)
             case Welcome() if address == self._better and message.instance == self.config.instance:
                 self._go_back(address, message, now_ns)
@@ -127,7 +127,7 @@ class Follower:
             self._turn = (self._turn + 1) % len(self.config.parents)
             time.hellos = 1
         if now_ns >= self._way_back.due_ns and time.terms is not None and time.is_member:
-            self._better = self._way_back.look(self.parent, now_ns, alone=time.terms.alone)
+            self._better = self._way_back.look(self.parent, now_ns, in_holdover=time.terms.in_holdover)
             if self._better is not None:
                 self._outbox.append((time.hello(), self._better))
 

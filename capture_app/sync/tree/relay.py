@@ -18,16 +18,16 @@ from capture_app.sync.rig.time_client import TimeClientEvent
 from capture_app.sync.rig.uplink import Uplink
 from capture_app.sync.tree.follower import Address, Follower, FollowerConfig
 from capture_app.sync.wire.messages import (
-    NOBODY,
+    PROBE_NUMBER,
     RELAY,
     FromClient,
     Heartbeat,
     HeartbeatAck,
     Hello,
+    JoinRefusal,
     Message,
-    Refused,
     Trigger,
-    Unknown,
+    UnknownMember,
     Welcome,
     WireError,
     decode,
@@ -74,12 +74,16 @@ class Relay:
             elif address in self.follower.config.parents:
                 self.follower.take(message, address, now_ns)
             self._pass_on()
-        elif isinstance(message, Heartbeat) and message.client == NOBODY and self.leader.terms.alone:
+        elif (
+            isinstance(message, Heartbeat)
+            and message.client == PROBE_NUMBER
+            and self.leader.terms.in_holdover
+        ):
             pass  # A client looks for a better leader than its own.
-        elif self.leader.terms.onward is not None:
+        elif self.leader.terms.upstream is not None:
             self.leader.take(message, address, now_ns)
         elif isinstance(message, Hello) and self.follower.time.is_member:
-            self.leader.refuse(message, "the relay does not know the time yet", address, soon=True)
+            self.leader.refuse(message, "the relay does not know the time yet", address, retry_here=True)
 
     def handle_timer(self, now_ns: int) -> None:
         """Do what is due; call it at `next_timer`, or any time."""
@@ -94,7 +98,7 @@ class Relay:
             if not member.lost:
                 self.leader.give_up(member, "the relay stops")
         # They ask again at once, and must not be taken in here.
-        self.leader.terms.onward = None
+        self.leader.terms.upstream = None
 
     def next_timer(self) -> int:
         """Local time in ns at which `handle_timer` wants to be called."""
@@ -118,11 +122,11 @@ class Relay:
         match message:
             case Welcome() if message.instance != self.follower.config.instance:
                 uplink.welcomed(message.instance, message.client, members)
-            case Refused() if message.instance != self.follower.config.instance:
+            case JoinRefusal() if message.instance != self.follower.config.instance:
                 refused = uplink.refused(message.instance, message.reason, members)
                 if refused is not None:
                     self.leader.give_up(refused, message.reason)
-            case Unknown() if message.client != self.follower.time.number:
+            case UnknownMember() if message.client != self.follower.time.number:
                 uplink.unknown(message.client)
             case HeartbeatAck() if member := uplink.member(message.client):
                 # What it tells holds for all, and is fresher than this relay's own answers.
@@ -142,20 +146,20 @@ class Relay:
         if number != self._number:
             self._number = number
             self.uplink.restart(open=number is not None)
-        alone = number is None or above is None or above.alone
-        if terms.alone is not alone:
-            terms.alone = alone
+        in_holdover = number is None or above is None or above.in_holdover
+        if terms.in_holdover is not in_holdover:
+            terms.in_holdover = in_holdover
             if terms.shared_goal is not None:
                 leader.answer_all()
         if follower.time_map is None:
             # This clock has jumped, or the root is another one: what the clients were told is wrong now.
-            terms.onward = None
+            terms.upstream = None
             return
         if above is None or above.path[0] != follower.path[0]:
             # Another root's grid means nothing before its time is known.
             return
-        if terms.onward is None or terms.onward.epoch_local_ns != follower.time_map.epoch_local_ns:
-            terms.onward = upstream_map(follower.path, follower.time_map)
+        if terms.upstream is None or terms.upstream.epoch_local_ns != follower.time_map.epoch_local_ns:
+            terms.upstream = upstream_map(follower.path, follower.time_map)
         moved = (leader.goal, terms.align_row) != (above.goal, above.align_row)
         if terms.shared_goal is None or moved:
             terms.shared_goal = SharedGoal(above.goal)

@@ -30,7 +30,7 @@ class Beacon(Struct, frozen=True, tag="beacon"):
     number: Number
 
 
-class Heard(Struct, frozen=True, tag="heard"):
+class ArrivalReport(Struct, frozen=True, tag="arrivals"):
     """When a client heard the newest beacons, by its own estimate of the leader's clock, with its errors."""
 
     client: int
@@ -39,7 +39,7 @@ class Heard(Struct, frozen=True, tag="heard"):
     arrivals: Annotated[tuple[Arrival, ...], Meta(max_length=MOST_ARRIVALS)]
 
 
-class Agreed(Struct, frozen=True, tag="agreed"):
+class AgreedArrival(Struct, frozen=True, tag="agreed-arrival"):
     """When that client should have thought it heard beacon `number`, to agree with all who heard it.
 
     Both errors are of 95 %: `uncertainty_ns` against the leader, `relative_uncertainty_ns` against the other

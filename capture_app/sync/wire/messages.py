@@ -14,7 +14,7 @@ from msgspec import Meta, Struct
 from capture_app.camera_facts import CameraFacts
 from capture_app.names import Name
 from capture_app.sync.clock.upstream_map import UpstreamMap
-from capture_app.sync.wire.beacon import Agreed, Beacon, Group, Heard
+from capture_app.sync.wire.beacon import AgreedArrival, ArrivalReport, Beacon, Group
 
 
 class NodeState(StrEnum):
@@ -53,9 +53,9 @@ CLOCK_ONLY = "clock"
 RELAY = "relay"
 """The kind of a relay that tells its parent of the cameras below it, and brings them its bursts."""
 WITHOUT_CAMERA = (CLOCK_ONLY, RELAY)
-NOBODY = 0
-"""No client has this number: whoever is asked about it and answers that it is unknown, is there."""
-Share = Annotated[float, Meta(ge=0.0, le=1.0)]
+PROBE_NUMBER = 0
+"""The number in a liveness probe, which no client has: a leader that answers that it is unknown is there."""
+HeightShare = Annotated[float, Meta(ge=0.0, le=1.0)]
 
 
 class WireError(ValueError):
@@ -103,23 +103,23 @@ class Welcome(Struct, frozen=True, tag="welcome"):
     anchor_leader_ns: int
     period_ns: int
     slot: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.0
-    align_row: Share | None = None
+    align_row: HeightShare | None = None
     """Share of the height at which a row's middle of exposure is aligned; None for the first row's start."""
     pace_ns: Pace = 0
     """Mean time between two time requests of one client that this leader can bear; 0: as it likes."""
-    onward: UpstreamMap | None = None
+    upstream: UpstreamMap | None = None
     """Where the leader is a relay: from its clock to the root's."""
     beacons: Group | None = None
     """Where the leader's beacons can be heard; None where it sends none."""
 
 
-class Refused(Struct, frozen=True, tag="refused"):
+class JoinRefusal(Struct, frozen=True, tag="join-refusal"):
     """The leader did not take a client in, and why; the client may ask again."""
 
     instance: int
     reason: Text
-    soon: bool = False
-    """It is about to be able to: no reason to ask another."""
+    retry_here: bool = False
+    """It will be able to soon: ask again here, not another leader."""
 
 
 class Report(Struct, frozen=True, kw_only=True):
@@ -156,23 +156,23 @@ class Heartbeat(Struct, frozen=True, tag="heartbeat"):
     report: Report
 
 
-class HeartbeatAck(Struct, frozen=True, tag="alive"):
+class HeartbeatAck(Struct, frozen=True, tag="heartbeat-ack"):
     """The leader is alive and knows the client; which leader, and its grid, so that no mistake lasts."""
 
     client: int
     leader: int
     anchor_leader_ns: int
     period_ns: int
-    agreed_leader_ns: int | None = None
+    meeting_leader_ns: int | None = None
     """When streams that can only be restarted should suit the grid, or be restarted; None: none need be."""
-    align_row: Share | None = None
+    align_row: HeightShare | None = None
     pace_ns: Pace = 0
-    onward: UpstreamMap | None = None
-    alone: bool = False
+    upstream: UpstreamMap | None = None
+    in_holdover: bool = False
     """This relay, or one above it, has lost its leader: the time is held over, and no bursts come."""
 
 
-class Unknown(Struct, frozen=True, tag="unknown"):
+class UnknownMember(Struct, frozen=True, tag="unknown-member"):
     """The leader does not know this client (it was restarted, or had given it up): join again."""
 
     client: int
@@ -192,7 +192,7 @@ class Trigger(Struct, frozen=True, tag="trigger"):
     count: int
 
 
-class TriggerAck(Struct, frozen=True, tag="triggered"):
+class TriggerAck(Struct, frozen=True, tag="trigger-ack"):
     """A client will save the burst, or says why it cannot."""
 
     client: int
@@ -207,31 +207,26 @@ class Goodbye(Struct, frozen=True, tag="goodbye"):
     client: int
 
 
-Control = (
+ControlMessage = (
     Hello
     | Welcome
-    | Refused
+    | JoinRefusal
     | Heartbeat
     | HeartbeatAck
-    | Unknown
+    | UnknownMember
     | Trigger
     | TriggerAck
     | Goodbye
     | Beacon
-    | Heard
-    | Agreed
+    | ArrivalReport
+    | AgreedArrival
 )
-Message = TimeRequest | TimeReply | Control
-FromClient = TimeRequest | Hello | Heartbeat | TriggerAck | Goodbye | Heard
-
-
-def root_of(message: Welcome | HeartbeatAck) -> int:
-    """Return the run of the tree's root, whose time it is and who orders bursts."""
-    return message.leader if message.onward is None else message.onward.path[0]
+Message = TimeRequest | TimeReply | ControlMessage
+FromClient = TimeRequest | Hello | Heartbeat | TriggerAck | Goodbye | ArrivalReport
 
 
 _encoder = msgspec.msgpack.Encoder()
-_decoder = msgspec.msgpack.Decoder(Control)
+_decoder = msgspec.msgpack.Decoder(ControlMessage)
 
 
 def encode(message: Message) -> bytes:
@@ -257,7 +252,7 @@ def decode(data: bytes) -> Message:
         raise WireError(f"protocol version {version}, this is version {VERSION}")
     if kind == _KIND_CONTROL:
         try:
-            message: Control = _decoder.decode(data[_HEADER.size :])
+            message: ControlMessage = _decoder.decode(data[_HEADER.size :])
         except (msgspec.DecodeError, msgspec.ValidationError, UnicodeDecodeError) as error:
             raise WireError(f"malformed control message: {error}") from error
         return message

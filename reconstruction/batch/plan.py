@@ -127,7 +127,7 @@ def _check_images(session: Path, unit: Unit) -> None:
     dataset = Dataset.open(session)
     chosen = instants_of(dataset, unit.instant, unit.offsets_ms)
     for record in dataset.session.manifest.images:
-        if chosen.get(record.camera) == record.instant and not record.dropped:
+        if chosen.get(record.camera) == record.instant and not record.substitute:
             path = dataset.session.image_file(record)
             if hashlib.sha256(path.read_bytes()).hexdigest() != record.sha256:
                 raise IncompleteError(

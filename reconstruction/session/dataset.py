@@ -30,7 +30,7 @@ class Dataset:
         self.instants_ns = manifest.burst.instants_ns
         self.period_ns = manifest.burst.period_ns
         self._records = {
-            (record.camera, record.instant): record for record in manifest.images if not record.dropped
+            (record.camera, record.instant): record for record in manifest.images if not record.substitute
         }
         self._read = lru_cache(maxsize=KEPT_IMAGES)(self._read_image)
 

@@ -57,7 +57,7 @@ def test_the_record_counts_and_measures() -> None:
     images = [
         image("left", 0, 100 * US, uncertainty_ns=10 * US, hard_bound_ns=1 * MS),
         image("right", 0, 130 * US, uncertainty_ns=20 * US, hard_bound_ns=2 * MS, late=True),
-        image("left", 1, 33 * MS, uncertainty_ns=10 * US, hard_bound_ns=1 * MS, dropped=True),
+        image("left", 1, 33 * MS, uncertainty_ns=10 * US, hard_bound_ns=1 * MS, substitute=True),
     ]
     missing = [MissingImage(camera="right", instant=1, reason="?", dropped=True)]
     burst = BurstRecord(instants_ns=(0, 33 * MS), period_ns=33 * MS)

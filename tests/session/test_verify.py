@@ -233,7 +233,7 @@ images = st.builds(
     sha256=st.from_regex(r"[0-9a-f]{64}", fullmatch=True),
     local_ns=st.none() | times,
     gain=st.none() | st.floats(allow_nan=False, allow_infinity=False),
-    dropped=st.booleans(),
+    substitute=st.booleans(),
 )
 
 

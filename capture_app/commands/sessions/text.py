@@ -113,7 +113,7 @@ def _camera(manifest: Manifest, camera: CameraRecord) -> tuple[str, ...]:
         _worst([image.hard_bound_ns for image in images]),
         _worst_residual(images),
         duration(phase),
-        str(sum(image.dropped for image in images) + dropped),
+        str(sum(image.substitute for image in images) + dropped),
     )
 
 

@@ -97,8 +97,8 @@ class ImageRecord(_Record, frozen=True, kw_only=True):
     sequence: Count | None = None
     outlier_ns: int = 0
     """The driver's timestamp minus `local_ns`: not 0 where a single stamp was off the line of its stream."""
-    dropped: bool = False
-    """The frame nearest to the instant was dropped by the camera; this is the next best one, a substitute."""
+    substitute: bool = False
+    """The camera dropped the frame nearest to the instant; this is the next best one."""
     late: bool = False
     """It was taken further from its instant, before or after, than the camera's phase was to be held."""
 

@@ -35,7 +35,7 @@ def sync_record(
         uncertainty_ns=_worst([image.uncertainty_ns for image in images]),
         hard_bound_ns=_worst([image.hard_bound_ns for image in images]),
         dropped=sum(gone.dropped for gone in missing),
-        substituted=sum(image.dropped for image in images),
+        substituted=sum(image.substitute for image in images),
         late=sum(image.late for image in images),
     )
 

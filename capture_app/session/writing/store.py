@@ -158,7 +158,7 @@ class SessionWriter:
         gain: float | None = None,
         white_balance: tuple[float, float] | None = None,
         sequence: int | None = None,
-        dropped: bool = False,
+        substitute: bool = False,
         late: bool = False,
         outlier_ns: int = 0,
     ) -> ImageRecord:
@@ -188,7 +188,7 @@ class SessionWriter:
             gain=gain,
             white_balance=white_balance,
             sequence=sequence,
-            dropped=dropped,
+            substitute=substitute,
             late=late,
             outlier_ns=outlier_ns,
         )

@@ -113,7 +113,7 @@ def build(folder: Path, recipe: Recipe) -> Session:
                 suffix=suffix,
                 residual_ns=residual_ns,
                 uncertainty_ns=20_000,
-                dropped=(camera, instant) in recipe.substitutes,
+                substitute=(camera, instant) in recipe.substitutes,
             )
     if recipe.calibrate:
         cameras = {name: calibrated(name, *sizes[name]) for name in recipe.calibrate}

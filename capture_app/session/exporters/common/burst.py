@@ -59,14 +59,14 @@ class Burst:
         for image in self._of(camera):
             if not kept or image.leader_ns > kept[-1].leader_ns:
                 kept.append(image)
-            elif kept[-1].dropped:
+            elif kept[-1].substitute:
                 kept[-1] = image
         return kept
 
     def together(self, camera: str, instant: int) -> ImageRecord | None:
         """The image that belongs to an instant, or None: a dropped frame's substitute is of another."""
         image = self.images.get((camera, instant))
-        return None if image is None or image.dropped else image
+        return None if image is None or image.substitute else image
 
     def size(self, camera: str) -> tuple[int, int]:
         """Width and height in pixels of a camera's images."""
@@ -163,7 +163,7 @@ def _check_times(burst: Burst) -> None:
         for image in burst._of(camera):
             backwards = last is not None and image.leader_ns < last.leader_ns
             same = last is not None and image.leader_ns == last.leader_ns
-            if backwards or (same and not (image.dropped or (last and last.dropped))):
+            if backwards or (same and not (image.substitute or (last and last.substitute))):
                 what = f"{where}: the times of {camera} go backwards at instant {image.instant}"
                 raise BadInputError(what, hint=_VERIFY)
             last = image

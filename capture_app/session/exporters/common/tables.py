@@ -133,4 +133,4 @@ def _content(frame: Frame, image: ImageRecord | None) -> str:
         return "blank"
     if not frame.file:
         return "left out"
-    return "substitute" if image.dropped else "image"
+    return "substitute" if image.substitute else "image"

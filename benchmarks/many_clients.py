@@ -26,20 +26,17 @@ from capture_app.net.udp import Pump
 from capture_app.sync.clock.clock_filter import ClockFilter
 from capture_app.sync.clock.clock_sample import ClockSample
 from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.wire.codec import decode, encode
 from capture_app.sync.wire.messages import (
     Heartbeat,
     HeartbeatAck,
     Hello,
     NodeState,
     Report,
-    TimeReply,
     UnknownMember,
     Welcome,
-    decode,
-    encode,
-    request_at,
-    request_before_t0,
 )
+from capture_app.sync.wire.time_messages import TimeReply, request_at, request_before_t0
 
 MOST_CLIENTS = 2000
 MOST_SECONDS = 60.0

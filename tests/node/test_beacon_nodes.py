@@ -16,7 +16,7 @@ from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.relay import RelayNode
 from capture_app.sync.rig.client import Client
 from capture_app.sync.wire.beacon import Beacon
-from capture_app.sync.wire.messages import decode
+from capture_app.sync.wire.codec import decode
 
 BeaconArrivals = asyncio.Queue[tuple[Client, Beacon]]
 

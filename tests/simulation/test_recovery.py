@@ -24,23 +24,21 @@ from capture_app.sync.rig.time_client import MOST_EVENTS
 from capture_app.sync.rig.timekeeper import OUTSTANDING
 from capture_app.sync.tree.follower import Address, Follower, FollowerConfig
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
+from capture_app.sync.wire.codec import Message, encode
 from capture_app.sync.wire.messages import (
     Goodbye,
     Heartbeat,
     HeartbeatAck,
     Hello,
     JoinRefusal,
-    Message,
     NodeState,
     Report,
-    TimeReply,
-    TimeRequest,
     Trigger,
     TriggerAck,
     UnknownMember,
     Welcome,
-    encode,
 )
+from capture_app.sync.wire.time_messages import TimeReply, TimeRequest
 
 S = 1_000_000_000
 INSTANCE, HONEST = 77, 99

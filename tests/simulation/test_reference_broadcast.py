@@ -14,7 +14,8 @@ from capture_app.simulation.network.radio_cell import RadioCell, Receiver
 from capture_app.simulation.rig.rig import NodeSpec, VirtualNode, VirtualRig
 from capture_app.sync.rig.events import ReferenceCorrectionEnded, ReferenceCorrectionStarted
 from capture_app.sync.wire.beacon import AgreedArrival, ArrivalReport, Beacon
-from capture_app.sync.wire.messages import Welcome, decode, encode
+from capture_app.sync.wire.codec import decode, encode
+from capture_app.sync.wire.messages import Welcome
 
 S = 1_000_000_000
 US = 1_000

@@ -25,7 +25,8 @@ from capture_app.sync.rig.leader import ClientView, LeaderConfig
 from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.tree.follower import Address, FollowerConfig
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
-from capture_app.sync.wire.messages import Hello, NodeState, decode
+from capture_app.sync.wire.codec import decode
+from capture_app.sync.wire.messages import Hello, NodeState
 from tests.facts import make_facts
 
 S = 1_000_000_000

@@ -15,18 +15,18 @@ from capture_app.simulation.network.link import Link
 from capture_app.simulation.network.paper_link import PAPER_LINK
 from capture_app.simulation.rig.rig import NodeSpec, VirtualRig
 from capture_app.sync.rig.events import BurstRefused, LeaderLost, NodeLost, NodeReturned
+from capture_app.sync.wire.codec import encode
 from capture_app.sync.wire.messages import (
     Goodbye,
     HeartbeatAck,
     Hello,
     JoinRefusal,
     NodeState,
-    TimeReply,
     Trigger,
     UnknownMember,
     Welcome,
-    encode,
 )
+from capture_app.sync.wire.time_messages import TimeReply
 
 S = 1_000_000_000
 LAN = Link(GammaDelay(60_000, 90_000), GammaDelay(60_000, 90_000))

@@ -24,14 +24,8 @@ from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.rig.time_client import HELLOS
 from capture_app.sync.tree.follower import Address, Follower, FollowerConfig
 from capture_app.sync.tree.relay import Relay
-from capture_app.sync.wire.messages import (
-    CLOCK_ONLY,
-    Hello,
-    NodeState,
-    Welcome,
-    decode,
-    encode,
-)
+from capture_app.sync.wire.codec import decode, encode
+from capture_app.sync.wire.messages import CLOCK_ONLY, Hello, NodeState, Welcome
 from tests.facts import make_facts
 
 S = 1_000_000_000

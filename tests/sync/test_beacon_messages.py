@@ -5,16 +5,17 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture_app.sync.wire import messages
 from capture_app.sync.wire.beacon import MOST_ARRIVALS, AgreedArrival, ArrivalReport, Beacon, Group
-from capture_app.sync.wire.messages import Welcome, WireError, decode, encode
+from capture_app.sync.wire.codec import MAX_DATAGRAM, decode, encode
+from capture_app.sync.wire.messages import ControlMessage, Welcome
+from capture_app.sync.wire.time_messages import MAGIC, VERSION, WireError
 
 u32 = st.integers(0, 2**32 - 1)
 numbers = st.integers(1, 2**32 - 1)
 i64 = st.integers(-(2**63), 2**63 - 1)
 errors = st.integers(0, 10**18)
 arrivals = st.lists(st.tuples(numbers, i64), max_size=MOST_ARRIVALS).map(tuple)
-HEADER = messages.MAGIC + bytes([messages.VERSION, 3])
+HEADER = MAGIC + bytes([VERSION, 3])
 
 
 @given(
@@ -22,10 +23,10 @@ HEADER = messages.MAGIC + bytes([messages.VERSION, 3])
     | st.builds(ArrivalReport, u32, errors, errors, arrivals)
     | st.builds(AgreedArrival, u32, numbers, i64, errors, errors)
 )
-def test_a_message_survives_the_wire(message: messages.ControlMessage) -> None:
+def test_a_message_survives_the_wire(message: ControlMessage) -> None:
     data = encode(message)
     assert decode(data) == message
-    assert len(data) <= messages.MAX_DATAGRAM
+    assert len(data) <= MAX_DATAGRAM
 
 
 def test_they_are_small() -> None:
@@ -74,7 +75,7 @@ def test_nobody_is_made_to_join_a_group_of_the_wide_world(host: str, port: int) 
         AgreedArrival(1, 1, 0, 0, -1),
     ],
 )
-def test_values_that_cannot_be_are_refused(message: messages.ControlMessage) -> None:
+def test_values_that_cannot_be_are_refused(message: ControlMessage) -> None:
     with pytest.raises(WireError, match="malformed"):
         decode(encode(message))
 

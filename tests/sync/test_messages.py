@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
-from capture_app.sync.wire import messages
+from capture_app.sync.wire.codec import MAX_DATAGRAM, Message, decode, encode
 from capture_app.sync.wire.messages import (
     ControlMessage,
     Heartbeat,
@@ -16,15 +16,11 @@ from capture_app.sync.wire.messages import (
     JoinRefusal,
     NodeState,
     Report,
-    TimeReply,
-    TimeRequest,
     Trigger,
     TriggerAck,
     Welcome,
-    WireError,
-    decode,
-    encode,
 )
+from capture_app.sync.wire.time_messages import MAGIC, VERSION, TimeReply, TimeRequest, WireError
 from tests.facts import make_facts
 
 u32 = st.integers(0, 2**32 - 1)
@@ -57,7 +53,7 @@ control: st.SearchStrategy[ControlMessage] = st.one_of(
 
 
 @given(st.builds(TimeRequest, u32, u32, i64) | st.builds(TimeReply, u32, u32, i64, i64, i64) | control)
-def test_a_message_survives_the_wire(message: messages.Message) -> None:
+def test_a_message_survives_the_wire(message: Message) -> None:
     assert decode(encode(message)) == message
 
 
@@ -68,7 +64,7 @@ def test_hello_survives_or_is_refused_whole(name: str, instance: int, camera: Ca
         data = encode(hello)
     except WireError:
         return  # four long texts of wide characters do not fit a datagram
-    assert len(data) <= messages.MAX_DATAGRAM
+    assert len(data) <= MAX_DATAGRAM
     assert decode(data) == hello
 
 
@@ -85,7 +81,7 @@ def test_noise_is_refused(data: bytes) -> None:
 @given(st.binary(max_size=200), st.sampled_from([1, 2, 3, 4]))
 def test_noise_behind_a_good_header_never_raises_anything_else(data: bytes, kind: int) -> None:
     with suppress(WireError):
-        decode(messages.MAGIC + bytes([messages.VERSION, kind]) + data)
+        decode(MAGIC + bytes([VERSION, kind]) + data)
 
 
 def test_another_version_is_named() -> None:

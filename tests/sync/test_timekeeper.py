@@ -11,7 +11,9 @@ from capture_app.sync.rig.poll_schedule import (
 )
 from capture_app.sync.rig.sync_terms import LeaderTerms
 from capture_app.sync.rig.timekeeper import Timekeeper
-from capture_app.sync.wire.messages import TimeReply, TimeRequest, Welcome, decode
+from capture_app.sync.wire.codec import decode
+from capture_app.sync.wire.messages import Welcome
+from capture_app.sync.wire.time_messages import TimeReply, TimeRequest
 
 S = 1_000_000_000
 DELAY_NS = 1_000_000

@@ -8,17 +8,15 @@ from msgspec import structs
 from capture_app.sync.rig import uplink as uplink_module
 from capture_app.sync.rig.roster import Member, Roster
 from capture_app.sync.rig.uplink import TOO_LONG, Uplink
+from capture_app.sync.wire.codec import MAX_DATAGRAM, decode, encode
 from capture_app.sync.wire.messages import (
     CLOCK_ONLY,
-    MAX_DATAGRAM,
     Goodbye,
     Heartbeat,
     Hello,
     NodeState,
     Report,
     TriggerAck,
-    decode,
-    encode,
 )
 from tests.facts import make_facts
 

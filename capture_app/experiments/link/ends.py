@@ -14,17 +14,9 @@ from capture_app.net.udp import Pump, ToPeer, client_socket
 from capture_app.sync.clock.clock_sample import ClockSample
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.poll_schedule import BACKLOG_NS, NEAR_NS
-from capture_app.sync.wire.messages import (
-    Goodbye,
-    Hello,
-    TimeReply,
-    Welcome,
-    WireError,
-    decode,
-    encode,
-    request_at,
-    request_before_t0,
-)
+from capture_app.sync.wire.codec import decode, encode
+from capture_app.sync.wire.messages import Goodbye, Hello, Welcome
+from capture_app.sync.wire.time_messages import TimeReply, WireError, request_at, request_before_t0
 
 HELLO_EVERY_NS = 100_000_000
 JOIN_TIMEOUT_S = 10.0

@@ -21,22 +21,17 @@ from capture_app.sync.rig.sync_terms import Terms
 from capture_app.sync.rig.trigger import Burst
 from capture_app.sync.rig.uplink import Uplink
 from capture_app.sync.wire.beacon import ArrivalReport, Group
+from capture_app.sync.wire.codec import FromClient, decode, encode
 from capture_app.sync.wire.messages import (
     ControlMessage,
-    FromClient,
     Goodbye,
     Heartbeat,
     Hello,
     JoinRefusal,
-    TimeRequest,
     TriggerAck,
     UnknownMember,
-    WireError,
-    decode,
-    encode,
-    reply_at,
-    reply_before_t2,
 )
+from capture_app.sync.wire.time_messages import TimeRequest, WireError, reply_at, reply_before_t2
 
 __all__ = [
     "CLIENT_SILENT_NS",

@@ -8,14 +8,7 @@ from capture_app.names import is_name
 from capture_app.sync.phase.goal import MAX_PERIOD_NS, MIN_PERIOD_NS
 from capture_app.sync.phase.shared_goal import WEIGHTS, CameraPhase
 from capture_app.sync.rig.events import NodeJoined, NodeLost, NodeMoved, NodeReturned
-from capture_app.sync.wire.messages import (
-    CLOCK_ONLY,
-    PROBE_NUMBER,
-    WITHOUT_CAMERA,
-    Hello,
-    NodeState,
-    Report,
-)
+from capture_app.sync.wire.messages import CLOCK_ONLY, PROBE_NUMBER, WITHOUT_CAMERA, Hello, NodeState, Report
 
 Address = tuple[str, int]
 

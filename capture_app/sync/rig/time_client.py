@@ -12,6 +12,7 @@ from capture_app.sync.rig.poll_schedule import AT_ONCE_NS, NEVER_NS
 from capture_app.sync.rig.sync_terms import LeaderTerms
 from capture_app.sync.rig.timekeeper import ClockEvent, Timekeeper
 from capture_app.sync.wire.beacon import AgreedArrival, Beacon
+from capture_app.sync.wire.codec import Message, decode, encode
 from capture_app.sync.wire.messages import (
     CLOCK_ONLY,
     WITHOUT_CAMERA,
@@ -21,17 +22,13 @@ from capture_app.sync.wire.messages import (
     HeartbeatAck,
     Hello,
     JoinRefusal,
-    Message,
     NodeState,
     Report,
-    TimeReply,
     Trigger,
     UnknownMember,
     Welcome,
-    WireError,
-    decode,
-    encode,
 )
+from capture_app.sync.wire.time_messages import TimeReply, WireError
 
 _MS = 1_000_000
 HELLO_EVERY_NS = 500 * _MS

@@ -13,15 +13,14 @@ from capture_app.sync.rig.poll_schedule import RoundSchedule
 from capture_app.sync.rig.sync_terms import LeaderTerms
 from capture_app.sync.rig.time_client import CLOCK, HELLOS, TimeClient, TimeClientEvent
 from capture_app.sync.rig.timekeeper import Timekeeper
+from capture_app.sync.wire.codec import Message, encode
 from capture_app.sync.wire.messages import (
     PROBE_NUMBER,
     ControlMessage,
     Goodbye,
-    Message,
     NodeState,
     UnknownMember,
     Welcome,
-    encode,
 )
 
 Address = tuple[str, int]

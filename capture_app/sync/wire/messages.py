@@ -1,14 +1,8 @@
-"""Messages on the wire: a fixed layout for time, tagged msgpack for the rest, one version in front.
+"""Control messages: who joins, who is there, and which bursts are to be saved."""
 
-Every datagram begins with the magic `sS`, the version and the kind. A time reply is never larger than
-its request, and no control message is larger than MAX_DATAGRAM.
-"""
-
-import struct
 from enum import StrEnum
 from typing import Annotated
 
-import msgspec
 from msgspec import Meta, Struct
 
 from capture_app.camera_facts import CameraFacts
@@ -28,22 +22,6 @@ class NodeState(StrEnum):
     FAILED = "failed"
 
 
-MAGIC = b"sS"
-VERSION = 1
-MAX_DATAGRAM = 1200
-"""In bytes; fits every link without fragments."""
-
-_KIND_TIME_REQUEST = 1
-_KIND_TIME_REPLY = 2
-_KIND_CONTROL = 3
-_HEADER = struct.Struct(">2sBB")
-_TIME = struct.Struct(">2sBBIIqqq")
-_BEFORE_T0 = struct.Struct(">2sBBII")
-_BEFORE_T2 = struct.Struct(">2sBBIIqq")
-_T0 = struct.Struct(">q16x")
-_T2 = struct.Struct(">q")
-
-
 Text = Annotated[str, Meta(max_length=200)]
 Pace = Annotated[int, Meta(ge=0, le=60_000_000_000)]
 Number = Annotated[int, Meta(ge=0, le=0xFFFF_FFFF)]
@@ -56,28 +34,6 @@ WITHOUT_CAMERA = (CLOCK_ONLY, RELAY)
 PROBE_NUMBER = 0
 """The number in a liveness probe, which no client has: a leader that answers that it is unknown is there."""
 HeightShare = Annotated[float, Meta(ge=0.0, le=1.0)]
-
-
-class WireError(ValueError):
-    """A datagram that is not one of ours, cut, or of another version."""
-
-
-class TimeRequest(Struct, frozen=True):
-    """A client asks for the leader's time; `t0_ns` is its own when it sent this."""
-
-    client: int
-    sequence: int
-    t0_ns: int
-
-
-class TimeReply(Struct, frozen=True):
-    """The leader's answer: request received at `t1_ns` and answered at `t2_ns`, leader time."""
-
-    client: int
-    sequence: int
-    t0_ns: int
-    t1_ns: int
-    t2_ns: int
 
 
 class Hello(Struct, frozen=True, tag="hello"):
@@ -221,69 +177,3 @@ ControlMessage = (
     | ArrivalReport
     | AgreedArrival
 )
-Message = TimeRequest | TimeReply | ControlMessage
-FromClient = TimeRequest | Hello | Heartbeat | TriggerAck | Goodbye | ArrivalReport
-
-
-_encoder = msgspec.msgpack.Encoder()
-_decoder = msgspec.msgpack.Decoder(ControlMessage)
-
-
-def encode(message: Message) -> bytes:
-    """Return the datagram of a message. Raises WireError where it would be larger than MAX_DATAGRAM."""
-    if isinstance(message, TimeRequest):
-        head = (MAGIC, VERSION, _KIND_TIME_REQUEST, message.client, message.sequence)
-        return _TIME.pack(*head, message.t0_ns, 0, 0)
-    if isinstance(message, TimeReply):
-        head = (MAGIC, VERSION, _KIND_TIME_REPLY, message.client, message.sequence)
-        return _TIME.pack(*head, message.t0_ns, message.t1_ns, message.t2_ns)
-    data = _HEADER.pack(MAGIC, VERSION, _KIND_CONTROL) + _encoder.encode(message)
-    if len(data) > MAX_DATAGRAM:
-        raise WireError(f"a {type(message).__name__} of {len(data)} bytes is over {MAX_DATAGRAM}")
-    return data
-
-
-def decode(data: bytes) -> Message:
-    """Return the message of a datagram. Raises WireError where it is not a message of this version."""
-    if len(data) < _HEADER.size or data[:2] != MAGIC:
-        raise WireError("not a simulshot datagram")
-    version, kind = data[2], data[3]
-    if version != VERSION:
-        raise WireError(f"protocol version {version}, this is version {VERSION}")
-    if kind == _KIND_CONTROL:
-        try:
-            message: ControlMessage = _decoder.decode(data[_HEADER.size :])
-        except (msgspec.DecodeError, msgspec.ValidationError, UnicodeDecodeError) as error:
-            raise WireError(f"malformed control message: {error}") from error
-        return message
-    if kind not in (_KIND_TIME_REQUEST, _KIND_TIME_REPLY) or len(data) != _TIME.size:
-        raise WireError(f"unknown message kind {kind} of {len(data)} bytes")
-    client, sequence, t0_ns, t1_ns, t2_ns = _TIME.unpack(data)[3:]
-    if kind == _KIND_TIME_REQUEST:
-        return TimeRequest(client, sequence, t0_ns)
-    return TimeReply(client, sequence, t0_ns, t1_ns, t2_ns)
-
-
-# A time message in two parts: what is known before, and the time of sending, which goes in last. Every
-# microsecond between the reading of the clock and the socket would be an error of the estimate.
-
-
-def request_before_t0(client: int, sequence: int) -> bytes:
-    """Return a TimeRequest up to its `t0_ns`."""
-    return _BEFORE_T0.pack(MAGIC, VERSION, _KIND_TIME_REQUEST, client, sequence)
-
-
-def request_at(before: bytes, t0_ns: int) -> bytes:
-    """Return the datagram of a TimeRequest."""
-    return before + _T0.pack(t0_ns)
-
-
-def reply_before_t2(request: TimeRequest, t1_ns: int) -> bytes:
-    """Return the TimeReply to a request up to its `t2_ns`."""
-    head = MAGIC, VERSION, _KIND_TIME_REPLY, request.client, request.sequence
-    return _BEFORE_T2.pack(*head, request.t0_ns, t1_ns)
-
-
-def reply_at(before: bytes, t2_ns: int) -> bytes:
-    """Return the datagram of a TimeReply."""
-    return before + _T2.pack(t2_ns)

@@ -50,7 +50,7 @@ def ours(views: dict[str, View], condition: Condition, reference: str, scratch: 
     """The package: every view's depth, checked by the others, fused."""
     begun, cpu = time.perf_counter(), time.process_time()
     shots = {name: undistort_image(name, 0, condition.pictures[name], view) for name, view in views.items()}
-    photos = {name: shot.photo for name, shot in shots.items()}
+    photos = {name: shot.calibrated for name, shot in shots.items()}
     nearest, farthest = find_depth_range(photos, choose_source_views(views, guess_depths(views)))
     sources = choose_source_views(views, (nearest, 2 / (1 / nearest + 1 / farthest), farthest))
     found = match_all_views(photos, sources, nearest, farthest)

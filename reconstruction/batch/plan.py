@@ -16,7 +16,7 @@ from reconstruction.common.native_libraries import library_versions
 from reconstruction.multiview.command import RESULT as MULTIVIEW_RESULT
 from reconstruction.multiview.command import Matcher, MultiviewOptions, multiview
 from reconstruction.session.conditions import Condition
-from reconstruction.session.dataset import Dataset, instants_of
+from reconstruction.session.dataset import Dataset
 
 MAKE = "reconstruction.batch.plan:make_depth"
 RESULT = "unit.json"
@@ -60,7 +60,7 @@ def plan(
             offsets = condition.offsets_ms(dataset.cameras, instant)
             try:
                 condition.check(dataset)
-                chosen = instants_of(dataset, instant, offsets)
+                chosen = dataset.shown_instants(instant, offsets)
             except BadInputError as error:
                 refused = Failure(
                     name=name,
@@ -125,7 +125,7 @@ def make_depth(unit: Unit, folder: Path) -> None:
 def _check_images(session: Path, unit: Unit) -> None:
     """The key was made of the checksums that the session tells: they must be those of the images."""
     dataset = Dataset.open(session)
-    chosen = instants_of(dataset, unit.instant, unit.offsets_ms)
+    chosen = dataset.shown_instants(unit.instant, unit.offsets_ms)
     for record in dataset.session.manifest.images:
         if chosen.get(record.camera) == record.instant and not record.substitute:
             path = dataset.session.image_file(record)

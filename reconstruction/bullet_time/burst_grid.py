@@ -23,7 +23,7 @@ def burst_grid(dataset: Dataset, out: Path) -> BurstGrid:
     for camera in cameras:
         row = []
         for instant in instants:
-            if not dataset.has(camera, instant):
+            if not dataset.has_image(camera, instant):
                 row.append("")
                 continue
             image = dataset.image(camera, instant)

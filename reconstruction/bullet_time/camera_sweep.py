@@ -70,7 +70,7 @@ def render_camera_sweep(
         for kind, frames in zip(("synced", "offset"), halves, strict=True)
     )
     late_ms = tuple((dataset.instants_ns[k] - dataset.instants_ns[instant]) / 1e6 for k in late.values())
-    known = "synchronized" if dataset.residual_us() is not None else "as recorded"
+    known = "synchronized" if dataset.worst_residual_us() is not None else "as recorded"
     titles = known, [f"{name}: {_plain(ms)}" for name, ms in zip(order, late_ms, strict=True)]
     return BulletTime(
         cameras=order,
@@ -116,7 +116,7 @@ def _instant(
         return None
     likely = [k for k, rank in ranks.items() if rank == best]
     likely = [k for k, _ in evenly_spread([(k, k) for k in likely], MOST_LOOKED_AT)]
-    instant = max(likely, key=lambda k: sum(int(motion.seen_moving(n, k).sum()) for n in found[k]))
+    instant = max(likely, key=lambda k: sum(int(motion.detected_movers(n, k).sum()) for n in found[k]))
     return instant, found[instant]
 
 
@@ -130,7 +130,7 @@ def _held(
     ours = {name: views[name] for name in order if name in views}
     if len(ours) < len(order):
         return {}
-    masks = {name: motion.seen_moving(name, instant) for name in order}
+    masks = {name: motion.detected_movers(name, instant) for name in order}
     masks = {name: mask for name, mask in masks.items() if int(mask.sum()) >= LEAST_MOVING_PX}
     best: tuple[Array, float] | None = None
     for middle in (_largest, _middle):

@@ -25,7 +25,7 @@ class CharucoBoard:
     marker_m: float
     dictionary: str
 
-    def made(self) -> cv2.aruco.CharucoBoard:
+    def to_opencv(self) -> cv2.aruco.CharucoBoard:
         """OpenCV's board. Raises BadInputError where there is no such one."""
         kind = getattr(cv2.aruco, f"DICT_{self.dictionary.upper()}", None)
         if kind is None:
@@ -57,12 +57,12 @@ class BoardDetector:
 
     def __init__(self, board: CharucoBoard) -> None:
         """Raises BadInputError where there is no such board."""
-        made = board.made()
+        made = board.to_opencv()
         self._detector = cv2.aruco.CharucoDetector(made)
         self._places = np.asarray(made.getChessboardCorners(), np.float64)[:, :2]
         self._looks = [BoardAppearance(dark, back) for dark in (False, True) for back in (False, True)]
 
-    def find(self, grey: Array) -> dict[int, Array]:
+    def detect(self, grey: Array) -> dict[int, Array]:
         """Pixels of the board's corners by their number in a picture (uint8); none = it is not there."""
         for look in self._looks:
             found = self._as(look, grey)
@@ -110,7 +110,7 @@ def detect_board(dataset: Dataset, board: CharucoBoard) -> BoardCorners:
     for camera in dataset.cameras:
         finder = BoardDetector(board)
         for instant in dataset.instants(camera):
-            corners = finder.find(dataset.grey(camera, instant))
+            corners = finder.detect(dataset.grey(camera, instant))
             if corners:
                 found[camera, instant] = corners
     return found

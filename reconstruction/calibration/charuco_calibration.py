@@ -23,7 +23,7 @@ def calibrate_from_board(dataset: Dataset, board: CharucoBoard, corners: BoardCo
     Raises:
         BadInputError: the board was seen too rarely, or a camera shares no boards with the others.
     """
-    places = np.asarray(board.made().getChessboardCorners(), np.float32)
+    places = np.asarray(board.to_opencv().getChessboardCorners(), np.float32)
     lenses: dict[str, tuple[Array, Array]] = {}
     for camera in dataset.cameras:
         seen = [k for name, k in sorted(corners) if name == camera]

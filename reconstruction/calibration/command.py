@@ -15,7 +15,7 @@ from capture_app.session.format.manifest import CALIBRATION
 from reconstruction.calibration.calibrated_views import calibrated_views
 from reconstruction.calibration.charuco_board import CharucoBoard, detect_board, shared_corners
 from reconstruction.calibration.charuco_calibration import calibrate_from_board
-from reconstruction.calibration.features import detect_features, match_features
+from reconstruction.calibration.features import match_features
 from reconstruction.calibration.quality import (
     CalibrationQuality,
     SharedPoints,
@@ -99,7 +99,8 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
             rig = Rig(dataset, SceneMotion(dataset, 1), StageCache(Path(scratch), dataset.fingerprint()))
             if options.source is CalibrationSource.SFM:
-                found = calibrate_from_images(dataset, rig.movers, range(len(dataset.instants_ns)))
+                instants = range(len(dataset.instants_ns))
+                found = calibrate_from_images(dataset, rig.motion.widened_movers, instants)
             elif own is None:
                 raise BadInputError(f"{session} has no calibration of its own", hint="--from sfm finds one")
             else:
@@ -123,17 +124,10 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
 
 def _still_points(rig: Rig, views: dict[str, View]) -> SharedPoints:
     """Points at rest that pairs of cameras share, at the middle of the burst."""
-    dataset = rig.dataset
-    middle = len(dataset.instants_ns) // 2
-    points = {}
-    for name in dataset.cameras:
-        there = dataset.instants(name)
-        if there:
-            nearest = min(there, key=lambda k: abs(k - middle))
-            points[name] = detect_features(dataset.grey(name, nearest), rig.movers(name, nearest))
+    features = rig.features(len(rig.dataset.instants_ns) // 2)
     return {
-        (a, b): match_features(points[a], points[b])
-        for a, b in combinations([name for name in points if name in views], 2)
+        (a, b): match_features(features[a], features[b])
+        for a, b in combinations([name for name in features if name in views], 2)
         if angle_deg(views[a].axis, views[b].axis) < MOST_APART_DEG
     }
 

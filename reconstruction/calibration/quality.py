@@ -1,4 +1,4 @@
-"""How good a calibration is: whether points that two cameras share meet in space, and where they are."""
+"""How good a calibration is, by the reprojection errors of points that two cameras share."""
 
 from collections.abc import Mapping
 
@@ -12,38 +12,36 @@ from reconstruction.common.geometry import Array, View, other_from_reference
 
 SharedPoints = Mapping[tuple[str, str], tuple[Array, Array]]
 """For pairs of cameras, pixels (n, 2) of the same points in the first and in the second."""
-FITTING_PX = 4.0
-"""Points that are further from themselves than this were matched wrongly, or the calibration is wrong."""
+INLIER_PX = 4.0
+"""A point with a larger reprojection error was matched wrongly, or the calibration is wrong."""
 FEWEST_POINTS = 50
-LEAST_FITTING = 0.4
+LEAST_INLIER_SHARE = 0.4
 MOST_REPROJECTION_PX = 2.0
 LEAST_ANGLE_DEG = 0.3
 
 
 class CalibrationQuality(Struct, frozen=True, kw_only=True):
-    """Judged by points that pairs of cameras share.
-
-    `reprojection_px`: median distance of a point's two pixels from its best place in space, of those within
-    4 px; `fitting`: the share that is; `angle_deg`: median angle between the two rays; `coverage`: by camera,
-    the share of the cells of an 8 x 6 grid with a fitting point.
-    """
+    """Judged by points that pairs of cameras share; an inlier's reprojection error is below `INLIER_PX`."""
 
     points: int
-    fitting: float
-    reprojection_px: float | None
-    angle_deg: float | None
+    inlier_share: float
+    reprojection_error_px: float | None
+    """Median over the inliers, of a point's two errors the larger."""
+    triangulation_angle_deg: float | None
+    """Median angle between an inlier's two rays."""
     coverage: dict[str, float]
+    """By camera, the share of the cells of an 8 x 6 grid with an inlier."""
 
 
 def judge_calibration(views: Mapping[str, View], shared: SharedPoints) -> CalibrationQuality:
-    """Triangulate every shared point (Hartley and Sturm's linear method) and see how it fits."""
+    """Triangulate every shared point (Hartley and Sturm's linear method) and take its reprojection errors."""
     errors, angles, fits = [], [], []
     cells: dict[str, set[tuple[int, int]]] = {name: set() for name in views}
     for (a, b), (at_a, at_b) in shared.items():
         if a not in views or b not in views or len(at_a) < FEWEST_MATCHES:
             continue
         error, angle = _triangulate(views[a], views[b], at_a, at_b)
-        good = error < FITTING_PX
+        good = error < INLIER_PX
         errors.append(error[good])
         angles.append(angle[good])
         fits.append(good)
@@ -53,9 +51,9 @@ def judge_calibration(views: Mapping[str, View], shared: SharedPoints) -> Calibr
     every = np.concatenate(fits) if fits else np.zeros(0, bool)
     return CalibrationQuality(
         points=len(every),
-        fitting=float(every.mean()) if len(every) else 0.0,
-        reprojection_px=float(np.median(np.concatenate(errors))) if every.any() else None,
-        angle_deg=float(np.median(np.concatenate(angles))) if every.any() else None,
+        inlier_share=float(every.mean()) if len(every) else 0.0,
+        reprojection_error_px=float(np.median(np.concatenate(errors))) if every.any() else None,
+        triangulation_angle_deg=float(np.median(np.concatenate(angles))) if every.any() else None,
         coverage={name: len(found) / 48 for name, found in cells.items()},
     )
 
@@ -64,20 +62,20 @@ def refuse_bad_calibration(quality: CalibrationQuality, cameras: int) -> None:
     """Raise BadInputError with the reason where a rig's calibration is not fit to measure with."""
     why, judged = "", True
     if 2 * len(quality.coverage) < cameras:
-        why = f"it places {len(quality.coverage)} of {cameras} cameras only"
-    elif quality.reprojection_px is None or quality.angle_deg is None:
+        why = f"it covers only {len(quality.coverage)} of {cameras} cameras"
+    elif quality.reprojection_error_px is None or quality.triangulation_angle_deg is None:
         why, judged = "no two of its cameras see enough of the same points", False
     elif quality.points < FEWEST_POINTS:
-        why, judged = f"its cameras share {quality.points} points only, and it takes {FEWEST_POINTS}", False
-    elif quality.fitting < LEAST_FITTING:
-        why = (
-            f"only {100 * quality.fitting:.0f} % of the points that two cameras share fit to within "
-            f"{FITTING_PX:g} px"
-        )
-    elif quality.reprojection_px > MOST_REPROJECTION_PX:
-        why = f"points miss themselves by {quality.reprojection_px:.1f} px (at most {MOST_REPROJECTION_PX:g})"
-    elif quality.angle_deg < LEAST_ANGLE_DEG:
-        why = f"the cameras see points under {quality.angle_deg:.2f} degrees, too little to tell depth"
+        why, judged = f"its cameras share only {quality.points} points; {FEWEST_POINTS} are needed", False
+    elif quality.inlier_share < LEAST_INLIER_SHARE:
+        share = f"{100 * quality.inlier_share:.0f} %"
+        why = f"only {share} of the shared points have a reprojection error below {INLIER_PX:g} px"
+    elif quality.reprojection_error_px > MOST_REPROJECTION_PX:
+        error = f"{quality.reprojection_error_px:.1f} px"
+        why = f"the median reprojection error is {error}, above {MOST_REPROJECTION_PX:g} px"
+    elif quality.triangulation_angle_deg < LEAST_ANGLE_DEG:
+        angle = f"{quality.triangulation_angle_deg:.2f} degrees"
+        why = f"the median triangulation angle is {angle}, too little to tell depth"
     if why and not judged:
         raise BadInputError(
             f"this calibration cannot be judged: {why}",

@@ -1,7 +1,6 @@
 """A session's cameras made ready: calibrated, and the pairs that suit depth and panoramas."""
 
 from functools import lru_cache
-from typing import Any
 
 import numpy as np
 
@@ -14,7 +13,6 @@ from reconstruction.calibration.structure_from_motion import calibrate_from_imag
 from reconstruction.common.geometry import View
 from reconstruction.common.stage_cache import StageCache
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.mover_detection import dilate
 from reconstruction.session.scene_motion import SceneMotion
 
 
@@ -27,7 +25,8 @@ class Rig:
         self.stages = stages
         self.views: dict[str, View] = {}
         self.calibration: Calibration | None = None
-        self._points = lru_cache(maxsize=4)(self._find_points)
+        self.features = lru_cache(maxsize=4)(self._detect_features)
+        """By camera, its features at rest in the image nearest to an instant."""
 
     @property
     def source(self) -> str:
@@ -47,9 +46,9 @@ class Rig:
             BadInputError: none can be found.
         """
         own = self.dataset.calibration()
-        self.use(own or self.stages.record("calibration", Calibration, self._solve))
+        self.use_calibration(own or self.stages.record("calibration", Calibration, self._solve))
 
-    def use(self, calibration: Calibration) -> None:
+    def use_calibration(self, calibration: Calibration) -> None:
         """Set the views from a calibration that is known.
 
         Raises:
@@ -73,44 +72,43 @@ class Rig:
         if pair is not None and pair[0] == pair[1]:
             raise BadInputError(f"{pair[0]} cannot be paired with itself", hint="name two cameras")
 
-    def stereo(self, asked: tuple[str, str] | None, instant: int) -> PairChoice:
+    def choose_stereo_pair(self, asked: tuple[str, str] | None, instant: int) -> PairChoice:
         """The pair for depth, asked for or chosen by what both see around an instant."""
         choice = PairChoice(asked, "asked for")
         if asked is None:
-            choice = choose_stereo_pair(self.views, self._points(instant))
+            choice = choose_stereo_pair(self.views, self.features(instant))
         for name in choice.cameras or ():
             if name not in self.views:
                 return PairChoice(None, f"camera {name} has no calibration")
         return choice
 
-    def panorama(self, asked: tuple[str, str] | None, instant: int) -> PairChoice:
+    def choose_panorama_pair(self, asked: tuple[str, str] | None, instant: int) -> PairChoice:
         """The pair for a panorama, likewise."""
         if asked is not None:
             return PairChoice(asked, "asked for")
-        points = self._points(instant)
+        points = self.features(instant)
         return choose_panorama_pair(points, {name: self.dataset.size(name) for name in points})
 
     def moving_share(self, instants: list[int]) -> float:
         """Largest share of any camera's pixels that move, the mean over these instants."""
         shares = [0.0]
         for name in self.dataset.cameras:
-            there = [k for k in instants if self.dataset.has(name, k)]
+            there = [k for k in instants if self.dataset.has_image(name, k)]
             if there:
-                shares.append(float(np.mean([self.motion.seen_moving(name, k).mean() for k in there])))
+                shares.append(float(np.mean([self.motion.detected_movers(name, k).mean() for k in there])))
         return max(shares)
 
-    def movers(self, camera: str, instant: int) -> Any:
-        """What moves (bool), made wider: what calibration and registration must leave out."""
-        return dilate(self.motion.seen_moving(camera, instant), 5)
-
     def _solve(self) -> Calibration:
-        return calibrate_from_images(self.dataset, self.movers, range(len(self.dataset.instants_ns)))
+        return calibrate_from_images(
+            self.dataset, self.motion.widened_movers, range(len(self.dataset.instants_ns))
+        )
 
-    def _find_points(self, instant: int) -> dict[str, Features]:
-        points = {}
+    def _detect_features(self, instant: int) -> dict[str, Features]:
+        found = {}
         for name in self.dataset.cameras:
             there = self.dataset.instants(name)
             if there:
                 nearest = min(there, key=lambda k: abs(k - instant))
-                points[name] = detect_features(self.dataset.grey(name, nearest), self.movers(name, nearest))
-        return points
+                image, movers = self.dataset.grey(name, nearest), self.motion.widened_movers(name, nearest)
+                found[name] = detect_features(image, movers)
+        return found

@@ -61,7 +61,7 @@ def _write_images(
         for folder in ("images", "masks"):
             (root / folder / camera).mkdir(parents=True)
         for k in instants:
-            if dataset.has(camera, k):
+            if dataset.has_image(camera, k):
                 name = f"{camera}/{k:06d}.png"
                 write_image(root / "images" / name, dataset.image(camera, k))
                 still = np.where(movers(camera, k), 0, 255).astype(np.uint8)

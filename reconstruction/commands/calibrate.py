@@ -61,8 +61,9 @@ def calibrate(
     if result.missing:
         print_line(f"without calibration: {', '.join(result.missing)}")
     print_line(
-        f"shared points miss themselves by {quality.reprojection_px:.2f} px, "
-        f"{100 * quality.fitting:.0f} % of {quality.points} fit, seen under {quality.angle_deg:.1f} degrees"
+        f"reprojection error {quality.reprojection_error_px:.2f} px, triangulation angle "
+        f"{quality.triangulation_angle_deg:.1f} degrees, {100 * quality.inlier_share:.0f} % inliers "
+        f"of {quality.points} points"
     )
     for name, share in quality.coverage.items():
         print_line(f"{name}: points in {100 * share:.0f} % of the picture")

@@ -133,8 +133,8 @@ class _Comparison:
             stitch_skipped=stitch_skipped,
             multiview_skipped=self.all.no_multiview,
             poses_skipped=self.all.no_poses,
-            sync_residual_us=self.dataset.residual_us(),
-            sync_bound_us=self.dataset.bound_us(),
+            sync_residual_us=self.dataset.worst_residual_us(),
+            sync_bound_us=self.dataset.worst_hard_bound_us(),
             pictures=tuple(self.pictures),
             conditions=conditions,
             dose=self.dose,
@@ -166,7 +166,7 @@ class _Comparison:
     def _stereo(self, no_views: Exception | None) -> tuple[StereoComparison | None, str]:
         if no_views is not None:
             return None, str(no_views)
-        choice = self.rig.stereo(self.options.stereo, self.middle)
+        choice = self.rig.choose_stereo_pair(self.options.stereo, self.middle)
         if choice.cameras is None:
             return None, choice.why
         try:
@@ -194,7 +194,7 @@ class _Comparison:
             self.dose = measure(self.rig, cameras, steps, most, Progress(0, silent=True))
 
     def _stitch(self) -> tuple[PanoramaComparison | None, str]:
-        choice = self.rig.panorama(self.options.stitch, self.middle)
+        choice = self.rig.choose_panorama_pair(self.options.stitch, self.middle)
         if choice.cameras is None:
             return None, choice.why
         try:

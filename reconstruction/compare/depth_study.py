@@ -95,7 +95,7 @@ class DepthStudy:
             (
                 self.dataset.grey(self.reference, now),
                 self.dataset.grey(self.other, now),
-                self.motion.seen_moving(self.reference, now),
+                self.motion.detected_movers(self.reference, now),
             )
             for now, _ in chosen
         ]
@@ -119,7 +119,7 @@ class DepthStudy:
                 [
                     self.motion.changing(self.reference, k)
                     for k in times
-                    if self.dataset.has(self.reference, k)
+                    if self.dataset.has_image(self.reference, k)
                 ],
                 [self.motion.changing(self.other, k) for k in times],
             )
@@ -129,7 +129,7 @@ class DepthStudy:
 
     def _truth(self, instant: int, still: Array, static: Array) -> Array | None:
         """True depth in the calibration's unit, NaN where there is none."""
-        loaded = self.dataset.truth(self.reference, instant)
+        loaded = self.dataset.ground_truth(self.reference, instant)
         if loaded is None:
             return None
         return true_depth_in_unit(loaded[0], self.unit, still, static)

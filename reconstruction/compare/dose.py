@@ -74,7 +74,7 @@ def _dose(session: Path, stages: Path, options: DoseOptions) -> DoseResult:
     progress.step("calibration")
     rig.calibrate()
     progress.step("choosing cameras")
-    choice = rig.stereo(options.stereo, steps[-1].pairs[len(steps[-1].pairs) // 2][0])
+    choice = rig.choose_stereo_pair(options.stereo, steps[-1].pairs[len(steps[-1].pairs) // 2][0])
     if choice.cameras is None:
         raise BadInputError(f"no depth can be made from {session}: {choice.why}")
     try:
@@ -141,7 +141,7 @@ def measure(
     true = points[0].scores.mover_within_2pct is not None
     name = "mover_within_2pct" if true else "mover_coverage"
     speed = _speed_px_per_ms(rig, cameras[0], nows)
-    own = rig.dataset.residual_us()
+    own = rig.dataset.worst_residual_us()
     return DoseResult(
         reference=cameras[0],
         other=cameras[1],
@@ -193,7 +193,7 @@ def _speed_px_per_ms(rig: Rig, camera: str, nows: list[int]) -> float | None:
     lengths = []
     for now in nows[:: max(1, len(nows) // 8)]:
         moving = rig.motion.moving(camera, now)
-        near = [k for k in (now + 1, now - 1) if rig.dataset.has(camera, k)]
+        near = [k for k in (now + 1, now - 1) if rig.dataset.has_image(camera, k)]
         if not near or not moving.any():
             continue
         found = np.asarray(calc(rig.dataset.grey(camera, now), rig.dataset.grey(camera, near[0]), None))

@@ -78,7 +78,7 @@ def judge_session(chosen: Chosen, other: Dataset, folder: Path, step: int) -> Co
     quiet = Progress(0, silent=True)
     calibration = other.calibration() or chosen.rig.calibration
     if calibration is not None:
-        theirs.use(calibration)
+        theirs.use_calibration(calibration)
     stereo: StereoComparison | None = None
     stitched: PanoramaComparison | None = None
     skipped = []
@@ -129,7 +129,7 @@ def _pairs(chosen: Chosen, condition: Condition, cameras: Pair) -> tuple[list[tu
 
 
 def _same(other: Dataset, cameras: Pair, chosen: Chosen) -> list[tuple[int, int]]:
-    there = [k for k in other.instants(cameras[0]) if other.has(cameras[1], k)]
+    there = [k for k in other.instants(cameras[0]) if other.has_image(cameras[1], k)]
     if not there:
         raise ValueError(f"{other.name} has no images of {cameras[0]} and {cameras[1]} of one instant")
     return evenly_spread([(k, k) for k in there], chosen.most_instants)

@@ -75,12 +75,12 @@ class MultiviewStudy:
             ValueError: fewer than three cameras see the same.
         """
         names, every = self.dataset.cameras, range(len(self.dataset.instants_ns))
-        there = {k: sum(self.dataset.has(c, k) for c in names) for k in every}
+        there = {k: sum(self.dataset.has_image(c, k) for c in names) for k in every}
         first = sorted(every, key=lambda k: (-there[k], abs(k - instant)))[:TRIES]
         best = max(first, key=lambda k: sum(self.shots.usable(c, k) for c in names))
         problems = {c: self.shots.problem(c, best) for c in names}
         self.left_out = {c: problem for c, problem in problems.items() if problem}
-        photos = {c: self.shots.shot(c, best).photo for c in names if c not in self.left_out}
+        photos = {c: self.shots.image(c, best).calibrated for c in names if c not in self.left_out}
         self._need(len(photos))
         views = {camera: photo.view for camera, photo in photos.items()}
         try:
@@ -126,7 +126,7 @@ class MultiviewStudy:
         tallies = {name: Tally() for name in CONDITIONS}
         rows = []
         for one, maps in zip(taken, found, strict=True):
-            counts = judge.count(one.instant, one.shown, maps)
+            counts = judge.measure(one.instant, one.shown, maps)
             rows.append(self._row(one, counts))
             for name, measured in counts.items():
                 tallies[name].add(measured)
@@ -155,7 +155,7 @@ class MultiviewStudy:
             except ValueError as error:
                 problem = str(error)
                 continue
-            found.append(Taken(instant, self._kept(instant, shown, self.dataset.has)))
+            found.append(Taken(instant, self._kept(instant, shown, self.dataset.has_image)))
         if not found:
             raise ValueError(problem)
         most = max(len(one.shown) for one in found)
@@ -174,8 +174,8 @@ class MultiviewStudy:
         return {c: shown[c] for c in self.cameras if c in shown and good(c, instant) and good(c, shown[c])}
 
     def _depth(self, shown: dict[str, int]) -> InstantDepth:
-        shots = {camera: self.shots.shot(camera, instant) for camera, instant in shown.items()}
-        views = {camera: shot.photo.view for camera, shot in shots.items()}
+        shots = {camera: self.shots.image(camera, instant) for camera, instant in shown.items()}
+        views = {camera: shot.calibrated.view for camera, shot in shots.items()}
         sources = choose_source_views(views, self._depths)
         if not sources[self.reference]:
             raise ValueError(f"no camera with a picture sees what {self.reference} sees")
@@ -211,8 +211,8 @@ class MultiviewStudy:
         ]
         best = int(np.argmax(seen))
         instant = taken[best].instant
-        photo = self.shots.shot(self.reference, instant).colours
-        return multiview_pictures(photo, found[best], moving[best], judge.truth(instant), folder)
+        photo = self.shots.image(self.reference, instant).colours
+        return multiview_pictures(photo, found[best], moving[best], judge.true_depth(instant), folder)
 
     def _late(self, condition: Condition) -> dict[str, float]:
         late_ms = fixed_offsets_ms(condition, self.dataset)

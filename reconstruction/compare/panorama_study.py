@@ -57,7 +57,7 @@ class PanoramaStudy:
         at: tuple[list[Array], list[Array]] = ([], [])
         for now, _ in self.pairs[:: max(1, len(self.pairs) // REGISTRATION_INSTANTS)]:
             points = [
-                detect_features(self.dataset.grey(name, now), dilate(self.motion.seen_moving(name, now), 5))
+                detect_features(self.dataset.grey(name, now), self.motion.widened_movers(name, now))
                 for name in self.cameras
             ]
             found = match_features(points[0], points[1])
@@ -75,12 +75,12 @@ class PanoramaStudy:
         moving = np.zeros(rough.overlap.shape, bool)
         for which, name in enumerate(self.cameras):
             for k in self.dataset.instants(name):
-                mask = self.motion.seen_moving(name, k).astype(np.uint8)
+                mask = self.motion.detected_movers(name, k).astype(np.uint8)
                 moving |= rough.warp(mask, which, nearest=True) > 0
         self.registration = correct_parallax(
             rough,
-            rough.warp(self.motion.still(first), 0),
-            rough.warp(self.motion.still(second), 1),
+            rough.warp(self.motion.background(first), 0),
+            rough.warp(self.motion.background(second), 1),
             dilate(moving, 4),
         )
 
@@ -156,7 +156,7 @@ class PanoramaStudy:
             self.registration,
             (self.motion.moving(first, now), self.motion.moving(second, shown)),
             (
-                [self.motion.changing(first, k) for k in (now, later) if self.dataset.has(first, k)],
+                [self.motion.changing(first, k) for k in (now, later) if self.dataset.has_image(first, k)],
                 [self.motion.changing(second, k) for k in (now, later)],
             ),
         )

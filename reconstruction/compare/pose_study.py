@@ -102,7 +102,7 @@ class PoseStudy:
                 problem = str(error)
                 continue
             shown = {camera: shown[camera] for camera in self.cameras}
-            if all(self.dataset.has(c, k) and self.dataset.has(c, instant) for c, k in shown.items()):
+            if self.dataset.has_images((c, k) for c, late in shown.items() for k in (instant, late)):
                 found.append((instant, shown))
         if not found:
             raise ValueError(problem)
@@ -112,7 +112,7 @@ class PoseStudy:
 
     def _placed(self, finder: "_Lazy", shown: dict[str, int]) -> Placed:
         def make() -> Placed:
-            poses = finder.get().find(shown)
+            poses = finder.get().find_poses(shown)
             true = {name: (view.rotation, view.translation) for name, view in self.views.items()}
             return Placed(len(shown), len(poses), tuple(relative_pose_errors(poses, true)))
 

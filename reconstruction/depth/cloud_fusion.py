@@ -11,11 +11,11 @@ from reconstruction.common.native_libraries import load_pycolmap
 class FusionOptions:
     """When COLMAP joins pixels of several views into a point."""
 
-    views: int = 3
-    normal_deg: float = 30.0
-    depth: float = 0.01
-    pixel: float = 1.5
-    chain: int = 2
+    min_views: int = 3
+    max_normal_error_deg: float = 30.0
+    max_depth_error: float = 0.01
+    max_reprojection_error_px: float = 1.5
+    max_traversal_depth: int = 2
     """Views one after the other that a point is followed through; more of them eat its neighbours."""
 
 
@@ -28,11 +28,11 @@ def fuse_depth_maps(folder: Path, cloud: Path, views: int, options: FusionOption
     pycolmap = load_pycolmap("fusing depth maps")
     limits = options or FusionOptions()
     asked = pycolmap.StereoFusionOptions()
-    asked.min_num_pixels = min(limits.views, views)
-    asked.max_normal_error = limits.normal_deg
-    asked.max_depth_error = limits.depth
-    asked.max_reproj_error = limits.pixel
-    asked.max_traversal_depth = limits.chain
+    asked.min_num_pixels = min(limits.min_views, views)
+    asked.max_normal_error = limits.max_normal_error_deg
+    asked.max_depth_error = limits.max_depth_error
+    asked.max_reproj_error = limits.max_reprojection_error_px
+    asked.max_traversal_depth = limits.max_traversal_depth
     # More threads race for the pixels: another cloud every time, and hardly sooner.
     asked.num_threads = 1
     fused = pycolmap.stereo_fusion(

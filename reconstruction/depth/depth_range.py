@@ -18,7 +18,7 @@ MOST_LEVELS = 192
 MOST_VIEWS = 6
 FEWEST_PIXELS = 150
 LEAST_ALIKE = 0.35
-LIMITS = ConsistencyLimits(pixel=1.0, relative=0.06)
+LIMITS = ConsistencyLimits(reprojection_px=1.0, relative_depth=0.06)
 
 
 def find_depth_range(
@@ -72,4 +72,4 @@ def _agreed(
     count = count_consistent_views(surface, lenses, [surfaces[other] for other in others], LIMITS)
     # Two others where there are three: what moves between the pictures finds one that agrees by chance.
     agreed = count >= (2 if len(others) >= 3 else 1)
-    return np.asarray(surface.inverse_depth[agreed & (surface.unlike < LEAST_ALIKE)])
+    return np.asarray(surface.inverse_depth[agreed & (surface.cost < LEAST_ALIKE)])

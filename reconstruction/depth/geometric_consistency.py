@@ -19,26 +19,26 @@ MIDST_SHARE = 0.7
 
 @dataclass(frozen=True)
 class ConsistencyLimits:
-    """When two views agree, and how much of that a pixel needs.
+    """When two views agree about a pixel, and how much agreement its depth needs."""
 
-    `pixel`: greatest distance in px after going to the other view and back, more in pictures wider than
-    `USUAL_WIDTH`, whose pixels are smaller than what windows can tell apart. `relative`: greatest
-    difference of depth. `grey`: greatest difference of brightness, grey levels of 255 beside the noise,
-    once the two pictures are levelled: blank things that are not the same would else agree. `votes`:
-    views that must agree, fewer where there are fewer. `alike`: a pixel with no greater unlikeness is
-    evidence; smoothness may carry depth over a blank patch, but not farther from evidence than `carry`
-    of the picture's width. `speckle`: smaller islands are dropped, px. `midst`: side of the neighbourhood,
-    px, that a pixel needs which few views can see.
-    """
-
-    pixel: float = 1.0
-    relative: float = 0.02
-    grey: float = 10.0
-    votes: int = 2
-    alike: float = 0.5
-    carry: float = 0.08
-    speckle: int = 50
-    midst: int = 15
+    reprojection_px: float = 1.0
+    """Greatest distance after going to the other view and back; more in pictures wider than `USUAL_WIDTH`,
+    whose pixels are smaller than what windows can tell apart."""
+    relative_depth: float = 0.02
+    """Greatest relative difference of depth."""
+    grey_levels: float = 10.0
+    """Greatest difference of brightness (of 255) beside the noise, once the two pictures are equally bright:
+    blank things that are not the same would else agree."""
+    min_views: int = 2
+    """Views that must agree; fewer where there are fewer."""
+    max_cost: float = 0.5
+    """A pixel with no greater matching cost is evidence."""
+    max_carry: float = 0.08
+    """How far smoothness may carry depth from evidence over a blank patch, as a share of the width."""
+    min_island_px: int = 50
+    """Smaller islands of depth are dropped."""
+    support_px: int = 15
+    """Side of the neighbourhood that must be kept around a pixel which few views can see."""
 
 
 def count_consistent_views(
@@ -79,22 +79,22 @@ def consistent_pixels(
 ) -> Array:
     """Where depth is kept, bool height x width, by the votes of this many source views.
 
-    Of the views that are `able` to see a pixel all but one must agree, and no more than `votes`: one where
-    only two see it, as beside something near. There it must be in the midst of others that are kept, for
+    Of the views that are `able` to see a pixel all but one must agree, and no more than `min_views`: one
+    where only two see it, as beside something near. There most of its neighbourhood must be kept too, for
     what moves between the pictures finds one that agrees by chance.
     """
-    usual = min(limits.votes, max(1, sources - 1))
+    usual = min(limits.min_views, max(1, sources - 1))
     agreed = count >= usual
     few = count >= np.clip(able.astype(np.int16) - 1, 1, usual)
     if (few & ~agreed).any():
-        window = (limits.midst, limits.midst)
+        window = (limits.support_px, limits.support_px)
         agreed |= few & (cv2.blur((few | agreed).astype(np.float32), window) > MIDST_SHARE)
-    evidence = agreed & (surface.unlike < limits.alike)
+    evidence = agreed & (surface.cost < limits.max_cost)
     # A lone alike pixel is chance: evidence comes in patches.
     evidence = cv2.blur(evidence.astype(np.float32), (5, 5)) > 0.4
     away = cv2.distanceTransform((~evidence).astype(np.uint8), cv2.DIST_L2, 5)
-    carried = away < limits.carry * surface.inverse_depth.shape[1]
-    return remove_speckles(agreed & carried, surface.inverse_depth, limits.speckle)
+    carried = away < limits.max_carry * surface.inverse_depth.shape[1]
+    return remove_speckles(agreed & carried, surface.inverse_depth, limits.min_island_px)
 
 
 def remove_speckles(good: Array, inverse_depth: Array, smallest: int) -> Array:
@@ -121,20 +121,20 @@ def _compared(
     expected = inverse_depth / np.maximum(z, 1e-6)
     off = np.abs(seen - expected)
     inside = (seen > 0) & (z > 1e-6)
-    near = inside & (off < limits.relative * seen)
-    pixel = limits.pixel * max(1.0, lens.reference.view.width / USUAL_WIDTH)
+    near = inside & (off < limits.relative_depth * seen)
+    pixel = limits.reprojection_px * max(1.0, lens.reference.view.width / USUAL_WIDTH)
     same = near & (off * lens.pixels_per_inverse_depth(x, y) < pixel)
-    return same, inside & (seen <= expected * (1 + limits.relative))
+    return same, inside & (seen <= expected * (1 + limits.relative_depth))
 
 
 def _as_bright(inverse_depth: Array, lens: SourceView, same: Array, limits: ConsistencyLimits) -> Array:
     """Where the other view, seen through the surface, is as bright as this one (bool, height x width)."""
-    seen = lens.through_depth(inverse_depth)
+    seen = lens.warp_by_depth(inverse_depth)
     reference = lens.reference.grey
     gain, bias = _level(seen[same], reference[same])
     difference = cv2.blur(gain * seen + bias - reference, (5, 5))
     noise = float(np.sqrt(max(lens.reference.noise, lens.source.noise)))
-    return np.asarray(np.abs(difference) < limits.grey + noise)
+    return np.asarray(np.abs(difference) < limits.grey_levels + noise)
 
 
 def _level(seen: Array, reference: Array) -> tuple[float, float]:

@@ -47,13 +47,13 @@ class SweepOptions:
 class Surface:
     """What a view sees: inverse depth, its slope per pixel in x and y, and how unlike the sources are.
 
-    Each float32 height x width; `unlike` is 0 (the same) to 1; inverse depth in 1 / the rig's unit.
+    Each float32 height x width; `cost` is 0 (the same) to 1; inverse depth in 1 / the rig's unit.
     """
 
     inverse_depth: Array
-    right: Array
-    down: Array
-    unlike: Array
+    slope_x: Array
+    slope_y: Array
+    cost: Array
 
 
 def sweep_view(
@@ -86,7 +86,7 @@ def sweep_planes(
     lenses = [SourceView(reference, lens.source) for lens in lenses]
     costs = np.empty((reference.view.height, len(levels), reference.view.width), np.uint8)
     for number, level in enumerate(levels):
-        _store(costs, number, [lens.unlikeness(lens.through_plane(float(level))) for lens in lenses])
+        _store(costs, number, [lens.matching_cost(lens.warp_by_plane(float(level))) for lens in lenses])
     total = aggregate_costs(costs, reference.grey, options.small_step, options.large_step)
     place, unlike = cheapest_depths(total, costs)
     found = (levels[0] + place * step).astype(np.float32)
@@ -108,11 +108,11 @@ def _refined(
         costs = np.empty((reference.view.height, len(offsets), reference.view.width), np.uint8)
         for number, offset in enumerate(offsets):
             moved = surface.inverse_depth + np.float32(offset)
-            _store(costs, number, [lens.unlikeness(lens.through_depth(moved)) for lens in lenses])
+            _store(costs, number, [lens.matching_cost(lens.warp_by_depth(moved)) for lens in lenses])
         total = aggregate_costs(costs, reference.grey, options.fine_small_step, options.fine_large_step)
         place, unlike = cheapest_depths(total, costs)
         found = surface.inverse_depth + (place - reach) * np.float32(step * share)
-        slopes = surface.right, surface.down
+        slopes = surface.slope_x, surface.slope_y
         planes = fit_planes(found, TOLERANCE * step, slopes=slopes, reach=2, stride=2)
         surface = Surface(*planes, unlike / WORST_COST)
     return surface
@@ -156,8 +156,9 @@ def _enlarged(surface: Surface, reference: CalibratedImage) -> Surface:
     y = (np.arange(reference.view.height) + 0.5) * sy - 0.5
     column = np.clip(np.rint(x), 0, width - 1).astype(int)
     row = np.clip(np.rint(y), 0, height - 1).astype(int)
-    level, right, down, unlike = (
-        part[row][:, column] for part in (surface.inverse_depth, surface.right, surface.down, surface.unlike)
+    parts = surface.inverse_depth, surface.slope_x, surface.slope_y, surface.cost
+    level, slope_x, slope_y, cost = (part[row][:, column] for part in parts)
+    level = (
+        level + slope_x * (x - column).astype(np.float32) + slope_y * (y - row).astype(np.float32)[:, None]
     )
-    level = level + right * (x - column).astype(np.float32) + down * (y - row).astype(np.float32)[:, None]
-    return Surface(level, right * np.float32(sx), down * np.float32(sy), unlike)
+    return Surface(level, slope_x * np.float32(sx), slope_y * np.float32(sy), cost)

@@ -24,7 +24,7 @@ class SourceView:
         self._turn = source.view.matrix @ rotation
         self._shift = source.view.matrix @ translation
 
-    def through_plane(self, inverse_depth: float) -> Array:
+    def warp_by_plane(self, inverse_depth: float) -> Array:
         """The source's grey levels through a plane that faces the reference, 1 / inverse_depth away."""
         matrix = (self._turn + np.outer(self._shift, [0, 0, inverse_depth])) @ np.linalg.inv(
             self.reference.view.matrix
@@ -44,7 +44,7 @@ class SourceView:
         far = 1.0 / np.where(z > 1e-6, z, np.float32(np.nan))
         return (xs + shift[0] * inverse_depth) * far, (ys + shift[1] * inverse_depth) * far, z
 
-    def through_depth(self, inverse_depth: Array) -> Array:
+    def warp_by_depth(self, inverse_depth: Array) -> Array:
         """The source's grey levels seen through a map of inverse depths."""
         x, y, _ = self.project(inverse_depth)
         np.nan_to_num(x, copy=False, nan=-1e4)
@@ -70,7 +70,7 @@ class SourceView:
         turn = self._turn.astype(np.float32)
         return np.asarray(np.einsum("ij,jhw->ihw", turn, self.reference.rays))
 
-    def unlikeness(self, warped: Array) -> Array:
+    def matching_cost(self, warped: Array) -> Array:
         """1 - correlation in each pixel's window, 0 (alike) to 1; 1 where the source does not reach."""
         window, reference = self.reference.window, self.reference
         mean = box_filter(warped, window)

@@ -92,7 +92,7 @@ def _checked(
 def _normals(surface: Surface, photo: CalibratedImage) -> Array:
     """Normals over a wider neighbourhood than depth needs: slope is more easily upset than height."""
     tolerance = NORMAL_TOLERANCE * float(np.median(surface.inverse_depth))
-    slopes = surface.right, surface.down
+    slopes = surface.slope_x, surface.slope_y
     _, right, down = fit_planes(surface.inverse_depth, tolerance, slopes=slopes, reach=3, stride=3)
     return surface_normals(surface.inverse_depth, right, down, photo.rays)
 

@@ -35,7 +35,7 @@ class PointIndex:
             self._tree = core.nns.NearestNeighborSearch(self._made(points))
             self._tree.hybrid_index(TOLERANCE_M)
 
-    def count(self, asked: Array) -> tuple[int, int]:
+    def count_near(self, asked: Array) -> tuple[int, int]:
         """How many of the points have one near, and of how many; where there are many, of some."""
         asked = _some(asked)
         if self._tree is None or not len(asked):
@@ -52,7 +52,7 @@ class TrueSurfaces:
     """True surfaces of one instant, of one kind: all that any view sees, and, evenly spread over what at
     least two views see, points (n, 3) to be found again: nothing else can be known."""
 
-    near: PointIndex
+    index: PointIndex
     shared: Array
 
 

@@ -26,7 +26,7 @@ from reconstruction.multiview.input_images import InputImage, load_input_images
 from reconstruction.multiview.result import MultiviewResult
 from reconstruction.multiview.source_views import choose_reference_view, choose_source_views, guess_depths
 from reconstruction.multiview.view_files import write_view
-from reconstruction.session.dataset import Dataset, instants_of
+from reconstruction.session.dataset import Dataset
 
 RESULT = "multiview.json"
 OURS = {RESULT, "depth", "workspace", "fused.ply", "fused.ply.vis", "cloud.ply", "mesh.ply", "turntable.png"}
@@ -82,7 +82,7 @@ def multiview(
     gpu, note = _choose(options.matcher)
     clock = _Clock()
     dataset = Dataset.open(session)
-    instants = instants_of(dataset, options.instant, options.offsets_ms)
+    instants = dataset.shown_instants(options.instant, options.offsets_ms)
     shots, left_out, calibration, unit = load_input_images(dataset, instants)
 
     def say(text: str) -> None:
@@ -91,9 +91,8 @@ def multiview(
             progress.step(text)
 
     say("how near and how far the scene is")
-    nearest, farthest = find_depth_range(
-        {camera: shot.photo for camera, shot in shots.items()}, _sources(shots, guess_depths(_views(shots)))
-    )
+    images = {camera: shot.calibrated for camera, shot in shots.items()}
+    nearest, farthest = find_depth_range(images, _sources(shots, guess_depths(_views(shots))))
     depths = (nearest, 2 / (1 / nearest + 1 / farthest), farthest)
     sources = _sources(shots, depths)
     left_out |= {camera: "no other camera sees what it sees" for camera in shots if not sources[camera]}
@@ -159,7 +158,7 @@ def _choose(matcher: Matcher) -> tuple[CudaGpu | None, str]:
 
 
 def _views(shots: Mapping[str, InputImage]) -> dict[str, View]:
-    return {camera: shot.photo.view for camera, shot in shots.items()}
+    return {camera: shot.calibrated.view for camera, shot in shots.items()}
 
 
 def _sources(shots: Mapping[str, InputImage], depths: Sequence[float]) -> dict[str, tuple[str, ...]]:
@@ -185,7 +184,7 @@ def _match(
     views = _views(shots)
     colours = {camera: shot.colours for camera, shot in shots.items()}
     if gpu is None:
-        photos = {camera: shot.photo for camera, shot in shots.items()}
+        photos = {camera: shot.calibrated for camera, shot in shots.items()}
         found = match_all_views(photos, sources, *reach, done=lambda name: say(f"depth of {name}"))
         write_workspace(workspace, views, colours, found)
         return found

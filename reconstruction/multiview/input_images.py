@@ -13,7 +13,6 @@ from reconstruction.common.brightness import noise_level
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth.calibrated_image import CalibratedImage
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.mover_detection import dilate
 from reconstruction.session.scene_motion import SceneMotion
 
 LEAST_CONTRAST = 2.0
@@ -33,11 +32,11 @@ class InputImage:
     camera: str
     instant: int
     colours: Array
-    photo: CalibratedImage
+    calibrated: CalibratedImage
     view: View
     """With the distortion that the picture had."""
 
-    def flatten(self, image: Array) -> Array:
+    def undistort_nearest(self, image: Array) -> Array:
         """An image of the camera's own pixels as if it had no distortion; the nearest pixel's value."""
         return undistort_nearest(self.view, image)
 
@@ -90,7 +89,7 @@ def load_input_images(
     for camera, instant in instants.items():
         if camera not in views:
             left_out[camera] = "it is not in the calibration"
-        elif not dataset.has(camera, instant):
+        elif not dataset.has_image(camera, instant):
             left_out[camera] = f"it has no image of instant {instant}"
         else:
             try:
@@ -111,10 +110,11 @@ def load_input_images(
 def _solved(dataset: Dataset) -> Calibration:
     """The calibration found from the pictures, with what moves masked out."""
     motion = SceneMotion(dataset, 1)
-    whole = [k for k in range(len(dataset.instants_ns)) if all(dataset.has(c, k) for c in dataset.cameras)]
+    instants = range(len(dataset.instants_ns))
+    whole = [k for k in instants if dataset.has_images((camera, k) for camera in dataset.cameras)]
     if not whole:
         raise BadInputError(
             "no calibration in the session, and no instant with a picture of every camera to find it from",
             hint="add a calibration.json",
         )
-    return calibrate_from_images(dataset, lambda camera, k: dilate(motion.seen_moving(camera, k), 5), whole)
+    return calibrate_from_images(dataset, motion.widened_movers, whole)

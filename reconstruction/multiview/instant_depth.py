@@ -47,7 +47,7 @@ def instant_depth(
     reference: str,
 ) -> InstantDepth:
     """Match all cameras' pictures between two depths, check them against each other, and fuse the maps."""
-    photos = {camera: shot.photo for camera, shot in shots.items()}
+    photos = {camera: shot.calibrated for camera, shot in shots.items()}
     found = match_all_views(photos, sources, *reach)
     surfaces = {camera: view.surface for camera, view in found.items() if view.surface is not None}
     own = surfaces[reference]
@@ -66,7 +66,7 @@ def _difference(inverse_depth: Array, lenses: Sequence[SourceView]) -> Array:
     """Median over the sources of how far their brightness is off once the pictures are levelled."""
     apart = []
     for lens in lenses:
-        seen = lens.through_depth(inverse_depth)
+        seen = lens.warp_by_depth(inverse_depth)
         seen = np.where(seen < 0, np.nan, seen).astype(np.float32)
         apart.append(np.abs(lens.reference.grey - match_brightness(lens.reference.grey, seen)))
     stack = np.stack(apart)
@@ -82,7 +82,7 @@ def _cloud(shots: Mapping[str, InputImage], found: Mapping[str, ViewDepth]) -> d
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
         cloud = Path(scratch) / "fused.ply"
         try:
-            views = {camera: shots[camera].photo.view for camera in fused}
+            views = {camera: shots[camera].calibrated.view for camera in fused}
             colours = {camera: shots[camera].colours for camera in fused}
             write_workspace(Path(scratch), views, colours, {camera: found[camera] for camera in fused})
             fuse_depth_maps(Path(scratch), cloud, len(fused))

@@ -44,7 +44,7 @@ class InstantScorer:
         moving = [shots.moving(reference, instant) for instant in instants]
         self._still = median_still_depth([one.depth for one in synced], moving)
 
-    def count(
+    def measure(
         self, instant: int, shown: Mapping[str, int], maps: Mapping[str, InstantDepth]
     ) -> dict[str, Measurements]:
         """Movers and still control of each map, by condition: `synced`, and `offset` with what is `shown`.
@@ -70,13 +70,13 @@ class InstantScorer:
                 measured[name].update(one, f"{kind}_")
         return measured
 
-    def truth(self, instant: int) -> Array | None:
+    def true_depth(self, instant: int) -> Array | None:
         """The reference's true depth in the calibration's unit, NaN = unknown; None where nobody knows it."""
         return self._truth(instant, ~self.shots.moving(self.reference, instant))
 
     def _control(self, instant: int, hidden: Mapping[str, Array]) -> Array:
         changing = self.shots.motion.changing(self.reference, instant)
-        here = dilate(self.shots.mask(self.reference, changing), CONTROL_MARGIN_PX)
+        here = dilate(self.shots.undistort_mask(self.reference, changing), CONTROL_MARGIN_PX)
         if not (self._still > 0).any():
             return ~here
         view = self.shots.views[self.reference]
@@ -87,18 +87,18 @@ class InstantScorer:
         return np.asarray(~here & ~points_on_masks(points, self.shots.views, others).reshape(here.shape))
 
     def _truth(self, instant: int, static: Array) -> Array | None:
-        loaded = self.shots.truth(self.reference, instant)
+        loaded = self.shots.ground_truth(self.reference, instant)
         return None if loaded is None else true_depth_in_unit(loaded[0], self.unit, self._still, static)
 
     def _surfaces(self, instant: int, shown: Mapping[str, int]) -> dict[str, TrueSurfaces] | None:
         """The true surfaces of an instant, if the calibration knows metres."""
         if self.unit != "m":
             return None
-        loaded = {camera: self.shots.truth(camera, instant, full=True) for camera in shown}
+        loaded = {camera: self.shots.ground_truth(camera, instant, full=True) for camera in shown}
         known = {camera: one for camera, one in loaded.items() if one is not None}
         if len(known) < len(loaded):
             return None
-        views = {camera: self.shots.plain(camera) for camera in known}
+        views = {camera: self.shots.undistorted_view(camera) for camera in known}
         depth = {camera: one[0] for camera, one in known.items()}
         try:
             return true_surfaces(views, depth, {camera: one[1] for camera, one in known.items()})
@@ -132,7 +132,7 @@ class InstantScorer:
             shared = (
                 true.shared if masks is None else true.shared[~points_on_masks(true.shared, views, masks)]
             )
-            one.shares["precision"] = true.near.count(points)
-            one.shares["recall"] = PointIndex(points).count(shared)
+            one.shares["precision"] = true.index.count_near(points)
+            one.shares["recall"] = PointIndex(points).count_near(shared)
             self.tolerance_m = TOLERANCE_M
         return measured

@@ -22,7 +22,7 @@ class UndistortedSession:
     def __init__(self, dataset: Dataset, motion: SceneMotion, views: dict[str, View], width_px: int) -> None:
         self.dataset = dataset
         self.motion = motion
-        self.full = views
+        self.full_views = views
         self.views = {name: _small(view, width_px) for name, view in views.items()}
         self._shot = lru_cache(maxsize=KEPT_SHOTS)(self._load)
 
@@ -34,12 +34,12 @@ class UndistortedSession:
         """Why there is no picture to match; empty where there is one."""
         if camera not in self.views:
             return "it is not in the calibration"
-        if not self.dataset.has(camera, instant):
+        if not self.dataset.has_image(camera, instant):
             return f"it has no image of instant {instant}"
         found = self._shot(camera, instant)
         return found if isinstance(found, str) else ""
 
-    def shot(self, camera: str, instant: int) -> InputImage:
+    def image(self, camera: str, instant: int) -> InputImage:
         """The picture; it must be usable."""
         found = self._shot(camera, instant)
         assert isinstance(found, InputImage)
@@ -47,29 +47,29 @@ class UndistortedSession:
 
     def moving(self, camera: str, instant: int) -> Array:
         """What moves (bool)."""
-        return self.mask(camera, self.motion.moving(camera, instant))
+        return self.undistort_mask(camera, self.motion.moving(camera, instant))
 
     def changing(self, camera: str, instant: int) -> Array:
         """What moves or looks different (bool), made wider: no still control there."""
-        mask = self.mask(camera, self.motion.changing(camera, instant))
+        mask = self.undistort_mask(camera, self.motion.changing(camera, instant))
         return dilate(mask, max(3, mask.shape[1] // 80))
 
-    def truth(self, camera: str, instant: int, *, full: bool = False) -> tuple[Array, Array] | None:
+    def ground_truth(self, camera: str, instant: int, *, full: bool = False) -> tuple[Array, Array] | None:
         """True depth (m, 0 = unknown) and movers (bool), undistorted, at the small or at the full size."""
-        loaded = self.dataset.truth(camera, instant)
+        loaded = self.dataset.ground_truth(camera, instant)
         if loaded is None:
             return None
         depth, movers = loaded[0], loaded[1].astype(np.uint8)
         if full:
-            view = self.full[camera]
+            view = self.full_views[camera]
             return undistort_nearest(view, depth), undistort_nearest(view, movers) > 0
         return self._flat(camera, depth), self._flat(camera, movers) > 0
 
-    def plain(self, camera: str) -> View:
+    def undistorted_view(self, camera: str) -> View:
         """The camera's view at its full size, without distortion."""
-        return replace(self.full[camera], distortion=np.zeros(5))
+        return replace(self.full_views[camera], distortion=np.zeros(5))
 
-    def mask(self, camera: str, mask: Array) -> Array:
+    def undistort_mask(self, camera: str, mask: Array) -> Array:
         """A mask (bool) of the session's own pixels as the small picture shows it."""
         return self._flat(camera, mask.astype(np.uint8)) > 0
 

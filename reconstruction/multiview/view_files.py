@@ -22,10 +22,10 @@ def write_view(
     np.savez(part / f"{name}.npz", depth=found.depth, normals=found.normals.astype(np.float16))
     write_image(part / f"{name}.png", colour_depth(found.depth, *display_range(found.depth)))
     shares: dict[str, float | None] = {}
-    truth = dataset.truth(shot.camera, shot.instant)
+    truth = dataset.ground_truth(shot.camera, shot.instant)
     if truth is not None:
-        movers = shot.flatten(truth[1].astype(np.uint8)) > 0
-        shares = depth_shares(found.depth, shot.flatten(truth[0]), movers)
+        movers = shot.undistort_nearest(truth[1].astype(np.uint8)) > 0
+        shares = depth_shares(found.depth, shot.undistort_nearest(truth[0]), movers)
     return ViewResult(
         camera=shot.camera,
         instant=shot.instant,

@@ -17,7 +17,6 @@ from reconstruction.common.output_folder import comparison_folder, write_metrics
 from reconstruction.panorama.opencv_stitcher import Panorama, PanoramaStitcher
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import nearest_frame_offset
-from reconstruction.session.mover_detection import dilate
 from reconstruction.session.scene_motion import SceneMotion
 
 SUFFIXES = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp"}
@@ -121,18 +120,18 @@ def _session(
     count, instant = len(dataset.instants_ns), options.instant
     if not 0 <= instant < count:
         raise BadInputError(f"{folder} has no instant {instant}", hint=f"it has 0 to {count - 1}")
-    cameras = [name for name in dataset.cameras if dataset.has(name, instant)]
+    cameras = [name for name in dataset.cameras if dataset.has_image(name, instant)]
     images = {name: dataset.image(name, instant) for name in cameras}
     if count < 2:
         return images, {}, 0.0, None
     motion = SceneMotion(dataset, 1)
-    movers = {name: dilate(motion.seen_moving(name, instant), 5) for name in cameras}
+    movers = {name: motion.widened_movers(name, instant) for name in cameras}
     if options.offset_ms is None:
         return images, {}, 0.0, movers
     offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, options.offset_ms)
     partner = dict(offset.pairs).get(instant)
     late = cameras[1::2]
-    if partner is None or not all(dataset.has(name, partner) for name in late):
+    if partner is None or not all(dataset.has_image(name, partner) for name in late):
         raise BadInputError(
             f"{folder} has no pictures {offset.actual_ms:.0f} ms after instant {instant}",
             hint="choose an earlier --instant",

@@ -33,7 +33,7 @@ class PoseFinder:
         self._matched: set[tuple[ImageKey, ImageKey]] = set()
         self._models = 0
 
-    def find(self, shown: Mapping[str, int]) -> dict[str, Pose]:
+    def find_poses(self, shown: Mapping[str, int]) -> dict[str, Pose]:
         """The poses of the largest model that these pictures give; cameras without one are left out."""
         pictures = sorted(shown.items())
         self._extract(pictures)

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 from capture_app.errors import BadInputError
-from reconstruction.session.dataset import Dataset, instants_of
+from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import FrameOffset, nearest_frame_offset, pairs_with_images
 
 SYNCED = "synced"
@@ -112,7 +112,7 @@ def instants_shown(dataset: Dataset, condition: Condition, reference: str, insta
     for draw in range(MOST_DRAWS if condition.drawn else 1):
         offsets = condition.offsets_ms(dataset.cameras, instant, draw)
         try:
-            return instants_of(dataset, instant, [ms - offsets[place] for ms in offsets])
+            return dataset.shown_instants(instant, [ms - offsets[place] for ms in offsets])
         except BadInputError as error:
             problem = str(error)
     if condition.drawn:
@@ -152,7 +152,7 @@ def pair_instants(
                 continue
             if later == instant:
                 continue
-            if dataset.has(first, instant) and dataset.has(second, instant) and dataset.has(second, later):
+            if dataset.has_images(((first, instant), (second, instant), (second, later))):
                 found.append((instant, later))
         late_ms = None
     else:

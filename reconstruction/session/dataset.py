@@ -1,7 +1,7 @@
 """A session as reconstruction sees it: images and truth by camera and instant, nothing about capture."""
 
 import hashlib
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from functools import lru_cache
 from pathlib import Path
 
@@ -47,13 +47,17 @@ class Dataset:
             dataset._check(record)
         return dataset
 
-    def has(self, camera: str, instant: int) -> bool:
+    def has_image(self, camera: str, instant: int) -> bool:
         """Whether there is an image of this camera at this instant."""
         return (camera, instant) in self._records
 
+    def has_images(self, images: Iterable[tuple[str, int]]) -> bool:
+        """Whether there are all of these, each a camera and an instant."""
+        return all(image in self._records for image in images)
+
     def instants(self, camera: str) -> tuple[int, ...]:
         """The instants that this camera has images of."""
-        return tuple(k for k in range(len(self.instants_ns)) if self.has(camera, k))
+        return tuple(k for k in range(len(self.instants_ns)) if self.has_image(camera, k))
 
     def image(self, camera: str, instant: int) -> Array:
         """The image, uint8 height x width x 3, BGR (grey cameras: three equal channels).
@@ -76,7 +80,7 @@ class Dataset:
         """The session's own calibration."""
         return self.session.calibration()
 
-    def truth(self, camera: str, instant: int) -> tuple[Array, Array] | None:
+    def ground_truth(self, camera: str, instant: int) -> tuple[Array, Array] | None:
         """True depth (m, float32, 0 = unknown) and movers (bool) of a simulated image, or None.
 
         Raises:
@@ -100,7 +104,7 @@ class Dataset:
         digest.update(repr(self.calibration()).encode())
         return digest.hexdigest()
 
-    def residual_us(self) -> float | None:
+    def worst_residual_us(self) -> float | None:
         """Largest distance of an image from its instant by the session's record, us.
 
         None where nobody knows how sure the times are, as in imported sessions.
@@ -111,10 +115,39 @@ class Dataset:
             return None
         return max(abs(record.residual_ns) for record in records) / 1000
 
-    def bound_us(self) -> float | None:
+    def worst_hard_bound_us(self) -> float | None:
         """Largest hard bound on the error of an image's time, us."""
         values = [r.hard_bound_ns for r in self._records.values() if r.hard_bound_ns is not None]
         return max(values) / 1000 if values else None
+
+    def shown_instants(self, instant: int, offsets_ms: Sequence[float]) -> dict[str, int]:
+        """Each camera's instant: the one asked for, or the one nearest to its offset from it.
+
+        Raises:
+            BadInputError: there is no such instant, or a wrong number of offsets.
+        """
+        times = self.instants_ns
+        if not 0 <= instant < len(times):
+            raise BadInputError(f"the session has no instant {instant}", hint=f"it has 0 to {len(times) - 1}")
+        if not offsets_ms:
+            return dict.fromkeys(self.cameras, instant)
+        if len(offsets_ms) != len(self.cameras):
+            raise BadInputError(
+                f"{len(offsets_ms)} offsets for {len(self.cameras)} cameras",
+                hint=f"give one for each, in this order: {', '.join(self.cameras)}",
+            )
+        chosen = {}
+        for camera, offset_ms in zip(self.cameras, offsets_ms, strict=True):
+            wanted = times[instant] + round(offset_ms * 1e6)
+            nearest = min(range(len(times)), key=lambda k: abs(times[k] - wanted))
+            if abs(times[nearest] - wanted) > self.period_ns / 2:
+                raise BadInputError(
+                    f"no instant is {offset_ms:g} ms from instant {instant} of this burst",
+                    hint=f"its instants reach from {(times[0] - times[instant]) / 1e6:.0f} "
+                    f"to {(times[-1] - times[instant]) / 1e6:.0f} ms from there",
+                )
+            chosen[camera] = nearest
+        return chosen
 
     def _check(self, record: ImageRecord) -> None:
         path = self.session.image_file(record)
@@ -138,33 +171,3 @@ class Dataset:
                 hint="the session's images and its manifest do not belong together",
             )
         return image
-
-
-def instants_of(dataset: Dataset, instant: int, offsets_ms: Sequence[float]) -> dict[str, int]:
-    """Each camera's instant: the one asked for, or the one nearest to its offset from it.
-
-    Raises:
-        BadInputError: there is no such instant, or a wrong number of offsets.
-    """
-    times = dataset.instants_ns
-    if not 0 <= instant < len(times):
-        raise BadInputError(f"the session has no instant {instant}", hint=f"it has 0 to {len(times) - 1}")
-    if not offsets_ms:
-        return dict.fromkeys(dataset.cameras, instant)
-    if len(offsets_ms) != len(dataset.cameras):
-        raise BadInputError(
-            f"{len(offsets_ms)} offsets for {len(dataset.cameras)} cameras",
-            hint=f"give one for each, in this order: {', '.join(dataset.cameras)}",
-        )
-    chosen = {}
-    for camera, offset_ms in zip(dataset.cameras, offsets_ms, strict=True):
-        wanted = times[instant] + round(offset_ms * 1e6)
-        nearest = min(range(len(times)), key=lambda k: abs(times[k] - wanted))
-        if abs(times[nearest] - wanted) > dataset.period_ns / 2:
-            raise BadInputError(
-                f"no instant is {offset_ms:g} ms from instant {instant} of this burst",
-                hint=f"its instants reach from {(times[0] - times[instant]) / 1e6:.0f} "
-                f"to {(times[-1] - times[instant]) / 1e6:.0f} ms from there",
-            )
-        chosen[camera] = nearest
-    return chosen

@@ -72,7 +72,7 @@ def pairs_with_images(
     return [
         (now, later)
         for now, later in offset.pairs
-        if dataset.has(reference, now) and dataset.has(other, now) and dataset.has(other, later)
+        if dataset.has_images(((reference, now), (other, now), (other, later)))
     ]
 
 

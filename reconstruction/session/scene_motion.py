@@ -6,7 +6,9 @@ import numpy as np
 
 from reconstruction.common.geometry import Array
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.mover_detection import detect_movers, median_background
+from reconstruction.session.mover_detection import detect_movers, dilate, median_background
+
+MARGIN_PX = 5
 
 
 class SceneMotion:
@@ -19,20 +21,24 @@ class SceneMotion:
         self._moving = lru_cache(maxsize=None)(self._by_difference)
         self._still = lru_cache(maxsize=None)(self._background)
 
-    def seen_moving(self, camera: str, instant: int) -> Array:
+    def detected_movers(self, camera: str, instant: int) -> Array:
         """What the images themselves show to move; the computation uses no other knowledge."""
         return self._moving(camera, instant)
 
+    def widened_movers(self, camera: str, instant: int) -> Array:
+        """What moves, and `MARGIN_PX` around it: what calibration and registration must leave out."""
+        return dilate(self.detected_movers(camera, instant), MARGIN_PX)
+
     def moving(self, camera: str, instant: int) -> Array:
         """What moves in truth, where the session knows it, else what is seen moving: for judging."""
-        truth = self.dataset.truth(camera, instant)
+        truth = self.dataset.ground_truth(camera, instant)
         return truth[1] if truth is not None else self._moving(camera, instant)
 
     def changing(self, camera: str, instant: int) -> Array:
         """What moves or looks different, such as a shadow: what a still control must leave out."""
         return np.asarray(self.moving(camera, instant) | self._moving(camera, instant))
 
-    def still(self, camera: str) -> Array:
+    def background(self, camera: str) -> Array:
         """The camera's still background, grey uint8."""
         return self._still(camera)
 

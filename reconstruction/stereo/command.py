@@ -81,13 +81,13 @@ def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
         progress.step("calibration")
         rig.calibrate()
         progress.step("choosing cameras")
-        choice = rig.stereo(options.pair, options.instant)
+        choice = rig.choose_stereo_pair(options.pair, options.instant)
         if choice.cameras is None:
             raise BadInputError(f"no depth can be made from {session}: {choice.why}")
         reference, other = choice.cameras
         later = options.instant if options.other_instant is None else options.other_instant
         for name, instant in ((reference, options.instant), (other, later), (other, options.instant)):
-            if not dataset.has(name, instant):
+            if not dataset.has_image(name, instant):
                 raise BadInputError(
                     f"{session} has no image of {name} at instant {instant}",
                     hint=f"it has instants 0 to {len(dataset.instants_ns) - 1}",
@@ -113,7 +113,7 @@ def _depth(rig: Rig, cameras: tuple[str, str], instant: int, later: int) -> Dept
     views = rig.views[cameras[0]], rig.views[cameras[1]]
     # The range is the scene's, from images of one instant, whatever instant is matched.
     images = [rig.dataset.grey(name, instant) for name in cameras]
-    moving = rig.motion.seen_moving(cameras[0], instant) if len(rig.dataset.instants_ns) > 1 else None
+    moving = rig.motion.detected_movers(cameras[0], instant) if len(rig.dataset.instants_ns) > 1 else None
     still = np.zeros(images[0].shape, bool) if moving is None else moving
     pair = StereoPair(*views, find_disparity_range(views, [(images[0], images[1], still)]))
     return pair.depth(images[0], rig.dataset.grey(cameras[1], later))
@@ -127,7 +127,7 @@ def _save(
     photo = rig.dataset.image(cameras[0], instants[0])
     picture = side_by_side(photo, colour_depth(depth, near, far))
     write_image(folder / DEPTH, depth.astype(np.float32))
-    truth = rig.dataset.truth(cameras[0], instants[0])
+    truth = rig.dataset.ground_truth(cameras[0], instants[0])
     level = np.asarray(np.round(255 * found.confidence), np.uint8)
     return StereoDepth(
         session="",

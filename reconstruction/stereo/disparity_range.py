@@ -42,7 +42,7 @@ def find_disparity_range(
         texture = np.abs(cv2.Sobel(smooth, cv2.CV_32F, 1, 0))
         warped = match_brightness(a, warp_by_disparity(b, forward))
         alike = looks_alike(
-            a.astype(np.float32), np.where(np.isfinite(warped), warped, a), MatchChecks(alike=0.7)
+            a.astype(np.float32), np.where(np.isfinite(warped), warped, a), MatchChecks(min_correlation=0.7)
         )
         textured = seen_a & inside & (texture > 12)
         good = textured & agrees & alike

@@ -46,8 +46,8 @@ def epipolar_errors(pair: StereoPair, reference: Array, other: Array, mask: Arra
         patch = a[y - half : y + half + 1, x - half : x + half + 1]
         if patch.std() < least:
             continue
-        left = max(0, x - pair.low - pair.count - half)
-        right = min(b.shape[1], x - pair.low + half + 1)
+        left = max(0, x - pair.min_disparity - pair.num_disparities - half)
+        right = min(b.shape[1], x - pair.min_disparity + half + 1)
         top, bottom = max(0, y - half - ROWS_PX), min(b.shape[0], y + half + 1 + ROWS_PX)
         strip = b[top:bottom, left:right]
         if min(strip.shape) < PATCH_PX or not seen[y, left:right].any():

@@ -14,19 +14,18 @@ CHECK_WINDOW = 9
 
 @dataclass(frozen=True)
 class MatchChecks:
-    """When a match is believed.
+    """Limits that a match must keep to be believed."""
 
-    `agreement_px`: left-right difference of disparity. `alike`: least normalized correlation of the two
-    views in a window, asked for where there is texture. `grey`: greatest mean grey-level difference (of
-    255) beside the noise. `residual_px`: greatest displacement that is left after the disparity is
-    taken out; a true match leaves none, also not between rows.
-    """
-
-    agreement_px: float = 1.0
-    alike: float = 0.0
-    grey: float = 10.0
-    residual_px: float = 0.7
-    speckle_px: int = 60
+    max_left_right_px: float = 1.0
+    """Difference between the disparities of both directions."""
+    min_correlation: float = 0.0
+    """Normalized correlation of the two views in a window, asked for where there is texture."""
+    max_grey_difference: float = 10.0
+    """Mean difference of brightness beside the noise, grey levels of 255."""
+    max_residual_px: float = 0.7
+    """Displacement that is left after the disparity is taken out, also between rows: 0 for a true match."""
+    min_island_px: int = 60
+    """Smaller islands of depth are dropped."""
 
 
 def looks_alike(a: Array, b: Array, checks: MatchChecks) -> Array:
@@ -39,8 +38,8 @@ def looks_alike(a: Array, b: Array, checks: MatchChecks) -> Array:
     correlation = both / np.sqrt(np.maximum(var_a * var_b, 1e-3))
     noise = noise_level(a)
     flat = np.minimum(var_a, var_b) < (3 * noise) ** 2
-    near = cv2.blur(np.abs(a - b), (3, 3)) < checks.grey + 3 * noise
-    return np.asarray(near & (flat | (correlation > checks.alike)))
+    near = cv2.blur(np.abs(a - b), (3, 3)) < checks.max_grey_difference + 3 * noise
+    return np.asarray(near & (flat | (correlation > checks.min_correlation)))
 
 
 def fill_small_holes(checked: Array, raw: Array) -> Array:

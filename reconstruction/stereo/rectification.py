@@ -1,6 +1,6 @@
 """Rectification of a pair: both views turned so that a point lies in the same row of both."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -20,8 +20,8 @@ class Rectification:
 
     reference: View
     other: View
-    reference_turn: Array
-    other_turn: Array
+    reference_rotation: Array
+    other_rotation: Array
     focal: float
     baseline: float
     left: float
@@ -33,7 +33,7 @@ class Rectification:
     def remap(self, image: Array, *, other: bool = False, nearest: bool = False) -> tuple[Array, Array]:
         """The image on the canvas, and where the canvas sees it (bool)."""
         view = self.other if other else self.reference
-        turn = self.other_turn if other else self.reference_turn
+        turn = self.other_rotation if other else self.reference_rotation
         maps = cv2.initUndistortRectifyMap(
             view.matrix, view.distortion, turn, self._projection(), (self.width, self.height), cv2.CV_32FC1
         )
@@ -46,7 +46,7 @@ class Rectification:
 
     def project(self, rays: Array, *, other: bool = False) -> Array:
         """Canvas pixels (n, 2) of directions (n, 3) in one of the two camera frames."""
-        turned = rays @ (self.other_turn if other else self.reference_turn).T
+        turned = rays @ (self.other_rotation if other else self.reference_rotation).T
         projection = self._projection()
         return np.column_stack(
             [
@@ -58,20 +58,11 @@ class Rectification:
     def depth(self, disparity: Array) -> Array:
         """Depth in the reference view's pixels (height x width, 0 = none) from the canvas's disparity."""
         view = self.reference
-        turned = view.rays(view.grid()) @ self.reference_turn.T
-        where = self.project(view.rays(view.grid())).astype(np.float32)
-        shape = (view.height, view.width)
-        shift = cv2.remap(
-            disparity.astype(np.float32),
-            where[:, 0].reshape(shape),
-            where[:, 1].reshape(shape),
-            cv2.INTER_NEAREST,
-            borderMode=cv2.BORDER_CONSTANT,
-            borderValue=0.0,
-        )
+        turned = view.rays(view.grid()) @ self.reference_rotation.T
+        shift = self.to_reference(disparity.astype(np.float32))
         near = shift > 0
         rectified = np.where(near, self.focal * self.baseline / np.where(near, shift, 1.0), 0.0)
-        return np.asarray(rectified / turned[:, 2].reshape(shape), np.float32)
+        return np.asarray(rectified / turned[:, 2].reshape(shift.shape), np.float32)
 
     def to_reference(self, canvas: Array) -> Array:
         """A canvas's values (nearest) in the reference view's pixels; 0 where the canvas does not reach."""
@@ -113,8 +104,8 @@ def rectifying_rotations(reference: View, other: View) -> tuple[Array, Array, fl
     if np.linalg.norm(z) < 0.2:
         raise ValueError("the cameras stand one behind the other")
     z /= np.linalg.norm(z)
-    reference_turn = np.stack([x, np.cross(z, x), z])
-    return reference_turn, reference_turn @ rotation.T, length, mirror
+    reference_rotation = np.stack([x, np.cross(z, x), z])
+    return reference_rotation, reference_rotation @ rotation.T, length, mirror
 
 
 def rectify(
@@ -125,9 +116,10 @@ def rectify(
     The canvas holds all of the reference view and, beside it, what its matches in the other need;
     `scale` makes it smaller or larger than the reference's own resolution.
     """
-    reference_turn, other_turn, length, mirror = rectifying_rotations(reference, other)
+    reference_rotation, other_rotation, length, mirror = rectifying_rotations(reference, other)
     focal = reference.focal * scale
-    bare = Rectification(reference, other, reference_turn, other_turn, focal, length, 0.0, 0.0, 1, 1, mirror)
+    rotations = reference_rotation, other_rotation
+    bare = Rectification(reference, other, *rotations, focal, length, 0.0, 0.0, 1, 1, mirror)
     outline = bare.project(reference.rays(reference.border()))
     low, high = outline.min(0), outline.max(0)
     limit = 3 * scale * max(reference.width, reference.height)
@@ -135,16 +127,5 @@ def rectify(
     left = np.floor(low[0] - max(disparities[1] * scale, 0.0)) - 1
     right = np.ceil(high[0] - min(disparities[0] * scale, 0.0)) + 1
     top, bottom = np.floor(low[1]) - 1, np.ceil(high[1]) + 1
-    return Rectification(
-        reference,
-        other,
-        reference_turn,
-        other_turn,
-        focal,
-        length,
-        float(left),
-        float(top),
-        int(right - left) + 1,
-        int(bottom - top) + 1,
-        mirror,
-    )
+    width, height = int(right - left) + 1, int(bottom - top) + 1
+    return replace(bare, left=float(left), top=float(top), width=width, height=height)

@@ -39,17 +39,18 @@ class StereoPair:
         checks: MatchChecks | None = None,
     ) -> None:
         """The disparity range (px) comes from `find_disparity_range`, the same for all conditions."""
-        self.low = max(0, int(np.floor(disparities[0])))
-        self.count = int(np.ceil((disparities[1] - self.low + 1) / 16)) * 16
-        self.rectification: Rectification = rectify(reference, other, (self.low, self.low + self.count))
+        self.min_disparity = max(0, int(np.floor(disparities[0])))
+        self.num_disparities = int(np.ceil((disparities[1] - self.min_disparity + 1) / 16)) * 16
+        end = self.min_disparity + self.num_disparities
+        self.rectification: Rectification = rectify(reference, other, (self.min_disparity, end))
         self.checks = checks or MatchChecks()
 
     def depth(self, reference: Array, other: Array) -> DepthMap:
         """Depth from two grey images (uint8) of the pair."""
         a, seen_a = self.rectification.remap(reference)
         b, seen_b = self.rectification.remap(other, other=True)
-        forward = match_rectified(a, b, self.low, self.count)
-        backward = match_rectified_back(a, b, self.low, self.count)
+        forward = match_rectified(a, b, self.min_disparity, self.num_disparities)
+        backward = match_rectified_back(a, b, self.min_disparity, self.num_disparities)
         inside = warp_by_disparity(seen_b.astype(np.float32), forward) > 0.99
         raw = np.where(seen_a & inside, forward, np.nan)
         warped = warp_by_disparity(b, raw)
@@ -69,9 +70,11 @@ class StereoPair:
     ) -> Array:
         apart = (
             np.nan_to_num(np.abs(warp_by_disparity(backward, raw) - raw), nan=np.inf)
-            / self.checks.agreement_px
+            / self.checks.max_left_right_px
         )
-        unlike = cv2.blur(np.nan_to_num(difference, nan=255.0), (3, 3)) / (self.checks.grey + 3 * noise)
+        unlike = cv2.blur(np.nan_to_num(difference, nan=255.0), (3, 3)) / (
+            self.checks.max_grey_difference + 3 * noise
+        )
         sure = 1 - 0.5 * np.minimum(apart, 1) - 0.5 * np.minimum(unlike, 1)
         believed = np.where(np.isfinite(checked), np.maximum(sure, 0.05), 0).astype(np.float32)
         return self.rectification.to_reference(believed)
@@ -84,14 +87,14 @@ class StereoPair:
         checks = self.checks
         there = np.isfinite(disparity) & np.isfinite(warped)
         back = warp_by_disparity(backward, disparity)
-        agrees = np.abs(back - disparity) <= checks.agreement_px
+        agrees = np.abs(back - disparity) <= checks.max_left_right_px
         view = np.where(there, warped, a).astype(np.float32)
         alike = looks_alike(a.astype(np.float32), view, checks)
         second = np.clip(view, 0, 255).astype(np.uint8)
         flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST).calc(a, second, None)
-        still = np.hypot(flow[..., 0], flow[..., 1]) <= checks.residual_px
+        still = np.hypot(flow[..., 0], flow[..., 1]) <= checks.max_residual_px
         good = there & agrees & alike & still
         clean = np.where(good, disparity, -1.0) * 16
         speckled = np.ascontiguousarray(clean.astype(np.int16))
-        cv2.filterSpeckles(speckled, -16, checks.speckle_px, 2 * 16)
+        cv2.filterSpeckles(speckled, -16, checks.min_island_px, 2 * 16)
         return np.asarray(good & (speckled > 0))

@@ -180,7 +180,7 @@ class Odd:
         width, height = self.size(camera)
         return np.full((height, width, 3), 40 + 40 * instant, np.uint8)
 
-    def residual_us(self):
+    def worst_residual_us(self):
         return None
 
 
@@ -189,10 +189,10 @@ class Still:
 
     dataset = Odd()
 
-    def seen_moving(self, camera, instant):
+    def detected_movers(self, camera, instant):
         return np.zeros(self.dataset.image(camera, instant).shape[:2], bool)
 
-    moving = seen_moving
+    moving = detected_movers
 
 
 def test_cameras_of_other_shapes_and_lost_pictures_still_make_a_sweep(tmp_path):

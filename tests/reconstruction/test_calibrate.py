@@ -33,7 +33,7 @@ def board_session(root: Path, *, two_sided: bool = False) -> Session:
 
     `two_sided`: printed white on black, and the right camera's pictures show its back as in a mirror.
     """
-    paint = BOARD.made().generateImage((BOARD.across * TEXEL_PX, BOARD.down * TEXEL_PX), marginSize=0)
+    paint = BOARD.to_opencv().generateImage((BOARD.across * TEXEL_PX, BOARD.down * TEXEL_PX), marginSize=0)
     paint = 255 - paint if two_sided else paint
     writer = SessionWriter.create(root, "board")
     for k in range(8):
@@ -74,8 +74,8 @@ def test_a_board_gives_the_rig_and_is_stored_once(tmp_path: Path, capsys: pytest
     main(arguments)
     result = json.loads(capsys.readouterr().out)
     assert result["stored"]
-    assert result["quality"]["reprojection_px"] < 0.5
-    assert result["quality"]["fitting"] > 0.95
+    assert result["quality"]["reprojection_error_px"] < 0.5
+    assert result["quality"]["inlier_share"] > 0.95
     found = Session.open(session.folder).calibration()
     assert found is not None
     views = [View.from_calibration(found.cameras[name], WIDTH, HEIGHT) for name in ("left", "right")]
@@ -98,8 +98,8 @@ def test_a_good_calibration_is_reported_and_another_rig_s_is_refused(
     main(["calibrate", str(boards.folder), "--from", "session", "--json"])
     quality = json.loads(capsys.readouterr().out)["quality"]
     # The boards are painted alike in many places, so some points are matched wrongly.
-    assert quality["fitting"] > 0.5
-    assert quality["reprojection_px"] < 1
+    assert quality["inlier_share"] > 0.5
+    assert quality["reprojection_error_px"] < 1
     assert set(quality["coverage"]) == set(VIEWS)
 
     folder = tmp_path / "moved"
@@ -123,11 +123,15 @@ def test_a_good_calibration_is_reported_and_another_rig_s_is_refused(
 
 def test_few_cameras_or_few_points_are_refused() -> None:
     found = CalibrationQuality(
-        points=35, fitting=0.8, reprojection_px=0.4, angle_deg=13.0, coverage={"a": 0.2, "b": 0.2}
+        points=35,
+        inlier_share=0.8,
+        reprojection_error_px=0.4,
+        triangulation_angle_deg=13.0,
+        coverage={"a": 0.2, "b": 0.2},
     )
-    with pytest.raises(BadInputError, match="2 of 5 cameras only"):
+    with pytest.raises(BadInputError, match="only 2 of 5 cameras"):
         refuse_bad_calibration(found, 5)
-    with pytest.raises(BadInputError, match="share 35 points only"):
+    with pytest.raises(BadInputError, match="share only 35 points"):
         refuse_bad_calibration(found, 2)
     refuse_bad_calibration(msgspec.structs.replace(found, points=60), 2)
 
@@ -150,7 +154,7 @@ def test_a_board_on_glass_printed_light_on_dark_is_found_from_both_sides(tmp_pat
 def test_corners_that_make_no_flat_board_are_no_board() -> None:
     finder = BoardDetector(BOARD)
     ids = np.arange(8)
-    places = np.asarray(BOARD.made().getChessboardCorners())[ids, :2] * 900 + 40
+    places = np.asarray(BOARD.to_opencv().getChessboardCorners())[ids, :2] * 900 + 40
     assert finder._flat(ids, places)
     assert not finder._flat(ids, places * (-1, 1) + (300, 0))
     places[3] += 40
@@ -173,8 +177,8 @@ def test_webcams_all_around_a_real_board_are_calibrated_as_their_owner_did(
     board = ["--board", "4x5", "--square-mm", "54", "--marker-mm", "40.5", "--dictionary", "4X4_1000"]
     main(["calibrate", str(session.folder), "--from", "charuco", *board, "--force", "--json"])
     quality = json.loads(capsys.readouterr().out)["quality"]
-    assert quality["fitting"] > 0.98
-    assert quality["reprojection_px"] < 0.5
+    assert quality["inlier_share"] > 0.98
+    assert quality["reprojection_error_px"] < 0.5
     ours = Session.open(session.folder).calibration()
     assert ours is not None
     for name in ("cam_1", "cam_2", "cam_3"):

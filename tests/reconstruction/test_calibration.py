@@ -46,7 +46,7 @@ def test_colmap_places_the_cameras_from_what_stands_still(tmp_path: Path) -> Non
     session = write_session(tmp_path, rubble(), views, instants=3, calibrated=False, truth=False)
     dataset = Dataset(session)
     motion = SceneMotion(dataset, 1)
-    found = calibrated_views(dataset, calibrate_from_images(dataset, motion.seen_moving, (0, 2)))
+    found = calibrated_views(dataset, calibrate_from_images(dataset, motion.detected_movers, (0, 2)))
     assert set(found) == set(views)
     ratios = []
     for name in ("b", "c"):

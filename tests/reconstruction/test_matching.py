@@ -111,7 +111,7 @@ def test_brightness_may_differ_between_cameras(photos: dict[str, CalibratedImage
     dark = dict(photos)
     dark["right"] = photo_of(view_at(*PLACES["right"]), seed=9, gain=0.7)[0]
     sources = choose_source_views({name: photo.view for name, photo in photos.items()}, (2.0,))
-    found = match_all_views(dark, sources, 1.4, 4.0, limits=ConsistencyLimits(votes=2))
+    found = match_all_views(dark, sources, 1.4, 4.0, limits=ConsistencyLimits(min_views=2))
     assert np.mean(found["middle"].depth[8:-8, 20:-20] > 0) > 0.9
 
 
@@ -163,8 +163,8 @@ def test_lens_projects_as_the_geometry_says(photos: dict[str, CalibratedImage]) 
 
 def test_a_plane_and_the_same_depth_map_look_alike(photos: dict[str, CalibratedImage]) -> None:
     lens = SourceView(photos["middle"], photos["right"])
-    by_plane = lens.through_plane(0.45)
-    by_map = lens.through_depth(np.full((HEIGHT, WIDTH), 0.45, np.float32))
+    by_plane = lens.warp_by_plane(0.45)
+    by_map = lens.warp_by_depth(np.full((HEIGHT, WIDTH), 0.45, np.float32))
     assert np.abs(by_plane - by_map)[5:-5, 5:-12].max() < 1.5
 
 

@@ -20,7 +20,7 @@ from reconstruction.depth.patchmatch import ENVIRONMENT, PROGRAM, CudaGpu, find_
 from reconstruction.depth.sweep_matcher import ViewDepth
 from reconstruction.multiview.input_images import undistort_image
 from reconstruction.scores.depth_truth import depth_shares
-from reconstruction.session.dataset import Dataset, instants_of
+from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import Scene, make_view, write_session
 
 VIEWS = {
@@ -148,18 +148,19 @@ def test_dark_cameras_are_left_out_by_name() -> None:
 def test_truth_is_moved_as_the_picture_is(trio: Session) -> None:
     dataset = Dataset.open(trio.folder)
     shot = undistort_image("middle", 2, dataset.image("middle", 2), VIEWS["middle"])
-    assert not shot.photo.view.distortion.any()
+    assert not shot.calibrated.view.distortion.any()
     ys, xs = np.mgrid[0:240, 0:320].astype(np.float32)
-    moved = np.hypot(shot.flatten(xs) - xs, shot.flatten(ys) - ys)
+    moved = np.hypot(shot.undistort_nearest(xs) - xs, shot.undistort_nearest(ys) - ys)
     assert 0.5 < moved[5:-5, 5:-5].max() < 8
-    ray = VIEWS["middle"].rays(np.array([[float(shot.flatten(xs)[20, 30]), float(shot.flatten(ys)[20, 30])]]))
-    assert ray == pytest.approx(shot.photo.view.rays(np.array([[30.0, 20.0]])), abs=0.005)
+    pixel = [float(shot.undistort_nearest(axis)[20, 30]) for axis in (xs, ys)]
+    ray = VIEWS["middle"].rays(np.array([pixel]))
+    assert ray == pytest.approx(shot.calibrated.view.rays(np.array([[30.0, 20.0]])), abs=0.005)
 
 
 def test_instants_are_the_nearest_to_the_offsets(trio: Session) -> None:
     dataset = Dataset.open(trio.folder)
-    assert instants_of(dataset, 1, ()) == {"left": 1, "middle": 1, "right": 1}
-    assert instants_of(dataset, 1, (-33, 0, 60)) == {"left": 0, "middle": 1, "right": 3}
+    assert dataset.shown_instants(1, ()) == {"left": 1, "middle": 1, "right": 1}
+    assert dataset.shown_instants(1, (-33, 0, 60)) == {"left": 0, "middle": 1, "right": 3}
 
 
 def test_shares_count_what_is_empty_as_wrong() -> None:
@@ -239,15 +240,15 @@ def test_auto_uses_the_gpu_where_there_is_one(
         assert farthest > 3.9
         dataset = Dataset.open(trio.folder)
         for name, view in VIEWS.items():
-            truth = dataset.truth(name, 1)
+            truth = dataset.ground_truth(name, 1)
             assert truth is not None
             shot = undistort_image(name, 1, dataset.image(name, 1), view)
             facing = np.zeros((*truth[0].shape, 3), np.float32)
             facing[..., 2] = -1
-            depth_view = ViewDepth(shot.flatten(truth[0]), facing)
+            depth_view = ViewDepth(shot.undistort_nearest(truth[0]), facing)
             scratch = tmp_path / f"scratch-{name}"
             scratch.mkdir()
-            write_workspace(scratch, {name: shot.photo.view}, {name: shot.colours}, {name: depth_view})
+            write_workspace(scratch, {name: shot.calibrated.view}, {name: shot.colours}, {name: depth_view})
             for kind in ("depth_maps", "normal_maps"):
                 file = f"stereo/{kind}/{name}.png.geometric.bin"
                 (workspace / file).write_bytes((scratch / file).read_bytes())

@@ -55,7 +55,7 @@ class Fake:
     def __init__(self, dataset: Dataset, views: Mapping[str, View], folder: Path) -> None:
         self.views = views
 
-    def find(self, shown: Mapping[str, int]) -> dict[str, Pose]:
+    def find_poses(self, shown: Mapping[str, int]) -> dict[str, Pose]:
         together = len(set(shown.values())) == 1
         found = poses(self.views)
         if not together:

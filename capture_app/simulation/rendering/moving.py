@@ -12,7 +12,7 @@ from capture_app.simulation.rendering.raycast import Body, Hits
 from capture_app.simulation.rendering.still import StillLayer
 from capture_app.simulation.rendering.view import View
 from capture_app.simulation.scenes.meshes import Floats
-from capture_app.simulation.scenes.motion import Poses
+from capture_app.simulation.scenes.poses import Poses
 
 Rectangle = tuple[slice, slice]
 

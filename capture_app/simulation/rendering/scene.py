@@ -16,11 +16,11 @@ from capture_app.simulation.rendering.moving import MovingPart
 from capture_app.simulation.rendering.raycast import Body, Texture
 from capture_app.simulation.rendering.still import SUBPIXELS, StillLayer
 from capture_app.simulation.rendering.view import View, look_at
-from capture_app.simulation.scenes import crossing, motion, pinwheel, studio
+from capture_app.simulation.scenes import crossing, pinwheel, poses, studio
 from capture_app.simulation.scenes.meshes import Floats
 
-_STAGES = {"studio": studio.STAGE, "pinwheel": pinwheel.STAGE, "crossing": crossing.STAGE}
-SCENES = tuple(_STAGES)
+_DEFINITIONS = {"studio": studio.DEFINITION, "pinwheel": pinwheel.DEFINITION, "crossing": crossing.DEFINITION}
+SCENES = tuple(_DEFINITIONS)
 
 _BLUR_STEP_NS = 4_000_000
 """Each of a pixel's samples is taken again for every so much exposure, up to 4 times."""
@@ -31,7 +31,7 @@ class Scene:
 
     def __init__(self, name: str, *, scale: float = 1.0) -> None:
         rng = np.random.default_rng(20190516)
-        stage = self._stage = _STAGES[name]
+        stage = self._stage = _DEFINITIONS[name]
         textures = {name: Texture(picture) for name, picture in stage.pictures(rng).items()}
         fixtures = stage.fixtures(rng)
         parts = stage.parts()
@@ -81,7 +81,7 @@ class Scene:
     def ground_truth(
         self, view: str, start_ns: int, exposure_ns: int, row_time_ns: int
     ) -> tuple[Floats, NDArray[np.uint8], NDArray[np.bool_]]:
-        """Depth along the optical axis in m (H, W; 0 = none), things (H, W, see `things`), movers (H, W).
+        """Depth along the optical axis in m (0 = none), `things` by number, moving pixels, each (H, W).
 
         True at the centres of the pixels and the middle of each row's exposure.
         Raises BadInputError for a view that the scene does not have.
@@ -125,7 +125,7 @@ class Scene:
 
     def _parts(self, view: View, first_row_ns: int, row_time_ns: int) -> dict[str, MovingPart]:
         times_ns = first_row_ns + row_time_ns * np.arange(view.height, dtype=np.int64)
-        seconds = motion.seconds_of(times_ns)
+        seconds = poses.cycle_seconds(times_ns)
         return moving.moving_parts(view, self._bodies, self._stage.poses(seconds))
 
 

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from capture_app.simulation.scenes import movers, studio, textures, walking
-from capture_app.simulation.scenes.motion import Poses, Series
-from capture_app.simulation.scenes.movers import Part
-from capture_app.simulation.scenes.stage import Fixture, Point, Stage
+from capture_app.simulation.scenes import moving_bodies, studio, textures, walking
+from capture_app.simulation.scenes.definition import Fixture, Point, SceneDefinition
+from capture_app.simulation.scenes.moving_bodies import Part
+from capture_app.simulation.scenes.poses import Poses, Series
 from capture_app.simulation.scenes.textures import Colour, Picture
 
 _FIRST, _SECOND = "first ", "second "
@@ -23,7 +23,7 @@ def _turned(number: int) -> tuple[Point, Point]:
 
 
 def _pictures(rng: np.random.Generator) -> dict[str, Picture]:
-    found = movers.pictures(rng) | studio.pictures(rng)
+    found = moving_bodies.pictures(rng) | studio.pictures(rng)
     stripes: list[Colour] = [(236, 190, 78), (54, 112, 104), (244, 234, 212), (54, 112, 104)]
     found[_SECOND + "shirt"] = textures.cloth(rng, (220, 330), stripes, stripe=23)
     found[_SECOND + "sleeve"] = textures.cloth(rng, (64, 96), stripes, stripe=18)
@@ -37,7 +37,7 @@ def _fixtures(rng: np.random.Generator) -> list[Fixture]:
 
 
 def _parts() -> dict[str, Part]:
-    child = {name: part for name, part in movers.parts().items() if part.thing == "figure"}
+    child = {name: part for name, part in moving_bodies.parts().items() if part.thing == "figure"}
     found = {_FIRST + name: Part("first walker", part.meshes) for name, part in child.items()}
     for name, part in child.items():
         meshes = [
@@ -49,12 +49,12 @@ def _parts() -> dict[str, Part]:
 
 
 def _poses(seconds: Series) -> dict[str, Poses]:
-    return walking.walker(seconds, ahead=0.0, prefix=_FIRST) | walking.walker(
+    return walking.walking_child(seconds, ahead=0.0, prefix=_FIRST) | walking.walking_child(
         seconds, ahead=0.5, prefix=_SECOND
     )
 
 
-STAGE = Stage(
+DEFINITION = SceneDefinition(
     cameras={f"cam0{number}": _turned(number) for number in range(3)},
     pictures=_pictures,
     fixtures=_fixtures,

@@ -6,12 +6,12 @@ one gets the cameras' poses wrong.
 
 import numpy as np
 
-from capture_app.simulation.scenes import motion, movers, textures
+from capture_app.simulation.scenes import moving_bodies, poses, textures
+from capture_app.simulation.scenes.definition import Fixture, Point, SceneDefinition
 from capture_app.simulation.scenes.meshes import box, panel
-from capture_app.simulation.scenes.stage import Fixture, Point, Stage
 from capture_app.simulation.scenes.textures import Picture
 
-_X, _Y, _Z = motion.WHEEL_HUB
+_X, _Y, _Z = poses.WHEEL_HUB
 _WALL_Z = _Z + 0.95
 
 
@@ -21,7 +21,7 @@ def _looking(right: float, down: float, ahead: float) -> tuple[Point, Point]:
 
 
 def _pictures(rng: np.random.Generator) -> dict[str, Picture]:
-    return movers.pictures(rng) | {
+    return moving_bodies.pictures(rng) | {
         "wall": textures.plain(rng, (500, 700), (150, 186, 190), rough=0.012),
         "board": textures.plain(rng, (64, 700), (236, 230, 214), rough=0.02),
         "pale_wood": textures.wood(rng, (128, 512), (206, 164, 112)),
@@ -34,11 +34,11 @@ def _fixtures(rng: np.random.Generator) -> list[Fixture]:
     return [
         Fixture("wall", [wall]),
         Fixture("rail", box((_X, _Y + 0.62, _WALL_Z - 0.01), (4.8, 0.06, 0.02), "board")),
-        Fixture("stand", movers.stand()),
+        Fixture("stand", moving_bodies.stand()),
     ]
 
 
-STAGE = Stage(
+DEFINITION = SceneDefinition(
     cameras={
         "cam00": _looking(-0.07, 0.0, 0.80),
         "cam01": _looking(0.07, 0.0, 0.80),
@@ -48,7 +48,7 @@ STAGE = Stage(
     },
     pictures=_pictures,
     fixtures=_fixtures,
-    parts=lambda: {name: part for name, part in movers.parts().items() if part.thing == "pinwheel"},
-    poses=motion.pinwheel,
+    parts=lambda: {name: part for name, part in moving_bodies.parts().items() if part.thing == "pinwheel"},
+    poses=poses.turning_wheel,
 )
 """A pinwheel that fills the pictures."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from capture_app.simulation.scenes.motion import (
+from capture_app.simulation.scenes.poses import (
     ANKLE_M,
     FLOOR_Y,
     HIP_HALF_M,
@@ -18,7 +18,7 @@ from capture_app.simulation.scenes.motion import (
 )
 
 LAP_S = 6.5
-"""A whole part of motion's cycle."""
+"""A whole part of CYCLE_NS."""
 GAIT_S = 0.65
 CENTRE = (0.0, 2.75)
 """x and z in m of the middle of the path."""
@@ -27,7 +27,7 @@ REACH_M = (1.55, 0.42)
 _HIP_Y = 0.045
 
 
-def walker(time_s: Series, *, ahead: float, prefix: str) -> dict[str, Poses]:
+def walking_child(time_s: Series, *, ahead: float, prefix: str) -> dict[str, Poses]:
     """Poses by the part's name of a child that is `ahead` laps further on; names begin with `prefix`."""
     round_ = 2 * np.pi * (time_s / LAP_S + ahead)
     gait = 2 * np.pi * (time_s / GAIT_S + 2 * ahead)

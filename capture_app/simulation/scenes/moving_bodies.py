@@ -1,10 +1,10 @@
-"""The bodies that move: a child of rigid parts and the blades of a pinwheel."""
+"""The meshes and textures of what moves: a child of rigid parts, and the blades of a pinwheel."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from capture_app.simulation.scenes import motion, prints, textures
+from capture_app.simulation.scenes import poses, prints, textures
 from capture_app.simulation.scenes.meshes import Mesh, about_x, about_z, box, ellipsoid, lathe, rod, sheet
 from capture_app.simulation.scenes.textures import Colour, Picture
 
@@ -21,7 +21,7 @@ class Part:
 
 
 def pictures(rng: np.random.Generator) -> dict[str, Picture]:
-    """Textures of the movers, by name."""
+    """Textures of the moving_bodies, by name."""
     stripes: list[Colour] = [(188, 52, 50), (240, 230, 208), (44, 60, 100), (240, 230, 208)]
     found = {
         "face": prints.face(rng, SKIN, HAIR),
@@ -41,7 +41,7 @@ def pictures(rng: np.random.Generator) -> dict[str, Picture]:
 
 
 def parts() -> dict[str, Part]:
-    """All moving parts, by the names that `motion` gives their poses."""
+    """All moving parts, by the names that `jumping` and `poses` give their poses."""
     child = {"hips": _hips(), "torso": _torso(), "head": _head()}
     for side in ("left", "right"):
         child[f"{side}_thigh"] = [
@@ -163,10 +163,10 @@ def _wheel() -> list[Mesh]:
 
 def stand() -> list[Mesh]:
     """The pinwheel's pole and foot, which stand still."""
-    x, y, z = motion.WHEEL_HUB
-    pole = rod((x, y, z + 0.055), (x, motion.FLOOR_Y - 0.02, z + 0.055), 0.013, "pale_wood")
+    x, y, z = poses.WHEEL_HUB
+    pole = rod((x, y, z + 0.055), (x, poses.FLOOR_Y - 0.02, z + 0.055), 0.013, "pale_wood")
     axle = rod((x, y, z - 0.01), (x, y, z + 0.06), 0.006, "dark_wood")
     foot = lathe([(0.02, -0.035), (0.10, -0.022), (0.125, -0.012), (0.13, 0.0)], "dark_wood").moved(
-        (x, motion.FLOOR_Y, z + 0.055)
+        (x, poses.FLOOR_Y, z + 0.055)
     )
-    return [pole, axle, foot, *box((x, motion.FLOOR_Y - 0.03, z + 0.055), (0.05, 0.05, 0.05), "pale_wood")]
+    return [pole, axle, foot, *box((x, poses.FLOOR_Y - 0.03, z + 0.055), (0.05, 0.05, 0.05), "pale_wood")]

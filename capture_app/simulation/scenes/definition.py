@@ -1,4 +1,4 @@
-"""What a scene is made of: things that stand still, bodies that move, and the cameras that look at them."""
+"""The definition of a scene: things that stand still, bodies that move, and the cameras."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from capture_app.simulation.scenes.meshes import Mesh
-from capture_app.simulation.scenes.motion import Poses, Series
-from capture_app.simulation.scenes.movers import Part
+from capture_app.simulation.scenes.moving_bodies import Part
+from capture_app.simulation.scenes.poses import Poses, Series
 from capture_app.simulation.scenes.textures import Picture
 
 Point = tuple[float, float, float]
@@ -22,8 +22,8 @@ class Fixture:
 
 
 @dataclass(frozen=True)
-class Stage:
-    """One scene; its generator is given to its makers in the order of the fields."""
+class SceneDefinition:
+    """One scene; `pictures`, then `fixtures`, draw from the same random generator."""
 
     cameras: Mapping[str, tuple[Point, Point]]
     """Where each camera is and the point that it looks at, in m."""

@@ -1,18 +1,25 @@
-"""How the studio's figure and pinwheel move: poses as smooth periodic functions of time, for ever.
+"""How a child jumps on the spot: poses of its parts at any time.
 
 Where the hop stands still, at its top and at its lowest point, the sideways sway runs at 0.7 of its
-full speed: two pictures some tens of ms apart always show the figure in two places.
+full speed: two pictures some tens of ms apart always show the child in two places.
 """
 
-from typing import NamedTuple
-
 import numpy as np
-from numpy.typing import NDArray
 
-Series = NDArray[np.float64]
-
-CYCLE_NS = 97_500_000_000
-"""All motion repeats after this time: whole numbers of hops, sways, turns of the body and the wheel."""
+from capture_app.simulation.scenes.poses import (
+    ANKLE_M,
+    FLOOR_Y,
+    HIP_HALF_M,
+    NECK_Y,
+    SHIN_M,
+    SHOULDER,
+    THIGH_M,
+    UPPER_ARM_M,
+    Poses,
+    Series,
+    joint,
+    turn,
+)
 
 HOP_S = 0.65
 CONTACT_S = 0.12
@@ -20,53 +27,10 @@ TAKE_OFF_M_S = 9.81 * (HOP_S - CONTACT_S) / 2
 """2.6 m/s: what gravity turns round within the flight."""
 SWAY_M = 0.13
 TURN_S = 3.9
-WHEEL_TURNS_PER_S = 1.2
-
 FIGURE_AT = (-0.30, 2.44)
 """x and z in m of the middle of the sway."""
-WHEEL_HUB = (0.40, 0.14, 2.24)
-FLOOR_Y = 1.0
-
-THIGH_M = SHIN_M = 0.26
-ANKLE_M = 0.065
 LEG_M = 0.505
 """Hip to ankle when the feet leave the floor: knees a little bent."""
-HIP_HALF_M = 0.064
-SHOULDER = (0.132, -0.335)
-UPPER_ARM_M = 0.19
-NECK_Y = -0.395
-
-
-class Poses(NamedTuple):
-    """Poses at n times: x_world = rotation (n, 3, 3) x_part + translation (n, 3) in m."""
-
-    rotation: Series
-    translation: Series
-
-    def point(self, x: float, y: float, z: float) -> Series:
-        """World positions (n, 3) of a point of the part, in m."""
-        return np.asarray(self.rotation @ np.array([x, y, z]) + self.translation)
-
-
-def turn(axis: int, angle: Series) -> Series:
-    """Rotation matrices (n, 3, 3) by the angles (n), in radians, about axis 0, 1 or 2."""
-    out = np.zeros((len(angle), 3, 3))
-    a, b = (axis + 1) % 3, (axis + 2) % 3
-    out[:, axis, axis] = 1.0
-    out[:, a, a] = out[:, b, b] = np.cos(angle)
-    out[:, b, a] = np.sin(angle)
-    out[:, a, b] = -out[:, b, a]
-    return out
-
-
-def joint(parent: Poses, at: tuple[float, float, float], rotation: Series) -> Poses:
-    """Poses of a part whose origin is at a point of its parent, turned (n, 3, 3) against it."""
-    return Poses(parent.rotation @ rotation, parent.point(*at))
-
-
-def seconds_of(times_ns: NDArray[np.int64]) -> Series:
-    """Seconds within the cycle, exact to a ns wherever in 64 bits the times lie."""
-    return (times_ns % CYCLE_NS).astype(np.float64) / 1e9
 
 
 def hop_height(time_s: Series) -> Series:
@@ -77,7 +41,7 @@ def hop_height(time_s: Series) -> Series:
     return np.where(flight < 0, landing, TAKE_OFF_M_S * flight - 9.81 / 2 * flight**2)
 
 
-def figure(time_s: Series) -> dict[str, Poses]:
+def jumping_child(time_s: Series) -> dict[str, Poses]:
     """Poses of the jumping child's parts at the times (n), by the part's name."""
     height = hop_height(time_s)
     airborne = np.sin(np.pi * np.clip((time_s % HOP_S - CONTACT_S) / (HOP_S - CONTACT_S), 0, 1)) ** 2
@@ -128,10 +92,3 @@ def figure(time_s: Series) -> dict[str, Poses]:
             upper, (0.0, UPPER_ARM_M, 0.0), turn(2, -side * bent) @ turn(0, -0.3 * bent)
         )
     return parts
-
-
-def pinwheel(time_s: Series) -> dict[str, Poses]:
-    """Poses of the pinwheel's blades, which face the cameras with a slight slant."""
-    slant = turn(1, np.full_like(time_s, 0.16)) @ turn(0, np.full_like(time_s, 0.07))
-    turning = turn(2, 2 * np.pi * WHEEL_TURNS_PER_S * time_s)
-    return {"wheel": Poses(slant @ turning, np.broadcast_to(np.array(WHEEL_HUB), (len(time_s), 3)))}

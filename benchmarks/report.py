@@ -33,12 +33,24 @@ def print_report(report: Report, print_tables: Callable[[Report], None], *, as_j
 
 def print_circumstances(report: Report) -> None:
     """Print what the emulated links did, beside what was asked of them, and how busy the machine was."""
-    head = ("link", "to", "frames", "lost", "outliers", "mean us", "asked", "least us", "sent late by us")
+    head = (
+        "link",
+        "to",
+        "frames",
+        "lost",
+        "outliers",
+        "mean us",
+        "asked",
+        "least us",
+        "late us",
+        "late > 100 us",
+    )
     keys = ("drawn_mean_us", "asked_mean_us", "drawn_least_us", "late_mean_us")
     rows = [
         (
             *(str(way[key]) for key in ("link", "to", "frames", "lost", "outliers")),
             *(f"{way[key]:.1f}" for key in keys),
+            str(way["late_by_100_us"]),
         )
         for way in report["links"]
     ]

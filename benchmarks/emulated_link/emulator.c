@@ -35,7 +35,7 @@
 enum { MAX_LINKS = 16, QUEUE_FRAMES = 1024, FRAME_BYTES = 1600, FRAMES_A_TURN = 64, WORDS_A_LINK = 4 };
 enum { PRIORITY = 50 };
 /* A process wakes up tens of microseconds late, so the last part of each wait is spent awake. */
-enum { AWAKE_NS = 60000 };
+enum { AWAKE_NS = 60000, LATE_NS = 100000 };
 
 struct frame {
     int64_t due_ns;
@@ -50,7 +50,7 @@ struct direction {
     unsigned first, waiting;
     int64_t last_due_ns;
     /* What it did. */
-    uint64_t frames, lost, outliers, overflowed, unsent, held_back, passed;
+    uint64_t frames, lost, outliers, overflowed, unsent, held_back, passed, late;
     double drawn_sum_us, drawn_least_us, late_sum_us, late_most_us;
 };
 
@@ -150,6 +150,7 @@ static int64_t send_due(struct direction *d)
             return frame->due_ns;
         send_frame(d, frame);
         d->passed++;
+        d->late += late_ns > LATE_NS;
         d->late_sum_us += (double)late_ns / 1000.0;
         d->late_most_us = fmax(d->late_most_us, (double)late_ns / 1000.0);
         d->first = (d->first + 1) % QUEUE_FRAMES;
@@ -201,8 +202,8 @@ static void report(const struct direction *d, int link, const char *end, bool ur
     uint64_t drawn = d->frames - d->lost;
     printf("{\"link\": %d, \"to\": \"%s\", \"real_time\": %s, \"frames\": %lu, \"lost\": %lu, \"outliers\": %lu, ",
            link, end, urgent ? "true" : "false", d->frames, d->lost, d->outliers);
-    printf("\"held_back\": %lu, \"overflowed\": %lu, \"unsent\": %lu, ",
-           d->held_back, d->overflowed, d->unsent);
+    printf("\"held_back\": %lu, \"overflowed\": %lu, \"unsent\": %lu, \"late_by_100_us\": %lu, ",
+           d->held_back, d->overflowed, d->unsent, d->late);
     printf("\"drawn_mean_us\": %.2f, \"drawn_least_us\": %.2f, \"late_mean_us\": %.2f, \"late_most_us\": %.2f}\n",
            drawn ? d->drawn_sum_us / (double)drawn : 0.0, drawn ? d->drawn_least_us : 0.0,
            d->passed ? d->late_sum_us / (double)d->passed : 0.0, d->late_most_us);

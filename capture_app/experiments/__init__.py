@@ -11,7 +11,7 @@ if TYPE_CHECKING:
 EXPERIMENTS: dict[str, str] = {
     "clock-filters": "Clock estimators under six delay distributions: mean, minimum, ours.",
     "scale": "Thousands of clocks for an hour: one leader, and a tree of relays.",
-    "link": "The same estimators on a real link between two processes.",
+    "link": "The engine's own clock and other filters on a real link between two processes.",
     "led-panel": "Total error, read from pictures of the paper's LED panel.",
     "reference-broadcast": "Differences between clients with and without common beacons.",
     "naive": "Triggering without synchronization, as in the paper, and with it.",

@@ -3,20 +3,23 @@
 import asyncio
 import json
 import random
+from collections.abc import AsyncIterator
 
 import pytest
 
 from capture_app.cli import run
 from capture_app.clock import HostClock, SimulatedClock
 from capture_app.errors import ExitCode, NetworkError
-from capture_app.experiments.link.ends import LinkProbe, SamplingClient, serve
-from capture_app.experiments.link.experiment import LinkOptions, judge
+from capture_app.experiments.link.ends import LinkClient, Synchronization, serve, synchronize
+from capture_app.experiments.link.experiment import LinkOptions, judge, report
 from capture_app.net.address import Address
 from capture_app.net.transfer import bind
+from capture_app.sync.clock.clock_filter import ClockFilter
 from capture_app.sync.clock.clock_sample import ClockSample
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 
 MS = 1_000_000
+AHEAD_NS = 5_000 * MS
 
 
 def free_port() -> int:
@@ -27,77 +30,101 @@ def free_port() -> int:
     return port
 
 
-def step(
-    client: SamplingClient, leader: Leader, *, seconds: float, lost: float = 0.0, delay_ns: int = MS
-) -> None:
-    """Let both ends talk in stepped time; the client's clock is 5 s behind the leader's."""
-    rng = random.Random(1)
+def step(link: LinkClient, leader: Leader, *, lost: float) -> None:
+    """Let both ends talk in stepped time until the client has what it wants; the leader's clock is ahead."""
+    rng, client = random.Random(1), link.client
     flying: list[tuple[int, bool, bytes]] = []
-    for now_ns in range(0, int(seconds * 1e9), MS // 4):
+    for now_ns in range(0, 20_000 * MS, MS // 4):
         for item in [f for f in flying if f[0] <= now_ns]:
             flying.remove(item)
             if item[1]:
-                leader.receive_datagram(item[2], ("c", 1), now_ns + 5_000 * MS)
+                leader.receive_datagram(item[2], ("c", 1), now_ns + AHEAD_NS)
             else:
                 client.receive_datagram(item[2], now_ns)
-        due_ns = client.next_timer()
-        if due_ns is not None and now_ns >= due_ns:
+        if now_ns >= client.next_timer():
             client.handle_timer(now_ns)
         sent = [(True, data) for data in client.datagrams_to_send(now_ns)]
-        sent += [(False, data) for data, _ in leader.datagrams_to_send(now_ns + 5_000 * MS)]
-        flying += [(now_ns + delay_ns, *item) for item in sent if rng.random() >= lost]
+        sent += [(False, data) for data, _ in leader.datagrams_to_send(now_ns + AHEAD_NS)]
+        flying += [(now_ns + MS, *item) for item in sent if rng.random() >= lost]
+        link.note_events(now_ns / 1e9)
+        if link.done.is_set():
+            return
 
 
-@pytest.mark.parametrize(("lost", "most"), [(0.0, 32), (0.3, 120)])
+@pytest.mark.parametrize(("lost", "most"), [(0.0, 310), (0.3, 720)])
 def test_samples_are_paced_and_losses_made_up_for(lost: float, most: int) -> None:
-    client, leader = SamplingClient(random.Random(1)), Leader(LeaderConfig(1, 0), random.Random(2))
-    client.begin(0, 0, 0)
-    step(client, leader, seconds=1.0, lost=lost)
-    assert client.joined.is_set()
-    client.begin(30, 3 * MS, 0)
-    step(client, leader, seconds=1.0, lost=lost)
-    assert client.done.is_set()
-    assert len(client.samples) == 30
-    assert 30 <= client.sent <= most
-    assert {s.round_trip_ns for s in client.samples} == {2 * MS}
-    assert client.next_timer() is None
-    first, last = client.samples[0].t0_ns, client.samples[-1].t0_ns
-    assert (last - first) / MS >= 29 * 3 - 3
+    link, leader = LinkClient(random.Random(1), 300, 3 * MS), Leader(LeaderConfig(1, 0), random.Random(2))
+    step(link, leader, lost=lost)
+    assert link.joined.is_set()
+    reached = link.result
+    assert reached is not None
+    assert len(reached.samples) == 300
+    assert 300 <= reached.requests <= most
+    assert {s.round_trip_ns for s in reached.samples} == {2 * MS}
+    first, last = reached.samples[0].t0_ns, reached.samples[-1].t0_ns
+    assert (last - first) / MS >= 299 * 3 - 3
+    assert abs(reached.time_map.leader_from_local(last) - last - AHEAD_NS) <= MS
+    assert reached.seconds >= (last - first) / 1e9
 
 
-def test_the_family_is_judged_at_the_last_sample() -> None:
-    clock = SimulatedClock(10**12, 20.0, 0)
-    options = LinkOptions(Address("x", 1), true_offset_ns=7, clock=clock)
+def synchronization(clock: SimulatedClock, delays_ns: list[tuple[int, int]]) -> Synchronization:
+    """Samples every 3 ms whose truth is known: the leader's clock is 7 ns ahead of the host's."""
     samples = []
-    for i in range(300):
-        there_ns, back_ns = 200_000 + 1000 * (i % 7), 200_000 + 1000 * (i % 5)
+    for i, (there_ns, back_ns) in enumerate(delays_ns):
         times_ns = (i * 3 * MS, i * 3 * MS + there_ns, i * 3 * MS + there_ns + back_ns)
         t0_ns, _, t3_ns = (clock.local_from_true(t) for t in times_ns)
         samples.append(ClockSample(t0_ns, times_ns[1] + 7, times_ns[1] + 7, t3_ns))
-    trial = judge(options, samples, 0.9, 300)
+    engine = ClockFilter()
+    for sample in samples:
+        engine.add(sample)
+    time_map = engine.time_map(samples[-1].t3_ns)
+    assert time_map is not None
+    return Synchronization(samples, time_map, seconds=0.9, requests=300)
+
+
+def test_all_are_judged_at_the_last_sample() -> None:
+    clock = SimulatedClock(10**12, 20.0, 0)
+    options = LinkOptions(Address("x", 1), true_offset_ns=7, clock=clock)
+    delays_ns = [(200_000 + 1000 * (i % 7), 200_000 + 1000 * (i % 5)) for i in range(300)]
+    trial = judge(options, synchronization(clock, delays_ns))
     assert abs(trial.errors_us["ours"]) < 2.0
     assert abs(trial.errors_us["ours"]) <= trial.uncertainty_us <= trial.hard_bound_us
     assert trial.round_trip_us == pytest.approx(400, abs=1)
 
 
-async def test_two_ends_on_this_machine() -> None:
+@pytest.fixture
+async def leader_port() -> AsyncIterator[int]:
     port = free_port()
     server = asyncio.ensure_future(serve("127.0.0.1", port))
-    try:
-        await asyncio.sleep(0)
-        async with LinkProbe(Address("127.0.0.1", port), HostClock(), random.Random(1)) as probe:
-            samples, _, sent = await probe.round(20, MS, 10.0)
-    finally:
-        server.cancel()
-    assert len(samples) == 20 <= sent
-    assert all(abs(s.upper_ns) < 10**9 and s.lower_ns <= 0 <= s.upper_ns for s in samples)
+    await asyncio.sleep(0)
+    yield port
+    server.cancel()
 
 
-async def test_nobody_at_the_other_end(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("capture_app.experiments.link.ends.JOIN_TIMEOUT_S", 0.05)
-    probe = LinkProbe(Address("127.0.0.1", free_port()), HostClock(), random.Random(1))
+async def test_two_ends_on_this_machine(leader_port: int) -> None:
+    address, link = Address("127.0.0.1", leader_port), LinkClient(random.Random(1), 300, MS)
+    reached = await synchronize(address, HostClock(), link, timeout_s=60.0)
+    assert len(reached.samples) >= 300
+    assert reached.requests >= 300
+    assert all(abs(s.upper_ns) < 10**9 and s.lower_ns <= 0 <= s.upper_ns for s in reached.samples)
+    trial = judge(LinkOptions(address), reached)
+    assert abs(trial.errors_us["ours"]) <= trial.hard_bound_us
+
+
+async def test_the_command_measures_a_leader_of_this_machine(
+    leader_port: int, capsys: pytest.CaptureFixture[str]
+) -> None:
+    connect = ["--connect", f"127.0.0.1:{leader_port}", "--trials", "1", "--emulated", "--json"]
+    assert await asyncio.to_thread(run, ["experiment", "link", *connect]) == ExitCode.OK
+    result = json.loads(capsys.readouterr().out)
+    assert (result["kind"], result["trials"]) == ("emulated link", 1)
+    assert result["ours"]["coverage_hard_bound"] == 1.0
+
+
+async def test_nobody_at_the_other_end() -> None:
+    address, link = Address("127.0.0.1", free_port()), LinkClient(random.Random(1), 300)
     with pytest.raises(NetworkError, match="--serve"):
-        await probe.__aenter__()
+        await synchronize(address, HostClock(), link, timeout_s=1.0, join_timeout_s=0.05)
 
 
 def test_the_command_wants_one_end(capsys: pytest.CaptureFixture[str]) -> None:
@@ -106,22 +133,14 @@ def test_the_command_wants_one_end(capsys: pytest.CaptureFixture[str]) -> None:
     assert "--connect" in capsys.readouterr().err
 
 
-def test_the_result_of_a_real_link(
-    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    async def measure(*_: object) -> list[object]:
-        rng = random.Random(1)
-        samples = []
-        for i in range(300):
-            there_ns, back_ns = (200_000 + round(rng.expovariate(1e-6)) for _ in range(2))
-            samples.append(
-                ClockSample(i * MS, i * MS + there_ns, i * MS + there_ns, i * MS + there_ns + back_ns)
-            )
-        return [judge(LinkOptions(Address("x", 1)), samples, 0.9, 300)] * 3
-
-    monkeypatch.setattr("capture_app.experiments.link.experiment._measure", measure)
-    assert run(["experiment", "link", "--connect", "127.0.0.1:9", "--emulated", "--json"]) == ExitCode.OK
-    result = json.loads(capsys.readouterr().out)
-    assert (result["kind"], result["trials"]) == ("emulated link", 3)
-    assert result["ours"]["coverage_hard_bound"] == 1.0
-    assert result["baseline"]["mean"]["error_us"]["mean_abs"] > result["ours"]["error_us"]["mean_abs"]
+def test_the_result_of_some_trials() -> None:
+    rng = random.Random(1)
+    delays_ns = [
+        (200_000 + round(rng.expovariate(1e-6)), 200_000 + round(rng.expovariate(1e-6))) for _ in range(300)
+    ]
+    options = LinkOptions(Address("x", 1), true_offset_ns=7, kind="emulated link")
+    trial = judge(options, synchronization(SimulatedClock(0), delays_ns))
+    result = report(options, [trial] * 3, seed=1).result
+    assert (result.kind, result.trials) == ("emulated link", 3)
+    assert result.ours["coverage_hard_bound"] == 1.0
+    assert result.baseline["mean"]["error_us"]["mean_abs"] > result.ours["error_us"]["mean_abs"]

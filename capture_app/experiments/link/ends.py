@@ -1,34 +1,24 @@
-"""The two ends of the `link` experiment: the engine's own leader, and a client that keeps every sample."""
+"""The two ends of the `link` experiment: the engine's own leader, and its client without a camera."""
 
 import asyncio
 import random
 import time
-from collections import deque
+from dataclasses import dataclass
 
-from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.clock import NodeClock
 from capture_app.errors import NetworkError
 from capture_app.net.address import Address, resolve
 from capture_app.net.transfer import bind
 from capture_app.net.udp import Pump, ToPeer, client_socket
 from capture_app.sync.clock.clock_sample import ClockSample
+from capture_app.sync.clock.time_map import TimeMap
+from capture_app.sync.rig.events import Joined, JoinRefused, LeaderLost
 from capture_app.sync.rig.leader import Leader, LeaderConfig
-from capture_app.sync.rig.poll_schedule import BACKLOG_NS, NEAR_NS
-from capture_app.sync.wire.codec import decode, encode
-from capture_app.sync.wire.messages import Goodbye, Hello, Welcome
-from capture_app.sync.wire.time_messages import TimeReply, WireError, request_at, request_before_t0
+from capture_app.sync.rig.poll_schedule import SteadySchedule
+from capture_app.sync.rig.time_client import TimeClient
+from capture_app.sync.rig.timekeeper import Timekeeper
 
-HELLO_EVERY_NS = 100_000_000
 JOIN_TIMEOUT_S = 10.0
-NO_CAMERA = CameraFacts(
-    kind="none",
-    model="none",
-    width=0,
-    height=0,
-    period_ns=33_333_333,
-    phase_control=PhaseControl.NONE,
-    timestamp_source=TimestampSource.UNKNOWN,
-)
 
 
 async def serve(host: str, port: int) -> None:
@@ -49,135 +39,91 @@ async def serve(host: str, port: int) -> None:
         pump.close()
 
 
-class SamplingClient:
-    """A client's messages without a camera: paced time requests, every sample kept; sans-IO as the engine.
+@dataclass(frozen=True, slots=True)
+class Synchronization:
+    """What a client has of its leader's clock once it has seen so many samples.
 
-    It sends until `want` samples are there, one each `pace_ns`.
+    `time_map` is the engine's own estimate at that moment, `seconds` the time since the client had joined.
     """
 
-    def __init__(self, rng: random.Random) -> None:
-        self.samples: list[ClockSample] = []
-        self.done = asyncio.Event()
+    samples: list[ClockSample]
+    time_map: TimeMap
+    seconds: float
+    requests: int
+
+
+class LinkClient:
+    """A node without a camera, from joining on until it has enough samples; `client` is the engine's own."""
+
+    def __init__(self, rng: random.Random, messages: int, pace_ns: int | None = None) -> None:
+        """Without `pace_ns` it asks as the engine does by itself."""
         self.joined = asyncio.Event()
-        self.sent = 0
-        self._instance = rng.getrandbits(32)
-        self._name = f"link-{self._instance:08x}"
-        self._sequence = rng.getrandbits(31)
-        self._client: int | None = None
-        self._want, self._pace_ns, self._due_ns, self._grid_ns = 0, 0, 0, 0
-        self._request: bytes | None = None
-        self._outstanding: dict[int, int] = {}
-        self._outbox: deque[bytes] = deque()
+        self.done = asyncio.Event()
+        self.problem = ""
+        self.samples: list[ClockSample] = []
+        self.result: Synchronization | None = None
+        schedule = SteadySchedule()
+        if pace_ns is not None:
+            schedule = SteadySchedule(first_pace_ns=pace_ns, easing_paces_ns=(), pace_ns=pace_ns)
+        instance = rng.getrandbits(32)
+        self.timekeeper = Timekeeper(rng.getrandbits(31), schedule, on_sample=self.samples.append)
+        self.client = TimeClient(f"link-{instance:08x}", instance, self.timekeeper)
+        self._messages = messages
+        self._joined_s = 0.0
 
-    def begin(self, want: int, pace_ns: int, now_ns: int) -> None:
-        """Start a round: forget the samples before, and what is still on its way."""
-        self.samples, self.sent = [], 0
-        self._outstanding.clear()
-        self.done.clear()
-        self._want, self._pace_ns, self._due_ns, self._grid_ns = want, pace_ns, now_ns, now_ns
-
-    def leave(self) -> None:
-        """Say goodbye."""
-        if self._client is not None:
-            self._outbox.append(encode(Goodbye(self._client)))
-
-    def receive_datagram(self, data: bytes, now_ns: int) -> None:
-        """Take in a datagram that arrived at `now_ns`."""
-        try:
-            message = decode(data)
-        except WireError:
+    def note_events(self, now_s: float) -> None:
+        """Look at what has happened; `now_s` is any clock that runs evenly. Call it after each step."""
+        while (event := self.client.next_event()) is not None:
+            match event:
+                case Joined():
+                    self._joined_s = now_s
+                    self.joined.set()
+                case JoinRefused():
+                    self.problem = event.reason
+                case LeaderLost():
+                    self.problem = event.reason
+                    self.done.set()
+                case _:
+                    pass
+        time_map = self.timekeeper.time_map
+        if len(self.samples) < self._messages or not self.timekeeper.synced or time_map is None:
             return
-        if isinstance(message, Welcome) and message.instance == self._instance:
-            self._client = message.client
-            self._due_ns = now_ns
-            self.joined.set()
-        if not isinstance(message, TimeReply) or self.done.is_set():
-            return
-        if self._outstanding.pop(message.sequence, None) != message.t0_ns:
-            return
-        sample = ClockSample(message.t0_ns, message.t1_ns, message.t2_ns, now_ns)
-        self.samples.append(sample)
-        # As the engine's client does it.
-        if sample.round_trip_ns < NEAR_NS and self._due_ns <= now_ns + self._pace_ns:
-            self._prepare(now_ns)
-        if len(self.samples) >= self._want:
+        if self.result is None:
+            requests, seconds = self.timekeeper.requests, now_s - self._joined_s
+            self.result = Synchronization(list(self.samples), time_map, seconds, requests)
             self.done.set()
 
-    def handle_timer(self, now_ns: int) -> None:
-        """Do what is due."""
-        if now_ns < self._due_ns:
-            return
-        if self._client is None:
-            self._due_ns = now_ns + HELLO_EVERY_NS
-            self._outbox.append(encode(Hello(self._name, self._instance, NO_CAMERA)))
-        elif self._want and not self.done.is_set():
-            self._prepare(now_ns)
 
-    def _prepare(self, now_ns: int) -> None:
-        assert self._client is not None
-        self._grid_ns = max(self._grid_ns + self._pace_ns, now_ns - BACKLOG_NS)
-        self._due_ns = max(self._grid_ns, now_ns + self._pace_ns // 2)
-        self._sequence = (self._sequence + 1) & 0xFFFFFFFF
-        self._request = request_before_t0(self._client, self._sequence)
-
-    def next_timer(self) -> int | None:
-        """Local time in ns at which `handle_timer` wants to be called."""
-        idle = self._client is not None and (not self._want or self.done.is_set())
-        return None if idle else self._due_ns
-
-    def datagrams_to_send(self, now_ns: int) -> list[bytes]:
-        """Return the datagrams for the leader; a time request carries `now_ns`."""
-        datagrams = []
-        if self._request is not None:
-            datagrams.append(request_at(self._request, now_ns))
-            self._request = None
-            self._outstanding[self._sequence] = now_ns
-            self.sent += 1
-        while self._outbox:
-            datagrams.append(self._outbox.popleft())
-        return datagrams
-
-
-class LinkProbe:
-    """A sampling client over a real socket; `async with` joins the leader, and raises NetworkError."""
-
-    def __init__(self, address: Address, clock: NodeClock, rng: random.Random) -> None:
-        self.client = SamplingClient(rng)
-        self._address = address
-        self._clock = clock
-        self._pump: Pump
-
-    async def __aenter__(self) -> "LinkProbe":
-        """Join the leader."""
-        family, peer = await resolve(self._address)
-        self._pump = Pump(ToPeer(self.client, peer), self._clock.now_ns, lambda: None)
-        self.client.begin(0, 0, self._clock.now_ns())
-        self._pump.start(client_socket(family))
-        try:
-            await asyncio.wait_for(self.client.joined.wait(), JOIN_TIMEOUT_S)
-        except TimeoutError:
-            self._pump.close()
+async def synchronize(
+    address: Address,
+    clock: NodeClock,
+    link: LinkClient,
+    *,
+    timeout_s: float,
+    join_timeout_s: float = JOIN_TIMEOUT_S,
+) -> Synchronization:
+    """Join the leader at an address, take the samples, and leave. Raises NetworkError."""
+    family, peer = await resolve(address)
+    pump = Pump(ToPeer(link.client, peer), clock.now_ns, lambda: link.note_events(time.monotonic()))
+    pump.start(client_socket(family))
+    try:
+        await asyncio.wait_for(link.joined.wait(), join_timeout_s)
+        await asyncio.wait_for(link.done.wait(), timeout_s)
+    except TimeoutError:
+        if link.joined.is_set():
             raise NetworkError(
-                f"nobody answers at {self._address}",
-                hint="start the other end with `capture-app experiment link --serve`",
+                f"only {len(link.samples)} replies from {address} in {timeout_s:g} s"
             ) from None
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        """Leave the leader."""
-        self.client.leave()
-        self._pump.turn()
-        self._pump.close()
-
-    async def round(self, want: int, pace_ns: int, timeout_s: float) -> tuple[list[ClockSample], float, int]:
-        """Collect `want` samples; return them, the seconds that took and the requests sent."""
-        begin_ns = time.monotonic_ns()
-        self.client.begin(want, pace_ns, self._clock.now_ns())
-        self._pump.turn()
-        try:
-            await asyncio.wait_for(self.client.done.wait(), timeout_s)
-        except TimeoutError:
-            raise NetworkError(
-                f"only {len(self.client.samples)} of {want} replies from {self._address} in {timeout_s:g} s"
-            ) from None
-        return self.client.samples, (time.monotonic_ns() - begin_ns) / 1e9, self.client.sent
+        if link.problem:
+            raise NetworkError(f"{address} does not take this client in: {link.problem}") from None
+        raise NetworkError(
+            f"nobody answers at {address}",
+            hint="start the other end with `capture-app experiment link --serve`",
+        ) from None
+    finally:
+        link.client.leave()
+        pump.turn()
+        pump.close()
+    if link.result is None:
+        raise NetworkError(f"the leader at {address} was lost: {link.problem}")
+    return link.result

@@ -1,4 +1,4 @@
-"""The estimator family on a real link, between two processes, over the engine's own messages and pump."""
+"""The engine's own client on a real link, between two processes, beside other filters on the same samples."""
 
 import asyncio
 import random
@@ -11,34 +11,35 @@ from typing import TYPE_CHECKING
 from capture_app.clock import HostClock, NodeClock
 from capture_app.experiments.clock_filters.filters import estimators
 from capture_app.experiments.common.result import Kind, Outcome, Result, Table, error_figures
-from capture_app.experiments.link.ends import LinkProbe
+from capture_app.experiments.link.ends import JOIN_TIMEOUT_S, LinkClient, Synchronization, synchronize
 from capture_app.net.address import Address
-from capture_app.sync.clock.clock_sample import ClockSample
+from capture_app.sync.rig.poll_schedule import PACE_NS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
 TRIALS = 10
 MESSAGES = 300
-PACE_NS = 3_000_000
 GAP_S = 0.05
 PAPER = {"mean": {"error_us": {"bias": 400.0}}, "minimum": {"error_us": {"bias": 19.0}}}
 
 
 @dataclass(frozen=True, slots=True)
 class LinkOptions:
-    """What to measure: `messages` samples each trial, one each `pace_ns`; the truth to compare with.
+    """What to measure: clients that join anew for each trial, until they have `messages` samples.
 
-    `true_offset_ns` is the leader's clock minus the host clock of this process, which is known where both
-    share one kernel; `clock` is this end's own, perhaps simulated.
+    They ask as the engine does by itself, or each `pace_ns`. `true_offset_ns` is the leader's clock minus the
+    host clock of this process, which is known where both share one kernel; `clock` is this end's own, perhaps
+    simulated.
     """
 
     address: Address
     messages: int = MESSAGES
-    pace_ns: int = PACE_NS
+    pace_ns: int | None = None
     true_offset_ns: int = 0
     clock: NodeClock = field(default_factory=HostClock)
     kind: Kind = "real"
+    join_timeout_s: float = JOIN_TIMEOUT_S
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +57,11 @@ class Trial:
 def run(options: LinkOptions, *, trials: int | None, seed: int, talk: Callable[[str], None]) -> Outcome:
     """Measure from this end; the other runs `serve`. Raises NetworkError."""
     count = TRIALS if trials is None else trials
-    done = asyncio.run(_measure(options, count, seed, talk))
+    return report(options, asyncio.run(measure(options, count, seed, talk)), seed)
+
+
+def report(options: LinkOptions, done: list[Trial], seed: int) -> Outcome:
+    """Sum up trials."""
     result = _result(options, done, seed)
 
     def draw(folder: Path) -> list[Path]:
@@ -72,41 +77,49 @@ def run(options: LinkOptions, *, trials: int | None, seed: int, talk: Callable[[
     return Outcome(result, (_table(done),), notes, draw)
 
 
-async def _measure(options: LinkOptions, count: int, seed: int, talk: Callable[[str], None]) -> list[Trial]:
+async def measure(options: LinkOptions, count: int, seed: int, talk: Callable[[str], None]) -> list[Trial]:
+    """Let so many clients join and synchronize, one after the other. Raises NetworkError."""
     trials = []
-    timeout_s = 10.0 + 5.0 * options.messages * options.pace_ns / 1e9
-    async with LinkProbe(options.address, options.clock, random.Random(f"{seed} link")) as probe:
-        for i in range(count):
-            samples, seconds, sent = await probe.round(options.messages, options.pace_ns, timeout_s)
-            trials.append(judge(options, samples, seconds, sent))
-            if (i + 1) % 10 == 0 or options.messages > 1000:
-                talk(f"{i + 1} of {count}: ours {trials[-1].errors_us['ours']:+.1f} us")
-            await asyncio.sleep(GAP_S)
+    rng = random.Random(f"{seed} link")
+    pace_ns = PACE_NS if options.pace_ns is None else options.pace_ns
+    timeout_s = 10.0 + 5.0 * options.messages * pace_ns / 1e9
+    for i in range(count):
+        link = LinkClient(rng, options.messages, options.pace_ns)
+        reached = await synchronize(
+            options.address,
+            options.clock,
+            link,
+            timeout_s=timeout_s,
+            join_timeout_s=options.join_timeout_s,
+        )
+        trials.append(judge(options, reached))
+        if (i + 1) % 10 == 0 or options.messages > 1000:
+            talk(f"{i + 1} of {count}: ours {trials[-1].errors_us['ours']:+.1f} us")
+        await asyncio.sleep(GAP_S)
     return trials
 
 
-def judge(options: LinkOptions, samples: list[ClockSample], seconds: float, sent: int) -> Trial:
-    """Let the family estimate from the samples, and compare with the truth when the last one came."""
-    family = estimators()
-    for sample in samples:
-        for estimator in family.values():
+def judge(options: LinkOptions, reached: Synchronization) -> Trial:
+    """Compare the engine's map, and others from the same samples, with the truth when the last one came."""
+    others = {name: estimator for name, estimator in estimators().items() if name != "ours"}
+    for sample in reached.samples:
+        for estimator in others.values():
             estimator.add(sample)
-    local_ns = max(sample.t3_ns for sample in samples)
+    local_ns = max(sample.t3_ns for sample in reached.samples)
     true_ns = options.clock.true_from_local(local_ns) + options.true_offset_ns
-    maps = {name: estimator.time_map(local_ns) for name, estimator in family.items()}
+    ours = reached.time_map
+    maps = {name: estimator.time_map(local_ns) for name, estimator in others.items()} | {"ours": ours}
     errors_us = {
         name: (time_map.leader_from_local(local_ns) - true_ns) / 1000.0
         for name, time_map in maps.items()
         if time_map is not None
     }
-    ours = maps["ours"]
-    assert ours is not None
     return Trial(
         errors_us=errors_us,
-        uncertainty_us=ours.uncertainty_ns / 1000.0,
-        hard_bound_us=ours.hard_bound_ns / 1000.0,
-        seconds=seconds,
-        sent=sent,
+        uncertainty_us=ours.uncertainty_at(local_ns) / 1000.0,
+        hard_bound_us=ours.hard_bound_at(local_ns) / 1000.0,
+        seconds=reached.seconds,
+        sent=reached.requests,
         round_trip_us=ours.round_trip_ns / 1000.0,
     )
 

@@ -21,7 +21,7 @@ def run_session(session: Path, scratch: Path, conditions: list[str]) -> list[Row
     rows = []
     for instant in range(count):
         for condition in conditions:
-            extra = () if condition == "synced" else ("--offsets-ms", OFFSETS_MS)
+            extra = () if condition == "synced" else ("--condition", OFFSETS_MS)
             row = _one(session, instant, scratch / f"{instant}-{condition}", extra)
             if row is not None:
                 rows.append({"scene": session.name, "instant": instant, "condition": condition, **row})

@@ -20,8 +20,7 @@ from capture_app.session.writing.store import Session
 
 VIEWS = ("cam00", "cam01", "cam02", "cam03", "cam04", "wide00", "wide01")
 FRAMES = 5
-OFFSET_MS = 66
-QUICK = ("--multiview-instants", "3", "--multiview-width", "320")
+QUICK = ("--max-multiview-instants", "3", "--multiview-width", "320")
 """Depth from all cameras of small pictures: as telling, in a fifth of the time."""
 TOLERANCE_US = 50
 READY_TIMEOUT_S = 90.0
@@ -188,7 +187,7 @@ async def _take(leader: LeaderNode, cameras: int, talk: Talk) -> BurstStatus:
 
 async def compare(session: Path, out: Path, talk: Talk) -> dict[str, Any]:
     """Run `reconstruct compare` in a process of its own, pass its progress on, and return its metrics."""
-    arguments = ("compare", str(session), "--offset-ms", str(OFFSET_MS), *QUICK, "--out", str(out), "--json")
+    arguments = ("compare", str(session), *QUICK, "--out", str(out), "--json")
     child = await Child.start("reconstruct compare", ("reconstruction.cli", *arguments), on_line=talk)
     try:
         assert child.process.stdout is not None

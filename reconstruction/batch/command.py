@@ -14,7 +14,7 @@ from reconstruction.batch.plan import MAKE, Failure, plan
 from reconstruction.batch.rows import BatchResult, Row, failed_row, summarize, unit_row
 from reconstruction.batch.summary import NAMES, write_summary
 from reconstruction.batch.units import UNITS, WORK, Outcome, Unit, is_done, tidy
-from reconstruction.session.conditions import Condition
+from reconstruction.session.conditions import SYNCED, Condition
 
 TIMINGS = "timings.csv"
 
@@ -23,7 +23,7 @@ TIMINGS = "timings.csv"
 class BatchOptions:
     """What to make of every session; no instants: all that the conditions can be had of."""
 
-    conditions: tuple[str, ...] = ("synced",)
+    conditions: tuple[Condition, ...] = (Condition(SYNCED),)
     instants: tuple[int, ...] | None = None
     matcher: str = "sweep"
 
@@ -41,10 +41,10 @@ def batch(
     Units that fail are in the result, and leave the others alone.
 
     Raises:
-        BadInputError: a condition is none, or `out` cannot be used or is in use.
+        BadInputError: `out` cannot be used or is in use.
     """
     began = time.monotonic()
-    conditions = list(dict.fromkeys(Condition.parse(text) for text in options.conditions))
+    conditions = list(dict.fromkeys(options.conditions))
     with _ours(out) as root:
         units, failures = _plan(sessions, conditions, options)
         todo = [unit for unit in units if not is_done(unit, root)]

@@ -80,7 +80,7 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
     own = dataset.calibration()
     stores = options.source is not CalibrationSource.SESSION
     if stores and target.exists() and not options.force:
-        raise BadInputError(f"{session} has a calibration already", hint="--force replaces it")
+        raise BadInputError(f"{session} has a calibration already", hint="--replace overwrites it")
     shared: SharedPoints
     if options.source is CalibrationSource.CHARUCO:
         if options.board is None:

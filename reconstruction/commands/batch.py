@@ -1,14 +1,15 @@
 """`reconstruct batch`."""
 
-import sys
 from pathlib import Path
 
 import click
 
-from capture_app.errors import ExitCode
+from capture_app.errors import ExitCode, SimulshotError
 from capture_app.terminal import json_option, print_json, print_line, talk
+from reconstruction.commands.options import CONDITION_HELP, ConditionType, out_option
+from reconstruction.session.conditions import SYNCED, Condition
 
-MOST_INSTANTS = 100_000
+MAX_INSTANTS = 100_000
 
 
 class _Instants(click.ParamType[tuple[int, ...]]):
@@ -25,11 +26,11 @@ class _Instants(click.ParamType[tuple[int, ...]]):
             for part in str(value).split(","):
                 first, _, last = part.partition("-")
                 span = range(int(first), int(last or first) + 1)
-                if not 0 < len(span) <= MOST_INSTANTS:
+                if not 0 < len(span) <= MAX_INSTANTS:
                     raise ValueError
                 found += span
         except ValueError:
-            self.fail(f"{value!r} is not instants, as in 0,4-8", param, ctx)
+            self.fail(f"{value!r} is not a list of instants, as in 0,4-8", param, ctx)
         return tuple(dict.fromkeys(found))
 
 
@@ -38,44 +39,47 @@ class _Instants(click.ParamType[tuple[int, ...]]):
 @click.option(
     "--condition",
     "conditions",
+    type=ConditionType(),
     multiple=True,
-    default=("synced",),
+    default=(SYNCED,),
     show_default=True,
-    help="synced; distinct: each camera off by another of -66,-33,0,33,66 ms; MS: every second camera so "
-    "much later; MS,MS,... or CAMERA=MS,...: how much later each is. May be given several times.",
+    help=f"{CONDITION_HELP} Repeat for several.",
 )
-@click.option("--instants", type=_Instants(), help="Instants, as in 0,4-8 [default: all].")
+@click.option("--instants", type=_Instants(), show_default="all", help="Instants to process, as in 0,4-8.")
 @click.option(
     "--matcher",
     type=click.Choice(["sweep", "patchmatch"]),
     default="sweep",
     show_default=True,
-    help="sweep: on the CPU. patchmatch: COLMAP's, on an NVIDIA GPU.",
+    help="sweep runs on the CPU; patchmatch is COLMAP's and needs an NVIDIA GPU.",
 )
 @click.option(
     "--executor",
     type=click.Choice(["local", "slurm"]),
     default="local",
     show_default=True,
-    help="local: processes of this machine. slurm: jobs of the cluster that this machine belongs to.",
+    help="local starts processes on this machine, slurm submits jobs to its cluster.",
 )
 @click.option(
     "--slurm",
     "settings",
     multiple=True,
     metavar="NAME=VALUE",
-    help="A setting for SLURM, as in partition=gpu, time=30 (minutes), mem=8GB, cpus_per_task=4.",
+    help="SLURM setting, as in partition=gpu, time=30 (minutes), mem=8GB, cpus_per_task=4. "
+    "Repeat for several.",
 )
 @click.option(
     "--jobs",
     type=click.IntRange(min=1),
-    help="Units at a time [default: one per core, if memory allows; slurm: what the cluster takes].",
+    metavar="N",
+    show_default="one per core, as memory allows; with SLURM no limit",
+    help="Number of instants to process in parallel.",
 )
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the results.")
+@out_option
 @json_option
 def batch(
     sessions: tuple[Path, ...],
-    conditions: tuple[str, ...],
+    conditions: tuple[Condition, ...],
     instants: tuple[int, ...] | None,
     matcher: str,
     executor: str,
@@ -84,10 +88,10 @@ def batch(
     out: Path,
     as_json: bool,
 ) -> None:
-    """Make the depth and the cloud of many instants of SESSIONS, in one condition or several.
+    """Compute depth maps and point clouds of many instants of SESSIONS, in one or more conditions.
 
-    What is in the --out folder already is not made again: after an interruption, or with more sessions,
-    instants or conditions, repeat the command.
+    Results already in --out are reused: repeat the command after an interruption, or with more sessions,
+    instants or conditions.
     """
 
     from reconstruction.batch.command import BatchOptions, exit_code
@@ -108,10 +112,12 @@ def batch(
     if as_json:
         print_json(result)
     else:
-        print_line(f"{result.made} made, {result.there} there already, {result.failed} failed")
+        print_line(f"{result.made} computed, {result.there} reused, {result.failed} failed")
         print_line(f"summary: {out / 'summary.html'}")
     code = exit_code(result)
     if code is not ExitCode.OK:
-        count = f"{result.failed} of {len(result.units)} failed"
-        talk(f"reconstruct: error: {count}; repeat the command to try these again")
-        sys.exit(int(code))
+        failure = SimulshotError(
+            f"{result.failed} of {len(result.units)} failed", hint="repeat the command to retry"
+        )
+        failure.exit_code = code
+        raise failure

@@ -6,24 +6,52 @@ from pathlib import Path
 import click
 
 from capture_app.terminal import json_option, print_json, print_line
+from reconstruction.commands.options import session_argument
 
 
 @click.command()
-@click.argument("session", type=click.Path(path_type=Path))
+@session_argument
 @click.option(
     "--from",
     "source",
     type=click.Choice(["session", "sfm", "charuco"]),
     default="sfm",
     show_default=True,
-    help="session: judge the one it has. sfm: from what stands still in the burst. charuco: from a board.",
+    help="sfm: from static features of the burst. charuco: from a board. session: check the one it has.",
 )
-@click.option("--recording", type=click.Path(path_type=Path), help="Session that shows the board.")
-@click.option("--board", default="7x5", show_default=True, help="Squares across x down.")
-@click.option("--square-mm", type=click.FloatRange(min=0, min_open=True), default=40.0, show_default=True)
-@click.option("--marker-mm", type=click.FloatRange(min=0, min_open=True), default=30.0, show_default=True)
-@click.option("--dictionary", default="4X4_50", show_default=True, help="Of the board's markers.")
-@click.option("--force", is_flag=True, help="Replace the calibration that the session has.")
+@click.option(
+    "--recording",
+    type=click.Path(path_type=Path),
+    metavar="SESSION",
+    help="For charuco: session that shows the board.",
+)
+@click.option(
+    "--board",
+    default="7x5",
+    show_default=True,
+    metavar="COLUMNSxROWS",
+    help="For charuco: squares of the board.",
+)
+@click.option(
+    "--square-mm",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="MM",
+    default=40.0,
+    show_default=True,
+    help="For charuco: side of a square.",
+)
+@click.option(
+    "--marker-mm",
+    type=click.FloatRange(min=0, min_open=True),
+    metavar="MM",
+    default=30.0,
+    show_default=True,
+    help="For charuco: side of a marker.",
+)
+@click.option(
+    "--dictionary", default="4X4_50", show_default=True, help="For charuco: ArUco dictionary of the markers."
+)
+@click.option("--replace", is_flag=True, help="Replace an earlier calibration of the session.")
 @json_option
 def calibrate(
     session: Path,
@@ -33,10 +61,10 @@ def calibrate(
     square_mm: float,
     marker_mm: float,
     dictionary: str,
-    force: bool,
+    replace: bool,
     as_json: bool,
 ) -> None:
-    """Find the calibration of SESSION, judge it and store it there, once, for everything after."""
+    """Calibrate the cameras of SESSION, check the result and save it in the session."""
 
     from reconstruction.calibration.charuco_board import CharucoBoard
     from reconstruction.calibration.command import CalibrateOptions, CalibrationSource
@@ -44,13 +72,15 @@ def calibrate(
 
     size = re.fullmatch(r"(\d{1,2})x(\d{1,2})", board)
     if size is None or min(map(int, size.groups())) < 3:
-        raise click.BadParameter(f"{board!r} is not squares across x down, as in 7x5", param_hint="--board")
+        raise click.BadParameter(
+            f"{board!r} is not columns x rows of squares, as in 7x5", param_hint="--board"
+        )
     across, down = map(int, size.groups())
     options = CalibrateOptions(
         source=CalibrationSource(source),
         board=CharucoBoard(across, down, square_mm / 1000, marker_mm / 1000, dictionary),
         recording=recording,
-        force=force,
+        force=replace,
     )
     result = run(session, options)
     if as_json:
@@ -67,4 +97,4 @@ def calibrate(
     )
     for name, share in quality.coverage.items():
         print_line(f"{name}: points in {100 * share:.0f} % of the picture")
-    print_line("stored in the session" if result.stored else "it is the session's own")
+    print_line("saved in the session" if result.stored else "the session has this calibration already")

@@ -1,83 +1,91 @@
 """`reconstruct compare`."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from capture_app.terminal import json_option, print_json, print_line
-from reconstruction.commands.arguments import Finite, Offsets, Pair
+from reconstruction.commands.options import (
+    CONDITION_HELP,
+    ConditionType,
+    FiniteRange,
+    max_instants_option,
+    out_option,
+    pair_option,
+    session_argument,
+)
+from reconstruction.session.conditions import DEFAULT_OFFSET_MS, MAX_OFFSET_MS, SYNCED, Condition
 
-if TYPE_CHECKING:
-    from reconstruction.session.conditions import Condition
+
+def _refuse_synced(
+    ctx: click.Context, param: click.Parameter, value: tuple[Condition, ...]
+) -> tuple[Condition, ...]:
+    if any(condition.name == SYNCED for condition in value):
+        raise click.BadParameter(f"{SYNCED} is part of every comparison; name another condition")
+    return value
 
 
 @click.command()
-@click.argument("session", type=click.Path(path_type=Path))
+@session_argument
 @click.option(
     "--offset-ms",
-    type=Finite(min=0, min_open=True, max=1e6),
-    default=66.0,
+    type=FiniteRange(min=0, min_open=True, max=MAX_OFFSET_MS),
+    metavar="MS",
+    default=DEFAULT_OFFSET_MS,
     show_default=True,
-    help="How late the second camera is in the offset condition, ms; the nearest whole frame is taken.",
+    help="How late the second camera of a pair is, rounded to whole frames.",
 )
-@click.option("--stereo", type=Pair(), help="The two cameras for depth [default: chosen by what they see].")
-@click.option("--stitch", type=Pair(), help="The two cameras for the panorama [default: likewise].")
+@pair_option("--stereo-pair", "depth")
+@pair_option("--stitch-pair", "the panorama")
+@max_instants_option
 @click.option(
-    "--instants",
-    type=click.IntRange(min=1),
-    default=16,
-    show_default=True,
-    help="Use at most so many instants, spread over the burst.",
-)
-@click.option(
-    "--multiview-instants",
+    "--max-multiview-instants",
     type=click.IntRange(min=0),
+    metavar="N",
     default=3,
     show_default=True,
-    help="Of these, at most so many for depth from all cameras, which takes much longer; 0: none.",
+    help="Use at most this many of them for depth from all cameras, which takes much longer; 0 for none.",
 )
 @click.option(
     "--multiview-width",
     type=click.IntRange(min=160),
+    metavar="PX",
     default=640,
     show_default=True,
-    help="Make pictures wider than this smaller for that, px.",
+    help="Reduce wider images to this width for depth from all cameras.",
 )
 @click.option(
     "--poses/--no-poses",
     default=None,
-    help="Find where the cameras stand from single instants [default: where much of the picture moves].",
+    show_default="if much of the picture moves",
+    help="Also estimate the camera poses from single instants.",
 )
 @click.option(
-    "--offsets-ms",
-    type=Offsets(),
+    "--condition",
+    "conditions",
+    type=ConditionType(),
     multiple=True,
-    help="A further condition: how late each camera is, ms; may be given several times.",
-)
-@click.option(
-    "--drawn",
-    is_flag=True,
-    help="A further condition: every camera off by one of -66, -33, 0, 33, 66 ms, drawn for each instant.",
+    callback=_refuse_synced,
+    help=f"Compare with this condition too. Repeat for several. {CONDITION_HELP}",
 )
 @click.option(
     "--against",
     type=click.Path(path_type=Path),
-    help="A further condition: another session of the same cameras, such as one without synchronization.",
+    metavar="SESSION",
+    help="Compare with another session of the same cameras too, such as one without synchronization.",
 )
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the result.")
+@out_option
 @json_option
 def compare(
     session: Path,
     offset_ms: float,
-    stereo: tuple[str, str] | None,
-    stitch: tuple[str, str] | None,
-    instants: int,
-    multiview_instants: int,
+    stereo_pair: tuple[str, str] | None,
+    stitch_pair: tuple[str, str] | None,
+    max_instants: int,
+    max_multiview_instants: int,
     multiview_width: int,
     poses: bool | None,
-    offsets_ms: "tuple[Condition, ...]",
-    drawn: bool,
+    conditions: tuple[Condition, ...],
     against: Path | None,
     out: Path,
     as_json: bool,
@@ -90,17 +98,16 @@ def compare(
     from reconstruction.compare.all_cameras import AllCamerasOptions
     from reconstruction.compare.command import CompareOptions
     from reconstruction.compare.command import compare as run
-    from reconstruction.session.conditions import DISTINCT, Condition
 
     options = CompareOptions(
         offset_ms=offset_ms,
-        stereo=stereo,
-        stitch=stitch,
-        most_instants=instants,
+        stereo=stereo_pair,
+        stitch=stitch_pair,
+        most_instants=max_instants,
         all_cameras=AllCamerasOptions(
-            multiview_instants=multiview_instants, multiview_width=multiview_width, poses=poses
+            multiview_instants=max_multiview_instants, multiview_width=multiview_width, poses=poses
         ),
-        conditions=(*offsets_ms, *((Condition(DISTINCT),) if drawn else ())),
+        conditions=conditions,
         against=against,
     )
     result = run(session, out, options)

@@ -5,43 +5,46 @@ from pathlib import Path
 import click
 
 from capture_app.terminal import json_option, print_json, print_line
-from reconstruction.commands.arguments import Pair
+from reconstruction.commands.options import FiniteRange, max_instants_option, pair_option, session_argument
+from reconstruction.session.conditions import DEFAULT_OFFSET_MS
 
 
 @click.command()
-@click.argument("session", type=click.Path(path_type=Path))
+@session_argument
 @click.option(
-    "--most-ms",
-    type=click.FloatRange(min=0, min_open=True, max=1e4),
-    default=66.0,
+    "--max-offset-ms",
+    type=FiniteRange(min=0, min_open=True, max=1e4),
+    metavar="MS",
+    default=DEFAULT_OFFSET_MS,
     show_default=True,
-    help="Measure up to this offset, ms, in whole frames, or as far as the burst goes.",
+    help="Largest offset to measure, in steps of one frame, as far as the burst allows.",
 )
-@click.option("--stereo", type=Pair(), help="The two cameras for depth [default: chosen by what they see].")
+@pair_option("--pair", "depth")
+@max_instants_option
 @click.option(
-    "--instants",
-    type=click.IntRange(min=1),
-    default=16,
-    show_default=True,
-    help="Use at most so many instants.",
+    "--out",
+    type=click.Path(path_type=Path),
+    metavar="DIR",
+    help="Folder for the curve, the numbers and a report.",
 )
-@click.option("--out", type=click.Path(path_type=Path), help="Folder for curve, numbers and report.")
 @json_option
 def dose(
     session: Path,
-    most_ms: float,
-    stereo: tuple[str, str] | None,
-    instants: int,
+    max_offset_ms: float,
+    pair: tuple[str, str] | None,
+    max_instants: int,
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Measure how much lateness of one camera the motion in SESSION bears."""
+    """Measure how late one camera may be before the motion in SESSION spoils the depth."""
 
     from reconstruction.compare.dose import DoseOptions
     from reconstruction.compare.dose import dose as run
     from reconstruction.report.dose import dose_sentence
 
-    result = run(session, out, DoseOptions(most_ms=most_ms, stereo=stereo, most_instants=instants))
+    result = run(
+        session, out, DoseOptions(max_offset_ms=max_offset_ms, stereo=pair, most_instants=max_instants)
+    )
     if as_json:
         print_json(result)
         return

@@ -5,19 +5,21 @@ from pathlib import Path
 import click
 
 from capture_app.terminal import json_option, print_json, print_line
-from reconstruction.commands.arguments import Pair
+from reconstruction.commands.options import instant_option, out_option, pair_option, session_argument
 
 
 @click.command()
-@click.argument("session", type=click.Path(path_type=Path))
-@click.option("--instant", type=click.IntRange(min=0), default=0, show_default=True, help="Of the burst.")
+@session_argument
+@instant_option
 @click.option(
     "--other-instant",
     type=click.IntRange(min=0),
-    help="Take the second camera's image of another instant [default: the same].",
+    metavar="K",
+    show_default="the same",
+    help="Take the second camera's image from this instant.",
 )
-@click.option("--pair", type=Pair(), help="The two cameras [default: chosen by what they see].")
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the result.")
+@pair_option("--pair", "the depth map")
+@out_option
 @json_option
 def stereo(
     session: Path,
@@ -27,7 +29,7 @@ def stereo(
     out: Path,
     as_json: bool,
 ) -> None:
-    """Make a depth map from two cameras of SESSION, with its confidence and a picture."""
+    """Compute a depth map from two cameras of SESSION, with its confidence and a picture."""
 
     from reconstruction.stereo.command import StereoOptions
     from reconstruction.stereo.command import stereo as run

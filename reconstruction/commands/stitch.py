@@ -5,27 +5,29 @@ from pathlib import Path
 import click
 
 from capture_app.terminal import json_option, print_json, print_line
-from reconstruction.commands.arguments import Finite
+from reconstruction.commands.options import FiniteRange, instant_option, out_option
+from reconstruction.session.conditions import MAX_OFFSET_MS
 
 
 @click.command()
 @click.argument(
-    "sources", metavar="SESSION|PICTURES...", nargs=-1, required=True, type=click.Path(path_type=Path)
+    "sources", metavar="SESSION|IMAGE...", nargs=-1, required=True, type=click.Path(path_type=Path)
 )
-@click.option("--instant", type=click.IntRange(min=0), default=0, show_default=True, help="Of a session.")
+@instant_option
 @click.option(
     "--offset-ms",
-    type=Finite(min=0, min_open=True, max=1e6),
-    help="Compose it a second time with every second camera so much later, ms.",
+    type=FiniteRange(min=0, min_open=True, max=MAX_OFFSET_MS),
+    metavar="MS",
+    help="Also make the panorama with every second camera late by this much.",
 )
-@click.option("--out", type=click.Path(path_type=Path), required=True, help="Folder for the result.")
+@out_option
 @json_option
 def stitch(
     sources: tuple[Path, ...], instant: int, offset_ms: float | None, out: Path, as_json: bool
 ) -> None:
-    """Make a panorama of an instant of SESSION, or of pictures or a folder of them.
+    """Stitch a panorama from one instant of SESSION, or from image files or a folder of them.
 
-    Says which pictures were left out and why, and marks where the panorama ghosts.
+    Lists the images that were left out and why, and marks ghosting in the panorama.
     """
 
     from reconstruction.panorama.command import StitchOptions
@@ -36,10 +38,10 @@ def stitch(
         print_json(result)
         return
     made = result.synced
-    print_line(f"panorama of {len(result.used)} pictures, {made.width}x{made.height} pixels")
+    print_line(f"panorama of {len(result.used)} images, {made.width}x{made.height} pixels")
     for name, why in result.left_out.items():
         print_line(f"left out: {name}: {why}")
     for which, one in (("synchronized", made), (f"{result.actual_offset_ms:.0f} ms late", result.offset)):
         if one is not None and one.ghosting_px is not None:
-            print_line(f"misfit in the overlaps, {which}: {one.ghosting_px:.1f} px")
+            print_line(f"misalignment in the overlaps, {which}: {one.ghosting_px:.1f} px")
     print_line(f"picture: {out / made.panorama}")

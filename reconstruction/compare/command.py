@@ -18,7 +18,7 @@ from reconstruction.common.stage_cache import StageCache
 from reconstruction.compare.all_cameras import AllCameras, AllCamerasOptions
 from reconstruction.compare.depth_pictures import depth_pictures
 from reconstruction.compare.depth_study import DepthStudy
-from reconstruction.compare.dose import MOST_MS, measure, offsets
+from reconstruction.compare.dose import measure, offsets
 from reconstruction.compare.further import Chosen, judge, judge_session
 from reconstruction.compare.panorama_study import PanoramaStudy
 from reconstruction.report.report import write_report
@@ -28,7 +28,7 @@ from reconstruction.scores.depth_results import StereoComparison
 from reconstruction.scores.dose_results import DoseResult
 from reconstruction.scores.panorama_results import PanoramaComparison
 from reconstruction.scores.results import Picture
-from reconstruction.session.conditions import Condition
+from reconstruction.session.conditions import DEFAULT_OFFSET_MS, Condition
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import (
     FrameOffset,
@@ -46,7 +46,7 @@ DOSE_INSTANTS = 6
 class CompareOptions:
     """What can be asked for; pairs are names of cameras, None = chosen from the images."""
 
-    offset_ms: float = 66.0
+    offset_ms: float = DEFAULT_OFFSET_MS
     stereo: tuple[str, str] | None = None
     stitch: tuple[str, str] | None = None
     most_instants: int = 16
@@ -190,7 +190,7 @@ class _Comparison:
         self.progress.step("depth against offset")
         with suppress(ValueError):
             most = min(DOSE_INSTANTS, self.options.most_instants)
-            steps = offsets(self.dataset, max(self.offset.actual_ms, MOST_MS))
+            steps = offsets(self.dataset, max(self.offset.actual_ms, DEFAULT_OFFSET_MS))
             self.dose = measure(self.rig, cameras, steps, most, Progress(0, silent=True))
 
     def _stitch(self) -> tuple[PanoramaComparison | None, str]:

@@ -22,6 +22,7 @@ from reconstruction.report.dose import write_dose_report
 from reconstruction.scores.depth_results import DepthScores
 from reconstruction.scores.dose_results import DosePoint, DoseResult
 from reconstruction.scores.results import Interval
+from reconstruction.session.conditions import DEFAULT_OFFSET_MS
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import (
     FrameOffset,
@@ -31,7 +32,6 @@ from reconstruction.session.frame_offset import (
 )
 from reconstruction.session.scene_motion import SceneMotion
 
-MOST_MS = 66.0
 MOST_STEPS = 8
 LOSS = 0.1
 """The share of its synchronized value that a curve may lose and still bear the offset."""
@@ -41,7 +41,7 @@ LOSS = 0.1
 class DoseOptions:
     """What can be asked for; the pair is names of cameras, None = chosen from the images."""
 
-    most_ms: float = MOST_MS
+    max_offset_ms: float = DEFAULT_OFFSET_MS
     stereo: tuple[str, str] | None = None
     most_instants: int = 16
 
@@ -66,7 +66,7 @@ def dose(session: Path, out: Path | None, options: DoseOptions) -> DoseResult:
 def _dose(session: Path, stages: Path, options: DoseOptions) -> DoseResult:
     began = time.monotonic()
     dataset = Dataset.open(session)
-    steps = offsets(dataset, options.most_ms)
+    steps = offsets(dataset, options.max_offset_ms)
     motion = SceneMotion(dataset, steps[-1].step)
     rig = Rig(dataset, motion, StageCache(stages, dataset.fingerprint()))
     rig.check_pair(options.stereo)

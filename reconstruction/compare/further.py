@@ -12,10 +12,11 @@ from reconstruction.compare.panorama_study import PanoramaStudy
 from reconstruction.scores.compare_results import ConditionResult
 from reconstruction.scores.depth_results import StereoComparison
 from reconstruction.scores.panorama_results import PanoramaComparison
-from reconstruction.session.conditions import Condition, fixed_offsets_ms, pair_instants
+from reconstruction.session.conditions import Condition
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import evenly_spread
 from reconstruction.session.scene_motion import SceneMotion
+from reconstruction.session.shown_instants import fixed_offsets_ms, pair_instants
 
 Pair = tuple[str, str]
 

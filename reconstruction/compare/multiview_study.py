@@ -19,9 +19,10 @@ from reconstruction.multiview.undistorted_session import UndistortedSession
 from reconstruction.scores.depth_results import MultiviewComparison, MultiviewScores
 from reconstruction.scores.results import Picture
 from reconstruction.scores.tally import Measurements, Tally, differences
-from reconstruction.session.conditions import Condition, fixed_offsets_ms, instants_shown, refuse_synchronized
+from reconstruction.session.conditions import Condition
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import evenly_spread
+from reconstruction.session.shown_instants import fixed_offsets_ms, instants_shown, refuse_synchronized
 
 FEWEST_CAMERAS = 3
 MOST_CAMERAS = 5

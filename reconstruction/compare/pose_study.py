@@ -14,9 +14,10 @@ from reconstruction.poses.pose_errors import relative_pose_errors
 from reconstruction.poses.pose_finder import PoseFinder
 from reconstruction.scores.pose_results import PoseComparison, PoseScores
 from reconstruction.scores.tally import Measurements, Tally, differences, measures_of
-from reconstruction.session.conditions import Condition, fixed_offsets_ms, instants_shown, refuse_synchronized
+from reconstruction.session.conditions import Condition
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import evenly_spread
+from reconstruction.session.shown_instants import fixed_offsets_ms, instants_shown, refuse_synchronized
 
 RIGHT_DEG = 2.0
 HARMED = 0.1

@@ -12,6 +12,7 @@ from pathlib import Path
 import click
 
 from reconstruction.batch.units import Unit
+from reconstruction.session.conditions import Condition
 
 MAKE = "tests.reconstruction.fake_units:make"
 LOG = "FAKE_UNITS_LOG"
@@ -58,7 +59,9 @@ def main() -> None:
     # Whoever edits the program while a test runs makes no new units.
     unit_plan.program = lambda: "fixed"  # type: ignore[assignment]
     out, session, *real = sys.argv[1:]
-    options = BatchOptions(conditions=("synced",) if real else CONDITIONS)
+    options = BatchOptions(
+        conditions=tuple(Condition.parse(text) for text in (("synced",) if real else CONDITIONS))
+    )
     made = unit_plan.MAKE if real else MAKE
     batch([Path(session)], Path(out), options, LocalExecutor(2), lambda text: click.echo(text), made)
 

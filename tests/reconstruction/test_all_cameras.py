@@ -90,8 +90,8 @@ def test_compare_tells_of_all_cameras_in_every_condition(
     trio: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    quick = ("--instants", "1", "--multiview-instants", "1", "--multiview-width", "160")
-    further = ("--offsets-ms", "66,0,33", "--drawn", "--against", str(trio.folder))
+    quick = ("--max-instants", "1", "--max-multiview-instants", "1", "--multiview-width", "160")
+    further = ("--condition", "66,0,33", "--condition", "distinct", "--against", str(trio.folder))
     main(["compare", str(trio.folder), *quick, *further, "--out", str(out), "--json"])
     result = json.loads(capsys.readouterr().out)
     assert result["multiview_skipped"] == ""

@@ -139,9 +139,9 @@ def test_the_dose_curve_on_it_falls(throw: Throw, tmp_path: Path) -> None:
         [
             "dose",
             str(throw.session.folder),
-            "--stereo",
+            "--stereo-pair",
             "L,R",
-            "--instants",
+            "--max-instants",
             "8",
             "--out",
             str(tmp_path / "out"),

@@ -69,7 +69,7 @@ def test_real_units_in_processes_and_nothing_twice(
     before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
     main(["batch", *asked, "--out", str(out)])
     printed = capsys.readouterr()
-    assert printed.out.splitlines()[0] == "0 made, 2 there already, 0 failed"
+    assert printed.out.splitlines()[0] == "0 computed, 2 reused, 0 failed"
     assert before == {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
 
 
@@ -94,7 +94,7 @@ def test_units_that_fail_leave_the_others_alone(run: Callable[..., Any], boards:
 
 
 def test_the_summary_says_the_same_in_three_formats(run: Callable[..., Any]) -> None:
-    done = run(conditions=("synced", "66"), instants=(0, 4, 99))
+    done = run(conditions=(Condition("synced"), Condition.parse("66")), instants=(0, 4, 99))
     rows = list(csv.DictReader((done.out / "summary.csv").read_text().splitlines()))
     told = json.loads((done.out / "summary.json").read_text())
     page = (done.out / "summary.html").read_text()

@@ -86,9 +86,9 @@ def test_a_board_gives_the_rig_and_is_stored_once(tmp_path: Path, capsys: pytest
     with pytest.raises(SystemExit) as end:
         main(arguments)
     assert end.value.code == 3
-    assert "--force" in capsys.readouterr().err
+    assert "--replace" in capsys.readouterr().err
     assert (session.folder / "calibration.json").read_bytes() == stored
-    main([*arguments, "--force"])
+    main([*arguments, "--replace"])
     assert not list(session.folder.glob("*.part"))
 
 
@@ -175,7 +175,7 @@ def test_webcams_all_around_a_real_board_are_calibrated_as_their_owner_did(
     assert theirs is not None
     # White on black, on glass; cam_1 sees it from behind.
     board = ["--board", "4x5", "--square-mm", "54", "--marker-mm", "40.5", "--dictionary", "4X4_1000"]
-    main(["calibrate", str(session.folder), "--from", "charuco", *board, "--force", "--json"])
+    main(["calibrate", str(session.folder), "--from", "charuco", *board, "--replace", "--json"])
     quality = json.loads(capsys.readouterr().out)["quality"]
     assert quality["inlier_share"] > 0.98
     assert quality["reprojection_error_px"] < 0.5

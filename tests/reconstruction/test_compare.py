@@ -15,7 +15,7 @@ from capture_app.session.reading.reader import Session
 from reconstruction.cli import main
 from tests.reconstruction.conftest import VIEWS, Scene, write_session
 
-NO_MULTIVIEW = ("--multiview-instants", 0)
+NO_MULTIVIEW = ("--max-multiview-instants", 0)
 
 
 @dataclass
@@ -82,7 +82,7 @@ def test_stages_are_used_again_only_where_their_inputs_are_the_same(
     out = tmp_path / "out"
 
     def stages(offset_ms: float) -> dict[str, int]:
-        few = ("--instants", 1, *NO_MULTIVIEW)
+        few = ("--max-instants", 1, *NO_MULTIVIEW)
         done = reconstruct("compare", boards.folder, "--offset-ms", offset_ms, *few, "--out", out)
         assert done.code == 0, done.err
         return {path.name: path.stat().st_mtime_ns for path in (out / "stages").iterdir()}
@@ -96,9 +96,9 @@ def test_stages_are_used_again_only_where_their_inputs_are_the_same(
     ("arguments", "code", "words"),
     [
         (("--offset-ms", "900"), 3, "largest offset possible is 133 ms"),
-        (("--stereo", "left,nobody"), 3, "no camera 'nobody'"),
-        (("--stereo", "left,left"), 3, "paired with itself"),
-        (("--stereo", "left"), 2, "two cameras with a comma"),
+        (("--stereo-pair", "left,nobody"), 3, "no camera 'nobody'"),
+        (("--stereo-pair", "left,left"), 3, "paired with itself"),
+        (("--stereo-pair", "left"), 2, "two cameras with a comma"),
         (("--offset-ms", "soon"), 2, "soon"),
         (("--offset-ms", "nan"), 2, "nan"),
         (("--nonsense",), 2, "nonsense"),

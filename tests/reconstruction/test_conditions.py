@@ -8,16 +8,9 @@ import pytest
 from capture_app.errors import BadInputError
 from capture_app.session.reading.reader import Session
 from reconstruction.cli import main
-from reconstruction.session.conditions import (
-    DISTINCT,
-    DISTINCT_MS,
-    SYNCED,
-    Condition,
-    instants_shown,
-    pair_instants,
-    refuse_synchronized,
-)
+from reconstruction.session.conditions import DISTINCT, DISTINCT_MS, SYNCED, Condition
 from reconstruction.session.dataset import Dataset
+from reconstruction.session.shown_instants import instants_shown, pair_instants, refuse_synchronized
 from tests.reconstruction.conftest import VIEWS, Scene, write_session
 
 
@@ -30,7 +23,7 @@ def test_conditions_are_read_from_text() -> None:
     assert named.offsets_ms(names, 3) == (-33.5, 0, 66, 0)
     assert "/" not in named.name
     for text in ("", "late", "1,,2", "nan", "inf", "cam00=", "cam00=1,2", "cam00=1,cam00=2", "=3"):
-        with pytest.raises(BadInputError, match="no condition"):
+        with pytest.raises(BadInputError, match="is not a condition"):
             Condition.parse(text)
 
 
@@ -97,9 +90,9 @@ def test_compare_judges_further_conditions_beside_the_synchronized_one(
     main(
         [
             *("compare", str(boards.folder), "--out", str(out), "--json"),
-            *("--stereo", "left,right", "--stitch", "left,aside"),
-            *("--offsets-ms", "left=33,right=0", "--offsets-ms", "left=33,right=33"),
-            *("--against", str(boards.folder), "--multiview-instants", "0"),
+            *("--stereo-pair", "left,right", "--stitch-pair", "left,aside"),
+            *("--condition", "left=33,right=0", "--condition", "left=33,right=33"),
+            *("--against", str(boards.folder), "--max-multiview-instants", "0"),
         ]
     )
     result = json.loads(capsys.readouterr().out)
@@ -129,14 +122,14 @@ def test_compare_judges_further_conditions_beside_the_synchronized_one(
         ("66,33", 3, "2 offsets for 3 cameras"),
         ("left", 2, "cam00=0"),
         ("left=soon", 2, "cam00=0"),
-        ("synced", 2, "cam00=0"),
+        ("synced", 2, "part of every comparison"),
     ],
 )
 def test_wrong_lists_are_one_line(
     boards: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, code: int, words: str
 ) -> None:
     with pytest.raises(SystemExit) as end:
-        main(["compare", str(boards.folder), "--offsets-ms", text, "--out", str(tmp_path / "out")])
+        main(["compare", str(boards.folder), "--condition", text, "--out", str(tmp_path / "out")])
     assert end.value.code == code
     errors = capsys.readouterr().err.strip().splitlines()
     assert len(errors) == 1

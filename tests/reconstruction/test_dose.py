@@ -87,7 +87,7 @@ def test_dose_falls_on_what_moves_and_not_on_what_stands_still(
     boards: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    main(["dose", str(boards.folder), "--stereo", "left,right", "--out", str(out), "--json"])
+    main(["dose", str(boards.folder), "--pair", "left,right", "--out", str(out), "--json"])
     result = json.loads(capsys.readouterr().out)
     assert result == json.loads((out / "metrics.json").read_text())
     assert [point["offset_frames"] for point in result["points"]] == [0, 1, 2]
@@ -105,7 +105,7 @@ def test_an_unknown_camera_is_refused_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], boards: Session
 ) -> None:
     with pytest.raises(SystemExit) as end:
-        main(["dose", str(boards.folder), "--stereo", "left,nobody", "--out", str(tmp_path / "out")])
+        main(["dose", str(boards.folder), "--pair", "left,nobody", "--out", str(tmp_path / "out")])
     assert end.value.code == 3
     assert "no camera 'nobody'" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

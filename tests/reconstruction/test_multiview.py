@@ -73,7 +73,7 @@ def test_offset_cameras_lose_what_moves_and_keep_the_rest(
     trio: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     results = {}
-    for name, extra in (("synced", ()), ("offset", ("--offsets-ms", "66,0,-66"))):
+    for name, extra in (("synced", ()), ("offset", ("--condition", "66,0,-66"))):
         main(["multiview", str(trio.folder), "--instant", "2", "--no-mesh", "--json",
               "--out", str(tmp_path / name), *extra])  # fmt: skip
         results[name] = json.loads(capsys.readouterr().out)
@@ -93,9 +93,9 @@ def test_what_cannot_be_used_is_one_clear_line(
     assert code == 3
     assert "no instant 9" in line
     assert "0 to 4" in line
-    assert failing(capsys, *at, "--offsets-ms", "1,2")[1].count("left, middle, right") == 1
-    assert "reach from 0 to 133 ms" in failing(capsys, *at, "--offsets-ms", "-66,0,66")[1]
-    assert failing(capsys, *at, "--offsets-ms", "a,b,c")[0] == 2
+    assert failing(capsys, *at, "--condition", "1,2")[1].count("left, middle, right") == 1
+    assert "reach from 0 to 133 ms" in failing(capsys, *at, "--condition", "-66,0,66")[1]
+    assert failing(capsys, *at, "--condition", "a,b,c")[0] == 2
     lonely = write_session(tmp_path / "lonely", scene, {"only": VIEWS["left"]}, instants=1)
     code, line = failing(capsys, "multiview", str(lonely.folder), "--out", str(out))
     assert code == 3

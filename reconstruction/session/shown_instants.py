@@ -1,0 +1,102 @@
+"""Which instants the cameras show in a condition."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+
+from capture_app.errors import BadInputError
+from reconstruction.session.conditions import DISTINCT_MS, SYNCED, Condition
+from reconstruction.session.dataset import Dataset
+from reconstruction.session.frame_offset import FrameOffset, nearest_frame_offset, pairs_with_images
+
+MAX_DRAWS = 400
+
+
+def fixed_offsets_ms(condition: Condition, dataset: Dataset) -> dict[str, float]:
+    """How late each camera is in every instant, ms; empty where that is drawn anew for each."""
+    offsets = () if condition.drawn else condition.offsets_ms(dataset.cameras, 0)
+    return dict(zip(dataset.cameras, offsets, strict=False))
+
+
+def instants_shown(dataset: Dataset, condition: Condition, reference: str, instant: int) -> dict[str, int]:
+    """The instant that each camera shows when the reference shows `instant`.
+
+    Only the differences of a condition's offsets can be seen; this way the reference's own picture, and
+    all that is judged on its pixels, is the same in every condition. Offsets are drawn until they fit
+    into the burst.
+
+    Raises:
+        ValueError: the burst does not reach so far to either side of this instant.
+    """
+    place = dataset.cameras.index(reference)
+    for draw in range(MAX_DRAWS if condition.drawn else 1):
+        offsets = condition.offsets_ms(dataset.cameras, instant, draw)
+        try:
+            return dataset.shown_instants(instant, [ms - offsets[place] for ms in offsets])
+        except BadInputError as error:
+            problem = str(error)
+    if condition.drawn:
+        problem = f"the burst is too short to draw different offsets around instant {instant}"
+    raise ValueError(problem)
+
+
+def refuse_synchronized(condition: Condition, shown: Iterable[tuple[int, Mapping[str, int]]]) -> None:
+    """Refuse a condition in which all cameras show the reference's own instant, each time.
+
+    Raises:
+        ValueError: they do, although it is not the synchronized one.
+    """
+    if condition.name == SYNCED or any(set(one.values()) != {instant} for instant, one in shown):
+        return
+    if condition.drawn:
+        raise ValueError(f"the frames are too far apart for offsets of up to {DISTINCT_MS[-1]:g} ms")
+    raise ValueError("these cameras are equally late, which is synchronized")
+
+
+def pair_instants(
+    dataset: Dataset, condition: Condition, first: str, second: str
+) -> tuple[list[tuple[int, int]], float | None]:
+    """The instants (the first camera's, the second's) at which a pair has its pictures in a condition.
+
+    And how late the second camera is, ms; None where every instant is drawn for itself.
+
+    Raises:
+        ValueError: both are equally late, or the burst does not hold such an offset.
+    """
+    found: list[tuple[int, int]] = []
+    if condition.drawn:
+        for instant in range(len(dataset.instants_ns)):
+            try:
+                later = instants_shown(dataset, condition, first, instant)[second]
+            except ValueError:
+                continue
+            if later == instant:
+                continue
+            if dataset.has_images(((first, instant), (second, instant), (second, later))):
+                found.append((instant, later))
+        late_ms = None
+    else:
+        offset = _pair_offset(dataset, condition, first, second)
+        found, late_ms = pairs_with_images(dataset, offset, first, second), offset.actual_ms
+    if not found:
+        raise ValueError(f"{first} and {second} have no images at this offset")
+    return found, late_ms
+
+
+def _pair_offset(dataset: Dataset, condition: Condition, first: str, second: str) -> FrameOffset:
+    late_ms = fixed_offsets_ms(condition, dataset)
+    asked_ms = late_ms.get(second, 0.0) - late_ms.get(first, 0.0)
+    if asked_ms == 0:
+        raise ValueError(f"{first} and {second} are equally late, which is synchronized for these two")
+    try:
+        found = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, abs(asked_ms))
+    except BadInputError as error:
+        raise ValueError(str(error)) from error
+    if asked_ms > 0:
+        return found
+    return replace(
+        found,
+        asked_ms=asked_ms,
+        actual_ns=-found.actual_ns,
+        frames=-found.frames,
+        pairs=tuple((later, now) for now, later in found.pairs),
+    )

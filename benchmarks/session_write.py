@@ -41,7 +41,7 @@ from capture_app.node.wire.status import BurstStatus, RigStatus
 from capture_app.session.format.manifest import BurstRecord, CameraRecord
 from capture_app.session.reading.verify import verify
 from capture_app.session.writing.store import Session, SessionWriter
-from capture_app.sync.rig.trigger import Burst, Pick
+from capture_app.sync.rig.frame_picks import Burst, Pick
 
 WIDTH, HEIGHT, PERIOD_NS = 1920, 1080, 33_333_333
 CAMERA = CameraFacts(

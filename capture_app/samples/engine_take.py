@@ -14,8 +14,8 @@ from capture_app.simulation.devices.profiles import facts_of, find_profile
 from capture_app.simulation.devices.sensor import SensorFrame, SensorProfile
 from capture_app.simulation.rendering.pictures import PictureSource
 from capture_app.simulation.rig.rig import NodeSpec, VirtualNode, VirtualRig
-from capture_app.sync.rig.events import BurstReady
-from capture_app.sync.rig.trigger import DROPPED
+from capture_app.sync.rig.events import BurstPicked
+from capture_app.sync.rig.frame_picks import DROPPED
 
 _READY_WITHIN_NS = 120_000_000_000
 _PICKED_WITHIN_NS = 30_000_000_000
@@ -99,7 +99,7 @@ class _Log:
         """Note what is new; never a reason to stop."""
         for name, node in self._rig.nodes.items():
             for event in node.events[self._seen.get(name, 0) :]:
-                if not isinstance(event, BurstReady):
+                if not isinstance(event, BurstPicked):
                     local_ns = node.spec.clock.local_from_true(self._rig.now_true_ns)
                     self.lines.append({"camera": name, "local_ns": local_ns, **event_line(event)})
             self._seen[name] = len(node.events)
@@ -107,7 +107,7 @@ class _Log:
 
 
 def _camera_record(
-    node: VirtualNode, ready: BurstReady[SensorFrame], sources: Mapping[str, PictureSource]
+    node: VirtualNode, ready: BurstPicked[SensorFrame], sources: Mapping[str, PictureSource]
 ) -> CameraRecord:
     spec = node.spec
     source = sources[spec.name]
@@ -115,7 +115,7 @@ def _camera_record(
     return camera_record(spec.name, facts, ready, node.client.aligner.corrections, spec.tolerance_ns)
 
 
-def _frames(camera: CameraRecord, ready: BurstReady[SensorFrame]) -> list[TakenFrame]:
+def _frames(camera: CameraRecord, ready: BurstPicked[SensorFrame]) -> list[TakenFrame]:
     tolerance_ns = camera.phase.tolerance_ns if camera.phase else None
     return [
         TakenFrame(

@@ -9,7 +9,7 @@ from capture_app.camera_facts import PhaseControl
 from capture_app.node.camera.records import camera_record, event_line
 from capture_app.session.format.manifest import ClockRecord
 from capture_app.sync.clock.time_map import Correction, TimeMap
-from capture_app.sync.rig.events import BurstReady, ReferenceCorrectionEnded, ReferenceCorrectionStarted
+from capture_app.sync.rig.events import BurstPicked, ReferenceCorrectionEnded, ReferenceCorrectionStarted
 from tests.facts import make_facts
 
 FACTS = make_facts(
@@ -33,7 +33,7 @@ OWN = TimeMap(
 
 
 def clock_of(time_map: TimeMap) -> ClockRecord | None:
-    ready: BurstReady[object] = BurstReady(1, 1, (), (), time_map, None)
+    ready: BurstPicked[object] = BurstPicked(1, 1, (), (), time_map, None)
     return camera_record("cam", FACTS, ready, 0, 1000).clock
 
 

@@ -20,7 +20,7 @@ from capture_app.session.format.manifest import CameraRecord, ImageRecord, image
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import ProblemKind, verify
 from capture_app.session.writing.store import SessionWriter
-from capture_app.sync.rig.trigger import Burst
+from capture_app.sync.rig.frame_picks import Burst
 from tests.facts import make_facts
 
 PERIOD_NS = 33_333_333

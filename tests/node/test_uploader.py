@@ -21,7 +21,7 @@ from capture_app.node.transfer.uploader import Uploader
 from capture_app.node.transfer.work import BurstWork
 from capture_app.node.wire.messages import CameraReport, Held, ImageUpload, Noted, Refusal, Stored, ToLeader
 from capture_app.session.format.manifest import JOURNAL, CameraRecord
-from capture_app.sync.rig.trigger import Pick
+from capture_app.sync.rig.frame_picks import Pick
 from tests.facts import make_facts
 
 CAMERA = make_facts(phase_control=PhaseControl.INJECTION)

@@ -10,7 +10,7 @@ from capture_app.simulation.network.delay_laws import GammaDelay
 from capture_app.simulation.network.link import Link
 from capture_app.simulation.rig.rig import NodeSpec, VirtualRig
 from capture_app.sync.rig.events import PhaseCorrected
-from capture_app.sync.rig.trigger import Pick
+from capture_app.sync.rig.frame_picks import Pick
 from capture_app.sync.wire.camera_commands import RestartStream
 
 S = 1_000_000_000

@@ -7,7 +7,7 @@ from msgspec import structs
 
 from capture_app.simulation.devices.profiles import PROFILES
 from capture_app.simulation.rig.bench import Bench
-from capture_app.sync.rig.phase_loop import ClientConfig, Steering
+from capture_app.sync.rig.phase_loop import ClientConfig, PhaseLoop
 
 from .test_relays import CAMERA
 
@@ -33,6 +33,6 @@ def test_latencies_of_one_use_save_restarts_on_the_next() -> None:
 def test_a_client_is_told_what_its_camera_did_before() -> None:
     camera = structs.replace(CAMERA, phase_control="reset")
     config = ClientConfig("cam", 1, camera, 2_000_000, 90, start_latencies_ns=(5_000_000, 6_000_000))
-    assert Steering(config, random.Random(1)).aligner.start_latencies_ns == (5_000_000, 6_000_000)
+    assert PhaseLoop(config, random.Random(1)).aligner.start_latencies_ns == (5_000_000, 6_000_000)
     still = ClientConfig("cam", 1, CAMERA, 2_000_000, 90, start_latencies_ns=(5_000_000,))
-    assert Steering(still, random.Random(1)).aligner.start_latencies_ns == ()
+    assert PhaseLoop(still, random.Random(1)).aligner.start_latencies_ns == ()

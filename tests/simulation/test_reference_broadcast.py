@@ -51,7 +51,7 @@ def errors_us(rig: VirtualRig, node: VirtualNode) -> tuple[float, float]:
     """The node's clock against the leader's, with what was agreed and without; the bounds must hold."""
     local_ns = node.spec.clock.local_from_true(rig.now_true_ns)
     errors = []
-    for time_map in (node.client.time_map, node.client.time.own_map):
+    for time_map in (node.client.time_map, node.client.time.uncorrected_map):
         assert time_map is not None
         error_ns = time_map.leader_from_local(local_ns) - rig.now_true_ns
         assert abs(error_ns) <= time_map.hard_bound_at(local_ns)
@@ -109,7 +109,7 @@ def test_where_nothing_is_heard_together_all_is_as_before(cells: tuple[RadioCell
     rig = VirtualRig(specs(*cells), seed=2, beacons=True)
     run(rig, 15)
     for node in rig.nodes.values():
-        assert node.client.time_map == node.client.time.own_map
+        assert node.client.time_map == node.client.time.uncorrected_map
         assert node.client.time.malformed == 0
     assert told(rig) == [None] * 3
 
@@ -119,7 +119,7 @@ def test_a_cell_does_not_move_those_who_are_not_of_it() -> None:
     rig = VirtualRig(specs(cell, cell, cell, other), seed=3, beacons=True)
     run(rig, 15)
     outsider = rig.nodes["cam3"].client
-    assert outsider.time_map == outsider.time.own_map
+    assert outsider.time_map == outsider.time.uncorrected_map
     del rig.nodes["cam3"]
     assert apart_us(rig) < 25.0
 
@@ -133,7 +133,7 @@ def test_a_cell_that_falls_silent_is_forgotten_softly() -> None:
         node.spec = replace(node.spec, cell=None)
     run(rig, 15)
     for node in rig.nodes.values():
-        assert node.client.time_map == node.client.time.own_map
+        assert node.client.time_map == node.client.time.uncorrected_map
         told = [
             type(event)
             for event in node.events
@@ -219,4 +219,4 @@ def test_a_leader_that_does_not_answer_changes_nothing() -> None:
     old = OldLeader(rig)
     run(rig, 8)
     assert old.unknown > 3
-    assert all(node.client.time_map == node.client.time.own_map for node in rig.nodes.values())
+    assert all(node.client.time_map == node.client.time.uncorrected_map for node in rig.nodes.values())

@@ -10,17 +10,16 @@ from msgspec import structs
 from capture_app.simulation.network.wandering_clock import WanderingClock
 from capture_app.simulation.rig.tree import ROOT, Tree, TreeSpec
 from capture_app.sync.phase.estimator import FrameStamp
-from capture_app.sync.rig import failover as way_back
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.events import (
     BurstAccepted,
-    BurstReady,
+    BurstPicked,
     JoinRefused,
     LeaderEvent,
     NodeLost,
     NodeMoved,
 )
-from capture_app.sync.rig.failover import Candidates
+from capture_app.sync.rig.failover import PROBE_EVERY_NS, Failover
 from capture_app.sync.rig.leader import ClientView, LeaderConfig
 from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.tree.follower import Address, FollowerConfig
@@ -40,19 +39,20 @@ class Camera:
 
     client: Client[int]
     leaders: tuple[Address, ...]
+    probe_every_ns: int = PROBE_EVERY_NS
     events: list[object] = field(default_factory=list)
     clock: WanderingClock = field(init=False)
-    candidates: Candidates[int] = field(init=False)
+    failover: Failover[int] = field(init=False)
     _next_ns: int | None = None
     _frames: int = 0
 
     def __post_init__(self) -> None:
-        self.candidates = Candidates(self.client, self.leaders)
-        self.receive_datagram = self.candidates.receive_datagram
-        self.datagrams_to_send = self.candidates.datagrams_to_send
+        self.failover = Failover(self.client, self.leaders, self.probe_every_ns)
+        self.receive_datagram = self.failover.receive_datagram
+        self.datagrams_to_send = self.failover.datagrams_to_send
 
     def next_timer(self) -> int:
-        due_ns = self.candidates.next_timer()
+        due_ns = self.failover.next_timer()
         return due_ns if self._next_ns is None else min(self._next_ns, due_ns)
 
     def handle_timer(self, now_ns: int) -> None:
@@ -62,19 +62,20 @@ class Camera:
             self.client.frame_arrived(FrameStamp(self._frames, 0, self._next_ns), self._next_ns, now_ns)
             self._frames += 1
             self._next_ns += PERIOD_NS
-        self.candidates.handle_timer(now_ns)
+        self.failover.handle_timer(now_ns)
         while (event := self.client.next_event()) is not None:
             self.events.append(event)
 
     @property
-    def ready(self) -> list[BurstReady[int]]:
-        return [event for event in self.events if isinstance(event, BurstReady)]
+    def ready(self) -> list[BurstPicked[int]]:
+        return [event for event in self.events if isinstance(event, BurstPicked)]
 
 
 class Rig:
     """A root and whatever a test puts below it, on the paper's link."""
 
-    def __init__(self, seed: int = 7) -> None:
+    def __init__(self, seed: int = 7, probe_every_ns: int = PROBE_EVERY_NS) -> None:
+        self.probe_every_ns = probe_every_ns
         self.tree = Tree(TreeSpec(clients=0, relays=0, join_within_s=0.0), seed=seed)
         self.tree.root.config = replace(self.tree.root.config, exchanges_per_s=1000.0)
         self.events: list[LeaderEvent] = []
@@ -92,7 +93,7 @@ class Rig:
         rng = random.Random(at or name)
         camera = structs.replace(CAMERA, phase_control=control)
         client: Client[int] = Client(ClientConfig(name, rng.getrandbits(32), camera, 60_000, 90), rng)
-        node = self.cameras[at or name] = Camera(client, leaders)
+        node = self.cameras[at or name] = Camera(client, leaders, self.probe_every_ns)
         node.clock = self.tree.add(at or name, node, rng, leaders)
         return node
 
@@ -295,11 +296,8 @@ def test_a_burst_is_taken_while_the_new_leaders_clock_is_still_being_learned() -
     rig.check_burst()
 
 
-def test_clients_go_back_to_their_relay_once_it_is_there_again_but_not_before_a_burst(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(way_back, "LOOK_EVERY_NS", S)
-    rig = Rig()
+def test_clients_go_back_to_their_relay_once_it_is_there_again_but_not_before_a_burst() -> None:
+    rig = Rig(probe_every_ns=S)
     relay = rig.relay("relay", ROOT)
     camera = rig.camera("cam", relay, ROOT)
     rig.run_until(rig.all_ready)
@@ -317,11 +315,8 @@ def test_clients_go_back_to_their_relay_once_it_is_there_again_but_not_before_a_
     assert not any(isinstance(event, NodeLost) and event.name == "cam" for event in rig.events[-4:])
 
 
-def test_clients_leave_a_relay_that_has_lost_its_leader_for_one_that_has_not(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    monkeypatch.setattr(way_back, "LOOK_EVERY_NS", S)
-    rig = Rig()
+def test_clients_leave_a_relay_that_has_lost_its_leader_for_one_that_has_not() -> None:
+    rig = Rig(probe_every_ns=S)
     gate, other = rig.relay("gate", ROOT), rig.relay("other", ROOT)
     middle = rig.relay("middle", gate)
     relay = rig.relay("relay", middle)

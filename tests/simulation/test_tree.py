@@ -18,7 +18,7 @@ from capture_app.simulation.rig.tree import ROOT, Death, Tree, TreeSpec, run_sha
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.clock.upstream_map import MAX_DEPTH, upstream_map
 from capture_app.sync.rig.client import Client
-from capture_app.sync.rig.failover import LOOK_EVERY_NS, PROOFS, WayBack
+from capture_app.sync.rig.failover import LEAST_ANSWERS, PROBE_EVERY_NS, Failback
 from capture_app.sync.rig.leader import CLIENT_SILENT_NS, CLOCK_SILENT_NS, Leader, LeaderConfig
 from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.rig.time_client import HELLOS
@@ -126,8 +126,8 @@ def test_clients_go_back_to_their_own_relay_once_it_has_been_there_for_a_while()
     at_first = parents[9]
     assert sorted(set(at_first)) == ["relay0", "relay1", "relay2"]
     # It is trusted no sooner than after a minute; then all go back, and stay.
-    a_minute_later = back_s + PROOFS * LOOK_EVERY_NS // S
-    assert all("relay0" not in now for now in parents[20 : a_minute_later - LOOK_EVERY_NS // S])
+    a_minute_later = back_s + LEAST_ANSWERS * PROBE_EVERY_NS // S
+    assert all("relay0" not in now for now in parents[20 : a_minute_later - PROBE_EVERY_NS // S])
     assert parents[-1] == at_first
     changes = [sum(a != b for a, b in pairwise(one)) for one in zip(*parents[9:], strict=True)]
     assert all(count <= 3 for count in changes)
@@ -136,28 +136,28 @@ def test_clients_go_back_to_their_own_relay_once_it_has_been_there_for_a_while()
 @given(ups=st.lists(st.tuples(st.integers(1, 300), st.integers(1, 300)), min_size=1, max_size=40))
 def test_nobody_goes_back_and_forth_with_a_parent_that_comes_and_goes(ups: list[tuple[int, int]]) -> None:
     parents = (("a", 0), ("b", 0))
-    way, now_ns, back = WayBack(parents), 0, 0
-    way.follow(0)
+    way, now_ns, back = Failback(parents), 0, 0
+    way.leader_joined(0)
     for up_s, down_s in ups:
         for up, seconds in ((True, up_s), (False, down_s)):
             end_ns = now_ns + seconds * S
             following = False
             while way.due_ns <= end_ns and not following:
                 now_ns = way.due_ns
-                found = way.look(parents[1], now_ns, in_holdover=False)
+                found = way.probe(parents[1], now_ns, in_holdover=False)
                 if up and found is not None:
                     following = True
                 elif up:
-                    way.answered(parents[0])
+                    way.note_answer(parents[0])
             if following:
                 back += 1
-                way.follow(now_ns, back=True)
-                way.lose(parents[0], end_ns)
-                way.follow(end_ns)
+                way.leader_joined(now_ns, back=True)
+                way.leader_lost(parents[0], end_ns)
+                way.leader_joined(end_ns)
             now_ns = end_ns
     # Each time that it fails soon, it is waited for twice as long.
     total_s = now_ns / S
-    assert back * PROOFS * LOOK_EVERY_NS / S <= total_s
+    assert back * LEAST_ANSWERS * PROBE_EVERY_NS / S <= total_s
     assert back <= 1 + max(3.0, math.log2(1.0 + total_s / 60.0) + total_s / 960.0)
 
 

@@ -12,7 +12,7 @@ from capture_app.sync.phase.shared_goal import (
     WeightedCourse,
     best_shift,
 )
-from capture_app.sync.rig.orders import Forecast, calmest, spread_ns
+from capture_app.sync.rig.orders import Forecast, instant_of_least_spread, spread_ns
 
 PERIOD = 33_000_000
 MS = 1_000_000
@@ -108,7 +108,7 @@ def test_no_goal_on_a_fine_grid_suits_more_than_the_best(errors: list[float]) ->
 def test_a_burst_is_put_where_the_frames_meet() -> None:
     goal = Goal(0, PERIOD)
     forecasts = [Forecast(0, 20.0), Forecast(40_000, -20.0)]
-    at_ns = calmest(goal, forecasts, 0, 3 * S)
+    at_ns = instant_of_least_spread(goal, forecasts, 0, 3 * S)
     assert at_ns == pytest.approx(S, abs=PERIOD)
     assert spread_ns(goal, forecasts, at_ns) < 2_000
-    assert calmest(goal, forecasts, 0, 0) == 0
+    assert instant_of_least_spread(goal, forecasts, 0, 0) == 0

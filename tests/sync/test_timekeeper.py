@@ -9,7 +9,7 @@ from capture_app.sync.rig.poll_schedule import (
     FIRST_SAMPLES,
     PACE_NS,
 )
-from capture_app.sync.rig.sync_terms import LeaderTerms
+from capture_app.sync.rig.terms import LeaderTerms
 from capture_app.sync.rig.timekeeper import Timekeeper
 from capture_app.sync.wire.codec import decode
 from capture_app.sync.wire.messages import Welcome

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.goal import Goal
-from capture_app.sync.rig.trigger import RingBuffer, burst_instants, pick_frames
+from capture_app.sync.rig.frame_picks import RingBuffer, burst_instants, pick_frames
 
 PERIOD_NS = 33_333_333
 HOUR_NS = 3_600_000_000_000

@@ -5,7 +5,6 @@ import random
 import pytest
 from msgspec import structs
 
-from capture_app.sync.rig import uplink as uplink_module
 from capture_app.sync.rig.roster import Member, Roster
 from capture_app.sync.rig.uplink import TOO_LONG, Uplink
 from capture_app.sync.wire.codec import MAX_DATAGRAM, decode, encode
@@ -32,7 +31,7 @@ def roster() -> Roster:
 @pytest.fixture
 def uplink() -> Uplink:
     uplink = Uplink("hall")
-    uplink.restart(open=True)
+    uplink.restart(has_parent=True)
     return uplink
 
 
@@ -49,13 +48,13 @@ def test_a_member_is_introduced_first_and_then_speaks_under_the_parents_number(
     uplink: Uplink, roster: Roster
 ) -> None:
     member = admitted(roster, "cam", 7)
-    assert not uplink.heard(member, Heartbeat(member.number, REPORT)), "the relay answers meanwhile"
+    assert not uplink.pass_up(member, Heartbeat(member.number, REPORT)), "the relay answers meanwhile"
     assert said(uplink) == [Hello("cam", 7, CAMERA, "hall")]
-    uplink.welcomed(7, 99, roster.members)
+    uplink.note_welcome(7, 99, roster.members)
     assert uplink.member(99) is member
-    assert uplink.heard(member, Heartbeat(member.number, REPORT)), "the answer comes from above"
-    assert not uplink.heard(member, TriggerAck(member.number, 1, 2))
-    assert not uplink.heard(member, Goodbye(member.number))
+    assert uplink.pass_up(member, Heartbeat(member.number, REPORT)), "the answer comes from above"
+    assert not uplink.pass_up(member, TriggerAck(member.number, 1, 2))
+    assert not uplink.pass_up(member, Goodbye(member.number))
     assert said(uplink) == [Heartbeat(99, REPORT), TriggerAck(99, 1, 2), Goodbye(99)]
 
 
@@ -63,13 +62,13 @@ def test_whoever_is_below_a_further_relay_keeps_that_relay_as_its_place(
     uplink: Uplink, roster: Roster
 ) -> None:
     member = admitted(roster, "cam", 7, via="attic")
-    uplink.heard(member, Heartbeat(member.number, REPORT))
+    uplink.pass_up(member, Heartbeat(member.number, REPORT))
     assert said(uplink) == [Hello("cam", 7, CAMERA, "attic")]
 
 
 def test_nodes_that_only_keep_the_time_are_nobodys_business_above(uplink: Uplink, roster: Roster) -> None:
     member = admitted(roster, "clock", 7, kind=CLOCK_ONLY)
-    assert not uplink.heard(member, Heartbeat(member.number, REPORT))
+    assert not uplink.pass_up(member, Heartbeat(member.number, REPORT))
     assert said(uplink) == []
 
 
@@ -77,13 +76,13 @@ def test_without_a_parent_nothing_goes_up_and_after_one_everybody_is_introduced_
     uplink: Uplink, roster: Roster
 ) -> None:
     member = admitted(roster, "cam", 7)
-    uplink.heard(member, Heartbeat(member.number, REPORT))
-    uplink.welcomed(7, 99, roster.members)
-    uplink.restart(open=False)
-    assert not uplink.heard(member, Heartbeat(member.number, REPORT))
-    uplink.restart(open=True)
+    uplink.pass_up(member, Heartbeat(member.number, REPORT))
+    uplink.note_welcome(7, 99, roster.members)
+    uplink.restart(has_parent=False)
+    assert not uplink.pass_up(member, Heartbeat(member.number, REPORT))
+    uplink.restart(has_parent=True)
     assert uplink.member(99) is None
-    uplink.heard(member, Heartbeat(member.number, REPORT))
+    uplink.pass_up(member, Heartbeat(member.number, REPORT))
     assert said(uplink) == [Hello("cam", 7, CAMERA, "hall")]
 
 
@@ -92,12 +91,12 @@ def test_a_client_that_the_parent_refused_is_given_up_until_it_is_welcome(
 ) -> None:
     member = admitted(roster, "cam", 7)
     hello = Hello("cam", 7, CAMERA)
-    uplink.heard(member, hello)
-    assert uplink.refused(7, "another camera named cam is here", roster.members) is member
-    roster.lose(member, "refused")
+    uplink.pass_up(member, hello)
+    assert uplink.note_refusal(7, "another camera named cam is here", roster.members) is member
+    roster.mark_lost(member, "refused")
     assert uplink.refusal(hello) == "another camera named cam is here"
     assert said(uplink) == [Hello("cam", 7, CAMERA, "hall")] * 2, "the parent is asked again"
-    uplink.welcomed(7, 99, roster.members)
+    uplink.note_welcome(7, 99, roster.members)
     assert uplink.refusal(hello) == ""
     assert uplink.member(99) is None, "it is not here yet"
 
@@ -114,12 +113,14 @@ def test_a_description_that_would_not_fit_with_the_relays_name_is_refused() -> N
 
 
 def test_names_that_are_made_up_fill_no_memory(
-    uplink: Uplink, roster: Roster, monkeypatch: pytest.MonkeyPatch
+    roster: Roster,
 ) -> None:
-    monkeypatch.setattr(uplink_module, "MAX_CLIENTS", 3)
+    uplink = Uplink("hall", most_members=3)
+    uplink.restart(has_parent=True)
     for instance in range(20):
-        uplink.heard(admitted(roster, f"cam{instance}", instance), Hello(f"cam{instance}", instance, CAMERA))
-        uplink.refused(instance, "no", roster.members)
-        uplink.heard(admitted(roster, f"more{instance}", 100 + instance), Hello("x", 1, CAMERA))
-    assert len(uplink._asking) <= 3
-    assert len(uplink._refused) <= 3
+        uplink.pass_up(
+            admitted(roster, f"cam{instance}", instance), Hello(f"cam{instance}", instance, CAMERA)
+        )
+        uplink.note_refusal(instance, "no", roster.members)
+        uplink.pass_up(admitted(roster, f"more{instance}", 100 + instance), Hello("x", 1, CAMERA))
+    assert uplink.remembered <= 6

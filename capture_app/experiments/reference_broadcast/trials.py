@@ -86,7 +86,7 @@ def run_trial(case: Case, seed: str, seconds: int) -> list[Moment]:
         rig.run_for(EVERY_NS)
         # The rig has them in the order in which they started.
         nodes = [rig.nodes[spec.name] for spec in specs if spec.name in rig.nodes]
-        if len(nodes) == len(specs) and all(node.client.time.own_map is not None for node in nodes):
+        if len(nodes) == len(specs) and all(node.client.time.uncorrected_map is not None for node in nodes):
             moments.append(_moment(rig, nodes))
     return moments
 
@@ -118,7 +118,7 @@ def _moment(rig: VirtualRig, nodes: list[VirtualNode]) -> Moment:
     reports = [node.client.report(node.spec.clock.local_from_true(rig.now_true_ns)) for node in nodes]
     return Moment(
         rig.now_true_ns / S,
-        tuple(_reading(rig, node, node.client.time.own_map) for node in nodes),
+        tuple(_reading(rig, node, node.client.time.uncorrected_map) for node in nodes),
         tuple(_reading(rig, node, node.client.time_map) for node in nodes),
         tuple(
             None if report.relative_uncertainty_ns is None else report.relative_uncertainty_ns / US

@@ -17,7 +17,7 @@ from capture_app.node.wire.messages import CameraReport, Held, ImageUpload
 from capture_app.node.wire.status import BurstStatus
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
 from capture_app.session.writing.store import SessionWriter
-from capture_app.sync.rig.trigger import Burst
+from capture_app.sync.rig.frame_picks import Burst
 
 PATIENCE_NS = 10_000_000_000
 """A camera that has had no stream open for this long has left its images behind."""

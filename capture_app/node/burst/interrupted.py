@@ -10,7 +10,7 @@ from capture_app.node.burst.plans import report_of
 from capture_app.session.format.manifest import MissingImage
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.store import SessionWriter
-from capture_app.sync.rig.trigger import Burst
+from capture_app.sync.rig.frame_picks import Burst
 
 
 @dataclass(frozen=True, slots=True)

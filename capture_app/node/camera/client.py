@@ -28,13 +28,13 @@ from capture_app.sync.phase.estimator import FrameStamp
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.events import (
     AlignmentFailed,
-    BurstReady,
+    BurstPicked,
     ClientEvent,
     Joined,
     JoinRefused,
     LeaderLost,
 )
-from capture_app.sync.rig.failover import Candidates
+from capture_app.sync.rig.failover import Failover
 from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 from capture_app.sync.wire.messages import NodeState
@@ -81,7 +81,7 @@ class ClientNode:
         self._camera: Camera
         self._facts: CameraFacts
         self._engine: Client[CapturedFrame] | None = None
-        self._candidates: Candidates[CapturedFrame]
+        self._failover: Failover[CapturedFrame]
         self._pump: Pump | None = None
         self._ear: BeaconEar
         self._uploader = Uploader(self._talk, None if spool is None else Spool(spool, name))
@@ -142,8 +142,8 @@ class ClientNode:
         )
         self._engine = Client(config, random.Random(secrets.randbits(64)))
         self._engine.stream_started(started_ns)
-        self._candidates = Candidates(self._engine, peers)
-        self._pump = Pump(self._candidates, self._clock.now_ns, self._drain)
+        self._failover = Failover(self._engine, peers)
+        self._pump = Pump(self._failover, self._clock.now_ns, self._drain)
         self._ear = BeaconEar(self._engine.receive_broadcast, self._clock.now_ns, self._pump.turn)
         self._pump.start(sock)
         try:
@@ -264,12 +264,12 @@ class ClientNode:
 
     def _take_event(self, event: ClientEvent[CapturedFrame]) -> None:
         now_ns = self._clock.now_ns()
-        if isinstance(event, BurstReady):
+        if isinstance(event, BurstPicked):
             self._uploader.add(self._work_of(event))
             return
         if isinstance(event, Joined):
             camera = CameraRecord(name=self.name, facts=self._facts)
-            leader = Address(self._candidates.leader[0], event.transfer_port)
+            leader = Address(self._failover.leader[0], event.transfer_port)
             self._uploader.leader_found(leader, camera)
             self._ear.follow(event.beacons, leader.host)
             if len(self._leaders) > 1:
@@ -279,7 +279,7 @@ class ClientNode:
         if isinstance(event, LeaderLost | JoinRefused | AlignmentFailed):
             self._talk(f"{line['event']}: {event.reason}")
 
-    def _work_of(self, ready: BurstReady[CapturedFrame]) -> BurstWork:
+    def _work_of(self, ready: BurstPicked[CapturedFrame]) -> BurstWork:
         assert self._engine is not None
         assert self._tolerance_ns is not None
         record = camera_record(

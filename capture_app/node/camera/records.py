@@ -11,7 +11,7 @@ from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.manifest import CameraRecord, ClockRecord, MissingImage, PhaseRecord
 from capture_app.sync.rig.events import (
     AlignmentFailed,
-    BurstReady,
+    BurstPicked,
     ClientEvent,
     ClockStepped,
     ClockSynced,
@@ -23,11 +23,11 @@ from capture_app.sync.rig.events import (
     ReferenceCorrectionEnded,
     ReferenceCorrectionStarted,
 )
-from capture_app.sync.rig.trigger import DROPPED
+from capture_app.sync.rig.frame_picks import DROPPED
 
 
 def camera_record(
-    name: str, facts: CameraFacts, ready: BurstReady[Any], corrections: int, tolerance_ns: int
+    name: str, facts: CameraFacts, ready: BurstPicked[Any], corrections: int, tolerance_ns: int
 ) -> CameraRecord:
     """The manifest's record of a camera at a burst; `corrections` counts those of the phase until then.
 
@@ -64,7 +64,7 @@ def camera_record(
 
 def camera_report(
     camera: CameraRecord,
-    ready: BurstReady[Any],
+    ready: BurstPicked[Any],
     *,
     calibration: CameraCalibration | None,
     true_clock: TrueClock | None,

@@ -24,8 +24,8 @@ from capture_app.node.wire.messages import BurstRequest, CameraReport, ImageUplo
 from capture_app.node.wire.status import BurstStatus, RigStatus
 from capture_app.session.writing.store import SessionWriter
 from capture_app.sync.rig.events import BurstRefused
+from capture_app.sync.rig.frame_picks import Burst
 from capture_app.sync.rig.leader import ClientView, Leader, LeaderConfig
-from capture_app.sync.rig.trigger import Burst
 from capture_app.sync.wire.messages import NodeState
 
 SNAPSHOT_EVERY_S = 0.25

@@ -16,7 +16,7 @@ from capture_app.node.transfer.spool import Spool
 from capture_app.node.transfer.work import BurstWork, Developed
 from capture_app.node.wire.messages import CameraReport, ImageUpload
 from capture_app.session.format.manifest import ImageRecord, MissingImage, image_path
-from capture_app.sync.rig.trigger import Pick
+from capture_app.sync.rig.frame_picks import Pick
 
 
 class DevelopError(Exception):

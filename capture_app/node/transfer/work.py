@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from capture_app.cameras.base import CapturedFrame
 from capture_app.node.transfer.spool import SpooledBurst
 from capture_app.node.wire.messages import CameraReport, ImageUpload
-from capture_app.sync.rig.trigger import Pick
+from capture_app.sync.rig.frame_picks import Pick
 
 
 @dataclass(slots=True)

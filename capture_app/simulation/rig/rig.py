@@ -20,11 +20,11 @@ from capture_app.simulation.network.shared_medium import MediumQueue, SharedMedi
 from capture_app.sync.phase.estimator import FrameStamp
 from capture_app.sync.phase.injection import InjectionProfile
 from capture_app.sync.rig.client import Client
-from capture_app.sync.rig.events import BurstReady, ClientEvent, LeaderEvent
+from capture_app.sync.rig.events import BurstPicked, ClientEvent, LeaderEvent
+from capture_app.sync.rig.frame_picks import Burst
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.rig.poll_schedule import PollSchedule, SteadySchedule
-from capture_app.sync.rig.trigger import Burst
 from capture_app.sync.wire.beacon import Group
 from capture_app.sync.wire.camera_commands import InjectFrame, RestartStream, SetFrameDuration
 from capture_app.sync.wire.messages import NodeState
@@ -64,7 +64,7 @@ class VirtualNode:
     alive: bool = True
     timer_true_ns: int = -1
     events: list[ClientEvent[SensorFrame]] = field(default_factory=list)
-    bursts: dict[int, BurstReady[SensorFrame]] = field(default_factory=dict)
+    bursts: dict[int, BurstPicked[SensorFrame]] = field(default_factory=dict)
 
 
 class VirtualRig:
@@ -213,7 +213,7 @@ class VirtualRig:
                     self._at(self.now_true_ns + delay_ns, lambda: self._start_stream(node))
         while (event := client.next_event()) is not None:
             node.events.append(event)
-            if isinstance(event, BurstReady):
+            if isinstance(event, BurstPicked):
                 node.bursts[event.burst] = event
         timer_true_ns = max(node.spec.clock.true_from_local(client.next_timer()), self.now_true_ns) + 1
         if not self.now_true_ns < node.timer_true_ns <= timer_true_ns:

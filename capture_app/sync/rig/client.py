@@ -7,13 +7,13 @@ from typing import Generic, TypeVar
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.estimator import FrameStamp, PhaseEstimate
 from capture_app.sync.rig.events import ClientEvent, FramesDropped, Joined
+from capture_app.sync.rig.frame_picks import RingBuffer, is_possible_burst
 from capture_app.sync.rig.pending_bursts import PendingBursts
-from capture_app.sync.rig.phase_loop import CameraGrid, ClientConfig, Steering
+from capture_app.sync.rig.phase_loop import CameraGrid, ClientConfig, PhaseLoop
 from capture_app.sync.rig.poll_schedule import PollSchedule
-from capture_app.sync.rig.sync_terms import LeaderTerms
+from capture_app.sync.rig.terms import LeaderTerms
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.rig.timekeeper import Timekeeper
-from capture_app.sync.rig.trigger import RingBuffer, possible
 from capture_app.sync.wire.camera_commands import CameraCommand
 from capture_app.sync.wire.messages import HeartbeatAck, NodeState, Report, Trigger, TriggerAck
 
@@ -35,8 +35,8 @@ class Client(Generic[F]):
     ) -> None:
         """`schedule` says when it asks for the time; the default is that of `SteadySchedule`."""
         self.config = config
-        self._steering = Steering(config, rng)
-        self.aligner = self._steering.aligner
+        self._phase_loop = PhaseLoop(config, rng)
+        self.aligner = self._phase_loop.aligner
         self.time = TimeClient(
             config.name,
             config.instance,
@@ -60,7 +60,7 @@ class Client(Generic[F]):
         if self.failure:
             return NodeState.FAILED
         state = self.time.state
-        return NodeState.ALIGNING if state is NodeState.READY and not self._steering.ready else state
+        return NodeState.ALIGNING if state is NodeState.READY and not self._phase_loop.ready else state
 
     @property
     def time_map(self) -> TimeMap | None:
@@ -72,16 +72,16 @@ class Client(Generic[F]):
         grid = self._grid
         if not self.time.is_member or grid is None or self.time_map is None:
             return None
-        return self._steering.phase(grid, self.time_map, local_ns)
+        return self._phase_loop.phase(grid, self.time_map, local_ns)
 
     def report(self, now_ns: int) -> Report:
         """What this client tells the leader about itself."""
         grid = self._grid if self.time.is_member else None
         why_no_centre = "" if grid is None else grid.why_no_centre
-        alone = "its relay has lost the leader and holds the time over" if self.leader_in_holdover else ""
-        message = self.failure or self.aligner.problem or self.time.why_joining or alone or why_no_centre
+        holdover = "its relay has lost the leader and holds the time over" if self.leader_in_holdover else ""
+        message = self.failure or self.aligner.problem or self.time.why_joining or holdover or why_no_centre
         report = self.time.timekeeper.report(self.state, message, now_ns)
-        return self._steering.report(report, grid, self.phase(now_ns))
+        return self._phase_loop.report(report, grid, self.phase(now_ns))
 
     @property
     def leader_in_holdover(self) -> bool:
@@ -100,10 +100,10 @@ class Client(Generic[F]):
         message = self.time.decode(data)
         if message is None:
             return
-        self.time.take(message, now_ns)
+        self.time.receive_message(message, now_ns)
         self._note_events()
         match message:
-            case HeartbeatAck() if self.time.is_addressed(message) and self._steering.answered():
+            case HeartbeatAck() if self.time.is_addressed(message) and self._phase_loop.answered():
                 self._align(now_ns)
             case Trigger() if self.time.is_addressed(message):
                 self._take_trigger(message)
@@ -161,7 +161,7 @@ class Client(Generic[F]):
 
     def next_command(self) -> CameraCommand | None:
         """Return the next command for the camera, None where there is none."""
-        return self._steering.next_command()
+        return self._phase_loop.next_command()
 
     def next_event(self) -> "ClientEvent[F] | None":
         """Return the next thing that happened, None where there is none."""
@@ -184,17 +184,17 @@ class Client(Generic[F]):
         return "the relay follows another leader" if terms.path[0] != self._root else ""
 
     def _report_to_leader(self, now_ns: int) -> Report:
-        self._steering.reported()
+        self._phase_loop.reported()
         return self.report(now_ns)
 
     def _note_events(self) -> None:
         while (event := self.time.next_event()) is not None:
             self._events.append(event)
             if isinstance(event, Joined) and self.time.terms is not None:
-                self._steering.joined()
+                self._phase_loop.joined()
                 if self.time.terms.path[0] != self._root:
                     # Bursts are the root's, in its time: another relay does not end them.
-                    self._bursts.forget()
+                    self._bursts.clear()
                     self._root = self.time.terms.path[0]
 
     def _align(self, now_ns: int) -> None:
@@ -202,21 +202,21 @@ class Client(Generic[F]):
         if grid is None or time_map is None or self.time.state is not NodeState.READY:
             return
         burst_ns = self._bursts.first_before(time_map.leader_from_local(now_ns + HOLD_BEFORE_BURST_NS))
-        if self._steering.step(grid, time_map, now_ns, burst_leader_ns=burst_ns):
+        if self._phase_loop.step(grid, time_map, now_ns, burst_leader_ns=burst_ns):
             self.time.report_at_once()
-        while (event := self._steering.next_event()) is not None:
+        while (event := self._phase_loop.next_event()) is not None:
             self._events.append(event)
 
     def _take_trigger(self, trigger: Trigger) -> None:
         refusal = ""
         if self.failure:
             refusal = self.failure
-        elif not self.time.timekeeper.knows:
+        elif not self.time.timekeeper.time_is_known:
             refusal = "its clock is not synchronized yet"
-        elif not possible(trigger.count, trigger.step_ns):
+        elif not is_possible_burst(trigger.count, trigger.step_ns):
             refusal = f"a burst of {trigger.count} frames every {trigger.step_ns} ns is not possible"
         else:
-            self._bursts.take(trigger)
+            self._bursts.add(trigger)
         self.time.send(TriggerAck(trigger.client, trigger.leader, trigger.burst, refusal))
 
     def _finish_bursts(self, now_ns: int) -> None:

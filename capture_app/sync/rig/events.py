@@ -5,7 +5,7 @@ from typing import Generic, TypeVar
 
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.estimator import PhaseEstimate
-from capture_app.sync.rig.trigger import Gap, Pick
+from capture_app.sync.rig.frame_picks import Gap, Pick
 from capture_app.sync.wire.beacon import Group
 from capture_app.sync.wire.camera_commands import CameraCommand
 
@@ -86,7 +86,7 @@ class AlignmentFailed:
 
 
 @dataclass(frozen=True, slots=True)
-class BurstReady(Generic[F]):
+class BurstPicked(Generic[F]):
     """The frames of a burst are picked: save and send them; `leader` is the run that ordered it."""
 
     leader: int
@@ -108,7 +108,7 @@ ClientEvent = (
     | FramesDropped
     | PhaseCorrected
     | AlignmentFailed
-    | BurstReady[F]
+    | BurstPicked[F]
 )
 
 

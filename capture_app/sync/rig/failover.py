@@ -1,4 +1,4 @@
-"""A client and all whom it may join: the next one where its leader is gone, a better one when it is back."""
+"""Failover to the next leader when one is gone, and failback to a better one when it is there again."""
 
 from typing import Generic, TypeVar
 
@@ -11,91 +11,93 @@ from capture_app.sync.wire.time_messages import WireError
 
 Address = tuple[str, int]
 
-LOOK_EVERY_NS = 15_000_000_000
-PROOFS, MOST_PROOFS = 4, 64
-"""Looks in a row that a better parent has to answer: a minute at first, twice that whenever it fails soon."""
-SOON = 4
-"""One that then stays for less than so many times as long as it was waited for has failed soon."""
-_LOOK = encode(Heartbeat(PROBE_NUMBER, Report(state=NodeState.JOINING)))
+PROBE_EVERY_NS = 15_000_000_000
+LEAST_ANSWERS, MOST_ANSWERS = 4, 64
+"""Liveness probes in a row that a better leader has to answer before it is followed again; twice as many
+each time that it has failed soon after."""
+SHORT_STAY = 4
+"""A leader that stays for less than so many times as long as it was probed before has failed soon."""
+_PROBE = encode(Heartbeat(PROBE_NUMBER, Report(state=NodeState.JOINING)))
 
 
-class WayBack:
-    """Which better parents answer, and for how long; `now_ns` is the node's own clock."""
+class Failback:
+    """Probes the leaders that are preferred to the present one; `now_ns` is the node's own clock."""
 
-    def __init__(self, parents: tuple[Address, ...]) -> None:
+    def __init__(self, leaders: tuple[Address, ...], probe_every_ns: int = PROBE_EVERY_NS) -> None:
+        """`leaders` are in the order of preference."""
         self.due_ns = NEVER_NS
-        self._parents = parents
-        self._needed = dict.fromkeys(parents, PROOFS)
-        self._proofs: dict[Address, int] = {}
-        """Of those that were looked for last: how often each had answered in a row before."""
+        self._leaders, self._probe_every_ns = leaders, probe_every_ns
+        self._needed = dict.fromkeys(leaders, LEAST_ANSWERS)
+        self._answers: dict[Address, int] = {}
+        """Of those that were probed last: how often each had answered in a row before."""
         self._answered: set[Address] = set()
-        self._looks: list[Address] = []
+        self._probed: list[Address] = []
         self._back_since_ns: int | None = None
 
-    def follow(self, now_ns: int, *, back: bool = False) -> None:
-        """A parent has taken this node in; `back` where it was looked for, not asked in turn."""
+    def leader_joined(self, now_ns: int, *, back: bool = False) -> None:
+        """A leader has taken this node in; `back` where it was found by probes, not asked in turn."""
         self._back_since_ns = now_ns if back else None
         self._forget()
-        self.due_ns = now_ns if len(self._parents) > 1 else NEVER_NS
+        self.due_ns = now_ns if len(self._leaders) > 1 else NEVER_NS
 
-    def lose(self, parent: Address, now_ns: int) -> None:
-        """That parent is gone; nobody is looked for until there is another one."""
+    def leader_lost(self, leader: Address, now_ns: int) -> None:
+        """That leader is gone; nobody is probed until there is another one."""
         if self._back_since_ns is not None:
-            soon_ns = SOON * self._needed[parent] * LOOK_EVERY_NS
-            soon = now_ns - self._back_since_ns < soon_ns
-            self._needed[parent] = min(2 * self._needed[parent], MOST_PROOFS) if soon else PROOFS
+            needed = self._needed[leader]
+            soon = now_ns - self._back_since_ns < SHORT_STAY * needed * self._probe_every_ns
+            self._needed[leader] = min(2 * needed, MOST_ANSWERS) if soon else LEAST_ANSWERS
         self._forget()
         self.due_ns = NEVER_NS
 
-    def answered(self, address: Address) -> None:
-        """Somebody who was looked for is there."""
-        if address in self._proofs:
+    def note_answer(self, address: Address) -> None:
+        """A leader has answered a probe."""
+        if address in self._answers:
             self._answered.add(address)
 
-    def look(self, parent: Address, now_ns: int, *, in_holdover: bool) -> Address | None:
-        """Look for all parents better than the present one; return one that has proven to be there.
+    def probe(self, leader: Address, now_ns: int, *, in_holdover: bool) -> Address | None:
+        """Probe all leaders better than the present one; return one that has answered often enough.
 
-        A parent that is alone, without any of its own, is worse than any other, and left at the first answer.
+        A leader in holdover is worse than any other, and left at the first answer.
         """
-        self.due_ns = now_ns + LOOK_EVERY_NS
-        others = tuple(address for address in self._parents if address != parent)
-        better = others if in_holdover else self._parents[: self._parents.index(parent)]
-        self._proofs = {a: self._proofs.get(a, 0) + 1 if a in self._answered else 0 for a in better}
+        self.due_ns = now_ns + self._probe_every_ns
+        others = tuple(address for address in self._leaders if address != leader)
+        better = others if in_holdover else self._leaders[: self._leaders.index(leader)]
+        self._answers = {a: self._answers.get(a, 0) + 1 if a in self._answered else 0 for a in better}
         self._answered.clear()
-        self._looks = list(better)
-        return next((a for a in better if self._proofs[a] >= (1 if in_holdover else self._needed[a])), None)
+        self._probed = list(better)
+        return next((a for a in better if self._answers[a] >= (1 if in_holdover else self._needed[a])), None)
 
     def datagrams_to_send(self) -> list[tuple[bytes, Address]]:
-        """Return what asks whether they are there; no leader takes whoever sends it for a client."""
-        if not self._looks:
-            return []
-        looks, self._looks = self._looks, []
-        return [(_LOOK, address) for address in looks]
+        """Return the liveness probes that are due, and where to."""
+        probed, self._probed = self._probed, []
+        return [(_PROBE, address) for address in probed]
 
     def _forget(self) -> None:
-        self._proofs.clear()
+        self._answers.clear()
         self._answered.clear()
-        self._looks.clear()
+        self._probed.clear()
 
 
 F = TypeVar("F")
 
 
-class Candidates(Generic[F]):
-    """Gives a client's engine the address of the one it follows, or asks: nobody else is listened to.
+class Failover(Generic[F]):
+    """Gives a client's engine the address of the leader it follows, or asks: no other is listened to.
 
-    `leaders`, the best one first, must lead to the same root; `now_ns` is the client's own clock. A relay
-    that has lost its own leader is worse than any that has one.
+    `now_ns` is the client's own clock.
     """
 
-    def __init__(self, client: Client[F], leaders: tuple[Address, ...]) -> None:
+    def __init__(
+        self, client: Client[F], leaders: tuple[Address, ...], probe_every_ns: int = PROBE_EVERY_NS
+    ) -> None:
+        """`leaders`, preferred first, must lead to the same root."""
         self._client = client
         self._leaders = leaders
         self._turn = 0
         self._was_member = False
         self._back = False
-        """Whether the present leader was looked for, not asked in turn."""
-        self._way_back = WayBack(leaders)
+        """Whether the present leader was found by probes, not asked in turn."""
+        self._failback = Failback(leaders, probe_every_ns)
 
     @property
     def leader(self) -> Address:
@@ -107,8 +109,8 @@ class Candidates(Generic[F]):
         if address == self.leader:
             self._client.receive_datagram(data, now_ns)
             self._note_membership(now_ns)
-        elif _is_there(data):
-            self._way_back.answered(address)
+        elif _answers_probe(data):
+            self._failback.note_answer(address)
 
     def handle_timer(self, now_ns: int) -> None:
         """Do what is due; call it at `next_timer`, or any time."""
@@ -118,19 +120,19 @@ class Candidates(Generic[F]):
             self._turn = (self._turn + 1) % len(self._leaders)
             self._client.time.hellos = 1
             self._back = False
-        if self._client.time.is_member and now_ns >= self._way_back.due_ns:
-            better = self._way_back.look(self.leader, now_ns, in_holdover=self._client.leader_in_holdover)
+        if self._client.time.is_member and now_ns >= self._failback.due_ns:
+            better = self._failback.probe(self.leader, now_ns, in_holdover=self._client.leader_in_holdover)
             if better is not None and self._client.may_change:
                 self._change(better, now_ns)
 
     def next_timer(self) -> int:
         """Local time in ns at which `handle_timer` wants to be called."""
-        return min(self._client.next_timer(), self._way_back.due_ns)
+        return min(self._client.next_timer(), self._failback.due_ns)
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
         """Return datagrams and where to; a time request carries `now_ns`, so send them at once."""
         datagrams = [(data, self.leader) for data in self._client.datagrams_to_send(now_ns)]
-        return datagrams + self._way_back.datagrams_to_send()
+        return datagrams + self._failback.datagrams_to_send()
 
     def _change(self, leader: Address, now_ns: int) -> None:
         self._turn = self._leaders.index(leader)
@@ -143,12 +145,12 @@ class Candidates(Generic[F]):
             return
         self._was_member = self._client.time.is_member
         if self._was_member:
-            self._way_back.follow(now_ns, back=self._back)
+            self._failback.leader_joined(now_ns, back=self._back)
         else:
-            self._way_back.lose(self.leader, now_ns)
+            self._failback.leader_lost(self.leader, now_ns)
 
 
-def _is_there(data: bytes) -> bool:
+def _answers_probe(data: bytes) -> bool:
     try:
         message = decode(data)
     except WireError:

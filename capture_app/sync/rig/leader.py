@@ -7,7 +7,8 @@ from dataclasses import dataclass
 from capture_app.sync.phase.goal import Goal
 from capture_app.sync.reference_broadcast.broadcaster import Broadcaster
 from capture_app.sync.rig.events import LeaderEvent
-from capture_app.sync.rig.orders import Orders, Wanted, check_burst
+from capture_app.sync.rig.frame_picks import Burst
+from capture_app.sync.rig.orders import BurstOrder, Orders, check_burst
 from capture_app.sync.rig.roster import (
     CLIENT_SILENT_NS,
     CLOCK_SILENT_NS,
@@ -17,8 +18,7 @@ from capture_app.sync.rig.roster import (
     Roster,
     spread,
 )
-from capture_app.sync.rig.sync_terms import Terms
-from capture_app.sync.rig.trigger import Burst
+from capture_app.sync.rig.terms import RigTerms
 from capture_app.sync.rig.uplink import Uplink
 from capture_app.sync.wire.beacon import ArrivalReport, Group
 from capture_app.sync.wire.codec import FromClient, decode, encode
@@ -78,7 +78,7 @@ class Leader:
 
     def __init__(self, config: LeaderConfig, rng: random.Random, uplink: Uplink | None = None) -> None:
         self.config = config
-        self.terms = Terms(
+        self.terms = RigTerms(
             config.instance, config.transfer_port, config.period_ns, config.align_row, config.beacons
         )
         self.malformed = 0
@@ -100,7 +100,7 @@ class Leader:
     @property
     def pace_ns(self) -> int:
         """Mean time between two time requests of one client that this leader can bear, in ns; 0: any."""
-        pace_ns = round(self._roster.asking * 1e9 / self.config.exchanges_per_s)
+        pace_ns = round(self._roster.pollers * 1e9 / self.config.exchanges_per_s)
         return min(SLOWEST_PACE_NS, pace_ns) if pace_ns > FREE_PACE_NS else 0
 
     # In
@@ -113,49 +113,51 @@ class Leader:
             self.malformed += 1
             return
         if isinstance(message, FromClient):
-            self.take(message, address, now_ns)
+            self.receive_message(message, address, now_ns)
 
-    def take(self, message: FromClient, address: Address, now_ns: int) -> None:
+    def receive_message(self, message: FromClient, address: Address, now_ns: int) -> None:
         """Take in a message that arrived at `now_ns`."""
         if isinstance(message, Hello):
-            self._take_hello(message, address, now_ns)
+            self._receive_hello(message, address, now_ns)
             return
-        member = self._roster.present_of(message.client)
+        member = self._roster.member_by_number(message.client)
         if member is None:
             if isinstance(message, Heartbeat):
                 self._outbox.append((UnknownMember(message.client), address))
             return
         member.address = address
-        member.heard_ns = now_ns
+        member.last_heard_ns = now_ns
         if isinstance(message, TimeRequest):
             self._times.append((reply_before_t2(message, now_ns), address))
             return
         if isinstance(message, ArrivalReport):
-            agreed = self._broadcaster.take(message, now_ns)
-            if agreed is not None:
-                self._outbox.append((agreed, address))
+            arrival = self._broadcaster.take(message, now_ns)
+            if arrival is not None:
+                self._outbox.append((arrival, address))
             return
-        passed_on = self._uplink is not None and self._uplink.heard(member, message)
+        passed_on = self._uplink is not None and self._uplink.pass_up(member, message)
         match message:
             case Heartbeat():
                 member.report = message.report
-                if member.name in self._roster.bound:
-                    self._agree(now_ns)
+                if member.name in self._roster.immovable:
+                    self._update_goal(now_ns)
                 if not passed_on:
-                    self.answer(member)
+                    self.acknowledge(member)
             case TriggerAck():
                 answer = self._orders.take_ack(member, message)
                 if answer is not None:
                     self._events.append(answer)
             case Goodbye():
-                self._events.append(self._roster.lose(member, "it left"))
+                self._events.append(self._roster.mark_lost(member, "it left"))
 
     def handle_timer(self, now_ns: int) -> None:
         """Do what is due; call it at `next_timer`, or any time."""
-        self._events.extend(self._roster.lose_silent(now_ns))
-        self._events.extend(self._orders.give_up(now_ns))
-        self._outbox.extend((trigger, member.address) for member, trigger in self._orders.due(now_ns))
-        self._broadcaster.handle_timer(now_ns, self._roster.asking)
+        self._events.extend(self._roster.mark_silent_lost(now_ns))
+        self._events.extend(self._orders.expire(now_ns))
+        self._outbox.extend(
+            (trigger, member.address) for member, trigger in self._orders.triggers_due(now_ns)
+        )
+        self._broadcaster.handle_timer(now_ns, self._roster.pollers)
 
     # Out
 
@@ -210,9 +212,11 @@ class Leader:
         """
         asked_ns = now_ns + TRIGGER_LEAD_NS
         max_delay_ns = self.config.max_delay_ns if at_leader_ns is None else 0
-        burst = self._orders.begin(
+        burst = self._orders.place(
             self._roster.cameras(),
-            Wanted(frames, spacing, asked_ns if at_leader_ns is None else at_leader_ns, max_delay_ns, number),
+            BurstOrder(
+                frames, spacing, asked_ns if at_leader_ns is None else at_leader_ns, max_delay_ns, number
+            ),
             self.goal,
             self.config.instance,
             now_ns,
@@ -227,7 +231,7 @@ class Leader:
         """All members by name, lost ones too."""
         return self._roster.members
 
-    def tell(self, member: Member, message: ControlMessage) -> None:
+    def send(self, member: Member, message: ControlMessage) -> None:
         """Send a message to a member."""
         self._outbox.append((message, member.address))
 
@@ -235,47 +239,47 @@ class Leader:
         """Tell a client why it is not taken in; with `retry_here` it has no reason to ask another."""
         self._outbox.append((JoinRefusal(hello.instance, reason, retry_here), address))
 
-    def answer(self, member: Member) -> None:
+    def acknowledge(self, member: Member) -> None:
         """Tell a member what holds now."""
-        self.tell(member, self.terms.answer(member, self.pace_ns))
+        self.send(member, self.terms.acknowledgement(member, self.pace_ns))
 
-    def answer_all(self) -> None:
+    def acknowledge_all(self) -> None:
         """Tell every member what holds now."""
         for member in self._roster.members.values():
             if not member.lost:
-                self.answer(member)
+                self.acknowledge(member)
 
-    def give_up(self, member: Member, reason: str) -> None:
+    def drop_member(self, member: Member, reason: str) -> None:
         """Take a member to be lost; if it is not, it will ask to join again."""
-        self._events.append(self._roster.lose(member, reason))
-        self.tell(member, UnknownMember(member.number))
+        self._events.append(self._roster.mark_lost(member, reason))
+        self.send(member, UnknownMember(member.number))
 
     # The parts
 
-    def _agree(self, now_ns: int) -> None:
+    def _update_goal(self, now_ns: int) -> None:
         """Move the goal to suit the cameras that cannot follow it, and tell everybody; not near a burst."""
         if (
             self.terms.shared_goal is None
             or self.terms.upstream is not None
             or (self._busy_until_ns is not None and now_ns < self._busy_until_ns)
-            or (len(self._roster.bound) > FEW_CAMERAS and now_ns < self._weigh_due_ns)
+            or (len(self._roster.immovable) > FEW_CAMERAS and now_ns < self._weigh_due_ns)
         ):
             return
-        self._weigh_due_ns = now_ns + len(self._roster.bound) * WEIGH_EVERY_NS
+        self._weigh_due_ns = now_ns + len(self._roster.immovable) * WEIGH_EVERY_NS
         if self.terms.shared_goal.update(self._roster.camera_phases(), now_ns):
-            self.answer_all()
+            self.acknowledge_all()
 
-    def _take_hello(self, hello: Hello, address: Address, now_ns: int) -> None:
+    def _receive_hello(self, hello: Hello, address: Address, now_ns: int) -> None:
         refusal = self._roster.refusal(hello) or ("" if self._uplink is None else self._uplink.refusal(hello))
         if refusal:
             self.refuse(hello, refusal, address)
             return
         # A relay's grid is the root's.
-        if self._uplink is None and self.terms.begin(hello.camera, now_ns):
-            self.answer_all()
+        if self._uplink is None and self.terms.lay_grid(hello.camera, now_ns):
+            self.acknowledge_all()
         member, event = self._roster.admit(hello, address, now_ns)
         if event is not None:
             self._events.append(event)
         self._outbox.append((self.terms.welcome(hello, member, self.pace_ns), address))
         if self._uplink is not None:
-            self._uplink.heard(member, hello)
+            self._uplink.pass_up(member, hello)

@@ -6,8 +6,14 @@ from dataclasses import dataclass
 from capture_app.errors import BadInputError, NoCameraHereError
 from capture_app.sync.phase.goal import Goal
 from capture_app.sync.rig.events import BurstAccepted, BurstRefused
+from capture_app.sync.rig.frame_picks import (
+    MAX_BURST_NS,
+    MAX_FRAMES,
+    Burst,
+    burst_instants,
+    is_possible_burst,
+)
 from capture_app.sync.rig.roster import Member
-from capture_app.sync.rig.trigger import MAX_BURST_NS, MAX_FRAMES, Burst, burst_instants, possible
 from capture_app.sync.wire.messages import Trigger, TriggerAck
 
 MOST_CANDIDATES = 200
@@ -32,7 +38,9 @@ def spread_ns(goal: Goal, forecasts: Sequence[Forecast], at_leader_ns: int) -> f
     return max(errors) - min(errors) if errors else 0.0
 
 
-def calmest(goal: Goal, forecasts: Sequence[Forecast], from_leader_ns: int, within_ns: int) -> int:
+def instant_of_least_spread(
+    goal: Goal, forecasts: Sequence[Forecast], from_leader_ns: int, within_ns: int
+) -> int:
     """The instant of the grid with the least predicted spread, from a leader time to `within_ns` after it.
 
     The earliest of equals; at most MOST_CANDIDATES, evenly spread, are looked at.
@@ -49,7 +57,7 @@ TRIGGER_GIVE_UP_NS = 5000 * _MS
 
 
 @dataclass(frozen=True, slots=True)
-class Wanted:
+class BurstOrder:
     """A burst that is asked for: `frames` instants, every `spacing` periods, from a leader time in ns on.
 
     It may be put off by `max_delay_ns`, to where the cameras' frames meet best; without a number it gets the
@@ -70,7 +78,7 @@ def check_burst(cameras: Sequence[Member], goal: Goal | None, frames: int, spaci
     """
     if not cameras or goal is None:
         raise NoCameraHereError("no camera is here")
-    if not possible(frames, spacing * goal.period_ns):
+    if not is_possible_burst(frames, spacing * goal.period_ns):
         raise BadInputError(
             f"a burst of {frames} frames, every {spacing} periods, is not possible",
             hint=f"1 to {MAX_FRAMES} frames, spacing 1 or more, {MAX_BURST_NS // 10**9} s at most",
@@ -95,25 +103,25 @@ class Orders:
         self._orders: list[_Order] = []
         self._bursts = 0
 
-    def begin(
-        self, cameras: Sequence[Member], wanted: Wanted, goal: Goal | None, leader: int, now_ns: int
+    def place(
+        self, cameras: Sequence[Member], order: BurstOrder, goal: Goal | None, leader: int, now_ns: int
     ) -> Burst:
         """Order a burst of these cameras, on the rig's grid, for the leader of that run.
 
         Raises what `check_burst` does.
         """
-        goal = check_burst(cameras, goal, wanted.frames, wanted.spacing)
-        frames, step_ns = wanted.frames, wanted.spacing * goal.period_ns
-        placed_ns = wanted.at_leader_ns
-        if wanted.max_delay_ns > 0:
-            placed_ns = calmest(goal, _forecasts(cameras), placed_ns, wanted.max_delay_ns)
-        instants_ns = burst_instants(goal, placed_ns, frames, wanted.spacing)
-        number = self._bursts = self._bursts + 1 if wanted.number is None else wanted.number
+        goal = check_burst(cameras, goal, order.frames, order.spacing)
+        frames, step_ns = order.frames, order.spacing * goal.period_ns
+        first_ns = order.at_leader_ns
+        if order.max_delay_ns > 0:
+            first_ns = instant_of_least_spread(goal, _forecasts(cameras), first_ns, order.max_delay_ns)
+        instants_ns = burst_instants(goal, first_ns, frames, order.spacing)
+        number = self._bursts = self._bursts + 1 if order.number is None else order.number
         for member in cameras:
             trigger = Trigger(member.number, leader, number, instants_ns[0], step_ns, frames)
             self._orders.append(_Order(member, trigger, now_ns + TRIGGER_GIVE_UP_NS))
         names = tuple(member.name for member in cameras)
-        return Burst(number, instants_ns, goal.period_ns, wanted.at_leader_ns, names)
+        return Burst(number, instants_ns, goal.period_ns, order.at_leader_ns, names)
 
     def take_ack(self, member: Member, ack: TriggerAck) -> BurstAccepted | BurstRefused | None:
         """Take in a member's answer; None where it has been answered, or given up, before."""
@@ -125,7 +133,7 @@ class Orders:
                 return BurstAccepted(member.name, ack.burst)
         return None
 
-    def give_up(self, now_ns: int) -> list[BurstRefused]:
+    def expire(self, now_ns: int) -> list[BurstRefused]:
         """Drop the orders of members that are lost, or have not answered for too long."""
         refused = []
         for order in list(self._orders):
@@ -135,7 +143,7 @@ class Orders:
                 refused.append(BurstRefused(order.member.name, order.trigger.burst, reason))
         return refused
 
-    def due(self, now_ns: int) -> list[tuple[Member, Trigger]]:
+    def triggers_due(self, now_ns: int) -> list[tuple[Member, Trigger]]:
         """Return the triggers to be sent now, for the first time or again, and whom to."""
         due = [order for order in self._orders if now_ns >= order.due_ns]
         for order in due:

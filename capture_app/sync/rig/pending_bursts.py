@@ -6,9 +6,9 @@ from typing import Generic, TypeVar
 
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.estimator import PhaseEstimate
-from capture_app.sync.rig.events import BurstReady
+from capture_app.sync.rig.events import BurstPicked
+from capture_app.sync.rig.frame_picks import RingBuffer, pick_frames
 from capture_app.sync.rig.phase_loop import CameraGrid
-from capture_app.sync.rig.trigger import RingBuffer, pick_frames
 from capture_app.sync.wire.messages import Trigger
 
 F = TypeVar("F")
@@ -28,13 +28,13 @@ class PendingBursts(Generic[F]):
         """Whether any burst is still to be picked."""
         return bool(self._triggers)
 
-    def forget(self) -> None:
+    def clear(self) -> None:
         """Another root has another time: what it did not order itself cannot be picked by it."""
         self._triggers.clear()
         self._done.clear()
 
-    def take(self, trigger: Trigger) -> None:
-        """Remember a trigger; one that comes again changes nothing."""
+    def add(self, trigger: Trigger) -> None:
+        """Add a burst by its trigger; one that comes again changes nothing."""
         key = trigger.leader, trigger.burst
         if key not in self._done:
             self._triggers[key] = trigger
@@ -56,7 +56,7 @@ class PendingBursts(Generic[F]):
         *,
         outlier_ns: Callable[[int], int],
         phase: Callable[[int], PhaseEstimate | None],
-    ) -> list[BurstReady[F]]:
+    ) -> list[BurstPicked[F]]:
         """Pick the frames of all bursts whose last frame is there, or given up.
 
         `outlier_ns` as for `pick_frames`; `phase` tells the stream's at a local time in ns.
@@ -75,5 +75,5 @@ class PendingBursts(Generic[F]):
                 ring, time_map, instants_ns, goal.period_ns, offset_ns=offset_ns, outlier_ns=outlier_ns
             )
             ready = trigger.leader, trigger.burst, picks, gaps, time_map, phase(last_local_ns)
-            due.append(BurstReady(*ready))
+            due.append(BurstPicked(*ready))
         return due

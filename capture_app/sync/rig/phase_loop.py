@@ -13,7 +13,7 @@ from capture_app.sync.phase.estimator import PhaseEstimate
 from capture_app.sync.phase.goal import Goal
 from capture_app.sync.phase.injection import InjectionProfile
 from capture_app.sync.rig.events import AlignmentFailed, PhaseCorrected
-from capture_app.sync.rig.sync_terms import LeaderTerms
+from capture_app.sync.rig.terms import LeaderTerms
 from capture_app.sync.wire.camera_commands import CameraCommand
 from capture_app.sync.wire.messages import Report
 
@@ -60,7 +60,7 @@ class ClientConfig:
     """How long starts of such a camera took before, from the command to the first frame, newest last."""
 
 
-class Steering:
+class PhaseLoop:
     """One camera's aligner with its commands; `now_ns` is the node's own clock."""
 
     def __init__(self, config: ClientConfig, rng: random.Random) -> None:

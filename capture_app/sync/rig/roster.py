@@ -42,7 +42,7 @@ class Member:
     address: Address
     camera: CameraFacts
     report: Report
-    heard_ns: int
+    last_heard_ns: int
     slot: float
     via: str | None = None
     """The relay that it joined, where that speaks for it."""
@@ -63,11 +63,11 @@ class Roster:
 
     def __init__(self, rng: random.Random) -> None:
         self.members: dict[str, Member] = {}
-        self.bound: dict[str, Member] = {}
+        self.immovable: dict[str, Member] = {}
         """Those that do not move to any goal: the goal is moved to suit them."""
-        self.present = 0
+        self.present_count = 0
         """How many are not lost."""
-        self.asking = 0
+        self.pollers = 0
         """How many of those ask the time here, not a relay."""
         self._rng = rng
         self._by_number: dict[int, Member] = {}
@@ -78,11 +78,11 @@ class Roster:
     def views(self, now_ns: int) -> tuple[ClientView, ...]:
         """Return all that are or were here, by name; lost ones say so in their report."""
         return tuple(
-            ClientView(m.name, m.address, m.camera, m.report, now_ns - m.heard_ns, m.via)
+            ClientView(m.name, m.address, m.camera, m.report, now_ns - m.last_heard_ns, m.via)
             for _, m in sorted(self.members.items())
         )
 
-    def present_of(self, number: int) -> Member | None:
+    def member_by_number(self, number: int) -> Member | None:
         """Return the member of that number, None where there is none or it is lost."""
         member = self._by_number.get(number)
         return None if member is None or member.lost else member
@@ -108,7 +108,7 @@ class Roster:
         moved = known is not None and not known.lost
         if known is not None:
             if not known.lost and known.via == hello.via:
-                known.heard_ns = now_ns
+                known.last_heard_ns = now_ns
                 return known, None
             # A relay that it has left knows it by the old number, and is told that this is nobody's.
             self._by_number.pop(known.number, None)
@@ -130,14 +130,14 @@ class Roster:
         self._count(member, 1)
         self._silence_ns = min(self._silence_ns, now_ns + CLIENT_SILENT_NS)
         self.members[hello.name] = self._by_number[number] = member
-        self.bound.pop(hello.name, None)
+        self.immovable.pop(hello.name, None)
         if hello.camera.phase_control in WEIGHTS and hello.camera.kind not in WITHOUT_CAMERA:
-            self.bound[hello.name] = member
+            self.immovable[hello.name] = member
         if moved:
             return member, NodeMoved(hello.name, hello.via)
         return member, NodeJoined(hello.name) if known is None else NodeReturned(hello.name)
 
-    def lose(self, member: Member, reason: str) -> NodeLost:
+    def mark_lost(self, member: Member, reason: str) -> NodeLost:
         """A member is gone; its counts of frames stay."""
         self._count(member, -1)
         member.lost = reason
@@ -146,7 +146,7 @@ class Roster:
         )
         return NodeLost(member.name, reason)
 
-    def lose_silent(self, now_ns: int) -> list[NodeLost]:
+    def mark_silent_lost(self, now_ns: int) -> list[NodeLost]:
         """Lose those who are silent, and note when the next one could be."""
         if now_ns < self._silence_ns:
             return []
@@ -156,15 +156,15 @@ class Roster:
             if member.lost:
                 continue
             patience_ns = CLOCK_SILENT_NS if member.camera.kind == CLOCK_ONLY else CLIENT_SILENT_NS
-            if now_ns - member.heard_ns >= patience_ns:
-                lost.append(self.lose(member, f"silent for {patience_ns // 10**9} s"))
+            if now_ns - member.last_heard_ns >= patience_ns:
+                lost.append(self.mark_lost(member, f"silent for {patience_ns // 10**9} s"))
             else:
-                self._silence_ns = min(self._silence_ns, member.heard_ns + patience_ns)
+                self._silence_ns = min(self._silence_ns, member.last_heard_ns + patience_ns)
         return lost
 
     def next_timer(self) -> int | None:
         """Leader time in ns at which somebody could have been silent for too long, None for never."""
-        return self._silence_ns if self.present else None
+        return self._silence_ns if self.present_count else None
 
     def cameras(self) -> list[Member]:
         """Return those that are here and have a camera, by name."""
@@ -184,14 +184,14 @@ class Roster:
                 member.report.drift_ppm or 0.0,
                 max(1, member.report.tolerance_ns),
             )
-            for member in self.bound.values()
+            for member in self.immovable.values()
             if not member.lost
         ]
 
     def _count(self, member: Member, change: int) -> None:
         if not member.lost:
-            self.present += change
-            self.asking += change if member.via is None else 0
+            self.present_count += change
+            self.pollers += change if member.via is None else 0
 
     def _free_number(self) -> int:
         while True:

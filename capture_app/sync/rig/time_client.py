@@ -9,7 +9,7 @@ from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.events import ClockSynced, Joined, JoinRefused, LeaderLost
 from capture_app.sync.rig.poll_schedule import AT_ONCE_NS, NEVER_NS
-from capture_app.sync.rig.sync_terms import LeaderTerms
+from capture_app.sync.rig.terms import LeaderTerms
 from capture_app.sync.rig.timekeeper import ClockEvent, Timekeeper
 from capture_app.sync.wire.beacon import AgreedArrival, Beacon
 from capture_app.sync.wire.codec import Message, decode, encode
@@ -117,9 +117,9 @@ class TimeClient:
         return self.timekeeper.time_map
 
     @property
-    def own_map(self) -> TimeMap | None:
+    def uncorrected_map(self) -> TimeMap | None:
         """The same before anything was agreed with other clients: what the leader's answers alone tell."""
-        return self.timekeeper.own_map
+        return self.timekeeper.uncorrected_map
 
     def report(self, now_ns: int) -> Report:
         """Return what such a node tells its leader about itself."""
@@ -131,7 +131,7 @@ class TimeClient:
         """Take in a datagram that arrived at `now_ns`; stamp it as near to the socket as can be."""
         message = self.decode(data)
         if message is not None:
-            self.take(message, now_ns)
+            self.receive_message(message, now_ns)
 
     def receive_broadcast(self, data: bytes, now_ns: int) -> None:
         """Take in a datagram of the group that the leader named; of those only its beacons count."""
@@ -152,7 +152,7 @@ class TimeClient:
         """Whether a message is meant for this member."""
         return self.number is not None and getattr(message, "client", None) == self.number
 
-    def take(self, message: Message, now_ns: int) -> None:
+    def receive_message(self, message: Message, now_ns: int) -> None:
         """Take in a message of the leader that arrived at `now_ns`."""
         match message:
             case Welcome() if not self.is_member and message.instance == self.instance:
@@ -233,9 +233,9 @@ class TimeClient:
             self._outbox.append(Heartbeat(self.number, self._report(now_ns)))
             if self._heartbeat_every_ns is not None:
                 self._heartbeat_due_ns = now_ns + self._heartbeat_every_ns
-        heard = self.timekeeper.heard(now_ns)
-        if heard is not None:
-            self._outbox.append(heard)
+        arrivals = self.timekeeper.arrival_report(now_ns)
+        if arrivals is not None:
+            self._outbox.append(arrivals)
 
     # Out
 

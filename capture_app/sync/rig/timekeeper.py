@@ -16,7 +16,7 @@ from capture_app.sync.rig.events import (
     ReferenceCorrectionStarted,
 )
 from capture_app.sync.rig.poll_schedule import PollSchedule, Progress, SteadySchedule
-from capture_app.sync.rig.sync_terms import LeaderTerms
+from capture_app.sync.rig.terms import LeaderTerms
 from capture_app.sync.wire.beacon import ArrivalReport
 from capture_app.sync.wire.messages import NodeState, Report
 from capture_app.sync.wire.time_messages import TimeReply, request_at, request_before_t0
@@ -47,7 +47,7 @@ class Timekeeper:
         self.clock = clock or ClockFilter()
         self.schedule = schedule or SteadySchedule()
         self.listener = Listener()
-        self.own_map: TimeMap | None = None
+        self.uncorrected_map: TimeMap | None = None
         """What the exchanges alone tell of the leader's clock, before anything was agreed with others."""
         self.time_map: TimeMap | None = None
         """The newest estimate of the leader's clock, the root's where the leader is a relay."""
@@ -55,7 +55,7 @@ class Timekeeper:
         """Instances from the root to the leader whose answers `time_map` is from."""
         self.synced = False
         """Whether the leader that is asked now has answered often enough."""
-        self.knows = False
+        self.time_is_known = False
         """Whether `time_map` can be relied on: by the leader's answers, or in holdover."""
         self.requests = 0
         """How many were sent."""
@@ -81,9 +81,9 @@ class Timekeeper:
         if self._asked is None or terms.leader != self._asked.leader:
             self.clock.reset()
             self.listener.forget()
-            self.own_map = None
-        if not self.knows or terms.path[0] != self.path[0]:
-            self.time_map, self.knows = None, False
+            self.uncorrected_map = None
+        if not self.time_is_known or terms.path[0] != self.path[0]:
+            self.time_map, self.time_is_known = None, False
         self.synced = False
         self._number = number
         self._outstanding = {}
@@ -103,7 +103,7 @@ class Timekeeper:
 
     def forget(self) -> None:
         """Drop the time: it is not to be told any more."""
-        self.time_map, self.knows = None, False
+        self.time_map, self.time_is_known = None, False
 
     def take_reply(self, reply: TimeReply, now_ns: int) -> bool:
         """Take in a reply that arrived at `now_ns`; False if it answers nothing that was asked."""
@@ -116,9 +116,9 @@ class Timekeeper:
         if self.schedule.reply_arrived(now_ns, sample.round_trip_ns, self._progress):
             self._prepare_request(now_ns)
         if not self.clock.add(sample):
-            self.synced = self.knows = False
+            self.synced = self.time_is_known = False
             self.listener.forget()
-            self.time_map = self.own_map = None
+            self.time_map = self.uncorrected_map = None
             self.schedule.restart(now_ns)
             self._events.append(ClockStepped())
         return True
@@ -138,11 +138,11 @@ class Timekeeper:
         tell_due_ns = self.listener.next_timer() if self.synced else None
         return due_ns if tell_due_ns is None else min(due_ns, tell_due_ns)
 
-    def heard(self, now_ns: int) -> ArrivalReport | None:
+    def arrival_report(self, now_ns: int) -> ArrivalReport | None:
         """Return what is to be told now of the beacons that were heard, None where nothing is due."""
-        if not self.synced or self.own_map is None:
+        if not self.synced or self.uncorrected_map is None:
             return None
-        return self.listener.tell(self._number, self.own_map, now_ns)
+        return self.listener.tell(self._number, self.uncorrected_map, now_ns)
 
     def request_to_send(self, now_ns: int) -> bytes | None:
         """Return the request that is due, None where none is; it carries `now_ns`, so send it at once."""
@@ -204,8 +204,8 @@ class Timekeeper:
         own, asked = self.clock.time_map(now_ns), self._asked
         if own is None or asked is None:
             return
-        self.own_map = own
-        in_holdover = self.knows and self.path[-1] != asked.leader
+        self.uncorrected_map = own
+        in_holdover = self.time_is_known and self.path[-1] != asked.leader
         schedule = self.schedule
         if self.clock.samples < (schedule.synced_samples if in_holdover else schedule.least_samples):
             return
@@ -216,7 +216,7 @@ class Timekeeper:
             return
         self.time_map, self.path = time_map, asked.path
         if not self.synced and self.clock.samples >= schedule.synced_samples:
-            self.synced = self.knows = True
+            self.synced = self.time_is_known = True
             self._events.append(ClockSynced(time_map))
 
     def _is_worse(self, time_map: TimeMap) -> bool:
@@ -226,12 +226,12 @@ class Timekeeper:
         return self.time_map.uncertainty_at(until_ns) < time_map.uncertainty_at(until_ns)
 
     def _corrected(self, own: TimeMap, now_ns: int) -> TimeMap:
-        had_agreed = self.listener.correction is not None
+        was_corrected = self.listener.correction is not None
         time_map = self.listener.corrected(own, now_ns)
         correction = self.listener.correction
-        if correction is not None and not had_agreed:
+        if correction is not None and not was_corrected:
             self._events.append(ReferenceCorrectionStarted(round(correction.relative_uncertainty_ns)))
-        elif correction is None and had_agreed:
+        elif correction is None and was_corrected:
             self._events.append(ReferenceCorrectionEnded())
         return time_map
 

@@ -20,21 +20,27 @@ TOO_LONG = "what it tells of its camera is too long for a relay to pass on"
 class Uplink:
     """Which member is known to the parent, by which number; a node that only keeps the time never is."""
 
-    def __init__(self, relay: str) -> None:
-        self.open = False
+    def __init__(self, relay: str, most_members: int = MAX_CLIENTS) -> None:
+        """`relay` is the name of the relay whose members these are."""
+        self.has_parent = False
         """Whether there is a parent at present."""
-        self._relay = relay
+        self._relay, self._most_members = relay, most_members
         self._numbers: dict[str, tuple[Member, int]] = {}
         self._members: dict[int, Member] = {}
         self._asking: dict[int, Hello] = {}
         self._refused: dict[int, str] = {}
         self._outbox: deque[bytes] = deque()
 
-    def restart(self, *, open: bool) -> None:
+    def restart(self, *, has_parent: bool) -> None:
         """Another parent, or none: nobody is known there."""
-        self.open = open
+        self.has_parent = has_parent
         for known in (self._numbers, self._members, self._asking, self._refused, self._outbox):
             known.clear()
+
+    @property
+    def remembered(self) -> int:
+        """How many clients are remembered that the parent has not taken in."""
+        return len(self._asking) + len(self._refused)
 
     # Up
 
@@ -49,9 +55,9 @@ class Uplink:
             self._ask(hello)
         return reason
 
-    def heard(self, member: Member, message: Hello | Heartbeat | TriggerAck | Goodbye) -> bool:
+    def pass_up(self, member: Member, message: Hello | Heartbeat | TriggerAck | Goodbye) -> bool:
         """Pass on what a member said; whether its answer is to come from above."""
-        if not self.open or member.camera.kind == CLOCK_ONLY:
+        if not self.has_parent or member.camera.kind == CLOCK_ONLY:
             return False
         known, number = self._numbers.get(member.name, (None, 0))
         if isinstance(message, Hello) or known is not member:
@@ -72,7 +78,7 @@ class Uplink:
         member = self._members.get(number)
         return None if member is None or member.lost else member
 
-    def welcomed(self, instance: int, number: int, members: dict[str, Member]) -> None:
+    def note_welcome(self, instance: int, number: int, members: dict[str, Member]) -> None:
         """The parent took a member in, or one that had been refused before and may ask again."""
         hello = self._asking.pop(instance, None)
         self._refused.pop(instance, None)
@@ -81,25 +87,25 @@ class Uplink:
             self._numbers[member.name] = member, number
             self._members[number] = member
 
-    def refused(self, instance: int, reason: str, members: dict[str, Member]) -> Member | None:
+    def note_refusal(self, instance: int, reason: str, members: dict[str, Member]) -> Member | None:
         """The parent did not take a client in; return the member to be given up for it."""
         hello = self._asking.pop(instance, None)
         if hello is None:
             return None
-        if len(self._refused) >= MAX_CLIENTS:
+        if len(self._refused) >= self._most_members:
             self._refused.clear()
         self._refused[instance] = reason
         member = members.get(hello.name)
         return member if member is not None and member.instance == instance and not member.lost else None
 
-    def unknown(self, number: int) -> None:
+    def note_unknown(self, number: int) -> None:
         """The parent knows nobody by that number any more: it is asked again when the member speaks."""
         member = self._members.pop(number, None)
         if member is not None:
             self._numbers.pop(member.name, None)
 
     def _ask(self, hello: Hello) -> None:
-        if len(self._asking) >= MAX_CLIENTS:
+        if len(self._asking) >= self._most_members:
             # Nobody answers, or somebody makes names up: whoever is still there says hello again.
             self._asking.clear()
         self._asking[hello.instance] = hello

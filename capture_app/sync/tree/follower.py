@@ -8,9 +8,9 @@ from capture_app.camera_facts import CameraFacts
 from capture_app.sync.clock.clock_filter import ClockFilter
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.clock.upstream_map import MAX_DEPTH
-from capture_app.sync.rig.failover import WayBack
+from capture_app.sync.rig.failover import Failback
 from capture_app.sync.rig.poll_schedule import RoundSchedule
-from capture_app.sync.rig.sync_terms import LeaderTerms
+from capture_app.sync.rig.terms import LeaderTerms
 from capture_app.sync.rig.time_client import CLOCK, HELLOS, TimeClient, TimeClientEvent
 from capture_app.sync.rig.timekeeper import Timekeeper
 from capture_app.sync.wire.codec import Message, encode
@@ -66,7 +66,7 @@ class Follower:
         """Its membership and its clock."""
         self._turn = 0
         self._was_member = False
-        self._way_back = WayBack(config.parents)
+        self._failback = Failback(config.parents)
         self._better: Address | None = None
         """A better parent that was asked whether it takes this node in, while the present one is followed."""
         self._outbox: deque[tuple[ControlMessage, Address]] = deque()
@@ -98,20 +98,20 @@ class Follower:
         if address in self.config.parents:
             message = self.time.decode(data)
             if message is not None:
-                self.take(message, address, now_ns)
+                self.receive_message(message, address, now_ns)
 
-    def take(self, message: Message, address: Address, now_ns: int) -> None:
+    def receive_message(self, message: Message, address: Address, now_ns: int) -> None:
         """Take in a message of one of the parents that arrived at `now_ns`.
 
         One of another parent than the present one may be of a better one that is back.
         """
         if address == self.parent:
-            self.time.take(message, now_ns)
+            self.time.receive_message(message, now_ns)
             self._note_membership(now_ns)
             return
         match message:
             case UnknownMember() if message.client == PROBE_NUMBER:
-                self._way_back.answered(address)
+                self._failback.note_answer(address)
             case Welcome() if address == self._better and message.instance == self.config.instance:
                 self._go_back(address, message, now_ns)
             case _:
@@ -125,8 +125,8 @@ class Follower:
         if time.hellos > HELLOS:
             self._turn = (self._turn + 1) % len(self.config.parents)
             time.hellos = 1
-        if now_ns >= self._way_back.due_ns and time.terms is not None and time.is_member:
-            self._better = self._way_back.look(self.parent, now_ns, in_holdover=time.terms.in_holdover)
+        if now_ns >= self._failback.due_ns and time.terms is not None and time.is_member:
+            self._better = self._failback.probe(self.parent, now_ns, in_holdover=time.terms.in_holdover)
             if self._better is not None:
                 self._outbox.append((time.hello(), self._better))
 
@@ -134,7 +134,7 @@ class Follower:
 
     def next_timer(self) -> int:
         """Local time in ns at which `handle_timer` wants to be called."""
-        return min(self.time.next_timer(), self._way_back.due_ns)
+        return min(self.time.next_timer(), self._failback.due_ns)
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
         """Return datagrams and where to; a time request carries `now_ns`, so send them at once."""
@@ -142,7 +142,7 @@ class Follower:
         while self._outbox:
             message, address = self._outbox.popleft()
             datagrams.append((encode(message), address))
-        return datagrams + self._way_back.datagrams_to_send()
+        return datagrams + self._failback.datagrams_to_send()
 
     def leave(self) -> None:
         """Say goodbye, and tell the time no more: this node is about to stop."""
@@ -167,14 +167,14 @@ class Follower:
         if number is not None and self.time.follow(welcome, now_ns):
             self._outbox.append((Goodbye(number), former))
             self._turn = self.config.parents.index(address)
-            self._way_back.follow(now_ns, back=True)
+            self._failback.leader_joined(now_ns, back=True)
 
     def _note_membership(self, now_ns: int) -> None:
         if self.time.is_member is self._was_member:
             return
         self._was_member = self.time.is_member
         if self._was_member:
-            self._way_back.follow(now_ns)
+            self._failback.leader_joined(now_ns)
         else:
-            self._way_back.lose(self.parent, now_ns)
+            self._failback.leader_lost(self.parent, now_ns)
             self._better = None

@@ -68,9 +68,9 @@ class Relay:
         # A parent to be may well be a client: what is said tells to whom.
         if not isinstance(message, FromClient):
             if address == self.follower.parent:
-                self._take_from_parent(message, address, now_ns)
+                self._receive_from_parent(message, address, now_ns)
             elif address in self.follower.config.parents:
-                self.follower.take(message, address, now_ns)
+                self.follower.receive_message(message, address, now_ns)
             self._pass_on()
         elif (
             isinstance(message, Heartbeat)
@@ -79,7 +79,7 @@ class Relay:
         ):
             pass  # A client looks for a better leader than its own.
         elif self.leader.terms.upstream is not None:
-            self.leader.take(message, address, now_ns)
+            self.leader.receive_message(message, address, now_ns)
         elif isinstance(message, Hello) and self.follower.time.is_member:
             self.leader.refuse(message, "the relay does not know the time yet", address, retry_here=True)
 
@@ -94,7 +94,7 @@ class Relay:
         self.follower.leave()
         for member in self.leader.members.values():
             if not member.lost:
-                self.leader.give_up(member, "the relay stops")
+                self.leader.drop_member(member, "the relay stops")
         # They ask again at once, and must not be taken in here.
         self.leader.terms.upstream = None
 
@@ -114,28 +114,28 @@ class Relay:
 
     # The parts
 
-    def _take_from_parent(self, message: Message, address: Address, now_ns: int) -> None:
+    def _receive_from_parent(self, message: Message, address: Address, now_ns: int) -> None:
         """Take in what is meant for this relay itself, or for one of its members."""
         uplink, members = self.uplink, self.leader.members
         match message:
             case Welcome() if message.instance != self.follower.config.instance:
-                uplink.welcomed(message.instance, message.client, members)
+                uplink.note_welcome(message.instance, message.client, members)
             case JoinRefusal() if message.instance != self.follower.config.instance:
-                refused = uplink.refused(message.instance, message.reason, members)
+                refused = uplink.note_refusal(message.instance, message.reason, members)
                 if refused is not None:
-                    self.leader.give_up(refused, message.reason)
+                    self.leader.drop_member(refused, message.reason)
             case UnknownMember() if message.client != self.follower.time.number:
-                uplink.unknown(message.client)
+                uplink.note_unknown(message.client)
             case HeartbeatAck() if member := uplink.member(message.client):
                 # What it tells holds for all, and is fresher than this relay's own answers.
                 mine = msgspec.structs.replace(message, client=self.follower.time.number or 0)
-                self.follower.take(mine, address, now_ns)
+                self.follower.receive_message(mine, address, now_ns)
                 self._pass_on()
-                self.leader.answer(member)
+                self.leader.acknowledge(member)
             case Trigger() if member := uplink.member(message.client):
-                self.leader.tell(member, msgspec.structs.replace(message, client=member.number))
+                self.leader.send(member, msgspec.structs.replace(message, client=member.number))
             case _:
-                self.follower.take(message, address, now_ns)
+                self.follower.receive_message(message, address, now_ns)
 
     def _pass_on(self) -> None:
         """Tell the clients how this clock stands to the root's, and the root's grid of instants."""
@@ -143,12 +143,12 @@ class Relay:
         terms, above, number = leader.terms, follower.time.terms, follower.time.number
         if number != self._number:
             self._number = number
-            self.uplink.restart(open=number is not None)
+            self.uplink.restart(has_parent=number is not None)
         in_holdover = number is None or above is None or above.in_holdover
         if terms.in_holdover is not in_holdover:
             terms.in_holdover = in_holdover
             if terms.shared_goal is not None:
-                leader.answer_all()
+                leader.acknowledge_all()
         if follower.time_map is None:
             # This clock has jumped, or the root is another one: what the clients were told is wrong now.
             terms.upstream = None
@@ -165,4 +165,4 @@ class Relay:
         terms.shared_goal.meeting_leader_ns = above.meeting_leader_ns if number is not None else None
         terms.align_row = above.align_row
         if moved:
-            leader.answer_all()
+            leader.acknowledge_all()

@@ -53,7 +53,7 @@ class LeaderTerms:
 
 
 @dataclass(slots=True)
-class Terms:
+class RigTerms:
     """What holds for all at present; `period_ns` is the rig's where it was asked for."""
 
     leader: int
@@ -67,7 +67,7 @@ class Terms:
     """Of a relay: from its clock to the root's, for the clients to add to their estimates."""
     in_holdover: bool = False
     """Of a relay: nobody above it orders bursts at present."""
-    of_cameras: bool = False
+    grid_is_of_cameras: bool = False
     """Whether the grid's period is that of cameras, not one that holds until the first of them comes."""
 
     @property
@@ -75,12 +75,12 @@ class Terms:
         """The grid of instants that all cameras are moved onto; None before the first client."""
         return None if self.shared_goal is None else self.shared_goal.goal
 
-    def begin(self, camera: CameraFacts, now_ns: int) -> bool:
+    def lay_grid(self, camera: CameraFacts, now_ns: int) -> bool:
         """Lay a grid at the rate of the first camera; whether it is another one than before."""
         is_camera = camera.kind not in WITHOUT_CAMERA
-        if self.shared_goal is not None and (self.of_cameras or not is_camera):
+        if self.shared_goal is not None and (self.grid_is_of_cameras or not is_camera):
             return False
-        self.of_cameras = is_camera or self.period_ns is not None
+        self.grid_is_of_cameras = is_camera or self.period_ns is not None
         goal = Goal(now_ns, self.period_ns or camera.period_ns)
         if self.shared_goal is not None and goal.period_ns == self.shared_goal.goal.period_ns:
             return False
@@ -105,7 +105,7 @@ class Terms:
             self.beacons,
         )
 
-    def answer(self, member: Member, pace_ns: int) -> HeartbeatAck:
+    def acknowledgement(self, member: Member, pace_ns: int) -> HeartbeatAck:
         """Return what a client is told that is here."""
         assert self.shared_goal is not None, "the first hello sets the goal"
         goal = self.shared_goal.goal

@@ -85,7 +85,7 @@ class Gap:
     reason: str
 
 
-def possible(frames: int, step_ns: int) -> bool:
+def is_possible_burst(frames: int, step_ns: int) -> bool:
     """Whether a burst of that many frames, that far apart in ns, is one that anybody would order."""
     return 0 < frames <= MAX_FRAMES and step_ns > 0 and (frames - 1) * step_ns <= MAX_BURST_NS
 

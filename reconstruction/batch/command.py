@@ -1,6 +1,6 @@
 """`reconstruct batch`: many sessions, instants and conditions, each unit once, whatever comes between."""
 
-import fcntl
+import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
@@ -8,6 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from capture_app.errors import BadInputError, ExitCode, SimulshotError
+from capture_app.session.files.locks import lock_file
+from capture_app.session.files.output_folder import replaces_only
 from capture_app.text import ProgressStep
 from reconstruction.batch.executors import Executor
 from reconstruction.batch.plan import MAKE, Failure, plan
@@ -160,24 +162,18 @@ def _ours(out: Path) -> Iterator[Path]:
     """The batch's folder, for one batch at a time."""
     root = out.resolve()
     try:
-        foreign = (
-            sorted({path.name for path in root.iterdir()} - {UNITS, WORK, *NAMES}) if root.exists() else []
-        )
-        if foreign:
-            raise BadInputError(
-                f"{out} holds other files ({foreign[0]})", hint="choose a new folder for --out"
-            )
-        (root / WORK).mkdir(parents=True, exist_ok=True)
-        lock = (root / WORK / "batch.lock").open("ab")
+        if root.exists():
+            replaces_only({UNITS, WORK, *NAMES})(root)
+        lock = lock_file(root / WORK / "batch.lock")
+    except BlockingIOError:
+        raise BadInputError(
+            f"another batch is at work in {out}", hint="wait for it, or choose another --out"
+        ) from None
     except OSError as error:
         raise BadInputError(
             f"cannot write to {out}: {error.strerror or error}", hint="choose another --out"
         ) from error
-    with lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise BadInputError(
-                f"another batch is at work in {out}", hint="wait for it, or choose another --out"
-            ) from None
+    try:
         yield root
+    finally:
+        os.close(lock)

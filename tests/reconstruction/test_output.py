@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from capture_app.errors import DiskFullError, ExitCode
-from capture_app.session.files import output_folder
+from capture_app.session.files import disk
 from capture_app.session.reading.reader import Session
 from reconstruction.cli import main
 from reconstruction.common.output_folder import comparison_folder
@@ -27,7 +27,7 @@ def test_a_writer_that_gives_no_reason_is_asked_how_much_room_there_was(
 ) -> None:
     with pytest.raises(OSError, match="cannot write"), comparison_folder(tmp_path / "out"):
         raise OSError("cannot write picture.jpg")
-    monkeypatch.setattr(output_folder, "LITTLE_BYTES", 1 << 60)
+    monkeypatch.setattr(disk, "LITTLE_BYTES", 1 << 60)
     with pytest.raises(DiskFullError, match="is full"), comparison_folder(tmp_path / "out"):
         raise OSError("cannot write picture.jpg")
     assert not list(tmp_path.iterdir())

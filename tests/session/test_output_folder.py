@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -152,6 +153,22 @@ def test_leftovers_of_all_targets_in_a_folder(tmp_path: Path, caplog: pytest.Log
     assert names(tmp_path) == ["one"]
     assert (tmp_path / "one" / "result").read_text() == "first"
     assert [word in caplog.text for word in (".one.part", ".two.part", "restored")] == [True] * 3
+
+
+def test_sessions_list_mentions_leftovers_and_repair_removes_them(
+    session: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
+) -> None:
+    hidden = tmp_path / ".rendered.part"
+    shutil.copytree(session.folder, hidden / "earlier")
+    (hidden / "new").mkdir()
+    (hidden / "lock").touch()
+    assert run(["sessions", "list", str(tmp_path)]) == ExitCode.OK
+    assert f"{tmp_path / 'rendered'} is being written, or" in capsys.readouterr().err
+    assert run(["sessions", "repair", str(tmp_path), "--wait-s", "0"]) == ExitCode.OK
+    assert f"restored the earlier result in {tmp_path / 'rendered'}" in caplog.text
+    assert names(tmp_path) == ["rendered", "small"]
+    assert run(["sessions", "list", str(tmp_path)]) == ExitCode.OK
+    assert capsys.readouterr().err == ""
 
 
 @pytest.mark.parametrize("exchanges", [True, False])

@@ -10,6 +10,7 @@ from capture_app.commands.sessions.render import render
 from capture_app.commands.sessions.repair import repair
 from capture_app.commands.sessions.text import print_session, print_sessions, sync_of
 from capture_app.errors import BadInputError, IncompleteError, SimulshotError
+from capture_app.session.files.output_folder import unfinished_outputs
 from capture_app.session.format.schema import session_schema_text
 from capture_app.session.reading.reader import Session, list_sessions
 from capture_app.session.reading.synchronization import verdict
@@ -35,13 +36,16 @@ sessions.add_command(repair)
 def list_command(root: Path | None, as_json: bool) -> None:
     """List the sessions in the folder ROOT (default: ./sessions)."""
     nothing_yet = root is None and not DEFAULT_ROOT.exists()
-    found = [] if nothing_yet else list_sessions(root or DEFAULT_ROOT)
+    root = root or DEFAULT_ROOT
+    found = [] if nothing_yet else list_sessions(root)
     if as_json:
-        print_json({"root": str(root or DEFAULT_ROOT), "sessions": found})
+        print_json({"root": str(root), "sessions": found})
     elif found:
         print_sessions(found)
     else:
-        talk(f"no sessions in {root or DEFAULT_ROOT}")
+        talk(f"no sessions in {root}")
+    for path in unfinished_outputs(root):
+        talk(f"{path} is being written, or what a killed run left of it: capture-app sessions repair {root}")
 
 
 @sessions.command()

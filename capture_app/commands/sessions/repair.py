@@ -8,6 +8,7 @@ import click
 from capture_app.commands.options import AddressType
 from capture_app.errors import BadInputError
 from capture_app.net.address import DEFAULT_PORT, Address
+from capture_app.session.files.output_folder import clear_leftovers
 from capture_app.terminal import json_option, print_json, print_line, talk
 
 if TYPE_CHECKING:
@@ -38,7 +39,8 @@ WAIT_S = 20.0
 def repair(path: Path, wait_s: float, listen: Address, as_json: bool) -> None:
     """Complete interrupted sessions: fetch images that nodes still have and record which are lost.
 
-    Saved images are never changed; damaged ones are moved to the folder set_aside of the session.
+    Saved images are never changed; damaged ones are moved to the folder set_aside of the session. What a
+    killed import or rendering left in ROOT is removed; an earlier session that it had set aside is restored.
     """
     import asyncio
 
@@ -49,6 +51,7 @@ def repair(path: Path, wait_s: float, listen: Address, as_json: bool) -> None:
         if line := in_words(news):
             talk(line)
 
+    clear_leftovers(path)
     repaired = asyncio.run(
         repair_sessions(path, wait_s=wait_s, host=listen.host, port=listen.port, on_news=on_news)
     )

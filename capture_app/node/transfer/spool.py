@@ -20,8 +20,9 @@ import msgspec
 from capture_app.errors import BadInputError, SimulshotError, TryAgainError
 from capture_app.names import check_name
 from capture_app.node.wire.messages import CameraReport, ImageUpload
-from capture_app.session.files.disk import disk_error, lock_folder
+from capture_app.session.files.disk import disk_error
 from capture_app.session.files.durable import AppendOnly, sync_folder, write_whole
+from capture_app.session.files.locks import lock_folder
 from capture_app.session.format.checks import read_struct
 from capture_app.session.format.journal import lines_of_file
 from capture_app.session.format.manifest import JOURNAL

@@ -1,26 +1,14 @@
-"""A session's disk: the folder's lock, room that is kept free, and its errors in words."""
+"""A disk's room: how much is kept free, whether it is full, and its errors in words."""
 
 import errno
-import fcntl
 import os
+import shutil
 from pathlib import Path
 
-from capture_app.errors import BadInputError, DiskFullError, SimulshotError, TryAgainError
+from capture_app.errors import DiskFullError, SimulshotError
 
-
-def lock_folder(folder: Path) -> int:
-    """Lock a session's folder against other writers. Raises TryAgainError where one has it already."""
-    try:
-        handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    except OSError as error:
-        raise BadInputError(f"cannot open {folder}: {error.strerror}") from error
-    try:
-        # A reader asks for the lock only once there is a journal, so nothing but a writer can hold it.
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        os.close(handle)
-        raise TryAgainError(f"{folder} is being written by another process") from None
-    return handle
+LITTLE_BYTES = 1 << 20
+"""With less than this on a disk, a write that failed without a reason failed for want of room."""
 
 
 def reserve(path: Path, size: int) -> None:
@@ -35,9 +23,14 @@ def reserve(path: Path, size: int) -> None:
                 raise
 
 
-def is_full(error: OSError) -> bool:
-    """Whether an error means that there is no room left, on the disk or in the user's share of it."""
-    return error.errno in (errno.ENOSPC, errno.EDQUOT)
+def is_full(error: OSError, folder: Path | None = None) -> bool:
+    """Whether an error means that there is no room left, on the disk or in the user's share of it.
+
+    With the `folder` that was written to, also if its disk has next to no room: some errors give no reason.
+    """
+    if error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return True
+    return folder is not None and folder.is_dir() and shutil.disk_usage(folder).free < LITTLE_BYTES
 
 
 def disk_error(error: OSError, folder: Path) -> SimulshotError:

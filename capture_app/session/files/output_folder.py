@@ -12,7 +12,6 @@ without a word. Only a caller that can use the other's result, such as a batch, 
 """
 
 import errno
-import fcntl
 import logging
 import os
 import shutil
@@ -22,19 +21,16 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from capture_app.errors import BadInputError, DiskFullError, TryAgainError
+from capture_app.errors import BadInputError, DiskFullError, SimulshotError, TryAgainError
 from capture_app.session.files.disk import is_full
 from capture_app.session.files.durable import (
     PART,
     exchange_folders,
     free_name,
-    make_folders,
     sync_folder,
     sync_tree,
 )
-
-LITTLE_BYTES = 1 << 20
-"""With less than this on a disk, a write that failed without a reason failed for want of room."""
+from capture_app.session.files.locks import lock_file
 
 _LOCK, _NEW, _EARLIER = "lock", "new", "earlier"
 _log = logging.getLogger(__name__)
@@ -91,7 +87,7 @@ class OutputFolder:
             BadInputError: the target cannot be written, or must not be replaced.
         """
         try:
-            self._lock = self._acquire()
+            self._lock = lock_file(self._workplace / _LOCK, wait=self._wait)
             try:
                 self._clear_leftovers()
                 self._check_target()
@@ -118,7 +114,9 @@ class OutputFolder:
             DiskFullError: the disk is full.
             BadInputError: the target cannot be replaced.
         """
-        full = isinstance(error, OSError) and self._is_disk_full(error)
+        explained = None
+        if isinstance(error, OSError) and is_full(error, self._workplace):
+            explained = self._explain(error)
         try:
             if error is None and not self._discarded:
                 self._put_in_place()
@@ -126,8 +124,8 @@ class OutputFolder:
             raise self._explain(failure) from failure
         finally:
             self._release()
-        if full:
-            raise self._no_space() from error
+        if explained is not None:
+            raise explained from error
 
     def discard(self) -> None:
         """Leave the target as it is, without an error."""
@@ -143,32 +141,6 @@ class OutputFolder:
 
     def _is_free(self) -> bool:
         return not self.target.exists() or not any(self.target.iterdir())
-
-    def _acquire(self) -> int:
-        path = self._workplace / _LOCK
-        while True:
-            make_folders(self._workplace, Path(self._workplace.anchor))
-            try:
-                lock = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
-            except FileNotFoundError:
-                continue  # a run that ended removed the folder just now
-            try:
-                fcntl.flock(lock, fcntl.LOCK_EX | (0 if self._wait else fcntl.LOCK_NB))
-                # A run that ended meanwhile has removed the file that was opened here.
-                if path.exists() and os.path.samestat(os.fstat(lock), path.stat()):
-                    return lock
-            except FileNotFoundError:
-                pass
-            except BlockingIOError:
-                os.close(lock)
-                raise TryAgainError(
-                    f"another run is writing to {self.target}",
-                    hint="wait until it has ended, or choose another --out",
-                ) from None
-            except BaseException:
-                os.close(lock)
-                raise
-            os.close(lock)
 
     def _clear_leftovers(self) -> None:
         """Restore or remove what a killed run left, and warn of it."""
@@ -240,28 +212,25 @@ class OutputFolder:
     def _warn_left(self, error: OSError) -> None:
         _log.warning("%s is left behind: %s", self._workplace, error.strerror or error)
 
-    def _explain(self, error: OSError) -> BadInputError | DiskFullError:
-        if self._is_disk_full(error):
-            return self._no_space()
+    def _explain(self, error: OSError) -> SimulshotError:
+        if isinstance(error, BlockingIOError):
+            what = f"another run is writing to {self.target}"
+            return TryAgainError(what, hint="wait until it has ended, or choose another --out")
+        if is_full(error, self._workplace):
+            what = f"the disk of {self.target} is full"
+            return DiskFullError(what, hint="make room, or choose an --out on another disk")
         what = f"cannot write to {self.target}: {error.strerror or error}"
         return BadInputError(what, hint="choose another --out")
 
-    def _is_disk_full(self, error: OSError) -> bool:
-        if is_full(error):
-            return True
-        return self._workplace.is_dir() and shutil.disk_usage(self._workplace).free < LITTLE_BYTES
 
-    def _no_space(self) -> DiskFullError:
-        return DiskFullError(
-            f"the disk of {self.target} is full",
-            hint="make room, or choose an --out on another disk",
-        )
+def unfinished_outputs(parent: Path) -> list[Path]:
+    """The output folders in `parent` that runs are making, or that killed runs have left unfinished."""
+    return [parent / lock.parent.name[1 : -len(PART)] for lock in sorted(parent.glob(f".*{PART}/{_LOCK}"))]
 
 
 def clear_leftovers(parent: Path) -> None:
     """Mend what killed runs left of any output folder in `parent`, but not what is being worked on."""
-    for lock in parent.glob(f".*{PART}/{_LOCK}"):
-        target = parent / lock.parent.name[1 : -len(PART)]
+    for target in unfinished_outputs(parent):
         with suppress(TryAgainError), OutputFolder(target, lambda _: None) as output:
             output.discard()
 

@@ -16,7 +16,7 @@ import msgspec
 from capture_app import __version__
 from capture_app.errors import BadInputError, DiskFullError, SimulshotError
 from capture_app.names import check_name
-from capture_app.session.files.disk import disk_error, is_full, lock_folder, reserve
+from capture_app.session.files.disk import disk_error, is_full, reserve
 from capture_app.session.files.durable import (
     AppendOnly,
     make_folders,
@@ -25,6 +25,7 @@ from capture_app.session.files.durable import (
     write_named,
     write_whole,
 )
+from capture_app.session.files.locks import lock_folder
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.checks import check_references
 from capture_app.session.format.encoding import checked, pretty

@@ -95,7 +95,6 @@ def compare(
     Writes metrics.json, pictures and a report.html that explains itself into the --out folder.
     """
 
-    from reconstruction.compare.all_cameras import AllCamerasOptions
     from reconstruction.compare.command import CompareOptions
     from reconstruction.compare.command import compare as run
 
@@ -104,9 +103,9 @@ def compare(
         stereo=stereo_pair,
         stitch=stitch_pair,
         most_instants=max_instants,
-        all_cameras=AllCamerasOptions(
-            multiview_instants=max_multiview_instants, multiview_width=multiview_width, poses=poses
-        ),
+        multiview_instants=max_multiview_instants,
+        multiview_width=multiview_width,
+        poses=poses,
         conditions=conditions,
         against=against,
     )

@@ -2,7 +2,7 @@
 
 import time
 from contextlib import suppress
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
@@ -15,28 +15,22 @@ from reconstruction.calibration.rig import Rig
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.output_folder import comparison_folder, write_metrics
 from reconstruction.common.stage_cache import StageCache
-from reconstruction.compare.all_cameras import AllCameras, AllCamerasOptions
-from reconstruction.compare.depth_pictures import depth_pictures
-from reconstruction.compare.depth_study import DepthStudy
 from reconstruction.compare.dose import measure, offsets
-from reconstruction.compare.further import Chosen, judge, judge_session
+from reconstruction.compare.multiview_study import MultiviewStudy
 from reconstruction.compare.panorama_study import PanoramaStudy
+from reconstruction.compare.pose_study import LARGE_MOVING_SHARE, PoseStudy
+from reconstruction.compare.stereo_study import StereoStudy
+from reconstruction.compare.study import Result, StudyRun
+from reconstruction.report import wording
 from reconstruction.report.report import write_report
 from reconstruction.report.verdict import verdict
 from reconstruction.scores.compare_results import CompareResult, ConditionResult
-from reconstruction.scores.depth_results import StereoComparison
 from reconstruction.scores.dose_results import DoseResult
-from reconstruction.scores.panorama_results import PanoramaComparison
-from reconstruction.scores.results import Picture
 from reconstruction.session.conditions import DEFAULT_OFFSET_MS, Condition
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.frame_offset import (
-    FrameOffset,
-    evenly_spread,
-    nearest_frame_offset,
-    pairs_with_images,
-)
+from reconstruction.session.frame_offset import FrameOffset, evenly_spread, nearest_frame_offset
 from reconstruction.session.scene_motion import SceneMotion
+from reconstruction.session.shown_instants import fixed_offsets_ms
 
 DOSE_INSTANTS = 6
 """Instants of the dose curve within a comparison; `reconstruct dose` takes more."""
@@ -50,7 +44,12 @@ class CompareOptions:
     stereo: tuple[str, str] | None = None
     stitch: tuple[str, str] | None = None
     most_instants: int = 16
-    all_cameras: AllCamerasOptions = field(default_factory=AllCamerasOptions)
+    multiview_instants: int = 3
+    """Instants of the burst for depth from all cameras; 0 = none."""
+    multiview_width: int = 640
+    """Wider pictures are made smaller for that, px."""
+    poses: bool | None = None
+    """Whether to find poses from single instants; None = where much moves."""
     conditions: tuple[Condition, ...] = ()
     """Further ones beside the pair that is `offset_ms` apart."""
     against: Path | None = None
@@ -84,37 +83,47 @@ class _Comparison:
         self.offset = offset
         self.options = options
         self.folder = folder
-        self.stages = StageCache(folder / "stages", dataset.fingerprint())
         self.motion = SceneMotion(dataset, offset.step)
-        self.rig = Rig(dataset, self.motion, self.stages)
+        self.rig = Rig(dataset, self.motion, StageCache(folder / "stages", dataset.fingerprint()))
         self.middle = offset.pairs[len(offset.pairs) // 2][0]
         for pair in (options.stereo, options.stitch):
             self.rig.check_pair(pair)
-        self.conditions = options.conditions
-        for condition in self.conditions:
+        for condition in options.conditions:
             condition.check(dataset)
         self.against = Dataset.open(options.against) if options.against is not None else None
-        self.panorama: PanoramaStudy | None = None
-        self.all = AllCameras(self.rig, options.all_cameras)
-        each = 1 + min(len(offset.pairs), options.most_instants)
-        further = len(self.conditions) + (self.against is not None)
-        self.progress = Progress(4 + each + each + self.all.steps() + further + 1)
+        self.stereo = StudyRun(StereoStudy(self.rig, offset, options.stereo, options.most_instants))
+        self.panorama = StudyRun(PanoramaStudy(self.rig, offset, options.stitch, options.most_instants))
+        self.multiview = StudyRun(
+            MultiviewStudy(self.rig, options.multiview_instants, options.multiview_width)
+        )
+        self.poses = StudyRun(PoseStudy(self.rig, ""))
+        asked = [self.stereo.study.steps, self.panorama.study.steps]
+        asked += [self.multiview.study.steps] * (options.multiview_instants > 0)
+        asked += [self.poses.study.steps] * (options.poses is not False)
+        further = len(options.conditions) + (self.against is not None)
+        self.progress = Progress(4 + sum(asked) + further + 1)
         self.dose: DoseResult | None = None
-        self.pictures: list[Picture] = []
 
     def run(self, session: Path) -> CompareResult:
-        """Everything in turn; a half that is impossible is skipped with its reason."""
+        """Run every study in turn; one that is impossible is skipped with its reason."""
         self.progress.step(f"what moves in {self.dataset.name}")
         moving = self.rig.moving_share([k for k, _ in evenly_spread(self.offset.pairs, 4)])
         self.progress.step("calibration")
         no_views = self.rig.try_calibrate()
         self.progress.step("choosing cameras")
-        stereo, stereo_skipped = self._stereo(no_views)
-        stitched, stitch_skipped = self._stitch()
-        if stereo is None and stitched is None and isinstance(no_views, NotAvailableError):
+        if no_views is None:
+            self._run(self.stereo)
+            self._measure_dose()
+        else:
+            self.stereo.skipped = str(no_views)
+        self._run(self.panorama)
+        nothing = self.stereo.result is None and self.panorama.result is None
+        if nothing and isinstance(no_views, NotAvailableError):
             raise no_views
-        self.all.run(self.middle, moving, self.progress, self.folder)
-        conditions = self._further(stereo, stitched)
+        if self.options.multiview_instants:
+            self._run(self.multiview)
+        self._run_poses(moving)
+        conditions = self._further()
         self.progress.last("report")
         return CompareResult(
             session=str(session),
@@ -122,20 +131,24 @@ class _Comparison:
             offset_frames=self.offset.frames,
             actual_offset_ms=self.offset.actual_ms,
             verdict=verdict(
-                stereo, stitched, self.offset.actual_ms, moving, self.all.poses, self.all.multiview
+                self.stereo.result,
+                self.panorama.result,
+                self.offset.actual_ms,
+                moving,
+                self.poses.result,
+                self.multiview.result,
             ),
             calibration=self.rig.source,
-            stereo=stereo,
-            stitch=stitched,
-            multiview=self.all.multiview,
-            poses=self.all.poses,
-            stereo_skipped=stereo_skipped,
-            stitch_skipped=stitch_skipped,
-            multiview_skipped=self.all.no_multiview,
-            poses_skipped=self.all.no_poses,
+            stereo=self.stereo.result,
+            stitch=self.panorama.result,
+            multiview=self.multiview.result,
+            poses=self.poses.result,
+            stereo_skipped=self.stereo.skipped,
+            stitch_skipped=self.panorama.skipped,
+            multiview_skipped=self.multiview.skipped,
+            poses_skipped=self.poses.skipped,
             sync_residual_us=self.dataset.worst_residual_us(),
             sync_bound_us=self.dataset.worst_hard_bound_us(),
-            pictures=tuple(self.pictures),
             conditions=conditions,
             dose=self.dose,
             burst=burst_grid(self.dataset, self.folder),
@@ -143,69 +156,70 @@ class _Comparison:
             versions=library_versions(),
         )
 
-    def _further(
-        self, stereo: StereoComparison | None, stitched: PanoramaComparison | None
-    ) -> tuple[ConditionResult, ...]:
-        """What was asked for beside the two conditions."""
-        chosen = Chosen(self.rig, self.options.most_instants, stereo, stitched, self.panorama, self.all)
-        found = []
-        for condition in self.conditions:
-            self.progress.step(f"condition {condition.name}")
-            found.append(judge(chosen, condition))
-        if self.against is not None:
-            self.progress.step(f"session {self.against.name}")
-            found.append(judge_session(chosen, self.against, self.stages.folder, self.offset.step))
-        return tuple(found)
+    def _run(self, study: StudyRun[Result]) -> None:
+        study.run(self.middle, self.progress, self.folder)
 
-    def _pairs(self, cameras: tuple[str, str]) -> list[tuple[int, int]]:
-        found = pairs_with_images(self.dataset, self.offset, *cameras)
-        if not found:
-            raise ValueError(f"{cameras[0]} and {cameras[1]} have no images of the same instants")
-        return evenly_spread(found, self.options.most_instants)
-
-    def _stereo(self, no_views: Exception | None) -> tuple[StereoComparison | None, str]:
-        if no_views is not None:
-            return None, str(no_views)
-        choice = self.rig.choose_stereo_pair(self.options.stereo, self.middle)
-        if choice.cameras is None:
-            return None, choice.why
-        try:
-            study = DepthStudy(
-                self.dataset,
-                self.motion,
-                self.rig.views,
-                choice.cameras,
-                self._pairs(choice.cameras),
-                self.rig.unit,
-            )
-            instants = study.run(self.stages, self.progress)
-        except ValueError as error:
-            return None, f"{choice.cameras[0]} and {choice.cameras[1]}: {error}"
-        self.pictures += depth_pictures(study, instants, self.folder)
-        self._dose(choice.cameras)
-        return study.result(instants, choice.why), ""
-
-    def _dose(self, cameras: tuple[str, str]) -> None:
-        """The same pair's depth against offset, over fewer instants."""
+    def _measure_dose(self) -> None:
+        """The stereo pair's depth against offset, over fewer instants."""
+        if self.stereo.result is None:
+            return
         self.progress.step("depth against offset")
         with suppress(ValueError):
             most = min(DOSE_INSTANTS, self.options.most_instants)
             steps = offsets(self.dataset, max(self.offset.actual_ms, DEFAULT_OFFSET_MS))
-            self.dose = measure(self.rig, cameras, steps, most, Progress(0, silent=True))
+            pair = (self.stereo.result.reference, self.stereo.result.other)
+            self.dose = measure(self.rig, pair, steps, most, Progress(0, silent=True))
 
-    def _stitch(self) -> tuple[PanoramaComparison | None, str]:
-        choice = self.rig.choose_panorama_pair(self.options.stitch, self.middle)
-        if choice.cameras is None:
-            return None, choice.why
-        try:
-            study = PanoramaStudy(
-                self.dataset, self.motion, self.rig.views, choice.cameras, self._pairs(choice.cameras)
+    def _run_poses(self, moving: float) -> None:
+        """Find poses where that is asked for or much moves; `moving` is the share of pixels that do."""
+        asked, share = self.options.poses, wording.share(moving, decimals=0)
+        if asked is None and moving < LARGE_MOVING_SHARE:
+            self.poses.skipped = (
+                f"what moves fills {share} of the picture: finding poses throws it out with the outliers and "
+                "keeps what stands still, also from late pictures (--poses measures it)"
             )
-            self.progress.step(f"registering {choice.cameras[0]} and {choice.cameras[1]}")
-            study.register()
-            result = study.result(self.progress, choice.why)
-        except ValueError as error:
-            return None, str(error)
-        self.pictures += study.pictures(self.folder)
-        self.panorama = study
-        return result, ""
+        elif asked is not False:
+            why = "asked for" if asked else f"{share} of the picture moves"
+            self.poses = StudyRun(PoseStudy(self.rig, why))
+            self._run(self.poses)
+
+    def _further(self) -> tuple[ConditionResult, ...]:
+        """What was asked for beside every study's own condition."""
+        found = []
+        for condition in self.options.conditions:
+            self.progress.step(f"condition {condition.name}")
+            found.append(self._condition(condition))
+        if self.against is not None:
+            self.progress.step(f"session {self.against.name}")
+            found.append(self._session(self.against))
+        return tuple(found)
+
+    def _condition(self, condition: Condition) -> ConditionResult:
+        skipped: list[str] = []
+        return ConditionResult(
+            name=condition.name,
+            offsets_ms=fixed_offsets_ms(condition, self.dataset),
+            stereo=self.stereo.further(condition, skipped),
+            stitch=self.panorama.further(condition, skipped),
+            multiview=self.multiview.further(condition, skipped),
+            poses=self.poses.further(condition, skipped),
+            skipped=tuple(skipped),
+        )
+
+    def _session(self, other: Dataset) -> ConditionResult:
+        """Another session's pictures of the same instant: by its own calibration, else by this one's."""
+        motion = SceneMotion(other, self.offset.step)
+        rig = Rig(other, motion, StageCache(self.folder / "stages", other.fingerprint()))
+        calibration = other.calibration() or self.rig.calibration
+        if calibration is not None:
+            rig.use_calibration(calibration)
+        skipped: list[str] = []
+        return ConditionResult(
+            name=other.name,
+            session=str(other.session.folder),
+            stereo=self.stereo.against(rig, skipped),
+            stitch=self.panorama.against(rig, skipped),
+            multiview=self.multiview.against(rig, skipped),
+            poses=self.poses.against(rig, skipped),
+            skipped=tuple(skipped),
+        )

@@ -17,7 +17,7 @@ from reconstruction.calibration.rig import Rig
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.output_folder import comparison_folder, write_metrics
 from reconstruction.common.stage_cache import StageCache
-from reconstruction.compare.depth_study import DepthStudy
+from reconstruction.compare.stereo_study import StereoStudy
 from reconstruction.report.dose import write_dose_report
 from reconstruction.scores.depth_results import DepthScores
 from reconstruction.scores.dose_results import DosePoint, DoseResult
@@ -130,11 +130,12 @@ def measure(
         raise ValueError("no instant has its images at all the offsets")
     nows = [now for now, _ in evenly_spread([(now, now) for now in common], most_instants)]
     progress.total += len(nows) * len(steps) + len(steps)
+    study = StereoStudy(rig, None, cameras, most_instants)
+    study.prepare(nows[0], progress)
     points: list[DosePoint] = []
     for step, partners in zip(steps, later, strict=True):
         pairs = [(now, partners[now]) for now in nows]
-        study = DepthStudy(rig.dataset, rig.motion, rig.views, cameras, pairs, rig.unit)
-        scored = study.result(study.run(rig.stages, progress), "")
+        scored, _ = study.compare_instants(pairs, progress)
         if not points:
             points.append(DosePoint(offset_ms=0.0, offset_frames=0, scores=scored.synced))
         points.append(DosePoint(offset_ms=step.actual_ms, offset_frames=step.frames, scores=scored.offset))

@@ -2,14 +2,17 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
 from capture_app.errors import BadInputError
 from capture_app.terminal import Progress
+from reconstruction.calibration.rig import Rig
 from reconstruction.common.native_libraries import library_versions
-from reconstruction.common.stage_cache import StageCache
+from reconstruction.compare.study import ALL_APART, SIDES, ComparisonTally
 from reconstruction.depth.depth_range import find_depth_range
 from reconstruction.multiview.comparison_pictures import multiview_pictures
 from reconstruction.multiview.instant_depth import InstantDepth, instant_depth
@@ -18,9 +21,8 @@ from reconstruction.multiview.source_views import choose_reference_view, choose_
 from reconstruction.multiview.undistorted_session import UndistortedSession
 from reconstruction.scores.depth_results import MultiviewComparison, MultiviewScores
 from reconstruction.scores.results import Picture
-from reconstruction.scores.tally import Measurements, Tally, differences
+from reconstruction.scores.tally import Measurements
 from reconstruction.session.conditions import Condition
-from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import evenly_spread
 from reconstruction.session.shown_instants import fixed_offsets_ms, instants_shown, refuse_synchronized
 
@@ -29,16 +31,14 @@ MOST_CAMERAS = 5
 """More cameras make better clouds, but say no more about timing; each takes as long as the first."""
 TRIES = 4
 """Instants that are looked at for one at which every camera shows something."""
-CONDITIONS = ("synced", "offset")
-ROW = (
+PER_INSTANT = (
     "mover_coverage", "static_coverage", "mover_within_2pct", "static_within_2pct", "mover_consistency",
     "mover_points",
 )  # fmt: skip
-"""What is told of every single instant."""
 
 
 @dataclass(frozen=True)
-class Taken:
+class ShownInstant:
     """What each camera shows at one instant of the reference: in the condition, and all of one instant."""
 
     instant: int
@@ -53,31 +53,46 @@ class Taken:
 class MultiviewStudy:
     """Depth from all cameras in any condition; what is fixed for all comes from synchronized pictures."""
 
-    def __init__(self, shots: UndistortedSession, stages: StageCache, unit: str, most_instants: int) -> None:
-        """`unit` is the calibration's unit of length."""
-        self.shots = shots
-        self.stages = stages
-        self.unit = unit
+    subject = "depth from all cameras"
+    condition = ALL_APART
+
+    def __init__(self, rig: Rig, most_instants: int, width: int, reference: str = "") -> None:
+        """Pictures wider than `width` px are made smaller; `reference`: refuse any other middle camera."""
+        self.rig = rig
+        self.dataset = rig.dataset
         self.most_instants = most_instants
+        self.width = width
+        self.reference = reference
         self.cameras: tuple[str, ...] = ()
-        self.reference = ""
         self.reach = (0.0, 0.0)
         self.left_out: dict[str, str] = {}
 
     @property
-    def dataset(self) -> Dataset:
-        """The session."""
-        return self.shots.dataset
+    def steps(self) -> int:
+        """A line to begin with, and one for each instant and condition."""
+        return 1 + 2 * min(self.most_instants, len(self.dataset.instants_ns))
 
-    def prepare(self, instant: int) -> None:
+    def for_session(self, rig: Rig) -> Self:
+        """The same middle camera of another session."""
+        return type(self)(rig, self.most_instants, self.width, self.reference)
+
+    @cached_property
+    def shots(self) -> UndistortedSession:
+        """The session's pictures, undistorted."""
+        return UndistortedSession(self.dataset, self.rig.motion, self.rig.views, self.width)
+
+    def prepare(self, middle: int, progress: Progress) -> None:
         """Fix the cameras, the middle one and the depth range, from pictures around an instant.
 
         Raises:
             ValueError: fewer than three cameras see the same.
         """
+        progress.step("which cameras see the same")
+        if not self.rig.views:
+            raise ValueError("the cameras have no calibration")
         names, every = self.dataset.cameras, range(len(self.dataset.instants_ns))
         there = {k: sum(self.dataset.has_image(c, k) for c in names) for k in every}
-        first = sorted(every, key=lambda k: (-there[k], abs(k - instant)))[:TRIES]
+        first = sorted(every, key=lambda k: (-there[k], abs(k - middle)))[:TRIES]
         best = max(first, key=lambda k: sum(self.shots.usable(c, k) for c in names))
         problems = {c: self.shots.problem(c, best) for c in names}
         self.left_out = {c: problem for c, problem in problems.items() if problem}
@@ -94,7 +109,10 @@ class MultiviewStudy:
         views = {c: view for c, view in views.items() if c not in alone}
         self.left_out |= alone
         self._need(len(views))
-        self.reference = choose_reference_view(views, depths)
+        found = choose_reference_view(views, depths)
+        if self.reference not in ("", found):
+            raise ValueError(f"{found} is in its middle, not {self.reference}")
+        self.reference = found
         near = [c for c in sources[self.reference] if c in views][: MOST_CAMERAS - 1]
         self.cameras = tuple(c for c in names if c == self.reference or c in near)
         for camera in views:
@@ -112,43 +130,43 @@ class MultiviewStudy:
         Raises:
             ValueError: the burst does not hold this condition.
         """
-        taken = self._taken(condition)
+        instants = self._instants(condition)
         found = []
-        for one in taken:
+        for one in instants:
             maps = {}
-            for name, shown in zip(CONDITIONS, (one.together, one.shown), strict=True):
-                progress.step(f"depth from {len(shown)} cameras, instant {one.instant}, {name}")
-                maps[name] = self._depth(shown)
+            for side, shown in zip(SIDES, (one.together, one.shown), strict=True):
+                progress.step(f"depth from {len(shown)} cameras, instant {one.instant}, {side}")
+                maps[side] = self._depth(shown)
             found.append(maps)
-        instants = [one.instant for one in taken]
-        judge = InstantScorer(
-            self.shots, self.reference, self.unit, instants, [maps["synced"] for maps in found]
+        scorer = InstantScorer(
+            self.shots,
+            self.reference,
+            self.rig.unit,
+            [one.instant for one in instants],
+            [maps["synced"] for maps in found],
         )
-        tallies = {name: Tally() for name in CONDITIONS}
-        rows = []
-        for one, maps in zip(taken, found, strict=True):
-            counts = judge.measure(one.instant, one.shown, maps)
-            rows.append(self._row(one, counts))
-            for name, measured in counts.items():
-                tallies[name].add(measured)
+        tally = ComparisonTally(MultiviewScores, PER_INSTANT)
+        for one, maps in zip(instants, found, strict=True):
+            measured = scorer.measure(one.instant, one.shown, maps)
+            tally.add(measured, self._facts(one, measured["synced"]))
         return MultiviewComparison(
             reference=self.reference,
             cameras=self.cameras,
-            synced=tallies["synced"].scores(MultiviewScores),
-            offset=tallies["offset"].scores(MultiviewScores),
+            synced=tally.synced,
+            offset=tally.offset,
             offsets_ms=self._late(condition),
-            tolerance_m=judge.tolerance_m,
+            tolerance_m=scorer.tolerance_m,
             width_px=self.shots.views[self.reference].width,
-            per_instant=tuple(rows),
-            differences=differences(tallies["synced"], tallies["offset"], MultiviewScores),
-            pictures=self._pictures(taken, found, judge, folder) if folder else (),
+            per_instant=tally.per_instant,
+            differences=tally.differences,
+            pictures=self._pictures(instants, found, scorer, folder) if folder else (),
             left_out=self.left_out,
-            cloud_skipped=judge.cloud_skipped,
+            cloud_skipped=scorer.cloud_skipped,
         )
 
-    def _taken(self, condition: Condition) -> list[Taken]:
+    def _instants(self, condition: Condition) -> list[ShownInstant]:
         """The instants at which most cameras have their pictures in both conditions, thinned."""
-        found: list[Taken] = []
+        found: list[ShownInstant] = []
         problem = "no instant has its pictures in both conditions"
         for instant in self.dataset.instants(self.reference):
             try:
@@ -156,7 +174,7 @@ class MultiviewStudy:
             except ValueError as error:
                 problem = str(error)
                 continue
-            found.append(Taken(instant, self._kept(instant, shown, self.dataset.has_image)))
+            found.append(ShownInstant(instant, self._kept(instant, shown, self.dataset.has_image)))
         if not found:
             raise ValueError(problem)
         most = max(len(one.shown) for one in found)
@@ -164,8 +182,12 @@ class MultiviewStudy:
         refuse_synchronized(condition, [(one.instant, one.shown) for one in fullest])
         places = evenly_spread([(place, place) for place in range(len(fullest))], self.most_instants)
         chosen = [fullest[place] for place, _ in places]
-        shown_only = [Taken(o.instant, self._kept(o.instant, o.shown, self.shots.usable)) for o in chosen]
-        useful = [o for o in shown_only if self.reference in o.shown and len(o.shown) >= FEWEST_CAMERAS]
+        usable = [(one.instant, self._kept(one.instant, one.shown, self.shots.usable)) for one in chosen]
+        useful = [
+            ShownInstant(instant, shown)
+            for instant, shown in usable
+            if self.reference in shown and len(shown) >= FEWEST_CAMERAS
+        ]
         if not useful:
             raise ValueError(problem)
         return useful
@@ -180,7 +202,7 @@ class MultiviewStudy:
         sources = choose_source_views(views, self._depths)
         if not sources[self.reference]:
             raise ValueError(f"no camera with a picture sees what {self.reference} sees")
-        made = self.stages.arrays(
+        made = self.rig.stages.arrays(
             "multiview",
             lambda: vars(instant_depth(shots, sources, self.reach, self.reference)),
             self.reference,
@@ -191,29 +213,29 @@ class MultiviewStudy:
         )
         return InstantDepth(**made)
 
-    def _row(self, one: Taken, counts: dict[str, Measurements]) -> dict[str, float | int | None]:
-        row: dict[str, float | int | None] = {
-            "instant": one.instant,
-            "mover_pixels": counts["synced"].shares["mover_coverage"][1],
-        }
-        for name, measured in counts.items():
-            row |= {f"{name}_{measure}": Tally([measured]).value(measure) for measure in ROW}
+    def _facts(self, one: ShownInstant, synced: Measurements) -> dict[str, float | int | None]:
         times = self.dataset.instants_ns
-        for camera, instant in one.shown.items():
-            row[f"late_{camera}_ms"] = (times[instant] - times[one.instant]) / 1e6
-        return row
+        return {
+            "instant": one.instant,
+            "mover_pixels": synced.shares["mover_coverage"][1],
+            **{f"late_{c}_ms": (times[k] - times[one.instant]) / 1e6 for c, k in one.shown.items()},
+        }
 
     def _pictures(
-        self, taken: list[Taken], found: list[dict[str, InstantDepth]], judge: InstantScorer, folder: Path
+        self,
+        instants: list[ShownInstant],
+        found: list[dict[str, InstantDepth]],
+        scorer: InstantScorer,
+        folder: Path,
     ) -> tuple[Picture, ...]:
-        moving = [self.shots.moving(self.reference, one.instant) for one in taken]
+        moving = [self.shots.moving(self.reference, one.instant) for one in instants]
         seen = [
             int((mask & (maps["synced"].depth > 0)).sum()) for mask, maps in zip(moving, found, strict=True)
         ]
         best = int(np.argmax(seen))
-        instant = taken[best].instant
+        instant = instants[best].instant
         photo = self.shots.image(self.reference, instant).colours
-        return multiview_pictures(photo, found[best], moving[best], judge.true_depth(instant), folder)
+        return multiview_pictures(photo, found[best], moving[best], scorer.true_depth(instant), folder)
 
     def _late(self, condition: Condition) -> dict[str, float]:
         late_ms = fixed_offsets_ms(condition, self.dataset)

@@ -8,9 +8,12 @@ import numpy as np
 from capture_app.terminal import Progress
 from reconstruction.calibration.features import detect_features, match_features
 from reconstruction.calibration.homography import fit_homography
-from reconstruction.common.drawing import box_with_most, enlarge_crop, save_picture, trim_empty_sides
-from reconstruction.common.geometry import Array, View
-from reconstruction.panorama.pair_panorama import OverlapMisfit, blend_pair, measure_misfit, panorama_masks
+from reconstruction.calibration.rig import Rig
+from reconstruction.common.geometry import Array
+from reconstruction.compare.pair_study import Pair, PairStudy
+from reconstruction.compare.panorama_pictures import panorama_pictures
+from reconstruction.compare.study import SIDES, ComparisonTally
+from reconstruction.panorama.pair_panorama import OverlapMisfit, measure_misfit, panorama_masks
 from reconstruction.panorama.pair_registration import (
     PairRegistration,
     correct_parallax,
@@ -21,47 +24,50 @@ from reconstruction.panorama.pair_registration import (
 from reconstruction.scores.panorama_results import PanoramaComparison, PanoramaScores
 from reconstruction.scores.results import Picture
 from reconstruction.scores.tally import Measurements, Tally, measures_of
-from reconstruction.session.dataset import Dataset
+from reconstruction.session.conditions import Condition
+from reconstruction.session.frame_offset import FrameOffset
 from reconstruction.session.mover_detection import dilate
-from reconstruction.session.scene_motion import SceneMotion
 
 REGISTRATION_INSTANTS = 3
 
 
-class PanoramaStudy:
-    """A panorama of two cameras, synchronized and offset."""
+class PanoramaStudy(PairStudy):
+    """A panorama of two cameras, synchronized and offset; those without a view are taken as they are."""
 
-    def __init__(
-        self,
-        dataset: Dataset,
-        motion: SceneMotion,
-        views: dict[str, View],
-        cameras: tuple[str, str],
-        pairs: Sequence[tuple[int, int]],
-    ) -> None:
-        """`pairs` are (instant, later instant); cameras without a view are taken as they are."""
-        self.dataset = dataset
-        self.motion = motion
-        self.cameras = cameras
-        self.pairs = list(pairs)
-        self.views = [views.get(name) or uncalibrated_view(*dataset.size(name)) for name in cameras]
+    subject = "panorama"
+
+    def __init__(self, rig: Rig, offset: FrameOffset | None, asked: Pair | None, most_instants: int) -> None:
+        super().__init__(rig, offset, asked, most_instants)
         self.registration: PairRegistration | None = None
 
-    def register(self) -> None:
+    def prepare(self, middle: int, progress: Progress) -> None:
+        """Choose the pair, and register its pictures of the same instants.
+
+        Raises:
+            ValueError: no two cameras suit, or their pictures make no panorama.
+        """
+        self.set_pair(self.rig.choose_panorama_pair(self.asked, middle))
+        progress.step(f"registering {self.cameras[0]} and {self.cameras[1]}")
+        self.registration = self._register([now for now, _ in self.pairs(self.condition)[0]])
+
+    def _register(self, instants: Sequence[int]) -> PairRegistration:
         """Fix the geometry from what stands still.
 
         Raises:
             ValueError: the two cameras' pictures make no panorama.
         """
         first, second = self.cameras
+        views = [
+            self.rig.views.get(name) or uncalibrated_view(*self.dataset.size(name)) for name in self.cameras
+        ]
         at: tuple[list[Array], list[Array]] = ([], [])
-        for now, _ in self.pairs[:: max(1, len(self.pairs) // REGISTRATION_INSTANTS)]:
+        for now in instants[:: max(1, len(instants) // REGISTRATION_INSTANTS)]:
             points = [
                 detect_features(self.dataset.grey(name, now), self.motion.widened_movers(name, now))
                 for name in self.cameras
             ]
             found = match_features(points[0], points[1])
-            for kept, view, pixels in zip(at, self.views, found, strict=True):
+            for kept, view, pixels in zip(at, views, found, strict=True):
                 kept.append(undistort_pixels(view, pixels) if len(pixels) else pixels)
         homography = fit_homography(
             np.concatenate(at[0]),
@@ -71,82 +77,64 @@ class PanoramaStudy:
         )
         if homography is None:
             raise ValueError(f"the pictures of {first} and {second} cannot be laid over each other")
-        rough = register_pair(self.views[0], self.views[1], homography)
+        rough = register_pair(views[0], views[1], homography)
         moving = np.zeros(rough.overlap.shape, bool)
         for which, name in enumerate(self.cameras):
             for k in self.dataset.instants(name):
                 mask = self.motion.detected_movers(name, k).astype(np.uint8)
                 moving |= rough.warp(mask, which, nearest=True) > 0
-        self.registration = correct_parallax(
+        return correct_parallax(
             rough,
             rough.warp(self.motion.background(first), 0),
             rough.warp(self.motion.background(second), 1),
             dilate(moving, 4),
         )
 
-    def result(self, progress: Progress, why: str) -> PanoramaComparison:
-        """Misfit of both conditions in the overlap, the mean over the instants."""
+    def compare(
+        self, condition: Condition, progress: Progress, folder: Path | None = None
+    ) -> PanoramaComparison:
+        """As `Study.compare`; the misfit is judged in the overlap."""
         assert self.registration is not None
         first, second = self.cameras
-        misfits: tuple[list[OverlapMisfit], list[OverlapMisfit]] = ([], [])
-        for now, later in self.pairs:
+        pairs, offset_ms = self.pairs(condition)
+        tally = ComparisonTally(PanoramaScores, measures_of(PanoramaScores))
+        changes = Tally()
+        for now, later in pairs:
             progress.step(f"panorama {first}-{second}, instant {now}")
-            for shown, instant in enumerate((now, later)):
-                moving, still = self._masks(now, later, instant)
-                misfits[shown].append(
-                    measure_misfit(
-                        self.registration,
-                        self.dataset.grey(first, now),
-                        self.dataset.grey(second, instant),
-                        moving,
-                        still,
-                    )
+            misfits = {}
+            for side, shown in zip(SIDES, (now, later), strict=True):
+                misfits[side] = measure_misfit(
+                    self.registration,
+                    self.dataset.grey(first, now),
+                    self.dataset.grey(second, shown),
+                    *self._masks(now, later, shown),
                 )
-        changes = Tally(map(_measurements, misfits[1], misfits[0]))
+            measured = {side: _measurements(misfit) for side, misfit in misfits.items()}
+            tally.add(measured, {"instant": now, "offset_instant": later})
+            changes.add(_measurements(misfits["offset"], misfits["synced"]))
         return PanoramaComparison(
             cameras=self.cameras,
-            synced=Tally(map(_measurements, misfits[0])).scores(PanoramaScores),
-            offset=Tally(map(_measurements, misfits[1])).scores(PanoramaScores),
+            synced=tally.synced,
+            offset=tally.offset,
+            offset_ms=offset_ms,
+            per_instant=tally.per_instant,
             differences=changes.intervals(measures_of(PanoramaScores)),
-            why=why,
+            pictures=self._pictures(pairs, folder) if folder else (),
+            why=self.why,
         )
 
-    def pictures(self, out: Path) -> list[Picture]:
+    def _pictures(self, pairs: Sequence[tuple[int, int]], out: Path) -> tuple[Picture, ...]:
         """The panorama of the instant at which most moves in the overlap, and a close-up, both conditions."""
         assert self.registration is not None
         first, second = self.cameras
-        now, later = max(self.pairs, key=lambda pair: int(self._moving(*pair).sum()))
-        seen = self.registration.seen[0] | self.registration.seen[1]
-        part = trim_empty_sides(seen)
-        wholes = {
-            condition: blend_pair(
-                self.registration, self.dataset.image(first, now), self.dataset.image(second, instant)
-            )[part]
-            for condition, instant in (("synced", now), ("offset", later))
+        overlap = self.registration.overlap
+        moving = [int((self._masks(now, later, later)[0] & overlap).sum()) for now, later in pairs]
+        now, later = pairs[int(np.argmax(moving))]
+        photos = {
+            side: (self.dataset.image(first, now), self.dataset.image(second, shown))
+            for side, shown in zip(SIDES, (now, later), strict=True)
         }
-        changed = np.abs(wholes["synced"].astype(np.float32) - wholes["offset"]).mean(2)
-        box = box_with_most(changed * (changed > 12), 0.5)
-        paths: dict[str, dict[str, str]] = {"panorama": {}, "closeup": {}}
-        for condition, whole in wholes.items():
-            paths["panorama"][condition] = save_picture(out, f"panorama_{condition}.jpg", whole)
-            close = enlarge_crop(whole, box)
-            paths["closeup"][condition] = save_picture(out, f"panorama_closeup_{condition}.jpg", close)
-        return [
-            Picture(
-                key="panorama",
-                title="Panorama",
-                caption="Two pictures laid side by side and cross-faded where they overlap.",
-                synced=paths["panorama"]["synced"],
-                offset=paths["panorama"]["offset"],
-            ),
-            Picture(
-                key="panorama_closeup",
-                title="Where they overlap, close up",
-                caption="A thing that moved between the two pictures is there twice, half transparent.",
-                synced=paths["closeup"]["synced"],
-                offset=paths["closeup"]["offset"],
-            ),
-        ]
+        return panorama_pictures(self.registration, photos, out)
 
     def _masks(self, now: int, later: int, shown: int) -> tuple[Array, Array]:
         """Moving and still pixels on the panorama when the second camera shows the instant `shown`."""
@@ -160,10 +148,6 @@ class PanoramaStudy:
                 [self.motion.changing(second, k) for k in (now, later)],
             ),
         )
-
-    def _moving(self, now: int, later: int) -> Array:
-        assert self.registration is not None
-        return np.asarray(self._masks(now, later, later)[0] & self.registration.overlap)
 
 
 def _measurements(misfit: OverlapMisfit, earlier: OverlapMisfit | None = None) -> Measurements:

@@ -1,21 +1,23 @@
 """The part of a comparison that finds the cameras' poses instant by instant, as it must where all moves."""
 
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
-from reconstruction.common.geometry import View
+from capture_app.terminal import Progress
+from reconstruction.calibration.rig import Rig
 from reconstruction.common.native_libraries import library_versions
-from reconstruction.common.stage_cache import StageCache
+from reconstruction.compare.study import ALL_APART, SIDES, ComparisonTally
 from reconstruction.poses.pose_errors import relative_pose_errors
 from reconstruction.poses.pose_finder import PoseFinder
 from reconstruction.scores.pose_results import PoseComparison, PoseScores
-from reconstruction.scores.tally import Measurements, Tally, differences, measures_of
+from reconstruction.scores.tally import Measurements, measures_of
 from reconstruction.session.conditions import Condition
-from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import evenly_spread
 from reconstruction.session.shown_instants import fixed_offsets_ms, instants_shown, refuse_synchronized
 
@@ -27,73 +29,84 @@ MOST_INSTANTS = 5
 
 
 @dataclass(frozen=True)
-class Placed:
+class InstantPoses:
     """One instant's result: cameras that were placed, and the two errors (degrees) of each two of them."""
 
     cameras: int
     registered: int
     errors: tuple[tuple[float, float], ...]
 
-    @property
-    def pairs(self) -> int:
-        """How many pairs the cameras make."""
-        return self.cameras * (self.cameras - 1) // 2
-
-    @property
-    def right(self) -> int:
-        """How many of them were placed right."""
-        return sum(max(error) <= RIGHT_DEG for error in self.errors)
+    def measure(self) -> Measurements:
+        """The measures of the instant."""
+        pairs = self.cameras * (self.cameras - 1) // 2
+        right = sum(max(error) <= RIGHT_DEG for error in self.errors)
+        errors = np.array(self.errors, float).reshape(-1, 2)
+        return Measurements(
+            shares={"right_pairs": (right, pairs)},
+            medians={"rotation_deg": errors[:, 0], "direction_deg": errors[:, 1]},
+            means={"registered": np.array([float(self.registered)])},
+        )
 
 
 class PoseStudy:
     """Poses of single instants, held against the calibration, in any condition."""
 
-    def __init__(self, dataset: Dataset, views: Mapping[str, View], stages: StageCache, truth: str) -> None:
-        """`truth` says in words where the calibration came from."""
-        self.dataset = dataset
-        self.views = views
-        self.stages = stages
-        self.truth = truth
-        self.cameras = tuple(name for name in dataset.cameras if name in views)
+    subject = "poses"
+    condition = ALL_APART
+    steps = 1
 
-    def compare(self, condition: Condition, why: str) -> PoseComparison:
-        """A condition against the synchronized one, on the same instants.
+    def __init__(self, rig: Rig, why: str, most_instants: int = MOST_INSTANTS) -> None:
+        """`why` says in words why poses are looked at."""
+        self.rig = rig
+        self.dataset = rig.dataset
+        self.why = why
+        self.most_instants = most_instants
+        self.cameras: tuple[str, ...] = ()
+
+    def for_session(self, rig: Rig) -> Self:
+        """Poses of another session's cameras."""
+        return type(self)(rig, self.why, self.most_instants)
+
+    def prepare(self, middle: int, progress: Progress) -> None:
+        """Refuse cameras that poses cannot be judged with.
 
         Raises:
-            ValueError: fewer than three cameras are calibrated, or the burst does not hold the condition.
-            NotAvailableError: COLMAP is not installed here.
+            ValueError: fewer than three cameras are calibrated.
         """
+        progress.step("where the cameras stand, from single instants")
+        self.cameras = tuple(name for name in self.dataset.cameras if name in self.rig.views)
+        if not self.cameras:
+            raise ValueError("the cameras have no calibration that poses could be held against")
         if len(self.cameras) < 3:
             raise ValueError("it takes three cameras to tell a wrong pose from another scale")
-        taken = self._taken(condition)
-        found: dict[str, list[Placed]] = {"synced": [], "offset": []}
+
+    def compare(self, condition: Condition, progress: Progress, folder: Path | None = None) -> PoseComparison:
+        """As `Study.compare`; there are no pictures."""
+        instants = self._instants(condition)
+        tally = ComparisonTally(PoseScores, measures_of(PoseScores))
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
-            finder = _Lazy(self, Path(scratch))
-            for instant, shown in taken:
-                together = dict.fromkeys(self.cameras, instant)
-                for name, pictures in (("synced", together), ("offset", shown)):
-                    found[name].append(self._placed(finder, pictures))
+            finder = cache(lambda: PoseFinder(self.dataset, self.rig.views, Path(scratch)))
+            for instant, shown in instants:
+                sides = zip(SIDES, (dict.fromkeys(self.cameras, instant), shown), strict=True)
+                measured = {side: self._poses(finder, pictures).measure() for side, pictures in sides}
+                tally.add(measured, {"instant": instant})
         late_ms = fixed_offsets_ms(condition, self.dataset)
         first = self.cameras[0]
-        before, after = (Tally(map(_measurements, found[name])) for name in ("synced", "offset"))
-        synced, offset = before.scores(PoseScores), after.scores(PoseScores)
+        synced, offset = tally.synced, tally.offset
         return PoseComparison(
             cameras=self.cameras,
             synced=synced,
             offset=offset,
             harmed=synced.right_pairs - offset.right_pairs > HARMED,
             right_deg=RIGHT_DEG,
-            truth=self.truth,
+            truth=self.rig.source,
             offsets_ms={c: late_ms[c] - late_ms[first] for c in self.cameras} if late_ms else {},
-            per_instant=tuple(
-                {"instant": instant, **_row("synced", synced_one), **_row("offset", offset_one)}
-                for (instant, _), synced_one, offset_one in zip(taken, *found.values(), strict=True)
-            ),
-            differences=differences(before, after, PoseScores),
-            why=why,
+            per_instant=tally.per_instant,
+            differences=tally.differences,
+            why=self.why,
         )
 
-    def _taken(self, condition: Condition) -> list[tuple[int, dict[str, int]]]:
+    def _instants(self, condition: Condition) -> list[tuple[int, dict[str, int]]]:
         found = []
         problem = "no instant has all its pictures in both conditions"
         for instant in range(len(self.dataset.instants_ns)):
@@ -108,42 +121,16 @@ class PoseStudy:
         if not found:
             raise ValueError(problem)
         refuse_synchronized(condition, found)
-        chosen = evenly_spread([(place, place) for place in range(len(found))], MOST_INSTANTS)
+        chosen = evenly_spread([(place, place) for place in range(len(found))], self.most_instants)
         return [found[place] for place, _ in chosen]
 
-    def _placed(self, finder: "_Lazy", shown: dict[str, int]) -> Placed:
-        def make() -> Placed:
-            poses = finder.get().find_poses(shown)
-            true = {name: (view.rotation, view.translation) for name, view in self.views.items()}
-            return Placed(len(shown), len(poses), tuple(relative_pose_errors(poses, true)))
+    def _poses(self, finder: Callable[[], PoseFinder], shown: dict[str, int]) -> InstantPoses:
+        views = self.rig.views
+
+        def make() -> InstantPoses:
+            poses = finder().find_poses(shown)
+            true = {name: (view.rotation, view.translation) for name, view in views.items()}
+            return InstantPoses(len(shown), len(poses), tuple(relative_pose_errors(poses, true)))
 
         version = library_versions()["pycolmap"]
-        return self.stages.record("poses", Placed, make, tuple(shown.items()), repr(self.views), version)
-
-
-class _Lazy:
-    """A finder that is made when a result is not there already."""
-
-    def __init__(self, study: PoseStudy, folder: Path) -> None:
-        self._study = study
-        self._folder = folder
-        self._finder: PoseFinder | None = None
-
-    def get(self) -> PoseFinder:
-        if self._finder is None:
-            self._finder = PoseFinder(self._study.dataset, self._study.views, self._folder)
-        return self._finder
-
-
-def _measurements(one: Placed) -> Measurements:
-    rotations, directions = (np.array([error[which] for error in one.errors]) for which in (0, 1))
-    return Measurements(
-        shares={"right_pairs": (one.right, one.pairs)},
-        medians={"rotation_deg": rotations, "direction_deg": directions},
-        means={"registered": np.array([float(one.registered)])},
-    )
-
-
-def _row(name: str, one: Placed) -> dict[str, float | int | None]:
-    tally = Tally([_measurements(one)])
-    return {f"{name}_{measure}": tally.value(measure) for measure in measures_of(PoseScores)}
+        return self.rig.stages.record("poses", InstantPoses, make, tuple(shown.items()), repr(views), version)

@@ -82,8 +82,12 @@ def _drawn(one: ConditionResult) -> bool:
 
 
 def _details(one: ConditionResult) -> str:
-    late = (("depth", one.stereo_offset_ms), ("panorama", one.stitch_offset_ms))
-    parts = [f"{what}: {wording.lateness(ms)}" for what, ms in late if ms is not None]
+    late = {"depth": one.stereo, "panorama": one.stitch}
+    parts = [
+        f"{what}: {wording.lateness(found.offset_ms)}"
+        for what, found in late.items()
+        if found is not None and found.offset_ms is not None
+    ]
     if one.session:
         parts.append("other pictures, not paired by instant")
     elif one.offsets_ms:

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 from reconstruction.report import wording
 from reconstruction.scores.compare_results import CompareResult
+from reconstruction.scores.results import Picture
 
 
 @dataclass(frozen=True)
@@ -60,11 +61,17 @@ def _pair(cameras: Sequence[str], instants: int, why: str) -> str:
     return f"{words} (taken for {why})" if why else words
 
 
+def pair_pictures(result: CompareResult) -> list[Picture]:
+    """The pictures that compare a pair; those with a slider come first, they show the difference at once."""
+    found = [picture for one in (result.stereo, result.stitch) if one for picture in one.pictures]
+    return sorted(found, key=lambda picture: picture.panels > 1)
+
+
 def files_beside(result: CompareResult) -> list[Files]:
     """Every file of the folder that the page lies in."""
     found = [Files("every number, for programs", ["metrics.json"])]
     found += [
-        Files(f"{one.title}: synchronized, offset", [one.synced, one.offset]) for one in result.pictures
+        Files(f"{one.title}: synchronized, offset", [one.synced, one.offset]) for one in pair_pictures(result)
     ]
     if many := result.multiview:
         found += [Files(f"{one.title}: {wording.APART}", [one.synced, one.offset]) for one in many.pictures]

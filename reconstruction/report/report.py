@@ -11,7 +11,7 @@ from reconstruction.report.charts import pose_chart
 from reconstruction.report.claims import claims
 from reconstruction.report.dose import dose_view
 from reconstruction.report.listings import conditions_table, instants_table
-from reconstruction.report.making import files_beside, making_entries
+from reconstruction.report.making import files_beside, making_entries, pair_pictures
 from reconstruction.report.measures import DEPTH, PANORAMA, multiview_measures, pose_measures
 from reconstruction.report.page import Section, render_page
 from reconstruction.report.pictures import embed
@@ -47,6 +47,7 @@ def write_report(result: CompareResult, out: Path) -> Path:
 def _page(result: CompareResult, out: Path) -> str:
     name = Path(result.session).name or result.session
     sides = wording.sides(result.stereo.synced if result.stereo else None, result.actual_offset_ms)
+    pictures = pair_pictures(result)
     two_claims, claims_note = claims(result, sides)
     return render_page(
         title=f"{name}: {sides.first.lower()} against {sides.late}",
@@ -58,6 +59,7 @@ def _page(result: CompareResult, out: Path) -> str:
         claims_note=claims_note,
         view={
             "result": result,
+            "pictures": pictures,
             "sides": sides,
             "apart": sides.all_apart(),
             "image": lambda path: embed(out / path),
@@ -75,7 +77,7 @@ def _sections(result: CompareResult) -> list[Section]:
     """The sections there is something to show in."""
     found: list[tuple[object, str, str]] = [
         (True, "why", "Why the instant matters"),
-        (result.pictures, "pictures", "See the difference"),
+        (pair_pictures(result), "pictures", "See the difference"),
         (result.bullet_time, "sweep", "From camera to camera"),
         (result.burst, "burst", "The burst"),
         (result.dose, "dose", "How much lateness this motion bears"),

@@ -6,7 +6,6 @@ from reconstruction.scores.depth_results import MultiviewComparison, StereoCompa
 from reconstruction.scores.dose_results import DoseResult
 from reconstruction.scores.panorama_results import PanoramaComparison
 from reconstruction.scores.pose_results import PoseComparison
-from reconstruction.scores.results import Picture
 
 
 class BurstGrid(Struct, frozen=True, kw_only=True):
@@ -52,9 +51,6 @@ class ConditionResult(Struct, frozen=True, kw_only=True):
     """How late each camera is; empty for another session."""
     session: str = ""
     """The other session that this condition is; it is not paired by instant."""
-    stereo_offset_ms: float | None = None
-    """How much later the pair's second camera is in fact; None where that is drawn anew for each instant."""
-    stitch_offset_ms: float | None = None
     stereo: StereoComparison | None = None
     stitch: PanoramaComparison | None = None
     multiview: MultiviewComparison | None = None
@@ -85,7 +81,6 @@ class CompareResult(Struct, frozen=True, kw_only=True):
     sync_residual_us: float | None = None
     """Largest distance of an image from its instant, by the session's own record."""
     sync_bound_us: float | None = None
-    pictures: tuple[Picture, ...] = ()
     conditions: tuple[ConditionResult, ...] = ()
     dose: DoseResult | None = None
     burst: BurstGrid | None = None

@@ -37,9 +37,12 @@ class StereoComparison(Struct, frozen=True, kw_only=True):
     other: str
     synced: DepthScores
     offset: DepthScores
+    offset_ms: float | None = None
+    """How much later the second camera is in fact; None where that is drawn anew for each instant."""
     per_instant: tuple[dict[str, float | int | None], ...] = ()
     differences: dict[str, Interval] = {}
     """Offset minus synced by measure, paired by instant."""
+    pictures: tuple[Picture, ...] = ()
     why: str = ""
     """Why this pair was taken."""
 

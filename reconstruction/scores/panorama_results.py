@@ -2,7 +2,7 @@
 
 from msgspec import Struct
 
-from reconstruction.scores.results import Interval
+from reconstruction.scores.results import Interval, Picture
 
 
 class PanoramaScores(Struct, frozen=True, kw_only=True):
@@ -25,7 +25,11 @@ class PanoramaComparison(Struct, frozen=True, kw_only=True):
     cameras: tuple[str, ...]
     synced: PanoramaScores
     offset: PanoramaScores
+    offset_ms: float | None = None
+    per_instant: tuple[dict[str, float | int | None], ...] = ()
+    """`offset_ms` and `per_instant` as in StereoComparison."""
     differences: dict[str, Interval] = {}
     """Offset minus synced by measure, paired by instant."""
+    pictures: tuple[Picture, ...] = ()
     why: str = ""
     """Why this pair was taken."""

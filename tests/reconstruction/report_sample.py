@@ -39,11 +39,22 @@ def whole_result(out: Path) -> CompareResult:
         mover_coverage=0.9, static_coverage=0.7, mover_within_2pct=0.9, instants=5, intervals=RANGED
     )
     panorama = PanoramaScores(overlap_flow_p95_px=1.3, static_overlap_mad=4.2, instants=5)
+    pictures = tuple(
+        Picture(
+            key=key,
+            title=f"A picture of {key}",
+            synced=grey(out, f"{key}_synced", shape, 100),
+            offset=grey(out, f"{key}_offset", shape, 180),
+            caption="Bright is near.",
+        )
+        for key, shape in SHAPES.items()
+    )
     stereo = StereoComparison(
         reference=CAMERAS[0],
         other=CAMERAS[1],
         synced=scores,
         offset=scores,
+        pictures=pictures,
         per_instant=(
             {
                 "instant": 0,
@@ -54,16 +65,6 @@ def whole_result(out: Path) -> CompareResult:
                 "offset_mover_epipolar_px": 9.5,
             },
         ),
-    )
-    pictures = tuple(
-        Picture(
-            key=key,
-            title=f"A picture of {key}",
-            synced=grey(out, f"{key}_synced", shape, 100),
-            offset=grey(out, f"{key}_offset", shape, 180),
-            caption="Bright is near.",
-        )
-        for key, shape in SHAPES.items()
     )
     many = MultiviewScores(
         mover_coverage=0.98,
@@ -127,7 +128,6 @@ def whole_result(out: Path) -> CompareResult:
         ),
         sync_residual_us=50,
         sync_bound_us=850,
-        pictures=pictures,
         conditions=(ConditionResult(name="naive", session="sessions/naive", stereo=stereo),),
         dose=DoseResult(
             reference=CAMERAS[0],

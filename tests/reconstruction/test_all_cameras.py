@@ -8,7 +8,7 @@ import pytest
 
 from capture_app.session.reading.reader import Session
 from capture_app.terminal import Progress
-from reconstruction.calibration.calibrated_views import calibrated_views
+from reconstruction.calibration.rig import Rig
 from reconstruction.cli import main
 from reconstruction.common.stage_cache import StageCache
 from reconstruction.compare import multiview_study
@@ -20,7 +20,6 @@ from reconstruction.multiview.cloud_accuracy import (
     true_surfaces,
 )
 from reconstruction.multiview.instant_depth import InstantDepth
-from reconstruction.multiview.undistorted_session import UndistortedSession
 from reconstruction.session.conditions import DISTINCT, Condition
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.scene_motion import SceneMotion
@@ -43,17 +42,14 @@ def trio(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Session:
 def study(session: Session, folder: Path, *, instants: int = 1, width: int = 640) -> MultiviewStudy:
     """A study of a calibrated session."""
     dataset = Dataset(session)
-    calibration = session.calibration()
-    assert calibration is not None
-    shots = UndistortedSession(
-        dataset, SceneMotion(dataset, 2), calibrated_views(dataset, calibration), width
-    )
-    return MultiviewStudy(shots, StageCache(folder, dataset.fingerprint()), calibration.unit, instants)
+    rig = Rig(dataset, SceneMotion(dataset, 2), StageCache(folder, dataset.fingerprint()))
+    rig.calibrate()
+    return MultiviewStudy(rig, instants, width)
 
 
 def test_only_what_moves_is_lost_when_every_camera_is_off(trio: Session, tmp_path: Path) -> None:
     whole = study(trio, tmp_path)
-    whole.prepare(2)
+    whole.prepare(2, QUIET)
     assert (whole.reference, whole.cameras) == ("middle", ("left", "middle", "right"))
     found = whole.compare(Condition(DISTINCT), QUIET)
     synced, offset = found.synced, found.offset
@@ -140,7 +136,7 @@ def test_instants_without_a_picture_of_every_camera_are_left_out(
     whole = study(trio, tmp_path, instants=9, width=160)
     missing = whole.dataset
     missing._records.pop(("left", 1))
-    whole.prepare(2)
+    whole.prepare(2, QUIET)
     found = whole.compare(Condition.parse("middle=0,left=66,right=33"), QUIET)
     # Left shows instant k + 2, right k + 1: from instant 3 on the burst is over, at 1 left has none.
     assert [row["instant"] for row in found.per_instant] == [0, 2]
@@ -163,7 +159,7 @@ def test_a_black_picture_leaves_its_camera_out(
     seen = whole.dataset.image
     black = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
     monkeypatch.setattr(whole.dataset, "image", lambda c, k: black if (c, k) == ("left", 2) else seen(c, k))
-    whole.prepare(2)
+    whole.prepare(2, QUIET)
     assert len(whole.cameras) == 3
     found = whole.compare(Condition.parse("left=33"), QUIET)
     # Left is black at 2, which is its own picture at 2 and its late one at 1; at 4 the burst is over.
@@ -171,7 +167,7 @@ def test_a_black_picture_leaves_its_camera_out(
     monkeypatch.setattr(whole.dataset, "image", lambda *_: black)
     whole.shots._shot.cache_clear()
     with pytest.raises(ValueError, match="left, middle, right: its picture is empty"):
-        whole.prepare(2)
+        whole.prepare(2, QUIET)
 
 
 def test_more_cameras_than_needed_are_left_out(
@@ -179,7 +175,7 @@ def test_more_cameras_than_needed_are_left_out(
 ) -> None:
     views = {f"cam{i}": make_view((0.1 * (i - 3), 0.0, 0.0)) for i in range(7)}
     whole = study(write_session(tmp_path, scene, views, instants=3), tmp_path / "stages", width=160)
-    whole.prepare(1)
+    whole.prepare(1, QUIET)
     assert whole.reference == "cam3"
     assert len(whole.cameras) == 5
     assert len(whole.left_out) == 2
@@ -191,11 +187,11 @@ def test_what_cannot_be_says_why(scene: Scene, tmp_path: Path) -> None:
     pair = {name: VIEWS[name] for name in ("left", "right")}
     two = study(write_session(tmp_path / "two", scene, pair, instants=2), tmp_path / "a")
     with pytest.raises(ValueError, match="it takes 3 cameras that see the same"):
-        two.prepare(0)
+        two.prepare(0, QUIET)
     aside = {**pair, "away": make_view((0.1, 0, 0), yaw=60)}
     apart = study(write_session(tmp_path / "apart", scene, aside, instants=2), tmp_path / "b")
     with pytest.raises(ValueError, match="away: shares too little with any two others"):
-        apart.prepare(0)
+        apart.prepare(0, QUIET)
 
 
 def test_a_cloud_is_held_against_true_surfaces() -> None:

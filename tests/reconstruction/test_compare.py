@@ -64,7 +64,7 @@ def test_synchronization_shows_in_depth_and_panorama_but_not_in_what_stands_stil
     still = [result["stitch"][c]["static_overlap_mad"] for c in ("synced", "offset")]
     assert abs(still[0] - still[1]) < 1
     assert "timing alone" in result["verdict"]
-    for picture in result["pictures"]:
+    for picture in result["stereo"]["pictures"] + result["stitch"]["pictures"]:
         pair = [cv2.imread(str(out / picture[c])) for c in ("synced", "offset")]
         assert pair[0].shape == pair[1].shape
         assert min(pair[0].shape[:2]) > 64

@@ -97,7 +97,7 @@ def test_compare_judges_further_conditions_beside_the_synchronized_one(
     )
     result = json.loads(capsys.readouterr().out)
     early, same, itself = result["conditions"]
-    assert early["stereo_offset_ms"] == pytest.approx(-33.3, abs=0.1)
+    assert early["stereo"]["offset_ms"] == pytest.approx(-33.3, abs=0.1)
     assert early["stereo"]["synced"]["mover_within_2pct"] > 0.9
     assert early["stereo"]["offset"]["mover_within_2pct"] < 0.05
     change = early["stereo"]["differences"]["mover_within_2pct"]

@@ -11,15 +11,18 @@ import pytest
 from capture_app.errors import NotAvailableError
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.store import Session as Store
-from reconstruction.calibration.calibrated_views import calibrated_views
+from capture_app.terminal import Progress
+from reconstruction.calibration.rig import Rig
 from reconstruction.common.geometry import View
 from reconstruction.common.stage_cache import StageCache
 from reconstruction.compare import pose_study
 from reconstruction.compare.pose_study import PoseStudy
 from reconstruction.poses.pose_errors import Pose, relative_pose_errors
+from reconstruction.scores.pose_results import PoseComparison
 from reconstruction.session.conditions import DISTINCT, SYNCED, Condition
 from reconstruction.session.dataset import Dataset
-from tests.reconstruction.conftest import VIEWS
+from reconstruction.session.scene_motion import SceneMotion
+from tests.reconstruction.conftest import VIEWS, Scene, write_session
 
 PINWHEEL = Path(__file__).resolve().parents[2] / "sample_sessions" / "pinwheel"
 
@@ -63,19 +66,24 @@ class Fake:
         return {c: pose if together else turned(pose, 10 * shown[c]) for c, pose in found.items()}
 
 
-def study(session: Session, folder: Path) -> PoseStudy:
+def study(session: Session, folder: Path, most_instants: int = 5) -> PoseStudy:
     dataset = Dataset(session)
-    calibration = session.calibration()
-    assert calibration is not None
-    views = calibrated_views(dataset, calibration)
-    return PoseStudy(dataset, views, StageCache(folder, dataset.fingerprint()), "the boards")
+    rig = Rig(dataset, SceneMotion(dataset, 2), StageCache(folder, dataset.fingerprint()))
+    rig.calibrate()
+    return PoseStudy(rig, "asked for", most_instants)
+
+
+def compared(poses: PoseStudy, condition: Condition) -> PoseComparison:
+    quiet = Progress(0, silent=True)
+    poses.prepare(0, quiet)
+    return poses.compare(condition, quiet)
 
 
 def test_harm_is_told_in_cameras_pairs_and_degrees(
     boards: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(pose_study, "PoseFinder", Fake)
-    found = study(boards, tmp_path).compare(Condition.parse("left=0,right=33,aside=66"), "asked for")
+    found = compared(study(boards, tmp_path), Condition.parse("left=0,right=33,aside=66"))
     assert found.harmed
     assert (found.synced.registered, found.offset.registered) == (3, 2)
     assert (found.synced.right_pairs, found.offset.right_pairs) == (1, 0)
@@ -83,29 +91,25 @@ def test_harm_is_told_in_cameras_pairs_and_degrees(
     assert [row["instant"] for row in found.per_instant] == [0, 1, 2]
     assert found.differences["right_pairs"].high == -1
     assert found.offsets_ms == {"left": 0, "right": 33, "aside": 66}
-    together = study(boards, tmp_path).compare(Condition(SYNCED), "asked for")
+    together = compared(study(boards, tmp_path), Condition(SYNCED))
     assert not together.harmed
     with pytest.raises(ValueError, match="equally late"):
-        study(boards, tmp_path).compare(Condition.parse("7,7,7"), "asked for")
+        compared(study(boards, tmp_path), Condition.parse("7,7,7"))
 
 
 def test_two_cameras_and_no_colmap_are_said(
-    boards: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    boards: Session, scene: Scene, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    pair = study(boards, tmp_path)
-    pair.cameras = pair.cameras[:2]
+    pair = write_session(tmp_path, scene, {name: VIEWS[name] for name in ("left", "right")}, instants=2)
     with pytest.raises(ValueError, match="three cameras"):
-        pair.compare(Condition(DISTINCT), "asked for")
+        compared(study(pair, tmp_path / "stages"), Condition(DISTINCT))
     monkeypatch.setitem(sys.modules, "pycolmap", None)
     with pytest.raises(NotAvailableError, match="needs pycolmap"):
-        study(boards, tmp_path).compare(Condition(DISTINCT), "asked for")
+        compared(study(boards, tmp_path / "stages"), Condition(DISTINCT))
 
 
-def test_a_pinwheel_places_its_cameras_only_when_synchronized(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(pose_study, "MOST_INSTANTS", 1)
-    found = study(Store.open(PINWHEEL), tmp_path).compare(Condition(DISTINCT), "it turns")
+def test_a_pinwheel_places_its_cameras_only_when_synchronized(tmp_path: Path) -> None:
+    found = compared(study(Store.open(PINWHEEL), tmp_path, most_instants=1), Condition(DISTINCT))
     assert found.synced.registered == 5
     assert found.synced.right_pairs == 1
     assert found.synced.rotation_deg is not None

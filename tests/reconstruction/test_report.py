@@ -106,6 +106,11 @@ RESULT = CompareResult(
 )
 
 
+def with_pictures(result: CompareResult, *pictures: Picture) -> CompareResult:
+    stereo = msgspec.structs.replace(result.stereo, pictures=pictures)
+    return msgspec.structs.replace(result, stereo=stereo)
+
+
 @pytest.fixture
 def pictured(tmp_path: Path) -> CompareResult:
     """The result with three pictures on disk: ordinary, very wide and upright."""
@@ -121,7 +126,7 @@ def pictured(tmp_path: Path) -> CompareResult:
         pictures.append(
             Picture(key=key, title=f'{key} "seen"', synced=names[0], offset=names[1], caption="a<b")
         )
-    return msgspec.structs.replace(RESULT, pictures=tuple(pictures))
+    return with_pictures(RESULT, *pictures)
 
 
 def test_the_page_starts_with_the_verdict_and_its_two_numbers(tmp_path, pictured):
@@ -142,7 +147,9 @@ def test_everything_is_in_the_one_file(tmp_path, pictured):
     assert path == tmp_path / "report.html"
     images = page.all("img")
     assert len(images) == 6
-    for image, name in zip(images, [p for q in pictured.pictures for p in (q.synced, q.offset)], strict=True):
+    for image, name in zip(
+        images, [p for q in pictured.stereo.pictures for p in (q.synced, q.offset)], strict=True
+    ):
         head, data = image["src"].split(",", 1)
         assert head == f"data:image/{'jpeg' if name.endswith('jpg') else 'png'};base64"
         assert base64.b64decode(data) == (tmp_path / name).read_bytes()
@@ -160,9 +167,9 @@ def test_every_picture_can_be_read_and_wiped_without_a_mouse(tmp_path, pictured)
 
     assert all(len(image["alt"]) > 10 for image in page.all("img"))
     sliders = [i for i in page.all("input") if i["type"] == "range"]
-    assert len(sliders) == len(pictured.pictures)
+    assert len(sliders) == len(pictured.stereo.pictures)
     assert all(slider["aria-label"] and "tabindex" not in slider for slider in sliders)
-    assert len(page.all("figcaption")) == len(pictured.pictures)
+    assert len(page.all("figcaption")) == len(pictured.stereo.pictures)
     ids = [attributes["id"] for _, attributes in page.elements if "id" in attributes]
     assert len(ids) == len(set(ids))
     for _, attributes in page.elements:
@@ -185,12 +192,15 @@ def test_no_name_and_no_note_becomes_markup(tmp_path):
     result = whole_result(tmp_path)
     sweep, burst, poses = result.bullet_time, result.burst, result.poses
     cameras = tuple(f"{nasty}{camera}" for camera in CAMERAS)
+    picture = msgspec.structs.replace(result.stereo.pictures[0], title=nasty, caption=nasty)
     changed = msgspec.structs.replace(
         result,
         session=nasty,
         verdict=f"{nasty} It matters. {nasty}",
         calibration=nasty,
-        stereo=msgspec.structs.replace(result.stereo, reference=nasty, other=nasty, why=nasty),
+        stereo=msgspec.structs.replace(
+            result.stereo, reference=nasty, other=nasty, why=nasty, pictures=(picture,)
+        ),
         multiview=msgspec.structs.replace(
             result.multiview, reference=nasty, cameras=cameras, left_out={nasty: nasty}, cloud_skipped=nasty
         ),
@@ -201,7 +211,6 @@ def test_no_name_and_no_note_becomes_markup(tmp_path):
         ),
         bullet_time=msgspec.structs.replace(sweep, cameras=cameras, file=nasty),
         burst=msgspec.structs.replace(burst, cameras=cameras),
-        pictures=(msgspec.structs.replace(result.pictures[0], title=nasty, caption=nasty),),
         conditions=(ConditionResult(name=nasty, session=nasty, skipped=(nasty,)),),
         versions={nasty: nasty},
     )
@@ -290,8 +299,8 @@ def test_a_panorama_is_judged_by_what_moves_where_that_is_known(tmp_path):
 
 
 def test_pictures_of_several_panels_get_no_slider(tmp_path, pictured):
-    pair = msgspec.structs.replace(pictured.pictures[0], panels=2)
-    page = Page.read(write_report(msgspec.structs.replace(pictured, pictures=(pair,)), tmp_path))
+    pair = msgspec.structs.replace(pictured.stereo.pictures[0], panels=2)
+    page = Page.read(write_report(with_pictures(pictured, pair), tmp_path))
 
     assert len(page.all("img")) == 2
     assert not [i for i in page.all("input") if i["type"] == "range"]
@@ -447,7 +456,7 @@ def test_what_was_not_looked_at_says_why_and_draws_nothing(tmp_path):
 @pytest.mark.parametrize("broken", ["missing", "text", "cut"])
 def test_a_picture_that_cannot_be_shown_leaves_the_old_report_alone(tmp_path, pictured, broken):
     before = write_report(RESULT, tmp_path).read_bytes()
-    victim = tmp_path / pictured.pictures[0].offset
+    victim = tmp_path / pictured.stereo.pictures[0].offset
     if broken == "missing":
         victim.unlink()
     else:

@@ -17,9 +17,11 @@ from reconstruction.common.drawing import (
     side_by_side,
 )
 from reconstruction.common.geometry import Array
-from reconstruction.compare.depth_study import DepthStudy, Instant
+from reconstruction.compare.stereo_instant import StereoInstant
+from reconstruction.compare.study import SIDES
 from reconstruction.scores.depth_truth import TOLERANCE_TEXT, right_depth
 from reconstruction.scores.results import Picture
+from reconstruction.session.dataset import Dataset
 
 PANELS = {"pair": 2, "closeup": 2}
 """Panels side by side in a picture; the others have one."""
@@ -27,28 +29,31 @@ PLAIN = ("depth",)
 """Flat colours with hard edges, kept as PNG; the others are JPEG."""
 
 
-def depth_pictures(study: DepthStudy, instants: Sequence[Instant], out: Path) -> list[Picture]:
+def stereo_pictures(
+    dataset: Dataset, cameras: tuple[str, str], instants: Sequence[StereoInstant], out: Path
+) -> tuple[Picture, ...]:
     """Write the pictures into out/pictures: of the instant with the most moving pixels that have a depth."""
     one = max(instants, key=lambda i: int((i.moving & (i.maps["synced"].depth > 0)).sum()))
-    texts = _texts(study, one.truth is not None)
+    texts = _texts(cameras, one.truth is not None)
     paths: dict[str, dict[str, str]] = {key: {} for key in texts}
-    for condition, later in (("synced", one.now), ("offset", one.later)):
-        for key, picture in _made(study, one, condition, later).items():
-            name = f"stereo_{key}_{condition}.{'png' if key in PLAIN else 'jpg'}"
-            paths[key][condition] = save_picture(out, name, picture)
-    return [
+    for side in SIDES:
+        photos = dataset.image(cameras[0], one.now), dataset.image(cameras[1], one.shown(side))
+        for key, picture in _draw(one, side, *photos).items():
+            name = f"stereo_{key}_{side}.{'png' if key in PLAIN else 'jpg'}"
+            paths[key][side] = save_picture(out, name, picture)
+    return tuple(
         Picture(key=f"stereo_{key}", title=title, caption=text, panels=PANELS.get(key, 1), **paths[key])
         for key, (title, text) in texts.items()
-    ]
+    )
 
 
-def _texts(study: DepthStudy, true: bool) -> dict[str, tuple[str, str]]:
+def _texts(cameras: tuple[str, str], true: bool) -> dict[str, tuple[str, str]]:
     found = f"the distance found is right {TOLERANCE_TEXT}" if true else "both pictures agree on a distance"
     lost = "there is none, or a wrong one" if true else "they do not"
     return {
         "late": (
             "The second camera's picture",
-            f"What {study.other} took at the instant of {study.reference}'s picture, and when it is late.",
+            f"What {cameras[1]} took at the instant of {cameras[0]}'s picture, and when it is late.",
         ),
         "depth": ("Distance", "Bright is near, blue is far; dark means that no distance was found."),
         "movers": ("What moves", f"Teal: {found}. Orange: {lost}."),
@@ -60,30 +65,28 @@ def _texts(study: DepthStudy, true: bool) -> dict[str, tuple[str, str]]:
     }
 
 
-def _made(study: DepthStudy, one: Instant, condition: str, later: int) -> dict[str, Array]:
+def _draw(one: StereoInstant, side: str, photo: Array, other: Array) -> dict[str, Array]:
     near, far = display_range(one.maps["synced"].depth, one.moving)
-    photo = study.dataset.image(study.reference, one.now)
     box = box_around(one.moving, most=0.65)
-    depth = one.maps[condition].depth
+    depth = one.maps[side].depth
     coloured = colour_depth(depth, near, far)
     right = depth > 0
     if one.truth is not None:
         right &= right_depth(depth, one.truth)
     return {
-        "late": study.dataset.image(study.other, later),
+        "late": other,
         "depth": coloured,
         "movers": mark_movers(photo, one.moving, right),
         "closeup": side_by_side(enlarge_crop(photo, box), enlarge_crop(coloured, box, smooth=False)),
-        "pair": _pair(study, one, later),
+        "pair": _draw_pair(one, photo, other),
     }
 
 
-def _pair(study: DepthStudy, one: Instant, later: int) -> Array:
+def _draw_pair(one: StereoInstant, photo: Array, other: Array) -> Array:
     """Both pictures turned so that the same point lies in the same row, with lines to compare by."""
-    assert study.pair is not None
-    canvas = study.pair.rectification
-    a, seen = canvas.remap(study.dataset.image(study.reference, one.now))
-    b, seen_b = canvas.remap(study.dataset.image(study.other, later), other=True)
+    canvas = one.matcher.rectification
+    a, seen = canvas.remap(photo)
+    b, seen_b = canvas.remap(other, other=True)
     on, _ = canvas.remap(one.moving.astype(np.uint8), nearest=True)
     a[~seen], b[~seen_b] = EMPTY, EMPTY
     rows, columns = (np.nonzero(seen.mean(axis) > 0.5 * seen.mean(axis).max())[0] for axis in (1, 0))

@@ -1,0 +1,26 @@
+"""One instant of a pair's depth, synchronized and offset."""
+
+from dataclasses import dataclass
+
+from reconstruction.common.geometry import Array
+from reconstruction.stereo.stereo_pair import DepthMap, StereoPair
+
+
+@dataclass(frozen=True)
+class StereoInstant:
+    """Depth by side (`synced`, `offset`), and the pixels to judge it on (bool, reference view).
+
+    `truth` is in the calibration's unit, NaN = unknown; None where nothing of it is known.
+    """
+
+    now: int
+    later: int
+    maps: dict[str, DepthMap]
+    moving: Array
+    static: Array
+    truth: Array | None
+    matcher: StereoPair
+
+    def shown(self, side: str) -> int:
+        """The instant that the second camera shows."""
+        return self.now if side == "synced" else self.later

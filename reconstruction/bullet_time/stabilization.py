@@ -6,7 +6,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from reconstruction.common.geometry import Array, View
+from reconstruction.common.geometry import Array, View, resize_view
 
 MOST_MISS = 0.12
 """How far the point may be from where a camera saw it, as a share of the picture's width."""
@@ -52,8 +52,7 @@ def project_point(view: View, point: Array) -> Array | None:
     at = view.rotation @ point + view.translation
     if at[2] <= 1e-9:
         return None
-    found, _ = cv2.projectPoints(at.reshape(1, 3), np.zeros(3), np.zeros(3), view.matrix, view.distortion)
-    return np.asarray(found).reshape(2)
+    return np.asarray(view.project(at.reshape(1, 3))[0])
 
 
 def stabilize_views(
@@ -100,8 +99,7 @@ def _filled(held: View, view: View) -> bool:
     rays = held.rays(held.border(12)) @ held.rotation @ view.rotation.T
     if float(rays[:, 2].min()) < 0.1:
         return False
-    pixels, _ = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), view.matrix, view.distortion)
-    x, y = np.asarray(pixels).reshape(-1, 2).T
+    x, y = view.project(rays).T
     return bool(
         (x >= 0).all() and (y >= 0).all() and (x <= view.width - 1).all() and (y <= view.height - 1).all()
     )
@@ -113,9 +111,7 @@ def render_view(held: View, view: View, image: Array, empty: tuple[int, int, int
     if shrink > 1.5:
         size = round(view.width / shrink), round(view.height / shrink)
         image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
-        ratio = np.array([[size[0] / view.width], [size[1] / view.height], [1.0]])
-        shift = np.array([[0, 0, (ratio[0, 0] - 1) / 2], [0, 0, (ratio[1, 0] - 1) / 2], [0, 0, 0]])
-        view = replace(view, width=size[0], height=size[1], matrix=view.matrix * ratio + shift)
+        view = resize_view(view, *size)
     turn = held.rotation @ view.rotation.T
     maps = cv2.initUndistortRectifyMap(
         view.matrix, view.distortion, turn, held.matrix, (held.width, held.height), cv2.CV_32FC1

@@ -60,48 +60,48 @@ class BoardDetector:
         made = board.to_opencv()
         self._detector = cv2.aruco.CharucoDetector(made)
         self._places = np.asarray(made.getChessboardCorners(), np.float64)[:, :2]
-        self._looks = [BoardAppearance(dark, back) for dark in (False, True) for back in (False, True)]
+        self._appearances = [BoardAppearance(dark, back) for dark in (False, True) for back in (False, True)]
 
     def detect(self, grey: Array) -> dict[int, Array]:
         """Pixels of the board's corners by their number in a picture (uint8); none = it is not there."""
-        for look in self._looks:
-            found = self._as(look, grey)
+        for appearance in self._appearances:
+            found = self._detect_as(appearance, grey)
             if found:
-                self._looks.remove(look)
-                self._looks.insert(0, look)
+                self._appearances.remove(appearance)
+                self._appearances.insert(0, appearance)
                 return found
         return {}
 
-    def _as(self, look: BoardAppearance, grey: Array) -> dict[int, Array]:
-        seen = 255 - grey if look.dark else grey
-        if look.back:
+    def _detect_as(self, appearance: BoardAppearance, grey: Array) -> dict[int, Array]:
+        seen = 255 - grey if appearance.dark else grey
+        if appearance.back:
             seen = np.ascontiguousarray(seen[:, ::-1])
         at, numbers, _, _ = self._detector.detectBoard(seen)
         if numbers is None or len(numbers) < FEWEST_CORNERS:
             return {}
         ids, pixels = np.ravel(numbers), np.asarray(at, float).reshape(-1, 2)
-        if not self._flat(ids, pixels):
+        if not is_flat_board(self._places[ids], pixels):
             return {}
-        if look.back:
+        if appearance.back:
             pixels[:, 0] = grey.shape[1] - 1 - pixels[:, 0]
         return dict(zip(ids.tolist(), pixels, strict=True))
 
-    def _flat(self, ids: Array, pixels: Array) -> bool:
-        """Whether these are corners of one flat board, seen as it is printed and not mirrored."""
-        places = self._places[ids]
-        if np.linalg.matrix_rank(places - places.mean(0)) < 2:
-            return False
-        matrix, _ = cv2.findHomography(places, pixels)
-        if matrix is None:
-            return False
-        seen = np.column_stack([places, np.ones(len(places))]) @ matrix.T
-        # The board's x and y are to the right and down, as the picture's are: else it is read mirrored.
-        turned = np.linalg.det(matrix) * seen[:, 2]
-        if turned.min() <= 0:
-            return False
-        apart = np.linalg.norm(seen[:, :2] / seen[:, 2:] - pixels, axis=1)
-        size = float(np.linalg.norm(np.ptp(pixels, axis=0)))
-        return bool(apart.max() < MOST_BEND * size + 1)
+
+def is_flat_board(places: Array, pixels: Array) -> bool:
+    """Whether pixels (n, 2) are those of corners at these places (n, 2; m) of a flat board, not mirrored."""
+    if np.linalg.matrix_rank(places - places.mean(0)) < 2:
+        return False
+    matrix, _ = cv2.findHomography(places, pixels)
+    if matrix is None:
+        return False
+    seen = np.column_stack([places, np.ones(len(places))]) @ matrix.T
+    # The board's x and y are to the right and down, as the picture's are: else it is read mirrored.
+    turned = np.linalg.det(matrix) * seen[:, 2]
+    if turned.min() <= 0:
+        return False
+    apart = np.linalg.norm(seen[:, :2] / seen[:, 2:] - pixels, axis=1)
+    size = float(np.linalg.norm(np.ptp(pixels, axis=0)))
+    return bool(apart.max() < MOST_BEND * size + 1)
 
 
 def detect_board(dataset: Dataset, board: CharucoBoard) -> BoardCorners:

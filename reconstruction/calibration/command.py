@@ -71,11 +71,7 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
         SimulshotError: the session cannot be read, has a calibration already, or none good enough is found.
     """
     dataset = Dataset.open(session)
-    if len(dataset.cameras) < 2:
-        raise BadInputError(
-            f"the session has one camera only ({', '.join(dataset.cameras)})",
-            hint="a rig is two cameras or more that see the same",
-        )
+    dataset.require_cameras(2, "a rig is two cameras or more that see the same")
     target = session / CALIBRATION
     own = dataset.calibration()
     stores = options.source is not CalibrationSource.SESSION

@@ -53,3 +53,13 @@ def match_features(a: Features, b: Features, ratio: float = 0.75) -> tuple[Array
 
 
 FEWEST_MATCHES = 25
+GRID = (8, 6)
+CELLS = GRID[0] * GRID[1]
+"""Cells across, down and in all of the grid that shows over how much of a picture features are spread."""
+
+
+def grid_cells(at: Array, width: int, height: int) -> set[tuple[int, int]]:
+    """The cells of `GRID` that hold pixels (n, 2) of a picture of this size."""
+    last = GRID[0] - 1, GRID[1] - 1
+    cells = np.floor(at / (width, height) * GRID).clip(0, last).astype(int)
+    return {(int(x), int(y)) for x, y in cells}

@@ -6,9 +6,9 @@ from itertools import combinations
 
 import numpy as np
 
-from reconstruction.calibration.features import FEWEST_MATCHES, Features, match_features
+from reconstruction.calibration.features import CELLS, FEWEST_MATCHES, Features, grid_cells, match_features
 from reconstruction.calibration.homography import fit_homography
-from reconstruction.common.geometry import Array, View, angle_deg, other_from_reference
+from reconstruction.common.geometry import View, angle_deg, angles_deg, other_from_reference
 
 OVERLAP_LIMITS = (0.15, 0.8)
 """Share of a picture that its neighbour in a panorama shows too."""
@@ -58,11 +58,8 @@ def _stereo_score(a: View, b: View, points_a: Features, points_b: Features) -> t
     kept = off * b.focal < EPIPOLAR_PX
     if kept.sum() < FEWEST_MATCHES:
         return None
-    turned = rays_a[kept] @ rotation.T
-    other = rays_b[kept]
-    cosine = (turned * other).sum(1) / np.linalg.norm(turned, axis=1) / np.linalg.norm(other, axis=1)
-    parallax = float(np.degrees(np.median(np.arccos(np.clip(cosine, -1, 1)))))
-    shared = _spread(at_a[kept], a.width, a.height)
+    parallax = float(np.median(angles_deg(rays_a[kept] @ rotation.T, rays_b[kept])))
+    shared = len(grid_cells(at_a[kept], a.width, a.height)) / CELLS
     ahead = abs(float(a.axis @ (b.centre - a.centre))) / float(np.linalg.norm(b.centre - a.centre))
     askew = angle_deg(a.axis, b.axis)
     score = shared * (1 - np.exp(-parallax / 1.5)) * np.exp(-((parallax / BEST_PARALLAX_DEG) ** 2))
@@ -72,12 +69,6 @@ def _stereo_score(a: View, b: View, points_a: Features, points_b: Features) -> t
     score *= (1 - ahead**2) * np.exp(-((askew / 25) ** 2)) * (1 - slant)
     why = f"{100 * shared:.0f} % of the picture with things both see, {parallax:.1f}° of parallax"
     return float(score), why
-
-
-def _spread(at: Array, width: int, height: int) -> float:
-    """Share of the cells of an 8 x 6 grid that hold a point."""
-    cells = np.floor(at / (width, height) * (8, 6)).clip(0, (7, 5)).astype(int)
-    return len(set(map(tuple, cells.tolist()))) / 48
 
 
 def choose_panorama_pair(points: Mapping[str, Features], sizes: Mapping[str, tuple[int, int]]) -> PairChoice:

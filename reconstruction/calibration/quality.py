@@ -7,8 +7,8 @@ import numpy as np
 from msgspec import Struct
 
 from capture_app.errors import BadInputError
-from reconstruction.calibration.features import FEWEST_MATCHES
-from reconstruction.common.geometry import Array, View, other_from_reference
+from reconstruction.calibration.features import CELLS, FEWEST_MATCHES, grid_cells
+from reconstruction.common.geometry import Array, View, angles_deg, other_from_reference
 
 SharedPoints = Mapping[tuple[str, str], tuple[Array, Array]]
 """For pairs of cameras, pixels (n, 2) of the same points in the first and in the second."""
@@ -46,15 +46,14 @@ def judge_calibration(views: Mapping[str, View], shared: SharedPoints) -> Calibr
         angles.append(angle[good])
         fits.append(good)
         for name, at in ((a, at_a), (b, at_b)):
-            where = np.floor(at[good] / (views[name].width, views[name].height) * (8, 6)).astype(int)
-            cells[name] |= {(int(x), int(y)) for x, y in where}
+            cells[name] |= grid_cells(at[good], views[name].width, views[name].height)
     every = np.concatenate(fits) if fits else np.zeros(0, bool)
     return CalibrationQuality(
         points=len(every),
         inlier_share=float(every.mean()) if len(every) else 0.0,
         reprojection_error_px=float(np.median(np.concatenate(errors))) if every.any() else None,
         triangulation_angle_deg=float(np.median(np.concatenate(angles))) if every.any() else None,
-        coverage={name: len(found) / 48 for name, found in cells.items()},
+        coverage={name: len(found) / CELLS for name, found in cells.items()},
     )
 
 
@@ -105,9 +104,6 @@ def _triangulate(a: View, b: View, at_a: Array, at_b: Array) -> tuple[Array, Arr
         there = points @ turn.T + move
         front = there[:, 2] > 1e-9
         safe = np.where(front[:, None], there, (0.0, 0.0, 1.0))
-        pixels, _ = cv2.projectPoints(safe, np.zeros(3), np.zeros(3), view.matrix, view.distortion)
-        distance = np.linalg.norm(pixels.reshape(-1, 2) - at, axis=1)
+        distance = np.linalg.norm(view.project(safe) - at, axis=1)
         error = np.maximum(error, np.where(front, distance, np.inf))
-    turned = rays_a @ rotation.T
-    cosine = (turned * rays_b).sum(1) / np.linalg.norm(turned, axis=1) / np.linalg.norm(rays_b, axis=1)
-    return error, np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+    return error, angles_deg(rays_a @ rotation.T, rays_b)

@@ -64,6 +64,16 @@ class View:
         flat = cv2.undistortPoints(points, self.matrix, self.distortion).reshape(-1, 2)
         return np.column_stack([flat, np.ones(len(flat))])
 
+    def project(self, points: Array) -> Array:
+        """Distorted pixels (n, 2) of points (n, 3) in the camera's frame, z > 0."""
+        pixels, _ = cv2.projectPoints(points, np.zeros(3), np.zeros(3), self.matrix, self.distortion)
+        return np.asarray(pixels).reshape(-1, 2)
+
+    def unproject(self, pixels: Array, depth: Array) -> Array:
+        """Points (n, 3) in the rig's frame at depths (n,) along pixels (n, 2) of an undistorted view."""
+        rays = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(self.matrix).T
+        return np.asarray((rays * depth[:, None] - self.translation) @ self.rotation)
+
     def grid(self) -> Array:
         """Every pixel of the image, row by row, (height * width, 2)."""
         ys, xs = np.mgrid[0 : self.height, 0 : self.width]
@@ -93,6 +103,12 @@ def angle_deg(a: Array, b: Array) -> float:
     """Angle between two directions, degrees."""
     cosine = float(a @ b) / float(np.linalg.norm(a) * np.linalg.norm(b))
     return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+
+
+def angles_deg(a: Array, b: Array) -> Array:
+    """Angles (n,) between each two directions (n, 3), degrees."""
+    cosine = (a * b).sum(1) / np.linalg.norm(a, axis=1) / np.linalg.norm(b, axis=1)
+    return np.asarray(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
 def resize_view(view: View, width: int, height: int) -> View:

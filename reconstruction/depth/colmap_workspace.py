@@ -56,9 +56,9 @@ def _shared_points(views: Mapping[str, View], depth_views: Mapping[str, ViewDept
         if not len(rows):
             continue
         take = rng.choice(len(rows), min(POINTS_PER_VIEW, len(rows)), replace=False)
-        view, z = views[name], found.depth[rows[take], columns[take]].astype(float)
-        rays = np.column_stack([columns[take], rows[take], np.ones(len(take))]) @ np.linalg.inv(view.matrix).T
-        points.append((rays * z[:, None] - view.translation) @ view.rotation)
+        rows, columns = rows[take], columns[take]
+        z = found.depth[rows, columns].astype(float)
+        points.append(views[name].unproject(np.column_stack([columns, rows]), z))
     return np.concatenate(points)
 
 
@@ -69,8 +69,7 @@ def _between(views: Mapping[str, View], reach: tuple[float, float]) -> Array:
     for view in views.values():
         pixels = rng.random((POINTS_PER_VIEW, 2)) * (view.width, view.height)
         z = 1 / rng.uniform(1 / reach[1], 1 / reach[0], POINTS_PER_VIEW)
-        rays = np.column_stack([pixels, np.ones(POINTS_PER_VIEW)]) @ np.linalg.inv(view.matrix).T
-        points.append((rays * z[:, None] - view.translation) @ view.rotation)
+        points.append(view.unproject(pixels, z))
     return np.concatenate(points)
 
 

@@ -15,10 +15,6 @@ WORST_COST = 255
 """Cost of no likeness at all."""
 
 
-MOST_CELLS = 80_000_000
-"""Pixels times depths of one sweep, some bytes each; larger pictures are swept at a smaller size."""
-
-
 TOLERANCE = 1.0
 """Neighbours on one plane are within so many steps of the first sweep of it."""
 
@@ -41,6 +37,8 @@ class SweepOptions:
     fine_small_step: int = 10
     fine_large_step: int = 300
     finer: tuple[tuple[float, int], ...] = ((0.5, 4), (0.25, 4))
+    max_cells: int = 80_000_000
+    """Pixels times depths of one sweep, some bytes each; larger pictures are swept at a smaller size."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,7 +133,7 @@ def _plan(
     scale, pixels = 1.0, reference.grey.size
     while True:
         count = int(np.clip(np.ceil(moved * scale / options.step_px) + 1, 24, 400))
-        if count * pixels * scale**2 <= MOST_CELLS:
+        if count * pixels * scale**2 <= options.max_cells:
             return scale, count
         scale /= np.sqrt(2.0)
 

@@ -77,11 +77,7 @@ def load_input_images(
     Raises:
         BadInputError: fewer than two pictures are usable, or there is no calibration to be had.
     """
-    if len(dataset.cameras) < 2:
-        raise BadInputError(
-            f"the session has one camera only ({', '.join(dataset.cameras)})",
-            hint="depth needs two that see the same from different places",
-        )
+    dataset.require_cameras(2, "depth needs two that see the same from different places")
     calibration = dataset.calibration() or _solved(dataset)
     views = calibrated_views(dataset, calibration)
     shots: dict[str, InputImage] = {}

@@ -80,9 +80,7 @@ class InstantScorer:
         if not (self._still > 0).any():
             return ~here
         view = self.shots.views[self.reference]
-        depth = fill_from_nearest(self._still).reshape(-1, 1)
-        rays = np.column_stack([view.grid(), np.ones(depth.size)]) @ np.linalg.inv(view.matrix).T
-        points = (rays * depth - view.translation) @ view.rotation
+        points = view.unproject(view.grid(), fill_from_nearest(self._still).ravel())
         others = {camera: mask for camera, mask in hidden.items() if camera != self.reference}
         return np.asarray(~here & ~points_on_masks(points, self.shots.views, others).reshape(here.shape))
 

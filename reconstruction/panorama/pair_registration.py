@@ -151,7 +151,6 @@ def _distorted(view: View, rays: Array) -> tuple[Array, Array]:
     # Beyond the picture's edge the distortion's polynomial may fold back into it.
     near = (np.abs(at) <= edge).all(1)
     safe = np.column_stack([np.where(near[:, None], at, 0), np.ones(len(at))])
-    pixels, _ = cv2.projectPoints(safe, np.zeros(3), np.zeros(3), view.matrix, view.distortion)
-    pixels = pixels.reshape(-1, 2)
+    pixels = view.project(safe)
     inside = (pixels > -0.5).all(1) & (pixels < (view.width - 0.5, view.height - 0.5)).all(1)
     return np.where(near[:, None], pixels, -1e4).astype(np.float32), near & inside

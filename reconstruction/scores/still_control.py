@@ -45,8 +45,7 @@ def project_into_other(reference: View, other: View, depth: Array) -> tuple[Arra
     moved = points @ rotation.T + translation
     front = moved[:, 2] > 1e-9
     moved[~front] = (0, 0, 1)
-    pixels, _ = cv2.projectPoints(moved, np.zeros(3), np.zeros(3), other.matrix, other.distortion)
-    pixels = pixels.reshape(*depth.shape, 2)
+    pixels = other.project(moved).reshape(*depth.shape, 2)
     inside = (pixels > 0).all(2) & (pixels < (other.width - 1, other.height - 1)).all(2)
     return pixels.astype(np.float32), inside & front.reshape(depth.shape)
 

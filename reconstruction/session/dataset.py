@@ -47,6 +47,11 @@ class Dataset:
             dataset._check(record)
         return dataset
 
+    def require_cameras(self, count: int, hint: str) -> None:
+        """Raises BadInputError where the session has fewer cameras."""
+        if len(self.cameras) < count:
+            raise BadInputError(f"the session has one camera only ({', '.join(self.cameras)})", hint=hint)
+
     def has_image(self, camera: str, instant: int) -> bool:
         """Whether there is an image of this camera at this instant."""
         return (camera, instant) in self._records

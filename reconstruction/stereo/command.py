@@ -67,11 +67,7 @@ def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
     """
     began = time.monotonic()
     dataset = Dataset.open(session)
-    if len(dataset.cameras) < 2:
-        raise BadInputError(
-            f"the session has one camera only ({', '.join(dataset.cameras)})",
-            hint="depth needs two that see the same from different places",
-        )
+    dataset.require_cameras(2, "depth needs two that see the same from different places")
     with comparison_folder(out) as output:
         progress = Progress(3)
         rig = Rig(

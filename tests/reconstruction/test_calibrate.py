@@ -15,7 +15,7 @@ from capture_app.session.format.manifest import BurstRecord, CameraRecord
 from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.store import SessionWriter
-from reconstruction.calibration.charuco_board import BoardDetector, CharucoBoard, detect_board
+from reconstruction.calibration.charuco_board import CharucoBoard, detect_board, is_flat_board
 from reconstruction.calibration.quality import CalibrationQuality, refuse_bad_calibration
 from reconstruction.cli import main
 from reconstruction.common.geometry import View, other_from_reference
@@ -152,13 +152,12 @@ def test_a_board_on_glass_printed_light_on_dark_is_found_from_both_sides(tmp_pat
 
 
 def test_corners_that_make_no_flat_board_are_no_board() -> None:
-    finder = BoardDetector(BOARD)
-    ids = np.arange(8)
-    places = np.asarray(BOARD.to_opencv().getChessboardCorners())[ids, :2] * 900 + 40
-    assert finder._flat(ids, places)
-    assert not finder._flat(ids, places * (-1, 1) + (300, 0))
-    places[3] += 40
-    assert not finder._flat(ids, places)
+    places = np.asarray(BOARD.to_opencv().getChessboardCorners())[:8, :2]
+    pixels = places * 900 + 40
+    assert is_flat_board(places, pixels)
+    assert not is_flat_board(places, pixels * (-1, 1) + (300, 0))
+    pixels[3] += 40
+    assert not is_flat_board(places, pixels)
 
 
 @pytest.mark.shared

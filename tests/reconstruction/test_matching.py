@@ -138,12 +138,9 @@ def test_cameras_may_have_pictures_of_different_sizes(photos: dict[str, Calibrat
     assert np.mean(right[8:-8, 20:-20]) > 0.9
 
 
-def test_large_pictures_are_swept_small_and_finished_at_full_size(
-    photos: dict[str, CalibratedImage], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr("reconstruction.depth.plane_sweep.MOST_CELLS", 90_000)
+def test_large_pictures_are_swept_small_and_finished_at_full_size(photos: dict[str, CalibratedImage]) -> None:
     others = [photos["left"], photos["right"]]
-    surface = sweep_view(photos["middle"], others, 1.4, 4.0, SweepOptions())
+    surface = sweep_view(photos["middle"], others, 1.4, 4.0, SweepOptions(max_cells=90_000))
     truth = photo_of(view_at(*PLACES["middle"]))[1]
     assert surface.inverse_depth.shape == truth.shape
     error = np.abs(surface.inverse_depth * truth - 1)[8:-8, 24:-24]

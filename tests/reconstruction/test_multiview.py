@@ -1,6 +1,7 @@
 """`reconstruct multiview`: its files, its figures, and its lines about what it cannot use."""
 
 import json
+import os
 import stat
 import sys
 from pathlib import Path
@@ -13,7 +14,6 @@ from capture_app.errors import BadInputError, NotAvailableError, SimulshotError
 from capture_app.session.reading.reader import Session
 from reconstruction.cli import main
 from reconstruction.depth import patchmatch
-from reconstruction.depth.calibrated_image import CalibratedImage
 from reconstruction.depth.colmap_maps import read_array, read_maps
 from reconstruction.depth.colmap_workspace import write_workspace
 from reconstruction.depth.patchmatch import ENVIRONMENT, PROGRAM, CudaGpu, find_gpu, run_patch_match
@@ -116,11 +116,6 @@ def test_full_disk_leaves_nothing_behind(
     def full(path: Path, data: bytes) -> int:
         raise OSError(28, "No space left on device", str(path))
 
-    def match(photos: dict[str, CalibratedImage], *rest: object, **more: object) -> dict[str, ViewDepth]:
-        shape = {name: photo.grey.shape for name, photo in photos.items()}
-        return {n: ViewDepth(np.ones(s, np.float32), np.zeros((*s, 3), np.float32)) for n, s in shape.items()}
-
-    monkeypatch.setattr("reconstruction.multiview.command.match_all_views", match)
     monkeypatch.setattr(Path, "write_bytes", full)
     code, line = failing(capsys, "multiview", str(trio.folder), "--out", str(tmp_path / "out"))
     assert code == 1
@@ -230,39 +225,37 @@ def test_maps_in_the_workspace_are_read_back(tmp_path: Path) -> None:
 
 
 def test_auto_uses_the_gpu_where_there_is_one(
-    trio: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    trio: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    """The other process is stood in for by one that writes true maps: all up to it is real."""
-
-    def stand_in(gpu: CudaGpu, workspace: Path, nearest: float, farthest: float) -> None:
-        assert (workspace / "stereo" / "patch-match.cfg").read_text().count("__auto__") == 3
-        assert 1.0 < nearest < 2.3
-        assert farthest > 3.9
-        dataset = Dataset.open(trio.folder)
-        for name, view in VIEWS.items():
-            truth = dataset.ground_truth(name, 1)
-            assert truth is not None
-            shot = undistort_image(name, 1, dataset.image(name, 1), view)
-            facing = np.zeros((*truth[0].shape, 3), np.float32)
-            facing[..., 2] = -1
-            depth_view = ViewDepth(shot.undistort_nearest(truth[0]), facing)
-            scratch = tmp_path / f"scratch-{name}"
-            scratch.mkdir()
-            write_workspace(scratch, {name: shot.calibrated.view}, {name: shot.colours}, {name: depth_view})
-            for kind in ("depth_maps", "normal_maps"):
-                file = f"stereo/{kind}/{name}.png.geometric.bin"
-                (workspace / file).write_bytes((scratch / file).read_bytes())
-
-    monkeypatch.setattr(
-        "reconstruction.multiview.command.find_gpu", lambda: CudaGpu("Some GPU", Path("python"))
-    )
-    monkeypatch.setattr("reconstruction.multiview.command.run_patch_match", stand_in)
+    """The other process is stood in for by one that copies true maps: all up to it is real."""
+    dataset = Dataset.open(trio.folder)
+    images, depth_views = {}, {}
+    for name, view in VIEWS.items():
+        truth = dataset.ground_truth(name, 1)
+        assert truth is not None
+        images[name] = undistort_image(name, 1, dataset.image(name, 1), view)
+        facing = np.zeros((*truth[0].shape, 3), np.float32)
+        facing[..., 2] = -1
+        depth_views[name] = ViewDepth(images[name].undistort_nearest(truth[0]), facing)
+    true, asked = tmp_path / "true", tmp_path / "asked"
+    views = {name: image.calibrated.view for name, image in images.items()}
+    write_workspace(true, views, {name: image.colours for name, image in images.items()}, depth_views)
+    copy = f'cp -r {true}/stereo/*_maps "$3/stereo/" && cat "$3/stereo/patch-match.cfg" > {asked}'
+    python = fake(tmp_path / "python", f'#!/bin/sh\n{copy} && echo "$4" "$5" >> {asked}\n')
+    fake(tmp_path / "nvidia-smi", "#!/bin/sh\necho Some GPU\n")
+    monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
+    monkeypatch.setenv(ENVIRONMENT, str(python))
     main(
         ["multiview", str(trio.folder), "--instant", "1", "--no-mesh", "--json", "--out", str(tmp_path / "o")]
     )
-    result = json.loads(capsys.readouterr().out)
+    result = json.loads(capfd.readouterr().out)
     assert result["matcher"] == "patchmatch"
     assert result["matcher_note"] == "on Some GPU"
+    *pictures, reach = asked.read_text().splitlines()
+    assert pictures.count("__auto__, 20") == 3
+    nearest, farthest = map(float, reach.split())
+    assert 1.0 < nearest < 2.3
+    assert farthest > 3.9
     assert result["within_2pct"] > 0.99
     assert result["fused_points"] > 5000
 

@@ -12,7 +12,7 @@ from capture_app.samples.recipe import CameraRecipe, Recipe, Take, TakenFrame
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
 from capture_app.simulation.devices.profiles import facts_of, find_profile
 from capture_app.simulation.devices.sensor import SensorFrame, SensorProfile
-from capture_app.simulation.rendering.pictures import PictureSource
+from capture_app.simulation.rendering.picture_source import PictureSource
 from capture_app.simulation.rig.rig import NodeSpec, VirtualNode, VirtualRig
 from capture_app.sync.rig.events import BurstPicked
 from capture_app.sync.rig.frame_picks import DROPPED

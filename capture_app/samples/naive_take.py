@@ -14,7 +14,7 @@ from capture_app.samples.recipe import CameraRecipe, Recipe, Take, TakenFrame
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
 from capture_app.simulation.devices.profiles import facts_of
 from capture_app.simulation.devices.sensor import Sensor, SensorFrame
-from capture_app.simulation.rendering.pictures import PictureSource
+from capture_app.simulation.rendering.picture_source import PictureSource
 from capture_app.sync.rig.frame_picks import DROPPED
 
 MEAN_MS, DEVIATION_MS, LONGEST_MS = 123.0, 84.0, 677.0

@@ -20,7 +20,7 @@ from capture_app.session.writing.store import Session, SessionWriter
 from capture_app.simulation.camera.pictures import SimulatedPayload, SimulatedTruth, seed_of
 from capture_app.simulation.devices.profiles import find_profile
 from capture_app.simulation.devices.sensor import SensorFrame
-from capture_app.simulation.rendering.pictures import PictureSource, open_picture_source
+from capture_app.simulation.rendering.picture_source import PictureSource, open_picture_source
 
 Progress = Callable[[int, int], None]
 """Told after each image: how many are done, and of how many."""

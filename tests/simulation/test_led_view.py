@@ -6,7 +6,7 @@ import pytest
 from capture_app.errors import BadInputError
 from capture_app.simulation.devices.sensor import SensorFrame
 from capture_app.simulation.rendering import led_panel
-from capture_app.simulation.rendering.pictures import LED_PANEL, PictureSource, open_picture_source
+from capture_app.simulation.rendering.picture_source import LED_PANEL, PictureSource, open_picture_source
 
 ROW_NS, EXPOSURE_NS = 10_840, 97_560
 

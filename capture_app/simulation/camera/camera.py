@@ -16,7 +16,7 @@ from capture_app.session.format.calibration import CameraCalibration
 from capture_app.simulation.camera.pictures import SimulatedPayload, SimulatedTruth, frame_seed
 from capture_app.simulation.devices.profiles import facts_of
 from capture_app.simulation.devices.sensor import Sensor, SensorFrame
-from capture_app.simulation.rendering.pictures import PictureSource
+from capture_app.simulation.rendering.picture_source import PictureSource
 from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, SetFrameDuration
 
 DELIVERY_NS = (2_000_000, 4_000_000)

@@ -13,7 +13,7 @@ from capture_app.simulation.camera.camera import SimulatedCamera
 from capture_app.simulation.camera.pictures import seed_of
 from capture_app.simulation.devices.profiles import PROFILES, find_profile
 from capture_app.simulation.devices.sensor import Sensor, SensorProfile
-from capture_app.simulation.rendering.pictures import LED_PANEL, TEST_CARD, open_picture_source
+from capture_app.simulation.rendering.picture_source import LED_PANEL, TEST_CARD, open_picture_source
 
 OPTIONS = {
     "scene": f"what it sees: a scene's name, {LED_PANEL}, or {TEST_CARD}, a test card (default)",

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from capture_app.errors import CameraError
 from capture_app.simulation.devices.sensor import SensorFrame
-from capture_app.simulation.rendering.pictures import PictureSource
+from capture_app.simulation.rendering.picture_source import PictureSource
 
 JPEG_QUALITY = 95
 DEPTH_STEPS_PER_M = 2048

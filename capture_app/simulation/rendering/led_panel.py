@@ -35,7 +35,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
-class Lamp:
+class Led:
     """An LED: where it is in the picture, in pixels, and when it is lit: from `first` * `lit_ns` on."""
 
     x: float
@@ -44,17 +44,17 @@ class Lamp:
     first: int
 
 
-def _lamps() -> tuple[Lamp, ...]:
-    lamps = []
+def _leds() -> tuple[Led, ...]:
+    leds = []
     for (left, top), tau_ns in zip(_CORNERS, (FINE_TAU_NS, COARSE_TAU_NS), strict=True):
         for column in range(COUNT):
             x = left + column * PITCH
-            lamps += [Lamp(x, top + row * PITCH, tau_ns, column) for row in range(COUNT)]
-            lamps.append(Lamp(x, top + _ROW_BELOW * PITCH, COUNT * tau_ns, column))
-    return tuple(lamps)
+            leds += [Led(x, top + row * PITCH, tau_ns, column) for row in range(COUNT)]
+            leds.append(Led(x, top + _ROW_BELOW * PITCH, COUNT * tau_ns, column))
+    return tuple(leds)
 
 
-LAMPS = _lamps()
+LEDS = _leds()
 
 
 def render(
@@ -67,13 +67,13 @@ def render(
     """
     stretch = 1.0 + true_ppm * 1e-6
     picture = np.full((HEIGHT, WIDTH), DARK)
-    for lamp in LAMPS:
-        rows, columns = _window(lamp)
+    for led in LEDS:
+        rows, columns = _window(led)
         begin_ns = start_ns % CYCLE_NS + rows * (row_time_ns * stretch)
-        lit = lit_share(begin_ns, exposure_ns * stretch, lamp.lit_ns, lamp.first)
+        lit = lit_share(begin_ns, exposure_ns * stretch, led.lit_ns, led.first)
         bright = LIGHT * (1.0 + UNEVEN * rng.standard_normal())
         picture[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] += (
-            bright * lit[:, None] * _spot(lamp, rows, columns)
+            bright * lit[:, None] * _spot(led, rows, columns)
         )
     picture += NOISE * rng.standard_normal(picture.shape)
     levels: Image = np.clip(np.rint(picture), 0, 255).astype(np.uint8)
@@ -82,19 +82,19 @@ def render(
 
 def read_time(picture: Image, *, exposure_ns: int, row_time_ns: float) -> float:
     """Return when the exposure of a picture's first row began, in ns within CYCLE_NS, by its LEDs' light."""
-    lit_ns = np.array([lamp.lit_ns for lamp in LAMPS])
-    first = np.array([lamp.first for lamp in LAMPS])
+    lit_ns = np.array([led.lit_ns for led in LEDS])
+    first = np.array([led.first for led in LEDS])
     rows, light = _profiles(picture)
 
-    def best(candidates: Floats, lamps: slice | NDArray[np.bool_], lines: slice) -> float:
-        begin = candidates[:, None, None] + rows[lamps, lines] * row_time_ns
-        model = lit_share(begin, exposure_ns, lit_ns[lamps, None], first[lamps, None])
-        misfit = ((model - light[lamps, lines]) ** 2).sum(axis=(1, 2))
+    def best(candidates: Floats, leds: slice | NDArray[np.bool_], lines: slice) -> float:
+        begin = candidates[:, None, None] + rows[leds, lines] * row_time_ns
+        model = lit_share(begin, exposure_ns, lit_ns[leds, None], first[leds, None])
+        misfit = ((model - light[leds, lines]) ** 2).sum(axis=(1, 2))
         return float(candidates[int(np.argmin(misfit))])
 
     every, middle = slice(None), slice(MIDDLE, MIDDLE + 1)
     time_ns = best(np.arange(0.0, CYCLE_NS, 1e6), lit_ns >= COARSE_TAU_NS, middle)
-    # Where a lamp is about to hand over to the next, a coarse step may take the wrong turn.
+    # Where a led is about to hand over to the next, a coarse step may take the wrong turn.
     for turn_ns, reach_ns, step_ns, lines in (
         (COUNT * COARSE_TAU_NS, COARSE_TAU_NS, 40e3, middle),
         (COUNT * FINE_TAU_NS, 80e3, 2e3, every),
@@ -128,25 +128,25 @@ def lit_share(
     return share
 
 
-def _window(lamp: Lamp) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    rows = np.arange(round(lamp.y) - SPOT, round(lamp.y) + SPOT + 1)
-    columns = np.arange(round(lamp.x) - SPOT, round(lamp.x) + SPOT + 1)
+def _window(led: Led) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    rows = np.arange(round(led.y) - SPOT, round(led.y) + SPOT + 1)
+    columns = np.arange(round(led.x) - SPOT, round(led.x) + SPOT + 1)
     return rows, columns
 
 
-def _spot(lamp: Lamp, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Floats:
-    down = np.exp(-0.5 * ((rows - lamp.y) / SPOT_SIGMA) ** 2)
-    across = np.exp(-0.5 * ((columns - lamp.x) / SPOT_SIGMA) ** 2)
+def _spot(led: Led, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Floats:
+    down = np.exp(-0.5 * ((rows - led.y) / SPOT_SIGMA) ** 2)
+    across = np.exp(-0.5 * ((columns - led.x) / SPOT_SIGMA) ** 2)
     return np.asarray(down[:, None] * across[None, :])
 
 
 def _profiles(picture: Image) -> tuple[NDArray[np.int64], Floats]:
-    """Rows of each LED's bright middle, and its light there, 1 for lit all the time: both LAMPS x lines."""
+    """Rows of each LED's bright middle, and its light there, 1 for lit all the time: both LEDS x lines."""
     all_rows, all_light = [], []
-    for lamp in LAMPS:
-        rows, columns = _window(lamp)
+    for led in LEDS:
+        rows, columns = _window(led)
         rows = rows[SPOT - MIDDLE : SPOT + MIDDLE + 1]
-        spot = _spot(lamp, rows, columns)
+        spot = _spot(led, rows, columns)
         light = picture[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] - DARK
         all_rows.append(rows)
         all_light.append((light * spot).sum(axis=1) / (LIGHT * (spot**2).sum(axis=1)))

@@ -9,12 +9,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from capture_app.simulation.rendering import led_panel
+from capture_app.simulation.rendering.picture_source import no_ground_truth
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from capture_app.session.format.calibration import CameraCalibration
     from capture_app.simulation.devices.sensor import SensorFrame
+    from capture_app.simulation.rendering.picture_source import GroundTruthArrays
 
 _SHARES = (0.42, 0.55)
 """Blue and green of the LEDs' light, which is orange; red is the light as the panel's reader wants it."""
@@ -28,12 +30,12 @@ def _board() -> NDArray[np.float32]:
     import cv2
 
     picture = np.full((led_panel.HEIGHT, led_panel.WIDTH, 2), _WALL, np.float32)
-    x, y = np.array([[lamp.x, lamp.y] for lamp in led_panel.LAMPS]).T
+    x, y = np.array([[led.x, led.y] for led in led_panel.LEDS]).T
     edge = led_panel.PITCH
     corners = [round(v) for v in (x.min() - edge, y.min() - edge, x.max() + edge, y.max() + edge)]
     cv2.rectangle(picture, corners[:2], corners[2:], _BACK, -1)
-    for lamp in led_panel.LAMPS:
-        cv2.circle(picture, (round(lamp.x), round(lamp.y)), 7, _LENS, -1, cv2.LINE_AA)
+    for led in led_panel.LEDS:
+        cv2.circle(picture, (round(led.x), round(led.y)), 7, _LENS, -1, cv2.LINE_AA)
     return picture
 
 
@@ -60,9 +62,6 @@ class PanelView:
         blue, green = (np.clip(board[..., n] + _SHARES[n] * red, 0, 255) for n in (0, 1))
         return np.stack([blue.astype(np.uint8), green.astype(np.uint8), red], axis=-1)
 
-    def ground_truth(
-        self, frame: SensorFrame
-    ) -> tuple[NDArray[np.float32], NDArray[np.uint8], NDArray[np.bool_]]:
-        """Return arrays that say that the panel has no depth, no objects and nothing that moves."""
-        shape = (self.height, self.width)
-        return np.zeros(shape, np.float32), np.zeros(shape, np.uint8), np.zeros(shape, np.bool_)
+    def ground_truth(self, frame: SensorFrame) -> GroundTruthArrays:
+        """Return arrays of zeros: the panel has no depth, no objects and nothing that moves."""
+        return no_ground_truth(self.height, self.width)

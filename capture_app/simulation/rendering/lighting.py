@@ -28,7 +28,7 @@ BARS = (3, 3)
 """Panes across and along, with bars between."""
 
 
-def sky(directions: Floats) -> Floats:
+def sky_radiance(directions: Floats) -> Floats:
     """Radiance (N, 3) of the surroundings in unit directions (N, 3)."""
     up = -directions[:, 1:2]
     window = np.maximum(directions @ TO_WINDOW, 0.0)[:, None] ** 3
@@ -43,7 +43,7 @@ def sky(directions: Floats) -> Floats:
     )
 
 
-def through_window(points: Floats) -> Floats:
+def window_share(points: Floats) -> Floats:
     """Share (N) of the sun's disc that the window lets through to points (N, 3) in m."""
     a, b = SUN_PLANE @ points.T
     left, right, top, bottom = WINDOW
@@ -82,7 +82,7 @@ class OpenSky:
         tangent, bitangent = tangents(normals)
         local = cosine_directions(64, 0.0)
         for x, y, z in local:
-            total += sky(x * tangent + y * bitangent + z * normals)
+            total += sky_radiance(x * tangent + y * bitangent + z * normals)
         self._table = (total / len(local)).reshape(resolution, resolution, resolution, 3)
         self._scale = (resolution - 1) / 2
 

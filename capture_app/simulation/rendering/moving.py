@@ -1,4 +1,4 @@
-"""What a camera sees of the moving parts at one time a row, and the shadows that they throw."""
+"""The moving parts in a camera's picture, each row at its own time, and the shadows they throw."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -28,18 +28,18 @@ class MovingPart:
     shadow: tuple[float, float, float]
     """Middle across and along the sun's rays and radius of what it shades, in m, at any row."""
 
-    def into(self, points: Floats, rows: NDArray[np.intp]) -> Floats:
-        """World points (N, 3) seen at the rows (N), in the part's frame."""
+    def to_part_frame(self, points: Floats, rows: NDArray[np.intp]) -> Floats:
+        """World points (N, 3) at the times of the rows (N), in the part's frame."""
         turned = np.matmul((points - self.translation[rows])[:, None], self.rotation[rows])
         return np.asarray(turned[:, 0], np.float32)
 
 
 def moving_parts(view: View, bodies: Mapping[str, Body], poses: Mapping[str, Poses]) -> dict[str, MovingPart]:
     """Parts with poses for each row of the view, by name; those outside the picture have no rectangle."""
-    return {name: _place(view, bodies[name], pose) for name, pose in poses.items()}
+    return {name: _moving_part(view, bodies[name], pose) for name, pose in poses.items()}
 
 
-def _place(view: View, body: Body, pose: Poses) -> MovingPart:
+def _moving_part(view: View, body: Body, pose: Poses) -> MovingPart:
     rotation, translation = pose.rotation.astype(np.float32), pose.translation.astype(np.float32)
     centres = rotation @ body.centre + translation
     image = view.project(centres)
@@ -59,7 +59,7 @@ def _place(view: View, body: Body, pose: Poses) -> MovingPart:
 
 
 @dataclass(frozen=True)
-class Seen:
+class VisiblePart:
     """The pixels (flat indices, N) where one part is the nearest thing, and what the rays met there."""
 
     part: MovingPart
@@ -68,7 +68,9 @@ class Seen:
     hits: Hits
 
 
-def nearest(view: View, directions: Floats, depth: Floats, parts: Iterable[MovingPart]) -> list[Seen]:
+def find_visible(
+    view: View, directions: Floats, depth: Floats, parts: Iterable[MovingPart]
+) -> list[VisiblePart]:
     """What each part shows of itself in front of `depth` (H, W), which is brought up to date in place."""
     found = []
     width = view.width
@@ -87,16 +89,16 @@ def nearest(view: View, directions: Floats, depth: Floats, parts: Iterable[Movin
         row, column = np.divmod(closer, count[1])
         pixels = (row + rows.start) * width + column + columns.start
         depth.reshape(-1)[pixels] = hits.distance[closer]
-        found.append(Seen(part, pixels, rays[closer], hits.at(closer)))
+        found.append(VisiblePart(part, pixels, rays[closer], hits.select(closer)))
     front = depth.reshape(-1)
     kept = []
     for seen in found:
         won = np.flatnonzero(seen.hits.distance == front[seen.pixels])
-        kept.append(Seen(seen.part, seen.pixels[won], seen.rays[won], seen.hits.at(won)))
+        kept.append(VisiblePart(seen.part, seen.pixels[won], seen.rays[won], seen.hits.select(won)))
     return kept
 
 
-def light_from(
+def light_changes(
     view: View, still: StillLayer, parts: Sequence[MovingPart], room: Body, sky: OpenSky, to_sun: Floats
 ) -> tuple[NDArray[np.intp], Floats]:
     """Pixels (flat indices, N) that the parts change in a layer, and by how much light (N, 3)."""
@@ -104,12 +106,12 @@ def light_from(
     changed, change = [], []
     from_sky, from_sun = still.from_sky.reshape(-1, 3), still.from_sun.reshape(-1, 3)
     covered = np.zeros(depth.size, np.bool_)
-    for seen in nearest(view, still.directions, depth, parts):
+    for seen in find_visible(view, still.directions, depth, parts):
         if not len(seen.pixels):
             continue
         rows = seen.pixels // view.width
         footprint = seen.hits.distance / (2 * view.focal_px)
-        colour, normals = seen.part.body.surface(seen.hits, seen.rays[:, 3:], footprint)
+        colour, normals = seen.part.body.surface_at(seen.hits, seen.rays[:, 3:], footprint)
         normals = np.matmul(seen.part.rotation[rows], normals[:, :, None])[:, :, 0]
         away = still.directions.reshape(-1, 3)[seen.pixels] * seen.hits.distance[:, None]
         light = _shade(view.centre + away, normals, rows, parts, room, sky, to_sun)
@@ -118,7 +120,7 @@ def light_from(
         covered[seen.pixels] = True
     lit = still.sunlit[~covered[still.sunlit]]
     points = view.centre + still.directions.reshape(-1, 3)[lit] * still.depth.reshape(-1)[lit, None]
-    dark = lit[shadowed(points, lit // view.width, parts, to_sun)]
+    dark = lit[in_shadow(points, lit // view.width, parts, to_sun)]
     changed.append(dark)
     change.append(-from_sun[dark])
     return np.concatenate(changed), np.concatenate(change)
@@ -134,17 +136,17 @@ def _shade(
     to_sun: Floats,
 ) -> Floats:
     light = sky.irradiance(normals) * 0.9
-    facing = np.maximum(normals @ lighting.TO_SUN, 0) * lighting.through_window(points)
+    facing = np.maximum(normals @ lighting.TO_SUN, 0) * lighting.window_share(points)
     lit = np.flatnonzero(facing > 0)
     start = points[lit] + normals[lit] * 0.004
     rays = np.empty((len(lit), 6), np.float32)
     rays[:, :3], rays[:, 3:] = start, to_sun
-    hidden = room.blocks(rays, near=0.0, far=20.0) | shadowed(start, rows[lit], parts, to_sun)
+    hidden = room.occludes(rays, near=0.0, far=20.0) | in_shadow(start, rows[lit], parts, to_sun)
     facing[lit[hidden]] = 0
     return np.asarray(light + facing[:, None] * lighting.SUN, np.float32)
 
 
-def shadowed(
+def in_shadow(
     points: Floats, rows: NDArray[np.intp], parts: Iterable[MovingPart], to_sun: Floats
 ) -> NDArray[np.bool_]:
     """Whether a part is between each world point (N, 3) and the sun, at the times of the rows (N)."""
@@ -155,7 +157,7 @@ def shadowed(
         chosen = np.flatnonzero((across - middle_across) ** 2 + (along - middle_along) ** 2 < reach**2)
         if len(chosen):
             rays = np.empty((len(chosen), 6), np.float32)
-            rays[:, :3] = part.into(points[chosen], rows[chosen])
+            rays[:, :3] = part.to_part_frame(points[chosen], rows[chosen])
             rays[:, 3:] = to_sun @ part.rotation[rows[chosen]]
-            hidden[chosen] |= part.body.blocks(rays, near=0.008, far=20.0)
+            hidden[chosen] |= part.body.occludes(rays, near=0.008, far=20.0)
     return hidden

@@ -15,10 +15,10 @@ from capture_app.simulation.scenes.meshes import Floats, Mesh
 def _open3d() -> Any:
     try:
         import open3d
-    except (ImportError, OSError) as error:
+    except (ImportError, OSError) as error:  # OSError: a system library of Open3D's is missing
         raise NotAvailableError(
-            f"the rendered scene needs Open3D, which does not load here: {error}",
-            hint="pip install open3d; on Linux also libgl1 libegl1 libx11-6 libusb-1.0-0",
+            f"rendered scenes need Open3D, which does not load here: {error}",
+            hint="use scene=bars, or pip install open3d; on Linux also libgl1 libegl1 libx11-6 libusb-1.0-0",
         ) from error
     return open3d
 
@@ -68,7 +68,7 @@ class Hits:
     triangle: NDArray[np.int64]
     barycentric: Floats
 
-    def at(self, chosen: NDArray[np.intp]) -> "Hits":
+    def select(self, chosen: NDArray[np.intp]) -> "Hits":
         """Return the hits of the chosen rays (indices) only."""
         return Hits(self.distance[chosen], self.triangle[chosen], self.barycentric[chosen])
 
@@ -116,12 +116,12 @@ class Body:
             barycentric=found["primitive_uvs"].numpy(),
         )
 
-    def blocks(self, rays: Floats, *, near: float, far: float) -> NDArray[np.bool_]:
+    def occludes(self, rays: Floats, *, near: float, far: float) -> NDArray[np.bool_]:
         """Whether each ray (N, 6) meets the body between `near` and `far` ray lengths."""
         found = self._scene.test_occlusions(self._tensor(rays), tnear=near, tfar=far, nthreads=1)
         return np.asarray(found.numpy(), np.bool_)
 
-    def surface(self, hits: Hits, directions: Floats, footprint: Floats) -> tuple[Floats, Floats]:
+    def surface_at(self, hits: Hits, directions: Floats, footprint: Floats) -> tuple[Floats, Floats]:
         """Linear BGR (N, 3) and the unit normal (N, 3) that faces the ray, for hits that met something.
 
         `footprint` (N): width of a sample in m where it lies on the surface, seen face on.

@@ -69,7 +69,7 @@ class Scene:
         for number, (layer, offset_ns) in enumerate(_samples(layers, repeats, exposure_ns)):
             parts = self._parts(camera, start_ns + offset_ns, row_time_ns)
             to_sun = sun_direction(number, repeats * len(layers))
-            pixels, change = moving.light_from(
+            pixels, change = moving.light_changes(
                 camera, layer, list(parts.values()), self._room, self._sky, to_sun
             )
             flat[pixels] += change
@@ -90,14 +90,14 @@ class Scene:
         directions = camera.directions()
         with self._lock:
             if view not in self._still_depth:
-                self._still_depth[view] = still.cast(camera, self._room, directions)
+                self._still_depth[view] = still.cast_depth(camera, self._room, directions)
             still_depth, still_things = self._still_depth[view]
         depth = np.where(still_depth > 0, still_depth, np.inf).astype(np.float32)
         things = still_things.copy()
         movers_mask = np.zeros(depth.shape, np.bool_)
         parts = self._parts(camera, start_ns + exposure_ns // 2, row_time_ns)
         numbers = {id(part): self._thing_of[name] for name, part in parts.items()}
-        for seen in moving.nearest(camera, directions, depth, parts.values()):
+        for seen in moving.find_visible(camera, directions, depth, parts.values()):
             things.reshape(-1)[seen.pixels] = numbers[id(seen.part)]
             movers_mask.reshape(-1)[seen.pixels] = True
         depth[~np.isfinite(depth)] = 0

@@ -37,7 +37,7 @@ def still_layers(view: View, room: Body) -> list[StillLayer]:
     return [_layer(view, room, number) for number in range(len(SUBPIXELS))]
 
 
-def cast(view: View, room: Body, directions: Floats) -> tuple[Floats, NDArray[np.uint8]]:
+def cast_depth(view: View, room: Body, directions: Floats) -> tuple[Floats, NDArray[np.uint8]]:
     """Depth (H, W) in m and thing (H, W) of the room; 0 where there is none."""
     hits = room.cast(_rays(view, directions))
     seen = np.isfinite(hits.distance)
@@ -58,7 +58,7 @@ def _layer(view: View, room: Body, number: int) -> StillLayer:
     rays = _rays(view, directions)
     hits = room.cast(rays)
     footprint = hits.distance / (2 * view.focal_px)
-    colour, normals = room.surface(hits, rays[:, 3:], footprint)
+    colour, normals = room.surface_at(hits, rays[:, 3:], footprint)
     points = rays[:, :3] + rays[:, 3:] * hits.distance[:, None] + normals * 0.002
     shape = directions.shape
     from_sun = colour * _sun_light(room, points, normals, number)
@@ -85,9 +85,9 @@ def _sky_light(room: Body, points: Floats, normals: Floats, number: int) -> Floa
         rays = np.empty((len(lit), 6), np.float32)
         rays[:, :3] = points[lit]
         rays[:, 3:] = direction
-        share[lit[room.blocks(rays, near=0.0, far=_SKY_REACH_M)]] = 0
+        share[lit[room.occludes(rays, near=0.0, far=_SKY_REACH_M)]] = 0
     # Radiance of the directions that are open, and the bounce from all the others.
-    light = facing.T @ (lighting.sky(directions) - _BOUNCE) + total[:, None] * _BOUNCE
+    light = facing.T @ (lighting.sky_radiance(directions) - _BOUNCE) + total[:, None] * _BOUNCE
     return np.asarray(light / np.maximum(total, 1e-3)[:, None], np.float32)
 
 
@@ -100,13 +100,13 @@ def _sphere(count: int, turn: float) -> Floats:
 
 
 def _sun_light(room: Body, points: Floats, normals: Floats, number: int) -> Floats:
-    facing = np.maximum(normals @ lighting.TO_SUN, 0) * lighting.through_window(points)
+    facing = np.maximum(normals @ lighting.TO_SUN, 0) * lighting.window_share(points)
     lit = np.flatnonzero(facing > 0)
     open_share = np.zeros(len(lit), np.float32)
     for half in (0, 1):
         rays = np.empty((len(lit), 6), np.float32)
         rays[:, :3] = points[lit]
         rays[:, 3:] = lighting.sun_direction(2 * number + half, 2 * len(SUBPIXELS))
-        open_share += 0.5 * ~room.blocks(rays, near=0.0, far=20.0)
+        open_share += 0.5 * ~room.occludes(rays, near=0.0, far=20.0)
     facing[lit] *= open_share
     return np.asarray(facing[:, None] * lighting.SUN, np.float32)

@@ -1,7 +1,7 @@
-import importlib
 import io
 import sys
 import types
+from pathlib import Path
 from typing import Any, ClassVar
 
 import cv2
@@ -57,17 +57,14 @@ def test_truth_is_an_npz_of_depth_objects_and_movers() -> None:
     run(scenario)
 
 
-def test_a_scene_without_open3d_is_refused_in_plain_words(monkeypatch: pytest.MonkeyPatch) -> None:
-    import_module = importlib.import_module
-
-    def missing(name: str) -> Any:
-        if name == "open3d":
-            raise OSError("libGL.so.1: cannot open shared object file")
-        return import_module(name)
-
-    monkeypatch.setattr(importlib, "import_module", missing)
+def test_a_scene_without_open3d_is_refused_in_plain_words(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    (tmp_path / "open3d.py").write_text('raise OSError("libGL.so.1: cannot open shared object file")')
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "open3d", raising=False)
     with pytest.raises(NotAvailableError, match=r"libGL\.so\.1.*scene=bars") as error:
-        sim("sim:pi,scene=plaza")
+        sim("sim:pi,scene=pinwheel,scale=0.11")
     assert isinstance(error.value, SimulshotError)
     sim("sim:pi,scene=bars")
 

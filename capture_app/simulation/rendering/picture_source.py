@@ -1,12 +1,11 @@
-"""What a simulated camera sees: a rendered scene, or a test card that needs nothing but numpy and OpenCV."""
+"""Where the pictures of a simulated camera come from: a rendered scene, the LED panel, or a test card."""
 
 from __future__ import annotations
 
-import importlib
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
-from capture_app.errors import BadInputError, NotAvailableError
+from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.simulation.devices.sensor import SensorFrame
 
@@ -42,6 +41,14 @@ class PictureSource(Protocol):
 
     def ground_truth(self, frame: SensorFrame) -> GroundTruthArrays:
         """Return depth in m (0 = none), object numbers and moving pixels, each of height x width."""
+
+
+def no_ground_truth(height: int, width: int) -> GroundTruthArrays:
+    """Return the ground truth of a flat picture: no depth, no objects and nothing that moves."""
+    import numpy as np
+
+    shape = (height, width)
+    return np.zeros(shape, np.float32), np.zeros(shape, np.uint8), np.zeros(shape, np.bool_)
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,11 +102,8 @@ class ColourBars:
         return image
 
     def ground_truth(self, frame: SensorFrame) -> GroundTruthArrays:
-        """Return arrays that say that a card has no depth, no objects and nothing that moves."""
-        import numpy as np
-
-        shape = (self.height, self.width)
-        return np.zeros(shape, np.float32), np.zeros(shape, np.uint8), np.zeros(shape, np.bool_)
+        """Return arrays of zeros: a card has no depth, no objects and nothing that moves."""
+        return no_ground_truth(self.height, self.width)
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,7 +147,9 @@ def open_picture_source(
         return ColourBars(camera, round(width * scale), round(height * scale))
     if scene == LED_PANEL:
         return _led_panel(view, row_time_ns, scale)
-    loaded = _load_scene(scene, scale)
+    from capture_app.simulation.rendering.scene import load
+
+    loaded = load(scene, scale=scale)
     view = view or camera
     if view not in loaded.views:
         raise BadInputError(
@@ -161,16 +167,3 @@ def _led_panel(view: str, row_time_ns: int, scale: float) -> PictureSource:
     if scale != 1:
         raise BadInputError(f"the panel {LED_PANEL!r} is of one size", hint="leave scale= out")
     return PanelView(row_time_ns)
-
-
-def _load_scene(name: str, scale: float) -> Scene:
-    try:
-        importlib.import_module("open3d")
-        module: Any = importlib.import_module("capture_app.simulation.rendering.scene")
-    except (ImportError, OSError) as error:  # OSError: a system library of Open3D's is missing
-        raise NotAvailableError(
-            f"scene {name!r} cannot be rendered here: Open3D does not load: {error}",
-            hint=f"use scene={TEST_CARD}, or install Open3D and its system libraries",
-        ) from error
-    scene: Scene = module.load(name, scale=scale)
-    return scene

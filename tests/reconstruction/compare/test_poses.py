@@ -24,7 +24,7 @@ from reconstruction.session.dataset import Dataset
 from reconstruction.session.scene_motion import SceneMotion
 from tests.reconstruction.conftest import VIEWS, Scene, write_session
 
-PINWHEEL = Path(__file__).resolve().parents[2] / "sample_sessions" / "pinwheel"
+PINWHEEL = Path(__file__).resolve().parents[3] / "sample_sessions" / "pinwheel"
 
 
 def poses(views: Mapping[str, View]) -> dict[str, Pose]:

@@ -11,13 +11,13 @@ from pathlib import Path
 import pytest
 
 from capture_app.session.reading.reader import Session
-from tests.reconstruction.fake_units import LOG
+from tests.reconstruction.batch.fake_units import LOG
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 def start(out: Path, session: Path, log: Path, *more: str) -> "subprocess.Popen[bytes]":
-    command = [sys.executable, "-m", "tests.reconstruction.fake_units", str(out), str(session), *more]
+    command = [sys.executable, "-m", "tests.reconstruction.batch.fake_units", str(out), str(session), *more]
     environment = {**os.environ, LOG: str(log)}
     return subprocess.Popen(command, cwd=ROOT, env=environment, stdout=subprocess.DEVNULL)
 

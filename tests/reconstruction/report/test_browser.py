@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from reconstruction.report.report import write_report
-from tests.reconstruction.browser import CHROMIUM, Browser
-from tests.reconstruction.report_sample import CAMERAS, SHAPES, whole_result
+from tests.reconstruction.report.browser import CHROMIUM, Browser
+from tests.reconstruction.report.sample import CAMERAS, SHAPES, whole_result
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
 

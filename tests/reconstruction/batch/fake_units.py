@@ -1,6 +1,6 @@
 """Cheap units for the tests of batches, and a batch of them that can be killed.
 
-`python -m tests.reconstruction.fake_units OUT SESSION` makes all units of a session in three conditions.
+`python -m tests.reconstruction.batch.fake_units OUT SESSION` makes all its units in three conditions.
 """
 
 import errno
@@ -14,7 +14,7 @@ import click
 from reconstruction.batch.units import Unit
 from reconstruction.session.conditions import Condition
 
-MAKE = "tests.reconstruction.fake_units:make"
+MAKE = "tests.reconstruction.batch.fake_units:make"
 LOG = "FAKE_UNITS_LOG"
 CONDITIONS = ("synced", "33", "66")
 BLOCKS = 20

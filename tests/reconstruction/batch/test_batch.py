@@ -24,10 +24,10 @@ from reconstruction.batch.slurm import SlurmExecutor
 from reconstruction.batch.units import Outcome, Unit, perform
 from reconstruction.cli import main
 from reconstruction.session.conditions import Condition
+from tests.reconstruction.batch.fake_units import MAKE
 from tests.reconstruction.conftest import VIEWS, Scene, write_session
-from tests.reconstruction.fake_units import MAKE
 
-FAILING = "tests.reconstruction.fake_units:make_or_fail"
+FAILING = "tests.reconstruction.batch.fake_units:make_or_fail"
 
 
 class Here:

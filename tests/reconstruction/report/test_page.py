@@ -1,0 +1,132 @@
+"""The whole page of a report: self-contained, escaped, and with a way to every section."""
+
+import base64
+import re
+
+import msgspec
+import pytest
+
+from capture_app.errors import BadInputError
+from reconstruction.report.report import write_report
+from reconstruction.scores.compare_results import ConditionResult
+from tests.reconstruction.report.page import Page
+from tests.reconstruction.report.results import NASTY, RESULT
+from tests.reconstruction.report.sample import CAMERAS, whole_result
+
+
+def test_the_page_starts_with_the_verdict_and_its_two_numbers(tmp_path, pictured):
+    page = Page.read(write_report(pictured, tmp_path))
+
+    assert len(page.all("h1")) == 1
+    start = page.text.index("Synchronized cameras measure moving things.")
+    first, second = page.text.index("98 %"), page.text.index("1 %")
+    assert start < first < second < page.text.index("Why the instant matters")
+    assert "of the moving surface measured correctly" in page.text
+    assert "one picture is 67 ms late" in page.text
+
+
+def test_everything_is_in_the_one_file(tmp_path, pictured):
+    path = write_report(pictured, tmp_path)
+    page = Page.read(path)
+
+    assert path == tmp_path / "report.html"
+    images = page.all("img")
+    assert len(images) == 6
+    for image, name in zip(
+        images, [p for q in pictured.stereo.pictures for p in (q.synced, q.offset)], strict=True
+    ):
+        head, data = image["src"].split(",", 1)
+        assert head == f"data:image/{'jpeg' if name.endswith('jpg') else 'png'};base64"
+        assert base64.b64decode(data) == (tmp_path / name).read_bytes()
+    assert {(i["width"], i["height"]) for i in images} == {("64", "48"), ("300", "40"), ("30", "90")}
+    for _, attributes in page.elements:
+        for key in ("src", "href", "action"):
+            assert attributes.get(key, "data:").startswith(("data:", "#"))
+    text = path.read_text("utf-8")
+    assert not re.search(r"https?://|@import|url\(", re.sub(r"base64,[^\"]+", "", text))
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["pictures", "report.html"]
+
+
+def test_words_of_the_user_stay_words(tmp_path, pictured):
+    path = write_report(pictured, tmp_path)
+    page = Page.read(path)
+
+    assert NASTY.rpartition("/")[2] in page.text
+    assert NASTY in page.text
+    assert len(page.all("script")) == 1
+    assert not page.all("do")
+    assert "<do not>" in page.text
+
+
+def test_no_name_and_no_note_becomes_markup(tmp_path):
+    nasty = "<script>alert(1)</script>"
+    result = whole_result(tmp_path)
+    sweep, burst, poses = result.bullet_time, result.burst, result.poses
+    cameras = tuple(f"{nasty}{camera}" for camera in CAMERAS)
+    picture = msgspec.structs.replace(result.stereo.pictures[0], title=nasty, caption=nasty)
+    changed = msgspec.structs.replace(
+        result,
+        session=nasty,
+        verdict=f"{nasty} It matters. {nasty}",
+        calibration=nasty,
+        stereo=msgspec.structs.replace(
+            result.stereo, reference=nasty, other=nasty, why=nasty, pictures=(picture,)
+        ),
+        multiview=msgspec.structs.replace(
+            result.multiview, reference=nasty, cameras=cameras, left_out={nasty: nasty}, cloud_skipped=nasty
+        ),
+        stitch=None,
+        stitch_skipped=nasty,
+        poses=msgspec.structs.replace(
+            poses, cameras=cameras, offsets_ms=dict.fromkeys(cameras, 5.0), truth=nasty, why=nasty
+        ),
+        bullet_time=msgspec.structs.replace(sweep, cameras=cameras, file=nasty),
+        burst=msgspec.structs.replace(burst, cameras=cameras),
+        conditions=(ConditionResult(name=nasty, session=nasty, skipped=(nasty,)),),
+        versions={nasty: nasty},
+    )
+    page = Page.read(write_report(changed, tmp_path))
+
+    assert len(page.all("script")) == 1
+    assert page.text.count(nasty) > 30
+
+
+def test_the_contents_lead_to_every_section(tmp_path):
+    page = Page.read(write_report(whole_result(tmp_path), tmp_path))
+
+    links = [a["href"].removeprefix("#") for a in page.all("a")]
+    headings = [h["id"] for h in page.all("h2")]
+    assert links == headings
+    assert len(links) == 9
+
+
+def test_a_long_verdict_is_set_smaller(tmp_path):
+    pages = [
+        Page.read(write_report(msgspec.structs.replace(RESULT, verdict=verdict), tmp_path))
+        for verdict in ("It matters. A lot.", "word " * 40 + ".")
+    ]
+    assert [page.all("h1")[0]["class"] for page in pages] == ["short", "long"]
+
+
+def test_how_it_was_made_names_what_decides_the_numbers(tmp_path):
+    page = Page.read(write_report(RESULT, tmp_path))
+
+    for words in (
+        "66 ms asked for; 66.6 ms given, which is 2 frames",
+        "the session's own (calibration.json)",
+        "every synchronized picture within 85 µs of its instant",
+        "the clocks agree to 1.9 ms at the very worst",
+        "cameras cam2 and cam3, 5 instants",
+        "14.2 s",
+        "opencv 5.0.0",
+    ):
+        assert words in page.text
+
+
+def test_a_folder_that_cannot_be_written_is_one_clear_error(tmp_path):
+    (tmp_path / "report.html").mkdir()
+
+    with pytest.raises(BadInputError, match=r"cannot write the report .*--out"):
+        write_report(RESULT, tmp_path)
+
+    assert [p.name for p in tmp_path.iterdir()] == ["report.html"]

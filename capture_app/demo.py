@@ -16,7 +16,7 @@ from capture_app.node.child import Child, Talk
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.wording import News
 from capture_app.node.wire.status import BurstStatus
-from capture_app.session.writing.store import Session
+from capture_app.session.reading.reader import Session
 
 VIEWS = ("cam00", "cam01", "cam02", "cam03", "cam04", "wide00", "wide01")
 FRAMES = 5

@@ -16,7 +16,8 @@ from capture_app.session.files.durable import write_whole
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import RECIPE
-from capture_app.session.writing.store import Session, SessionWriter
+from capture_app.session.reading.reader import Session
+from capture_app.session.writing.store import SessionWriter
 from capture_app.simulation.camera.pictures import SimulatedPayload, SimulatedTruth, seed_of
 from capture_app.simulation.devices.profiles import find_profile
 from capture_app.simulation.devices.sensor import SensorFrame

@@ -11,7 +11,7 @@ import numpy as np
 from capture_app.errors import BadInputError, IncompleteError
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import ImageRecord
-from capture_app.session.writing.store import Session
+from capture_app.session.reading.reader import Session
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import read_image
 

@@ -14,7 +14,7 @@ from capture_app.samples.recipe import read_recipe
 from capture_app.samples.render import render, same_files
 from capture_app.session.format.manifest import RECIPE
 from capture_app.session.format.rows import row_exposures
-from capture_app.session.writing.store import Session
+from capture_app.session.reading.reader import Session
 from capture_app.simulation.rendering import led_panel
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_sessions"

@@ -10,7 +10,8 @@ import numpy as np
 import pytest
 
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, ClockRecord, MissingImage
-from capture_app.session.writing.store import Session, SessionWriter
+from capture_app.session.reading.reader import Session
+from capture_app.session.writing.store import SessionWriter
 from tests.facts import make_facts
 
 WIDTH, HEIGHT = 16, 12

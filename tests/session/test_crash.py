@@ -18,8 +18,9 @@ from capture_app.node.leader.repair import repair
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.manifest import JOURNAL, MANIFEST, BurstRecord
 from capture_app.session.format.plan import CameraPlan, Plan
+from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
-from capture_app.session.writing.store import Session, SessionWriter
+from capture_app.session.writing.store import SessionWriter
 
 from .conftest import camera_record, jpeg
 

@@ -20,8 +20,8 @@ from capture_app.session.importers import timeline as timeline_module
 from capture_app.session.importers.matching import TimedFrame, timeline_by_times
 from capture_app.session.importers.own_times import Times, name_time_ns
 from capture_app.session.importers.recording import ImportOptions, import_recording
+from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
-from capture_app.session.writing.store import Session
 
 from .conftest import jpeg
 

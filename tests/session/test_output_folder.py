@@ -23,7 +23,7 @@ from capture_app.session.files.output_folder import (
     replaces_nothing,
     replaces_only,
 )
-from capture_app.session.writing.store import Session
+from capture_app.session.reading.reader import Session
 
 ROOT = Path(__file__).parents[2]
 

@@ -13,8 +13,8 @@ from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.importers.calibration import Fit
 from capture_app.session.importers.recording import ImportOptions, import_recording
+from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
-from capture_app.session.writing.store import Session
 
 Array = NDArray[np.float64]
 MakeImages = Callable[..., Path]

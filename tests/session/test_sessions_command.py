@@ -10,7 +10,8 @@ from capture_app.cli import run
 from capture_app.errors import ExitCode
 from capture_app.session.format.manifest import MANIFEST
 from capture_app.session.format.schema import session_schema_text
-from capture_app.session.writing.store import Session, SessionWriter
+from capture_app.session.reading.reader import Session
+from capture_app.session.writing.store import SessionWriter
 
 Capture = pytest.CaptureFixture[str]
 

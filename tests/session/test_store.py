@@ -15,8 +15,8 @@ from capture_app.names import is_name
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.checks import inside
 from capture_app.session.format.manifest import JOURNAL, MANIFEST, BurstRecord, ImageRecord
-from capture_app.session.reading.reader import is_being_written
-from capture_app.session.writing.store import Session, SessionWriter, list_sessions
+from capture_app.session.reading.reader import Session, is_being_written, list_sessions
+from capture_app.session.writing.store import SessionWriter
 
 from .conftest import INSTANTS, camera_record, fill, jpeg
 

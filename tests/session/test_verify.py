@@ -15,8 +15,8 @@ from hypothesis import strategies as st
 from capture_app.session.format.manifest import CALIBRATION, JOURNAL, MANIFEST, ImageRecord, Manifest
 from capture_app.session.format.schema import session_schema, session_schema_text
 from capture_app.session.reading.checksums import CHECKSUMS, write_checksums
+from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import ProblemKind, verify
-from capture_app.session.writing.store import Session
 
 from .conftest import jpeg
 

@@ -16,6 +16,7 @@ GROUND_TRUTH = "ground_truth"
 RECIPE = "recipe.json"
 IMAGES = "images"
 RIG = "rig1"
+IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 
 Sha256 = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}$")]
 

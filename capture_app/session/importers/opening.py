@@ -5,6 +5,7 @@ from pathlib import Path
 
 from capture_app.errors import BadInputError
 from capture_app.names import check_name, is_name
+from capture_app.session.format.manifest import IMAGE_SUFFIXES
 from capture_app.session.importers.phones import PhoneVideo, has_table, is_phone, phone
 from capture_app.session.importers.sources import (
     VIDEO_SUFFIXES,
@@ -14,7 +15,6 @@ from capture_app.session.importers.sources import (
     images_in,
     natural,
 )
-from capture_app.session.writing.store import IMAGE_SUFFIXES
 
 
 def open_sources(paths: Sequence[str], *, png: bool = False) -> list[Source]:

@@ -16,7 +16,8 @@ from capture_app.session.importers.opening import open_sources, split_name
 from capture_app.session.importers.own_times import Times
 from capture_app.session.importers.sources import Source
 from capture_app.session.importers.timeline import Clocks, make_timeline
-from capture_app.session.writing.store import Session, SessionWriter
+from capture_app.session.reading.reader import Session
+from capture_app.session.writing.store import SessionWriter
 
 Progress = Callable[[int, int], None]
 """Told after each frame: how many are done, and of how many."""
@@ -176,7 +177,7 @@ def _missing(writer: SessionWriter, names: Sequence[str], instants: Sequence[Ins
     missing = []
     for number, instant in enumerate(instants):
         for name in names:
-            if writer.has_image(name, number):
+            if writer.image(name, number):
                 continue
             unreadable = "the frame could not be decoded" if name in instant.frames else _NO_FRAME
             reason = instant.why_missing.get(name, unreadable)

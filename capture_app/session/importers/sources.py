@@ -7,10 +7,10 @@ from pathlib import Path
 from typing import Any
 
 from capture_app.errors import BadInputError
+from capture_app.session.format.manifest import IMAGE_SUFFIXES
 from capture_app.session.importers.matching import TimedFrame
 from capture_app.session.importers.own_times import video_pictures, video_times_ns
 from capture_app.session.reading.verify import image_size
-from capture_app.session.writing.store import IMAGE_SUFFIXES
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".mjpg", ".mjpeg", ".mpg", ".mpeg")
 JPEG_QUALITY = 95

@@ -16,10 +16,9 @@ import msgspec
 from capture_app import __version__
 from capture_app.errors import BadInputError, DiskFullError, SimulshotError
 from capture_app.names import check_name
-from capture_app.session.files.disk import disk_error, is_full, reserve
+from capture_app.session.files.disk import disk_error, is_full
 from capture_app.session.files.durable import (
     AppendOnly,
-    make_folders,
     move_named,
     sync_folder,
     write_named,
@@ -27,14 +26,12 @@ from capture_app.session.files.durable import (
 )
 from capture_app.session.files.locks import lock_folder
 from capture_app.session.format.calibration import Calibration
-from capture_app.session.format.checks import check_references
 from capture_app.session.format.encoding import checked, pretty
-from capture_app.session.format.journal import Journal
 from capture_app.session.format.manifest import (
     CALIBRATION,
     EVENTS,
+    IMAGE_SUFFIXES,
     JOURNAL,
-    MANIFEST,
     BurstRecord,
     CameraRecord,
     ImageRecord,
@@ -43,18 +40,11 @@ from capture_app.session.format.manifest import (
     image_path,
 )
 from capture_app.session.format.plan import PLAN, Plan, read_plan
-from capture_app.session.reading.checksums import write_checksums
-from capture_app.session.reading.reader import Session, SessionSummary, list_sessions
-from capture_app.session.reading.synchronization import sync_record
-from capture_app.session.writing.recovery import RESERVE, recover_images, remove_leftovers
+from capture_app.session.reading.reader import Session
+from capture_app.session.writing.completion import encode_manifest, reserve_room, write_manifest
+from capture_app.session.writing.image_store import ImageStore
+from capture_app.session.writing.recovery import remove_leftovers
 from capture_app.session.writing.truth_store import TruthStore
-
-__all__ = ["IMAGE_SUFFIXES", "Session", "SessionSummary", "SessionWriter", "list_sessions"]
-
-IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
-RESERVED_BYTES = 1 << 16
-RESERVED_BYTES_PER_IMAGE = 1500
-"""What the manifest and the checksums may need."""
 
 
 class SessionWriter:
@@ -66,19 +56,14 @@ class SessionWriter:
         now = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
         self.created = created or now
         self.software = software or f"simulshot {__version__}"
-        self._images: dict[tuple[str, int], ImageRecord] = {}
-        self._truth = TruthStore(folder)
         self._mutex = threading.RLock()
-        self._under_way: set[tuple[str, int]] = set()
-        self._all_there = threading.Condition(self._mutex)
+        self._images = ImageStore(folder, self._mutex)
+        self._truth = TruthStore(folder)
         self._plan: Plan | None = None
-        self.damaged: tuple[tuple[str, int], ...] = ()
-        """Images that were saved and are not as they were, of a session that was resumed."""
         self._open = True
         self._lock = lock_folder(folder)
         try:
             self._recover()
-            self._journal = Journal(folder / JOURNAL)
             self._events = AppendOnly(folder / EVENTS)
             sync_folder(folder)
         except OSError as error:
@@ -109,11 +94,10 @@ class SessionWriter:
         try:
             sync_folder(Path(root))
             return cls(folder, name, created, software)
-        except OSError as error:
+        except (OSError, DiskFullError) as error:
             shutil.rmtree(folder, ignore_errors=True)
-            raise disk_error(error, folder) from error
-        except DiskFullError:
-            shutil.rmtree(folder, ignore_errors=True)
+            if isinstance(error, OSError):
+                raise disk_error(error, folder) from error
             raise
 
     @classmethod
@@ -138,8 +122,7 @@ class SessionWriter:
         with self._writing():
             write_whole(self.folder / PLAN, pretty(checked(plan, Plan)))
             if self._plan is None:
-                images = len(plan.cameras) * len(plan.burst.instants_ns)
-                reserve(self.folder / RESERVE, RESERVED_BYTES + RESERVED_BYTES_PER_IMAGE * images)
+                reserve_room(self.folder, len(plan.cameras) * len(plan.burst.instants_ns))
             self._plan = plan
 
     def add_image(
@@ -150,23 +133,12 @@ class SessionWriter:
         instant: int,
         leader_ns: int,
         suffix: str = ".jpg",
-        local_ns: int | None = None,
-        residual_ns: int = 0,
-        uncertainty_ns: int | None = None,
-        hard_bound_ns: int | None = None,
-        exposure_start_ns: int | None = None,
-        exposure_ns: int | None = None,
-        gain: float | None = None,
-        white_balance: tuple[float, float] | None = None,
-        sequence: int | None = None,
-        substitute: bool = False,
-        late: bool = False,
-        outlier_ns: int = 0,
+        **further: Any,
     ) -> ImageRecord:
         """Save one image's file bytes as they are; once this returns no crash can lose it.
 
-        Raises BadInputError for an unsafe camera name, an unknown kind of file, an empty image, or an
-        image that the session has already.
+        `further` are the fields of its ImageRecord that are known. Raises BadInputError for an unsafe camera
+        name, an unknown kind of file, an empty image, or an image that the session has already.
         """
         check_name(camera, "camera")
         if suffix not in IMAGE_SUFFIXES:
@@ -180,18 +152,7 @@ class SessionWriter:
             leader_ns=leader_ns,
             bytes=len(data),
             sha256=hashlib.sha256(data).hexdigest(),
-            local_ns=local_ns,
-            residual_ns=residual_ns,
-            uncertainty_ns=uncertainty_ns,
-            hard_bound_ns=hard_bound_ns,
-            exposure_start_ns=exposure_start_ns,
-            exposure_ns=exposure_ns,
-            gain=gain,
-            white_balance=white_balance,
-            sequence=sequence,
-            substitute=substitute,
-            late=late,
-            outlier_ns=outlier_ns,
+            **further,
         )
         self._place(record, lambda path: write_named(path, data))
         return record
@@ -207,13 +168,14 @@ class SessionWriter:
             raise BadInputError(f"{record.path!r} is no place for an image of {record.camera}")
         self._place(record, lambda path: move_named(aside, path))
 
-    def image(self, camera: str, instant: int) -> ImageRecord | None:
-        """The record of an image that is saved already."""
-        return self._images.get((camera, instant))
+    @property
+    def damaged(self) -> tuple[tuple[str, int], ...]:
+        """Images, by camera and instant, that were saved and are not as they were, of a resumed session."""
+        return self._images.damaged
 
-    def has_image(self, camera: str, instant: int) -> bool:
-        """Whether the image of a camera at an instant is saved already."""
-        return (camera, instant) in self._images
+    def image(self, camera: str, instant: int) -> ImageRecord | None:
+        """The record of an image that is saved already; None where it is not."""
+        return self._images.get(camera, instant)
 
     def add_event(self, *events: Mapping[str, Any]) -> None:
         """Append what the engine saw or did to events.ndjson."""
@@ -257,9 +219,8 @@ class SessionWriter:
         BadInputError where the records contradict each other; the session is then left as it was.
         """
         with self._writing():
-            while self._under_way:
-                self._all_there.wait()
-            gone = (gap for gap in missing if (gap.camera, gap.instant) not in self._images)
+            self._images.wait_for_all()
+            gone = (gap for gap in missing if self.image(gap.camera, gap.instant) is None)
             manifest = Manifest(
                 name=self.name,
                 created=self.created,
@@ -267,19 +228,15 @@ class SessionWriter:
                 software=self.software,
                 cameras=tuple(cameras),
                 burst=burst,
-                images=tuple(sorted(self._images.values(), key=lambda i: (i.instant, i.camera))),
+                images=self._images.records,
                 missing=tuple(sorted(gone, key=lambda m: (m.instant, m.camera))),
                 note=note,
             )
-            checked(manifest, Manifest)
-            check_references(self.folder / MANIFEST, manifest)
-            sync = sync_record(cameras, burst, manifest.images, manifest.missing)
-            data = pretty(checked(msgspec.structs.replace(manifest, sync=sync), Manifest))
+            data = encode_manifest(self.folder, manifest)
             remove_leftovers(self.folder)
             self._truth.write()
             self._events.sync()
-            write_checksums(self.folder, data)
-            write_whole(self.folder / MANIFEST, data)
+            write_manifest(self.folder, data)
             self._close()
         return Session.open(self.folder)
 
@@ -305,38 +262,21 @@ class SessionWriter:
                 shutil.rmtree(self.folder)
 
     def _recover(self) -> None:
-        if not (self.folder / JOURNAL).exists() and not (self.folder / PLAN).exists():
-            return
         if (self.folder / PLAN).exists():
             self._plan = read_plan(self.folder)
-        images, damaged = recover_images(self.folder)
-        self.damaged = tuple((image.camera, image.instant) for image in damaged)
-        self._images = {(image.camera, image.instant): image for image in images}
-        self._truth.recover(images)
+        interrupted = self._plan is not None or (self.folder / JOURNAL).exists()
+        self._images.open(recover=interrupted)
+        if interrupted:
+            self._truth.recover(self._images.records)
 
     def _place(self, record: ImageRecord, put: Callable[[Path], None]) -> None:
-        """Put an image's file in its place and note it; images of several threads go side by side."""
         line = checked(record, ImageRecord)
-        of = (record.camera, record.instant)
-        path = self.folder / record.path
         with self._writing():
-            if of in self._images or of in self._under_way:
-                raise BadInputError(f"{self.name} has an image of {of[0]} at instant {of[1]} already")
-            make_folders(path.parent, self.folder)
-            self._under_way.add(of)
+            self._images.begin(record)
         try:
-            put(path)
-            self._journal.note(line, path.parent)
+            self._images.save(record, line, put)
         except OSError as error:
-            with suppress(OSError):
-                path.unlink()
             raise disk_error(error, self.folder) from error
-        else:
-            self._images[of] = record
-        finally:
-            with self._mutex:
-                self._under_way.discard(of)
-                self._all_there.notify_all()
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
@@ -349,12 +289,11 @@ class SessionWriter:
                 raise disk_error(error, self.folder) from error
 
     def _close(self) -> None:
-        while self._under_way:
-            self._all_there.wait()
+        self._images.wait_for_all()
         self._open = False
         # Nothing that was promised waits in these: a sync that fails now loses no image.
-        for file in (self._journal, self._events):
-            with suppress(OSError):
-                file.close()
+        self._images.close()
+        with suppress(OSError):
+            self._events.close()
         self._truth.close()
         os.close(self._lock)

@@ -10,7 +10,7 @@ import pytest
 
 from capture_app.errors import NotAvailableError
 from capture_app.session.reading.reader import Session
-from capture_app.session.writing.store import Session as Store
+from capture_app.session.reading.reader import Session as Store
 from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.geometry import View

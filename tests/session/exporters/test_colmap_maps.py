@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from capture_app.session.exporters.registry import export_session
-from capture_app.session.writing.store import Session
+from capture_app.session.reading.reader import Session
 
 pycolmap = pytest.importorskip("pycolmap")
 JUMPER = Path(__file__).parents[3] / "sample_sessions" / "jumper"

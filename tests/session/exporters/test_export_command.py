@@ -13,7 +13,7 @@ from capture_app.cli import run
 from capture_app.errors import ExitCode
 from capture_app.session.exporters.formats import FORMATS
 from capture_app.session.format.manifest import JOURNAL, MANIFEST, image_path
-from capture_app.session.writing.store import Session
+from capture_app.session.reading.reader import Session
 from tests.session.exporters.conftest import Make, encode, picture
 
 Capture = pytest.CaptureFixture[str]

@@ -12,7 +12,7 @@ import pytest
 from capture_app.session.exporters.caliscope import camera_numbers
 from capture_app.session.exporters.common.tables import FRAMES, paired_names
 from capture_app.session.importers.recording import ImportOptions, import_recording
-from capture_app.session.writing.store import Session
+from capture_app.session.reading.reader import Session
 from tests.session.exporters.conftest import (
     GRID,
     PERIOD_NS,

@@ -1,0 +1,37 @@
+"""The manifest that completes a session: room kept for it, its last checks, and how it is put on disk."""
+
+from pathlib import Path
+
+import msgspec
+
+from capture_app.session.files.disk import reserve
+from capture_app.session.files.durable import write_whole
+from capture_app.session.format.checks import check_references
+from capture_app.session.format.encoding import checked, pretty
+from capture_app.session.format.manifest import MANIFEST, Manifest
+from capture_app.session.reading.checksums import write_checksums
+from capture_app.session.reading.synchronization import sync_record
+from capture_app.session.writing.recovery import RESERVE
+
+RESERVED_BYTES = 1 << 16
+RESERVED_BYTES_PER_IMAGE = 1500
+"""What the manifest and the checksums may need."""
+
+
+def reserve_room(folder: Path, images: int) -> None:
+    """Keep room on the disk for the manifest of so many images. Raises OSError where there is none."""
+    reserve(folder / RESERVE, RESERVED_BYTES + RESERVED_BYTES_PER_IMAGE * images)
+
+
+def encode_manifest(folder: Path, manifest: Manifest) -> bytes:
+    """Add the sync record and encode. Raises BadInputError where the records contradict each other."""
+    checked(manifest, Manifest)
+    check_references(folder / MANIFEST, manifest)
+    sync = sync_record(manifest.cameras, manifest.burst, manifest.images, manifest.missing)
+    return pretty(checked(msgspec.structs.replace(manifest, sync=sync), Manifest))
+
+
+def write_manifest(folder: Path, data: bytes) -> None:
+    """Write the checksums and then the manifest, which makes the session complete. Raises OSError."""
+    write_checksums(folder, data)
+    write_whole(folder / MANIFEST, data)

@@ -31,12 +31,12 @@ import numpy as np
 from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.cameras.base import CapturedFrame
 from capture_app.net.address import Address
-from capture_app.net.transfer import TransferServer, bind
-from capture_app.node.burst.bursts import BurstSession
-from capture_app.node.leader.service import Service
+from capture_app.net.server import TransferServer, bind_port
+from capture_app.node.burst.burst_session import BurstSession
+from capture_app.node.leader.service import LeaderService
+from capture_app.node.transfer.burst_upload import BurstUpload
 from capture_app.node.transfer.uploader import Uploader
-from capture_app.node.transfer.work import BurstWork
-from capture_app.node.wire.messages import BurstRequest, CameraReport, ImageUpload, NodeSpace, ToLeader
+from capture_app.node.wire.messages import BurstRequest, CameraReport, ImageUpload, SpoolSpace, ToLeader
 from capture_app.node.wire.status import BurstStatus, RigStatus
 from capture_app.session.format.manifest import BurstRecord, CameraRecord
 from capture_app.session.reading.reader import Session
@@ -128,14 +128,14 @@ class OneBurst:
         """Nobody asks."""
         raise NotImplementedError
 
-    async def session_of(self, message: CameraReport | ImageUpload) -> BurstSession:
+    async def find_session(self, message: CameraReport | ImageUpload) -> BurstSession:
         """The one burst."""
         return self._session
 
-    def image_stored(self, session: BurstSession) -> None:
+    def tell_progress(self, session: BurstSession) -> None:
         """Nobody listens."""
 
-    def space_told(self, space: NodeSpace) -> None:
+    def note_spool_space(self, space: SpoolSpace) -> None:
         """Nobody listens."""
 
 
@@ -145,10 +145,10 @@ async def lead(root: Path, cameras: int, instants: int) -> None:
     times_ns = instants_ns(instants)
     burst = Burst(1, times_ns, PERIOD_NS, times_ns[0], tuple(of))
     session = BurstSession(burst, dict.fromkeys(of, CAMERA), SessionWriter.create(root, "received"))
-    await session.begin(1)
-    datagrams, listening = bind("127.0.0.1", 0)
+    await session.write_plan(1)
+    datagrams, listening = bind_port("127.0.0.1", 0)
     datagrams.close()
-    server: TransferServer[ToLeader] = TransferServer(ToLeader, Service(OneBurst(session)).serve)
+    server: TransferServer[ToLeader] = TransferServer(ToLeader, LeaderService(OneBurst(session)).serve)
     await server.start(listening)
     print(listening.getsockname()[1], flush=True)
     await session.finished.wait()
@@ -195,8 +195,8 @@ async def send(source: Path, port: int, cameras: int, instants: int) -> None:
             leader=1, burst=1, camera=CameraRecord(name=name, facts=CAMERA), instants=tuple(range(instants))
         )
         uploader = Uploader(lambda line: print(line, file=sys.stderr))
-        uploader.add(BurstWork(report, picks))
-        uploader.leader_found(Address("127.0.0.1", port))
+        uploader.add_burst(BurstUpload(report, picks))
+        uploader.set_leader(Address("127.0.0.1", port))
         uploaders.append(uploader)
     await asyncio.gather(*(uploader.run() for uploader in uploaders))
 

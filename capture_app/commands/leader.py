@@ -15,6 +15,7 @@ from capture_app.commands.options import (
 from capture_app.terminal import json_option, print_json_line, talk
 
 if TYPE_CHECKING:
+    from capture_app.net.multicast import BeaconSender
     from capture_app.node.leader.wording import News
 
 
@@ -24,7 +25,7 @@ class EngineOptions(TypedDict):
     period_ns: int | None
     align_row: float | None
     max_delay_ns: int
-    reference_broadcast: bool
+    beacons: "BeaconSender | None"
 
 
 @click.command()
@@ -95,11 +96,13 @@ def leader(
 
     Events are logged on stderr, and with --json also on stdout, one JSON object a line.
     """
+    from capture_app.net.multicast import BEACONS, BeaconSender
+
     engine: EngineOptions = {
         "period_ns": None if fps is None else round(1e9 / fps),
         "align_row": align_row if align == "mid-exposure" else None,
         "max_delay_ns": round(max_delay_ms * 1e6),
-        "reference_broadcast": reference_broadcast,
+        "beacons": BeaconSender(BEACONS) if reference_broadcast else None,
     }
     run_until_stopped(_lead(host, port, sessions, engine, cameras, spool, as_json))
 

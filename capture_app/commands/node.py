@@ -15,7 +15,7 @@ from capture_app.terminal import talk
 
 if TYPE_CHECKING:
     from capture_app.clock import NodeClock
-    from capture_app.node.camera.client import ClientNode
+    from capture_app.node.camera.camera_node import CameraNode
 
 
 def host_name() -> str:
@@ -82,13 +82,13 @@ def camera_node(
     clock: "NodeClock",
     spool: Path,
     tolerance_us: float | None = None,
-) -> "ClientNode":
+) -> "CameraNode":
     """Make the node of one camera, which talks on stderr; the camera is opened when it runs."""
     from capture_app.cameras.catalog import open_camera
-    from capture_app.node.camera.client import ClientNode
+    from capture_app.node.camera.camera_node import CameraNode
     from capture_app.node.camera.device_profiles import DeviceProfiles
 
-    return ClientNode(
+    return CameraNode(
         name=name,
         open_camera=lambda: open_camera(spec, clock=clock, name=name),
         leader=leaders[0],

@@ -50,6 +50,7 @@ def relay(
     leader; `status` and `burst` work with its address too. When no leader answers, it is in holdover.
     """
     from capture_app.clock import parse_clock
+    from capture_app.net.multicast import BEACONS, BeaconSender
     from capture_app.node.relay import RelayNode
 
     node = RelayNode(
@@ -58,7 +59,7 @@ def relay(
         host=host,
         port=port,
         clock=parse_clock(clock_text, node=name),
-        reference_broadcast=reference_broadcast,
+        beacons=BeaconSender(BEACONS) if reference_broadcast else None,
         talk=lambda line: talk(f"{name}: {line}"),
     )
     run_until_stopped(_serve(node, parents, as_json))

@@ -3,10 +3,11 @@
 import asyncio
 import re
 import socket
+from collections.abc import Callable
 from typing import NamedTuple
 
 from capture_app.errors import NetworkError
-from capture_app.net.interfaces import own_hosts
+from capture_app.net.interfaces import own_hosts, source_address
 
 DEFAULT_PORT = 47010
 ANY_HOST = ("", "0.0.0.0", "::")  # noqa: S104 - cameras are other machines
@@ -54,18 +55,20 @@ async def resolve(address: Address) -> tuple[socket.AddressFamily, Address]:
     return family, Address(str(where[0]), int(where[1]))
 
 
-def reachable_host(host: str, family: socket.AddressFamily) -> str:
+def reachable_host(
+    host: str,
+    family: socket.AddressFamily,
+    *,
+    find_source: Callable[[str, socket.AddressFamily], str | None] = source_address,
+    find_own: Callable[[socket.AddressFamily], list[str]] = own_hosts,
+) -> str:
     """Return the host that nodes should be told; for `any`, the address of the route to the outside.
 
     Where there is no such route, as in a network of its own, it is the first interface's.
     """
     if host not in ANY_HOST:
         return host
-    outside = ("10.255.255.255", 9) if family == socket.AF_INET else ("2001:db8::1", 9)
-    with socket.socket(family, socket.SOCK_DGRAM) as probe:
-        try:
-            # Connecting a datagram socket sends nothing: it only asks for the route.
-            probe.connect(outside)
-            return str(probe.getsockname()[0])
-        except OSError:
-            return next(iter(own_hosts(family)), "127.0.0.1" if family == socket.AF_INET else "::1")
+    outside, loopback = (
+        ("10.255.255.255", "127.0.0.1") if family == socket.AF_INET else ("2001:db8::1", "::1")
+    )
+    return find_source(outside, family) or next(iter(find_own(family)), loopback)

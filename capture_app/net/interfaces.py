@@ -1,5 +1,6 @@
 """The addresses of this machine's own network interfaces, as Linux tells them."""
 
+import contextlib
 import fcntl
 import ipaddress
 import socket
@@ -18,6 +19,15 @@ _IF_INET6 = Path("/proc/net/if_inet6")
 def own_hosts(family: socket.AddressFamily) -> list[str]:
     """Return the addresses of the interfaces that are up, loopback aside; none where nobody tells."""
     return _hosts_v4() if family == socket.AF_INET else _hosts_v6()
+
+
+def source_address(host: str, family: socket.AddressFamily = socket.AF_INET) -> str | None:
+    """Return this machine's address on the way to a host; None where there is no such way."""
+    with contextlib.suppress(OSError), socket.socket(family, socket.SOCK_DGRAM) as probe:
+        # Connecting a datagram socket sends nothing: it only asks for the route.
+        probe.connect((host, 9))
+        return str(probe.getsockname()[0])
+    return None
 
 
 def _hosts_v4() -> list[str]:

@@ -7,6 +7,7 @@ import contextlib
 import socket
 from collections.abc import Callable, Iterable
 
+from capture_app.net.interfaces import source_address
 from capture_app.net.udp import Clock, Pump
 from capture_app.sync.wire.beacon import Group
 
@@ -19,20 +20,11 @@ HOPS = 1
 _IP_MULTICAST_ALL = 49
 
 
-def local_address(host: str) -> str | None:
-    """Return this machine's IPv4 address on the way to a host; None where there is no such way."""
-    with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
-        # Connecting a datagram socket sends nothing: it only asks for the route.
-        probe.connect((host, 9))
-        return str(probe.getsockname()[0])
-    return None
-
-
 class BeaconSender:
     """Sends to a group on all interfaces by which some hosts are reached."""
 
     def __init__(self, group: Group) -> None:
-        self._group = group
+        self.group = group
         self._hosts: frozenset[str] = frozenset()
         self._interfaces: tuple[str, ...] = ()
         self._socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
@@ -47,7 +39,7 @@ class BeaconSender:
         if wanted == self._hosts:
             return
         self._hosts = wanted
-        ways = {host: local_address(host) for host in wanted if ":" not in host}
+        ways = {host: source_address(host) for host in wanted if ":" not in host}
         found = {address for host, address in ways.items() if address is not None and address != host}
         self._interfaces = tuple(sorted(found))
 
@@ -57,7 +49,7 @@ class BeaconSender:
             try:
                 interface = socket.inet_aton(address)
                 self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_IF, interface)
-                self._socket.sendto(data, (self._group.host, self._group.port))
+                self._socket.sendto(data, (self.group.host, self.group.port))
             except OSError:
                 # The interface may have another address now.
                 self._hosts = frozenset()
@@ -67,7 +59,7 @@ class BeaconSender:
         self._socket.close()
 
 
-class BeaconEar:
+class BeaconReceiver:
     """Listens to the group of the leader that was joined last; beacons go to `take` with their local time."""
 
     def __init__(
@@ -95,7 +87,7 @@ class BeaconEar:
 
 def listen(group: Group, leader_host: str) -> socket.socket | None:
     """Return a socket that hears a group on the interface towards a host; None where that cannot be."""
-    address = None if ":" in leader_host else local_address(leader_host)
+    address = None if ":" in leader_host else source_address(leader_host)
     if address is None:
         return None
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)

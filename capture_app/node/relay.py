@@ -9,10 +9,12 @@ from typing import Any, Self
 from capture_app.clock import HostClock, NodeClock
 from capture_app.errors import NetworkError
 from capture_app.net.address import ANY_HOST, DEFAULT_PORT, Address, reachable_host, resolve
+from capture_app.net.channel import Channel, connect
 from capture_app.net.interfaces import own_hosts
-from capture_app.net.transfer import Channel, TransferServer, bind, connect
+from capture_app.net.multicast import BeaconSender
+from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
-from capture_app.node.leader.service import Beacons
+from capture_app.node.leader.beacons import send_due_beacon
 from capture_app.node.leader.snapshots import node_statuses
 from capture_app.node.leader.wording import follower_in_words, in_words
 from capture_app.node.wire.messages import FromLeader, Refusal, StatusAnswer, StatusRequest, ToLeader
@@ -42,12 +44,12 @@ class RelayNode:
         host: str = "0.0.0.0",  # noqa: S104 - cameras are other machines
         port: int = DEFAULT_PORT,
         clock: NodeClock | None = None,
-        reference_broadcast: bool = False,
+        beacons: BeaconSender | None = None,
         talk: Callable[[str], None] | None = None,
     ) -> None:
         """`parents` are leaders or relays of one rig, asked in turn, the best one first.
 
-        With `reference_broadcast` nodes that hear this relay's packets together agree with each other.
+        With `beacons` nodes that hear this relay's packets together agree with each other.
         """
         self.name = name
         self.address = Address(host, port)
@@ -55,11 +57,13 @@ class RelayNode:
         """Further addresses of this machine that nodes may join it at."""
         self._parents = parents
         self._clock: NodeClock = clock or HostClock()
-        self._beacons = Beacons(wanted=reference_broadcast)
+        self._beacons = beacons
         self._talk = talk or (lambda _: None)
         self._way_up: Address | None = None
         self._ways_up: set[Channel[Any]] = set()
         self._lost_ns: int | None = None
+        self.instance = secrets.randbits(32)
+        """This run of the relay, by which its nodes tell it from the next."""
         self._engine: Relay
         self._pump: Pump
         self._server: TransferServer[ToLeader]
@@ -78,7 +82,7 @@ class RelayNode:
         reached from the host to listen on.
         """
         found = [await resolve(parent) for parent in self._parents]
-        datagrams, listening = bind(self.address.host, self.address.port)
+        datagrams, listening = bind_port(self.address.host, self.address.port)
         port = listening.getsockname()[1]
         if any(family != datagrams.family for family, _ in found):
             datagrams.close()
@@ -93,11 +97,12 @@ class RelayNode:
             # Which side its nodes are on, the relay cannot know.
             hosts = own_hosts(listening.family)
             self.also = tuple(Address(other, port) for other in hosts if other != self.address.host)
-        instance = secrets.randbits(32)
         peers = tuple((peer.host, peer.port) for _, peer in found)
-        config = FollowerConfig(self.name, instance, peers, OF_CAMERAS, HEARTBEAT_EVERY_NS)
+        config = FollowerConfig(self.name, self.instance, peers, OF_CAMERAS, HEARTBEAT_EVERY_NS)
         rng = random.Random(secrets.randbits(64))
-        limits = LeaderConfig(instance, transfer_port=port, beacons=self._beacons.group)
+        limits = LeaderConfig(
+            self.instance, transfer_port=port, beacons=None if self._beacons is None else self._beacons.group
+        )
         self._engine = Relay(config, limits, rng)
         self._server = TransferServer(ToLeader, self._serve)
         self._pump = Pump(self._engine, self._clock.now_ns, self._drain)
@@ -110,7 +115,8 @@ class RelayNode:
         self._engine.leave()
         self._pump.turn()
         self._pump.close()
-        self._beacons.close()
+        if self._beacons is not None:
+            self._beacons.close()
         await self._server.stop()
 
     def status(self) -> RigStatus:
@@ -132,7 +138,7 @@ class RelayNode:
     async def _serve(self, below: Channel[ToLeader]) -> None:
         try:
             async with self._going_up() as above:
-                await below.join(above)
+                await below.relay(above)
         except NetworkError as error:
             await self._answer_alone(below, error)
 
@@ -160,7 +166,7 @@ class RelayNode:
     # Events
 
     def _drain(self) -> None:
-        self._beacons.send_due(self._engine.leader, self._clock.now_ns())
+        send_due_beacon(self._beacons, self._engine.leader, self._clock.now_ns())
         while (event := self._engine.next_event()) is not None:
             if isinstance(event, Joined | LeaderLost):
                 self._change_way_up(event)

@@ -6,10 +6,11 @@ from dataclasses import replace
 from capture_app import __version__
 from capture_app.clock import seeded_clock
 from capture_app.errors import IncompleteError
+from capture_app.node.burst.plans import burst_record
 from capture_app.node.camera.records import camera_record, event_line
 from capture_app.node.wire.messages import JsonValue
 from capture_app.samples.recipe import CameraRecipe, Recipe, Take, TakenFrame
-from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
+from capture_app.session.format.manifest import CameraRecord, MissingImage
 from capture_app.simulation.devices.profiles import facts_of, find_profile
 from capture_app.simulation.devices.sensor import SensorFrame, SensorProfile
 from capture_app.simulation.rendering.picture_source import PictureSource
@@ -59,9 +60,7 @@ def take_synchronized(recipe: Recipe, sources: Mapping[str, PictureSource]) -> T
     return Take(
         software=f"simulshot {__version__}",
         cameras=tuple(records.values()),
-        burst=BurstRecord(
-            instants_ns=burst.instants_ns, period_ns=burst.period_ns, requested_ns=burst.requested_ns
-        ),
+        burst=burst_record(burst),
         frames=tuple(f for name, of in readies.items() for f in _frames(records[name], of)),
         missing=tuple(
             MissingImage(camera=name, instant=gap.instant, reason=gap.reason, dropped=gap.reason == DROPPED)

@@ -11,7 +11,7 @@ import pytest
 
 from capture_app.cli import COMMANDS, run
 from capture_app.errors import ExitCode
-from capture_app.net.transfer import bind
+from capture_app.net.server import bind_port
 
 USAGE, BAD_INPUT, NO_CAMERA, NETWORK = (
     ExitCode.USAGE,
@@ -67,7 +67,7 @@ def test_a_mistake_is_one_line(
 
 
 def test_a_port_in_use_is_one_line(capfd: pytest.CaptureFixture[str]) -> None:
-    datagrams, listening = bind("127.0.0.1", 0)
+    datagrams, listening = bind_port("127.0.0.1", 0)
     with datagrams, listening:
         port = str(listening.getsockname()[1])
         assert run(("leader", "--host", "127.0.0.1", "--port", port)) == NETWORK

@@ -13,7 +13,7 @@ from capture_app.errors import ExitCode, NetworkError
 from capture_app.experiments.link.ends import LinkClient, Synchronization, serve, synchronize
 from capture_app.experiments.link.experiment import LinkOptions, judge, report
 from capture_app.net.address import Address
-from capture_app.net.transfer import bind
+from capture_app.net.server import bind_port
 from capture_app.sync.clock.clock_filter import ClockFilter
 from capture_app.sync.clock.clock_sample import ClockSample
 from capture_app.sync.rig.leader import Leader, LeaderConfig
@@ -23,7 +23,7 @@ AHEAD_NS = 5_000 * MS
 
 
 def free_port() -> int:
-    datagrams, listening = bind("127.0.0.1", 0)
+    datagrams, listening = bind_port("127.0.0.1", 0)
     port = int(datagrams.getsockname()[1])
     datagrams.close()
     listening.close()

@@ -2,10 +2,10 @@
 
 import ipaddress
 import socket
+from typing import Any
 
 import pytest
 
-from capture_app.net import address as address_module
 from capture_app.net.address import DEFAULT_PORT, Address, parse_address, reachable_host
 from capture_app.net.interfaces import own_hosts
 
@@ -34,22 +34,14 @@ def test_an_address_reads_back_as_it_is_written(address: Address) -> None:
     assert parse_address(str(address)) == address
 
 
-class NoRoute(socket.socket):
-    def connect(self, _: object) -> None:
-        raise OSError("network is unreachable")
-
-
 @pytest.mark.parametrize(
     ("hosts", "told"),
     [([], "127.0.0.1"), (["10.77.1.1"], "10.77.1.1"), (["10.77.1.1", "10.77.2.1"], "10.77.1.1")],
 )
-def test_without_a_route_to_the_outside_an_interface_tells_where_to_join(
-    monkeypatch: pytest.MonkeyPatch, hosts: list[str], told: str
-) -> None:
-    monkeypatch.setattr(address_module, "own_hosts", lambda _: hosts)
-    monkeypatch.setattr(address_module.socket, "socket", NoRoute)
-    assert reachable_host("0.0.0.0", socket.AF_INET) == told
-    assert reachable_host("192.168.0.7", socket.AF_INET) == "192.168.0.7"
+def test_without_a_route_to_the_outside_an_interface_tells_where_to_join(hosts: list[str], told: str) -> None:
+    nowhere: dict[str, Any] = {"find_source": lambda *_: None, "find_own": lambda _: hosts}
+    assert reachable_host("0.0.0.0", socket.AF_INET, **nowhere) == told
+    assert reachable_host("192.168.0.7", socket.AF_INET, **nowhere) == "192.168.0.7"
 
 
 def test_own_hosts_are_addresses_that_can_be_listened_on() -> None:

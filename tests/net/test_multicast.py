@@ -7,7 +7,8 @@ import time
 
 import pytest
 
-from capture_app.net.multicast import BeaconEar, BeaconSender, listen, local_address
+from capture_app.net.interfaces import source_address
+from capture_app.net.multicast import BeaconReceiver, BeaconSender, listen
 from capture_app.sync.wire.beacon import Group
 
 ELSEWHERE = "127.0.0.2"
@@ -35,7 +36,9 @@ class Notes:
 
     def __init__(self) -> None:
         self.heard: asyncio.Queue[tuple[bytes, int]] = asyncio.Queue()
-        self.ear = BeaconEar(lambda *beacon: self.heard.put_nowait(beacon), time.monotonic_ns, lambda: None)
+        self.ear = BeaconReceiver(
+            lambda *beacon: self.heard.put_nowait(beacon), time.monotonic_ns, lambda: None
+        )
 
     async def next(self) -> tuple[bytes, int]:
         async with asyncio.timeout(5.0):
@@ -89,7 +92,7 @@ async def test_an_ear_follows_one_leader_at_a_time(group: Group) -> None:
 def test_what_cannot_be_heard_is_silence() -> None:
     group = Group("239.255.47.10", 47011)
     assert listen(group, "::1") is None
-    assert local_address("127.0.0.1") == "127.0.0.1"
+    assert source_address("127.0.0.1") == "127.0.0.1"
     sender = BeaconSender(group)
     sender.reach(["::1"])
     sender.send(b"to nobody")

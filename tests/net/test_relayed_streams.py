@@ -3,15 +3,15 @@
 import asyncio
 
 from capture_app.net.address import Address
-from capture_app.net.transfer import Channel, connect
+from capture_app.net.channel import Channel, connect
 
-from .test_transfer import Ping, Pong, Serve, echo, serving
+from .test_channel import Ping, Pong, Serve, echo, serving
 
 
 def on_to(address: Address) -> Serve:
     async def serve(below: Channel[Ping]) -> None:
         async with await connect(address, Pong) as above:
-            await below.join(above)
+            await below.relay(above)
 
     return serve
 

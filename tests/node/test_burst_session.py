@@ -9,8 +9,9 @@ import pytest
 
 from capture_app.camera_facts import PhaseControl
 from capture_app.errors import BadInputError
-from capture_app.node.burst.bursts import PATIENCE_NS, STALL_NS, BurstSession
-from capture_app.node.leader.readiness import create_numbered
+from capture_app.node.burst.burst_session import BurstSession
+from capture_app.node.burst.camera_progress import PATIENCE_NS, STALL_NS
+from capture_app.node.leader.active_bursts import create_numbered
 from capture_app.node.wire.messages import CameraReport, ImageUpload
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, MissingImage, image_path
 from capture_app.session.reading.reader import Session, list_sessions
@@ -53,9 +54,9 @@ async def pieces(data: bytes, size: int = 3) -> AsyncIterator[bytes]:
 
 
 async def deliver(session: BurstSession, name: str, *instants: int) -> None:
-    await session.take_report(report(name, *instants), now_ns=0)
+    await session.accept_report(report(name, *instants), now_ns=0)
     for instant in instants:
-        await session.take_image(upload(name, instant), pieces(b"picture"), now_ns=0)
+        await session.receive_image(upload(name, instant), pieces(b"picture"), now_ns=0)
 
 
 def files_in(folder: Path) -> list[Path]:
@@ -79,10 +80,10 @@ async def test_it_is_finished_when_every_camera_has_delivered(tmp_path: Path) ->
 
 async def test_an_image_that_is_sent_again_is_stored_once(tmp_path: Path) -> None:
     session = burst_session(tmp_path, "a")
-    await session.take_report(report("a", 0, 1), now_ns=0)
-    first = await session.take_image(upload("a", 0), pieces(b"picture"), now_ns=0)
-    assert await session.take_image(upload("a", 0), pieces(b"picture"), now_ns=0) == first
-    await session.take_image(upload("a", 1), pieces(b"picture"), now_ns=0)
+    await session.accept_report(report("a", 0, 1), now_ns=0)
+    first = await session.receive_image(upload("a", 0), pieces(b"picture"), now_ns=0)
+    assert await session.receive_image(upload("a", 0), pieces(b"picture"), now_ns=0) == first
+    await session.receive_image(upload("a", 1), pieces(b"picture"), now_ns=0)
     assert len(saved(session).manifest.images) == 2
 
 
@@ -93,12 +94,12 @@ async def test_an_image_that_is_sent_again_is_stored_once(tmp_path: Path) -> Non
 async def test_a_node_writes_to_its_own_place_only(tmp_path: Path, path: str) -> None:
     root = tmp_path / "sessions"
     session = burst_session(root, "a", "b")
-    await session.take_report(report("a", 0, 1), now_ns=0)
-    await session.take_report(report("b", 0, 1), now_ns=0)
+    await session.accept_report(report("a", 0, 1), now_ns=0)
+    await session.accept_report(report("b", 0, 1), now_ns=0)
     honest = upload("a", 0)
     sly = msgspec.structs.replace(honest, record=msgspec.structs.replace(honest.record, path=path))
     with pytest.raises(BadInputError):
-        await session.take_image(sly, pieces(b"picture"), now_ns=0)
+        await session.receive_image(sly, pieces(b"picture"), now_ns=0)
     written = files_in(tmp_path)
     assert all(file.is_relative_to(root / "burst-001") for file in written)
     assert not {file.suffix for file in written} & {".jpg", ".exe"}
@@ -107,15 +108,15 @@ async def test_a_node_writes_to_its_own_place_only(tmp_path: Path, path: str) ->
 async def test_what_a_camera_says_it_lacks_is_in_the_manifest(tmp_path: Path) -> None:
     session = burst_session(tmp_path, "a")
     gap = MissingImage(camera="a", instant=1, reason="the camera dropped the frame")
-    await session.take_report(report("a", 0, missing=(gap,)), now_ns=0)
-    await session.take_image(upload("a", 0), pieces(b"picture"), now_ns=0)
+    await session.accept_report(report("a", 0, missing=(gap,)), now_ns=0)
+    await session.receive_image(upload("a", 0), pieces(b"picture"), now_ns=0)
     assert saved(session).manifest.missing == (gap,)
     assert "dropped" in session.status.message
 
 
 async def test_a_camera_that_takes_no_part_does_not_hold_up_the_others(tmp_path: Path) -> None:
     session = burst_session(tmp_path, "a", "b")
-    await session.give_up("b", "its clock is not synchronized yet")
+    await session.give_up_camera("b", "its clock is not synchronized yet")
     await deliver(session, "a", 0, 1)
     assert {gap.reason for gap in saved(session).manifest.missing} == {"its clock is not synchronized yet"}
     assert [camera.name for camera in saved(session).manifest.cameras] == ["a", "b"]
@@ -126,27 +127,27 @@ async def test_a_camera_without_a_stream_is_given_up_after_a_while(tmp_path: Pat
     await deliver(session, "a", 0, 1)
     session.stream_opened("b")
     last_ns = INSTANTS_NS[-1] + 2_000_000_000
-    await session.give_up_silent({}, last_ns + 2 * PATIENCE_NS)
+    await session.give_up_silent_cameras({}, last_ns + 2 * PATIENCE_NS)
     assert not session.finished.is_set(), "its stream is open: it is at work"
     session.stream_closed("b", last_ns + 2 * PATIENCE_NS)
-    await session.give_up_silent({}, last_ns + 3 * PATIENCE_NS - 1)
+    await session.give_up_silent_cameras({}, last_ns + 3 * PATIENCE_NS - 1)
     assert not session.finished.is_set(), "it may come back"
-    await session.give_up_silent({"b": "lost: silent for 2 s"}, last_ns + 3 * PATIENCE_NS)
+    await session.give_up_silent_cameras({"b": "lost: silent for 2 s"}, last_ns + 3 * PATIENCE_NS)
     assert {gap.reason for gap in saved(session).manifest.missing} == {"lost: silent for 2 s"}
 
 
 async def test_a_camera_that_stalls_is_given_up_in_the_end(tmp_path: Path) -> None:
     session = burst_session(tmp_path, "a")
     session.stream_opened("a")
-    await session.take_report(report("a", 0, 1), now_ns=5_000_000_000)
-    await session.take_image(upload("a", 0), pieces(b"picture"), now_ns=5_000_000_000)
-    await session.give_up_silent({}, 5_000_000_000 + STALL_NS)
+    await session.accept_report(report("a", 0, 1), now_ns=5_000_000_000)
+    await session.receive_image(upload("a", 0), pieces(b"picture"), now_ns=5_000_000_000)
+    await session.give_up_silent_cameras({}, 5_000_000_000 + STALL_NS)
     assert len(saved(session).manifest.images) == 1
 
 
 async def test_without_any_image_there_is_no_session(tmp_path: Path) -> None:
     session = burst_session(tmp_path, "a")
-    await session.give_up("a", "its clock is not synchronized yet")
+    await session.give_up_camera("a", "its clock is not synchronized yet")
     assert session.finished.is_set()
     assert session.session is None
     assert list_sessions(tmp_path) == []
@@ -155,12 +156,12 @@ async def test_without_any_image_there_is_no_session(tmp_path: Path) -> None:
 async def test_damaged_foreign_and_late_images_are_refused(tmp_path: Path) -> None:
     session = burst_session(tmp_path, "a")
     with pytest.raises(BadInputError, match="damaged"):
-        await session.take_image(upload("a", 0), pieces(b"pictur3"), now_ns=0)
+        await session.receive_image(upload("a", 0), pieces(b"pictur3"), now_ns=0)
     with pytest.raises(BadInputError, match="not in burst"):
-        await session.take_image(upload("b", 0), pieces(b"picture"), now_ns=0)
+        await session.receive_image(upload("b", 0), pieces(b"picture"), now_ns=0)
     await deliver(session, "a", 0, 1)
     with pytest.raises(BadInputError, match="is over"):
-        await session.take_image(upload("a", 0), pieces(b"picture"), now_ns=0)
+        await session.receive_image(upload("a", 0), pieces(b"picture"), now_ns=0)
 
 
 def test_numbers_of_sessions_are_never_used_twice(tmp_path: Path) -> None:

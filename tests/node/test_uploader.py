@@ -8,18 +8,24 @@ from contextlib import asynccontextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-import pytest
-
 from capture_app.camera_facts import PhaseControl
 from capture_app.cameras.base import CapturedFrame
 from capture_app.errors import DiskFullError
 from capture_app.net.address import Address
-from capture_app.net.transfer import Channel, TransferServer, bind
-from capture_app.node.transfer import uploader as uploader_module
+from capture_app.net.channel import Channel
+from capture_app.net.server import TransferServer, bind_port
+from capture_app.node.transfer.burst_upload import BurstUpload
 from capture_app.node.transfer.spool import Spool, SpooledBurst
 from capture_app.node.transfer.uploader import Uploader
-from capture_app.node.transfer.work import BurstWork
-from capture_app.node.wire.messages import CameraReport, Held, ImageUpload, Noted, Refusal, Stored, ToLeader
+from capture_app.node.wire.messages import (
+    CameraReport,
+    ImageAck,
+    ImageReceipt,
+    ImageUpload,
+    Refusal,
+    ReportAck,
+    ToLeader,
+)
 from capture_app.session.format.manifest import JOURNAL, CameraRecord
 from capture_app.sync.rig.frame_picks import Pick
 from tests.facts import make_facts
@@ -30,16 +36,16 @@ CAMERA = make_facts(phase_control=PhaseControl.INJECTION)
 @dataclass
 class Picture:
     data: bytes
-    developed: int = 0
+    encoded: int = 0
 
     def encode(self) -> bytes:
-        self.developed += 1
+        self.encoded += 1
         if not self.data:
             raise RuntimeError("the film is torn")
         return self.data
 
 
-def work(*pictures: Picture) -> BurstWork:
+def burst_upload(*pictures: Picture) -> BurstUpload:
     picks = [
         Pick(n, 1000 + n, 2000 + n, 3, 4, 5, 0, CapturedFrame(n, 0, 1000 + n, picture))
         for n, picture in enumerate(pictures)
@@ -47,7 +53,7 @@ def work(*pictures: Picture) -> BurstWork:
     report = CameraReport(
         leader=1, burst=1, camera=CameraRecord(name="a", facts=CAMERA), instants=tuple(range(len(picks)))
     )
-    return BurstWork(report, deque(picks))
+    return BurstUpload(report, deque(picks))
 
 
 Serve = Callable[[Channel[ToLeader]], Awaitable[None]]
@@ -55,13 +61,13 @@ Serve = Callable[[Channel[ToLeader]], Awaitable[None]]
 
 @asynccontextmanager
 async def uploading(serve: Serve, said: list[str], spool: Spool | None = None) -> AsyncIterator[Uploader]:
-    datagrams, listening = bind("127.0.0.1", 0)
+    datagrams, listening = bind_port("127.0.0.1", 0)
     datagrams.close()
     server: TransferServer[ToLeader] = TransferServer(ToLeader, serve)
     await server.start(listening)
-    uploader = Uploader(said.append, spool)
+    uploader = Uploader(said.append, spool, retry_s=(0.0,))
     uploader.load_spool()
-    uploader.leader_found(Address("127.0.0.1", listening.getsockname()[1]))
+    uploader.set_leader(Address("127.0.0.1", listening.getsockname()[1]))
     task = asyncio.create_task(uploader.run())
     try:
         yield uploader
@@ -71,11 +77,6 @@ async def uploading(serve: Serve, said: list[str], spool: Spool | None = None) -
             await task
         uploader.close()
         await server.stop()
-
-
-@pytest.fixture(autouse=True)
-def no_waiting(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(uploader_module, "RETRY_S", (0.0,))
 
 
 async def test_what_was_not_acknowledged_is_sent_again_and_developed_once() -> None:
@@ -90,22 +91,22 @@ async def test_what_was_not_acknowledged_is_sent_again_and_developed_once() -> N
         while (received := await channel.receive()) is not None:
             message, payload = received
             if isinstance(message, CameraReport):
-                await channel.send(Noted())
+                await channel.send(ReportAck())
             elif isinstance(message, ImageUpload):
                 mine += 1
                 if streams < 3 and mine == 2:
                     return  # The leader dies with this image in its hands.
                 stored.append(payload)
-                await channel.send(Stored(sha256=message.record.sha256))
+                await channel.send(ImageAck(sha256=message.record.sha256))
                 if len(stored) == 4:
                     done.set()
 
     pictures = [Picture(f"picture {n}".encode()) for n in range(4)]
     async with uploading(serve, []) as uploader:
-        uploader.add(work(*pictures))
+        uploader.add_burst(burst_upload(*pictures))
         await done.wait()
     assert stored == [picture.data for picture in pictures]
-    assert [picture.developed for picture in pictures] == [1, 1, 1, 1]
+    assert [picture.encoded for picture in pictures] == [1, 1, 1, 1]
     assert streams == 3
 
 
@@ -118,15 +119,15 @@ async def test_a_frame_that_cannot_be_developed_is_reported_missing() -> None:
             message, _ = received
             if isinstance(message, CameraReport):
                 reports.append(message)
-                await channel.send(Noted())
+                await channel.send(ReportAck())
             elif isinstance(message, ImageUpload):
-                await channel.send(Stored(sha256=message.record.sha256))
+                await channel.send(ImageAck(sha256=message.record.sha256))
                 if message.record.instant == 2:
                     done.set()
 
     said: list[str] = []
     async with uploading(serve, said) as uploader:
-        uploader.add(work(Picture(b"0"), Picture(b""), Picture(b"2")))
+        uploader.add_burst(burst_upload(Picture(b"0"), Picture(b""), Picture(b"2")))
         await done.wait()
     assert reports[-1].instants == (0, 2)
     assert [gap.instant for gap in reports[-1].missing] == [1]
@@ -143,15 +144,15 @@ async def test_a_burst_that_the_leader_does_not_want_is_dropped_and_the_next_one
             if isinstance(message, CameraReport) and len(message.instants) == 1:
                 await channel.send(Refusal(what="burst 1 is not of this leader"))
             elif isinstance(message, CameraReport):
-                await channel.send(Noted())
+                await channel.send(ReportAck())
             elif isinstance(message, ImageUpload):
                 got.put_nowait(message.record.instant)
-                await channel.send(Stored(sha256=message.record.sha256))
+                await channel.send(ImageAck(sha256=message.record.sha256))
 
     said: list[str] = []
     async with uploading(serve, said) as uploader:
-        uploader.add(work(Picture(b"old")))
-        uploader.add(work(Picture(b"0"), Picture(b"1")))
+        uploader.add_burst(burst_upload(Picture(b"old")))
+        uploader.add_burst(burst_upload(Picture(b"0"), Picture(b"1")))
         assert [await got.get(), await got.get()] == [0, 1]
     assert any("not of this leader" in line for line in said)
 
@@ -171,19 +172,21 @@ async def test_a_spool_keeps_what_the_leader_has_not_confirmed(tmp_path: Path) -
             message, payload = received
             if isinstance(message, ImageUpload):
                 stored[message.record.instant] = payload
-                await channel.send(Stored(sha256=message.record.sha256))
+                await channel.send(ImageAck(sha256=message.record.sha256))
                 # After the first image it is as if the leader's plug had been pulled.
                 (down if len(stored) == 1 else done).set()
             else:
-                held = tuple(
-                    Held(instant=n, sha256=hashlib.sha256(data).hexdigest(), bytes=len(data), stored=True)
+                receipts = tuple(
+                    ImageReceipt(
+                        instant=n, sha256=hashlib.sha256(data).hexdigest(), bytes=len(data), stored=True
+                    )
                     for n, data in stored.items()
                 )
-                await channel.send(Noted(held=held))
+                await channel.send(ReportAck(receipts=receipts))
 
     pictures = [Picture(f"picture {n}".encode()) for n in range(3)]
     async with uploading(serve, [], Spool(tmp_path, "a")) as uploader:
-        uploader.add(work(*pictures))
+        uploader.add_burst(burst_upload(*pictures))
         await down.wait()
         # An image is safe when its line is: the file comes before it.
         journal = tmp_path / "a/00000001-000001" / JOURNAL
@@ -194,30 +197,31 @@ async def test_a_spool_keeps_what_the_leader_has_not_confirmed(tmp_path: Path) -
         await done.wait()
         await until(lambda: not any((tmp_path / "a").iterdir()))
     assert stored == {n: picture.data for n, picture in enumerate(pictures)}
-    assert [picture.developed for picture in pictures] == [1, 1, 1]
+    assert [picture.encoded for picture in pictures] == [1, 1, 1]
     assert any("still in" in line for line in said)
 
 
-async def test_a_full_spool_is_told_and_memory_takes_its_place(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+class FullSpool(Spool):
+    """A spool on a disk without room."""
+
+    def create_burst(self, report: CameraReport) -> SpooledBurst:
+        raise DiskFullError("the disk of /spool is full")
+
+
+async def test_a_full_spool_is_told_and_memory_takes_its_place(tmp_path: Path) -> None:
     stored: asyncio.Queue[bytes] = asyncio.Queue()
 
     async def serve(channel: Channel[ToLeader]) -> None:
         while (received := await channel.receive()) is not None:
             message, payload = received
             if isinstance(message, ImageUpload):
-                await channel.send(Stored(sha256=message.record.sha256))
+                await channel.send(ImageAck(sha256=message.record.sha256))
                 stored.put_nowait(payload)
             else:
-                await channel.send(Noted())
+                await channel.send(ReportAck())
 
-    def full(*_: object) -> None:
-        raise DiskFullError("the disk of /spool is full")
-
-    monkeypatch.setattr(SpooledBurst, "keep", full)
     said: list[str] = []
-    async with uploading(serve, said, Spool(tmp_path, "a")) as uploader:
-        uploader.add(work(Picture(b"0"), Picture(b"1")))
+    async with uploading(serve, said, FullSpool(tmp_path, "a")) as uploader:
+        uploader.add_burst(burst_upload(Picture(b"0"), Picture(b"1")))
         assert [await stored.get(), await stored.get()] == [b"0", b"1"]
     assert any("kept in memory" in line for line in said)

@@ -12,7 +12,7 @@ from capture_app.session.files.output_folder import clear_leftovers
 from capture_app.terminal import json_option, print_json, print_line, talk
 
 if TYPE_CHECKING:
-    from capture_app.node.leader.repair import Repaired
+    from capture_app.node.leader.repair import RepairResult
 
 WAIT_S = 20.0
 
@@ -65,7 +65,7 @@ def repair(path: Path, wait_s: float, listen: Address, as_json: bool) -> None:
         raise BadInputError(f"{failed[0].session}: {failed[0].what}")
 
 
-def _line(one: "Repaired") -> str:
+def _line(one: "RepairResult") -> str:
     if not one.ok:
         return f"{one.session}: {one.what}"
     state = "completed" if one.changed else "complete already"

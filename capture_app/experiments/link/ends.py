@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from capture_app.clock import NodeClock
 from capture_app.errors import NetworkError
 from capture_app.net.address import Address, resolve
-from capture_app.net.transfer import bind
+from capture_app.net.server import bind_port
 from capture_app.net.udp import Pump, ToPeer, client_socket
 from capture_app.sync.clock.clock_sample import ClockSample
 from capture_app.sync.clock.time_map import TimeMap
@@ -23,7 +23,7 @@ JOIN_TIMEOUT_S = 10.0
 
 async def serve(host: str, port: int) -> None:
     """Answer clients as a leader does, until cancelled. Raises NetworkError."""
-    datagrams, listening = bind(host, port)
+    datagrams, listening = bind_port(host, port)
     listening.close()
     leader = Leader(LeaderConfig(random.getrandbits(32), 0), random.Random())
 

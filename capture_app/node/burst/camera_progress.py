@@ -1,28 +1,36 @@
 """What one camera owes to a burst, and how far it is."""
 
 import asyncio
-from collections.abc import Mapping
+from collections.abc import AsyncIterator, Callable, Mapping
 from dataclasses import dataclass, field
 
-from capture_app.node.transfer.incoming import Incoming, begun
-from capture_app.node.wire.messages import CameraReport, Held
+from capture_app.node.transfer.disk_threads import DiskThreads
+from capture_app.node.transfer.partial_image import PartialImage, partial_receipts
+from capture_app.node.wire.messages import CameraReport, ImageReceipt, ImageUpload
 from capture_app.session.format.manifest import CameraRecord, MissingImage
 from capture_app.session.writing.store import SessionWriter
 
+PATIENCE_NS = 10_000_000_000
+"""A camera that has had no stream open for this long has left its images behind."""
+STALL_NS = 180_000_000_000
+"""A camera that has a stream open and sends nothing for this long has too."""
+
 
 @dataclass(slots=True)
-class Share:
-    """One camera's share of a burst; times in ns of the leader's clock."""
+class CameraProgress:
+    """One camera's part of a burst; times in ns of the leader's clock."""
 
     camera: CameraRecord
     heard_ns: int
     streams: int = 0
     report: CameraReport | None = None
     instants: set[int] = field(default_factory=set)
+    """Those whose images are in the session."""
     given_up: str = ""
     silent: bool = False
     """Given up because nothing was heard of it: it may still have its images."""
-    incoming: Incoming | None = None
+    partial: PartialImage | None = None
+    """The image that is coming in."""
     # One write at a time: a node that sends again after a broken stream meets its own first try.
     writing: asyncio.Lock = field(default_factory=asyncio.Lock)
 
@@ -30,18 +38,36 @@ class Share:
         """Whether nothing is waited for."""
         return bool(self.given_up) or (self.report is not None and self.instants >= set(self.report.instants))
 
-    def held(self, writer: SessionWriter) -> tuple[Held, ...]:
+    def why_silent(self, lost: Mapping[str, str], now_ns: int) -> str:
+        """Why not to wait for it any longer, empty where there is no reason; `lost` are reasons by name."""
+        silent_ns, name = now_ns - self.heard_ns, self.camera.name
+        if silent_ns >= PATIENCE_NS and (not self.streams or name in lost):
+            return lost.get(name, "it sent nothing")
+        return f"it sent nothing for {STALL_NS // 10**9} s" if silent_ns >= STALL_NS else ""
+
+    def note_heard(self, now_ns: int) -> None:
+        """The camera has been heard of."""
+        self.heard_ns = max(self.heard_ns, now_ns)
+
+    def interrupt(self) -> None:
+        """End the image that is coming in: a stream that the node has left may not have noticed yet."""
+        if self.partial is not None:
+            self.partial.close()
+
+    def receipts(self, writer: SessionWriter) -> tuple[ImageReceipt, ...]:
         """What is here of its images, whole or in part. Blocks on the disk."""
         name = self.camera.name
         images = [writer.image(name, instant) for instant in sorted(self.instants)]
         stored = (
-            Held(instant=image.instant, sha256=image.sha256, bytes=image.bytes, stored=True)
+            ImageReceipt(instant=image.instant, sha256=image.sha256, bytes=image.bytes, stored=True)
             for image in images
             if image is not None
         )
-        return (*stored, *begun(writer.folder, name))
+        return (*stored, *partial_receipts(writer.folder, name))
 
-    def missing(self, instants: int, lost: Mapping[tuple[str, int], MissingImage]) -> list[MissingImage]:
+    def missing_images(
+        self, instants: int, lost: Mapping[tuple[str, int], MissingImage]
+    ) -> list[MissingImage]:
         """What has not come of that many instants, and why; `lost` are reasons from before."""
         name = self.camera.name
         told = {gap.instant: gap for (camera, _), gap in lost.items() if camera == name}
@@ -52,3 +78,41 @@ class Share:
             for instant in range(instants)
             if instant not in self.instants
         ]
+
+    async def receive_image(
+        self,
+        upload: ImageUpload,
+        payload: AsyncIterator[bytes],
+        writer: SessionWriter,
+        disk: DiskThreads,
+        check_open: Callable[[], None],
+    ) -> None:
+        """Write an image as it comes in; `check_open` raises where the burst takes no more.
+
+        What came of it stays where the stream breaks off. Raises what `PartialImage` and the writer raise.
+        """
+        partial = PartialImage(writer.folder, upload)
+        async with self.writing:
+            check_open()
+            self.interrupt()
+            self.partial = partial
+            await disk.call(partial.open)
+        try:
+            async for chunk in payload:
+                await disk.call(partial.add, chunk)
+        finally:
+            partial.close()
+        async with self.writing:
+            check_open()
+            if upload.record.instant not in self.instants:
+                await disk.call(_add_to_session, writer, partial)
+                self.instants.add(upload.record.instant)
+
+
+def _add_to_session(writer: SessionWriter, partial: PartialImage) -> None:
+    upload, record = partial.upload, partial.upload.record
+    truth = partial.split_off_truth()
+    # The truth first: an image that is on disk is one that needs nothing more.
+    if truth and upload.true_ns is not None:
+        writer.add_ground_truth(record.camera, record.instant, truth, upload.true_ns)
+    writer.add_received(record, partial.file)

@@ -5,31 +5,42 @@ from pathlib import Path
 
 import msgspec
 
-from capture_app.node.burst.camera_progress import Share
+from capture_app.node.burst.camera_progress import CameraProgress
 from capture_app.node.wire.messages import CameraReport, TrueClock
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
 from capture_app.session.format.plan import CameraPlan, Plan
 from capture_app.session.writing.store import SessionWriter
+from capture_app.sync.rig.frame_picks import Burst
 
 
 def write_manifest(
-    writer: SessionWriter, shares: Mapping[str, Share], burst: BurstRecord, missing: Sequence[MissingImage]
+    writer: SessionWriter,
+    progress: Mapping[str, CameraProgress],
+    burst: BurstRecord,
+    missing: Sequence[MissingImage],
 ) -> Path:
     """Finish a session with what has come, and return its folder. Blocks on the disk.
 
     Raises BadInputError where the records contradict each other, DiskFullError.
     """
-    reports = {name: share.report for name, share in shares.items() if share.report is not None}
+    reports = {name: of.report for name, of in progress.items() if of.report is not None}
     calibrated = {n: r.calibration for n, r in reports.items() if r.calibration is not None}
     if calibrated:
         writer.set_calibration(Calibration(cameras=calibrated, source="the simulated scene"))
     writer.set_ground_truth_clocks(
         {name: true for name, report in reports.items() if (true := true_clock_of(report)) is not None}
     )
-    cameras = [share.report.camera if share.report else share.camera for share in shares.values()]
+    cameras = [of.report.camera if of.report else of.camera for of in progress.values()]
     origin = "simulated" if writer.knows_true_times else "captured"
     return writer.finish(cameras, burst, missing, origin).folder
+
+
+def burst_record(burst: Burst) -> BurstRecord:
+    """The manifest's record of a burst."""
+    return BurstRecord(
+        instants_ns=burst.instants_ns, period_ns=burst.period_ns, requested_ns=burst.requested_ns
+    )
 
 
 def first_plan(

@@ -7,7 +7,7 @@ from typing import Any
 from capture_app import errors
 from capture_app.errors import NetworkError, SimulshotError
 from capture_app.net.address import Address
-from capture_app.net.transfer import Channel, connect
+from capture_app.net.channel import Channel, connect
 from capture_app.node.wire.messages import (
     BurstAnswer,
     BurstRequest,

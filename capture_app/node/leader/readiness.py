@@ -2,35 +2,11 @@
 
 import asyncio
 from collections.abc import AsyncGenerator, Callable, Sequence
-from pathlib import Path
 
-from capture_app.errors import BadInputError, IncompleteError
+from capture_app.errors import IncompleteError
 from capture_app.node.leader.snapshots import cameras_here
-from capture_app.session.writing.store import SessionWriter
 from capture_app.sync.rig.leader import ClientView
 from capture_app.sync.wire.messages import NodeState
-
-
-def create_numbered(root: Path, *, after: int = 0) -> tuple[SessionWriter, int]:
-    """Begin the session `burst-NNN` of the next free number over `after`, and return that number too.
-
-    Raises BadInputError, DiskFullError.
-    """
-    number = 1 + max([after, *(_number(path) for path in root.glob("burst-*"))])
-    while True:
-        name = f"burst-{number:03d}"
-        try:
-            return SessionWriter.create(root, name), number
-        except BadInputError:
-            if not (root / name).exists():
-                raise
-        number += 1
-
-
-def _number(path: Path) -> int:
-    digits = path.name.removeprefix("burst-")
-    return int(digits) if digits.isdecimal() else 0
-
 
 LOOK_EVERY_S = 0.1
 

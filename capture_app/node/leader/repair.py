@@ -6,7 +6,7 @@ from pathlib import Path
 from msgspec import Struct
 
 from capture_app.errors import BadInputError, NetworkError, SimulshotError
-from capture_app.node.burst.bursts import BurstSession
+from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.wording import News
 from capture_app.session.format.manifest import JOURNAL, MANIFEST
@@ -14,10 +14,10 @@ from capture_app.session.format.plan import PLAN
 from capture_app.session.reading.reader import Session, is_being_written
 from capture_app.session.reading.verify import verify
 
-NOBODY = "it was not on the leader's disk when the session was repaired, and no node brought it"
+NOT_BROUGHT = "it was not on the leader's disk when the session was repaired, and no node brought it"
 
 
-class Repaired(Struct, frozen=True, kw_only=True):
+class RepairResult(Struct, frozen=True, kw_only=True):
     """What became of one session."""
 
     session: str
@@ -31,7 +31,7 @@ class Repaired(Struct, frozen=True, kw_only=True):
 
 async def repair(
     path: Path, *, wait_s: float, host: str, port: int, on_news: Callable[[News], None]
-) -> list[Repaired]:
+) -> list[RepairResult]:
     """Finish the session at `path`, or all in that folder, and return what became of each.
 
     For `wait_s` a leader listens on host and port for nodes that bring what they hold; 0 asks nobody.
@@ -45,7 +45,7 @@ async def repair(
     for folder in broken:
         if _problem(folder):
             try:
-                await BurstSession.resume(folder, heard_ns=0).stop(NOBODY)
+                await BurstSession.resume(folder, heard_ns=0).finish_now(NOT_BROUGHT)
             except SimulshotError as error:
                 problems[folder] = str(error)
     return [_result(folder, problems[folder], folder in broken) for folder in folders]
@@ -56,7 +56,7 @@ async def _ask_nodes(
 ) -> None:
     wait_ns = round(wait_s * 1e9)
     leader = LeaderNode(
-        sessions=broken[0].parent, host=host, port=port, on_news=on_news, revive=broken, return_ns=wait_ns
+        sessions=broken[0].parent, host=host, port=port, on_news=on_news, resume=broken, return_ns=wait_ns
     )
     try:
         await leader.start()
@@ -64,7 +64,7 @@ async def _ask_nodes(
         hint = "a leader that runs there takes up its own sessions; --wait-s 0 finishes without asking nodes"
         raise NetworkError(error.what, hint=hint) from error
     try:
-        await leader.revival.all_finished()
+        await leader.resumed_finished()
     finally:
         await leader.stop()
 
@@ -97,14 +97,14 @@ def _problem(folder: Path) -> str:
     return str(problems[0]) if problems else ""
 
 
-def _result(folder: Path, before: str, tried: bool) -> Repaired:
+def _result(folder: Path, before: str, tried: bool) -> RepairResult:
     problem = _problem(folder) if before else ""
     if problem:
         # What kept it from being repaired says more than what is still wrong with it.
         what = before if tried and before != problem else problem
-        return Repaired(session=str(folder), ok=False, changed=False, what=what)
+        return RepairResult(session=str(folder), ok=False, changed=False, what=what)
     manifest = Session.open(folder).manifest
-    return Repaired(
+    return RepairResult(
         session=str(folder),
         ok=True,
         changed=bool(before),

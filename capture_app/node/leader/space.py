@@ -6,7 +6,7 @@ from pathlib import Path
 from capture_app.errors import DiskFullError
 from capture_app.node.leader.snapshots import cameras_here
 from capture_app.node.wire.disk_space import MARGIN, SPARE_BYTES, free_bytes, guessed_image_bytes
-from capture_app.node.wire.messages import NodeSpace
+from capture_app.node.wire.messages import SpoolSpace
 from capture_app.sync.rig.leader import ClientView
 from capture_app.text import megabytes
 
@@ -20,7 +20,7 @@ def expected_image_bytes(views: Sequence[ClientView], known: Mapping[str, int]) 
 
 
 def check_room(
-    root: Path, image_bytes: Mapping[str, int], frames: int, spools: Mapping[str, NodeSpace]
+    root: Path, image_bytes: Mapping[str, int], frames: int, spools: Mapping[str, SpoolSpace]
 ) -> None:
     """Check that a burst fits: `image_bytes` by camera, `frames` of each, `spools` as nodes told them.
 

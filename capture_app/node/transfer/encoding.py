@@ -1,4 +1,4 @@
-"""Develops a node's picked frames one after the other, into its spool where there is room."""
+"""Encodes a node's picked frames one after the other, into its spool where there is room."""
 
 import asyncio
 import contextlib
@@ -8,50 +8,51 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 
-import msgspec
-
 from capture_app.cameras.base import CapturedFrame
 from capture_app.errors import SimulshotError
+from capture_app.node.transfer.burst_upload import BurstUpload
 from capture_app.node.transfer.spool import Spool
-from capture_app.node.transfer.work import BurstWork, Developed
 from capture_app.node.wire.messages import CameraReport, ImageUpload
-from capture_app.session.format.manifest import ImageRecord, MissingImage, image_path
+from capture_app.session.format.manifest import ImageRecord, image_path
 from capture_app.sync.rig.frame_picks import Pick
 
+LOW_PRIORITY = 10
+"""Niceness of the thread that encodes pictures: the clock exchange comes first."""
 
-class DevelopError(Exception):
+
+class EncodingError(Exception):
     """A frame that could not be turned into an image file."""
 
 
-def develop(report: CameraReport, pick: Pick[CapturedFrame]) -> tuple[ImageUpload, bytes]:
-    """Return an image's header and its bytes, ground truth behind them. Raises DevelopError."""
-    frame = pick.frame
+def encode_frame(report: CameraReport, picked: Pick[CapturedFrame]) -> tuple[ImageUpload, bytes]:
+    """Return an image's header and its bytes, ground truth behind them. Raises EncodingError."""
+    frame = picked.frame
     try:
         image = frame.payload.encode()
         truth = b"" if frame.truth is None else frame.truth.encode()
     except Exception as error:
         # Drivers and encoders raise what they like; one bad frame must not end the node.
-        raise DevelopError(f"the frame could not be developed: {error}") from error
+        raise EncodingError(f"the frame could not be encoded: {error}") from error
     camera, name = report.camera, report.camera.name
     tolerance_ns = camera.phase.tolerance_ns if camera.phase else None
     record = ImageRecord(
         camera=name,
-        instant=pick.instant,
-        path=image_path(name, pick.instant),
-        leader_ns=pick.leader_ns,
+        instant=picked.instant,
+        path=image_path(name, picked.instant),
+        leader_ns=picked.leader_ns,
         bytes=len(image),
         sha256=hashlib.sha256(image).hexdigest(),
-        local_ns=pick.local_ns,
-        residual_ns=pick.residual_ns,
-        uncertainty_ns=pick.uncertainty_ns,
-        hard_bound_ns=pick.hard_bound_ns,
-        exposure_start_ns=camera.facts.exposure_start_ns(pick.leader_ns, frame.exposure_ns),
+        local_ns=picked.local_ns,
+        residual_ns=picked.residual_ns,
+        uncertainty_ns=picked.uncertainty_ns,
+        hard_bound_ns=picked.hard_bound_ns,
+        exposure_start_ns=camera.facts.exposure_start_ns(picked.leader_ns, frame.exposure_ns),
         exposure_ns=frame.exposure_ns,
         gain=frame.gain,
         white_balance=frame.white_balance,
         sequence=frame.sequence,
-        outlier_ns=pick.outlier_ns,
-        late=tolerance_ns is not None and abs(pick.residual_ns) > tolerance_ns,
+        outlier_ns=picked.outlier_ns,
+        late=tolerance_ns is not None and abs(picked.residual_ns) > tolerance_ns,
     )
     upload = ImageUpload(
         leader=report.leader,
@@ -64,18 +65,7 @@ def develop(report: CameraReport, pick: Pick[CapturedFrame]) -> tuple[ImageUploa
     return upload, image + truth
 
 
-def without(report: CameraReport, *lost: MissingImage) -> CameraReport:
-    """The report of a camera that turns out to lack some of the images that it announced."""
-    gone = {image.instant for image in lost}
-    instants = tuple(instant for instant in report.instants if instant not in gone)
-    return msgspec.structs.replace(report, instants=instants, missing=(*report.missing, *lost))
-
-
-LOW_PRIORITY = 10
-"""Niceness of the thread that develops pictures: the clock exchange comes first."""
-
-
-class Developer:
+class FrameEncoder:
     """One thread that turns frames into image files; without a spool they stay in memory."""
 
     def __init__(self, talk: Callable[[str], None], spool: Spool | None) -> None:
@@ -83,43 +73,43 @@ class Developer:
         """Size of the newest image."""
         self._talk = talk
         self._spool = spool
-        self._thread = ThreadPoolExecutor(1, "develop", initializer=_lower_priority)
+        self._thread = ThreadPoolExecutor(1, "encode", initializer=_lower_priority)
 
-    async def develop_next(self, work: BurstWork) -> None:
-        """Develop the first frame of a burst that has one, and move it to its images."""
+    async def encode_next(self, burst: BurstUpload) -> None:
+        """Encode the first frame of a burst that has one, and move it to its images."""
         loop = asyncio.get_running_loop()
-        pick = work.picks[0]
+        picked = burst.frames[0]
         try:
-            developed = await loop.run_in_executor(self._thread, self._develop, work, pick)
-        except DevelopError as error:
-            lost = MissingImage(camera=work.report.camera.name, instant=pick.instant, reason=str(error))
-            work.report = without(work.report, lost)
-            self._talk(f"burst {work.report.burst}: instant {pick.instant} is lost: {error}")
-            developed = None
-        # While it was developed, the leader may have refused the burst.
-        if work.picks and work.picks[0] is pick:
-            work.picks.popleft()
-            if developed is not None:
-                work.images.append(developed)
+            image = await loop.run_in_executor(self._thread, self._encode, burst, picked)
+        except EncodingError as error:
+            burst.report_lost([picked.instant], str(error))
+            self._talk(f"burst {burst.report.burst}: instant {picked.instant} is lost: {error}")
+            image = None
+        # While it was encoded, the leader may have refused the burst.
+        if burst.frames and burst.frames[0] is picked:
+            burst.frames.popleft()
+            if image is not None:
+                burst.images.append(image)
 
     def close(self) -> None:
-        """Develop nothing more."""
+        """Encode nothing more."""
         self._thread.shutdown(wait=False, cancel_futures=True)
 
-    def _develop(self, work: BurstWork, pick: Pick[CapturedFrame]) -> Developed:
-        upload, data = develop(work.report, pick)
+    def _encode(self, burst: BurstUpload, picked: Pick[CapturedFrame]) -> ImageUpload:
+        image, data = encode_frame(burst.report, picked)
         self.image_bytes = len(data)
-        if self._spool is None or not work.spooling:
-            return Developed(upload, data)
+        if self._spool is None or not burst.spooling:
+            burst.in_memory[picked.instant] = data
+            return image
         try:
-            if work.spooled is None:
-                work.spooled = self._spool.begin(work.report)
-            work.spooled.keep(upload, data)
+            if burst.spooled is None:
+                burst.spooled = self._spool.create_burst(burst.report)
+            burst.spooled.add_image(image, data)
         except SimulshotError as error:
-            work.spooling = False
-            self._talk(f"burst {work.report.burst} is kept in memory until the leader has it: {error}")
-            return Developed(upload, data)
-        return Developed(upload, None)
+            burst.spooling = False
+            burst.in_memory[picked.instant] = data
+            self._talk(f"burst {burst.report.burst} is kept in memory until the leader has it: {error}")
+        return image
 
 
 def _lower_priority() -> None:

@@ -1,4 +1,4 @@
-"""A node's bursts on its own disk, from when they are developed until the leader has them.
+"""A node's bursts on its own disk, from when they are encoded until the leader has them.
 
 SPOOL/<camera>/<leader>-<burst>/
   report.json       what the node told the leader of the burst
@@ -6,14 +6,10 @@ SPOOL/<camera>/<leader>-<burst>/
   <instant>.jpg     the image, and behind it a simulated camera's ground truth
 """
 
-import asyncio
 import os
 import shutil
-from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
-from functools import partial
+from collections.abc import Iterator
 from pathlib import Path
-from typing import ParamSpec, TypeVar
 
 import msgspec
 
@@ -27,24 +23,6 @@ from capture_app.session.format.checks import read_struct
 from capture_app.session.format.journal import lines_of_file
 from capture_app.session.format.manifest import JOURNAL
 
-MOST = 24
-
-P = ParamSpec("P")
-T = TypeVar("T")
-
-
-class DiskThreads:
-    """So many that images of many cameras wait together, and share the cost of the disk's syncs."""
-
-    def __init__(self) -> None:
-        self._threads = ThreadPoolExecutor(MOST, "disk")
-
-    async def run(self, work: Callable[P, T], *arguments: P.args, **options: P.kwargs) -> T:
-        """Do work that blocks on the disk, and return or raise what it does."""
-        loop = asyncio.get_running_loop()
-        return await loop.run_in_executor(self._threads, partial(work, *arguments, **options))
-
-
 REPORT = "report.json"
 
 
@@ -54,53 +32,53 @@ class SpooledBurst:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
 
-    def file(self, upload: ImageUpload) -> Path:
+    def image_file(self, image: ImageUpload) -> Path:
         """Where an image lies."""
-        return self.folder / f"{upload.record.instant:06d}{Path(upload.record.path).suffix}"
+        return self.folder / f"{image.record.instant:06d}{Path(image.record.path).suffix}"
 
-    def set_report(self, report: CameraReport) -> None:
+    def write_report(self, report: CameraReport) -> None:
         """Keep the report. Raises SimulshotError."""
         try:
             write_whole(self.folder / REPORT, msgspec.json.encode(report))
         except OSError as error:
             raise disk_error(error, self.folder) from error
 
-    def keep(self, upload: ImageUpload, data: bytes) -> None:
+    def add_image(self, image: ImageUpload, data: bytes) -> None:
         """Keep an image; once this returns no crash can lose it. Raises DiskFullError, SimulshotError."""
         try:
-            write_whole(self.file(upload), data)
+            write_whole(self.image_file(image), data)
             journal = AppendOnly(self.folder / JOURNAL)
             try:
-                journal.append(msgspec.json.encode(upload), durable=True)
+                journal.append(msgspec.json.encode(image), durable=True)
             finally:
                 journal.close()
         except OSError as error:
-            self.file(upload).unlink(missing_ok=True)
+            self.image_file(image).unlink(missing_ok=True)
             raise disk_error(error, self.folder) from error
 
-    def report(self) -> CameraReport:
+    def read_report(self) -> CameraReport:
         """Read the report again. Raises BadInputError."""
         report = read_struct(self.folder / REPORT, CameraReport)
         check_name(report.camera.name, "camera")
         return report
 
-    def images(self) -> Iterator[ImageUpload]:
+    def read_images(self) -> Iterator[ImageUpload]:
         """Yield the headers of the images that are still here."""
         journal = self.folder / JOURNAL
         for line in lines_of_file(journal.read_bytes()) if journal.exists() else ():
             try:
-                upload = msgspec.json.decode(line, type=ImageUpload)
+                image = msgspec.json.decode(line, type=ImageUpload)
             except (msgspec.DecodeError, UnicodeDecodeError):
                 continue
-            if self.file(upload).is_file():
-                yield upload
+            if self.image_file(image).is_file():
+                yield image
 
-    def confirmed(self, upload: ImageUpload) -> None:
-        """The leader has this image."""
-        self.file(upload).unlink(missing_ok=True)
+    def remove_image(self, image: ImageUpload) -> None:
+        """Delete an image that the leader has."""
+        self.image_file(image).unlink(missing_ok=True)
 
     def remove(self) -> None:
-        """The leader has all of them."""
+        """Delete the burst, of which the leader has all."""
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
@@ -130,7 +108,7 @@ class Spool:
             ) from error
         return [SpooledBurst(folder) for folder in sorted(found, key=lambda folder: folder.stat().st_mtime)]
 
-    def begin(self, report: CameraReport) -> SpooledBurst:
+    def create_burst(self, report: CameraReport) -> SpooledBurst:
         """Make a burst's folder, with its report. Raises DiskFullError, SimulshotError."""
         burst = SpooledBurst(self.folder / f"{report.leader:08x}-{report.burst:06d}")
         try:
@@ -139,7 +117,7 @@ class Spool:
         except OSError as error:
             raise disk_error(error, self.folder) from error
         try:
-            burst.set_report(report)
+            burst.write_report(report)
         except SimulshotError:
             burst.remove()
             raise

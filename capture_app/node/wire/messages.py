@@ -24,7 +24,7 @@ class TrueClock(_Message, frozen=True, kw_only=True):
     epoch_true_ns: int
 
 
-class CameraReport(_Message, frozen=True, kw_only=True, tag="report"):
+class CameraReport(_Message, frozen=True, kw_only=True, tag="camera-report"):
     """A node's part of a burst: its clock and phase, what will come, what will not, and why.
 
     `leader` is the leader's instance: a burst of an earlier run of it is not this run's.
@@ -55,7 +55,7 @@ class ImageUpload(_Message, frozen=True, kw_only=True, tag="image"):
     """How many bytes the leader has already, from a stream that broke off."""
 
 
-class NodeSpace(_Message, frozen=True, kw_only=True, tag="space"):
+class SpoolSpace(_Message, frozen=True, kw_only=True, tag="spool-space"):
     """How much room a node's spool has, and how much an image of its camera takes, in bytes."""
 
     camera: str
@@ -65,13 +65,13 @@ class NodeSpace(_Message, frozen=True, kw_only=True, tag="space"):
     """Where it is, on that node."""
 
 
-class Stored(_Message, frozen=True, kw_only=True, tag="stored"):
+class ImageAck(_Message, frozen=True, kw_only=True, tag="image-ack"):
     """An image is safely on the leader's disk."""
 
     sha256: str
 
 
-class Held(_Message, frozen=True, kw_only=True):
+class ImageReceipt(_Message, frozen=True, kw_only=True):
     """What the leader has of an image: all of it, safely on its disk, or the first bytes."""
 
     instant: Count
@@ -82,10 +82,10 @@ class Held(_Message, frozen=True, kw_only=True):
     stored: bool
 
 
-class Noted(_Message, frozen=True, kw_only=True, tag="noted"):
-    """The leader has a node's report, and of that camera's images what `held` says."""
+class ReportAck(_Message, frozen=True, kw_only=True, tag="report-ack"):
+    """The leader has a node's report, and of that camera's images what `receipts` say."""
 
-    held: tuple[Held, ...] = ()
+    receipts: tuple[ImageReceipt, ...] = ()
 
 
 class Refusal(_Message, frozen=True, kw_only=True, tag="refusal"):
@@ -99,7 +99,7 @@ class Refusal(_Message, frozen=True, kw_only=True, tag="refusal"):
     """It may be asked for again: a disk is full, or a burst was closed and can be opened again."""
 
 
-class StatusRequest(_Message, frozen=True, kw_only=True, tag="ask-status"):
+class StatusRequest(_Message, frozen=True, kw_only=True, tag="status-request"):
     """The command line wants to see the rig."""
 
 
@@ -109,7 +109,7 @@ class StatusAnswer(_Message, frozen=True, kw_only=True, tag="status"):
     rig: RigStatus
 
 
-class BurstRequest(_Message, frozen=True, kw_only=True, tag="ask-burst"):
+class BurstRequest(_Message, frozen=True, kw_only=True, tag="burst-request"):
     """The command line wants a burst, as soon as all nodes are ready or `wait_ready_s` have passed."""
 
     frames: Annotated[int, Meta(gt=0)]
@@ -126,5 +126,5 @@ class BurstAnswer(_Message, frozen=True, kw_only=True, tag="burst"):
     burst: BurstStatus
 
 
-ToLeader = CameraReport | ImageUpload | NodeSpace | StatusRequest | BurstRequest
-FromLeader = Stored | Noted | Refusal | StatusAnswer | BurstAnswer
+ToLeader = CameraReport | ImageUpload | SpoolSpace | StatusRequest | BurstRequest
+FromLeader = ImageAck | ReportAck | Refusal | StatusAnswer | BurstAnswer

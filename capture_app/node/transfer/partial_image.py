@@ -8,7 +8,7 @@ from pathlib import Path
 
 from capture_app.errors import NetworkError, TryAgainError
 from capture_app.names import is_name
-from capture_app.node.wire.messages import Held, ImageUpload
+from capture_app.node.wire.messages import ImageReceipt, ImageUpload
 from capture_app.session.files.disk import disk_error
 from capture_app.session.files.durable import PART
 from capture_app.session.writing.recovery import INCOMING
@@ -16,7 +16,7 @@ from capture_app.session.writing.recovery import INCOMING
 _BLOCK = 1 << 20
 
 
-class Incoming:
+class PartialImage:
     """The file that one upload is written to; `camera.instant.sha256.part`, so that it can be found again."""
 
     def __init__(self, session: Path, upload: ImageUpload) -> None:
@@ -62,7 +62,7 @@ class Incoming:
                 os.close(self._handle)
                 self._handle = -1
 
-    def take_apart(self) -> bytes:
+    def split_off_truth(self) -> bytes:
         """Check what has come, leave the image alone in the file, and return the ground truth.
 
         Raises TryAgainError, and deletes the file, where it is not what the upload tells.
@@ -88,9 +88,9 @@ class Incoming:
         return truth
 
 
-def begun(session: Path, camera: str) -> Iterator[Held]:
+def partial_receipts(session: Path, camera: str) -> Iterator[ImageReceipt]:
     """Yield what has come of a camera's images whose streams broke off."""
     for file in sorted((session / INCOMING).glob(f"{camera}.*{PART}")):
         name, instant, sha256 = file.name.removesuffix(PART).rsplit(".", 2)
         if name == camera and is_name(camera):
-            yield Held(instant=int(instant), sha256=sha256, bytes=file.stat().st_size, stored=False)
+            yield ImageReceipt(instant=int(instant), sha256=sha256, bytes=file.stat().st_size, stored=False)

@@ -11,7 +11,7 @@ import asyncio
 import contextlib
 import socket
 import struct
-from collections.abc import AsyncIterator, Awaitable, Callable
+from collections.abc import AsyncIterator
 from typing import Any, Generic, Self, TypeVar
 
 import msgspec
@@ -127,11 +127,11 @@ class Channel(Generic[M]):
         except OSError as error:
             raise NetworkError(f"the transfer broke off: {error}") from error
 
-    async def join(self, other: "Channel[Any]") -> None:
+    async def relay(self, other: "Channel[Any]") -> None:
         """Pass all bytes on between two streams, both ways and unread, until either closes or breaks off."""
         ways = (
-            asyncio.create_task(_pass_on(self._reader, other._writer)),
-            asyncio.create_task(_pass_on(other._reader, self._writer)),
+            asyncio.create_task(_copy(self._reader, other._writer)),
+            asyncio.create_task(_copy(other._reader, self._writer)),
         )
         try:
             await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
@@ -157,7 +157,7 @@ class Channel(Generic[M]):
         await self.close()
 
 
-async def _pass_on(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+async def _copy(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
     with contextlib.suppress(OSError):
         while chunk := await reader.read(CHUNK_BYTES):
             writer.write(chunk)
@@ -184,90 +184,3 @@ async def connect(address: Address, messages: Any, *, timeout_s: float = CONNECT
             f"no leader at {address}: {reason}", hint="start one with: capture-app leader"
         ) from error
     return Channel(reader, writer, msgspec.json.Decoder(messages))
-
-
-class TransferServer(Generic[M]):
-    """Accepts streams on a bound socket and hands each to `serve` until it returns.
-
-    A peer that breaks the protocol loses its own stream and nothing else.
-    """
-
-    def __init__(self, messages: Any, serve: Callable[[Channel[M]], Awaitable[None]]) -> None:
-        self._decoder: msgspec.json.Decoder[M] = msgspec.json.Decoder(messages)
-        self._serve = serve
-        self._server: asyncio.Server | None = None
-        self._streams: set[asyncio.Task[None]] = set()
-
-    async def start(self, listening: socket.socket) -> None:
-        """Accept streams from now on."""
-        self._server = await asyncio.start_server(self._accept, sock=listening, limit=CHUNK_BYTES)
-
-    async def stop(self) -> None:
-        """Close the port and every stream."""
-        if self._server is not None:
-            self._server.close()
-        streams = tuple(self._streams)
-        for stream in streams:
-            stream.cancel()
-        await asyncio.gather(*streams, return_exceptions=True)
-
-    async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-        task = asyncio.current_task()
-        assert task is not None
-        self._streams.add(task)
-        try:
-            async with Channel(reader, writer, self._decoder) as channel:
-                await self._serve(channel)
-        except (NetworkError, asyncio.CancelledError):
-            # asyncio's own callback on this task would print a cancellation as an error.
-            pass
-        finally:
-            self._streams.discard(task)
-
-
-def bind(host: str, port: int) -> tuple[socket.socket, socket.socket]:
-    """Return a UDP and a listening TCP socket on one port number; port 0 takes any that is free for both.
-
-    Raises NetworkError where the port is in use or the host is not this machine's.
-    """
-    for _ in range(20):
-        try:
-            stream = _bound(host, port, socket.SOCK_STREAM)
-        except OSError as error:
-            raise _cannot_listen(host, port, error) from error
-        try:
-            number = stream.getsockname()[1]
-            datagrams = _bound(host, number, socket.SOCK_DGRAM)
-        except OSError as error:
-            stream.close()
-            if port:
-                raise _cannot_listen(host, port, error) from error
-            continue
-        return datagrams, stream
-    raise NetworkError(f"found no port on {host} that is free for both UDP and TCP")
-
-
-def _bound(host: str, port: int, kind: socket.SocketKind) -> socket.socket:
-    found = socket.getaddrinfo(host or None, port, type=kind, flags=socket.AI_PASSIVE)
-    family, _, protocol, _, where = min(found, key=lambda entry: entry[0] != socket.AF_INET)
-    sock = socket.socket(family, kind, protocol)
-    try:
-        if kind == socket.SOCK_STREAM:
-            # A leader that is started again must not wait for the old one's streams to time out.
-            sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-        sock.setblocking(False)
-        sock.bind(where)
-        if kind == socket.SOCK_STREAM:
-            sock.listen()
-    except OSError:
-        sock.close()
-        raise
-    return sock
-
-
-def _cannot_listen(host: str, port: int, error: OSError) -> NetworkError:
-    address = Address(host, port)
-    if isinstance(error, socket.gaierror):
-        return NetworkError(f"cannot listen on {address}: {error.strerror}", hint="check the host's name")
-    hint = "another leader? choose another with --port" if "in use" in str(error) else ""
-    return NetworkError(f"cannot listen on {address}: {error.strerror or error}", hint=hint)

@@ -15,11 +15,8 @@ from capture_app.cameras.base import (
     OnFrame,
 )
 from capture_app.errors import CameraError
-from capture_app.net.address import Address
-from capture_app.node.camera import client as client_module
-from capture_app.node.camera.client import ClientNode
+from capture_app.node.camera.supervisor import CameraSupervisor
 from capture_app.sync.phase.estimator import FrameStamp
-from capture_app.sync.rig.client import Client
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 from tests.facts import make_facts
 
@@ -58,24 +55,19 @@ class FakeCamera(Camera):
 
 
 class Bench:
-    """A node that runs for a test, with the cameras it opened, clock and engine in the test's hands."""
+    """A camera under supervision, with its devices, clock and engine in the test's hands."""
 
-    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+    def __init__(self) -> None:
         self.opened: asyncio.Queue[FakeCamera] = asyncio.Queue()
         self.next_facts = FACTS
         self.now_ns = 1_000_000_000
         self.stamps: list[FrameStamp] = []
         self.starts_ns: list[int] = []
+        self.failures: list[str] = []
         self.wanted: list[CameraCommand] = []
-        monkeypatch.setattr(client_module, "CAMERA_RETRY_S", 0.0)
-        monkeypatch.setattr(Client, "frame_arrived", lambda _, stamp, *__: self.stamps.append(stamp))
-        monkeypatch.setattr(Client, "stream_started", lambda _, now_ns: self.starts_ns.append(now_ns))
-        monkeypatch.setattr(Client, "next_command", lambda _: self._next_command())
-        self.node = ClientNode(
-            name="cam", open_camera=self._open, leader=Address("127.0.0.1", 9), clock=StoppedClock(self)
-        )
+        self.camera = CameraSupervisor(self._open, StoppedClock(self), lambda _: None, retry_s=0.0)
 
-    async def camera(self) -> FakeCamera:
+    async def next_camera(self) -> FakeCamera:
         return await asyncio.wait_for(self.opened.get(), 30)
 
     def _open(self) -> FakeCamera:
@@ -83,7 +75,18 @@ class Bench:
         self.opened.put_nowait(camera)
         return camera
 
-    def _next_command(self) -> CameraCommand | None:
+    # As the engine
+
+    def frame_arrived(self, stamp: FrameStamp, frame: CapturedFrame, now_ns: int) -> None:
+        self.stamps.append(stamp)
+
+    def stream_started(self, now_ns: int) -> None:
+        self.starts_ns.append(now_ns)
+
+    def fail(self, reason: str) -> None:
+        self.failures.append(reason)
+
+    def next_command(self) -> CameraCommand | None:
         if not self.wanted:
             return None
         self.now_ns += 8_000_000
@@ -107,12 +110,14 @@ class StoppedClock:
 
 
 @pytest.fixture
-async def bench(monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[Bench]:
-    bench = Bench(monkeypatch)
-    running = asyncio.ensure_future(bench.node.run())
+async def bench() -> AsyncIterator[Bench]:
+    bench = Bench()
+    await bench.camera.start()
+    bench.camera.attach(bench, bench.camera.collect_commands)
+    running = asyncio.gather(bench.camera.keep_open(), bench.camera.carry_out_commands())
     yield bench
     running.cancel()
-    with contextlib.suppress(asyncio.CancelledError, ExceptionGroup):
+    with contextlib.suppress(asyncio.CancelledError, CameraError):
         await running
 
 
@@ -133,25 +138,36 @@ async def started(camera: FakeCamera) -> None:
 
 
 async def test_a_camera_opened_again_goes_on_counting_streams(bench):
-    first = await bench.camera()
+    first = await bench.next_camera()
     await started(first)
     for stream in (1, 2, 3):
         first.on_frame(frame(stream))
     bench.next_facts = replace(FACTS, exposure_ns=20_000_000)
     first.on_failure(CameraError("unplugged"))
-    second = await bench.camera()
+    second = await bench.next_camera()
     await started(second)
     second.on_frame(frame(1))
     streams = [stamp.stream for stamp in bench.stamps]
     assert streams == sorted(set(streams))
     assert len(streams) == 4
+    assert bench.failures == ["unplugged", ""]
+
+
+async def test_another_camera_in_its_place_is_an_error():
+    bench = Bench()
+    await bench.camera.start()
+    first = await bench.next_camera()
+    bench.next_facts = replace(FACTS, model="Another camera")
+    first.on_failure(CameraError("unplugged"))
+    with pytest.raises(CameraError, match="another camera is there now: Another camera"):
+        await asyncio.wait_for(bench.camera.keep_open(), 30)
 
 
 @pytest.mark.parametrize(
     ("delay_ns", "given_ns"), [(20_000_000, 12_000_000), (5_000_000, PERIOD_NS - 3_000_000)]
 )
 async def test_a_restart_keeps_its_aim_though_the_engine_took_8_ms(bench, delay_ns, given_ns):
-    camera = await bench.camera()
+    camera = await bench.next_camera()
     await started(camera)
     frame_ns = bench.now_ns
     bench.wanted = [RestartStream(delay_ns)]

@@ -10,12 +10,12 @@ import pytest
 
 from capture_app.camera_facts import PhaseControl
 from capture_app.errors import BadInputError, DiskFullError, NetworkError, TryAgainError
-from capture_app.node.burst.bursts import BurstSession
-from capture_app.node.burst.resume import Revival, interrupted
+from capture_app.node.burst.burst_session import BurstSession
+from capture_app.node.burst.resumed_bursts import ResumedBursts, interrupted
 from capture_app.node.leader.repair import repair
 from capture_app.node.leader.space import check_room
 from capture_app.node.transfer.spool import Spool
-from capture_app.node.wire.messages import CameraReport, ImageUpload, NodeSpace
+from capture_app.node.wire.messages import CameraReport, ImageUpload, SpoolSpace
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, image_path
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import ProblemKind, verify
@@ -53,10 +53,10 @@ async def pieces(data: bytes, *, broken: bool = False) -> AsyncIterator[bytes]:
         raise NetworkError("the transfer broke off")
 
 
-async def begun(root: Path, *names: str) -> BurstSession:
+async def begun_session(root: Path, *names: str) -> BurstSession:
     burst = Burst(1, INSTANTS_NS, PERIOD_NS, INSTANTS_NS[0], names)
     session = BurstSession(burst, dict.fromkeys(names, CAMERA), SessionWriter.create(root, "burst-001"))
-    await session.begin(LEADER)
+    await session.write_plan(LEADER)
     return session
 
 
@@ -65,19 +65,19 @@ def lies(session: Session) -> list[str]:
 
 
 async def test_a_broken_stream_goes_on_at_the_byte(tmp_path: Path) -> None:
-    session = await begun(tmp_path, "a")
-    assert await session.take_report(report("a"), 0) == ()
+    session = await begun_session(tmp_path, "a")
+    assert await session.accept_report(report("a"), 0) == ()
     with pytest.raises(NetworkError):
-        await session.take_image(upload("a", 0), pieces(IMAGE[:10], broken=True), 0)
+        await session.receive_image(upload("a", 0), pieces(IMAGE[:10], broken=True), 0)
     # The leader is killed too; what had come is still there.
-    await session.leave()
+    await session.suspend()
     session = await asyncio.to_thread(BurstSession.resume, session.folder, 0)
-    (held,) = await session.take_report(report("a"), 0)
-    assert (held.instant, held.bytes, held.stored) == (0, 10, False)
-    await session.take_image(upload("a", 0, offset=10), pieces(IMAGE[10:]), 0)
-    (held,) = await session.take_report(report("a"), 0)
-    assert (held.stored, held.sha256) == (True, hashlib.sha256(IMAGE).hexdigest())
-    await session.take_image(upload("a", 1), pieces(IMAGE), 0)
+    (receipt,) = await session.accept_report(report("a"), 0)
+    assert (receipt.instant, receipt.bytes, receipt.stored) == (0, 10, False)
+    await session.receive_image(upload("a", 0, offset=10), pieces(IMAGE[10:]), 0)
+    (receipt,) = await session.accept_report(report("a"), 0)
+    assert (receipt.stored, receipt.sha256) == (True, hashlib.sha256(IMAGE).hexdigest())
+    await session.receive_image(upload("a", 1), pieces(IMAGE), 0)
     assert session.session is not None
     opened = Session.open(session.session)
     assert lies(opened) == []
@@ -86,55 +86,55 @@ async def test_a_broken_stream_goes_on_at_the_byte(tmp_path: Path) -> None:
 
 
 async def test_a_stream_that_skips_or_changes_bytes_is_told_to_try_again(tmp_path: Path) -> None:
-    session = await begun(tmp_path, "a")
-    await session.take_report(report("a"), 0)
+    session = await begun_session(tmp_path, "a")
+    await session.accept_report(report("a"), 0)
     with pytest.raises(TryAgainError, match="never come"):
-        await session.take_image(upload("a", 0, offset=7), pieces(IMAGE[7:]), 0)
+        await session.receive_image(upload("a", 0, offset=7), pieces(IMAGE[7:]), 0)
     with pytest.raises(TryAgainError, match="damaged"):
-        await session.take_image(upload("a", 0), pieces(IMAGE[:-1] + b"?"), 0)
-    assert await session.take_report(report("a"), 0) == (), "nothing of it is kept"
-    await session.leave()
+        await session.receive_image(upload("a", 0), pieces(IMAGE[:-1] + b"?"), 0)
+    assert await session.accept_report(report("a"), 0) == (), "nothing of it is kept"
+    await session.suspend()
 
 
 async def test_the_next_run_takes_up_what_was_interrupted_and_what_comes_late(tmp_path: Path) -> None:
-    session = await begun(tmp_path, "a", "b")
-    await session.take_report(report("a"), 0)
-    await session.take_image(upload("a", 0), pieces(IMAGE), 0)
-    await session.leave()
+    session = await begun_session(tmp_path, "a", "b")
+    await session.accept_report(report("a"), 0)
+    await session.receive_image(upload("a", 0), pieces(IMAGE), 0)
+    await session.suspend()
     assert list(interrupted(tmp_path)) == [session.folder]
 
     taken_up: list[BurstSession] = []
-    revival = Revival(tmp_path, taken_up.append)
-    await revival.begin(0)
-    (again,) = revival.sessions()
+    resumed = ResumedBursts(tmp_path, taken_up.append)
+    await resumed.resume_all(0)
+    (again,) = resumed.sessions()
     assert list(interrupted(tmp_path)) == [], "it is locked"
-    await again.take_image(upload("a", 1), pieces(IMAGE), 0)
-    await again.stop("the rest never came")
+    await again.receive_image(upload("a", 1), pieces(IMAGE), 0)
+    await again.finish_now("the rest never came")
     assert len(Session.open(session.folder).manifest.missing) == 2
     before = {path: path.read_bytes() for path in session.folder.glob("images/**/*.jpg")}
 
     # A week later the other node is found, with its spool.
-    other = Revival(tmp_path, taken_up.append)
-    late = await other.revive(report("b"), 0)
-    await late.take_report(report("b"), 0)
+    other = ResumedBursts(tmp_path, taken_up.append)
+    late = await other.reopen(report("b"), 0)
+    await late.accept_report(report("b"), 0)
     for instant in (0, 1):
-        await late.take_image(upload("b", instant), pieces(IMAGE), 0)
+        await late.receive_image(upload("b", instant), pieces(IMAGE), 0)
     whole = Session.open(session.folder)
     assert lies(whole) == []
     assert (len(whole.manifest.images), whole.manifest.missing) == (4, ())
     assert {path: path.read_bytes() for path in before} == before
     stranger = msgspec.structs.replace(report("b"), leader=1)
     with pytest.raises(BadInputError, match="no session"):
-        await other.revive(stranger, 0)
+        await other.reopen(stranger, 0)
 
 
 async def test_repair_without_nodes_finishes_with_what_is_there(tmp_path: Path) -> None:
-    session = await begun(tmp_path, "a", "b")
-    await session.take_report(report("a"), 0)
-    await session.take_image(upload("a", 0), pieces(IMAGE), 0)
+    session = await begun_session(tmp_path, "a", "b")
+    await session.accept_report(report("a"), 0)
+    await session.receive_image(upload("a", 0), pieces(IMAGE), 0)
     busy = await repair(tmp_path, wait_s=0, host="127.0.0.1", port=0, on_news=lambda _: None)
     assert "being written" in busy[0].what
-    await session.leave()
+    await session.suspend()
     await repair(tmp_path, wait_s=0, host="127.0.0.1", port=0, on_news=lambda _: None)
     opened = Session.open(session.folder)
     assert lies(opened) == []
@@ -143,7 +143,7 @@ async def test_repair_without_nodes_finishes_with_what_is_there(tmp_path: Path) 
 
 
 def test_a_burst_that_will_not_fit_is_told_before_it_is_taken(tmp_path: Path) -> None:
-    space = NodeSpace(camera="a", free_bytes=1_000, image_bytes=100, spool="/spool")
+    space = SpoolSpace(camera="a", free_bytes=1_000, image_bytes=100, spool="/spool")
     check_room(tmp_path / "later", {"a": 100, "b": 100}, 9, {"a": space})
     with pytest.raises(DiskFullError, match=r"a may need 0\.0 MB"):
         check_room(tmp_path, {"a": 100}, 10, {"a": space})
@@ -156,12 +156,12 @@ def test_two_nodes_never_share_a_spool_and_a_torn_journal_line_is_left_out(tmp_p
     assert spool.open() == []
     with pytest.raises(TryAgainError, match="another node uses"):
         Spool(tmp_path, "a").open()
-    burst = spool.begin(report("a"))
+    burst = spool.create_burst(report("a"))
     for instant in (0, 1):
-        burst.keep(upload("a", instant), IMAGE)
+        burst.add_image(upload("a", instant), IMAGE)
     journal = burst.folder / "journal.ndjson"
     journal.write_bytes(journal.read_bytes()[:-3])
     spool.close()
     (found,) = Spool(tmp_path, "a").open()
-    assert found.report() == report("a")
-    assert [image.record.instant for image in found.images()] == [0]
+    assert found.read_report() == report("a")
+    assert [image.record.instant for image in found.read_images()] == [0]

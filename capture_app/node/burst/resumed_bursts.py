@@ -5,7 +5,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from capture_app.errors import BadInputError, DiskFullError, SimulshotError, TryAgainError
-from capture_app.node.burst.bursts import PATIENCE_NS, BurstSession
+from capture_app.node.burst.burst_session import BurstSession
+from capture_app.node.burst.camera_progress import PATIENCE_NS
 from capture_app.node.wire.disk_space import SPARE_BYTES, free_bytes
 from capture_app.node.wire.messages import CameraReport, ImageUpload
 from capture_app.session.format.manifest import MANIFEST
@@ -18,22 +19,22 @@ RETURN_NS = 60_000_000_000
 Key = tuple[int, int]
 
 
-class Revival:
+class ResumedBursts:
     """The sessions in a folder that are not of this run, opened when they are needed."""
 
-    def __init__(self, root: Path, on_revived: Callable[[BurstSession], None]) -> None:
+    def __init__(self, root: Path, on_resumed: Callable[[BurstSession], None]) -> None:
         self._root = root
-        self._on_revived = on_revived
+        self._on_resumed = on_resumed
         self._open: dict[Key, BurstSession] = {}
         self._folders: dict[Key, Path] = {}
         self._opening = asyncio.Lock()
-        self._begun = asyncio.Event()
+        self._all_resumed = asyncio.Event()
 
     def sessions(self) -> tuple[BurstSession, ...]:
         """Those that are open."""
         return tuple(session for session in self._open.values() if not session.finished.is_set())
 
-    async def begin(
+    async def resume_all(
         self, now_ns: int, *, folders: Sequence[Path] | None = None, wait_ns: int = RETURN_NS
     ) -> None:
         """Take up these sessions, else all interrupted ones; nodes have `wait_ns` to come back to them."""
@@ -43,20 +44,20 @@ class Revival:
             async with self._opening:
                 try:
                     key = (await asyncio.to_thread(read_plan, folder)).key
-                    session = await self._take_up(key, folder, now_ns + wait_ns - PATIENCE_NS)
+                    session = await self._resume(key, folder, now_ns + wait_ns - PATIENCE_NS)
                     await session.finish_if_complete()
                 except SimulshotError:
                     # One that cannot be taken up is left as it is; `sessions repair` says why.
                     continue
-        self._begun.set()
+        self._all_resumed.set()
 
     async def all_finished(self) -> None:
-        """Wait until all that `begin` takes up is finished."""
-        await self._begun.wait()
+        """Wait until all that `resume_all` takes up is finished."""
+        await self._all_resumed.wait()
         for session in self.sessions():
             await session.finished.wait()
 
-    async def revive(self, report: CameraReport, now_ns: int) -> BurstSession:
+    async def reopen(self, report: CameraReport, now_ns: int) -> BurstSession:
         """Return the session that a report is of, opened again where it was closed.
 
         Raises BadInputError where there is none, TryAgainError where another process writes it,
@@ -72,7 +73,7 @@ class Revival:
                 raise BadInputError(f"burst {report.burst} of that leader has no session in {self._root}")
             if free_bytes(folder) < SPARE_BYTES:
                 raise DiskFullError(f"the disk of {folder} is full", hint="make room on the leader")
-            return await self._take_up(key, folder, now_ns)
+            return await self._resume(key, folder, now_ns)
 
     def open_session(self, upload: ImageUpload) -> BurstSession:
         """Return the session that an image belongs to. Raises TryAgainError where it is closed."""
@@ -81,15 +82,15 @@ class Revival:
             raise TryAgainError(f"burst {upload.burst} is over")
         return session
 
-    async def stop(self) -> None:
+    async def suspend_all(self) -> None:
         """Leave what is not finished as it is."""
         for session in self.sessions():
-            await session.leave()
+            await session.suspend()
 
-    async def _take_up(self, key: Key, folder: Path, heard_ns: int) -> BurstSession:
+    async def _resume(self, key: Key, folder: Path, heard_ns: int) -> BurstSession:
         session = await asyncio.to_thread(BurstSession.resume, folder, heard_ns)
         self._open[key] = session
-        self._on_revived(session)
+        self._on_resumed(session)
         return session
 
     def _find(self, key: Key) -> Path | None:

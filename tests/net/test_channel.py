@@ -10,14 +10,8 @@ import pytest
 
 from capture_app.errors import NetworkError
 from capture_app.net.address import Address
-from capture_app.net.transfer import (
-    MAX_HEADER_BYTES,
-    MAX_PAYLOAD_BYTES,
-    Channel,
-    TransferServer,
-    bind,
-    connect,
-)
+from capture_app.net.channel import MAX_HEADER_BYTES, MAX_PAYLOAD_BYTES, Channel, connect
+from capture_app.net.server import TransferServer, bind_port
 
 
 class Ping(msgspec.Struct, frozen=True, tag="ping"):
@@ -35,7 +29,7 @@ Serve = Callable[[Channel[Ping]], Awaitable[None]]
 
 @asynccontextmanager
 async def serving(serve: Serve) -> AsyncIterator[Address]:
-    datagrams, listening = bind("127.0.0.1", 0)
+    datagrams, listening = bind_port("127.0.0.1", 0)
     server = TransferServer[Ping](Ping, serve)
     await server.start(listening)
     try:
@@ -111,8 +105,8 @@ async def test_a_server_that_stops_ends_its_streams() -> None:
 
 
 def test_one_number_serves_datagrams_and_streams() -> None:
-    datagrams, listening = bind("127.0.0.1", 0)
+    datagrams, listening = bind_port("127.0.0.1", 0)
     with datagrams, listening:
         assert datagrams.getsockname() == listening.getsockname()
         with pytest.raises(NetworkError, match="in use"):
-            bind("127.0.0.1", listening.getsockname()[1])
+            bind_port("127.0.0.1", listening.getsockname()[1])

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Self
 
 from capture_app.errors import SimulshotError
-from capture_app.node.burst.camera_progress import Share
+from capture_app.node.burst.camera_progress import CameraProgress
 from capture_app.node.burst.plans import report_of
 from capture_app.session.format.manifest import MissingImage
 from capture_app.session.reading.reader import Session
@@ -14,12 +14,12 @@ from capture_app.sync.rig.frame_picks import Burst
 
 
 @dataclass(frozen=True, slots=True)
-class Interrupted:
+class InterruptedBurst:
     """A burst as an earlier run left it, and the writer to go on with."""
 
     burst: Burst
     writer: SessionWriter
-    shares: dict[str, Share]
+    cameras: dict[str, CameraProgress]
     lost: dict[tuple[str, int], MissingImage]
     """Images that an earlier finish gave up, and why."""
 
@@ -40,27 +40,28 @@ class Interrupted:
             instants_ns[0] if requested_ns is None else requested_ns,
             tuple(told.camera.name for told in plan.cameras),
         )
-        shares = {}
+        cameras = {}
         for told in plan.cameras:
             name = told.camera.name
             has = (writer.image(name, instant) is not None for instant in range(len(instants_ns)))
             there = {instant for instant, is_there in enumerate(has) if is_there}
-            shares[name] = Share(told.camera, heard_ns, report=report_of(plan, told), instants=there)
+            report = report_of(plan, told)
+            cameras[name] = CameraProgress(told.camera, heard_ns, report=report, instants=there)
         reason = "its file was damaged or lost after it came"
         lost = {
             (camera, instant): MissingImage(camera=camera, instant=instant, reason=reason)
             for camera, instant in writer.damaged
         }
-        return cls(burst, writer, shares, lost | _given_up(folder, shares))
+        return cls(burst, writer, cameras, lost | _given_up(folder, cameras))
 
 
-def _given_up(folder: Path, shares: dict[str, Share]) -> dict[tuple[str, int], MissingImage]:
+def _given_up(folder: Path, cameras: dict[str, CameraProgress]) -> dict[tuple[str, int], MissingImage]:
     """Of a session that was finished before, wait for no camera; what it gave up may still come."""
     try:
         missing = Session.open(folder).manifest.missing
     except SimulshotError:
         return {}
-    for name, share in shares.items():
-        share.given_up = next((gap.reason for gap in missing if gap.camera == name), "it never came")
-        share.silent = True
+    for name, camera in cameras.items():
+        camera.given_up = next((gap.reason for gap in missing if gap.camera == name), "it never came")
+        camera.silent = True
     return {(gap.camera, gap.instant): gap for gap in missing}

@@ -11,27 +11,32 @@ from capture_app.cameras.catalog import open_camera
 from capture_app.clock import HostClock
 from capture_app.net.address import Address
 from capture_app.net.multicast import BEACONS, BeaconSender, listen
-from capture_app.node.camera.client import ClientNode
+from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.relay import RelayNode
 from capture_app.sync.rig.client import Client
 from capture_app.sync.wire.beacon import Beacon
 from capture_app.sync.wire.codec import decode
 
+
+class NearSender(BeaconSender):
+    """Nodes of this machine, which a leader leaves out, count as others here."""
+
+    def reach(self, hosts: object) -> None:
+        super().reach(["127.0.0.2"])
+
+
 BeaconArrivals = asyncio.Queue[tuple[Client, Beacon]]
 
 
 @pytest.fixture
 def heard(monkeypatch: pytest.MonkeyPatch) -> BeaconArrivals:
-    """What the clients hear; nodes of this machine, which a leader leaves out, count as others here."""
+    """What the clients hear."""
     sock = listen(BEACONS, "127.0.0.1")
     if sock is None:
         pytest.skip("no multicast on the loopback interface here")
     sock.close()
     notes: BeaconArrivals = asyncio.Queue()
-
-    def reach(sender: BeaconSender, hosts: object) -> None:
-        sender._interfaces = ("127.0.0.1",)
 
     def hear(client: Client, data: bytes, now_ns: int) -> None:
         beacon = decode(data)
@@ -39,7 +44,6 @@ def heard(monkeypatch: pytest.MonkeyPatch) -> BeaconArrivals:
         assert abs(HostClock().now_ns() - now_ns) < 10**10
         notes.put_nowait((client, beacon))
 
-    monkeypatch.setattr(BeaconSender, "reach", reach)
     monkeypatch.setattr(Client, "receive_broadcast", hear)
     return notes
 
@@ -47,7 +51,7 @@ def heard(monkeypatch: pytest.MonkeyPatch) -> BeaconArrivals:
 @contextlib.asynccontextmanager
 async def cameras(leader: Address) -> AsyncIterator[None]:
     nodes = [
-        ClientNode(
+        CameraNode(
             name=f"cam{k}",
             open_camera=lambda k=k: open_camera("sim:perfect", clock=HostClock(), name=f"cam{k}"),
             leader=leader,
@@ -75,19 +79,19 @@ async def both_heard(heard: BeaconArrivals) -> set[int]:
 
 
 async def test_the_cameras_of_a_leader_hear_its_beacons(heard: BeaconArrivals, tmp_path: Path) -> None:
-    leader = LeaderNode(sessions=tmp_path, host="127.0.0.1", port=0, reference_broadcast=True)
+    leader = LeaderNode(sessions=tmp_path, host="127.0.0.1", port=0, beacons=NearSender(BEACONS))
     async with leader, cameras(leader.address):
-        assert leader._instance in await both_heard(heard)
+        assert leader.instance in await both_heard(heard)
 
 
 async def test_the_cameras_of_a_relay_hear_the_relays(heard: BeaconArrivals, tmp_path: Path) -> None:
     leader = LeaderNode(sessions=tmp_path, host="127.0.0.1", port=0)
     async with leader:
         relay = RelayNode(
-            name="relay", parents=(leader.address,), host="127.0.0.1", port=0, reference_broadcast=True
+            name="relay", parents=(leader.address,), host="127.0.0.1", port=0, beacons=NearSender(BEACONS)
         )
         async with relay, cameras(relay.address):
-            assert await both_heard(heard) == {relay._engine.leader.config.instance}
+            assert await both_heard(heard) == {relay.instance}
 
 
 async def test_a_leader_that_is_not_asked_sends_none(heard: BeaconArrivals, tmp_path: Path) -> None:

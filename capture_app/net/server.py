@@ -1,0 +1,101 @@
+"""A leader's port: one number for UDP and TCP, and a server for the streams that come to it."""
+
+import asyncio
+import socket
+from collections.abc import Awaitable, Callable
+from typing import Any, Generic, TypeVar
+
+import msgspec
+
+from capture_app.errors import NetworkError
+from capture_app.net.address import Address
+from capture_app.net.channel import CHUNK_BYTES, Channel
+
+M = TypeVar("M")
+
+
+class TransferServer(Generic[M]):
+    """Accepts streams on a bound socket and hands each to `serve` until it returns.
+
+    A peer that breaks the protocol loses its own stream and nothing else.
+    """
+
+    def __init__(self, messages: Any, serve: Callable[[Channel[M]], Awaitable[None]]) -> None:
+        self._decoder: msgspec.json.Decoder[M] = msgspec.json.Decoder(messages)
+        self._serve = serve
+        self._server: asyncio.Server | None = None
+        self._streams: set[asyncio.Task[None]] = set()
+
+    async def start(self, listening: socket.socket) -> None:
+        """Accept streams from now on."""
+        self._server = await asyncio.start_server(self._accept, sock=listening, limit=CHUNK_BYTES)
+
+    async def stop(self) -> None:
+        """Close the port and every stream."""
+        if self._server is not None:
+            self._server.close()
+        streams = tuple(self._streams)
+        for stream in streams:
+            stream.cancel()
+        await asyncio.gather(*streams, return_exceptions=True)
+
+    async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.current_task()
+        assert task is not None
+        self._streams.add(task)
+        try:
+            async with Channel(reader, writer, self._decoder) as channel:
+                await self._serve(channel)
+        except (NetworkError, asyncio.CancelledError):
+            # asyncio's own callback on this task would print a cancellation as an error.
+            pass
+        finally:
+            self._streams.discard(task)
+
+
+def bind_port(host: str, port: int) -> tuple[socket.socket, socket.socket]:
+    """Return a UDP and a listening TCP socket on one port number; port 0 takes any that is free for both.
+
+    Raises NetworkError where the port is in use or the host is not this machine's.
+    """
+    for _ in range(20):
+        try:
+            stream = _bound(host, port, socket.SOCK_STREAM)
+        except OSError as error:
+            raise _cannot_listen(host, port, error) from error
+        try:
+            number = stream.getsockname()[1]
+            datagrams = _bound(host, number, socket.SOCK_DGRAM)
+        except OSError as error:
+            stream.close()
+            if port:
+                raise _cannot_listen(host, port, error) from error
+            continue
+        return datagrams, stream
+    raise NetworkError(f"found no port on {host} that is free for both UDP and TCP")
+
+
+def _bound(host: str, port: int, kind: socket.SocketKind) -> socket.socket:
+    found = socket.getaddrinfo(host or None, port, type=kind, flags=socket.AI_PASSIVE)
+    family, _, protocol, _, where = min(found, key=lambda entry: entry[0] != socket.AF_INET)
+    sock = socket.socket(family, kind, protocol)
+    try:
+        if kind == socket.SOCK_STREAM:
+            # A leader that is started again must not wait for the old one's streams to time out.
+            sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        sock.setblocking(False)
+        sock.bind(where)
+        if kind == socket.SOCK_STREAM:
+            sock.listen()
+    except OSError:
+        sock.close()
+        raise
+    return sock
+
+
+def _cannot_listen(host: str, port: int, error: OSError) -> NetworkError:
+    address = Address(host, port)
+    if isinstance(error, socket.gaierror):
+        return NetworkError(f"cannot listen on {address}: {error.strerror}", hint="check the host's name")
+    hint = "another leader? choose another with --port" if "in use" in str(error) else ""
+    return NetworkError(f"cannot listen on {address}: {error.strerror or error}", hint=hint)

@@ -1,0 +1,199 @@
+"""One camera node: the camera, the engine on a socket, and the way of its images to the leader."""
+
+import asyncio
+import random
+import secrets
+import socket
+from collections import deque
+from collections.abc import Callable
+from pathlib import Path
+
+from capture_app.camera_facts import PhaseControl
+from capture_app.cameras.base import Camera, CapturedFrame
+from capture_app.clock import HostClock, NodeClock
+from capture_app.errors import NetworkError, SimulshotError
+from capture_app.net.address import Address, resolve
+from capture_app.net.multicast import BeaconReceiver
+from capture_app.net.udp import Pump, client_socket
+from capture_app.node.camera.device_profiles import DeviceProfiles
+from capture_app.node.camera.records import camera_record, camera_report, event_line, true_clock
+from capture_app.node.camera.supervisor import CameraSupervisor
+from capture_app.node.transfer.burst_upload import BurstUpload
+from capture_app.node.transfer.spool import Spool
+from capture_app.node.transfer.uploader import Uploader
+from capture_app.node.wire.messages import JsonValue
+from capture_app.session.format.manifest import CameraRecord
+from capture_app.sync.rig.client import Client
+from capture_app.sync.rig.events import (
+    AlignmentFailed,
+    BurstPicked,
+    ClientEvent,
+    Joined,
+    JoinRefused,
+    LeaderLost,
+)
+from capture_app.sync.rig.failover import Failover
+from capture_app.sync.rig.phase_loop import ClientConfig
+from capture_app.sync.wire.messages import NodeState
+
+RING_FRAMES = 90
+EVENTS_KEPT = 200
+DEFAULT_TOLERANCE_NS = 100_000
+RESET_TOLERANCE_NS = 2_000_000
+"""The same for a camera that can only restart its stream, whose start latency is uncertain by as much."""
+
+
+class CameraNode:
+    """A camera that joins a leader, stays in step, and never gives up when the leader goes away."""
+
+    def __init__(
+        self,
+        *,
+        name: str,
+        open_camera: Callable[[], Camera],
+        leader: Address,
+        others: tuple[Address, ...] = (),
+        clock: NodeClock | None = None,
+        tolerance_ns: int | None = None,
+        ring_frames: int = RING_FRAMES,
+        talk: Callable[[str], None] | None = None,
+        spool: Path | None = None,
+        profiles: DeviceProfiles | None = None,
+    ) -> None:
+        """`open_camera` is called again after each failure of the device; `talk` gets what a user may see.
+
+        `others` are asked in turn where the leader, or relay, is gone; they must be of the same rig.
+        `spool` is the folder that bursts are kept in until the leader has them; without one, memory is.
+        `profiles` tell how devices like this one were moved before, and are told.
+        """
+        self.name = name
+        self._leaders = (leader, *others)
+        self._clock: NodeClock = clock or HostClock()
+        self._tolerance_ns = tolerance_ns
+        self._ring_frames = ring_frames
+        self._profiles = profiles
+        self._talk = talk or _silent
+        self._camera = CameraSupervisor(open_camera, self._clock, lambda line: self._talk(line))
+        self._engine: Client[CapturedFrame]
+        self._failover: Failover[CapturedFrame]
+        self._pump: Pump
+        self._beacons: BeaconReceiver
+        self._uploader = Uploader(self._talk, None if spool is None else Spool(spool, name))
+        self._events: deque[dict[str, JsonValue]] = deque(maxlen=EVENTS_KEPT)
+        self._last_state: NodeState | None = None
+
+    async def run(self) -> None:
+        """Open the camera, join, and take pictures until cancelled.
+
+        Raises NetworkError where the leader's host has no address, CameraError where the camera cannot be
+        opened at the start, BadInputError for a spool that cannot be used; later failures are waited out.
+        """
+        self._uploader.load_spool()
+        try:
+            await self._open_and_run()
+        finally:
+            self._uploader.close()
+
+    async def _open_and_run(self) -> None:
+        found = [await resolve(leader) for leader in self._leaders]
+        family = found[0][0]
+        if any(other != family for other, _ in found):
+            raise NetworkError(
+                f"{' and '.join(map(str, self._leaders))} are not of one kind (IPv4 and IPv6)",
+                hint="give all of them as IPv4, or all as IPv6",
+            )
+        peers = tuple(peer for _, peer in found)
+        await self._camera.start()
+        try:
+            await self._run_with_camera(client_socket(family), peers)
+        finally:
+            await self._camera.stop()
+
+    async def _run_with_camera(self, sock: socket.socket, peers: tuple[Address, ...]) -> None:
+        facts = self._camera.facts
+        if self._tolerance_ns is None:
+            only_restarts = facts.phase_control is PhaseControl.RESET
+            self._tolerance_ns = RESET_TOLERANCE_NS if only_restarts else DEFAULT_TOLERANCE_NS
+        config = ClientConfig(
+            name=self.name,
+            instance=secrets.randbits(32),
+            camera=facts,
+            tolerance_ns=self._tolerance_ns,
+            ring_frames=self._ring_frames,
+            injection_profile=self._profiles.find(facts) if self._profiles else None,
+            start_latencies_ns=self._profiles.start_latencies_ns(facts) if self._profiles else (),
+        )
+        self._engine = Client(config, random.Random(secrets.randbits(64)))
+        self._failover = Failover(self._engine, peers)
+        self._pump = Pump(self._failover, self._clock.now_ns, self._drain)
+        self._beacons = BeaconReceiver(self._engine.receive_broadcast, self._clock.now_ns, self._pump.turn)
+        self._camera.attach(self._engine, self._pump.turn)
+        self._pump.start(sock)
+        try:
+            async with asyncio.TaskGroup() as tasks:
+                tasks.create_task(self._camera.keep_open())
+                tasks.create_task(self._camera.carry_out_commands())
+                tasks.create_task(self._uploader.run())
+        except* SimulshotError as group:
+            raise group.exceptions[0] from None
+        finally:
+            self._talk = _silent
+            self._engine.leave()
+            self._pump.turn()
+            self._pump.close()
+            self._beacons.close()
+
+    def _drain(self) -> None:
+        self._camera.collect_commands()
+        while (event := self._engine.next_event()) is not None:
+            self._handle_event(event)
+        state = self._engine.state
+        if state is not self._last_state:
+            self._last_state = state
+            self._talk(str(state))
+            if state is NodeState.READY:
+                self._keep_profile()
+
+    def _keep_profile(self) -> None:
+        """Keep what brought the camera into phase: it is proven."""
+        aligner = self._engine.aligner
+        if self._profiles is not None and aligner.injection_profile is not None:
+            self._profiles.keep(self._camera.facts, aligner.injection_profile)
+        if self._profiles is not None and aligner.start_latencies_ns:
+            self._profiles.keep_start_latencies(self._camera.facts, aligner.start_latencies_ns)
+
+    def _handle_event(self, event: ClientEvent[CapturedFrame]) -> None:
+        now_ns = self._clock.now_ns()
+        if isinstance(event, BurstPicked):
+            self._uploader.add_burst(self._upload_of(event))
+            return
+        if isinstance(event, Joined):
+            camera = CameraRecord(name=self.name, facts=self._camera.facts)
+            leader = Address(self._failover.leader[0], event.transfer_port)
+            self._uploader.set_leader(leader, camera)
+            self._beacons.follow(event.beacons, leader.host)
+            if len(self._leaders) > 1:
+                self._talk(f"joined {leader}")
+        line = {"local_ns": now_ns, **event_line(event)}
+        self._events.append(line)
+        if isinstance(event, LeaderLost | JoinRefused | AlignmentFailed):
+            self._talk(f"{line['event']}: {event.reason}")
+
+    def _upload_of(self, ready: BurstPicked[CapturedFrame]) -> BurstUpload:
+        assert self._tolerance_ns is not None
+        record = camera_record(
+            self.name, self._camera.facts, ready, self._engine.aligner.corrections, self._tolerance_ns
+        )
+        report = camera_report(
+            record,
+            ready,
+            calibration=self._camera.calibration,
+            true_clock=true_clock(self._clock, self._camera.facts),
+            events=tuple(self._events),
+        )
+        self._events.clear()
+        return BurstUpload(report, deque(ready.picks))
+
+
+def _silent(_: str) -> None:
+    """Nobody listens."""

@@ -1,0 +1,180 @@
+"""The bursts of a leader that are under way: ordered, collected and saved, with those of earlier runs."""
+
+import asyncio
+from collections.abc import Callable, Coroutine, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from capture_app.errors import BadInputError, IncompleteError, SimulshotError
+from capture_app.node.burst.burst_session import BurstSession
+from capture_app.node.burst.resumed_bursts import RETURN_NS, ResumedBursts
+from capture_app.node.leader.space import check_room, expected_image_bytes
+from capture_app.node.leader.wording import News
+from capture_app.node.wire.messages import CameraReport, ImageUpload, SpoolSpace
+from capture_app.session.writing.store import SessionWriter
+from capture_app.sync.rig.events import BurstRefused
+from capture_app.sync.rig.leader import Leader
+from capture_app.sync.wire.messages import NodeState
+
+MAX_OPEN_BURSTS = 16
+SILENCE_CHECK_S = 0.25
+
+
+class ActiveBursts:
+    """Orders bursts of an engine, and collects each into a session; `now_ns` returns the leader's time."""
+
+    def __init__(
+        self,
+        root: Path,
+        engine: Leader,
+        now_ns: Callable[[], int],
+        on_news: Callable[[News], None],
+        *,
+        resume: Sequence[Path] | None = None,
+        return_ns: int = RETURN_NS,
+    ) -> None:
+        """`resume` are the interrupted sessions to finish, else all; nodes have `return_ns` to come back."""
+        self.saved: list[str] = []
+        """Paths of the sessions of this run, newest last."""
+        self.newest: BurstSession | None = None
+        self.resumed = ResumedBursts(root, self._follow_resumed)
+        """The sessions of earlier runs that are being finished."""
+        self._root = root
+        self._engine = engine
+        self._now_ns = now_ns
+        self._on_news = on_news
+        self._bursts: dict[int, BurstSession] = {}
+        self._last_number = 0
+        self._image_bytes: dict[str, int] = {}
+        self._spools: dict[str, SpoolSpace] = {}
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._spawn(self._watch_silence())
+        self._spawn(self.resumed.resume_all(now_ns(), folders=resume, wait_ns=return_ns))
+
+    async def close(self) -> None:
+        """Save bursts under way with what has come."""
+        for task in tuple(self._tasks):
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
+        for burst in self._bursts.values():
+            if not burst.finished.is_set():
+                # Nodes still have what has not come, and the next start may fetch it.
+                await (burst.suspend() if burst.is_empty() else burst.finish_now("the leader was stopped"))
+                self._note_finished(burst)
+        await self.resumed.suspend_all()
+
+    async def order(self, *, frames: int, spacing: int, at_leader_ns: int | None) -> BurstSession:
+        """Order a burst of all nodes that are here, and begin its session.
+
+        Raises BadInputError for an impossible burst or a folder that cannot be written, NoCameraHereError
+        where there is no camera, DiskFullError where it will hardly find room here or on a node.
+        """
+        if sum(not burst.finished.is_set() for burst in self._bursts.values()) >= MAX_OPEN_BURSTS:
+            raise IncompleteError(
+                f"{MAX_OPEN_BURSTS} bursts are still being saved", hint="wait until they are there"
+            )
+        self._engine.check_burst(frames=frames, spacing=spacing)
+        image_bytes = expected_image_bytes(self._engine.clients(self._now_ns()), self._image_bytes)
+        check_room(self._root, image_bytes, frames, self._spools)
+        # A number that was given up is never given again: nodes may still know it.
+        writer, number = await asyncio.to_thread(create_numbered, self._root, after=self._last_number)
+        self._last_number = max(self._last_number, number)
+        try:
+            burst = self._engine.trigger(
+                self._now_ns(), frames=frames, spacing=spacing, at_leader_ns=at_leader_ns, number=number
+            )
+        except SimulshotError:
+            await asyncio.to_thread(writer.discard)
+            raise
+        facts = {view.name: view.camera for view in self._engine.clients(self._now_ns())}
+        session = self._bursts[number] = self.newest = BurstSession(burst, facts, writer)
+        self._spawn(self._follow(session))
+        # On disk before any node can hear of it, so that whatever is picked can be fetched after a crash.
+        try:
+            await session.write_plan(self._engine.config.instance)
+        except SimulshotError as error:
+            await session.cancel(error.what)
+            raise
+        return session
+
+    def session_of(self, burst: int) -> BurstSession:
+        """The session of a burst of this run, by its number."""
+        return self._bursts[burst]
+
+    async def find_session(self, message: CameraReport | ImageUpload) -> BurstSession:
+        """Return the burst of an upload, of this run or of an earlier one whose session lacks it.
+
+        Raises BadInputError where there is no such burst, TryAgainError where its session is in use.
+        """
+        of_this_run = message.leader == self._engine.config.instance
+        session = self._bursts.get(message.burst) if of_this_run else None
+        if session is not None and not session.finished.is_set():
+            return session
+        if isinstance(message, ImageUpload):
+            return self.resumed.open_session(message)
+        return await self.resumed.reopen(message, self._now_ns())
+
+    def note_spool_space(self, space: SpoolSpace) -> None:
+        """Note how much room a node has, for the next burst."""
+        self._spools[space.camera] = space
+
+    def note_refusal(self, refusal: BurstRefused) -> None:
+        """A node takes no part in a burst."""
+        if refusal.burst in self._bursts:
+            session = self._bursts[refusal.burst]
+            self._spawn(session.give_up_camera(refusal.name, refusal.reason))
+
+    def _follow_resumed(self, session: BurstSession) -> None:
+        self._spawn(self._follow(session))
+
+    async def _follow(self, session: BurstSession) -> None:
+        self._on_news(session.status)
+        await session.finished.wait()
+        self._note_finished(session)
+
+    def _note_finished(self, session: BurstSession) -> None:
+        path = session.status.session
+        if path is not None and path not in self.saved:
+            self.saved.append(path)
+        if path is not None:
+            self._image_bytes |= session.mean_image_bytes()
+        self._on_news(session.status)
+
+    async def _watch_silence(self) -> None:
+        while True:
+            await asyncio.sleep(SILENCE_CHECK_S)
+            now_ns = self._now_ns()
+            lost: Mapping[str, str] = {
+                view.name: f"lost: {view.report.message}"
+                for view in self._engine.clients(now_ns)
+                if view.report.state is NodeState.LOST
+            }
+            for session in (*self._bursts.values(), *self.resumed.sessions()):
+                if not session.finished.is_set():
+                    await session.give_up_silent_cameras(lost, now_ns)
+
+    def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.ensure_future(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+
+def create_numbered(root: Path, *, after: int = 0) -> tuple[SessionWriter, int]:
+    """Begin the session `burst-NNN` of the next free number over `after`, and return that number too.
+
+    Raises BadInputError, DiskFullError.
+    """
+    number = 1 + max([after, *(_number(path) for path in root.glob("burst-*"))])
+    while True:
+        name = f"burst-{number:03d}"
+        try:
+            return SessionWriter.create(root, name), number
+        except BadInputError:
+            if not (root / name).exists():
+                raise
+        number += 1
+
+
+def _number(path: Path) -> int:
+    digits = path.name.removeprefix("burst-")
+    return int(digits) if digits.isdecimal() else 0

@@ -14,6 +14,7 @@ from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import read_image
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.output_folder import comparison_folder, write_metrics
+from reconstruction.panorama.ghosting import OverlapScore
 from reconstruction.panorama.opencv_stitcher import Panorama, PanoramaStitcher
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import nearest_frame_offset
@@ -28,15 +29,6 @@ class StitchOptions:
 
     instant: int = 0
     offset_ms: float | None = None
-
-
-class OverlapScore(msgspec.Struct, frozen=True, kw_only=True):
-    """Two pictures' misfit where they overlap, before blending."""
-
-    first: str
-    second: str
-    flow_p95_px: float
-    mad: float
 
 
 class ConditionPanorama(msgspec.Struct, frozen=True, kw_only=True):
@@ -148,8 +140,5 @@ def _saved(made: Panorama, condition: str, folder: Path) -> ConditionPanorama:
         width=made.picture.shape[1],
         height=made.picture.shape[0],
         ghosting_px=float(np.mean(flows)) if flows else None,
-        overlaps=tuple(
-            OverlapScore(first=o.first, second=o.second, flow_p95_px=o.flow_p95_px, mad=o.mad)
-            for o in made.overlaps
-        ),
+        overlaps=made.overlaps,
     )

@@ -8,7 +8,8 @@ import numpy as np
 
 from reconstruction.common.brightness import gain_and_bias
 from reconstruction.common.geometry import Array
-from reconstruction.panorama.pair_registration import PairRegistration, dense_flow
+from reconstruction.panorama.optical_flow import dense_flow
+from reconstruction.panorama.pair_registration import PairRegistration
 from reconstruction.session.mover_detection import dilate
 
 

@@ -8,6 +8,7 @@ import numpy as np
 from reconstruction.calibration.homography import Homography
 from reconstruction.common.brightness import match_brightness
 from reconstruction.common.geometry import Array, View
+from reconstruction.panorama.optical_flow import dense_flow
 
 LEAST_SIDE_PX = 64
 
@@ -124,13 +125,6 @@ def correct_parallax(
     )
     seen = cv2.remap(registration.seen[1].astype(np.uint8), where.astype(np.float32), None, cv2.INTER_NEAREST)
     return PairRegistration((registration.maps[0], bent), (registration.seen[0], seen > 0))
-
-
-def dense_flow(a: Array, b: Array) -> Array:
-    """Optical flow (DIS) from a to b, grey pictures of 0 to 255: float32 height x width x 2, px."""
-    flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-    first, second = (np.clip(image, 0, 255).astype(np.uint8) for image in (a, b))
-    return np.asarray(flow.calc(first, second, None))
 
 
 def _apply(matrix: Array, at: Array) -> Array:

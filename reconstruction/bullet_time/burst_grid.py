@@ -8,6 +8,7 @@ import numpy as np
 from reconstruction.common.drawing import save_picture
 from reconstruction.scores.compare_results import BurstGrid
 from reconstruction.session.dataset import Dataset
+from reconstruction.session.frame_offset import evenly_spread
 
 MOST_CAMERAS = 20
 MOST_INSTANTS = 8
@@ -17,7 +18,7 @@ WIDTH_PX = 160
 def burst_grid(dataset: Dataset, out: Path) -> BurstGrid:
     """Write the thumbnails into out/pictures; of a long burst, instants spread evenly over it."""
     count = len(dataset.instants_ns)
-    instants = [round(k) for k in np.linspace(0, count - 1, min(count, MOST_INSTANTS))]
+    instants = evenly_spread(range(count), MOST_INSTANTS)
     cameras = dataset.cameras[:MOST_CAMERAS]
     rows = []
     for camera in cameras:

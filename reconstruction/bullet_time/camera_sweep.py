@@ -115,7 +115,7 @@ def _instant(
     if min(best[:2]) < 2:
         return None
     likely = [k for k, rank in ranks.items() if rank == best]
-    likely = [k for k, _ in evenly_spread([(k, k) for k in likely], MOST_LOOKED_AT)]
+    likely = evenly_spread(likely, MOST_LOOKED_AT)
     instant = max(likely, key=lambda k: sum(int(motion.detected_movers(n, k).sum()) for n in found[k]))
     return instant, found[instant]
 

@@ -1,4 +1,4 @@
-"""The cameras of a rig in the order in which somebody walking along it would pass them."""
+"""The order of a rig's cameras from left to right, along a row, an arc or a ring."""
 
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
@@ -9,11 +9,11 @@ from reconstruction.common.geometry import Array, View
 
 
 def order_by_place(views: Mapping[str, View]) -> tuple[str, ...]:
-    """The shortest walk past all cameras, from left to right as they see it.
+    """The shortest path past all cameras, from left to right as they see it.
 
     Cameras are near each other that stand and look alike: their distance is that of their places, in
-    shares of the rig's size, together with that of their viewing directions. So it goes along a row, around
-    an arc, around a ring from its largest gap on, and turns where cameras stand in one spot.
+    shares of the rig's size, together with that of their viewing directions. So the path follows a row or an
+    arc, a ring from its largest gap on, and the viewing directions of cameras that stand in one spot.
     """
     names = sorted(views)
     if len(names) < 2:
@@ -23,7 +23,7 @@ def order_by_place(views: Mapping[str, View]) -> tuple[str, ...]:
     axes = np.array([views[name].axis for name in names])
     places = np.hstack([centres / size, axes]) if size > 1e-9 else axes
     apart = np.linalg.norm(places[:, None] - places[None], axis=2)
-    walks = [_without_crossings(_nearest_next(apart, start), apart) for start in range(len(names))]
+    walks = [_uncrossed(_nearest_neighbour_path(apart, start), apart) for start in range(len(names))]
     walk = min(walks, key=lambda steps: (round(_length(steps, apart), 9), steps))
     first, last = views[names[walk[0]]], views[names[walk[-1]]]
     right = np.mean([view.rotation[0] for view in views.values()], axis=0)
@@ -34,7 +34,7 @@ def order_by_place(views: Mapping[str, View]) -> tuple[str, ...]:
     return tuple(names[i] for i in walk)
 
 
-def _nearest_next(apart: Array, start: int) -> list[int]:
+def _nearest_neighbour_path(apart: Array, start: int) -> list[int]:
     walk, left = [start], set(range(len(apart))) - {start}
     while left:
         here = walk[-1]
@@ -43,7 +43,7 @@ def _nearest_next(apart: Array, start: int) -> list[int]:
     return walk
 
 
-def _without_crossings(walk: list[int], apart: Array) -> list[int]:
+def _uncrossed(walk: list[int], apart: Array) -> list[int]:
     """The walk with stretches turned round for as long as that makes it shorter (2-opt)."""
     shorter = True
     while shorter:

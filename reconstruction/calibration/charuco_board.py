@@ -1,4 +1,4 @@
-"""A ChArUco board and where it is in pictures: printed light or dark, seen from its front or its back."""
+"""Detection of a ChArUco board in pictures: printed light or dark, seen from its front or its back."""
 
 from dataclasses import dataclass
 from itertools import combinations
@@ -26,12 +26,12 @@ class CharucoBoard:
     dictionary: str
 
     def to_opencv(self) -> cv2.aruco.CharucoBoard:
-        """OpenCV's board. Raises BadInputError where there is no such one."""
+        """OpenCV's board. Raises BadInputError for an unknown dictionary or impossible sizes."""
         kind = getattr(cv2.aruco, f"DICT_{self.dictionary.upper()}", None)
         if kind is None:
-            raise BadInputError(f"no dictionary {self.dictionary!r}", hint="as 4X4_50, 5X5_100, 6X6_250")
+            raise BadInputError(f"unknown dictionary {self.dictionary!r}", hint="such as 4X4_50 or 6X6_250")
         if not 0 < self.marker_m < self.square_m:
-            raise BadInputError("a board's markers are smaller than its squares")
+            raise BadInputError("a board's markers must be smaller than its squares")
         words = cv2.aruco.getPredefinedDictionary(kind)
         return cv2.aruco.CharucoBoard((self.across, self.down), self.square_m, self.marker_m, words)
 
@@ -42,7 +42,7 @@ BoardCorners = dict[tuple[str, int], dict[int, Array]]
 
 @dataclass(frozen=True)
 class BoardAppearance:
-    """How a picture is changed before the board is looked for.
+    """How a picture is changed before the board is detected in it.
 
     `dark`: brightness turned round, for boards printed white on black. `back`: left and right turned round,
     for the back of a board that was printed on both sides or on glass, as cameras on two sides of it need.
@@ -53,10 +53,10 @@ class BoardAppearance:
 
 
 class BoardDetector:
-    """Finds a board; the way it was found last time is tried first."""
+    """Detects a board; the appearance it had last time is tried first."""
 
     def __init__(self, board: CharucoBoard) -> None:
-        """Raises BadInputError where there is no such board."""
+        """Raises BadInputError for an unknown dictionary or impossible sizes."""
         made = board.to_opencv()
         self._detector = cv2.aruco.CharucoDetector(made)
         self._places = np.asarray(made.getChessboardCorners(), np.float64)[:, :2]
@@ -105,7 +105,7 @@ def is_flat_board(places: Array, pixels: Array) -> bool:
 
 
 def detect_board(dataset: Dataset, board: CharucoBoard) -> BoardCorners:
-    """Look for the board in every image; images that show less than FEWEST_CORNERS are left out."""
+    """Detect the board in every image; images with fewer than FEWEST_CORNERS are left out."""
     found: BoardCorners = {}
     for camera in dataset.cameras:
         finder = BoardDetector(board)

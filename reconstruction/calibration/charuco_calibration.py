@@ -10,6 +10,7 @@ from capture_app.session.format.calibration import Calibration, CameraCalibratio
 from reconstruction.calibration.charuco_board import FEWEST_CORNERS, BoardCorners, CharucoBoard
 from reconstruction.common.geometry import Array
 from reconstruction.session.dataset import Dataset
+from reconstruction.session.frame_offset import evenly_spread
 
 FEWEST_BOARDS = 4
 
@@ -29,19 +30,19 @@ def calibrate_from_board(dataset: Dataset, board: CharucoBoard, corners: BoardCo
         seen = [k for name, k in sorted(corners) if name == camera]
         if len(seen) < FEWEST_BOARDS:
             raise BadInputError(
-                f"{camera} shows the board in {len(seen)} images, and it takes {FEWEST_BOARDS}",
+                f"{camera} shows the board in {len(seen)} images; {FEWEST_BOARDS} are needed",
                 hint="record the board from more places; check --board, --square-mm and --dictionary",
             )
-        seen = [seen[round(i)] for i in np.linspace(0, len(seen) - 1, min(len(seen), MOST_BOARDS))]
+        seen = evenly_spread(seen, MOST_BOARDS)
         points = [places[sorted(corners[camera, k])] for k in seen]
         pixels = [_pixels(corners[camera, k], sorted(corners[camera, k])) for k in seen]
-        # A small or flat set of boards cannot tell the higher terms of distortion.
+        # Few boards, or boards at one angle, do not determine the higher terms of distortion.
         flags = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
         _, matrix, distortion, _, _ = cv2.calibrateCamera(
             points, pixels, dataset.size(camera), np.eye(3), np.zeros(5), flags=flags
         )
         lenses[camera] = np.asarray(matrix), np.asarray(distortion).ravel()[:5]
-    poses = _poses(dataset, places, corners, lenses)
+    poses = _rig_poses(dataset, places, corners, lenses)
     cameras = {name: _record(dataset.size(name), *lenses[name], *poses[name]) for name in dataset.cameras}
     return Calibration(
         cameras=cameras, unit="m", source=f"ChArUco board in {len(corners)} images of {dataset.name}"
@@ -52,7 +53,7 @@ def _pixels(seen: dict[int, Array], ids: list[int]) -> Array:
     return np.array([seen[i] for i in ids], np.float32)
 
 
-def _poses(
+def _rig_poses(
     dataset: Dataset, places: Array, corners: BoardCorners, lenses: dict[str, tuple[Array, Array]]
 ) -> dict[str, tuple[Array, Array]]:
     """`cam_from_rig`: the first camera is the rig; each other is joined to the one it shares most with."""
@@ -74,7 +75,7 @@ def _poses(
         count, a, b = max(links, key=lambda link: link[0])
         if count < FEWEST_BOARDS:
             raise BadInputError(
-                f"{b} and {a} show the board together in {count} instants, and it takes {FEWEST_BOARDS}",
+                f"{b} and {a} show the board together at {count} instants; {FEWEST_BOARDS} are needed",
                 hint="hold the board where neighbouring cameras both see it",
             )
         together = shared[frozenset((a, b))][:MOST_BOARDS]

@@ -128,7 +128,7 @@ def measure(
     common = [now for now in later[0] if all(now in partners for partners in later)]
     if not common:
         raise ValueError("no instant has its images at all the offsets")
-    nows = [now for now, _ in evenly_spread([(now, now) for now in common], most_instants)]
+    nows = evenly_spread(common, most_instants)
     progress.total += len(nows) * len(steps) + len(steps)
     study = StereoStudy(rig, None, cameras, most_instants)
     study.prepare(nows[0], progress)

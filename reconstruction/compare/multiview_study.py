@@ -180,8 +180,7 @@ class MultiviewStudy:
         most = max(len(one.shown) for one in found)
         fullest = [one for one in found if len(one.shown) == most]
         refuse_synchronized(condition, [(one.instant, one.shown) for one in fullest])
-        places = evenly_spread([(place, place) for place in range(len(fullest))], self.most_instants)
-        chosen = [fullest[place] for place, _ in places]
+        chosen = evenly_spread(fullest, self.most_instants)
         usable = [(one.instant, self._kept(one.instant, one.shown, self.shots.usable)) for one in chosen]
         useful = [
             ShownInstant(instant, shown)

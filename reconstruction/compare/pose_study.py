@@ -121,8 +121,7 @@ class PoseStudy:
         if not found:
             raise ValueError(problem)
         refuse_synchronized(condition, found)
-        chosen = evenly_spread([(place, place) for place in range(len(found))], self.most_instants)
-        return [found[place] for place, _ in chosen]
+        return evenly_spread(found, self.most_instants)
 
     def _poses(self, finder: Callable[[], PoseFinder], shown: dict[str, int]) -> InstantPoses:
         views = self.rig.views

@@ -1,7 +1,7 @@
 """COLMAP's files of depth and normals: `width&height&channels&`, then float32 row by row, channel by channel.
 
 Written here because pycolmap 4.2's `NormalMap.from_array` takes the channels for the innermost axis, and
-COLMAP's own code then reads other normals than were meant; fusion drops most points without a word.
+COLMAP's own code then reads wrong normals; fusion silently drops most points.
 """
 
 from collections.abc import Mapping
@@ -47,7 +47,7 @@ def read_array(path: Path) -> Array:
         values = np.frombuffer(data, np.float32, offset=start)
         shaped = values.reshape(channels, height, width).transpose(1, 2, 0)
     except (OSError, ValueError) as error:
-        raise SimulshotError(f"{path} is no map of COLMAP's: {error}") from error
+        raise SimulshotError(f"{path} is not a depth or normal map of COLMAP: {error}") from error
     return np.array(shaped[..., 0] if channels == 1 else shaped)
 
 

@@ -39,8 +39,8 @@ def write_workspace(
     names = {name: f"{name}.png" for name in views}
     for name, file in names.items():
         write_image(folder / "images" / file, pictures[name], FAST_PNG)
-    points = _between(views, reach) if depth_views is None else _shared_points(views, depth_views)
-    _model(pycolmap, views, names, points).write(folder / "sparse")
+    points = _spread_points(views, reach) if depth_views is None else _shared_points(views, depth_views)
+    _sparse_model(pycolmap, views, names, points).write(folder / "sparse")
     (stereo / "fusion.cfg").write_text("".join(f"{file}\n" for file in names.values()))
     (stereo / "patch-match.cfg").write_text("".join(f"{file}\n__auto__, 20\n" for file in names.values()))
     for name, found in (depth_views or {}).items():
@@ -62,7 +62,7 @@ def _shared_points(views: Mapping[str, View], depth_views: Mapping[str, ViewDept
     return np.concatenate(points)
 
 
-def _between(views: Mapping[str, View], reach: tuple[float, float]) -> Array:
+def _spread_points(views: Mapping[str, View], reach: tuple[float, float]) -> Array:
     """Points spread over all views between two depths, in the rig's frame (n, 3)."""
     rng = np.random.default_rng(0)
     points = []
@@ -73,7 +73,7 @@ def _between(views: Mapping[str, View], reach: tuple[float, float]) -> Array:
     return np.concatenate(points)
 
 
-def _model(pycolmap: Any, views: Mapping[str, View], names: Mapping[str, str], points: Array) -> Any:
+def _sparse_model(pycolmap: Any, views: Mapping[str, View], names: Mapping[str, str], points: Array) -> Any:
     """The sparse model: every point is seen by every view whose picture it falls into."""
     model = pycolmap.Reconstruction()
     seen: list[list[tuple[int, int]]] = [[] for _ in points]

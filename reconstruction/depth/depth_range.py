@@ -1,4 +1,4 @@
-"""From how near to how far the scene reaches: small pictures matched over all depths there could be."""
+"""The nearest and farthest depth of a scene, by small pictures matched over all depths that are possible."""
 
 from collections.abc import Mapping, Sequence
 
@@ -27,7 +27,7 @@ def find_depth_range(
     """Nearest and farthest depth of the scene, in the rig's unit, with a margin.
 
     Raises:
-        BadInputError: the pictures have nothing in common that two of them agree on.
+        BadInputError: no two pictures agree on any depth.
     """
     names = [name for name in photos if sources.get(name)]
     chosen = [names[int(i)] for i in np.linspace(0, len(names) - 1, min(MOST_VIEWS, len(names)))]
@@ -37,8 +37,8 @@ def find_depth_range(
     surfaces: dict[str, Surface] = {}
     for name in chosen:
         lenses = [SourceView(small[name], small[other]) for other in sources[name][:3]]
-        surfaces[name] = sweep_planes(small[name], lenses, _levels(lenses), SweepOptions())
-    found = [_agreed(name, small, surfaces, sources) for name in chosen]
+        surfaces[name] = sweep_planes(small[name], lenses, _coarse_levels(lenses), SweepOptions())
+    found = [_confirmed_inverse_depths(name, small, surfaces, sources) for name in chosen]
     values = np.concatenate(found) if found else np.zeros(0)
     if len(values) < FEWEST_PIXELS:
         raise BadInputError(
@@ -51,7 +51,7 @@ def find_depth_range(
     return 1 / (high + margin), 1 / max(low - margin, 0.3 * low)
 
 
-def _levels(lenses: Sequence[SourceView]) -> Array:
+def _coarse_levels(lenses: Sequence[SourceView]) -> Array:
     reference = lenses[0].reference.view
     bases = [float(np.linalg.norm(lens.translation)) for lens in lenses]
     near = MOST_MOTION * reference.width / (reference.focal * min(bases))
@@ -59,7 +59,7 @@ def _levels(lenses: Sequence[SourceView]) -> Array:
     return np.linspace(near * 0.002, near, count)
 
 
-def _agreed(
+def _confirmed_inverse_depths(
     name: str,
     small: Mapping[str, CalibratedImage],
     surfaces: Mapping[str, Surface],

@@ -1,4 +1,4 @@
-"""Depth is believed where other views, matched for themselves, found the same surface."""
+"""Depth is kept where other views, each matched by itself, found the same surface."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -58,7 +58,7 @@ def consistent_and_visible_views(
     count, able = (np.zeros(surface.inverse_depth.shape, np.uint8) for _ in range(2))
     for lens, other in zip(lenses, others, strict=True):
         same, sees = _compared(surface.inverse_depth, lens, other.inverse_depth, limits)
-        count += same & _as_bright(surface.inverse_depth, lens, same, limits)
+        count += same & _equally_bright(surface.inverse_depth, lens, same, limits)
         able += sees
     return count, able
 
@@ -127,17 +127,17 @@ def _compared(
     return same, inside & (seen <= expected * (1 + limits.relative_depth))
 
 
-def _as_bright(inverse_depth: Array, lens: SourceView, same: Array, limits: ConsistencyLimits) -> Array:
+def _equally_bright(inverse_depth: Array, lens: SourceView, same: Array, limits: ConsistencyLimits) -> Array:
     """Where the other view, seen through the surface, is as bright as this one (bool, height x width)."""
     seen = lens.warp_by_depth(inverse_depth)
     reference = lens.reference.grey
-    gain, bias = _level(seen[same], reference[same])
+    gain, bias = _brightness_match(seen[same], reference[same])
     difference = cv2.blur(gain * seen + bias - reference, (5, 5))
     noise = float(np.sqrt(max(lens.reference.noise, lens.source.noise)))
     return np.asarray(np.abs(difference) < limits.grey_levels + noise)
 
 
-def _level(seen: Array, reference: Array) -> tuple[float, float]:
+def _brightness_match(seen: Array, reference: Array) -> tuple[float, float]:
     """Gain and bias that make one brightness the other's, by its spread; exposures may differ."""
     if seen.size < 100:
         return 1.0, 0.0

@@ -1,4 +1,4 @@
-"""From the fused cloud to a clean one, a mesh that stays with it, and a picture of it from all around."""
+"""A mesh of the fused cloud, cut where no points support it, and a picture of it from six sides."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -40,8 +40,8 @@ def build_mesh(fused: Path, folder: Path, centre: Array, up: Array) -> MeshModel
     """
     o3d = load_open3d()
     with silenced_stderr():
-        cloud = _clean(o3d.io.read_point_cloud(str(fused)))
-        mesh = _mesh(o3d, cloud)
+        cloud = _drop_outliers(o3d.io.read_point_cloud(str(fused)))
+        mesh = _poisson_mesh(o3d, cloud)
         written = o3d.io.write_point_cloud(str(folder / "cloud.ply"), cloud)
         written &= o3d.io.write_triangle_mesh(str(folder / "mesh.ply"), mesh)
     if not written:
@@ -59,18 +59,18 @@ def turntable(o3d: Any, mesh: Any, centre: Array, up: Array, size: tuple[int, in
     scene = o3d.t.geometry.RaycastingScene()
     scene.add_triangles(o3d.t.geometry.TriangleMesh.from_legacy(mesh))
     colours = np.asarray(mesh.vertex_colors)[np.asarray(mesh.triangles)]
-    frames = [_look(o3d, scene, colours, middle, centre, up, turn, size) for turn in TURNS_DEG]
+    frames = [_render_mesh(o3d, scene, colours, middle, centre, up, turn, size) for turn in TURNS_DEG]
     return np.concatenate([np.concatenate(frames[:3], axis=1), np.concatenate(frames[3:], axis=1)])
 
 
-def _clean(cloud: Any) -> Any:
+def _drop_outliers(cloud: Any) -> Any:
     """Points far from their neighbours are dropped; normals stay those of the views."""
     if len(cloud.points) <= NEIGHBOURS:
         return cloud
     return cloud.remove_statistical_outlier(NEIGHBOURS, 2.5)[0]
 
 
-def _mesh(o3d: Any, cloud: Any) -> Any:
+def _poisson_mesh(o3d: Any, cloud: Any) -> Any:
     if len(cloud.points) < 100:
         return o3d.geometry.TriangleMesh()
     if len(cloud.points) > MOST_MESH_POINTS:
@@ -87,7 +87,7 @@ def _mesh(o3d: Any, cloud: Any) -> Any:
     return mesh
 
 
-def _look(
+def _render_mesh(
     o3d: Any,
     scene: Any,
     colours: Array,

@@ -46,7 +46,7 @@ def find_gpu(environment: Mapping[str, str] = os.environ) -> CudaGpu:
     tool = shutil.which("nvidia-smi", path=environment.get("PATH"))
     if tool is None:
         raise NotAvailableError(
-            "PatchMatch needs an NVIDIA GPU, and none is here", hint="use --matcher sweep"
+            "PatchMatch needs an NVIDIA GPU, and this machine has none", hint="use --matcher sweep"
         )
     try:
         asked = subprocess.run(  # noqa: S603
@@ -57,14 +57,14 @@ def find_gpu(environment: Mapping[str, str] = os.environ) -> CudaGpu:
     names = asked.stdout.strip().splitlines()
     if asked.returncode != 0 or not names:
         raise NotAvailableError(
-            "PatchMatch needs an NVIDIA GPU, and none is here", hint="use --matcher sweep"
+            "PatchMatch needs an NVIDIA GPU, and this machine has none", hint="use --matcher sweep"
         )
     named = environment.get(ENVIRONMENT, "")
     if not named:
-        raise NotAvailableError(f"there is a GPU ({names[0]}), but no pycolmap that can use it", hint=HINT)
+        raise NotAvailableError(f"there is a GPU ({names[0]}), but no pycolmap with CUDA", hint=HINT)
     python = Path(named)
     if not python.is_file():
-        raise NotAvailableError(f"{ENVIRONMENT} names {python}, which is not there", hint=HINT)
+        raise NotAvailableError(f"{ENVIRONMENT} names {python}, which does not exist", hint=HINT)
     return CudaGpu(names[0], python)
 
 

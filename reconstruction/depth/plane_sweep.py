@@ -12,7 +12,7 @@ from reconstruction.depth.semiglobal_aggregation import aggregate_costs, cheapes
 from reconstruction.depth.source_view import SourceView, mean_of_lowest
 
 WORST_COST = 255
-"""Cost of no likeness at all."""
+"""Matching cost where the pictures have nothing in common."""
 
 
 TOLERANCE = 1.0
@@ -21,22 +21,23 @@ TOLERANCE = 1.0
 
 @dataclass(frozen=True)
 class SweepOptions:
-    """How the matcher weighs likeness against smoothness.
-
-    `step_px`: distance of the first sweep's depths in the source that moves most. `window`,
-    `fine_window`: sides of the matched windows, px. `small_step`, `large_step`: prices of a step of
-    depth by one and by more, where 255 is no likeness at all. `finer`: for every sweep along the surface
-    its step (in steps of the first sweep) and half its width.
-    """
+    """How the matcher weighs matching costs against smoothness."""
 
     step_px: float = 0.8
+    """Distance between the depths of the first sweep, in the source in which it is largest."""
     window: int = 5
+    """Side of the window that is matched, px."""
     fine_window: int = 7
+    """The same in sweeps along the surface."""
     small_step: int = 20
+    """Penalty of a step by one depth between neighbours, where 255 is the cost of no likeness."""
     large_step: int = 800
+    """Penalty of any larger step."""
     fine_small_step: int = 10
     fine_large_step: int = 300
-    finer: tuple[tuple[float, int], ...] = ((0.5, 4), (0.25, 4))
+    """The same in sweeps along the surface."""
+    refinements: tuple[tuple[float, int], ...] = ((0.5, 4), (0.25, 4))
+    """For every sweep along the surface its step, in steps of the first sweep, and how many on each side."""
     max_cells: int = 80_000_000
     """Pixels times depths of one sweep, some bytes each; larger pictures are swept at a smaller size."""
 
@@ -63,16 +64,17 @@ def sweep_view(
 ) -> Surface:
     """The surface that the reference view sees between two depths (the rig's unit)."""
     span = (1 / farthest, 1 / nearest)
-    scale, count = _plan(reference, sources, span, options)
+    scale, count = _plan_first_sweep(reference, sources, span, options)
     small = reference.scaled(scale)
     lenses = [SourceView(small, source.scaled(scale)) for source in sources]
     surface = sweep_planes(small, lenses, np.linspace(*span, count), options)
     step = (span[1] - span[0]) / (count - 1)
     if scale < 1.0:
-        surface = _enlarged(surface, reference)
+        surface = _enlarge_surface(surface, reference)
     fine = replace(reference, window=options.fine_window)
-    plan = options.finer if scale == 1.0 else (*options.finer, (0.25 * scale, 4))
-    return _refined(surface, fine, [SourceView(fine, source) for source in sources], step, plan, options)
+    plan = options.refinements if scale == 1.0 else (*options.refinements, (0.25 * scale, 4))
+    source_views = [SourceView(fine, source) for source in sources]
+    return _refine_surface(surface, fine, source_views, step, plan, options)
 
 
 def sweep_planes(
@@ -84,7 +86,7 @@ def sweep_planes(
     lenses = [SourceView(reference, lens.source) for lens in lenses]
     costs = np.empty((reference.view.height, len(levels), reference.view.width), np.uint8)
     for number, level in enumerate(levels):
-        _store(costs, number, [lens.matching_cost(lens.warp_by_plane(float(level))) for lens in lenses])
+        _store_costs(costs, number, [lens.matching_cost(lens.warp_by_plane(float(level))) for lens in lenses])
     total = aggregate_costs(costs, reference.grey, options.small_step, options.large_step)
     place, unlike = cheapest_depths(total, costs)
     found = (levels[0] + place * step).astype(np.float32)
@@ -92,7 +94,7 @@ def sweep_planes(
     return Surface(*planes, unlike / WORST_COST)
 
 
-def _refined(
+def _refine_surface(
     surface: Surface,
     reference: CalibratedImage,
     lenses: Sequence[SourceView],
@@ -106,7 +108,7 @@ def _refined(
         costs = np.empty((reference.view.height, len(offsets), reference.view.width), np.uint8)
         for number, offset in enumerate(offsets):
             moved = surface.inverse_depth + np.float32(offset)
-            _store(costs, number, [lens.matching_cost(lens.warp_by_depth(moved)) for lens in lenses])
+            _store_costs(costs, number, [lens.matching_cost(lens.warp_by_depth(moved)) for lens in lenses])
         total = aggregate_costs(costs, reference.grey, options.fine_small_step, options.fine_large_step)
         place, unlike = cheapest_depths(total, costs)
         found = surface.inverse_depth + (place - reach) * np.float32(step * share)
@@ -116,13 +118,13 @@ def _refined(
     return surface
 
 
-def _store(costs: Array, number: int, unlike: Sequence[Array]) -> None:
-    """Sources that see something in front of the surface are unlike: the best three of four count."""
+def _store_costs(costs: Array, number: int, unlike: Sequence[Array]) -> None:
+    """Store the mean cost of the best three of four sources: one may see something in front."""
     best = {1: 1, 2: 2, 3: 2}.get(len(unlike), 3)
     np.multiply(mean_of_lowest(unlike, best), WORST_COST, out=costs[:, number, :], casting="unsafe")
 
 
-def _plan(
+def _plan_first_sweep(
     reference: CalibratedImage,
     sources: Sequence[CalibratedImage],
     span: tuple[float, float],
@@ -146,7 +148,7 @@ def _motion_px(lens: SourceView, low: float, high: float) -> float:
     return float(np.median(moved)) if moved.size else 0.0
 
 
-def _enlarged(surface: Surface, reference: CalibratedImage) -> Surface:
+def _enlarge_surface(surface: Surface, reference: CalibratedImage) -> Surface:
     """The surface at the reference's own size, every pixel's plane continued over the pixels it becomes."""
     height, width = surface.inverse_depth.shape
     sx, sy = width / reference.view.width, height / reference.view.height

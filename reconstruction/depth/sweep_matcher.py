@@ -1,4 +1,4 @@
-"""Depth of all cameras of an instant on the CPU: each for itself, then only what the others confirm."""
+"""Depth of all cameras of an instant on the CPU: each by itself, then only what other cameras confirm."""
 
 import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -39,7 +39,7 @@ class ViewDepth:
     depth: Array
     normals: Array
     surface: Surface | None = None
-    """What was found before anything was left out; None where somebody else matched."""
+    """What was found before the consistency check; None where COLMAP matched."""
 
 
 def match_all_views(
@@ -64,13 +64,13 @@ def match_all_views(
         done(name)
         return found
 
-    with _threads(workers) as pool:
+    with _thread_pool(workers) as pool:
         surfaces = dict(zip(names, pool.map(match, names), strict=True))
-        views = pool.map(lambda name: _checked(name, photos, sources, surfaces, kept), names)
+        views = pool.map(lambda name: _consistent_view(name, photos, sources, surfaces, kept), names)
         return dict(zip(names, views, strict=True))
 
 
-def _checked(
+def _consistent_view(
     name: str,
     photos: Mapping[str, CalibratedImage],
     sources: Mapping[str, Sequence[str]],
@@ -84,12 +84,12 @@ def _checked(
     lenses = [SourceView(photos[name], photos[other]) for other in others]
     count, able = consistent_and_visible_views(surface, lenses, [surfaces[other] for other in others], limits)
     good = consistent_pixels(surface, count, able, len(others), limits)
-    facing = _normals(surface, photos[name])
+    facing = _view_normals(surface, photos[name])
     depth = np.where(good, 1 / np.maximum(surface.inverse_depth, 1e-12), 0).astype(np.float32)
     return ViewDepth(depth, np.where(good[..., None], facing, 0).astype(np.float32), surface)
 
 
-def _normals(surface: Surface, photo: CalibratedImage) -> Array:
+def _view_normals(surface: Surface, photo: CalibratedImage) -> Array:
     """Normals over a wider neighbourhood than depth needs: slope is more easily upset than height."""
     tolerance = NORMAL_TOLERANCE * float(np.median(surface.inverse_depth))
     slopes = surface.slope_x, surface.slope_y
@@ -98,7 +98,7 @@ def _normals(surface: Surface, photo: CalibratedImage) -> Array:
 
 
 @contextmanager
-def _threads(workers: int | None) -> Iterator[ThreadPoolExecutor]:
+def _thread_pool(workers: int | None) -> Iterator[ThreadPoolExecutor]:
     """A pool of a thread per core; OpenCV, which each of them calls, then uses none of its own."""
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)

@@ -32,7 +32,7 @@ class PanoramaStitcher:
     """Pictures registered once; `used` are in the panorama, `left_out` says why the others are not."""
 
     def __init__(self, images: Mapping[str, Array], movers: Mapping[str, Array] | None = None) -> None:
-        """Register BGR pictures; `movers` (bool) are not looked at.
+        """Register BGR pictures by features outside of their `movers` (bool).
 
         Raises:
             BadInputError: the pictures make no panorama.
@@ -68,7 +68,7 @@ class PanoramaStitcher:
         if status != cv2.Stitcher_OK:
             raise BadInputError(
                 f"the pictures make no panorama: {_registration_problem(status, small)}",
-                hint="take them from one place, each sharing a third of its view with the next",
+                hint="take them from one place, with a third of overlap between neighbours",
             )
         names = list(small)
         return tuple(names[i] for i in np.asarray(self._stitcher.component()).ravel())
@@ -77,7 +77,7 @@ class PanoramaStitcher:
         """The panorama of pictures of the same cameras, of this or another condition.
 
         Raises:
-            BadInputError: what comes out is no panorama.
+            BadInputError: the composed picture is too small or too large for a panorama.
         """
         small = [limit_size(images[name]) for name in self.used]
         cv2.setRNGSeed(0)
@@ -98,7 +98,7 @@ class PanoramaStitcher:
         if min(height, width) < least or height * width > 6 * area:
             raise BadInputError(
                 f"the pictures do not fit together: a panorama of {width}x{height} pixels",
-                hint="take them from one place, each sharing a third of its view with the next",
+                hint="take them from one place, with a third of overlap between neighbours",
             )
 
 
@@ -120,16 +120,16 @@ def _registration_problem(status: int, small: Mapping[str, Array]) -> str:
     if best < FEWEST_MATCHES:
         return f"no two of them share more than {best} points"
     if status == cv2.Stitcher_ERR_CAMERA_PARAMS_ADJUST_FAIL:
-        return "no camera that only turns explains them"
-    return "they share points, but not as pictures of one turning camera do"
+        return "no rotation of a single camera explains them"
+    return "the points they share do not fit a camera that only rotates"
 
 
 def _reason_left_out(name: str, used: tuple[str, ...], small: Mapping[str, Array]) -> str:
     own = _features(small[name])
     if len(own.positions) < FEWEST_MATCHES:
-        return f"it shows too little to hold on to ({len(own.positions)} points)"
+        return f"it has too few features ({len(own.positions)})"
     shared = {other: len(match_features(own, _features(small[other]))[0]) for other in used}
     nearest = max(shared, key=lambda other: shared[other])
     if shared[nearest] < FEWEST_MATCHES:
-        return f"it shares {shared[nearest]} points at most with the others (with {nearest})"
+        return f"it shares at most {shared[nearest]} points with another picture ({nearest})"
     return f"it shares {shared[nearest]} points with {nearest}, but does not fit beside it"

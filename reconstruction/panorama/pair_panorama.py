@@ -14,7 +14,7 @@ from reconstruction.session.mover_detection import dilate
 
 
 def blend_pair(registration: PairRegistration, first: Array, second: Array) -> Array:
-    """The panorama of two BGR pictures (uint8), cross-faded over the overlap; black where nobody looks."""
+    """The panorama of two BGR pictures (uint8), cross-faded over the overlap; black where neither reaches."""
     a, b = (registration.warp(image, i).astype(np.float32) for i, image in enumerate((first, second)))
     seen_a, seen_b = registration.seen
     overlap = registration.overlap
@@ -49,7 +49,7 @@ def measure_misfit(
     """
     overlap = registration.overlap
     a = registration.warp(first, 0)
-    # Brightness is matched on what stands still, so that movers have no hand in the control.
+    # Brightness is matched on what stands still, so that movers cannot affect the control.
     matched = registration.warp(second, 1).astype(np.float32)
     gain, bias = gain_and_bias(a, np.where(overlap & still, matched, np.float32(np.nan)))
     b = np.asarray(gain * matched + bias, np.float32)

@@ -1,4 +1,4 @@
-"""Two cameras laid on one cylinder: registered once, by what stands still."""
+"""Two cameras registered on one cylinder, by what stands still, once for all conditions."""
 
 from dataclasses import dataclass
 
@@ -45,7 +45,7 @@ class PairRegistration:
 
 
 def uncalibrated_view(width: int, height: int) -> View:
-    """A guess for a camera that nobody calibrated: no distortion, a field of view of about 60 degrees."""
+    """A view guessed for an uncalibrated camera: no distortion, a field of view of about 60 degrees."""
     focal = 0.87 * max(width, height)
     matrix = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1]])
     return View(width, height, matrix, np.zeros(5), np.eye(3), np.zeros(3))
@@ -61,7 +61,7 @@ def register_pair(first: View, second: View, homography: Homography) -> PairRegi
     """Lay two pictures side by side on a cylinder, joined by a homography between their flat pixels.
 
     Raises:
-        ValueError: the result is no panorama (too small, too large, or no overlap).
+        ValueError: the panorama would be too small or too large, or the pictures do not overlap.
     """
     edge = second.border()
     beyond = _apply(np.linalg.inv(homography.matrix), undistort_pixels(second, edge))
@@ -99,10 +99,10 @@ def register_pair(first: View, second: View, homography: Homography) -> PairRegi
 def correct_parallax(
     registration: PairRegistration, first: Array, second: Array, moving: Array
 ) -> PairRegistration:
-    """Bend the second picture so that what stands still fits in the overlap: parallax, once for all.
+    """Correct parallax: warp the second picture smoothly so that what stands still fits in the overlap.
 
     `first` and `second` are grey pictures of the still background on the panorama, `moving` masks what
-    moves there at any time (bool). The bend is smooth, and fades out beyond the overlap.
+    moves there at any time (bool). The correction fades out beyond the overlap.
     """
     overlap = registration.overlap
     good = (overlap & ~moving).astype(np.float32)

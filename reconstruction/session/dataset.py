@@ -1,4 +1,4 @@
-"""A session as reconstruction sees it: images and truth by camera and instant, nothing about capture."""
+"""A session's images and ground truth, by camera and instant."""
 
 import hashlib
 from collections.abc import Iterable, Sequence
@@ -22,7 +22,7 @@ class Dataset:
     """The images of one burst, read when they are needed."""
 
     def __init__(self, session: Session) -> None:
-        """A frame that its camera dropped is no image of its instant and is left out."""
+        """Frames that a camera dropped are left out: their images are those of another instant."""
         manifest = session.manifest
         self.session = session
         self.name = manifest.name
@@ -39,8 +39,8 @@ class Dataset:
         """Open a session's folder.
 
         Raises:
-            BadInputError: it is no session, or its manifest is broken.
-            IncompleteError: an image is not there or not whole.
+            BadInputError: it is not a session, or its manifest is broken.
+            IncompleteError: an image is missing or truncated.
         """
         dataset = cls(Session.open(path))
         for record in dataset._records.values():
@@ -68,7 +68,7 @@ class Dataset:
         """The image, uint8 height x width x 3, BGR (grey cameras: three equal channels).
 
         Raises:
-            BadInputError: the file is no image, or not of its camera's size.
+            BadInputError: the file is not an image, or not of its camera's size.
         """
         return self._read(camera, instant)
 
@@ -99,7 +99,7 @@ class Dataset:
                 depth = np.asarray(data["depth_m"], np.float32)
                 return np.where(np.isfinite(depth), depth, np.float32(0)), np.asarray(data["movers"], bool)
         except (OSError, ValueError, KeyError, EOFError) as error:
-            raise BadInputError(f"{path} is no ground truth: {error}") from error
+            raise BadInputError(f"{path} is not a ground-truth file: {error}") from error
 
     def fingerprint(self) -> str:
         """One checksum over all images and the calibration: the same session gives the same."""
@@ -112,7 +112,7 @@ class Dataset:
     def worst_residual_us(self) -> float | None:
         """Largest distance of an image from its instant by the session's record, us.
 
-        None where nobody knows how sure the times are, as in imported sessions.
+        None where the uncertainty of the times is unknown, as in imported sessions.
         """
         records = self._records.values()
         sure = all(record.uncertainty_ns is not None for record in records)
@@ -173,6 +173,6 @@ class Dataset:
         if image.shape[:2] != (height, width):
             raise BadInputError(
                 f"{path} is {image.shape[1]}x{image.shape[0]}, but {camera} is {width}x{height}",
-                hint="the session's images and its manifest do not belong together",
+                hint="the image does not belong to this session's manifest",
             )
         return image

@@ -1,18 +1,21 @@
-"""Which frames are "synchronized" and which are "offset"."""
+"""Which two frames of a burst are compared as "offset": those about so many milliseconds apart."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import TypeVar
 
 import numpy as np
 
 from capture_app.errors import BadInputError
 from reconstruction.session.dataset import Dataset
 
+Item = TypeVar("Item")
+
 
 @dataclass(frozen=True)
 class FrameOffset:
-    """How far apart the two frames of the offset condition are."""
+    """A distance between instants of a burst, and the pairs of instants that are so far apart."""
 
     asked_ms: float
     actual_ns: int
@@ -37,7 +40,7 @@ def nearest_frame_offset(instants_ns: Sequence[int], period_ns: int, offset_ms: 
     """
     if len(instants_ns) < 2:
         raise BadInputError(
-            "the session has one instant only, so nothing in it is offset", hint="take a burst of 5 or more"
+            "the session has one instant only, so no frame can be offset", hint="take a burst of 5 or more"
         )
     spacing = min(b - a for a, b in pairwise(instants_ns))
     asked_ns = round(offset_ms * 1e6)
@@ -76,10 +79,10 @@ def pairs_with_images(
     ]
 
 
-def evenly_spread(pairs: Sequence[tuple[int, int]], limit: int) -> list[tuple[int, int]]:
-    """At most `limit` of them, evenly spread over the burst; a single one from its middle."""
-    if len(pairs) <= limit:
-        return list(pairs)
+def evenly_spread(items: Sequence[Item], limit: int) -> list[Item]:
+    """At most `limit` of them, evenly spread; a single one from the middle."""
+    if len(items) <= limit:
+        return list(items)
     if limit == 1:
-        return [pairs[len(pairs) // 2]]
-    return [pairs[round(i)] for i in np.linspace(0, len(pairs) - 1, limit)]
+        return [items[len(items) // 2]]
+    return [items[round(i)] for i in np.linspace(0, len(items) - 1, limit)]

@@ -1,4 +1,4 @@
-"""Which pixels show something that moves: the temporal difference of a camera that stands still."""
+"""Detection of movers: pixels that differ over time in the pictures of a camera that stands still."""
 
 from collections.abc import Sequence
 
@@ -35,14 +35,14 @@ def detect_movers(image: Array, neighbours: Sequence[Array], still: Array) -> Ar
     (other images of the same camera): a difference to one neighbour alone also shows where the thing
     will be, to the background alone where it was for most of the burst.
     """
-    differences = [_difference(image, other) for other in (*neighbours, still)]
+    differences = [_grey_difference(image, other) for other in (*neighbours, still)]
     change = np.minimum.reduce(differences)
-    spread = max(_spread(image, other) for other in (*neighbours, still))
-    mask = (change > max(LEAST_STEP, 4.0 * spread) + SHAKE_PX * _slope(still)).astype(np.uint8)
+    spread = max(_noise_level(image, other) for other in (*neighbours, still))
+    mask = (change > max(LEAST_STEP, 4.0 * spread) + SHAKE_PX * _gradient(still)).astype(np.uint8)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
     mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, disc)
     mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (9, 9)))
-    return _solid(mask)
+    return _fill_spots(mask)
 
 
 def dilate(mask: Array, radius_px: int) -> Array:
@@ -52,26 +52,26 @@ def dilate(mask: Array, radius_px: int) -> Array:
     return np.asarray(cv2.dilate(mask.astype(np.uint8), disc) > 0)
 
 
-def _difference(a: Array, b: Array) -> Array:
-    """Absolute difference in grey levels, smoothed; a change of the whole image's brightness is no motion."""
+def _grey_difference(a: Array, b: Array) -> Array:
+    """Absolute difference in grey levels, smoothed, without a change of the whole image's brightness."""
     delta = a.astype(np.float32) - b.astype(np.float32)
     return np.asarray(np.abs(cv2.GaussianBlur(delta - np.median(delta), (0, 0), 1.2)))
 
 
-def _slope(image: Array) -> Array:
+def _gradient(image: Array) -> Array:
     """Grey levels per px of the smoothed image."""
     smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), 1.2)
     across, down = cv2.Sobel(smooth, cv2.CV_32F, 1, 0), cv2.Sobel(smooth, cv2.CV_32F, 0, 1)
     return np.asarray(cv2.magnitude(across, down) / 8)
 
 
-def _spread(a: Array, b: Array) -> float:
+def _noise_level(a: Array, b: Array) -> float:
     """How far grey levels differ where nothing moves (one standard deviation, robust)."""
-    difference = _difference(a, b)
+    difference = _grey_difference(a, b)
     return float(np.median(difference)) * 1.4826
 
 
-def _solid(mask: Array) -> Array:
+def _fill_spots(mask: Array) -> Array:
     """Spots large enough, with their holes filled."""
     outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     solid = np.zeros_like(mask)

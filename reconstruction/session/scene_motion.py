@@ -1,4 +1,4 @@
-"""What moves in each image of a burst, worked out once and remembered."""
+"""Masks of what moves in each image of a burst, each detected once."""
 
 from functools import lru_cache
 
@@ -15,14 +15,14 @@ class SceneMotion:
     """Masks of moving pixels (bool, height x width) by camera and instant."""
 
     def __init__(self, dataset: Dataset, step: int) -> None:
-        """`step`: how many instants away the neighbours in time are that an image is compared with."""
+        """`step`: an image is compared with those so many instants before and after it."""
         self.dataset = dataset
         self.step = step
         self._moving = lru_cache(maxsize=None)(self._by_difference)
         self._still = lru_cache(maxsize=None)(self._background)
 
     def detected_movers(self, camera: str, instant: int) -> Array:
-        """What the images themselves show to move; the computation uses no other knowledge."""
+        """What moves by the images alone; no computation uses other knowledge."""
         return self._moving(camera, instant)
 
     def widened_movers(self, camera: str, instant: int) -> Array:
@@ -30,12 +30,12 @@ class SceneMotion:
         return dilate(self.detected_movers(camera, instant), MARGIN_PX)
 
     def moving(self, camera: str, instant: int) -> Array:
-        """What moves in truth, where the session knows it, else what is seen moving: for judging."""
+        """What truly moves where the session knows it, else what is detected: for judging only."""
         truth = self.dataset.ground_truth(camera, instant)
         return truth[1] if truth is not None else self._moving(camera, instant)
 
     def changing(self, camera: str, instant: int) -> Array:
-        """What moves or looks different, such as a shadow: what a still control must leave out."""
+        """What moves or changes, such as a shadow: pixels that the still control must leave out."""
         return np.asarray(self.moving(camera, instant) | self._moving(camera, instant))
 
     def background(self, camera: str) -> Array:

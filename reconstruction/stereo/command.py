@@ -90,10 +90,10 @@ def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
                 )
         progress.step(f"stereo {reference}-{other}, instant {options.instant}")
         try:
-            found = _depth(rig, choice.cameras, options.instant, later)
+            found = _match_pair(rig, choice.cameras, options.instant, later)
         except ValueError as error:
             raise BadInputError(f"{reference} and {other}: {error}") from error
-        result = _save(rig, choice.cameras, (options.instant, later), found, output.folder)
+        result = _save_result(rig, choice.cameras, (options.instant, later), found, output.folder)
         result = msgspec.structs.replace(
             result,
             session=str(session),
@@ -105,7 +105,7 @@ def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
     return result
 
 
-def _depth(rig: Rig, cameras: tuple[str, str], instant: int, later: int) -> DepthMap:
+def _match_pair(rig: Rig, cameras: tuple[str, str], instant: int, later: int) -> DepthMap:
     views = rig.views[cameras[0]], rig.views[cameras[1]]
     # The range is the scene's, from images of one instant, whatever instant is matched.
     images = [rig.dataset.grey(name, instant) for name in cameras]
@@ -115,7 +115,7 @@ def _depth(rig: Rig, cameras: tuple[str, str], instant: int, later: int) -> Dept
     return pair.depth(images[0], rig.dataset.grey(cameras[1], later))
 
 
-def _save(
+def _save_result(
     rig: Rig, cameras: tuple[str, str], instants: tuple[int, int], found: DepthMap, folder: Path
 ) -> StereoDepth:
     depth, known = found.depth, found.depth > 0

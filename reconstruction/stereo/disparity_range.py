@@ -21,7 +21,7 @@ def find_disparity_range(
 
     `images` are pairs of grey images and the reference's movers (bool). Matched at low resolution over
     everything that can be; pixels without texture, or on which the two directions disagree, do not
-    vote, and a few wrong ones are left out. Movers vote apart: they are few, and often the nearest.
+    vote, and a few wrong ones are left out. Movers vote separately: they are few, and often the nearest.
 
     Raises:
         ValueError: the two views have nothing in common.

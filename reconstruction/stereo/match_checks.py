@@ -14,7 +14,7 @@ CHECK_WINDOW = 9
 
 @dataclass(frozen=True)
 class MatchChecks:
-    """Limits that a match must keep to be believed."""
+    """Limits within which a match is accepted."""
 
     max_left_right_px: float = 1.0
     """Difference between the disparities of both directions."""
@@ -43,7 +43,7 @@ def looks_alike(a: Array, b: Array, checks: MatchChecks) -> Array:
 
 
 def fill_small_holes(checked: Array, raw: Array) -> Array:
-    """Unbelieved pixels beside believed ones (0.3 of a 7 x 7 window) are believed if they continue them."""
+    """Accept rejected pixels beside accepted ones (0.3 of a 7 x 7 window) where they continue them."""
     good = np.isfinite(checked)
     value = np.where(good, checked, 0).astype(np.float32)
     weight = cv2.blur(good.astype(np.float32), (7, 7))

@@ -1,4 +1,4 @@
-"""Rectification of a pair: both views turned so that a point lies in the same row of both."""
+"""Rectification of a pair: both views rotated so that a point lies in the same row of both."""
 
 from dataclasses import dataclass, replace
 
@@ -10,7 +10,7 @@ from reconstruction.common.geometry import Array, View, other_from_reference
 
 @dataclass(frozen=True)
 class Rectification:
-    """A pair turned onto one common image plane, whose rows run along the baseline.
+    """A pair rotated onto one common image plane, whose rows run along the baseline.
 
     A point at depth z (in the rectified frame, calibration's unit) lies `focal * baseline / z` px
     further left in the other view than in the reference. Where the other camera stands on the far side,

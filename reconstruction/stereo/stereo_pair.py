@@ -16,7 +16,7 @@ from reconstruction.stereo.sgbm import match_rectified, match_rectified_back, wa
 class DepthMap:
     """One pair's depth on the reference view's pixels.
 
-    `depth` (height x width, calibration's unit, 0 = not believed), `raw` the same before the checks, and
+    `depth` (height x width, calibration's unit, 0 = none or rejected), `raw` the same before the checks, and
     `difference`: grey levels between the reference and the other view warped onto it by the raw depth
     (NaN = none).
     """
@@ -25,7 +25,7 @@ class DepthMap:
     raw: Array
     difference: Array
     confidence: Array = field(default_factory=lambda: np.zeros((0, 0), np.float32))
-    """0 (not believed) to 1: half from how well both directions agree, half from how alike they look."""
+    """0 (rejected) to 1: half from how well both directions agree, half from how alike they look."""
 
 
 class StereoPair:
@@ -46,7 +46,7 @@ class StereoPair:
         self.checks = checks or MatchChecks()
 
     def depth(self, reference: Array, other: Array) -> DepthMap:
-        """Depth from two grey images (uint8) of the pair."""
+        """Depth from two grey images (uint8) of the pair, checked from left to right and back."""
         a, seen_a = self.rectification.remap(reference)
         b, seen_b = self.rectification.remap(other, other=True)
         forward = match_rectified(a, b, self.min_disparity, self.num_disparities)
@@ -55,7 +55,7 @@ class StereoPair:
         raw = np.where(seen_a & inside, forward, np.nan)
         warped = warp_by_disparity(b, raw)
         warped = match_brightness(a, warped)
-        believed = self._believed(a, warped, raw, backward)
+        believed = self._consistent_pixels(a, warped, raw, backward)
         checked = fill_small_holes(np.where(believed, raw, np.nan), raw)
         difference = np.abs(a.astype(np.float32) - warped)
         return DepthMap(
@@ -83,7 +83,7 @@ class StereoPair:
         marked = self.rectification.to_reference(np.nan_to_num(canvas, nan=-2.0) + 1.0)
         return np.where(marked > 0, marked - 1.0, np.nan).astype(np.float32)
 
-    def _believed(self, a: Array, warped: Array, disparity: Array, backward: Array) -> Array:
+    def _consistent_pixels(self, a: Array, warped: Array, disparity: Array, backward: Array) -> Array:
         checks = self.checks
         there = np.isfinite(disparity) & np.isfinite(warped)
         back = warp_by_disparity(backward, disparity)

@@ -131,7 +131,7 @@ def test_patchmatch_without_a_gpu_says_so(
         capsys, "multiview", str(trio.folder), "--matcher", "patchmatch", "--out", str(tmp_path / "out")
     )
     assert code == 6
-    assert "none is here" in line
+    assert "this machine has none" in line
     assert "--matcher sweep" in line
 
 
@@ -178,15 +178,15 @@ def fake(path: Path, text: str) -> Path:
 
 
 def test_gpu_is_found_by_its_driver_and_the_other_environment_by_its_name(tmp_path: Path) -> None:
-    with pytest.raises(NotAvailableError, match="none is here"):
+    with pytest.raises(NotAvailableError, match="this machine has none"):
         find_gpu({"PATH": str(tmp_path)})
     fake(tmp_path / "nvidia-smi", "#!/bin/sh\nexit 9\n")
-    with pytest.raises(NotAvailableError, match="none is here"):
+    with pytest.raises(NotAvailableError, match="this machine has none"):
         find_gpu({"PATH": str(tmp_path)})
     fake(tmp_path / "nvidia-smi", "#!/bin/sh\necho Some GPU\n")
     with pytest.raises(NotAvailableError, match="pycolmap-cuda12"):
         find_gpu({"PATH": str(tmp_path)})
-    with pytest.raises(NotAvailableError, match="not there"):
+    with pytest.raises(NotAvailableError, match="does not exist"):
         find_gpu({"PATH": str(tmp_path), ENVIRONMENT: str(tmp_path / "python")})
     found = find_gpu({"PATH": str(tmp_path), ENVIRONMENT: sys.executable})
     assert found == CudaGpu("Some GPU", Path(sys.executable))
@@ -220,7 +220,7 @@ def test_maps_in_the_workspace_are_read_back(tmp_path: Path) -> None:
     assert (tmp_path / "stereo" / "fusion.cfg").read_text() == "left.png\n"
     broken = tmp_path / "broken.bin"
     broken.write_bytes(b"3&2&1&1234")
-    with pytest.raises(SimulshotError, match="no map"):
+    with pytest.raises(SimulshotError, match="not a depth or normal map"):
         read_array(broken)
 
 

@@ -12,8 +12,14 @@ from dataclasses import dataclass
 from math import exp, log, sqrt
 
 from capture_app.clock import SimulatedClock
-from capture_app.experiments.clock_filters import claims as clock_claims
-from capture_app.experiments.clock_filters.claims import FIRST, SITUATIONS, Claim, claims, drawn
+from capture_app.experiments.clock_filters import coverage
+from capture_app.experiments.clock_filters.coverage import (
+    FIRST_SECOND,
+    SITUATIONS,
+    Coverage,
+    measure_coverage,
+    unequal_links,
+)
 from capture_app.simulation.network.link import Link
 from capture_app.simulation.network.paper_link import LINKS_BY_LAW
 from capture_app.simulation.rig.bench import exchanges
@@ -131,7 +137,7 @@ class ShapedLaw:
         return round(delay_ns + (rng.random() * LATE_NS if rng.random() < LATE else 0.0))
 
 
-def drawn_link(name: str) -> clock_claims.DrawLink:
+def drawn_link(name: str) -> coverage.DrawLink:
     """Links with this law on the way to the leader."""
 
     def draw(rng: random.Random) -> Link:
@@ -139,7 +145,7 @@ def drawn_link(name: str) -> clock_claims.DrawLink:
         excess_ns = half_ns * exp(rng.uniform(log(LONGER[0]), log(LONGER[1])))
         unequal = exp(rng.uniform(-0.5, 0.5) * log(UNEQUAL))
         back = name if rng.random() < ALIKE else rng.choice(list(SHAPES))
-        shift_ns = rng.gauss(0.0, clock_claims.ASYMMETRY) * half_ns
+        shift_ns = rng.gauss(0.0, coverage.ASYMMETRY) * half_ns
         return Link(
             ShapedLaw(name, half_ns + shift_ns, excess_ns * unequal),
             ShapedLaw(back, half_ns - shift_ns, excess_ns / unequal),
@@ -148,16 +154,16 @@ def drawn_link(name: str) -> clock_claims.DrawLink:
     return draw
 
 
-def interval_score(claim: Claim) -> float:
+def interval_score(one: Coverage) -> float:
     """Mean of the width and, for each miss, 40 times what is missing, in us (Gneiting and Raftery 2007)."""
     scores = [
         2.0 * stated + 40.0 * max(0.0, abs(error) - stated)
-        for stated, error in zip(claim.stated_us, claim.errors_us, strict=True)
+        for stated, error in zip(one.stated_us, one.errors_us, strict=True)
     ]
     return sum(scores) / len(scores)
 
 
-def corrected_errors(draw: clock_claims.DrawLink, count: int, seed: str) -> list[float]:
+def corrected_errors(draw: coverage.DrawLink, count: int, seed: str) -> list[float]:
     """Mean error in us of the middle of the two edges after a second, each lowered by shares of its dullness.
 
     The dullness of an edge is how far the mean of the 24 quickest delays lies above the quickest.
@@ -177,7 +183,7 @@ def corrected_errors(draw: clock_claims.DrawLink, count: int, seed: str) -> list
     return [total / count for total in sums]
 
 
-def fixed(law: str) -> clock_claims.DrawLink:
+def fixed(law: str) -> coverage.DrawLink:
     """The experiments' link of that name, always the same."""
 
     def draw(_: random.Random) -> Link:
@@ -192,25 +198,30 @@ def main() -> None:
     parser.add_argument("--trials", type=int, default=40, help="trials of each law (40)")
     parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
-    found = {name: claims(drawn_link(name), options.trials, f"{options.seed} {name}") for name in SHAPES}
+    found = {
+        name: measure_coverage(drawn_link(name), options.trials, f"{options.seed} {name}") for name in SHAPES
+    }
     print(f"{len(SHAPES)} laws, {options.trials} trials of each, simulated, seed {options.seed}")
     print(f"{'stated 95 %':18}{'held, %':>9}{'worst law':>11}{'best':>6}{'score':>8}{'bound, %':>10}")
     for situation in SITUATIONS:
         each = [by_situation[situation] for by_situation in found.values()]
-        trials = sum(len(claim.errors_us) for claim in each)
-        held = 100.0 * sum(claim.held for claim in each) / trials
-        bound = 100.0 * sum(claim.bounded for claim in each) / trials
-        laws = [100.0 * claim.coverage for claim in each]
-        score = exp(sum(log(interval_score(claim)) for claim in each) / len(each))
+        trials = sum(len(one.errors_us) for one in each)
+        held = 100.0 * sum(one.held for one in each) / trials
+        bound = 100.0 * sum(one.bounded for one in each) / trials
+        laws = [100.0 * one.share for one in each]
+        score = exp(sum(log(interval_score(one)) for one in each) / len(each))
         print(f"{situation:18}{held:9.1f}{min(laws):11.0f}{max(laws):6.0f}{score:8.1f}{bound:10.2f}")
-    print(f"worst law in the {FIRST}: {min(found, key=lambda name: found[name][FIRST].coverage)}\n")
+    worst = min(found, key=lambda name: found[name][FIRST_SECOND].share)
+    print(f"worst law in the {FIRST_SECOND}: {worst}\n")
     print("mean error, us, edges corrected for" + "".join(f"{share:8.0%}" for share in SHARES))
     many = [corrected_errors(drawn_link(name), options.trials, f"{options.seed} {name}") for name in SHAPES]
     rows = {
         f"{len(SHAPES)} laws": [exp(sum(log(e[k]) for e in many) / len(many)) for k in range(len(SHARES))]
     }
     for law in LINKS_BY_LAW:
-        rows[f"{law}, drawn"] = corrected_errors(drawn(law), 5 * options.trials, f"{options.seed} {law}")
+        rows[f"{law}, drawn"] = corrected_errors(
+            unequal_links(law), 5 * options.trials, f"{options.seed} {law}"
+        )
         rows[law] = corrected_errors(fixed(law), 5 * options.trials, f"{options.seed} {law}")
     for name, errors in rows.items():
         print(f"{name:35}" + "".join(f"{error:8.1f}" for error in errors))

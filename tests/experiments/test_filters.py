@@ -6,14 +6,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture_app.experiments.clock_filters.filters import estimators
+from capture_app.experiments.clock_filters.filters import estimator_family
 from capture_app.sync.clock.clock_filter import ClockFilter
 from capture_app.sync.clock.clock_sample import ClockSample
 from capture_app.sync.clock.minimum_delay import estimate_excess, radius_95
 from capture_app.sync.clock.time_map import TimeMap
 
 S = 1_000_000_000
-FAMILY = tuple(estimators())
+FAMILY = tuple(estimator_family())
 
 
 def exchange(t0_ns: int, there_ns: int, back_ns: int, offset_ns: int, skew: float = 0.0) -> ClockSample:
@@ -25,7 +25,7 @@ def exchange(t0_ns: int, there_ns: int, back_ns: int, offset_ns: int, skew: floa
 
 
 def run(seconds: float, *, skew: float = 0.0, seed: int = 1) -> dict[str, TimeMap]:
-    rng, family = random.Random(seed), estimators()
+    rng, family = random.Random(seed), estimator_family()
     for i in range(int(seconds * 100)):
         delays = (500_000 + round(rng.expovariate(1e-6)), 500_000 + round(rng.expovariate(2e-6)))
         sample = exchange(i * S // 100, *delays, 10**12, skew)
@@ -36,7 +36,7 @@ def run(seconds: float, *, skew: float = 0.0, seed: int = 1) -> dict[str, TimeMa
 
 
 def test_the_family_agrees_where_nothing_is_late() -> None:
-    for estimator in estimators().values():
+    for estimator in estimator_family().values():
         assert estimator.time_map(0) is None
         for i in range(20):
             estimator.add(exchange(i * 10_000_000, 400_000, 400_000, -(10**13)))
@@ -74,7 +74,7 @@ def test_those_with_skew_follow_it(name: str) -> None:
 def test_the_hard_bound_of_each_covers_the_truth(
     exchanges: list[tuple[int, int, int]], skew: float, asked_ns: int
 ) -> None:
-    family = estimators()
+    family = estimator_family()
     for t0_ns, there_ns, back_ns in sorted(exchanges, key=lambda e: e[0] + e[1] + e[2]):
         for estimator in family.values():
             estimator.add(exchange(t0_ns, there_ns, back_ns, 7 * S, skew))

@@ -127,7 +127,7 @@ def burst_minima(samples: Sequence[ClockSample], anchor_ns: int) -> Line:
     return level - skew * middle, skew, at_ns
 
 
-def estimators(window_ns: int = 30_000_000_000) -> dict[str, ClockEstimator]:
+def estimator_family(window_ns: int = 30_000_000_000) -> dict[str, ClockEstimator]:
     """Return one of each, by name, over a window in ns; `ours` is the engine's."""
     rules = {
         "mean": mean,

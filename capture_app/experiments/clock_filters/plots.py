@@ -8,7 +8,7 @@ from capture_app.experiments.common.plots import new_figure, save
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from capture_app.experiments.clock_filters.experiment import Study
+    from capture_app.experiments.clock_filters.trials import Study
 
 NAMES = {"mean": "mean", "minimum": "minimum", "per_direction_minimum": "per direction", "ours": "ours"}
 

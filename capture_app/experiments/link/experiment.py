@@ -9,7 +9,7 @@ from statistics import median
 from typing import TYPE_CHECKING
 
 from capture_app.clock import HostClock, NodeClock
-from capture_app.experiments.clock_filters.filters import estimators
+from capture_app.experiments.clock_filters.filters import estimator_family
 from capture_app.experiments.common.result import Kind, Outcome, Result, Table, error_figures
 from capture_app.experiments.link.ends import JOIN_TIMEOUT_S, LinkClient, Synchronization, synchronize
 from capture_app.net.address import Address
@@ -101,7 +101,7 @@ async def measure(options: LinkOptions, count: int, seed: int, talk: Callable[[s
 
 def judge(options: LinkOptions, reached: Synchronization) -> Trial:
     """Compare the engine's map, and others from the same samples, with the truth when the last one came."""
-    others = {name: estimator for name, estimator in estimators().items() if name != "ours"}
+    others = {name: estimator for name, estimator in estimator_family().items() if name != "ours"}
     for sample in reached.samples:
         for estimator in others.values():
             estimator.add(sample)

@@ -1,4 +1,4 @@
-"""How often our stated 95 % holds: at once, seconds ahead, after a while, between the rounds of a follower.
+"""How often our stated 95 % holds: at once, seconds ahead, after a while, between the polls of a follower.
 
 Each trial has a link of its own whose least delays differ by chance, and a clock that wanders.
 """
@@ -26,14 +26,14 @@ from capture_app.sync.rig.poll_schedule import (
 from capture_app.sync.tree.follower import WINDOW_NS
 
 _S = 1_000_000_000
-TRIALS = 100
+MOST_TRIALS = 100
 """Of each law in the situations after the first second; they take long."""
 HALF_LEAST_NS = 498_000
 """Half the least round trip of the paper's link."""
 ASYMMETRY = 0.025
 """One sigma of the least delays' difference from it."""
-FIRST, AHEAD_1, AHEAD_5 = "first second", "1 s later", "5 s later"
-AHEAD = {FIRST: 0, AHEAD_1: _S, AHEAD_5: 5 * _S}
+FIRST_SECOND, AHEAD_1, AHEAD_5 = "first second", "1 s later", "5 s later"
+AHEAD = {FIRST_SECOND: 0, AHEAD_1: _S, AHEAD_5: 5 * _S}
 """How long after the last message of the first second; ns."""
 STEADY = {f"asking for {s} s": s * _S for s in (2, 3, 4, 10, 30)}
 ROUND, GAP = "after a round", "before the next"
@@ -43,8 +43,8 @@ SITUATIONS = (*AHEAD, *STEADY, ROUND, GAP)
 
 
 @dataclass(slots=True)
-class Claim:
-    """What was claimed in one situation, and what came of it."""
+class Coverage:
+    """Stated uncertainties in one situation, the errors, and how often both bounds held."""
 
     held: int = 0
     bounded: int = 0
@@ -52,33 +52,36 @@ class Claim:
     stated_us: list[float] = field(default_factory=list)
 
     @property
-    def coverage(self) -> float:
+    def share(self) -> float:
         """Share of the trials in which the stated 95 % held."""
         return self.held / len(self.errors_us)
 
 
-Claims = Mapping[str, Claim]
+Coverages = Mapping[str, Coverage]
 """By situation."""
 DrawLink = Callable[[random.Random], Link]
 
 
-def drawn(law: str) -> DrawLink:
+def unequal_links(law: str) -> DrawLink:
     """Links under one of the six laws, whose least delays differ by chance."""
 
     def draw(rng: random.Random) -> Link:
         shift_ns = round(rng.gauss(0.0, ASYMMETRY * HALF_LEAST_NS))
         to_leader, to_client = LINKS_BY_LAW[law].to_leader, LINKS_BY_LAW[law].to_client
-        return Link(_moved(to_leader, HALF_LEAST_NS + shift_ns), _moved(to_client, HALF_LEAST_NS - shift_ns))
+        return Link(
+            _with_minimum(to_leader, HALF_LEAST_NS + shift_ns),
+            _with_minimum(to_client, HALF_LEAST_NS - shift_ns),
+        )
 
     return draw
 
 
-def claims(draw: DrawLink, count: int, seed: str) -> Claims:
-    """Judge each situation on links that are drawn, the first second's in `count` trials."""
-    found = {situation: Claim() for situation in SITUATIONS}
+def measure_coverage(draw: DrawLink, count: int, seed: str, *, most: int = MOST_TRIALS) -> Coverages:
+    """Judge each situation on links that are drawn: the first second in `count` trials, others in `most`."""
+    found = {situation: Coverage() for situation in SITUATIONS}
     for i in range(count):
         _first_second(found, _Trial(draw, f"{seed} drawn {i}"))
-    for i in range(min(count, TRIALS)):
+    for i in range(min(count, most)):
         _steady(found, _Trial(draw, f"{seed} steady {i}"))
         _rounds(found, _Trial(draw, f"{seed} rounds {i}"))
     return found
@@ -92,7 +95,7 @@ class _Trial:
         self._link = draw(self._rng)
         self._clock = draw_wandering_clock(self._rng)
 
-    def listen(self, clock: ClockFilter, sent_ns: list[int], until_ns: list[int]) -> Iterator[int]:
+    def feed(self, clock: ClockFilter, sent_ns: list[int], until_ns: list[int]) -> Iterator[int]:
         """Feed a filter with what arrives, and stop at each of these times; all in ns from the start."""
         arrived = iter(exchanges_at(self._link, self._clock, self._rng, (START_TRUE_NS + t for t in sent_ns)))
         waiting = next(arrived, None)
@@ -106,7 +109,7 @@ class _Trial:
         """The client's clock so long after the start, in ns."""
         return self._clock.local_from_true(START_TRUE_NS + since_start_ns)
 
-    def judge(self, clock: ClockFilter, now_ns: int, ahead: Mapping[str, int], found: Claims) -> None:
+    def judge(self, clock: ClockFilter, now_ns: int, ahead: Mapping[str, int], found: Coverages) -> None:
         """Compare what the filter says now of times ahead of now with the truth."""
         time_map = clock.time_map(self.local_ns(now_ns))
         assert time_map is not None
@@ -115,27 +118,27 @@ class _Trial:
             local_ns = self.local_ns(now_ns + ahead_ns)
             error_ns = time_map.leader_from_local(local_ns) - true_ns
             stated_ns = time_map.uncertainty_at(local_ns)
-            claim = found[situation]
-            claim.held += abs(error_ns) <= stated_ns
-            claim.bounded += abs(error_ns) <= time_map.hard_bound_at(local_ns)
-            claim.errors_us.append(error_ns / 1000.0)
-            claim.stated_us.append(stated_ns / 1000.0)
+            coverage = found[situation]
+            coverage.held += abs(error_ns) <= stated_ns
+            coverage.bounded += abs(error_ns) <= time_map.hard_bound_at(local_ns)
+            coverage.errors_us.append(error_ns / 1000.0)
+            coverage.stated_us.append(stated_ns / 1000.0)
 
 
-def _moved(law: DelayLaw, minimum_ns: int) -> DelayLaw:
+def _with_minimum(law: DelayLaw, minimum_ns: int) -> DelayLaw:
     """The same law with another minimum, and the mean moved with it."""
     assert isinstance(law, GammaDelay | LognormalDelay)
     mean_ns = law.mean_ns + minimum_ns - law.minimum_ns
     return replace(law, minimum_ns=minimum_ns, mean_ns=mean_ns)
 
 
-def _first_second(found: Claims, trial: _Trial) -> None:
+def _first_second(found: Coverages, trial: _Trial) -> None:
     clock, sent_ns = ClockFilter(), [i * FIRST_PACE_NS for i in range(FIRST_SAMPLES)]
-    for now_ns in trial.listen(clock, sent_ns, [sent_ns[-1] + 5_000_000]):
+    for now_ns in trial.feed(clock, sent_ns, [sent_ns[-1] + 5_000_000]):
         trial.judge(clock, now_ns, AHEAD, found)
 
 
-def _steady(found: Claims, trial: _Trial) -> None:
+def _steady(found: Coverages, trial: _Trial) -> None:
     """A client with a camera: it asks in quick succession, then less and less often."""
     sent_ns, last_ns = [0], max(STEADY.values())
     paces_ns = [FIRST_PACE_NS] * FIRST_SAMPLES
@@ -144,11 +147,11 @@ def _steady(found: Claims, trial: _Trial) -> None:
     while sent_ns[-1] < last_ns:
         sent_ns.append(sent_ns[-1] + (paces_ns[len(sent_ns)] if len(sent_ns) < len(paces_ns) else PACE_NS))
     clock, situations = ClockFilter(), iter(STEADY)
-    for now_ns in trial.listen(clock, sent_ns, sorted(STEADY.values())):
+    for now_ns in trial.feed(clock, sent_ns, sorted(STEADY.values())):
         trial.judge(clock, now_ns, {next(situations): 0}, found)
 
 
-def _rounds(found: Claims, trial: _Trial) -> None:
+def _rounds(found: Coverages, trial: _Trial) -> None:
     """A follower: rounds that are further and further apart."""
     sent_ns = [i * SPACING_NS for i in range(FIRST_SAMPLES)]
     ends_ns, every_ns = [], float(_S)
@@ -158,7 +161,7 @@ def _rounds(found: Claims, trial: _Trial) -> None:
         sent_ns += [begin_ns + i * SPACING_NS for i in range(ROUND_EXCHANGES)]
         ends_ns.append(sent_ns[-1] + 60_000_000)
     clock = ClockFilter(window_ns=WINDOW_NS)
-    for now_ns in trial.listen(clock, sent_ns, ends_ns):
+    for now_ns in trial.feed(clock, sent_ns, ends_ns):
         # It looks at its clock after each round.
         clock.time_map(trial.local_ns(now_ns))
     trial.judge(clock, ends_ns[-1], {ROUND: 0, GAP: ROUND_EVERY_NS}, found)

@@ -1,0 +1,111 @@
+"""Trials of `clock-filters`: all estimators on the same messages, and their errors."""
+
+import random
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from capture_app.clock import SimulatedClock
+from capture_app.experiments.clock_filters.coverage import Coverages
+from capture_app.experiments.clock_filters.filters import estimator_family
+from capture_app.experiments.common.result import error_figures
+from capture_app.simulation.network.delay_laws import ReplayedDelay
+from capture_app.simulation.network.link import Link
+from capture_app.simulation.network.paper_link import PAPER_LINK
+from capture_app.simulation.rig.bench import Exchange, exchanges
+
+FIRST = 300
+"""K of the paper, and of our engine."""
+PACE_NS = 3_000_000
+SKEW_PPM = 20.0
+"""One sigma of the clients' skew in each trial; offsets are hours."""
+
+
+@dataclass(slots=True)
+class EstimatorErrors:
+    """Errors of each estimator in us over all trials under one law, and how often ours held its bounds."""
+
+    errors_us: dict[str, list[float]] = field(default_factory=dict)
+    covered: int = 0
+    bounded: int = 0
+    uncertainties_us: list[float] = field(default_factory=list)
+
+    def mean_abs(self, name: str) -> float:
+        """Mean absolute error of an estimator in us."""
+        return error_figures(self.errors_us[name])["mean_abs"]
+
+    @property
+    def gain(self) -> float:
+        """How many times smaller the mean error of ours is than the minimum filter's."""
+        return self.mean_abs("minimum") / self.mean_abs("ours")
+
+
+@dataclass(frozen=True, slots=True)
+class Study:
+    """All that is measured, for the figures, the tables and the pictures."""
+
+    laws: Mapping[str, EstimatorErrors]
+    messages: list[Exchange]
+    offset_errors_us: list[float]
+    """Error of the offset that each of the messages gives by itself."""
+    convergence: Mapping[int, EstimatorErrors]
+    coverages: Mapping[str, Coverages]
+    """By law, on links whose least delays differ by chance."""
+
+    def coverage(self, situation: str) -> float:
+        """Share of the trials of all laws in which the stated 95 % held in a situation."""
+        found = [by_situation[situation] for by_situation in self.coverages.values()]
+        return sum(one.held for one in found) / sum(len(one.errors_us) for one in found)
+
+
+def draw_clock(rng: random.Random) -> SimulatedClock:
+    """Draw a client's clock: hours of offset, SKEW_PPM of skew."""
+    return SimulatedClock(round(rng.uniform(-36e12, 36e12)), rng.gauss(0.0, SKEW_PPM), 10**12)
+
+
+def run_law_trials(link: Link, count: int, seed: str) -> EstimatorErrors:
+    """Give all estimators the same messages in each trial, and judge them after the last one."""
+    result = EstimatorErrors()
+    for i in range(count):
+        rng = random.Random(f"{seed} {i}")
+        law, pace_ns = link, PACE_NS
+        if isinstance(link.to_leader, ReplayedDelay) and isinstance(link.to_client, ReplayedDelay):
+            start = rng.randrange(len(link.to_leader.delays_ns))
+            there, back = link.to_leader, link.to_client
+            pace_ns = there.every_ns
+            law = Link(
+                ReplayedDelay(there.delays_ns, pace_ns, start), ReplayedDelay(back.delays_ns, pace_ns, start)
+            )
+        clock = draw_clock(rng)
+        messages = exchanges(law, clock, rng, count=FIRST, pace_ns=pace_ns)
+        family = estimator_family()
+        for message in messages:
+            for estimator in family.values():
+                estimator.add(message.sample)
+        true_ns = max(message.arrived_true_ns for message in messages)
+        for name, estimator in family.items():
+            time_map = estimator.time_map(clock.local_from_true(true_ns))
+            assert time_map is not None
+            error_ns = time_map.leader_from_local(clock.local_from_true(true_ns)) - true_ns
+            result.errors_us.setdefault(name, []).append(error_ns / 1000.0)
+            if name == "ours":
+                result.covered += abs(error_ns) <= time_map.uncertainty_ns
+                result.bounded += abs(error_ns) <= time_map.hard_bound_ns
+                result.uncertainties_us.append(time_map.uncertainty_ns / 1000.0)
+    return result
+
+
+def run_convergence_trial(
+    convergence: Mapping[int, EstimatorErrors], messages: int, rng: random.Random
+) -> None:
+    """Add each estimator's error after as many messages as the mapping has keys for."""
+    clock = draw_clock(rng)
+    family = estimator_family()
+    for k, message in enumerate(exchanges(PAPER_LINK, clock, rng, count=messages, pace_ns=PACE_NS), start=1):
+        for name, estimator in family.items():
+            estimator.add(message.sample)
+            if k in convergence:
+                local_ns = clock.local_from_true(message.arrived_true_ns)
+                time_map = estimator.time_map(local_ns)
+                assert time_map is not None
+                error_ns = time_map.leader_from_local(local_ns) - message.arrived_true_ns
+                convergence[k].errors_us.setdefault(name, []).append(error_ns / 1000.0)

@@ -10,7 +10,7 @@ from capture_app.experiments.scale.experiment import ScaleOptions, run
 
 
 def test_one_leader_beside_a_tree(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(scale, "SHARE_CLIENTS", 3)
+    monkeypatch.setattr(scale, "SHARD_CLIENTS", 3)
     talk: list[str] = []
     one, two = (
         run(

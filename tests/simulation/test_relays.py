@@ -100,7 +100,7 @@ class Rig:
     def run(self, seconds: float) -> None:
         end_ns = self.tree.now_true_ns + round(seconds * S)
         while self.tree.now_true_ns < end_ns:
-            self.tree._run_until(min(end_ns, self.tree.now_true_ns + S // 20))
+            self.tree.run_until(min(end_ns, self.tree.now_true_ns + S // 20))
             while (event := self.tree.root.next_event()) is not None:
                 self.events.append(event)
 
@@ -112,7 +112,7 @@ class Rig:
         raise AssertionError([event for camera in self.cameras.values() for event in camera.events])
 
     def kill(self, name: str) -> None:
-        self.tree.nodes[name, 0].alive = False
+        self.tree.kill(name)
 
     def views(self) -> dict[str, ClientView]:
         return {view.name: view for view in self.tree.root.clients(self.tree.now_true_ns)}
@@ -129,8 +129,7 @@ class Rig:
         """Order a burst of all, and hold what they picked against the truth."""
         had = {name: len(camera.ready) for name, camera in self.cameras.items()}
         burst = self.tree.root.trigger(self.tree.now_true_ns, frames=frames)
-        self.tree.nodes[ROOT].due_ns = None
-        self.tree._push(self.tree.now_true_ns, self.tree.nodes[ROOT], b"", ROOT)
+        self.tree.act("root")
         self.run(2.0)
         assert set(burst.clients) == set(self.cameras)
         accepted = {e.name for e in self.events if isinstance(e, BurstAccepted) and e.burst == burst.number}
@@ -220,7 +219,7 @@ def test_a_relay_that_stops_in_order_sends_its_clients_on_at_once() -> None:
     camera = rig.camera("cam", relay, ROOT)
     rig.run_until(rig.all_ready)
     rig.relays.pop("relay").leave()
-    rig.tree._push(rig.tree.now_true_ns, rig.tree.nodes[relay], b"", ROOT)
+    rig.tree.act("relay")
     rig.run(0.2)
     rig.kill("relay")
     assert rig.views()["relay"].report.state is NodeState.LOST
@@ -235,7 +234,7 @@ def test_a_promised_burst_survives_the_relay_that_brought_it() -> None:
     rig.run_until(rig.all_ready)
     at_ns = rig.tree.now_true_ns + 8 * S
     burst = rig.tree.root.trigger(rig.tree.now_true_ns, frames=2, at_leader_ns=at_ns)
-    rig.tree._push(rig.tree.now_true_ns, rig.tree.nodes[ROOT], b"", ROOT)
+    rig.tree.act("root")
     rig.run(0.5)
     rig.kill("relay")
     rig.run(9.0)
@@ -263,7 +262,7 @@ def test_a_relay_without_its_root_holds_the_time_over_even_for_new_clients() -> 
         error_ns = time_map.leader_from_local(local_ns) - rig.tree.now_true_ns
         assert abs(error_ns) <= time_map.hard_bound_at(local_ns)
         assert abs(error_ns) < 1_000_000
-    rig.tree.nodes[ROOT].alive = True
+    rig.tree.revive("root")
     rig.run_until(lambda: rig.all_ready())
     rig.check_burst()
 
@@ -306,7 +305,7 @@ def test_clients_go_back_to_their_relay_once_it_is_there_again_but_not_before_a_
     rig.relay("relay", ROOT)
     rig.run_until(rig.all_ready)
     rig.tree.root.trigger(rig.tree.now_true_ns, frames=2, at_leader_ns=rig.tree.now_true_ns + 8 * S)
-    rig.tree._push(rig.tree.now_true_ns, rig.tree.nodes[ROOT], b"", ROOT)
+    rig.tree.act("root")
     rig.run(7.0)
     assert rig.views()["cam"].via is None
     rig.run_until(lambda: rig.views()["cam"].via == "relay")

@@ -14,7 +14,7 @@ from msgspec import structs
 from capture_app.simulation.network.link import Link, delivery_draw
 from capture_app.simulation.network.paper_link import PAPER_LINK
 from capture_app.simulation.network.wandering_clock import draw_wandering_clock
-from capture_app.simulation.rig.tree import ROOT, Death, Tree, TreeSpec, run_share
+from capture_app.simulation.rig.tree import ROOT, RelayOutage, Tree, TreeSpec, run_shard
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.clock.upstream_map import MAX_DEPTH, upstream_map
 from capture_app.sync.rig.client import Client
@@ -67,7 +67,7 @@ def test_the_hard_bound_of_two_maps_covers_what_both_can_be_wrong(
 
 
 def test_everybody_gets_the_time_and_every_hard_bound_holds() -> None:
-    result = run_share(SMALL, 5, 0, 1)
+    result = run_shard(SMALL, 5, 0, 1)
     assert result.judged > 80
     assert result.within_bound == result.judged
     assert result.within_95 >= 0.93 * result.judged
@@ -76,13 +76,13 @@ def test_everybody_gets_the_time_and_every_hard_bound_holds() -> None:
 
 def test_the_same_seed_gives_the_same_bytes() -> None:
     spec = replace(SMALL, clients=4, relays=2, duration_s=4.0)
-    first, again, other = (run_share(spec, seed, 0, 1) for seed in (1, 1, 2))
+    first, again, other = (run_shard(spec, seed, 0, 1) for seed in (1, 1, 2))
     assert (first.digest, repr(first.errors_us)) == (again.digest, repr(again.errors_us))
     assert first.digest != other.digest
 
 
 def test_clients_of_a_dead_relay_join_another_and_hold_the_time_meanwhile() -> None:
-    spec = replace(SMALL, duration_s=30.0, deaths=(Death(0, 10 * S),))
+    spec = replace(SMALL, duration_s=30.0, outages=(RelayOutage(0, 10 * S),))
     tree = Tree(spec, seed=3)
     result = tree.measure()
     assert result.within_bound == result.judged
@@ -105,7 +105,7 @@ def test_clients_go_back_to_their_own_relay_once_it_has_been_there_for_a_while()
         duration_s=130.0,
         client_pace_s=0.4,
         relay_pace_s=0.4,
-        deaths=(Death(0, 10 * S, back_s * S),),
+        outages=(RelayOutage(0, 10 * S, back_s * S),),
     )
     tree = Tree(spec, seed=3)
     nodes = [tree.nodes[f"client{number}", 0] for number in range(spec.clients)]

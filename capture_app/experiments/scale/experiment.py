@@ -14,7 +14,7 @@ from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 from capture_app.experiments.common.result import Outcome, Result, Table
-from capture_app.simulation.rig.tree import TreeResult, TreeSpec, run_share
+from capture_app.simulation.rig.tree import TreeResult, TreeSpec, run_shard
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,7 +25,7 @@ MINUTES, FULL_MINUTES = 5.0, 60.0
 SHAPES = ("one_leader", "tree")
 SETTLED_S = 60.0
 """Errors of later instants count; those before it are in the picture."""
-SHARE_CLIENTS = 300
+SHARD_CLIENTS = 300
 PAIRS = 1000
 """Drawn at each instant."""
 PAPER = {"clients": 11, "link": "minimum filter: 19 us of bias between two clients at best"}
@@ -44,14 +44,14 @@ class ScaleOptions:
 
 @dataclass(slots=True)
 class Run:
-    """One size in one shape, all shares and trials together."""
+    """One size in one shape, all shards and trials together."""
 
     clients: int
     relays: int
     duration_s: float
     parts: list[TreeResult] = field(default_factory=list)
-    """In the order of trials and shares."""
-    shares: int = 1
+    """In the order of trials and shards."""
+    shards: int = 1
     seconds: float = 0.0
 
     def pairs_us(self, seed: int) -> "list[tuple[float, list[float]]]":
@@ -60,8 +60,8 @@ class Run:
         drawn = []
         for k, at_s in enumerate(self.parts[0].instants_s):
             differences: list[float] = []
-            for trial in range(0, len(self.parts), self.shares):
-                errors = [e for part in self.parts[trial : trial + self.shares] for e in part.errors_us[k]]
+            for trial in range(0, len(self.parts), self.shards):
+                errors = [e for part in self.parts[trial : trial + self.shards] for e in part.errors_us[k]]
                 known = [e for e in errors if e == e]
                 for _ in range(PAIRS if len(known) > 1 else 0):
                     one, other = rng.sample(known, 2) if len(known) < 20 else rng.choices(known, k=2)
@@ -76,7 +76,7 @@ class Run:
         minutes: dict[int, list[float]] = {}
         for at_s, pairs in drawn:
             minutes.setdefault(ceil(at_s / 60.0), []).extend(pairs)
-        trials = len(self.parts) // self.shares
+        trials = len(self.parts) // self.shards
         judged = max(1, sum(part.judged for part in self.parts))
         elapsed_s = self.duration_s * trials
         exchanges = sum(part.root_datagrams for part in self.parts)
@@ -157,15 +157,15 @@ def _workers(jobs: int | None) -> Iterator[ProcessPoolExecutor | None]:
 
 
 def _simulate(pool: ProcessPoolExecutor | None, spec: TreeSpec, seed: int, trials: int) -> Run:
-    """Simulate all shares; which process takes which does not matter."""
-    shares = max(1, spec.clients // SHARE_CLIENTS)
-    done = Run(spec.clients, spec.relays, spec.duration_s, shares=shares)
-    work = [(spec, seed + trial, share, shares) for trial in range(trials) for share in range(shares)]
+    """Simulate all shards; which process takes which does not matter."""
+    shards = max(1, spec.clients // SHARD_CLIENTS)
+    done = Run(spec.clients, spec.relays, spec.duration_s, shards=shards)
+    work = [(spec, seed + trial, shard, shards) for trial in range(trials) for shard in range(shards)]
     began_s = perf_counter()
     if pool is None:
-        done.parts = [run_share(*one) for one in work]
+        done.parts = [run_shard(*one) for one in work]
     else:
-        futures = [pool.submit(run_share, *one) for one in work]
+        futures = [pool.submit(run_shard, *one) for one in work]
         for future in as_completed(futures):
             future.result()
         done.parts = [future.result() for future in futures]

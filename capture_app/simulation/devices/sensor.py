@@ -11,6 +11,9 @@ from typing import Literal
 
 from capture_app.errors import BadInputError, CameraError
 
+DELIVERY_NS = 5_000_000
+"""From a frame's last row to the driver's callback, where nothing else is asked for."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorProfile:

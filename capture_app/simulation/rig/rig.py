@@ -1,22 +1,17 @@
-"""A rig in virtual time: the engine's own leader and clients, simulated clocks, sensors and links.
+"""A rig in virtual time: the engine's own leader and clients, simulated clocks, sensors and links."""
 
-Nothing waits: events are taken from a heap in the order of their true times, so that minutes pass in
-moments, and the same seed gives the same run.
-"""
-
-import heapq
 import random
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
-from functools import partial
 
 from capture_app.clock import SimulatedClock
 from capture_app.simulation.devices.profiles import facts_of
-from capture_app.simulation.devices.sensor import Sensor, SensorFrame, SensorProfile
+from capture_app.simulation.devices.sensor import DELIVERY_NS, Sensor, SensorFrame, SensorProfile
 from capture_app.simulation.network.link import Channel, Link
 from capture_app.simulation.network.paper_link import PAPER_LINK
 from capture_app.simulation.network.radio_cell import RadioCell, Receiver, deliver_broadcast
 from capture_app.simulation.network.shared_medium import MediumQueue, SharedMedium
+from capture_app.simulation.rig.virtual_time import Timer, VirtualTime
 from capture_app.sync.phase.estimator import FrameStamp
 from capture_app.sync.phase.injection import InjectionProfile
 from capture_app.sync.rig.client import Client
@@ -29,8 +24,6 @@ from capture_app.sync.wire.beacon import Group
 from capture_app.sync.wire.camera_commands import InjectFrame, RestartStream, SetFrameDuration
 from capture_app.sync.wire.messages import NodeState
 
-_DELIVERY_NS = 5_000_000
-"""From a frame's last row to the driver's callback."""
 PLAIN_RECEIVER = Receiver()
 _GROUP = Group("239.255.47.10", 47011)
 
@@ -61,8 +54,8 @@ class VirtualNode:
     sensor: Sensor
     client: Client[SensorFrame]
     channel: Channel
+    timer: Timer = field(init=False)
     alive: bool = True
-    timer_true_ns: int = -1
     events: list[ClientEvent[SensorFrame]] = field(default_factory=list)
     bursts: dict[int, BurstPicked[SensorFrame]] = field(default_factory=dict)
 
@@ -81,19 +74,22 @@ class VirtualRig:
         beacons: bool = False,
     ) -> None:
         """`period_ns`, `align_row`, `max_delay_ns` and `beacons` are the leader's, see `LeaderConfig`."""
-        self.now_true_ns = 0
         self.nodes: dict[str, VirtualNode] = {}
         self.leader_events: list[LeaderEvent] = []
         self._rng = random.Random(seed)
-        self._heap: list[tuple[int, int, Callable[[], object]]] = []
-        self._scheduled = 0
-        self._airs: dict[SharedMedium, MediumQueue] = {}
-        self._leader_timer_ns = -1
+        self._time = VirtualTime()
+        self._media: dict[SharedMedium, MediumQueue] = {}
+        self._leader_timer = Timer(self._time, self._pump_leader)
         self._period_ns, self._align_row, self._max_delay_ns = period_ns, align_row, max_delay_ns
         self._beacons = _GROUP if beacons else None
         self.leader = self._new_leader()
         for spec in specs:
-            self._at(spec.start_true_ns, partial(self.start, spec))
+            self._time.schedule(spec.start_true_ns, self.start, spec)
+
+    @property
+    def now_true_ns(self) -> int:
+        """The true time, which is the leader's, in ns."""
+        return self._time.now_true_ns
 
     def _new_leader(self) -> Leader:
         instance = self._rng.getrandbits(32)
@@ -117,6 +113,7 @@ class VirtualRig:
         )
         client: Client[SensorFrame] = Client(config, rng, spec.schedule())
         node = VirtualNode(spec, Sensor(spec.profile, rng), client, self._channel(spec.link))
+        node.timer = Timer(self._time, self._pump, node)
         self.nodes[spec.name] = node
         self._start_stream(node)
         self._pump(node)
@@ -140,18 +137,11 @@ class VirtualRig:
 
     def run_for(self, duration_ns: int) -> None:
         """Let that much time pass."""
-        self.run_until(lambda: False, limit_ns=duration_ns)
+        self._time.run_until(self.now_true_ns + duration_ns)
 
     def run_until(self, done: Callable[[], bool], *, limit_ns: int) -> bool:
         """Let time pass until `done()`, at most `limit_ns`; return whether it came true."""
-        end_true_ns = self.now_true_ns + limit_ns
-        while self._heap and self._heap[0][0] <= end_true_ns:
-            self.now_true_ns, _, action = heapq.heappop(self._heap)
-            action()
-            if done():
-                return True
-        self.now_true_ns = end_true_ns
-        return done()
+        return self._time.run_until(self.now_true_ns + limit_ns, done)
 
     def all_ready(self) -> bool:
         """Whether the leader sees every node as ready."""
@@ -160,15 +150,11 @@ class VirtualRig:
 
     # The world
 
-    def _at(self, true_ns: int, action: Callable[[], object]) -> None:
-        self._scheduled += 1
-        heapq.heappush(self._heap, (true_ns, self._scheduled, action))
-
     def _channel(self, link: Link) -> Channel:
-        """Open a link; all who name the same medium share its air."""
+        """Open a link; all who name the same medium share its queue."""
         if link.medium is None:
             return Channel(link)
-        return Channel(link, self._airs.setdefault(link.medium, MediumQueue(link.medium)))
+        return Channel(link, self._media.setdefault(link.medium, MediumQueue(link.medium)))
 
     def _start_stream(self, node: VirtualNode) -> None:
         if not node.alive:
@@ -179,19 +165,17 @@ class VirtualRig:
 
     def _expect_frame(self, node: VirtualNode) -> None:
         frame = node.sensor.next_frame()
-        arrival_true_ns = frame.readout_end_true_ns + _DELIVERY_NS
+        self._time.schedule(frame.readout_end_true_ns + DELIVERY_NS, self._deliver_frame, node, frame)
 
-        def arrive() -> None:
-            if not node.alive or not node.sensor.streaming or node.sensor.stream != frame.stream:
-                return
-            self._expect_frame(node)
-            if not frame.dropped:
-                timestamp_ns = node.spec.clock.local_from_true(frame.timestamp_true_ns)
-                stamp = FrameStamp(frame.sequence, frame.stream, timestamp_ns)
-                node.client.frame_arrived(stamp, frame, self._local(node))
-            self._pump(node)
-
-        self._at(arrival_true_ns, arrive)
+    def _deliver_frame(self, node: VirtualNode, frame: SensorFrame) -> None:
+        if not node.alive or not node.sensor.streaming or node.sensor.stream != frame.stream:
+            return
+        self._expect_frame(node)
+        if not frame.dropped:
+            timestamp_ns = node.spec.clock.local_from_true(frame.timestamp_true_ns)
+            stamp = FrameStamp(frame.sequence, frame.stream, timestamp_ns)
+            node.client.frame_arrived(stamp, frame, self._local(node))
+        self._pump(node)
 
     def _pump(self, node: VirtualNode) -> None:
         client = node.client
@@ -201,7 +185,7 @@ class VirtualRig:
             client.handle_timer(self._local(node))
         for data in client.datagrams_to_send(self._local(node)):
             for delay_ns in node.channel.deliveries("to_leader", self.now_true_ns, self._rng):
-                self._at(self.now_true_ns + delay_ns, partial(self._to_leader, data, node))
+                self._time.schedule(self.now_true_ns + delay_ns, self._to_leader, data, node)
         while (command := client.next_command()) is not None:
             match command:
                 case InjectFrame(exposure_ns):
@@ -210,15 +194,12 @@ class VirtualRig:
                     node.sensor.set_frame_duration(duration_ns, self.now_true_ns)
                 case RestartStream(delay_ns):
                     node.sensor.stop()
-                    self._at(self.now_true_ns + delay_ns, lambda: self._start_stream(node))
+                    self._time.schedule(self.now_true_ns + delay_ns, self._start_stream, node)
         while (event := client.next_event()) is not None:
             node.events.append(event)
             if isinstance(event, BurstPicked):
                 node.bursts[event.burst] = event
-        timer_true_ns = max(node.spec.clock.true_from_local(client.next_timer()), self.now_true_ns) + 1
-        if not self.now_true_ns < node.timer_true_ns <= timer_true_ns:
-            node.timer_true_ns = timer_true_ns
-            self._at(timer_true_ns, lambda: self._pump(node))
+        node.timer.set(node.spec.clock.true_from_local(client.next_timer()) + 1)
 
     def _to_leader(self, data: bytes, node: VirtualNode) -> None:
         self.leader.receive_datagram(data, (node.spec.name, 0), self.now_true_ns)
@@ -233,7 +214,7 @@ class VirtualRig:
         nodes = ((name, node.spec) for name, node in self.nodes.items())
         receivers = {name: (spec.cell, spec.receiver) for name, spec in nodes if spec.cell is not None}
         for name, delay_ns in deliver_broadcast(receivers, self.now_true_ns, self._rng):
-            self._at(self.now_true_ns + delay_ns, partial(self._hear, data, self.nodes[name]))
+            self._time.schedule(self.now_true_ns + delay_ns, self._hear, data, self.nodes[name])
 
     def _hear(self, data: bytes, node: VirtualNode) -> None:
         if node.alive:
@@ -247,16 +228,15 @@ class VirtualRig:
         for data, (name, _) in self.leader.datagrams_to_send(self.now_true_ns):
             node = self.nodes[name]
             for delay_ns in node.channel.deliveries("to_client", self.now_true_ns, self._rng):
-                self._at(self.now_true_ns + delay_ns, partial(self._to_client, data, node))
+                self._time.schedule(self.now_true_ns + delay_ns, self._to_client, data, node)
         beacon = self.leader.beacon_to_send()
         if beacon is not None:
             self._broadcast(beacon)
         while (event := self.leader.next_event()) is not None:
             self.leader_events.append(event)
         due_ns = self.leader.next_timer()
-        if due_ns is not None and not self.now_true_ns < self._leader_timer_ns <= due_ns:
-            self._leader_timer_ns = max(due_ns, self.now_true_ns + 1)
-            self._at(self._leader_timer_ns, self._pump_leader)
+        if due_ns is not None:
+            self._leader_timer.set(due_ns)
 
     def _local(self, node: VirtualNode) -> int:
         return node.spec.clock.local_from_true(self.now_true_ns)

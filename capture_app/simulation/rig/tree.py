@@ -1,11 +1,10 @@
 """Thousands of clocks in virtual time: the engine's own leader, relays and followers, and nothing else.
 
-A tree is cut below its root into shares, each simulated by itself with a root of its own that bears no more
-than its share; so shares run in parallel, and the result is the same in one process or in many.
+A tree is cut below its root into shards, each simulated by itself with a root of its own that bears no more
+than its shard; so shards run in parallel, and the result is the same in one process or in many.
 """
 
 import hashlib
-import heapq
 import random
 from array import array
 from collections.abc import Callable
@@ -16,6 +15,7 @@ from typing import Protocol
 from capture_app.simulation.network.link import DeliveryDraw, Link, delivery_draw
 from capture_app.simulation.network.paper_link import PAPER_LINK
 from capture_app.simulation.network.wandering_clock import WanderingClock, draw_wandering_clock
+from capture_app.simulation.rig.virtual_time import Timer, VirtualTime
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.tree.follower import Address, Follower, FollowerConfig
 from capture_app.sync.tree.relay import Relay
@@ -42,7 +42,7 @@ class Engine(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Death:
+class RelayOutage:
     """A relay falls silent without a word at a true time in ns, for good or until another."""
 
     relay: int
@@ -66,12 +66,12 @@ class TreeSpec:
     sample_every_s: float = 10.0
     join_within_s: float = 2.0
     wander_ppm: float = 0.3
-    deaths: tuple[Death, ...] = ()
+    outages: tuple[RelayOutage, ...] = ()
 
 
 @dataclass(slots=True)
 class TreeResult:
-    """What was measured at each sampling instant, over all shares; errors in us, nan without a time."""
+    """What was measured at each sampling instant, over all shards; errors in us, nan without a time."""
 
     instants_s: list[float] = field(default_factory=list)
     errors_us: list[list[float]] = field(default_factory=list)
@@ -98,33 +98,31 @@ class _Node:
     rng: random.Random
     follower: Follower | None = None
     parents: frozenset[Address] = frozenset()
-    alive: bool = True
-    timer_true_ns: int = -1
+    timer: Timer = field(init=False)
     due_ns: int | None = None
-    """What that timer stands for, local time."""
+    """What the timer stands for, local time."""
+    alive: bool = True
     datagrams: int = 0
 
 
 class Tree:
-    """One share of a tree that runs."""
+    """One shard of a tree that runs."""
 
-    def __init__(self, spec: TreeSpec, *, seed: int, share: int = 0, shares: int = 1) -> None:
+    def __init__(self, spec: TreeSpec, *, seed: int, shard: int = 0, shards: int = 1) -> None:
         self.spec = spec
-        self.now_true_ns = 0
         self.nodes: dict[Address, _Node] = {}
         self.datagrams = self.root_busy_ns = 0
         self._seed = seed
-        self._share = share
+        self._shard = shard
         self._to_leader: DeliveryDraw = delivery_draw(spec.link, spec.link.to_leader)
         self._to_client: DeliveryDraw = delivery_draw(spec.link, spec.link.to_client)
         self._digest = hashlib.blake2b(digest_size=16)
         self._arrived: list[bytes] = []
         self._arrivals = array("q")
         """What the digest is yet to take in."""
-        self._heap: list[tuple[int, int, _Node, bytes | None, Address]] = []
-        self._scheduled = 0
-        relays = range(share, spec.relays, shares)
-        clients = range(share, spec.clients, shares)
+        self._time = VirtualTime()
+        relays = range(shard, spec.relays, shards)
+        clients = range(shard, spec.clients, shards)
         below = len(relays) or len(clients)
         pace_s = spec.relay_pace_s if relays else spec.client_pace_s
         self.root = Leader(LeaderConfig(1, 0, PERIOD_NS, exchanges_per_s=below / pace_s), self._rng("root"))
@@ -136,23 +134,22 @@ class Tree:
             # Its own relay, then the next ones; without relays, the root.
             own = [addresses[(i + k) % len(addresses)] for k in range(min(3, len(addresses)))]
             self._add_client(client, (*own,) if own else (ROOT,))
-        mine = [d for d in spec.deaths if d.relay in relays]
-        falls = [(d.true_ns, d.relay, False) for d in mine]
-        returns = [(d.until_true_ns, d.relay, True) for d in mine if d.until_true_ns is not None]
-        self._turns_of_fate = sorted(falls + returns)
+        for outage in spec.outages:
+            if outage.relay in relays:
+                self._time.schedule(outage.true_ns, self.kill, f"relay{outage.relay}")
+                if outage.until_true_ns is not None:
+                    self._time.schedule(outage.until_true_ns, self.revive, f"relay{outage.relay}")
+
+    @property
+    def now_true_ns(self) -> int:
+        """The true time, which is the root's, in ns."""
+        return self._time.now_true_ns
 
     def run(self, each: Callable[[], None] | None = None) -> None:
         """Let the duration of the tree pass; `each` is called at every sampling instant."""
         step_ns = round(self.spec.sample_every_s * _S)
         for at_ns in range(step_ns, round(self.spec.duration_s * _S) + 1, step_ns):
-            while self._turns_of_fate and self._turns_of_fate[0][0] <= at_ns:
-                true_ns, relay, alive = self._turns_of_fate.pop(0)
-                self._run_until(true_ns)
-                node = self.nodes[f"relay{relay}", 0]
-                node.alive = alive
-                if alive:
-                    self._start(node, true_ns)
-            self._run_until(at_ns)
+            self.run_until(at_ns)
             if each is not None:
                 each()
 
@@ -189,6 +186,29 @@ class Tree:
         result.digest = self._digest.hexdigest()
         return result
 
+    def run_until(self, end_true_ns: int) -> None:
+        """Let time pass until then; in ns."""
+        self._time.run_until(end_true_ns)
+        self.datagrams += len(self._arrived)
+        self._digest.update(b"".join(self._arrived))
+        self._digest.update(self._arrivals.tobytes())
+        self._arrived.clear()
+        del self._arrivals[:]
+
+    def kill(self, name: str) -> None:
+        """Let a node fall silent without a word."""
+        self.nodes[name, 0].alive = False
+
+    def revive(self, name: str) -> None:
+        """Let a node that fell silent go on where it stopped."""
+        node = self.nodes[name, 0]
+        node.alive = True
+        self._act(node)
+
+    def act(self, name: str) -> None:
+        """Let a node look at its timers and send what it has now: something was asked of its engine."""
+        self._act(self.nodes[name, 0])
+
     # Building
 
     def add(
@@ -206,7 +226,7 @@ class Tree:
         return clock
 
     def _rng(self, name: str) -> random.Random:
-        return random.Random(f"{self._seed} {self._share} {name}")
+        return random.Random(f"{self._seed} {self._shard} {name}")
 
     def _add_relay(self, number: int, clients: float) -> None:
         name = f"relay{number}"
@@ -224,43 +244,29 @@ class Tree:
 
     def _start(self, node: _Node, start_true_ns: int) -> None:
         self.nodes[node.address] = node
-        node.timer_true_ns = start_true_ns
-        self._push(start_true_ns, node, None, ROOT)
+        node.timer = Timer(self._time, self._act, node)
+        node.timer.set(start_true_ns)
 
     # Running
 
-    def _push(self, true_ns: int, node: _Node, data: bytes | None, sender: Address) -> None:
-        self._scheduled += 1
-        heapq.heappush(self._heap, (true_ns, self._scheduled, node, data, sender))
-
-    def _run_until(self, end_true_ns: int) -> None:
-        heap, root, turn, pop = self._heap, self.root, self._turn, heapq.heappop
-        arrived, arrivals = self._arrived, self._arrivals
-        while heap and heap[0][0] <= end_true_ns:
-            true_ns, _, node, data, sender = pop(heap)
-            if not node.alive or (data is None and true_ns != node.timer_true_ns):
-                continue
-            self.now_true_ns = true_ns
-            if data is not None:
-                node.datagrams += 1
-                arrived.append(data)
-                arrivals.append(true_ns)
-            if node.engine is root:
-                began_ns = perf_counter_ns()
-                turn(node, data, sender)
-                self.root_busy_ns += perf_counter_ns() - began_ns
-            else:
-                turn(node, data, sender)
-        self.now_true_ns = end_true_ns
-        self.datagrams += len(arrived)
-        self._digest.update(b"".join(arrived))
-        self._digest.update(arrivals.tobytes())
-        arrived.clear()
-        del arrivals[:]
-
-    def _turn(self, node: _Node, data: bytes | None, sender: Address) -> None:
+    def _act(self, node: _Node, data: bytes | None = None, sender: Address = ROOT) -> None:
         """Let an engine take in a datagram or look at its timers, and carry off what it sends."""
-        true_ns, engine = self.now_true_ns, node.engine
+        if not node.alive:
+            return
+        true_ns = self.now_true_ns
+        if data is not None:
+            node.datagrams += 1
+            self._arrived.append(data)
+            self._arrivals.append(true_ns)
+        if node.engine is not self.root:
+            self._turn(node, data, sender, true_ns)
+            return
+        began_ns = perf_counter_ns()
+        self._turn(node, data, sender, true_ns)
+        self.root_busy_ns += perf_counter_ns() - began_ns
+
+    def _turn(self, node: _Node, data: bytes | None, sender: Address, true_ns: int) -> None:
+        engine, schedule = node.engine, self._time.schedule
         local_ns = node.clock.local_from_true(true_ns)
         if data is None:
             engine.handle_timer(local_ns)
@@ -270,21 +276,16 @@ class Tree:
             node.datagrams += 1
             cross = self._to_leader if address in node.parents else self._to_client
             for delay_ns in cross(node.rng):
-                self._push(true_ns + delay_ns, self.nodes[address], outgoing, node.address)
+                schedule(true_ns + delay_ns, self._act, self.nodes[address], outgoing, node.address)
         due_ns = engine.next_timer()
-        if due_ns is None or (due_ns == node.due_ns and node.timer_true_ns > true_ns):
-            return
-        node.due_ns = due_ns
-        timer_true_ns = max(node.clock.true_from_local(due_ns), true_ns) + 1
-        if timer_true_ns != node.timer_true_ns:
-            # The one before it is passed over when its time comes.
-            node.timer_true_ns = timer_true_ns
-            self._push(timer_true_ns, node, None, node.address)
+        if due_ns is not None and not (due_ns == node.due_ns and node.timer.is_pending):
+            node.due_ns = due_ns
+            node.timer.set(node.clock.true_from_local(due_ns) + 1)
 
 
-def run_share(spec: TreeSpec, seed: int, share: int, shares: int) -> TreeResult:
-    """Simulate one share of a tree."""
+def run_shard(spec: TreeSpec, seed: int, shard: int, shards: int) -> TreeResult:
+    """Simulate one shard of a tree."""
     began_s = process_time()
-    result = Tree(spec, seed=seed, share=share, shares=shares).measure()
+    result = Tree(spec, seed=seed, shard=shard, shards=shards).measure()
     result.processor_s = process_time() - began_s
     return result

@@ -41,7 +41,7 @@ from capture_app.node.wire.status import BurstStatus, RigStatus
 from capture_app.session.format.manifest import BurstRecord, CameraRecord
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
-from capture_app.session.writing.store import SessionWriter
+from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_picks import Burst, Pick
 
 WIDTH, HEIGHT, PERIOD_NS = 1920, 1080, 33_333_333

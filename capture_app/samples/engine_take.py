@@ -9,7 +9,7 @@ from capture_app.errors import IncompleteError
 from capture_app.node.burst.plans import burst_record
 from capture_app.node.camera.records import camera_record, event_line
 from capture_app.node.wire.messages import JsonValue
-from capture_app.samples.recipe import CameraRecipe, Recipe, Take, TakenFrame
+from capture_app.samples.recipe import CameraRecipe, Recipe, RecipeFrame, Take
 from capture_app.session.format.manifest import CameraRecord, MissingImage
 from capture_app.simulation.devices.profiles import facts_of, find_profile
 from capture_app.simulation.devices.sensor import SensorFrame, SensorProfile
@@ -114,10 +114,10 @@ def _camera_record(
     return camera_record(spec.name, facts, ready, node.client.aligner.corrections, spec.tolerance_ns)
 
 
-def _frames(camera: CameraRecord, ready: BurstPicked[SensorFrame]) -> list[TakenFrame]:
+def _frames(camera: CameraRecord, ready: BurstPicked[SensorFrame]) -> list[RecipeFrame]:
     tolerance_ns = camera.phase.tolerance_ns if camera.phase else None
     return [
-        TakenFrame(
+        RecipeFrame(
             camera=camera.name,
             instant=pick.instant,
             sequence=pick.frame.sequence,

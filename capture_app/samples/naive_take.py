@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from capture_app import __version__
 from capture_app.clock import seeded_clock
 from capture_app.samples.engine_take import profile_of
-from capture_app.samples.recipe import CameraRecipe, Recipe, Take, TakenFrame
+from capture_app.samples.recipe import CameraRecipe, Recipe, RecipeFrame, Take
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
 from capture_app.simulation.devices.profiles import facts_of
 from capture_app.simulation.devices.sensor import Sensor, SensorFrame
@@ -29,7 +29,7 @@ def take_naive(recipe: Recipe, sources: Mapping[str, PictureSource]) -> Take:
     rng = random.Random(recipe.seed)
     requested_ns = round(recipe.at_s * 1e9)
     cameras: list[CameraRecord] = []
-    frames: list[TakenFrame] = []
+    frames: list[RecipeFrame] = []
     missing: list[MissingImage] = []
     clocks: dict[str, dict[str, float | int | str]] = {}
     instants_ns: tuple[int, ...] = ()
@@ -46,7 +46,7 @@ def take_naive(recipe: Recipe, sources: Mapping[str, PictureSource]) -> Take:
                 missing.append(gap)
                 continue
             frames.append(
-                TakenFrame(
+                RecipeFrame(
                     camera=camera.name,
                     instant=instant,
                     sequence=frame.sequence,

@@ -42,7 +42,7 @@ class CameraRecipe(_Part, frozen=True, kw_only=True):
     """Empty: the view that is named like the camera."""
 
 
-class TakenFrame(_Part, frozen=True, kw_only=True):
+class RecipeFrame(_Part, frozen=True, kw_only=True):
     """A frame that was taken: by the camera's, the leader's and the true clock (ns), and how sure."""
 
     camera: Name
@@ -66,7 +66,7 @@ class Take(_Part, frozen=True, kw_only=True):
     software: str
     cameras: tuple[CameraRecord, ...]
     burst: BurstRecord
-    frames: tuple[TakenFrame, ...]
+    frames: tuple[RecipeFrame, ...]
     missing: tuple[MissingImage, ...] = ()
     events: tuple[dict[str, JsonValue], ...] = ()
     clocks: dict[str, dict[str, float | int | str]] = {}

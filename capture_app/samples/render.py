@@ -11,13 +11,13 @@ from capture_app.errors import BadInputError
 from capture_app.names import check_name
 from capture_app.samples.engine_take import take_synchronized
 from capture_app.samples.naive_take import take_naive
-from capture_app.samples.recipe import CameraRecipe, Recipe, Take, TakenFrame, Trigger
-from capture_app.session.files.durable import write_whole
+from capture_app.samples.recipe import CameraRecipe, Recipe, RecipeFrame, Take, Trigger
+from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import RECIPE
 from capture_app.session.reading.reader import Session
-from capture_app.session.writing.store import SessionWriter
+from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.simulation.camera.pictures import SimulatedPayload, SimulatedTruth, seed_of
 from capture_app.simulation.devices.profiles import find_profile
 from capture_app.simulation.devices.sensor import SensorFrame
@@ -28,7 +28,7 @@ Progress = Callable[[int, int], None]
 
 
 @dataclass(frozen=True, slots=True)
-class Rendered:
+class Rendering:
     """A session that was rendered; `same` says whether one of the same bytes was there before."""
 
     session: Session
@@ -41,7 +41,7 @@ def render(
     *,
     replace: bool = False,
     progress: Progress = lambda done, total: None,
-) -> Rendered:
+) -> Rendering:
     """Render the session root/name of a recipe; its own `recipe.json` then holds the take.
 
     `replace` puts it in the place of an earlier rendering of that name. Raises BadInputError where there is
@@ -55,7 +55,7 @@ def render(
         same = same_files(output.folder, place) if replace and place.exists() else None
         if same:
             output.discard()
-    return Rendered(Session.open(place), same)
+    return Rendering(Session.open(place), same)
 
 
 def _replaces_renderings(place: Path) -> None:
@@ -94,7 +94,7 @@ def _write(recipe: Recipe, folder: Path, progress: Progress) -> None:
             source = f"the simulated scene {recipe.scene}"
             writer.set_calibration(Calibration(cameras=calibrated, source=source))
         data = msgspec.json.encode(msgspec.structs.replace(recipe, take=take))
-        write_whole(writer.folder / RECIPE, msgspec.json.format(data, indent=1) + b"\n")
+        write_atomic(writer.folder / RECIPE, msgspec.json.format(data, indent=1) + b"\n")
         writer.finish(take.cameras, take.burst, take.missing, "simulated", recipe.note)
 
 
@@ -116,7 +116,7 @@ def _source(recipe: Recipe, camera: CameraRecipe) -> PictureSource:
 
 
 def _develop(
-    writer: SessionWriter, recipe: Recipe, take: Take, taken: TakenFrame, source: PictureSource
+    writer: SessionWriter, recipe: Recipe, take: Take, taken: RecipeFrame, source: PictureSource
 ) -> None:
     # What the picture depends on: its true start, its exposure and the seed of its noise.
     frame = SensorFrame(

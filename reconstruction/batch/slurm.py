@@ -17,7 +17,7 @@ from typing import Any
 import msgspec
 
 from capture_app.errors import BadInputError, ExitCode, NotAvailableError, SimulshotError
-from capture_app.session.files.durable import write_named
+from capture_app.session.files.durable import write_atomic_unsynced
 from reconstruction.batch.units import WORK, Outcome, Unit, perform
 
 POLL_S = 1.0
@@ -65,7 +65,7 @@ class SlurmExecutor:
                 some = new[first : first + LARGEST_ARRAY]
                 for unit, job in zip(some, self._submit(make, some, root, folder), strict=True):
                     jobs[unit.key] = job
-                    write_named(_note(folder, unit), f"{job.job_id}\n".encode())
+                    write_atomic_unsynced(_note(folder, unit), f"{job.job_id}\n".encode())
             yield from _wait_for(jobs)
         finally:
             _cancel([job.job_id for job in jobs.values()])

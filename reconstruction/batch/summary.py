@@ -10,7 +10,7 @@ from pathlib import Path
 
 import msgspec
 
-from capture_app.session.files.durable import write_whole
+from capture_app.session.files.durable import write_atomic
 from reconstruction.batch.page import summary_page
 from reconstruction.batch.rows import BatchResult, Row
 
@@ -21,9 +21,9 @@ NAMES = (CSV, JSON, HTML)
 def write_summary(root: Path, result: BatchResult) -> None:
     """Write the three files into the batch's folder."""
     told = {"groups": result.groups, "units": result.units}
-    write_whole(root / JSON, msgspec.json.format(msgspec.json.encode(told), indent=2) + b"\n")
-    write_whole(root / CSV, _csv(result.units).encode())
-    write_whole(root / HTML, summary_page(result).encode())
+    write_atomic(root / JSON, msgspec.json.format(msgspec.json.encode(told), indent=2) + b"\n")
+    write_atomic(root / CSV, _csv(result.units).encode())
+    write_atomic(root / HTML, summary_page(result).encode())
 
 
 def _csv(rows: Sequence[Row]) -> str:

@@ -9,7 +9,7 @@ from pathlib import Path
 import msgspec
 
 from capture_app.errors import BadInputError
-from capture_app.session.files.durable import write_whole
+from capture_app.session.files.durable import write_atomic
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION
 from reconstruction.calibration.calibrated_views import calibrated_views
@@ -130,6 +130,6 @@ def _still_points(rig: Rig, views: dict[str, View]) -> SharedPoints:
 
 def _store(target: Path, calibration: Calibration) -> None:
     try:
-        write_whole(target, msgspec.json.format(msgspec.json.encode(calibration), indent=2))
+        write_atomic(target, msgspec.json.format(msgspec.json.encode(calibration), indent=2))
     except OSError as error:
         raise BadInputError(f"cannot write {target}: {error.strerror or error}") from error

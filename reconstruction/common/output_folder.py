@@ -4,7 +4,7 @@ from pathlib import Path
 
 import msgspec
 
-from capture_app.session.files.durable import write_whole
+from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import OutputFolder, replaces_only
 from capture_app.text import pretty_json
 
@@ -24,4 +24,4 @@ def comparison_folder(out: Path) -> OutputFolder:
 
 def write_metrics(folder: Path, result: msgspec.Struct) -> None:
     """Write what was measured into a comparison's folder."""
-    write_whole(folder / METRICS, pretty_json(result))
+    write_atomic(folder / METRICS, pretty_json(result))

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 
 from capture_app.errors import BadInputError, NotAvailableError
-from capture_app.session.files.durable import write_whole
+from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import OutputFolder, replaces_only
 from capture_app.terminal import Progress
 from reconstruction.common.geometry import View
@@ -141,7 +141,7 @@ def multiview(
             seconds_of=clock.seconds,
             versions=library_versions(),
         )
-        write_whole(part / RESULT, msgspec.json.format(msgspec.json.encode(result), indent=2))
+        write_atomic(part / RESULT, msgspec.json.format(msgspec.json.encode(result), indent=2))
     return result
 
 

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from capture_app.session.files.durable import write_whole
+from capture_app.session.files.durable import write_atomic
 from reconstruction.report import wording
 from reconstruction.report.charts import DoseChart, dose_chart
 from reconstruction.report.making import Entry
@@ -125,7 +125,7 @@ def write_dose_report(result: DoseResult, out: Path) -> Path:
         },
     )
     target = out / REPORT
-    write_whole(target, page.encode("utf-8", "replace"))
+    write_atomic(target, page.encode("utf-8", "replace"))
     return target
 
 

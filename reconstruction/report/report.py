@@ -5,7 +5,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from capture_app.errors import BadInputError
-from capture_app.session.files.durable import PART, write_whole
+from capture_app.session.files.durable import PART, write_atomic
 from reconstruction.report import wording
 from reconstruction.report.charts import pose_chart
 from reconstruction.report.claims import claims
@@ -33,7 +33,7 @@ def write_report(result: CompareResult, out: Path) -> Path:
     target = out / REPORT
     try:
         out.mkdir(parents=True, exist_ok=True)
-        write_whole(target, page.encode("utf-8", "replace"))
+        write_atomic(target, page.encode("utf-8", "replace"))
     except OSError as error:
         with suppress(OSError):
             target.with_name(target.name + PART).unlink()

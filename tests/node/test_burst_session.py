@@ -15,7 +15,7 @@ from capture_app.node.leader.active_bursts import create_numbered
 from capture_app.node.wire.messages import CameraReport, ImageUpload
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, MissingImage, image_path
 from capture_app.session.reading.reader import Session, list_sessions
-from capture_app.session.writing.store import SessionWriter
+from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_picks import Burst
 from tests.facts import make_facts
 

@@ -19,7 +19,7 @@ from capture_app.node.wire.messages import CameraReport, ImageUpload, SpoolSpace
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, image_path
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import ProblemKind, verify
-from capture_app.session.writing.store import SessionWriter
+from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_picks import Burst
 from tests.facts import make_facts
 

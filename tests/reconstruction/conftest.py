@@ -12,7 +12,7 @@ import pytest
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.manifest import BurstRecord, CameraRecord
 from capture_app.session.reading.reader import Session
-from capture_app.session.writing.store import SessionWriter
+from capture_app.session.writing.session_writer import SessionWriter
 from reconstruction.common.geometry import Array, View
 from tests.facts import make_facts
 

@@ -13,7 +13,7 @@ from capture_app.errors import ExitCode
 from capture_app.samples.recipe import read_recipe
 from capture_app.samples.render import render, same_files
 from capture_app.session.format.manifest import RECIPE
-from capture_app.session.format.rows import row_exposures
+from capture_app.session.format.row_exposures import row_exposures
 from capture_app.session.reading.reader import Session
 from capture_app.simulation.rendering import led_panel
 

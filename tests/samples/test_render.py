@@ -13,7 +13,7 @@ from capture_app.samples.recipe import CameraRecipe, Recipe, Trigger, read_recip
 from capture_app.samples.render import render, same_files
 from capture_app.session.format.manifest import RECIPE
 from capture_app.session.reading.verify import verify
-from capture_app.session.writing.store import SessionWriter
+from capture_app.session.writing.session_writer import SessionWriter
 
 
 def recipe_of(**changes: Any) -> Recipe:

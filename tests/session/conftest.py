@@ -11,7 +11,7 @@ import pytest
 
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, ClockRecord, MissingImage
 from capture_app.session.reading.reader import Session
-from capture_app.session.writing.store import SessionWriter
+from capture_app.session.writing.session_writer import SessionWriter
 from tests.facts import make_facts
 
 WIDTH, HEIGHT = 16, 12

@@ -24,11 +24,11 @@ from typing import Any
 
 from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.node.leader.repair import repair
+from capture_app.session.format.burst_plan import PLAN, BurstPlan, CameraPlan
 from capture_app.session.format.manifest import MANIFEST, BurstRecord, CameraRecord
-from capture_app.session.format.plan import PLAN, CameraPlan, Plan
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import Problem, ProblemKind, verify
-from capture_app.session.writing.store import SessionWriter
+from capture_app.session.writing.session_writer import SessionWriter
 
 CAMERAS, INSTANTS, PERIOD_NS = 2, 4, 33_000_000
 NAME = "killed"
@@ -47,7 +47,7 @@ def write(root: Path, confirmed: int, threads: int = 1) -> None:
     writer = SessionWriter.create(root, NAME)
     cameras = tuple(camera_record(number) for number in range(CAMERAS))
     burst = BurstRecord(instants_ns=tuple(PERIOD_NS * n for n in range(INSTANTS)), period_ns=PERIOD_NS)
-    plan = Plan(
+    plan = BurstPlan(
         name=NAME, created=writer.created, software=writer.software, leader=1, number=1, burst=burst,
         cameras=tuple(CameraPlan(camera=camera) for camera in cameras),
     )  # fmt: skip

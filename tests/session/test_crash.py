@@ -15,12 +15,12 @@ import pytest
 
 from capture_app.errors import DiskFullError, SimulshotError
 from capture_app.node.leader.repair import repair
+from capture_app.session.format.burst_plan import BurstPlan, CameraPlan
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.manifest import JOURNAL, MANIFEST, BurstRecord
-from capture_app.session.format.plan import CameraPlan, Plan
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
-from capture_app.session.writing.store import SessionWriter
+from capture_app.session.writing.session_writer import SessionWriter
 
 from .conftest import camera_record, jpeg
 
@@ -90,7 +90,7 @@ class Take:
 
     def begin(self) -> SessionWriter:
         writer = SessionWriter.create(self.folder.parent, self.folder.name)
-        plan = Plan(
+        plan = BurstPlan(
             name="take",
             created=writer.created,
             software=writer.software,

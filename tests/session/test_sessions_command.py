@@ -11,7 +11,7 @@ from capture_app.errors import ExitCode
 from capture_app.session.format.manifest import MANIFEST
 from capture_app.session.format.schema import session_schema_text
 from capture_app.session.reading.reader import Session
-from capture_app.session.writing.store import SessionWriter
+from capture_app.session.writing.session_writer import SessionWriter
 
 Capture = pytest.CaptureFixture[str]
 

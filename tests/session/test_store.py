@@ -16,7 +16,7 @@ from capture_app.session.format.calibration import Calibration, CameraCalibratio
 from capture_app.session.format.checks import inside
 from capture_app.session.format.manifest import JOURNAL, MANIFEST, BurstRecord, ImageRecord
 from capture_app.session.reading.reader import Session, is_being_written, list_sessions
-from capture_app.session.writing.store import SessionWriter
+from capture_app.session.writing.session_writer import SessionWriter
 
 from .conftest import INSTANTS, camera_record, fill, jpeg
 
@@ -237,7 +237,7 @@ def test_no_path_leads_out(tmp_path_factory: pytest.TempPathFactory, path: str) 
 
 KILLED_WRITER = """
 import os, pathlib, signal, sys
-from capture_app.session.writing.store import SessionWriter
+from capture_app.session.writing.session_writer import SessionWriter
 left = int(sys.argv[2])
 def deadly(name):
     call = getattr(os, name)

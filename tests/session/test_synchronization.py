@@ -6,7 +6,7 @@ from msgspec.structs import replace
 
 from capture_app.camera_facts import TimestampSource
 from capture_app.session.format.manifest import BurstRecord, ImageRecord, MissingImage
-from capture_app.session.format.rows import row_exposures
+from capture_app.session.format.row_exposures import row_exposures
 from capture_app.session.reading.synchronization import sync_record, verdict
 
 from .conftest import HEIGHT, camera_record

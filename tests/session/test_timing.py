@@ -8,8 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture_app.errors import BadInputError
+from capture_app.session.importers.rate_or_table import (
+    Timeline,
+    match_name,
+    timeline_by_rate,
+    timeline_by_table,
+)
 from capture_app.session.importers.sources import Source
-from capture_app.session.importers.timing import Timeline, match_name, timeline_by_rate, timeline_by_table
 
 
 class Numbers(Source):

@@ -8,7 +8,7 @@ from textual.widgets import Label, RichLog, Static
 
 from capture_app.camera_facts import TimestampSource
 from capture_app.session.format.manifest import BurstRecord, CameraRecord
-from capture_app.session.writing.store import SessionWriter
+from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.wire.messages import NodeState
 from capture_app.tui.app import RigApp
 from capture_app.tui.widgets.nodes import NodesTable

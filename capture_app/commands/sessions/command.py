@@ -180,14 +180,14 @@ def import_command(
     and calibration.
     """
     from capture_app.session.importers.calibration import Fit
-    from capture_app.session.importers.opening import split_name
-    from capture_app.session.importers.own_times import Times
+    from capture_app.session.importers.embedded_times import TimeSource
+    from capture_app.session.importers.open_sources import split_name
     from capture_app.session.importers.recording import ImportOptions, import_recording
 
     if name is None:
         path = split_name(sources[0])[1].resolve()
         name = path.name if len(sources) == 1 and path.is_dir() else path.parent.name
-    chosen = ImportOptions(fit=Fit(fit), times=Times(times), offsets_ms=_shifts(shifts), **options)
+    chosen = ImportOptions(fit=Fit(fit), times=TimeSource(times), offsets_ms=_shifts(shifts), **options)
     session = import_recording(sources, out, name, chosen, show_count("images"), talk)
     manifest = session.manifest
     if not as_json:

@@ -46,7 +46,7 @@ def export(
     docs/exports.md describes how each format stores the times and what happens to missing images.
     """
     from capture_app.session.exporters.common.burst import ExportOptions
-    from capture_app.session.exporters.registry import export_session
+    from capture_app.session.exporters.export_session import export_session
 
     options = ExportOptions(link=hard_link, near=near, far=far)
     report = export_session(Session.open(session), name, out, options, show_count("images"))

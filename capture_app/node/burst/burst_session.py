@@ -15,7 +15,7 @@ from capture_app.node.transfer.disk_threads import DiskThreads
 from capture_app.node.wire.messages import CameraReport, ImageReceipt, ImageUpload
 from capture_app.node.wire.status import BurstStatus
 from capture_app.session.format.manifest import CameraRecord
-from capture_app.session.writing.store import SessionWriter
+from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_picks import Burst
 
 AFTER_LAST_INSTANT_NS = 2_000_000_000

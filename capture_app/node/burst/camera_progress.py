@@ -8,7 +8,7 @@ from capture_app.node.transfer.disk_threads import DiskThreads
 from capture_app.node.transfer.partial_image import PartialImage, partial_receipts
 from capture_app.node.wire.messages import CameraReport, ImageReceipt, ImageUpload
 from capture_app.session.format.manifest import CameraRecord, MissingImage
-from capture_app.session.writing.store import SessionWriter
+from capture_app.session.writing.session_writer import SessionWriter
 
 PATIENCE_NS = 10_000_000_000
 """A camera that has had no stream open for this long has left its images behind."""

@@ -9,7 +9,7 @@ from capture_app.node.burst.camera_progress import CameraProgress
 from capture_app.node.burst.plans import report_of
 from capture_app.session.format.manifest import MissingImage
 from capture_app.session.reading.reader import Session
-from capture_app.session.writing.store import SessionWriter
+from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_picks import Burst
 
 

@@ -7,10 +7,10 @@ import msgspec
 
 from capture_app.node.burst.camera_progress import CameraProgress
 from capture_app.node.wire.messages import CameraReport, TrueClock
+from capture_app.session.format.burst_plan import BurstPlan, CameraPlan
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
-from capture_app.session.format.plan import CameraPlan, Plan
-from capture_app.session.writing.store import SessionWriter
+from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_picks import Burst
 
 
@@ -45,9 +45,9 @@ def burst_record(burst: Burst) -> BurstRecord:
 
 def first_plan(
     writer: SessionWriter, leader: int, number: int, burst: BurstRecord, cameras: Iterable[CameraRecord]
-) -> Plan:
+) -> BurstPlan:
     """What a session is to become, before any camera has reported."""
-    return Plan(
+    return BurstPlan(
         name=writer.name,
         created=writer.created,
         software=writer.software,
@@ -58,7 +58,7 @@ def first_plan(
     )
 
 
-def with_report(plan: Plan, report: CameraReport) -> Plan:
+def with_report(plan: BurstPlan, report: CameraReport) -> BurstPlan:
     """A plan to which one of its cameras has reported."""
     cameras = tuple(
         camera_plan(report.camera, report) if told.camera.name == report.camera.name else told
@@ -81,7 +81,7 @@ def camera_plan(camera: CameraRecord, report: CameraReport | None) -> CameraPlan
     )
 
 
-def report_of(plan: Plan, told: CameraPlan) -> CameraReport | None:
+def report_of(plan: BurstPlan, told: CameraPlan) -> CameraReport | None:
     """What a camera had reported, without its events; None where it had not."""
     if not told.reported:
         return None

@@ -11,7 +11,7 @@ from capture_app.node.burst.resumed_bursts import RETURN_NS, ResumedBursts
 from capture_app.node.leader.space import check_room, expected_image_bytes
 from capture_app.node.leader.wording import News
 from capture_app.node.wire.messages import CameraReport, ImageUpload, SpoolSpace
-from capture_app.session.writing.store import SessionWriter
+from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.events import BurstRefused
 from capture_app.sync.rig.leader import Leader
 from capture_app.sync.wire.messages import NodeState

@@ -17,7 +17,7 @@ from capture_app.errors import BadInputError, SimulshotError, TryAgainError
 from capture_app.names import check_name
 from capture_app.node.wire.messages import CameraReport, ImageUpload
 from capture_app.session.files.disk import disk_error
-from capture_app.session.files.durable import AppendOnly, sync_folder, write_whole
+from capture_app.session.files.durable import AppendOnlyFile, sync_folder, write_atomic
 from capture_app.session.files.locks import lock_folder
 from capture_app.session.format.checks import read_struct
 from capture_app.session.format.journal import lines_of_file
@@ -39,15 +39,15 @@ class SpooledBurst:
     def write_report(self, report: CameraReport) -> None:
         """Keep the report. Raises SimulshotError."""
         try:
-            write_whole(self.folder / REPORT, msgspec.json.encode(report))
+            write_atomic(self.folder / REPORT, msgspec.json.encode(report))
         except OSError as error:
             raise disk_error(error, self.folder) from error
 
     def add_image(self, image: ImageUpload, data: bytes) -> None:
         """Keep an image; once this returns no crash can lose it. Raises DiskFullError, SimulshotError."""
         try:
-            write_whole(self.image_file(image), data)
-            journal = AppendOnly(self.folder / JOURNAL)
+            write_atomic(self.image_file(image), data)
+            journal = AppendOnlyFile(self.folder / JOURNAL)
             try:
                 journal.append(msgspec.json.encode(image), durable=True)
             finally:

@@ -4,7 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from capture_app.session.exporters.common.burst import Burst, ExportOptions
-from capture_app.session.exporters.common.extras import load
+from capture_app.session.exporters.common.optional_packages import load_package
 from capture_app.session.exporters.common.poses import (
     METRES,
     centre_of,
@@ -28,7 +28,7 @@ def write(burst: Burst, folder: Path, options: ExportOptions) -> list[str]:
     log_time and publish_time are an image's leader_ns. Images are the session's own bytes, others than JPEG
     and PNG as PNG. The manifest is attached.
     """
-    writer_module = load("mcap.writer", "MCAP")
+    writer_module = load_package("mcap.writer", "MCAP")
     calibration = None if burst.session.calibration() is None else burst.calibration("MCAP")
     file = f"{burst.name}.mcap"
     frames: list[Frame] = []

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.session.exporters.common.burst import Burst, ExportOptions
-from capture_app.session.exporters.common.extras import load
+from capture_app.session.exporters.common.optional_packages import load_package
 from capture_app.session.exporters.common.poses import centre_of, matrix_of, rotation_of
 from capture_app.session.exporters.common.tables import Frame, write_frames
 
@@ -18,7 +18,7 @@ def write(burst: Burst, folder: Path, options: ExportOptions) -> list[str]:
 
     A camera's distortion has no place in it. Raises NotAvailableError without rerun-sdk.
     """
-    rerun = load("rerun", "the .rrd format", extra="rerun")
+    rerun = load_package("rerun", "the .rrd format", extra="rerun")
     file = f"{burst.name}.rrd"
     stream = rerun.RecordingStream("simulshot", recording_id=burst.name, send_properties=False)
     stream.save(folder / file)

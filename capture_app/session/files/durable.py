@@ -62,13 +62,13 @@ def free_name(path: Path) -> Path:
     return free
 
 
-def write_whole(path: Path, data: bytes) -> None:
+def write_atomic(path: Path, data: bytes) -> None:
     """Write a file so that after a crash it is there in full or not at all; replaces an older one."""
-    write_named(path, data)
+    write_atomic_unsynced(path, data)
     sync_folder(path.parent)
 
 
-def write_named(path: Path, data: bytes) -> None:
+def write_atomic_unsynced(path: Path, data: bytes) -> None:
     """Do the same but for the last step: the name outlives a power cut only once its folder is synced."""
     aside = path.with_name(path.name + PART)
     try:
@@ -86,7 +86,7 @@ def write_named(path: Path, data: bytes) -> None:
         raise
 
 
-def move_named(aside: Path, path: Path) -> None:
+def move_into_place(aside: Path, path: Path) -> None:
     """Sync a file that was written aside and give it its name; its folder is not synced."""
     _sync_file(aside)
     aside.replace(path)
@@ -107,7 +107,7 @@ def _write_all(handle: int, data: bytes) -> None:
         left = left[os.write(handle, left) :]
 
 
-class AppendOnly:
+class AppendOnlyFile:
     """A file of lines that only ever grows; a crash can tear its last lines and no other."""
 
     def __init__(self, path: Path) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import msgspec
 
-from capture_app.session.files.durable import AppendOnly, sync_folder
+from capture_app.session.files.durable import AppendOnlyFile, sync_folder
 from capture_app.session.format.manifest import ImageRecord
 
 
@@ -21,7 +21,7 @@ class Journal:
     """Notes images. Threads that come together share the cost of the disk's syncs."""
 
     def __init__(self, path: Path) -> None:
-        self._file = AppendOnly(path)
+        self._file = AppendOnlyFile(path)
         self._waiting: list[_Entry] = []
         self._arriving = threading.Lock()
         self._syncing = threading.Lock()

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from capture_app.errors import BadInputError
-from capture_app.session.importers.matching import TimedFrame, check_order
+from capture_app.session.importers.frame_matching import TimedFrame, check_order
 from capture_app.session.importers.sources import JPEG_QUALITY, Source, Video, read_images
 
 _METADATA = "sync_metadata_"
@@ -50,7 +50,7 @@ class PhoneShots(Source):
         """False: shots have times, not numbers."""
         return False
 
-    def own_times(self) -> Sequence[TimedFrame]:
+    def embedded_times(self) -> Sequence[TimedFrame]:
         """When each shot was taken, by the leader's clock and by the phone's."""
         return [TimedFrame(n, shot.leader_ns, shot.local_ns) for n, shot in enumerate(self._shots)]
 
@@ -73,7 +73,7 @@ class PhoneVideo(Video):
         self._table = path.with_suffix(".csv")
         self._table_ns = _lines(self._table)
 
-    def own_times(self) -> Sequence[TimedFrame]:
+    def embedded_times(self) -> Sequence[TimedFrame]:
         """When each frame was taken; where table and video differ in length, to the shorter end."""
         count = min(len(self._table_ns), len(self.numbers))
         if len(self._table_ns) != len(self.numbers):

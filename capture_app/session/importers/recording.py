@@ -10,14 +10,14 @@ from capture_app.names import check_name
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
 from capture_app.session.importers.calibration import Fit, fit_calibration, read_views
+from capture_app.session.importers.embedded_times import TimeSource
+from capture_app.session.importers.frame_matching import Instant, TimedFrame, Timeline
 from capture_app.session.importers.layouts import Layout, recognize
-from capture_app.session.importers.matching import Instant, TimedFrame, Timeline
-from capture_app.session.importers.opening import open_sources, split_name
-from capture_app.session.importers.own_times import Times
+from capture_app.session.importers.open_sources import open_sources, split_name
 from capture_app.session.importers.sources import Source
-from capture_app.session.importers.timeline import Clocks, make_timeline
+from capture_app.session.importers.time_source import TimeOptions, make_timeline
 from capture_app.session.reading.reader import Session
-from capture_app.session.writing.store import SessionWriter
+from capture_app.session.writing.session_writer import SessionWriter
 
 Progress = Callable[[int, int], None]
 """Told after each frame: how many are done, and of how many."""
@@ -34,7 +34,7 @@ class ImportOptions:
 
     fps: float | None = None
     timestamps: Path | None = None
-    times: Times = Times.AUTO
+    times: TimeSource = TimeSource.AUTO
     offsets_ms: Mapping[str, float] = field(default_factory=dict)
     """What is added to a camera's own times to get the rig's, by the camera's name."""
     start: int = 0
@@ -70,7 +70,7 @@ def import_recording(
         paths, options = [str(layout.videos)], _with_layout(layout, options)
     sources = open_sources(paths, png=options.png)
     same_frames = layout is not None and layout.same_frames
-    clocks = Clocks(options.fps, options.timestamps, options.times, options.offsets_ms, same_frames)
+    clocks = TimeOptions(options.fps, options.timestamps, options.times, options.offsets_ms, same_frames)
     timeline = make_timeline(sources, clocks, talk)
     instants = _chosen(timeline, options)
     names = [source.name for source in sources]
@@ -113,7 +113,7 @@ def _layout(paths: Sequence[str]) -> Layout | None:
 
 def _with_layout(layout: Layout, options: ImportOptions) -> ImportOptions:
     """The options, with what the folder knows where the user says nothing else."""
-    said_nothing = options.fps is None and options.timestamps is None and options.times is Times.AUTO
+    said_nothing = options.fps is None and options.timestamps is None and options.times is TimeSource.AUTO
     calibrated = bool(options.calibration) or layout.calibration is None
     return replace(
         options,

@@ -8,8 +8,8 @@ from typing import Any
 
 from capture_app.errors import BadInputError
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
-from capture_app.session.importers.matching import TimedFrame
-from capture_app.session.importers.own_times import video_pictures, video_times_ns
+from capture_app.session.importers.embedded_times import video_pictures, video_times_ns
+from capture_app.session.importers.frame_matching import TimedFrame
 from capture_app.session.reading.verify import image_size
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".mjpg", ".mjpeg", ".mpg", ".mpeg")
@@ -37,7 +37,7 @@ class Source(ABC):
     def numbered(self) -> bool:
         """Whether the numbers are the recording's own and not just an order."""
 
-    def own_times(self) -> Sequence[TimedFrame] | None:
+    def embedded_times(self) -> Sequence[TimedFrame] | None:
         """When its frames were taken by the rig's one clock, where its files hold that; else None."""
         return None
 
@@ -130,7 +130,7 @@ class Video(Source):
                 f"{path} does not say how many frames it has", hint="re-mux it, or use images"
             )
 
-    def use_own_times(self) -> Sequence[int]:
+    def use_embedded_times(self) -> Sequence[int]:
         """Read when each frame is shown, in ns, and take frames by that; see `video_times_ns`."""
         self._times_ns = video_times_ns(self.path)
         self._count = len(self._times_ns)

@@ -7,10 +7,10 @@ import hashlib
 from collections.abc import Iterator
 from pathlib import Path
 
-from capture_app.session.files.durable import write_whole
+from capture_app.session.files.durable import write_atomic
+from capture_app.session.format.burst_plan import PLAN
 from capture_app.session.format.ground_truth import TIMES, TRUE_TIMES_JOURNAL
 from capture_app.session.format.manifest import CALIBRATION, EVENTS, JOURNAL, MANIFEST, RECIPE
-from capture_app.session.format.plan import PLAN
 
 CHECKSUMS = "checksums.sha256"
 COVERED = (MANIFEST, JOURNAL, EVENTS, PLAN, CALIBRATION, TIMES, TRUE_TIMES_JOURNAL, RECIPE)
@@ -22,7 +22,7 @@ def write_checksums(folder: Path, manifest: bytes) -> None:
     for name in COVERED[1:]:
         if (folder / name).is_file():
             sums[name] = hashlib.sha256((folder / name).read_bytes()).hexdigest()
-    write_whole(folder / CHECKSUMS, "".join(f"{of}  {name}\n" for name, of in sums.items()).encode())
+    write_atomic(folder / CHECKSUMS, "".join(f"{of}  {name}\n" for name, of in sums.items()).encode())
 
 
 def changed_files(folder: Path) -> Iterator[tuple[str, str]]:

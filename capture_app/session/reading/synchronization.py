@@ -9,7 +9,7 @@ from capture_app.session.format.manifest import (
     MissingImage,
     SyncRecord,
 )
-from capture_app.session.format.rows import row_exposures
+from capture_app.session.format.row_exposures import row_exposures
 
 PX_PER_S = 1000.0
 """The motion that verdicts speak of: somebody who runs through a picture in a second or two."""

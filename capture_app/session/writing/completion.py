@@ -5,9 +5,9 @@ from pathlib import Path
 import msgspec
 
 from capture_app.session.files.disk import reserve
-from capture_app.session.files.durable import write_whole
+from capture_app.session.files.durable import write_atomic
 from capture_app.session.format.checks import check_references
-from capture_app.session.format.encoding import checked, pretty
+from capture_app.session.format.json_encoding import encode_checked, indented
 from capture_app.session.format.manifest import MANIFEST, Manifest
 from capture_app.session.reading.checksums import write_checksums
 from capture_app.session.reading.synchronization import sync_record
@@ -25,13 +25,13 @@ def reserve_room(folder: Path, images: int) -> None:
 
 def encode_manifest(folder: Path, manifest: Manifest) -> bytes:
     """Add the sync record and encode. Raises BadInputError where the records contradict each other."""
-    checked(manifest, Manifest)
+    encode_checked(manifest, Manifest)
     check_references(folder / MANIFEST, manifest)
     sync = sync_record(manifest.cameras, manifest.burst, manifest.images, manifest.missing)
-    return pretty(checked(msgspec.structs.replace(manifest, sync=sync), Manifest))
+    return indented(encode_checked(msgspec.structs.replace(manifest, sync=sync), Manifest))
 
 
 def write_manifest(folder: Path, data: bytes) -> None:
     """Write the checksums and then the manifest, which makes the session complete. Raises OSError."""
     write_checksums(folder, data)
-    write_whole(folder / MANIFEST, data)
+    write_atomic(folder / MANIFEST, data)

@@ -8,7 +8,7 @@ from pathlib import Path
 import msgspec
 
 from capture_app.errors import BadInputError
-from capture_app.session.files.durable import PART, free_name, make_folders, sync_folder, write_whole
+from capture_app.session.files.durable import PART, free_name, make_folders, sync_folder, write_atomic
 from capture_app.session.format.checks import read_struct
 from capture_app.session.format.ground_truth import TRUE_TIMES_JOURNAL, TrueTime, ground_truth_path
 from capture_app.session.format.journal import lines_of_file, record_of_line
@@ -49,7 +49,7 @@ def recover_images(folder: Path) -> tuple[list[ImageRecord], list[ImageRecord]]:
     _set_aside_all_but(folder, {record.path for record in safe})
     journal = b"".join(msgspec.json.encode(record) + b"\n" for record in safe)
     if journal != data:
-        write_whole(folder / JOURNAL, journal)
+        write_atomic(folder / JOURNAL, journal)
     return safe, [record for record in told.values() if record not in safe]
 
 
@@ -89,7 +89,7 @@ def recover_true_times(folder: Path, images: Iterable[ImageRecord]) -> dict[tupl
     safe = {(image.camera, image.instant) for image in images}
     kept = {of: true for of, true in known.items() if of in safe and _truth_is_as_noted(folder, true)}
     if len(kept) != len(lines):
-        write_whole(path, b"".join(msgspec.json.encode(true) + b"\n" for true in kept.values()))
+        write_atomic(path, b"".join(msgspec.json.encode(true) + b"\n" for true in kept.values()))
     return kept
 
 

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import msgspec
 
-from capture_app.session.files.durable import AppendOnly, make_folders, write_whole
-from capture_app.session.format.encoding import checked, pretty
+from capture_app.session.files.durable import AppendOnlyFile, make_folders, write_atomic
 from capture_app.session.format.ground_truth import (
     TIMES,
     TRUE_TIMES_JOURNAL,
@@ -16,6 +15,7 @@ from capture_app.session.format.ground_truth import (
     TrueTimes,
     ground_truth_path,
 )
+from capture_app.session.format.json_encoding import encode_checked, indented
 from capture_app.session.format.manifest import ImageRecord
 from capture_app.session.writing.recovery import recover_true_times
 
@@ -27,7 +27,7 @@ class TruthStore:
         self._folder = folder
         self._times: dict[tuple[str, int], TrueTime] = {}
         self._clocks: dict[str, dict[str, float | int | str]] = {}
-        self._journal: AppendOnly | None = None
+        self._journal: AppendOnlyFile | None = None
 
     @property
     def knows_times(self) -> bool:
@@ -49,14 +49,14 @@ class TruthStore:
         if data is not None:
             path = self._folder / ground_truth_path(camera, instant)
             make_folders(path.parent, self._folder)
-            write_whole(path, data)
+            write_atomic(path, data)
         sha256 = None if data is None else hashlib.sha256(data).hexdigest()
         true = TrueTime(camera=camera, instant=instant, true_ns=true_ns, sha256=sha256)
         self._times[camera, instant] = true
         if crash_safe:
             if self._journal is None:
                 make_folders((self._folder / TRUE_TIMES_JOURNAL).parent, self._folder)
-                self._journal = AppendOnly(self._folder / TRUE_TIMES_JOURNAL)
+                self._journal = AppendOnlyFile(self._folder / TRUE_TIMES_JOURNAL)
             self._journal.append(msgspec.json.encode(true), durable=True)
         return path
 
@@ -71,7 +71,7 @@ class TruthStore:
         images = tuple(true for _, true in sorted(self._times.items()))
         times = TrueTimes(images=images, clocks=self._clocks)
         make_folders((self._folder / TIMES).parent, self._folder)
-        write_whole(self._folder / TIMES, pretty(checked(times, TrueTimes)))
+        write_atomic(self._folder / TIMES, indented(encode_checked(times, TrueTimes)))
 
     def close(self) -> None:
         """Close the journal: all that was promised is in it already."""

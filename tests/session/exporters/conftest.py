@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 
 from capture_app.session.exporters.common.burst import ExportOptions
-from capture_app.session.exporters.registry import ExportReport, export_session
+from capture_app.session.exporters.export_session import ExportReport, export_session
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
 from capture_app.session.reading.reader import Session
-from capture_app.session.writing.store import SessionWriter
+from capture_app.session.writing.session_writer import SessionWriter
 from tests.facts import make_facts
 
 WIDTH, HEIGHT = 96, 64

@@ -7,7 +7,7 @@ import cv2  # noqa: F401  before pycolmap
 import numpy as np
 import pytest
 
-from capture_app.session.exporters.registry import export_session
+from capture_app.session.exporters.export_session import export_session
 from capture_app.session.reading.reader import Session
 
 pycolmap = pytest.importorskip("pycolmap")

@@ -8,7 +8,7 @@ import numpy as np
 
 from capture_app.errors import BadInputError, SimulshotError
 from capture_app.session.exporters.common.burst import Burst, Picture
-from capture_app.session.exporters.common.extras import load
+from capture_app.session.exporters.common.optional_packages import load_package
 from capture_app.session.exporters.common.tables import Frame
 
 TIME_BASE = Fraction(1, 1_000_000)
@@ -25,7 +25,7 @@ def write_video(
     `period_ns` is how long the last frame stands. Odd sizes keep their size by unreduced colour. Raises
     NotAvailableError without PyAV, BadInputError where two frames share a microsecond.
     """
-    av = load("av", "writing videos")
+    av = load_package("av", "writing videos")
     width, height = size
     odd = width % 2 or height % 2
     last_us: int | None = None

@@ -18,15 +18,16 @@ from capture_app.errors import BadInputError, DiskFullError, SimulshotError
 from capture_app.names import check_name
 from capture_app.session.files.disk import disk_error, is_full
 from capture_app.session.files.durable import (
-    AppendOnly,
-    move_named,
+    AppendOnlyFile,
+    move_into_place,
     sync_folder,
-    write_named,
-    write_whole,
+    write_atomic,
+    write_atomic_unsynced,
 )
 from capture_app.session.files.locks import lock_folder
+from capture_app.session.format.burst_plan import PLAN, BurstPlan, read_plan
 from capture_app.session.format.calibration import Calibration
-from capture_app.session.format.encoding import checked, pretty
+from capture_app.session.format.json_encoding import encode_checked, indented
 from capture_app.session.format.manifest import (
     CALIBRATION,
     EVENTS,
@@ -39,7 +40,6 @@ from capture_app.session.format.manifest import (
     MissingImage,
     image_path,
 )
-from capture_app.session.format.plan import PLAN, Plan, read_plan
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.completion import encode_manifest, reserve_room, write_manifest
 from capture_app.session.writing.image_store import ImageStore
@@ -59,12 +59,12 @@ class SessionWriter:
         self._mutex = threading.RLock()
         self._images = ImageStore(folder, self._mutex)
         self._truth = TruthStore(folder)
-        self._plan: Plan | None = None
+        self._plan: BurstPlan | None = None
         self._open = True
         self._lock = lock_folder(folder)
         try:
             self._recover()
-            self._events = AppendOnly(folder / EVENTS)
+            self._events = AppendOnlyFile(folder / EVENTS)
             sync_folder(folder)
         except OSError as error:
             os.close(self._lock)
@@ -110,17 +110,17 @@ class SessionWriter:
         return cls(folder, plan.name, plan.created, plan.software)
 
     @property
-    def plan(self) -> Plan | None:
+    def plan(self) -> BurstPlan | None:
         """What the session is to become, where that was told."""
         return self._plan
 
-    def set_plan(self, plan: Plan) -> None:
+    def set_plan(self, plan: BurstPlan) -> None:
         """Note durably what the session is to become; from then on a crash leaves it to be resumed.
 
         Raises DiskFullError where not even the manifest will find room.
         """
         with self._writing():
-            write_whole(self.folder / PLAN, pretty(checked(plan, Plan)))
+            write_atomic(self.folder / PLAN, indented(encode_checked(plan, BurstPlan)))
             if self._plan is None:
                 reserve_room(self.folder, len(plan.cameras) * len(plan.burst.instants_ns))
             self._plan = plan
@@ -154,7 +154,7 @@ class SessionWriter:
             sha256=hashlib.sha256(data).hexdigest(),
             **further,
         )
-        self._place(record, lambda path: write_named(path, data))
+        self._place(record, lambda path: write_atomic_unsynced(path, data))
         return record
 
     def add_received(self, record: ImageRecord, aside: Path) -> None:
@@ -166,7 +166,7 @@ class SessionWriter:
         suffix = Path(record.path).suffix
         if suffix not in IMAGE_SUFFIXES or record.path != image_path(record.camera, record.instant, suffix):
             raise BadInputError(f"{record.path!r} is no place for an image of {record.camera}")
-        self._place(record, lambda path: move_named(aside, path))
+        self._place(record, lambda path: move_into_place(aside, path))
 
     @property
     def damaged(self) -> tuple[tuple[str, int], ...]:
@@ -203,7 +203,7 @@ class SessionWriter:
     def set_calibration(self, calibration: Calibration) -> None:
         """Save the rig's calibration. Raises BadInputError where it holds what JSON cannot (NaN)."""
         with self._writing():
-            write_whole(self.folder / CALIBRATION, pretty(checked(calibration, Calibration)))
+            write_atomic(self.folder / CALIBRATION, indented(encode_checked(calibration, Calibration)))
 
     def finish(
         self,
@@ -270,7 +270,7 @@ class SessionWriter:
             self._truth.recover(self._images.records)
 
     def _place(self, record: ImageRecord, put: Callable[[Path], None]) -> None:
-        line = checked(record, ImageRecord)
+        line = encode_checked(record, ImageRecord)
         with self._writing():
             self._images.begin(record)
         try:

@@ -29,7 +29,7 @@ class CameraPlan(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A simulated camera's clock as it really is, by name with unit."""
 
 
-class Plan(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class BurstPlan(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A burst under way: which one, of which cameras, and what they have told."""
 
     name: Name
@@ -50,9 +50,9 @@ class Plan(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         return self.leader, self.number
 
 
-def read_plan(folder: Path) -> Plan:
+def read_plan(folder: Path) -> BurstPlan:
     """Read a session's plan. Raises BadInputError where it has none or it cannot be trusted."""
-    plan = read_struct(folder / PLAN, Plan, PLAN_VERSION)
+    plan = read_struct(folder / PLAN, BurstPlan, PLAN_VERSION)
     check_name(plan.name, "session")
     for share in plan.cameras:
         check_name(share.camera.name, "camera")

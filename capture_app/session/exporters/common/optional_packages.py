@@ -6,7 +6,7 @@ from typing import Any
 from capture_app.errors import NotAvailableError
 
 
-def load(module: str, needed_for: str, extra: str = "export") -> Any:
+def load_package(module: str, needed_for: str, extra: str = "export") -> Any:
     """Import a module of an optional extra. Raises NotAvailableError, which says what to type."""
     try:
         return importlib.import_module(module)

@@ -11,7 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from capture_app.errors import BadInputError
-from capture_app.session.importers.matching import (
+from capture_app.session.importers.frame_matching import (
     Instant,
     TimedFrame,
     Timeline,

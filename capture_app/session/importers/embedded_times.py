@@ -23,7 +23,7 @@ _EPOCH_NS = {10: 9, 13: 6, 16: 3, 19: 0}
 _EXIF_IFD, _DATE_TAG, _PART_TAG = 0x8769, 0x9003, 0x9291
 
 
-class Times(StrEnum):
+class TimeSource(StrEnum):
     """Where a recording's times come from."""
 
     AUTO = "auto"

@@ -5,7 +5,7 @@ import msgspec
 from capture_app.errors import BadInputError
 
 
-def checked(value: msgspec.Struct, kind: type[msgspec.Struct]) -> bytes:
+def encode_checked(value: msgspec.Struct, kind: type[msgspec.Struct]) -> bytes:
     """Encode a struct; raises BadInputError where no reader would accept it: constructors check nothing."""
     data = msgspec.json.encode(value)
     try:
@@ -15,6 +15,6 @@ def checked(value: msgspec.Struct, kind: type[msgspec.Struct]) -> bytes:
     return data
 
 
-def pretty(data: bytes) -> bytes:
+def indented(data: bytes) -> bytes:
     """Lay JSON out for people, one value a line."""
     return msgspec.json.format(data, indent=1) + b"\n"

@@ -64,7 +64,9 @@ class SimulatedNodes:
     ) -> None:
         """`cameras` of the scene's views, 2 to 7; raises BadInputError for another number."""
         if not 2 <= cameras <= len(VIEWS):
-            raise BadInputError(f"{cameras} cameras are not possible here", hint=f"2 to {len(VIEWS)}")
+            raise BadInputError(
+                f"{cameras} simulated cameras are not available", hint=f"choose 2 to {len(VIEWS)}"
+            )
         self.views = VIEWS[:cameras]
         self._leader = leader
         self._scene = scene
@@ -210,7 +212,7 @@ def sync_errors(session: Session) -> SyncErrors:
     """
     truth = session.true_times()
     if truth is None or not truth.clocks:
-        raise BadInputError(f"{session.folder} knows no true times", hint="only simulated sessions do")
+        raise BadInputError(f"{session.folder} has no ground truth", hint="only simulated sessions do")
     true_ns = {(time.camera, time.instant): time.true_ns for time in truth.images}
     worst: dict[str, NodeErrors] = {}
     for image in session.manifest.images:

@@ -24,7 +24,7 @@ def check_name(text: str, what: str) -> str:
     """Return the name of a `what`, such as a camera, as it is. Raises BadInputError where it is none."""
     if not is_name(text):
         raise BadInputError(
-            f"{text!r} cannot be the name of a {what}",
+            f"{text!r} is not a valid name for a {what}",
             hint=f"up to {_MOST} letters, digits, '_', '.' and '-', beginning with a letter or a digit",
         )
     return text

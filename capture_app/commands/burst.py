@@ -97,5 +97,5 @@ async def _take(leader: Address, request: "BurstRequest") -> "BurstStatus":
         hint = f"start one with: capture-app node --leader {leader} --camera SPEC"
         raise NoCameraHereError(error.what, hint=hint) from error
     if last is None:
-        raise NetworkError(f"the leader at {leader} took no burst")
+        raise NetworkError(f"the leader at {leader} did not take the burst")
     return last

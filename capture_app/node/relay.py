@@ -197,6 +197,6 @@ class RelayNode:
             return f"relay {self.name} has not found a leader yet"
         seconds = (now_ns - self._lost_ns) / 1e9
         return (
-            f"relay {self.name} lost its leader {seconds:.0f} s ago and holds its time over, to"
+            f"relay {self.name} lost its leader {seconds:.0f} s ago and is in holdover, accurate to"
             f" {duration(time_map.uncertainty_at(now_ns))}"
         )

@@ -1,4 +1,4 @@
-"""The terminal UI: one screen that shows the rig and takes bursts."""
+"""The terminal UI: one screen that shows the cameras, takes bursts and compares sessions."""
 
 import asyncio
 from pathlib import Path
@@ -28,7 +28,7 @@ TAKING = "taking a burst"
 
 
 class RigApp(App[None]):
-    """Renders snapshots of a rig and asks it for bursts; all it knows is in the snapshot."""
+    """Shows snapshots of a rig and asks it for bursts; all it knows is in the snapshot."""
 
     TITLE = "simulshot"
     CSS_PATH = "app.tcss"
@@ -60,7 +60,7 @@ class RigApp(App[None]):
                 saved.border_title = "Sessions"
                 yield SessionsTable(id="sessions")
             with Vertical(id="news") as news:
-                news.border_title = "What happened"
+                news.border_title = "Events"
                 yield RichLog(id="log", wrap=True, min_width=0, markup=False, max_lines=500)
         with Horizontal(id="doing", classes="idle"):
             yield Label(id="message")
@@ -69,18 +69,21 @@ class RigApp(App[None]):
 
     def on_mount(self) -> None:
         """Begin to show the rig."""
-        self._rig.on_news(self._tell)
+        self._rig.on_news(self._log_event)
         self.query_one(SessionsTable).focus()
-        self._refresh_rig()
-        self.set_interval(REFRESH_S, self._refresh_rig)
+        self.show_rig()
+        self.set_interval(REFRESH_S, self.show_rig)
 
     def on_unmount(self) -> None:
-        """Listen no more: nodes still say goodbye when the screen is gone."""
+        """Stop logging events: nodes still leave when the screen has closed."""
         self._rig.on_news(lambda _: None)
 
     # Showing
 
-    def _refresh_rig(self) -> None:
+    def show_rig(self) -> None:
+        """Show the rig as it is now; does nothing while the screen closes."""
+        if not self.query(SessionsTable) or not self.query("#headline"):
+            return
         status = self._rig.status()
         self.query_one("#headline", Static).update(_headline(status))
         empty = self.query_one("#empty", Static)
@@ -104,11 +107,11 @@ class RigApp(App[None]):
         try:
             images, sync = describe(Session.open(path).manifest)
         except SimulshotError as error:
-            self.call_from_thread(self._tell, str(error))
+            self.call_from_thread(self._log_event, str(error))
             return
         self.call_from_thread(self.query_one(SessionsTable).add_session, path, images, sync)
 
-    def _tell(self, line: str) -> None:
+    def _log_event(self, line: str) -> None:
         self.query_one(RichLog).write(printable(line))
 
     def _say(self, text: str, *, error: bool = False, progress: ProgressStep | None = None) -> None:
@@ -122,7 +125,7 @@ class RigApp(App[None]):
 
     def _begin(self, what: str) -> bool:
         if self._busy:
-            self._say(f"still busy: {self._busy}")
+            self._say(f"please wait: {self._busy}")
             return False
         self._busy = what
         self._say(f"{what} …")
@@ -148,7 +151,7 @@ class RigApp(App[None]):
             return
         try:
             await self._rig.add_simulated(SIMULATED_CAMERAS)
-            self._say(f"started {SIMULATED_CAMERAS} simulated cameras; they need some seconds to get in step")
+            self._say(f"started {SIMULATED_CAMERAS} simulated cameras; synchronizing takes some seconds")
         except SimulshotError as error:
             self._say(str(error), error=True)
         finally:
@@ -156,7 +159,7 @@ class RigApp(App[None]):
 
     @work
     async def action_compare(self) -> None:
-        """Compare synchronized with offset frames of the chosen session."""
+        """Compare synchronized with delayed frames of the selected session."""
         sessions = self.query_one(SessionsTable)
         session = sessions.chosen
         if session is None:
@@ -169,7 +172,7 @@ class RigApp(App[None]):
                 if isinstance(step, Comparison):
                     self._reports[session] = step.report
                     sessions.note(session, "press o for the report", "green")
-                    self._tell(step.verdict)
+                    self._log_event(step.verdict)
                     self._say(f"report: {step.report}")
                 else:
                     sessions.note(session, f"{step.done} of {step.total}", "yellow")
@@ -181,11 +184,11 @@ class RigApp(App[None]):
             self._busy = ""
 
     def action_open_report(self) -> None:
-        """Open the chosen session's report in the browser."""
+        """Open the selected session's report in the browser."""
         session = self.query_one(SessionsTable).chosen
         report = None if session is None else self._reports.get(session)
         if report is None:
-            self._say("no report yet: press c to compare the chosen session")
+            self._say("no report yet: press c to compare the selected session")
             return
         self._say(f"report: {report}")
         self.open_url(report.resolve().as_uri())
@@ -202,12 +205,12 @@ def _headline(status: RigStatus) -> Text:
         done = ready == len(here)
         text.append(f"   {ready} of {len(here)} ready", style="bold green" if done else "bold yellow")
         if done:
-            text.append("   press b", style="not bold")
+            text.append("   press b to take a burst", style="not bold")
     return text
 
 
 def _how_to_join(status: RigStatus) -> Text:
-    text = Text("No camera has joined yet. On each camera's computer, type:\n\n")
+    text = Text("No camera has joined yet. On the computer of each camera, run:\n\n")
     text.append(f"  capture-app node --leader {status.leader} --camera v4l2:/dev/video0\n\n", style="bold")
     text.append("Or press ")
     text.append("s", style="bold")

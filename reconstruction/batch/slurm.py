@@ -163,7 +163,7 @@ def _note(folder: Path, unit: Unit) -> Path:
 def _setting(text: str) -> tuple[str, Any]:
     name, equals, value = text.partition("=")
     if not name or not equals:
-        raise BadInputError(f"{text!r} is no setting", hint="write name=value, as in partition=gpu")
+        raise BadInputError(f"{text!r} is not a setting", hint="write name=value, as in partition=gpu")
     with suppress(msgspec.DecodeError):
         return name, msgspec.json.decode(value)
     return name, value

@@ -53,7 +53,7 @@ def project_into_other(reference: View, other: View, depth: Array) -> tuple[Arra
 def still_pixels(
     where: Array, inside: Array, reference_movers: Sequence[Array], other_movers: Sequence[Array]
 ) -> Array:
-    """Pixels on which no mover can have a hand (bool): the control that must be equal in both conditions.
+    """Pixels that no moving object can affect (bool): the control that must be equal in both conditions.
 
     Neither the pixel nor the place in the other view at which its still point is seen (`where`, from
     `project_into_other`) is touched by a mover, at any of the times.

@@ -13,7 +13,7 @@ from capture_app.errors import ExitCode
     [
         ([], ExitCode.USAGE, "LEADER"),
         (["10.0.0.1:port"], ExitCode.USAGE, "not HOST:PORT"),
-        (["127.0.0.1", "--name", "a b"], ExitCode.USAGE, "cannot be the name of a node"),
+        (["127.0.0.1", "--name", "a b"], ExitCode.USAGE, "is not a valid name for a node"),
         (["127.0.0.1", "--clock", "sundial"], ExitCode.BAD_INPUT, "unknown clock"),
         (["[::1]:5", "--host", "127.0.0.1", "--port", "0"], ExitCode.NETWORK, "not of one kind"),
     ],

@@ -83,7 +83,7 @@ async def test_a_rig_started_by_hand_takes_a_burst_and_survives_a_node(
         assert abs(image.residual_ns) < session.manifest.burst.period_ns // 2
 
     await nodes[0].kill()
-    await leader.says("a is lost: silent")
+    await leader.says("lost a: silent")
     assert (await status(start, address))["a"]["state"] == "lost"
 
     again = await join(start, address, "a")
@@ -94,7 +94,7 @@ async def test_a_rig_started_by_hand_takes_a_burst_and_survives_a_node(
     assert (done["received"], done["expected"]) == (2, 2)
 
     assert await nodes[1].stop() == 130
-    await leader.says("b is lost: it left")
+    await leader.says("lost b: it left")
     assert await leader.stop() == 130
 
 

@@ -151,8 +151,8 @@ def test_bad_intrinsics_say_why(npz_folder: Path, change: dict[str, Any], reason
 @pytest.mark.parametrize(
     ("change", "reason"),
     [
-        ({"R": R * 2}, "rotation that is none"),
-        ({"R": -R}, "rotation that is none"),
+        ({"R": R * 2}, "rotation matrix that is not orthonormal"),
+        ({"R": -R}, "rotation matrix that is not orthonormal"),
         ({"R": np.eye(2)}, "no pose"),
         ({"T": np.zeros(2)}, "no pose"),
     ],

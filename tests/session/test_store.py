@@ -104,9 +104,9 @@ def test_abort_keeps_and_discard_deletes(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        ({"camera": "../up"}, "cannot be the name of a camera"),
-        ({"camera": "a\n"}, "cannot be the name of a camera"),
-        ({"suffix": "/../../x.jpg"}, "cannot be"),
+        ({"camera": "../up"}, "is not a valid name for a camera"),
+        ({"camera": "a\n"}, "is not a valid name for a camera"),
+        ({"suffix": "/../../x.jpg"}, "not a supported image format"),
         ({"data": b""}, "empty image"),
         ({"instant": -1}, "instant"),
         ({"gain": float("nan"), "uncertainty_ns": -1}, "uncertainty_ns"),
@@ -128,7 +128,7 @@ def test_bad_images_are_refused_and_leave_nothing(
 
 @pytest.mark.parametrize("name", ["", ".", "..", "a/b", "/etc", "-x", "a" * 65, "a\0", "ä", "a b"])
 def test_unsafe_session_names_are_refused(tmp_path: Path, name: str) -> None:
-    with pytest.raises(BadInputError, match="cannot be the name of a session"):
+    with pytest.raises(BadInputError, match="is not a valid name for a session"):
         SessionWriter.create(tmp_path / "root", name)
     assert not (tmp_path / "root").exists()
 
@@ -198,7 +198,7 @@ def test_paths_out_of_the_session_are_refused(session: Session, tmp_path: Path, 
 
 def test_a_name_with_a_hidden_newline_is_refused(session: Session) -> None:
     edit(session, rig="rig1\n")
-    with pytest.raises(BadInputError, match="cannot be the name"):
+    with pytest.raises(BadInputError, match="is not a valid name"):
         Session.open(session.folder)
 
 

@@ -45,7 +45,7 @@ class FakeRig:
         self.bursts = 0
         self.simulated = 0
         self.compared: list[Path] = []
-        self._tell: Callable[[str], None] = print
+        self.tell: Callable[[str], None] = print
 
     def status(self) -> RigStatus:
         return RigStatus(
@@ -57,7 +57,7 @@ class FakeRig:
         )
 
     def on_news(self, tell: Callable[[str], None]) -> None:
-        self._tell = tell
+        self.tell = tell
 
     async def burst(self, frames: int) -> BurstStatus:
         if not self.nodes:
@@ -65,7 +65,7 @@ class FakeRig:
         self.bursts += 1
         assert self.session is not None
         self.sessions = (*self.sessions, str(self.session))
-        self._tell("burst-001 saved")
+        self.tell("burst-001 saved")
         return BurstStatus(
             burst=1, name="burst-001", cameras=5, instants=frames, received=25, expected=25, done=True
         )

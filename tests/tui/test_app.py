@@ -55,7 +55,7 @@ def words(app: RigApp) -> str:
 
 async def settle(app: RigApp, pilot: Any) -> None:
     await app.workers.wait_for_complete()
-    app._refresh_rig()
+    app.show_rig()
     await app.workers.wait_for_complete()
     await pilot.pause()
 
@@ -119,10 +119,10 @@ async def test_cells_follow_the_rig_and_the_width() -> None:
         assert [str(column.label) for column in table.ordered_columns][-2:] == ["phase", "drops"]
         assert str(table.get_cell("cam02", "phase")) == "+7.3 ms"
         rig.nodes = (*rig.nodes[:2], node("cam02", phase_error_ns=900), *rig.nodes[3:])
-        app._refresh_rig()
+        app.show_rig()
         assert str(table.get_cell("cam02", "phase")) == "+900 ns"
         await pilot.resize_terminal(120, 40)
-        app._refresh_rig()
+        app.show_rig()
         assert "model" in [str(column.label) for column in table.ordered_columns]
 
 
@@ -134,6 +134,6 @@ def test_the_screen_looks_as_it_did(snap_compare: Any, size: tuple[int, int], se
     async def before(pilot: Any) -> None:
         await settle(pilot.app, pilot)
         for line in ("cam00 joined", "cam04 lost: silent for 2 s", "burst-001: 25 of 25 images"):
-            pilot.app._tell(line)
+            rig.tell(line)
 
     assert snap_compare(RigApp(rig), terminal_size=size, run_before=before)

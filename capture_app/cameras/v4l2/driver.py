@@ -55,7 +55,7 @@ def open_video_node(
     """
     status = Path(path).stat()
     if not (stat.S_ISCHR(status.st_mode) and os.major(status.st_rdev) == major):
-        raise CameraError(f"{path} is not a camera", hint="`capture-app cameras` lists the cameras there are")
+        raise CameraError(f"{path} is not a camera", hint="`capture-app cameras` lists the cameras")
     for _ in range(WAKING_TRIES - 1):
         try:
             return open_device(path)

@@ -93,9 +93,7 @@ def check_capture(path: str, capability: Capability) -> None:
         why = "delivers pictures in several planes, which is not supported"
     else:
         why = "is not a capture device"
-    raise CameraError(
-        f"{path} ({capability.card}) {why}", hint="`capture-app cameras` lists the cameras there are"
-    )
+    raise CameraError(f"{path} ({capability.card}) {why}", hint="`capture-app cameras` lists the cameras")
 
 
 def offered_modes(device: VideoDevice, near_size: tuple[int, int] = DEFAULT_SIZE) -> tuple[Mode, ...]:
@@ -122,7 +120,7 @@ def choose_mode(path: str, modes: Iterable[Mode], wanted: WantedMode) -> tuple[M
     if not offered:
         raise CameraError(
             f"{path} offers no format that can be saved",
-            hint=f"formats that can be: {', '.join(USABLE_FORMATS)}",
+            hint=f"supported formats: {', '.join(USABLE_FORMATS)}",
         )
     fitting = [
         mode
@@ -191,7 +189,7 @@ def explain(path: str, error: OSError) -> CameraError:
     """The driver's error in words that say what to do."""
     match error.errno:
         case errno.ENOENT:
-            what, hint = f"there is no camera {path}", "`capture-app cameras` lists those there are"
+            what, hint = f"there is no camera {path}", "`capture-app cameras` lists the cameras"
         case errno.EACCES | errno.EPERM:
             what = f"no permission to use {path}"
             hint = "add yourself to the group `video`: sudo usermod -aG video $USER, then log in again"
@@ -199,7 +197,7 @@ def explain(path: str, error: OSError) -> CameraError:
             what = f"{path} is in use by another program"
             hint = f"close it; `fuser -v {path}` names it"
         case errno.ENOTTY | errno.EISDIR | errno.ENXIO:
-            what, hint = f"{path} is not a camera", "`capture-app cameras` lists the cameras there are"
+            what, hint = f"{path} is not a camera", "`capture-app cameras` lists the cameras"
         case errno.ENOSPC:
             what = f"{path} cannot start: the USB bus has no bandwidth left for it"
             hint = "choose format=MJPG, a smaller size or rate, or another USB port"

@@ -115,7 +115,7 @@ async def synchronize(
                 f"only {len(link.samples)} replies from {address} in {timeout_s:g} s"
             ) from None
         if link.problem:
-            raise NetworkError(f"{address} does not take this client in: {link.problem}") from None
+            raise NetworkError(f"{address} refused this client: {link.problem}") from None
         raise NetworkError(
             f"nobody answers at {address}",
             hint="start the other end with `capture-app experiment link --serve`",

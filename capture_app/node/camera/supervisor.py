@@ -145,7 +145,7 @@ class CameraSupervisor:
         # A camera that was unplugged forgets its exposure; that makes it no other camera.
         if replace(self._facts, exposure_ns=before.exposure_ns) != before:
             raise CameraError(
-                f"another camera is there now: {self._facts.model}", hint="start the node again"
+                f"another camera is connected now: {self._facts.model}", hint="start the node again"
             )
         if self._engine is not None:
             self._engine.stream_started(self._started_ns)

@@ -92,7 +92,7 @@ def _problem(folder: Path) -> str:
         problems = verify(Session.open(folder))
     except SimulshotError as error:
         if not (folder / PLAN).is_file() and not (folder / MANIFEST).is_file():
-            return f"cannot be finished: it has no {PLAN}, as imports have none; import it again"
+            return f"cannot be completed without {PLAN}, which imports do not have; import it again"
         return str(error)
     return str(problems[0]) if problems else ""
 

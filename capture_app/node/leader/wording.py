@@ -30,11 +30,11 @@ def in_words(news: News) -> str:
         case NodeReturned():
             return f"{news.name} is back"
         case NodeMoved():
-            return f"{news.name} is at {news.relay or 'this leader'} now"
+            return f"{news.name} is now connected to {news.relay or 'this leader'}"
         case NodeLost():
-            return f"{news.name} is lost: {news.reason}"
+            return f"lost {news.name}: {news.reason}"
         case BurstRefused():
-            return f"burst {news.burst}: {news.name} takes no part: {news.reason}"
+            return f"burst {news.burst}: without {news.name}: {news.reason}"
         case BurstStatus():
             return burst_in_words(news)
     return ""
@@ -46,13 +46,13 @@ def follower_in_words(event: TimeClientEvent, parent: Address) -> str:
         case Joined():
             return f"joined {parent}"
         case LeaderLost():
-            return f"lost {parent} ({event.reason}): holding its time over"
+            return f"lost {parent} ({event.reason}): in holdover"
         case JoinRefused():
-            return f"{parent} does not take this relay in: {event.reason}"
+            return f"{parent} refused this relay: {event.reason}"
         case ClockSynced():
-            return f"ready: knows the time to {duration(event.time_map.hard_bound_ns)} at worst"
+            return f"ready: clock error at most {duration(event.time_map.hard_bound_ns)}"
         case ClockStepped():
-            return "a clock was set: finding the time anew"
+            return "a clock was changed: synchronizing again"
     return ""
 
 

@@ -39,7 +39,7 @@ def export_session(
     if name not in FORMATS:
         raise BadInputError(f"no format {name!r}", hint=f"there are {', '.join(FORMATS)}")
     if out.is_symlink() or (out.exists() and not out.is_dir()):
-        raise BadInputError(f"{out} is no folder", hint="name a folder that does not exist yet")
+        raise BadInputError(f"{out} is not a folder", hint="name a folder that does not exist yet")
     if out.resolve().is_relative_to(session.folder.resolve()):
         raise BadInputError(f"{out} lies inside the session", hint="export to a place of its own")
     output = OutputFolder(out, replaces_nothing)

@@ -87,7 +87,7 @@ def _camera(where: str, view: View, size: tuple[int, int], metres: float, fit: F
     if abs(matrix[0, 1]) > 0.01:
         raise BadInputError(f"{where} has a skew of {matrix[0, 1]:.3g} pixels; only a skew of 0 is supported")
     if abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0:
-        raise BadInputError(f"{where} has a rotation that is none")
+        raise BadInputError(f"{where} has a rotation matrix that is not orthonormal")
     if distortion[5:].any():
         hint = "calibrate with k1, k2, p1, p2, k3"
         raise BadInputError(

@@ -129,7 +129,7 @@ def _date_ns(path: Path, parts: Sequence[str], fraction: str) -> int:
         year, month, day, hour, minute, second = (int(part) for part in parts)
         moment = datetime(year, month, day, hour, minute, second, tzinfo=UTC)
     except ValueError as error:
-        raise BadInputError(f"{path} has a time that cannot be: {error}") from error
+        raise BadInputError(f"{path} has an invalid time: {error}") from error
     return round(moment.timestamp()) * 1_000_000_000 + int((fraction or "0")[:9].ljust(9, "0"))
 
 

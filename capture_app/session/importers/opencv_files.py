@@ -92,7 +92,7 @@ def _search(folder: Path, cameras: Sequence[str]) -> tuple[dict[str, Path], list
 def _load(path: Path) -> Content:
     if path.suffix.lower() not in _SUFFIXES:
         hint = "known: OpenCV .npz .yml .yaml .xml, Caliscope .toml, Qualisys .qca.txt"
-        raise BadInputError(f"{path} is no calibration file that is known", hint=hint)
+        raise BadInputError(f"{path} is not a calibration file of a known format", hint=hint)
     return _load_npz(path) if path.suffix.lower() == ".npz" else _load_storage(path)
 
 

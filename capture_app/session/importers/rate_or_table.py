@@ -98,7 +98,7 @@ def timeline_by_table(sources: Sequence[Source], path: Path) -> Timeline:
 
 def _period_of(fps: float) -> Fraction:
     if not 0.001 <= fps <= 1e6:
-        raise BadInputError(f"a rate of {fps} frames a second cannot be", hint="for example --fps 60")
+        raise BadInputError(f"frame rate {fps:g} is out of range (0.001 to 1e6)", hint="for example --fps 60")
     return 1_000_000_000 / Fraction(str(fps))
 
 

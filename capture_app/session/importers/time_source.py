@@ -83,14 +83,14 @@ def _own(source: Source, times: TimeSource, talk: Callable[[str], None]) -> list
     """The frames of one source by times of their own."""
     if times is TimeSource.VIDEO:
         if not isinstance(source, Video):
-            raise BadInputError(f"{source.path} is no video", hint="--times video is for videos")
+            raise BadInputError(f"{source.path} is not a video", hint="--times video is for videos")
         if has_video_times():
             of_video = source.use_embedded_times()
             return [TimedFrame(number, at_ns) for number, at_ns in enumerate(of_video)]
         talk(f"{source.path.name}: a constant {source.fps:g} frames a second is assumed, for want of PyAV")
         return times_by_rate([source], source.fps)[source.name]
     if not isinstance(source, ImageFolder):
-        raise BadInputError(f"{source.path} is no folder of images", hint=f"--times {times} is for images")
+        raise BadInputError(f"{source.path} is not a folder of images", hint=f"--times {times} is for images")
     read = name_time_ns if times is TimeSource.NAME else exif_time_ns
     return [TimedFrame(number, read(file)) for number, file in enumerate(source.files)]
 

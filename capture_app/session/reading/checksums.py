@@ -37,7 +37,7 @@ def changed_files(folder: Path) -> Iterator[tuple[str, str]]:
         sha256, _, name = line.decode("ascii", errors="replace").partition("  ")
         known.add(name)
         if name not in COVERED or len(sha256) != 64:
-            yield CHECKSUMS, f"has a line that is none of its own, {line!r}"
+            yield CHECKSUMS, f"has an unknown line: {line!r}"
             continue
         try:
             is_so = hashlib.sha256((folder / name).read_bytes()).hexdigest()

@@ -1,4 +1,4 @@
-"""Does a session still say the truth? Every image against the manifest, the clock records, the journal."""
+"""Verify a session: every image against the manifest, the clock records and the journal."""
 
 import hashlib
 from collections import Counter

@@ -142,7 +142,9 @@ class SessionWriter:
         """
         check_name(camera, "camera")
         if suffix not in IMAGE_SUFFIXES:
-            raise BadInputError(f"images cannot be {suffix!r} files", hint=f"use {', '.join(IMAGE_SUFFIXES)}")
+            raise BadInputError(
+                f"{suffix!r} is not a supported image format", hint=f"use {', '.join(IMAGE_SUFFIXES)}"
+            )
         if not data:
             raise BadInputError(f"camera {camera} sent an empty image of instant {instant}")
         record = ImageRecord(
@@ -165,7 +167,7 @@ class SessionWriter:
         check_name(record.camera, "camera")
         suffix = Path(record.path).suffix
         if suffix not in IMAGE_SUFFIXES or record.path != image_path(record.camera, record.instant, suffix):
-            raise BadInputError(f"{record.path!r} is no place for an image of {record.camera}")
+            raise BadInputError(f"{record.path!r} is not a valid path for an image of {record.camera}")
         self._place(record, lambda path: move_into_place(aside, path))
 
     @property

@@ -295,7 +295,7 @@ class Aligner:
         doubt_ppm = 3e6 * self._phase.period_sigma_ns / self._phase.period_ns
         if abs(now.drift_ppm) - doubt_ppm > HOPELESS_PPM:
             return (
-                f"this camera runs at {1e9 / now.period_ns:.3f} frames a second and the rig at"
-                f" {1e9 / goal.period_ns:.3f}: it cannot be held in step"
+                f"this camera runs at {1e9 / now.period_ns:.3f} frames/s and the rig at"
+                f" {1e9 / goal.period_ns:.3f}, too different to align"
             )
         return self._controller.problem if self._controller else ""

@@ -78,7 +78,7 @@ class Client(Generic[F]):
         """What this client tells the leader about itself."""
         grid = self._grid if self.time.is_member else None
         why_no_centre = "" if grid is None else grid.why_no_centre
-        holdover = "its relay has lost the leader and holds the time over" if self.leader_in_holdover else ""
+        holdover = "its relay has lost the leader and is in holdover" if self.leader_in_holdover else ""
         message = self.failure or self.aligner.problem or self.time.why_joining or holdover or why_no_centre
         report = self.time.timekeeper.report(self.state, message, now_ns)
         return self._phase_loop.report(report, grid, self.phase(now_ns))

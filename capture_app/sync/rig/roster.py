@@ -93,7 +93,7 @@ class Roster:
         if known is not None and not known.lost and known.instance != hello.instance:
             return f"another camera named {hello.name} is here"
         if not is_name(hello.name):
-            return "its name cannot be a folder's"
+            return "its name is not a valid name"
         if known is None and len(self.members) >= MAX_CLIENTS:
             return "the rig is full"
         if not MIN_PERIOD_NS <= hello.camera.period_ns <= MAX_PERIOD_NS:

@@ -47,7 +47,7 @@ class FollowerConfig:
 class Follower:
     """The time of a tree's root; `now_ns` is always the node's own clock.
 
-    When its parent falls silent it asks the next one, and holds the time over with what it knows.
+    When its parent falls silent it asks the next one, and is in holdover meanwhile.
     """
 
     def __init__(self, config: FollowerConfig, rng: random.Random) -> None:

@@ -48,7 +48,7 @@ class Relay:
     """Both state machines behind one socket; `now_ns` is the relay's own clock.
 
     Nobody is taken in before the root's time is known. `leader.instance` is the follower's. A relay that
-    loses its parent holds the time over, also for new clients; bursts come again with a parent.
+    loses its parent is in holdover, also for new clients; bursts come again with a parent.
     """
 
     def __init__(self, config: FollowerConfig, leader: LeaderConfig, rng: random.Random) -> None:

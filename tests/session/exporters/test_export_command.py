@@ -70,8 +70,8 @@ def test_bad_places(make: Make, tmp_path: Path, capsys: Capture) -> None:
     (tmp_path / "link").symlink_to(full)
     for out, reason in (
         (full, "has something in it"),
-        (file, "is no folder"),
-        (tmp_path / "link", "is no folder"),
+        (file, "is not a folder"),
+        (tmp_path / "link", "is not a folder"),
         (folder / "exports", "inside the session"),
         (file / "below", "cannot write"),
     ):
@@ -105,7 +105,7 @@ def test_calibrations_that_cannot_be(make: Make, refuses: Callable[..., None]) -
     refuses(partial.folder, ExitCode.BAD_INPUT, "97x64", "colmap")
     content["cameras"]["right"] = dict(content["cameras"]["left"], rotation=[[1, 0, 0], [0, 1, 0], [0, 1, 1]])
     path.write_text(json.dumps(content))
-    refuses(partial.folder, ExitCode.BAD_INPUT, "a rotation that is none", "mcap")
+    refuses(partial.folder, ExitCode.BAD_INPUT, "a rotation matrix that is not orthonormal", "mcap")
 
 
 @pytest.mark.parametrize("name", HERE)

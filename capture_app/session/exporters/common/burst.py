@@ -178,6 +178,6 @@ def _check_camera(where: str, camera: CameraCalibration, size: tuple[int, int]) 
     if not all(math.isfinite(number) for number in numbers) or camera.fx <= 0 or camera.fy <= 0:
         raise BadInputError(f"{where} has no focal lengths or numbers that are not finite")
     if abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0:
-        raise BadInputError(f"{where} has a rotation that is none")
+        raise BadInputError(f"{where} has a rotation matrix that is not orthonormal")
     if any(camera.distortion[5:]):
         raise BadInputError(f"{where} has more than 5 distortion coefficients")

@@ -1,0 +1,148 @@
+"""The two processes that `session_write.py` lets a session be transferred between, over loopback.
+
+python benchmarks/session_transfer.py lead ROOT CAMERAS INSTANTS          take one burst
+python benchmarks/session_transfer.py send FOLDER PORT CAMERAS INSTANTS   upload its images
+"""
+
+import asyncio
+import json
+import resource
+import sys
+import time
+from collections import deque
+from collections.abc import AsyncGenerator
+from dataclasses import dataclass
+from pathlib import Path
+
+from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
+from capture_app.cameras.base import CapturedFrame
+from capture_app.net.address import Address
+from capture_app.net.server import TransferServer, bind_port
+from capture_app.node.burst.burst_session import BurstSession
+from capture_app.node.leader.service import LeaderService
+from capture_app.node.transfer.burst_upload import BurstUpload
+from capture_app.node.transfer.uploader import Uploader
+from capture_app.node.wire.messages import BurstRequest, CameraReport, ImageUpload, SpoolSpace, ToLeader
+from capture_app.node.wire.status import BurstStatus, RigStatus
+from capture_app.session.format.manifest import CameraRecord
+from capture_app.session.writing.session_writer import SessionWriter
+from capture_app.sync.rig.frame_picks import Burst, Pick
+
+WIDTH, HEIGHT, PERIOD_NS = 1920, 1080, 33_333_333
+CAMERA = CameraFacts(
+    kind="benchmark",
+    model="JPEG files",
+    width=WIDTH,
+    height=HEIGHT,
+    period_ns=PERIOD_NS,
+    phase_control=PhaseControl.NONE,
+    timestamp_source=TimestampSource.START_OF_EXPOSURE,
+)
+
+
+def names(cameras: int) -> list[str]:
+    """Return the cameras' names."""
+    return [f"cam{number:02d}" for number in range(cameras)]
+
+
+def instants_ns(instants: int) -> tuple[int, ...]:
+    """Return the burst's instants, in the leader's time in ns."""
+    return tuple(10**9 + PERIOD_NS * number for number in range(instants))
+
+
+class OneBurst:
+    """A leader that has ordered one burst."""
+
+    def __init__(self, session: BurstSession) -> None:
+        self._session = session
+
+    def now_ns(self) -> int:
+        """The host's clock."""
+        return time.monotonic_ns()
+
+    def status(self) -> RigStatus:
+        """Nobody asks."""
+        raise NotImplementedError
+
+    def take_burst(self, request: BurstRequest) -> AsyncGenerator[BurstStatus, None]:
+        """Nobody asks."""
+        raise NotImplementedError
+
+    async def find_session(self, message: CameraReport | ImageUpload) -> BurstSession:
+        """The one burst."""
+        return self._session
+
+    def tell_progress(self, session: BurstSession) -> None:
+        """Nobody listens."""
+
+    def note_spool_space(self, space: SpoolSpace) -> None:
+        """Nobody listens."""
+
+
+async def lead(root: Path, cameras: int, instants: int) -> None:
+    """The leader's process: print its port, take the burst, and print the peak of its memory."""
+    cameras_of_burst = names(cameras)
+    times_ns = instants_ns(instants)
+    burst = Burst(1, times_ns, PERIOD_NS, times_ns[0], tuple(cameras_of_burst))
+    session = BurstSession(
+        burst, dict.fromkeys(cameras_of_burst, CAMERA), SessionWriter.create(root, "received")
+    )
+    await session.write_plan(1)
+    datagrams, listening = bind_port("127.0.0.1", 0)
+    datagrams.close()
+    server: TransferServer[ToLeader] = TransferServer(ToLeader, LeaderService(OneBurst(session)).serve)
+    await server.start(listening)
+    print(listening.getsockname()[1], flush=True)
+    await session.finished.wait()
+    # Not ru_maxrss: that of a child begins with its parent's.
+    status = await asyncio.to_thread(Path("/proc/self/status").read_text)
+    peak_kb = int(status.split("VmHWM:")[1].split()[0])
+    usage = resource.getrusage(resource.RUSAGE_SELF)
+    told = {"peak_kb": peak_kb, "cpu_s": usage.ru_utime + usage.ru_stime}
+    print(json.dumps(told), flush=True)
+    await asyncio.sleep(0.2)
+    await server.stop()
+
+
+@dataclass(frozen=True)
+class FromFile:
+    """A frame whose picture is a file's bytes."""
+
+    file: Path
+
+    def encode(self) -> bytes:
+        """The picture."""
+        return self.file.read_bytes()
+
+
+async def send(source: Path, port: int, cameras: int, instants: int) -> None:
+    """The nodes' process: one uploader a camera."""
+    times_ns = instants_ns(instants)
+    uploaders = []
+    for name in names(cameras):
+        picks = deque(
+            Pick(
+                instant=n,
+                local_ns=at_ns,
+                leader_ns=at_ns,
+                residual_ns=0,
+                uncertainty_ns=1,
+                hard_bound_ns=1,
+                outlier_ns=0,
+                frame=CapturedFrame(n, 0, at_ns, FromFile(source / name / f"{n:06d}.jpg")),
+            )
+            for n, at_ns in enumerate(times_ns)
+        )
+        report = CameraReport(
+            leader=1, burst=1, camera=CameraRecord(name=name, facts=CAMERA), instants=tuple(range(instants))
+        )
+        uploader = Uploader(lambda line: print(line, file=sys.stderr))
+        uploader.add_burst(BurstUpload(report, picks))
+        uploader.set_leader(Address("127.0.0.1", port))
+        uploaders.append(uploader)
+    await asyncio.gather(*(uploader.run() for uploader in uploaders))
+
+
+if __name__ == "__main__":
+    role, folder, *numbers = sys.argv[1:]
+    asyncio.run((lead if role == "lead" else send)(Path(folder), *map(int, numbers)))

@@ -210,7 +210,7 @@ def test_request_numbers_are_what_a_c_compiler_prints(name, number):
 
 
 def test_a_32_bit_system_is_refused_in_words(monkeypatch):
-    monkeypatch.setattr("capture_app.cameras.v4l2.ioctl.struct.calcsize", lambda _format: 4)
+    monkeypatch.setattr(struct, "calcsize", lambda _format: 4)
     with pytest.raises(NotAvailableError, match="64-bit"):
         check_layout()
 

@@ -13,32 +13,24 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 
-from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
+from capture_app.camera_facts import CameraFacts, PhaseControl
 from capture_app.cameras.base import (
     Camera,
     CapturedFrame,
     OnFailure,
     OnFrame,
 )
-from capture_app.cameras.v4l2.ioctl import VideoDevice
-from capture_app.cameras.v4l2.layout import (
-    BUF_FLAG_ERROR,
-    BUF_FLAG_SOURCE_END_OF_FRAME,
-    BUF_FLAG_SOURCE_MASK,
-    BUF_FLAG_SOURCE_START_OF_EXPOSURE,
-    BUF_FLAG_TIMESTAMP_MASK,
-    BUF_FLAG_TIMESTAMP_MONOTONIC,
-    CID_AUTOGAIN,
-    CID_EXPOSURE_ABSOLUTE,
-    CID_EXPOSURE_AUTO,
-    CID_EXPOSURE_AUTO_PRIORITY,
-    CID_GAIN,
-    EXPOSURE_MANUAL,
-    Buffer,
-    PixelFormat,
+from capture_app.cameras.v4l2.exposure import (
+    exposure_limits_ns,
+    keep_rate_constant,
+    read_exposure,
+    restore_rate,
 )
+from capture_app.cameras.v4l2.ioctl import VideoDevice
+from capture_app.cameras.v4l2.layout import BUF_FLAG_ERROR, Buffer, PixelFormat
 from capture_app.cameras.v4l2.modes import explain
 from capture_app.cameras.v4l2.payload import payload_of
+from capture_app.cameras.v4l2.timestamps import foreign_clock, is_monotonic, timestamp_source
 from capture_app.errors import CameraError
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 
@@ -48,17 +40,10 @@ _BUFFERED_NS = 500_000_000
 """A process that is held up for this long loses no frame, as long as memory allows."""
 _BUFFER_BYTES = 64 << 20
 _BUFFER_COUNTS = 4, 24
-_EXPOSURE_UNIT_NS = 100_000
-_FOREIGN_CLOCK_NS = 60_000_000_000
-"""A stamp this far from now is not of this process's monotonic clock."""
-_SOURCES = {
-    BUF_FLAG_SOURCE_START_OF_EXPOSURE: TimestampSource.START_OF_EXPOSURE,
-    BUF_FLAG_SOURCE_END_OF_FRAME: TimestampSource.END_OF_FRAME,
-}
 
 
 class V4L2Camera(Camera):
-    """A V4L2 camera that streams into mapped buffers; `open_v4l2` makes one."""
+    """A V4L2 camera that streams into mapped buffers; `driver.open_camera` makes one."""
 
     def __init__(self, device: VideoDevice, layout: PixelFormat, period_ns: int) -> None:
         """Take over a configured device. Raises CameraError for an unusable clock, OSError of the driver."""
@@ -73,11 +58,11 @@ class V4L2Camera(Camera):
         self._clock_checked = False
         self._on_frame: OnFrame | None = None
         self._on_failure: OnFailure | None = None
-        self._exposure_ns, self._gain = _read_exposure(device)
+        self._exposure_ns, self._gain = read_exposure(device)
         count = device.request_buffers(_buffer_count(layout, period_ns))
         buffers = [device.query_buffer(index) for index in range(count)]
         self._memory: list[mmap.mmap] = [device.map(buffer) for buffer in buffers]
-        limits = device.control_range(CID_EXPOSURE_ABSOLUTE)
+        shortest_ns, longest_ns = exposure_limits_ns(device)
         self._facts = CameraFacts(
             kind="v4l2",
             model=device.capability().card,
@@ -85,13 +70,13 @@ class V4L2Camera(Camera):
             height=layout.height,
             pixel_format=layout.fourcc,
             period_ns=period_ns,
-            timestamp_source=_timestamp_source(device.path, buffers[0].flags),
+            timestamp_source=timestamp_source(device.path, buffers[0].flags),
             phase_control=PhaseControl.RESET,
             exposure_ns=self._exposure_ns,
-            min_exposure_ns=limits[0] * _EXPOSURE_UNIT_NS if limits else None,
-            max_exposure_ns=limits[1] * _EXPOSURE_UNIT_NS if limits else None,
+            min_exposure_ns=shortest_ns,
+            max_exposure_ns=longest_ns,
         )
-        self._auto_priority = _keep_rate_constant(device)
+        self._auto_priority = keep_rate_constant(device)
 
     @property
     def facts(self) -> CameraFacts:
@@ -152,14 +137,12 @@ class V4L2Camera(Camera):
         for memory in self._memory:
             memory.close()
         self._memory = []
-        if self._auto_priority is not None:
-            with suppress(OSError):
-                self._device.set_control(CID_EXPOSURE_AUTO_PRIORITY, self._auto_priority)
+        restore_rate(self._device, self._auto_priority)
         self._device.close()
         self._worker.shutdown(wait=False)
 
     def _begin_stream(self) -> None:
-        self._exposure_ns, self._gain = _read_exposure(self._device)
+        self._exposure_ns, self._gain = read_exposure(self._device)
         for index in range(len(self._memory)):
             self._device.queue(index)
         self._device.stream_on()
@@ -167,7 +150,7 @@ class V4L2Camera(Camera):
     def _restart(self, start_ns: int) -> None:
         """In the worker: stop, wait until `start_ns` of the monotonic clock, start."""
         self._device.stream_off()
-        self._exposure_ns, self._gain = _read_exposure(self._device)
+        self._exposure_ns, self._gain = read_exposure(self._device)
         for index in range(len(self._memory)):
             self._device.queue(index)
         late_ns = time.monotonic_ns() - start_ns
@@ -204,8 +187,8 @@ class V4L2Camera(Camera):
             _log.debug("%s: frame %d came damaged", self._device.path, buffer.sequence)
             return
         if not self._clock_checked:
-            if abs(buffer.timestamp_ns - time.monotonic_ns()) > _FOREIGN_CLOCK_NS:
-                self._fail(_foreign_clock(self._device.path))
+            if not is_monotonic(buffer.timestamp_ns):
+                self._fail(foreign_clock(self._device.path))
                 return
             self._clock_checked = True
         assert self._on_frame is not None
@@ -236,39 +219,3 @@ def _buffer_count(layout: PixelFormat, period_ns: int) -> int:
     affordable = _BUFFER_BYTES // max(1, layout.buffer_bytes)
     least, most = _BUFFER_COUNTS
     return max(least, min(most, affordable, -(-_BUFFERED_NS // period_ns)))
-
-
-def _timestamp_source(path: str, flags: int) -> TimestampSource:
-    """The moment that a driver's buffers are stamped at. Raises CameraError for another clock."""
-    if flags & BUF_FLAG_TIMESTAMP_MASK != BUF_FLAG_TIMESTAMP_MONOTONIC:
-        raise _foreign_clock(path)
-    return _SOURCES.get(flags & BUF_FLAG_SOURCE_MASK, TimestampSource.UNKNOWN)
-
-
-def _foreign_clock(path: str) -> CameraError:
-    return CameraError(
-        f"{path} does not stamp its frames in this machine's monotonic clock",
-        hint="for a USB camera: echo CLOCK_MONOTONIC | sudo tee /sys/module/uvcvideo/parameters/clock",
-    )
-
-
-def _read_exposure(device: VideoDevice) -> tuple[int | None, float | None]:
-    """Exposure in ns and gain in the device's unit, None where the camera chooses them frame by frame."""
-    automatic = device.control(CID_EXPOSURE_AUTO)
-    if automatic not in (None, EXPOSURE_MANUAL):
-        return None, None
-    exposure, gain = device.control(CID_EXPOSURE_ABSOLUTE), device.control(CID_GAIN)
-    return (
-        None if exposure is None else exposure * _EXPOSURE_UNIT_NS,
-        None if gain is None or device.control(CID_AUTOGAIN) else float(gain),
-    )
-
-
-def _keep_rate_constant(device: VideoDevice) -> int | None:
-    """Forbid longer frames in the dark; returns the setting to restore, None where there is nothing to."""
-    before = device.control(CID_EXPOSURE_AUTO_PRIORITY)
-    if not before:
-        return None
-    with suppress(OSError):
-        device.set_control(CID_EXPOSURE_AUTO_PRIORITY, 0)
-    return before

@@ -125,7 +125,7 @@ def _frames(camera: CameraRecord, ready: BurstPicked[SensorFrame]) -> list[Recip
             local_ns=pick.local_ns,
             leader_ns=pick.leader_ns,
             exposure_ns=pick.frame.exposure_ns,
-            exposure_start_ns=camera.facts.exposure_start_ns(pick.leader_ns, pick.frame.exposure_ns),
+            exposure_start_ns=camera.facts.exposure_start_ns(pick.stamp_leader_ns, pick.frame.exposure_ns),
             uncertainty_ns=pick.uncertainty_ns,
             hard_bound_ns=pick.hard_bound_ns,
             outlier_ns=pick.outlier_ns,

@@ -159,7 +159,7 @@ async def test_another_camera_in_its_place_is_an_error():
     first = await bench.next_camera()
     bench.next_facts = replace(FACTS, model="Another camera")
     first.on_failure(CameraError("unplugged"))
-    with pytest.raises(CameraError, match="another camera is there now: Another camera"):
+    with pytest.raises(CameraError, match="another camera is connected now: Another camera"):
         await asyncio.wait_for(bench.camera.keep_open(), 30)
 
 

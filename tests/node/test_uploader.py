@@ -5,7 +5,7 @@ import hashlib
 from collections import deque
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from capture_app.camera_facts import PhaseControl
@@ -15,6 +15,7 @@ from capture_app.net.address import Address
 from capture_app.net.channel import Channel
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.node.transfer.burst_upload import BurstUpload
+from capture_app.node.transfer.encoding import encode_frame
 from capture_app.node.transfer.spool import Spool, SpooledBurst
 from capture_app.node.transfer.uploader import Uploader
 from capture_app.node.wire.messages import (
@@ -77,6 +78,15 @@ async def uploading(serve: Serve, said: list[str], spool: Spool | None = None) -
             await task
         uploader.close()
         await server.stop()
+
+
+def test_an_exposure_begins_at_the_stamp_whatever_moment_is_aligned() -> None:
+    """The rig aligns the middle of a row's exposure here, 7 ns after the stamp."""
+    burst = burst_upload(Picture(b"0"))
+    image, data = encode_frame(burst.report, replace(burst.frames[0], alignment_offset_ns=7))
+    assert data == b"0"
+    record = image.record
+    assert (record.leader_ns, record.alignment_offset_ns, record.exposure_start_ns) == (2000, 7, 1993)
 
 
 async def test_what_was_not_acknowledged_is_sent_again_and_developed_once() -> None:

@@ -74,6 +74,7 @@ def test_exposure_centres_meet_where_it_is_asked_for() -> None:
         assert abs(off_ns) < 100_000
         assert abs(pick.residual_ns - off_ns) < 60_000
         assert pick.residual_ns == pick.leader_ns - burst.instants_ns[0]
+        assert abs(pick.stamp_leader_ns - pick.frame.start_true_ns) < 60_000
     first_rows = [pick.frame.start_true_ns for pick in picks.values()]
     assert abs(first_rows[0] - first_rows[1]) > 3_000_000, "the first rows must not meet then"
 

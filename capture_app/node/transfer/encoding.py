@@ -46,12 +46,13 @@ def encode_frame(report: CameraReport, picked: Pick[CapturedFrame]) -> tuple[Ima
         residual_ns=picked.residual_ns,
         uncertainty_ns=picked.uncertainty_ns,
         hard_bound_ns=picked.hard_bound_ns,
-        exposure_start_ns=camera.facts.exposure_start_ns(picked.leader_ns, frame.exposure_ns),
+        exposure_start_ns=camera.facts.exposure_start_ns(picked.stamp_leader_ns, frame.exposure_ns),
         exposure_ns=frame.exposure_ns,
         gain=frame.gain,
         white_balance=frame.white_balance,
         sequence=frame.sequence,
         outlier_ns=picked.outlier_ns,
+        alignment_offset_ns=picked.alignment_offset_ns,
         late=tolerance_ns is not None and abs(picked.residual_ns) > tolerance_ns,
     )
     upload = ImageUpload(

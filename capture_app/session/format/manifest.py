@@ -98,6 +98,8 @@ class ImageRecord(_Record, frozen=True, kw_only=True):
     sequence: Count | None = None
     outlier_ns: int = 0
     """The driver's timestamp minus `local_ns`: not 0 where a single stamp was off the line of its stream."""
+    alignment_offset_ns: int = 0
+    """Time from the frame's stamp to `local_ns`: not 0 where the middle of a row's exposure is aligned."""
     substitute: bool = False
     """The camera dropped the frame nearest to the instant; this is the next best one."""
     late: bool = False

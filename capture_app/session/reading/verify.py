@@ -164,7 +164,8 @@ def _times(session: Session, record: ImageRecord) -> Iterator[Problem]:
         what = f"residual_ns is {record.residual_ns}; its times say {record.leader_ns - instant_ns}"
         yield Problem(ProblemKind.CONTRADICTORY, record.path, what)
     camera = session.camera(record.camera)
-    start_ns = camera.facts.exposure_start_ns(record.leader_ns, record.exposure_ns)
+    stamp_ns = record.leader_ns - record.alignment_offset_ns
+    start_ns = camera.facts.exposure_start_ns(stamp_ns, record.exposure_ns)
     if record.exposure_start_ns not in (None, start_ns):
         what = f"exposure_start_ns is {record.exposure_start_ns}; the stamp says {start_ns}"
         yield Problem(ProblemKind.CONTRADICTORY, record.path, what)

@@ -75,6 +75,13 @@ class Pick(Generic[F]):
     hard_bound_ns: int
     outlier_ns: int
     frame: F
+    alignment_offset_ns: int = 0
+    """From the timestamp to the aligned moment of the frame, which `local_ns` and `leader_ns` tell."""
+
+    @property
+    def stamp_leader_ns(self) -> int:
+        """Leader time of the frame's timestamp itself."""
+        return self.leader_ns - self.alignment_offset_ns
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,6 +147,7 @@ def pick_frames(
                 hard_bound_ns,
                 off_ns,
                 frame,
+                offset_ns,
             )
         )
     return tuple(picks), tuple(gaps)

@@ -2,6 +2,8 @@
 
 from collections.abc import Iterator, Mapping, Sequence
 
+from msgspec.structs import asdict
+
 from capture_app.net.address import Address
 from capture_app.node.wire.status import NodeStatus
 from capture_app.sync.clock.upstream_map import MAX_DEPTH
@@ -52,28 +54,12 @@ def _depth(view: ClientView, by_name: Mapping[str, ClientView]) -> int:
 
 
 def _node_status(view: ClientView, depth: int) -> NodeStatus:
-    report = view.report
     return NodeStatus(
+        **asdict(view.report),
         name=view.name,
         address=str(Address(*view.address)),
-        state=report.state,
         camera=view.camera,
-        offset_ns=report.offset_ns,
-        hard_bound_ns=report.hard_bound_ns,
-        uncertainty_ns=report.uncertainty_ns,
-        round_trip_ns=report.round_trip_ns,
-        skew_ppm=report.skew_ppm,
-        samples=report.samples,
-        phase_error_ns=report.phase_error_ns,
-        period_ns=report.period_ns,
-        drift_ppm=report.drift_ppm,
-        corrections=report.corrections,
-        frames=report.frames,
-        drops=report.drops,
-        reference_correction_ns=report.reference_correction_ns,
-        relative_uncertainty_ns=report.relative_uncertainty_ns,
         parent=view.via,
         depth=depth,
         last_seen_ns=view.age_ns,
-        message=report.message,
     )

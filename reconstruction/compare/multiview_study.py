@@ -56,13 +56,24 @@ class MultiviewStudy:
     subject = "depth from all cameras"
     condition = ALL_APART
 
-    def __init__(self, rig: Rig, most_instants: int, width: int, reference: str = "") -> None:
-        """Pictures wider than `width` px are made smaller; `reference`: refuse any other middle camera."""
+    def __init__(
+        self,
+        rig: Rig,
+        most_instants: int,
+        width: int,
+        reference: str = "",
+        match: Callable[..., InstantDepth] = instant_depth,
+    ) -> None:
+        """Pictures wider than `width` px are made smaller; `reference`: refuse any other middle camera.
+
+        `match` makes the depth of an instant, as `instant_depth` does.
+        """
         self.rig = rig
         self.dataset = rig.dataset
         self.most_instants = most_instants
         self.width = width
         self.reference = reference
+        self.match = match
         self.cameras: tuple[str, ...] = ()
         self.reach = (0.0, 0.0)
         self.left_out: dict[str, str] = {}
@@ -74,7 +85,7 @@ class MultiviewStudy:
 
     def for_session(self, rig: Rig) -> Self:
         """The same middle camera of another session."""
-        return type(self)(rig, self.most_instants, self.width, self.reference)
+        return type(self)(rig, self.most_instants, self.width, self.reference, self.match)
 
     @cached_property
     def shots(self) -> UndistortedSession:
@@ -203,7 +214,7 @@ class MultiviewStudy:
             raise ValueError(f"no camera with a picture sees what {self.reference} sees")
         made = self.rig.stages.arrays(
             "multiview",
-            lambda: vars(instant_depth(shots, sources, self.reach, self.reference)),
+            lambda: vars(self.match(shots, sources, self.reach, self.reference)),
             self.reference,
             tuple(shown.items()),
             repr(views),

@@ -1,7 +1,7 @@
 """The part of a comparison that finds the cameras' poses instant by instant, as it must where all moves."""
 
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -11,6 +11,7 @@ import numpy as np
 
 from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
+from reconstruction.common.geometry import View
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.compare.study import ALL_APART, SIDES, ComparisonTally
 from reconstruction.poses.pose_errors import relative_pose_errors
@@ -18,6 +19,7 @@ from reconstruction.poses.pose_finder import PoseFinder
 from reconstruction.scores.pose_results import PoseComparison, PoseScores
 from reconstruction.scores.tally import Measurements, measures_of
 from reconstruction.session.conditions import Condition
+from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import evenly_spread
 from reconstruction.session.shown_instants import fixed_offsets_ms, instants_shown, refuse_synchronized
 
@@ -55,17 +57,24 @@ class PoseStudy:
     condition = ALL_APART
     steps = 1
 
-    def __init__(self, rig: Rig, why: str, most_instants: int = MOST_INSTANTS) -> None:
-        """`why` says in words why poses are looked at."""
+    def __init__(
+        self,
+        rig: Rig,
+        why: str,
+        most_instants: int = MOST_INSTANTS,
+        finder: Callable[[Dataset, Mapping[str, View], Path], PoseFinder] = PoseFinder,
+    ) -> None:
+        """`why` says in words why poses are looked at; `finder` finds them."""
         self.rig = rig
         self.dataset = rig.dataset
         self.why = why
         self.most_instants = most_instants
+        self.finder = finder
         self.cameras: tuple[str, ...] = ()
 
     def for_session(self, rig: Rig) -> Self:
         """Poses of another session's cameras."""
-        return type(self)(rig, self.why, self.most_instants)
+        return type(self)(rig, self.why, self.most_instants, self.finder)
 
     def prepare(self, middle: int, progress: Progress) -> None:
         """Refuse cameras that poses cannot be judged with.
@@ -85,7 +94,7 @@ class PoseStudy:
         instants = self._instants(condition)
         tally = ComparisonTally(PoseScores, measures_of(PoseScores))
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
-            finder = cache(lambda: PoseFinder(self.dataset, self.rig.views, Path(scratch)))
+            finder = cache(lambda: self.finder(self.dataset, self.rig.views, Path(scratch)))
             for instant, shown in instants:
                 sides = zip(SIDES, (dict.fromkeys(self.cameras, instant), shown), strict=True)
                 measured = {side: self._poses(finder, pictures).measure() for side, pictures in sides}

@@ -1,6 +1,6 @@
 """A small scene with exact truth: textured boards at different depths, one of which moves."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -150,11 +150,14 @@ def write_session(
     calibrated: bool = True,
     truth: bool = True,
     frozen: bool = False,
+    missing: Container[tuple[str, int]] = (),
 ) -> Session:
-    """A simulated session of a scene; `frozen` lets nothing move."""
+    """A simulated session of a scene; `frozen` lets nothing move, `missing` images are left out."""
     writer = SessionWriter.create(root, "boards")
     for k in range(instants):
         for name, view in views.items():
+            if (name, k) in missing:
+                continue
             image, depth, movers = scene.look(view, 0.0 if frozen else float(k))
             data = cv2.imencode(".png", image)[1].tobytes()
             writer.add_image(data, camera=name, instant=k, leader_ns=k * PERIOD_NS, suffix=".png")

@@ -1,8 +1,11 @@
 """The parts of a comparison that take all cameras: depth of the middle one, the cloud, and what cannot be."""
 
 import json
+import shutil
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
@@ -11,7 +14,6 @@ from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.cli import main
 from reconstruction.common.stage_cache import StageCache
-from reconstruction.compare import multiview_study
 from reconstruction.compare.multiview_study import MultiviewStudy
 from reconstruction.multiview.cloud_accuracy import (
     PointIndex,
@@ -19,7 +21,7 @@ from reconstruction.multiview.cloud_accuracy import (
     points_on_movers,
     true_surfaces,
 )
-from reconstruction.multiview.instant_depth import InstantDepth
+from reconstruction.multiview.instant_depth import InstantDepth, instant_depth
 from reconstruction.session.conditions import DISTINCT, Condition
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.scene_motion import SceneMotion
@@ -39,12 +41,19 @@ def trio(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Session:
     return write_session(tmp_path_factory.mktemp("trio"), scene, VIEWS)
 
 
-def study(session: Session, folder: Path, *, instants: int = 1, width: int = 640) -> MultiviewStudy:
+def study(
+    session: Session,
+    folder: Path,
+    *,
+    instants: int = 1,
+    width: int = 640,
+    match: Callable[..., InstantDepth] = instant_depth,
+) -> MultiviewStudy:
     """A study of a calibrated session."""
     dataset = Dataset(session)
     rig = Rig(dataset, SceneMotion(dataset, 2), StageCache(folder, dataset.fingerprint()))
     rig.calibrate()
-    return MultiviewStudy(rig, instants, width)
+    return MultiviewStudy(rig, instants, width, match=match)
 
 
 def test_only_what_moves_is_lost_when_every_camera_is_off(trio: Session, tmp_path: Path) -> None:
@@ -108,13 +117,14 @@ def test_compare_tells_of_all_cameras_in_every_condition(
         assert (out / picture["offset"]).is_file()
 
 
-@pytest.fixture
-def guessed(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, ...]]:
+class FlatDepth:
     """No matching: depth of 2 everywhere and no cloud; the cameras of each call."""
-    calls: list[tuple[str, ...]] = []
 
-    def quick(shots: dict[str, object], *_: object) -> InstantDepth:
-        calls.append(tuple(shots))
+    def __init__(self) -> None:
+        self.calls: list[tuple[str, ...]] = []
+
+    def __call__(self, shots: dict[str, object], *_: object) -> InstantDepth:
+        self.calls.append(tuple(shots))
         flat = np.full((120, 160), 2.0, np.float32)
         return InstantDepth(
             depth=flat,
@@ -125,23 +135,27 @@ def guessed(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, ...]]:
             no_cloud=np.array("no fusion in this test"),
         )
 
-    monkeypatch.setattr(multiview_study, "instant_depth", quick)
-    monkeypatch.setattr(multiview_study, "find_depth_range", lambda *_: (1.5, 5.0))
-    return calls
+
+def darken(session: Session, folder: Path, images: Iterable[tuple[str, int]]) -> Session:
+    """A copy of a session in which these images are black."""
+    copy = Session.open(shutil.copytree(session.folder, folder))
+    records = {(record.camera, record.instant): record for record in copy.manifest.images}
+    for image in images:
+        black = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+        copy.image_file(records[image]).write_bytes(cv2.imencode(".png", black)[1].tobytes())
+    return copy
 
 
-def test_instants_without_a_picture_of_every_camera_are_left_out(
-    trio: Session, tmp_path: Path, guessed: list[tuple[str, ...]]
-) -> None:
-    whole = study(trio, tmp_path, instants=9, width=160)
-    missing = whole.dataset
-    missing._records.pop(("left", 1))
+def test_instants_without_a_picture_of_every_camera_are_left_out(scene: Scene, tmp_path: Path) -> None:
+    session = write_session(tmp_path / "session", scene, VIEWS, missing={("left", 1)})
+    flat = FlatDepth()
+    whole = study(session, tmp_path / "stages", instants=9, width=160, match=flat)
     whole.prepare(2, QUIET)
     found = whole.compare(Condition.parse("middle=0,left=66,right=33"), QUIET)
     # Left shows instant k + 2, right k + 1: from instant 3 on the burst is over, at 1 left has none.
     assert [row["instant"] for row in found.per_instant] == [0, 2]
     assert found.offsets_ms == {"left": 66, "middle": 0, "right": 33}
-    assert set(guessed) == {("left", "middle", "right")}
+    assert set(flat.calls) == {("left", "middle", "right")}
     assert found.cloud_skipped == "no fusion in this test"
     assert found.synced.mover_points is None
     assert found.synced.mover_f_score is None
@@ -152,35 +166,29 @@ def test_instants_without_a_picture_of_every_camera_are_left_out(
         whole.compare(Condition.parse("left=300"), QUIET)
 
 
-def test_a_black_picture_leaves_its_camera_out(
-    trio: Session, tmp_path: Path, guessed: list[tuple[str, ...]], monkeypatch: pytest.MonkeyPatch
-) -> None:
-    whole = study(trio, tmp_path, instants=9, width=160)
-    seen = whole.dataset.image
-    black = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
-    monkeypatch.setattr(whole.dataset, "image", lambda c, k: black if (c, k) == ("left", 2) else seen(c, k))
+def test_a_black_picture_leaves_its_camera_out(trio: Session, tmp_path: Path) -> None:
+    session = darken(trio, tmp_path / "dark", [("left", 2)])
+    whole = study(session, tmp_path / "stages", instants=9, width=160, match=FlatDepth())
     whole.prepare(2, QUIET)
     assert len(whole.cameras) == 3
     found = whole.compare(Condition.parse("left=33"), QUIET)
     # Left is black at 2, which is its own picture at 2 and its late one at 1; at 4 the burst is over.
     assert [row["instant"] for row in found.per_instant] == [0, 3]
-    monkeypatch.setattr(whole.dataset, "image", lambda *_: black)
-    whole.shots._shot.cache_clear()
+    night = darken(trio, tmp_path / "night", [(camera, k) for camera in VIEWS for k in range(5)])
     with pytest.raises(ValueError, match="left, middle, right: its picture is empty"):
-        whole.prepare(2, QUIET)
+        study(night, tmp_path / "stages").prepare(2, QUIET)
 
 
-def test_more_cameras_than_needed_are_left_out(
-    scene: Scene, tmp_path: Path, guessed: list[tuple[str, ...]]
-) -> None:
+def test_more_cameras_than_needed_are_left_out(scene: Scene, tmp_path: Path) -> None:
     views = {f"cam{i}": make_view((0.1 * (i - 3), 0.0, 0.0)) for i in range(7)}
-    whole = study(write_session(tmp_path, scene, views, instants=3), tmp_path / "stages", width=160)
+    session, flat = write_session(tmp_path, scene, views, instants=3), FlatDepth()
+    whole = study(session, tmp_path / "stages", width=160, match=flat)
     whole.prepare(1, QUIET)
     assert whole.reference == "cam3"
     assert len(whole.cameras) == 5
     assert len(whole.left_out) == 2
     whole.compare(Condition.parse("cam3=33"), QUIET)
-    assert {len(cameras) for cameras in guessed} == {5}
+    assert {len(cameras) for cameras in flat.calls} == {5}
 
 
 def test_what_cannot_be_says_why(scene: Scene, tmp_path: Path) -> None:

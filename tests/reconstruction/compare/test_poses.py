@@ -15,9 +15,9 @@ from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.geometry import View
 from reconstruction.common.stage_cache import StageCache
-from reconstruction.compare import pose_study
 from reconstruction.compare.pose_study import PoseStudy
 from reconstruction.poses.pose_errors import Pose, relative_pose_errors
+from reconstruction.poses.pose_finder import PoseFinder
 from reconstruction.scores.pose_results import PoseComparison
 from reconstruction.session.conditions import DISTINCT, SYNCED, Condition
 from reconstruction.session.dataset import Dataset
@@ -52,7 +52,7 @@ def test_errors_are_those_between_the_cameras() -> None:
     assert relative_pose_errors({"left": true["left"]}, true) == []
 
 
-class Fake:
+class Fake(PoseFinder):
     """Places cameras of one instant right, of several instants each turned by its instant's tenfold."""
 
     def __init__(self, dataset: Dataset, views: Mapping[str, View], folder: Path) -> None:
@@ -66,11 +66,13 @@ class Fake:
         return {c: pose if together else turned(pose, 10 * shown[c]) for c, pose in found.items()}
 
 
-def study(session: Session, folder: Path, most_instants: int = 5) -> PoseStudy:
+def study(
+    session: Session, folder: Path, most_instants: int = 5, finder: type[PoseFinder] = PoseFinder
+) -> PoseStudy:
     dataset = Dataset(session)
     rig = Rig(dataset, SceneMotion(dataset, 2), StageCache(folder, dataset.fingerprint()))
     rig.calibrate()
-    return PoseStudy(rig, "asked for", most_instants)
+    return PoseStudy(rig, "asked for", most_instants, finder)
 
 
 def compared(poses: PoseStudy, condition: Condition) -> PoseComparison:
@@ -79,11 +81,8 @@ def compared(poses: PoseStudy, condition: Condition) -> PoseComparison:
     return poses.compare(condition, quiet)
 
 
-def test_harm_is_told_in_cameras_pairs_and_degrees(
-    boards: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(pose_study, "PoseFinder", Fake)
-    found = compared(study(boards, tmp_path), Condition.parse("left=0,right=33,aside=66"))
+def test_harm_is_told_in_cameras_pairs_and_degrees(boards: Session, tmp_path: Path) -> None:
+    found = compared(study(boards, tmp_path, finder=Fake), Condition.parse("left=0,right=33,aside=66"))
     assert found.harmed
     assert (found.synced.registered, found.offset.registered) == (3, 2)
     assert (found.synced.right_pairs, found.offset.right_pairs) == (1, 0)
@@ -91,10 +90,10 @@ def test_harm_is_told_in_cameras_pairs_and_degrees(
     assert [row["instant"] for row in found.per_instant] == [0, 1, 2]
     assert found.differences["right_pairs"].high == -1
     assert found.offsets_ms == {"left": 0, "right": 33, "aside": 66}
-    together = compared(study(boards, tmp_path), Condition(SYNCED))
+    together = compared(study(boards, tmp_path, finder=Fake), Condition(SYNCED))
     assert not together.harmed
     with pytest.raises(ValueError, match="equally late"):
-        compared(study(boards, tmp_path), Condition.parse("7,7,7"))
+        compared(study(boards, tmp_path, finder=Fake), Condition.parse("7,7,7"))
 
 
 def test_two_cameras_and_no_colmap_are_said(

@@ -40,7 +40,7 @@ MOST_LOOKED_AT = 6
 
 
 LEAST_MOVING_PX = 40
-"""Fewer moving pixels in a picture say nothing of where the subject is."""
+"""With fewer moving pixels in a picture the subject's place is unknown."""
 
 
 def render_camera_sweep(
@@ -49,19 +49,27 @@ def render_camera_sweep(
     """Write the sweep's pictures and an animation of it into out/pictures; None where there is no sweep.
 
     The cameras come in the order of their places where they are calibrated, else by name. Pictures of
-    calibrated cameras are turned and zoomed so that what moves stays where it is; nothing in them is made up.
+    calibrated cameras are rotated and zoomed so that what moves stays where it is; no view is interpolated.
     In the other condition each camera is late by one of `LATE_MS`, as far as the burst goes.
     """
     calibrated = {name: views[name] for name in dataset.cameras if name in views}
     order = order_by_place(calibrated) if len(calibrated) > 1 else tuple(sorted(dataset.cameras))
     order = order[:: -(-len(order) // MOST_CAMERAS)]
-    chosen = _instant(dataset, motion, order)
+    chosen = _choose_instant(dataset, motion, order)
     if chosen is None:
         return None
     instant, late = chosen
     order = tuple(late)
-    shots = _Shots(dataset, calibrated, _held(motion, calibrated, order, instant), _canvas(dataset, order))
-    halves = [shots.at(name, instant) for name in order], [shots.at(name, k) for name, k in late.items()]
+    pictures = _SweepPictures(
+        dataset,
+        calibrated,
+        _stabilized_views(motion, calibrated, order, instant),
+        _canvas_size(dataset, order),
+    )
+    halves = (
+        [pictures.picture(name, instant) for name in order],
+        [pictures.picture(name, k) for name, k in late.items()],
+    )
     synced, offset = (
         tuple(
             save_picture(out, f"sweep_{name}_{kind}.jpg", frame, quality=QUALITY)
@@ -78,15 +86,15 @@ def render_camera_sweep(
         synced=synced,
         offset=offset,
         late_ms=late_ms,
-        steady=bool(shots.held),
+        steady=bool(pictures.held),
         by_place=len(calibrated) > 1,
         file=save_animation(out, "sweep", halves, titles),
-        synced_step_px=_step_px(shots, motion, dict.fromkeys(order, instant)),
-        offset_step_px=_step_px(shots, motion, late),
+        synced_step_px=_largest_step_px(pictures, motion, dict.fromkeys(order, instant)),
+        offset_step_px=_largest_step_px(pictures, motion, late),
     )
 
 
-def _instant(
+def _choose_instant(
     dataset: Dataset, motion: SceneMotion, order: tuple[str, ...]
 ) -> tuple[int, dict[str, int]] | None:
     """The instant to stop at, and from which instant each camera's picture comes when it is late.
@@ -120,12 +128,12 @@ def _instant(
     return instant, found[instant]
 
 
-def _held(
+def _stabilized_views(
     motion: SceneMotion, views: Mapping[str, View], order: tuple[str, ...], instant: int
 ) -> dict[str, View]:
-    """Views that keep still what moves; none where the cameras do not all see it in one place.
+    """Views that hold the subject in place; none where the cameras do not agree on where it is.
 
-    That is the largest thing that moves, or the middle of all that does: whichever the cameras agree on.
+    The subject is the largest moving thing, or the middle of all that moves: whichever fits better.
     """
     ours = {name: views[name] for name in order if name in views}
     if len(ours) < len(order):
@@ -133,28 +141,28 @@ def _held(
     masks = {name: motion.detected_movers(name, instant) for name in order}
     masks = {name: mask for name, mask in masks.items() if int(mask.sum()) >= LEAST_MOVING_PX}
     best: tuple[Array, float] | None = None
-    for middle in (_largest, _middle):
+    for middle in (_largest_centroid, _centroid):
         found = triangulate_subject(ours, {name: middle(mask) for name, mask in masks.items()})
         if found is not None and (best is None or found[1] < best[1]):
             best = found
     if best is None:
         return {}
-    return stabilize_views(ours, best[0], *_canvas(motion.dataset, order)) or {}
+    return stabilize_views(ours, best[0], *_canvas_size(motion.dataset, order)) or {}
 
 
-def _middle(mask: Array) -> Array:
+def _centroid(mask: Array) -> Array:
     """The middle of a mask, px (2,)."""
     return np.asarray(np.argwhere(mask).mean(0)[::-1])
 
 
-def _largest(mask: Array) -> Array:
+def _largest_centroid(mask: Array) -> Array:
     """The middle of the largest spot of a mask, px (2,)."""
     _, _, stats, middles = cv2.connectedComponentsWithStats(np.asarray(mask, np.uint8))
     return np.asarray(middles[1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))])
 
 
 @dataclass(frozen=True)
-class _Shots:
+class _SweepPictures:
     """The cameras' pictures as the sweep shows them: as their held views see them, else fitted."""
 
     dataset: Dataset
@@ -162,7 +170,7 @@ class _Shots:
     held: Mapping[str, View]
     canvas: tuple[int, int]
 
-    def at(self, camera: str, instant: int) -> Array:
+    def picture(self, camera: str, instant: int) -> Array:
         """A camera's picture (BGR)."""
         image = self.dataset.image(camera, instant)
         if camera in self.held:
@@ -170,21 +178,21 @@ class _Shots:
         return fit_canvas(image, *self.canvas)
 
 
-def _step_px(shots: _Shots, motion: SceneMotion, taken: Mapping[str, int]) -> float | None:
+def _largest_step_px(pictures: _SweepPictures, motion: SceneMotion, taken: Mapping[str, int]) -> float | None:
     """The largest step of the largest moving thing's middle from one held picture to the next, px."""
     middles = []
     for camera, instant in taken.items():
-        if camera not in shots.held:
+        if camera not in pictures.held:
             return None
         mask = motion.moving(camera, instant).astype(np.uint8)
-        seen = render_view(shots.held[camera], shots.views[camera], mask, (0, 0, 0))
+        seen = render_view(pictures.held[camera], pictures.views[camera], mask, (0, 0, 0))
         if not seen.any():
             return None
-        middles.append(_largest(seen))
+        middles.append(_largest_centroid(seen))
     return float(np.linalg.norm(np.diff(middles, axis=0), axis=1).max())
 
 
-def _canvas(dataset: Dataset, order: Sequence[str]) -> tuple[int, int]:
+def _canvas_size(dataset: Dataset, order: Sequence[str]) -> tuple[int, int]:
     """Width and height that the pictures are shown at, px, of the largest camera's shape."""
     width, height = max((dataset.size(name) for name in order), key=lambda size: size[0] * size[1])
     side = SMALLER_PX if len(order) > MANY_CAMERAS else LONG_SIDE_PX

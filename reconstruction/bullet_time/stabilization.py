@@ -1,4 +1,4 @@
-"""Views of one scene turned and zoomed so that a point of it stays where it is from camera to camera."""
+"""Views of one scene, rotated and zoomed so that a point of it stays in place from camera to camera."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -17,7 +17,7 @@ ZOOMS = np.geomspace(0.6, 1.7, 50)
 
 
 def triangulate_subject(views: Mapping[str, View], seen: Mapping[str, Array]) -> tuple[Array, float] | None:
-    """The point (3,) of the rig's frame nearest to what each camera saw at a pixel (2,); None = no such.
+    """The point (3,) of the rig's frame nearest to what each camera saw at a pixel (2,), or None.
 
     Least squares over the distances from the rays (a pixel each). With it how far it is from those pixels at
     most, px. None where fewer than two cameras saw something, or a camera would have the point behind it,

@@ -13,44 +13,44 @@ TOLERANCE_M = 0.01
 """A point within this of a true surface is right, and a surface within this of a point is found."""
 
 
-MOST_ASKED = 20_000
-"""Of more points, so many are drawn."""
+MOST_SAMPLED = 20_000
+"""Of more points, a random sample of this size is taken."""
 
 
 MOST_WIDTH_PX = 960
 
 
-SEES = 0.01
-"""A view sees a point that is no farther than its true depth there by this share."""
+VISIBLE_SHARE = 0.01
+"""A view sees a point whose depth differs from its true depth there by less than this share."""
 
 
 class PointIndex:
-    """Answers which points have one of a set of points (n, 3), in metres, within the tolerance."""
+    """A search index over points (n, 3), in metres, for those within the tolerance of others."""
 
     def __init__(self, points: Array) -> None:
         core = load_open3d().core
         self._tensor = core.Tensor
         self._tree = None
         if len(points):
-            self._tree = core.nns.NearestNeighborSearch(self._made(points))
+            self._tree = core.nns.NearestNeighborSearch(self._to_tensor(points))
             self._tree.hybrid_index(TOLERANCE_M)
 
     def count_near(self, asked: Array) -> tuple[int, int]:
-        """How many of the points have one near, and of how many; where there are many, of some."""
-        asked = _some(asked)
+        """How many points have an indexed one within the tolerance, and of how many of a sample."""
+        asked = _sample(asked)
         if self._tree is None or not len(asked):
             return 0, len(asked)
-        _, _, found = self._tree.hybrid_search(self._made(asked), TOLERANCE_M, 1)
+        _, _, found = self._tree.hybrid_search(self._to_tensor(asked), TOLERANCE_M, 1)
         return int((found.numpy() > 0).sum()), len(asked)
 
-    def _made(self, points: Array) -> Any:
+    def _to_tensor(self, points: Array) -> Any:
         return self._tensor(np.ascontiguousarray(points, np.float32))
 
 
 @dataclass(frozen=True, eq=False)
 class TrueSurfaces:
-    """True surfaces of one instant, of one kind: all that any view sees, and, evenly spread over what at
-    least two views see, points (n, 3) to be found again: nothing else can be known."""
+    """True surfaces of one instant, moving or still: an index of all that any view sees, and points (n, 3)
+    evenly spread over what at least two views see, which a reconstruction can find."""
 
     index: PointIndex
     shared: Array
@@ -75,7 +75,7 @@ def true_surfaces(
     found = {}
     for kind, every in parts.items():
         points = np.concatenate(every)
-        asked = _some(_spread(points))
+        asked = _sample(_thin_out(points))
         seen = sum(visible_points(view, depth[name], asked).astype(int) for name, view in views.items())
         found[kind] = TrueSurfaces(PointIndex(points), asked[np.asarray(seen) >= 2])
     return found
@@ -90,7 +90,7 @@ def points_on_movers(
     """
     votes = np.zeros(len(points), int)
     for place, (name, view) in enumerate(views.items()):
-        votes += seen[:, place] & _on(view, movers[name], points)
+        votes += seen[:, place] & _on_mask(view, movers[name], points)
     return np.asarray(2 * votes > seen.sum(1))
 
 
@@ -98,14 +98,14 @@ def points_on_masks(points: Array, views: Mapping[str, View], masks: Mapping[str
     """Points (bool) that any of the views sees on its mask (bool)."""
     touched = np.zeros(len(points), bool)
     for name, mask in masks.items():
-        touched |= _on(views[name], mask, points)
+        touched |= _on_mask(views[name], mask, points)
     return touched
 
 
 def visible_points(view: View, depth: Array, points: Array) -> Array:
-    """Points (bool) that a view sees by its true depth: they are not hidden behind it."""
+    """Points (bool) that a view sees by its true depth: they are not occluded."""
     rows, columns, z, inside = _pixels(view, points)
-    return np.asarray(inside & (np.abs(depth[rows, columns] - z) < SEES * z))
+    return np.asarray(inside & (np.abs(depth[rows, columns] - z) < VISIBLE_SHARE * z))
 
 
 def _points(view: View, rows: Array, columns: Array, depth: Array) -> Array:
@@ -131,19 +131,19 @@ def _pixels(view: View, points: Array) -> tuple[Array, Array, Array, Array]:
     )
 
 
-def _on(view: View, mask: Array, points: Array) -> Array:
+def _on_mask(view: View, mask: Array, points: Array) -> Array:
     rows, columns, _, inside = _pixels(view, points)
     return np.asarray(inside & mask[rows, columns])
 
 
-def _some(points: Array) -> Array:
-    """At most MOST_ASKED of the points, drawn alike every time."""
-    if len(points) <= MOST_ASKED:
+def _sample(points: Array) -> Array:
+    """At most MOST_SAMPLED of the points; the same every time."""
+    if len(points) <= MOST_SAMPLED:
         return points
-    return np.asarray(points[np.random.default_rng(0).choice(len(points), MOST_ASKED, replace=False)])
+    return np.asarray(points[np.random.default_rng(0).choice(len(points), MOST_SAMPLED, replace=False)])
 
 
-def _spread(points: Array) -> Array:
+def _thin_out(points: Array) -> Array:
     """One point for each cube of a tolerance's side."""
     if not len(points):
         return points

@@ -33,7 +33,7 @@ OURS = {RESULT, "depth", "workspace", "fused.ply", "fused.ply.vis", "cloud.ply",
 
 
 class Matcher(StrEnum):
-    """Who finds the depth: this package on the CPU, COLMAP on a GPU, or COLMAP where there is a GPU."""
+    """What finds the depth: plane sweep on the CPU, PatchMatch on a GPU, or that where there is one."""
 
     AUTO = "auto"
     SWEEP = "sweep"
@@ -51,15 +51,15 @@ class MultiviewOptions:
 
 
 @dataclass
-class _Clock:
+class _Stopwatch:
     """Wall seconds of the stages."""
 
     seconds: dict[str, float] = field(default_factory=dict)
     started: float = field(default_factory=time.perf_counter)
     last: float = field(default_factory=time.perf_counter)
 
-    def stage(self, name: str) -> None:
-        """What ran since the last call was this stage."""
+    def end_stage(self, name: str) -> None:
+        """Record the time since the last call as this stage's."""
         now = time.perf_counter()
         self.seconds[name] = round(now - self.last, 3)
         self.last = now
@@ -79,40 +79,40 @@ def multiview(
         NotAvailableError: the matcher asked for, or COLMAP or Open3D, is not here.
     """
     output = OutputFolder(out, replaces_only(OURS))
-    gpu, note = _choose(options.matcher)
-    clock = _Clock()
+    gpu, note = _choose_matcher(options.matcher)
+    stopwatch = _Stopwatch()
     dataset = Dataset.open(session)
     instants = dataset.shown_instants(options.instant, options.offsets_ms)
     shots, left_out, calibration, unit = load_input_images(dataset, instants)
 
-    def say(text: str) -> None:
+    def announce(text: str) -> None:
         if progress is not None:
             progress.total = len(shots) + (3 if options.mesh else 2)
             progress.step(text)
 
-    say("how near and how far the scene is")
+    announce("how near and how far the scene is")
     images = {camera: shot.calibrated for camera, shot in shots.items()}
-    nearest, farthest = find_depth_range(images, _sources(shots, guess_depths(_views(shots))))
+    nearest, farthest = find_depth_range(images, _source_views(shots, guess_depths(_views(shots))))
     depths = (nearest, 2 / (1 / nearest + 1 / farthest), farthest)
-    sources = _sources(shots, depths)
+    sources = _source_views(shots, depths)
     left_out |= {camera: "no other camera sees what it sees" for camera in shots if not sources[camera]}
     shots = {camera: shot for camera, shot in shots.items() if sources[camera]}
-    clock.stage("range")
+    stopwatch.end_stage("range")
     with output:
         part = output.folder
-        found = _match(gpu, part / "workspace", shots, sources, (nearest, farthest), say)
-        clock.stage("matching")
-        say("joining the maps to a cloud")
+        found = _match_cameras(gpu, part / "workspace", shots, sources, (nearest, farthest), announce)
+        stopwatch.end_stage("matching")
+        announce("joining the maps to a cloud")
         fused = fuse_depth_maps(part / "workspace", part / "fused.ply", len(found))
-        clock.stage("fusion")
+        stopwatch.end_stage("fusion")
         (part / "depth").mkdir()
         views = tuple(write_view(dataset, shots[c], found[c], sources[c], part) for c in found)
-        clock.stage("judging")
+        stopwatch.end_stage("judging")
         model = MeshModel(fused, 0, ())
         if options.mesh:
-            say("cloud, mesh and pictures")
-            model = _model(part, shots)
-            clock.stage("mesh")
+            announce("cloud, mesh and pictures")
+            model = _build_model(part, shots)
+            stopwatch.end_stage("mesh")
         reference = choose_reference_view(_views(shots), depths)
         main = next(view for view in views if view.camera == reference)
         result = MultiviewResult(
@@ -137,15 +137,15 @@ def multiview(
             cloud_points=model.points,
             mesh_triangles=model.triangles,
             files=("fused.ply", *model.files, "workspace", RESULT),
-            seconds=clock.total(),
-            seconds_of=clock.seconds,
+            seconds=stopwatch.total(),
+            seconds_of=stopwatch.seconds,
             versions=library_versions(),
         )
         write_atomic(part / RESULT, msgspec.json.format(msgspec.json.encode(result), indent=2))
     return result
 
 
-def _choose(matcher: Matcher) -> tuple[CudaGpu | None, str]:
+def _choose_matcher(matcher: Matcher) -> tuple[CudaGpu | None, str]:
     if matcher is Matcher.SWEEP:
         return None, "asked for"
     try:
@@ -161,8 +161,8 @@ def _views(shots: Mapping[str, InputImage]) -> dict[str, View]:
     return {camera: shot.calibrated.view for camera, shot in shots.items()}
 
 
-def _sources(shots: Mapping[str, InputImage], depths: Sequence[float]) -> dict[str, tuple[str, ...]]:
-    """Whom each camera is matched with, for a scene at these depths."""
+def _source_views(shots: Mapping[str, InputImage], depths: Sequence[float]) -> dict[str, tuple[str, ...]]:
+    """The source views of each camera, for a scene at these depths."""
     sources = choose_source_views(_views(shots), depths)
     if not any(sources.values()):
         raise BadInputError(
@@ -172,29 +172,29 @@ def _sources(shots: Mapping[str, InputImage], depths: Sequence[float]) -> dict[s
     return sources
 
 
-def _match(
+def _match_cameras(
     gpu: CudaGpu | None,
     workspace: Path,
     shots: Mapping[str, InputImage],
     sources: Mapping[str, Sequence[str]],
     reach: tuple[float, float],
-    say: Callable[[str], None],
+    announce: Callable[[str], None],
 ) -> dict[str, ViewDepth]:
     """Depth and normals of every camera, also written into a workspace."""
     views = _views(shots)
     colours = {camera: shot.colours for camera, shot in shots.items()}
     if gpu is None:
         photos = {camera: shot.calibrated for camera, shot in shots.items()}
-        found = match_all_views(photos, sources, *reach, done=lambda name: say(f"depth of {name}"))
+        found = match_all_views(photos, sources, *reach, done=lambda name: announce(f"depth of {name}"))
         write_workspace(workspace, views, colours, found)
         return found
-    say(f"PatchMatch on {gpu.name}")
+    announce(f"PatchMatch on {gpu.name}")
     write_workspace(workspace, views, colours, reach=reach)
     run_patch_match(gpu, workspace, *reach)
     return read_maps(workspace, {camera: f"{camera}.png" for camera in shots})
 
 
-def _model(part: Path, shots: Mapping[str, InputImage]) -> MeshModel:
+def _build_model(part: Path, shots: Mapping[str, InputImage]) -> MeshModel:
     views = _views(shots).values()
     centre = np.mean([view.centre for view in views], axis=0)
     return build_mesh(part / "fused.ply", part, centre, up_direction([view.rotation for view in views]))

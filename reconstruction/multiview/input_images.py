@@ -16,7 +16,7 @@ from reconstruction.session.dataset import Dataset
 from reconstruction.session.scene_motion import SceneMotion
 
 LEAST_CONTRAST = 2.0
-"""Standard deviation of grey levels, of 255, below which a picture shows nothing."""
+"""Standard deviation of grey levels (of 255) below which a picture is empty."""
 
 
 NOISE_FACTOR = 3.0
@@ -27,7 +27,7 @@ NOISE_LIMITS = (2.0, 100.0)
 
 @dataclass(frozen=True, eq=False)
 class InputImage:
-    """One camera's picture: undistorted colours (uint8 height x width x 3) and what is matched of it."""
+    """One camera's picture: undistorted colours (uint8 height x width x 3), and in grey with its view."""
 
     camera: str
     instant: int
@@ -55,7 +55,7 @@ def undistort_image(camera: str, instant: int, image: Array, view: View) -> Inpu
     """Undistort a picture (uint8 height x width x 3, BGR).
 
     Raises:
-        BadInputError: it shows nothing.
+        BadInputError: it is empty.
     """
     plain = replace(view, distortion=np.zeros(5))
     colours = image
@@ -75,10 +75,10 @@ def load_input_images(
     """The usable pictures by camera, the others and why they are left out, the calibration's source and unit.
 
     Raises:
-        BadInputError: fewer than two pictures are usable, or there is no calibration to be had.
+        BadInputError: fewer than two pictures are usable, or no calibration can be found.
     """
     dataset.require_cameras(2, "depth needs two that see the same from different places")
-    calibration = dataset.calibration() or _solved(dataset)
+    calibration = dataset.calibration() or _found_calibration(dataset)
     views = calibrated_views(dataset, calibration)
     shots: dict[str, InputImage] = {}
     left_out: dict[str, str] = {}
@@ -103,7 +103,7 @@ def load_input_images(
     return shots, left_out, calibration.source or "the session's own", calibration.unit
 
 
-def _solved(dataset: Dataset) -> Calibration:
+def _found_calibration(dataset: Dataset) -> Calibration:
     """The calibration found from the pictures, with what moves masked out."""
     motion = SceneMotion(dataset, 1)
     instants = range(len(dataset.instants_ns))

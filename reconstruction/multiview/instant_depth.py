@@ -1,4 +1,4 @@
-"""Depth of one camera by several at one instant, what it is judged by, and the cloud of all their maps."""
+"""Depth of one camera from several at one instant, and the cloud fused from all their maps."""
 
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -17,7 +17,7 @@ from reconstruction.depth.source_view import SourceView
 from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
 from reconstruction.multiview.input_images import InputImage
 
-CONFIRMING = 2
+CONFIRMING_VIEWS = 2
 """Other views that must have found a depth for it to be called consistent."""
 
 
@@ -25,7 +25,7 @@ CONFIRMING = 2
 class InstantDepth:
     """Maps on the reference's undistorted pixels (height x width), and a cloud in the rig's frame.
 
-    `depth` is 0 where none is believed. `consistent` (bool): where two other views, each matched for
+    `depth` is 0 where there is none. `consistent` (bool): where two other views, each matched for
     itself, found the same depth, before any other check. `difference`: grey levels between the reference
     and its sources, seen through all that was matched; the median over them, NaN = none sees it.
     `points` (n, 3) float32; `seen` (n, cameras) bool: whose maps each point was fused from, in the order
@@ -56,14 +56,14 @@ def instant_depth(
     votes = count_coinciding_views(own, lenses, [surfaces[other] for other in others], ConsistencyLimits())
     return InstantDepth(
         depth=found[reference].depth,
-        consistent=votes >= min(CONFIRMING, len(others)),
+        consistent=votes >= min(CONFIRMING_VIEWS, len(others)),
         difference=_difference(own.inverse_depth, [SourceView(photos[reference], photos[o]) for o in others]),
-        **_cloud(shots, found),
+        **_fuse_cloud(shots, found),
     )
 
 
 def _difference(inverse_depth: Array, lenses: Sequence[SourceView]) -> Array:
-    """Median over the sources of how far their brightness is off once the pictures are levelled."""
+    """Median over the sources of their difference in brightness, once they are made equally bright."""
     apart = []
     for lens in lenses:
         seen = lens.warp_by_depth(inverse_depth)
@@ -76,7 +76,7 @@ def _difference(inverse_depth: Array, lenses: Sequence[SourceView]) -> Array:
     return result
 
 
-def _cloud(shots: Mapping[str, InputImage], found: Mapping[str, ViewDepth]) -> dict[str, Array]:
+def _fuse_cloud(shots: Mapping[str, InputImage], found: Mapping[str, ViewDepth]) -> dict[str, Array]:
     fused = [camera for camera in shots if camera in found]
     points, seen, reason = np.zeros((0, 3), np.float32), np.zeros((0, len(fused)), bool), ""
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
@@ -90,7 +90,7 @@ def _cloud(shots: Mapping[str, InputImage], found: Mapping[str, ViewDepth]) -> d
         except NotAvailableError as error:
             reason = str(error)
         except BadInputError:
-            # No point is seen alike by enough cameras: an empty cloud, which is a result.
+            # No point is consistent in enough cameras: an empty cloud is a result too.
             pass
     whole = np.zeros((len(points), len(shots)), bool)
     whole[:, [list(shots).index(camera) for camera in fused]] = seen
@@ -98,7 +98,7 @@ def _cloud(shots: Mapping[str, InputImage], found: Mapping[str, ViewDepth]) -> d
 
 
 def _read_cloud(path: Path, views: int) -> tuple[Array, Array]:
-    """Points of a PLY as COLMAP's fusion writes it, and from its `.vis` file whose maps they were in."""
+    """Points (n, 3) of a fused PLY, and by its `.vis` file from which views' maps each was fused."""
     data = path.read_bytes()
     start = data.index(b"end_header\n") + len(b"end_header\n")
     vertex = np.dtype([("at", "<f4", 3), ("normal", "<f4", 3), ("colour", "u1", 3)])

@@ -1,4 +1,4 @@
-"""Depth and clouds of all cameras, counted on what moves and on the still control that must not change."""
+"""Scores of an instant's depth and cloud, on what moves and on the still control that must not change."""
 
 from collections.abc import Mapping, Sequence
 
@@ -22,11 +22,11 @@ from reconstruction.scores.tally import Measurements, measure_depth
 from reconstruction.session.mover_detection import dilate
 
 CONTROL_MARGIN_PX = 4
-"""Pixels this near to a mover are no control."""
+"""Pixels this near to a mover do not belong to the control."""
 
 
 class InstantScorer:
-    """Counts for instants of one reference camera; what is still is known from the synchronized maps."""
+    """Measures instants of one reference camera; what stands still is taken from the synchronized maps."""
 
     def __init__(
         self,
@@ -56,9 +56,9 @@ class InstantScorer:
             camera: self.shots.changing(camera, instant) | self.shots.changing(camera, other)
             for camera, other in shown.items()
         }
-        static = self._control(instant, hidden)
-        truth = self._truth(instant, static)
-        surfaces = self._surfaces(instant, shown)
+        static = self._still_control(instant, hidden)
+        truth = self._true_depth(instant, static)
+        surfaces = self._true_surfaces(instant, shown)
         measured = {name: Measurements() for name in maps}
         for name, found in maps.items():
             times = shown if name == "offset" else dict.fromkeys(shown, instant)
@@ -71,10 +71,10 @@ class InstantScorer:
         return measured
 
     def true_depth(self, instant: int) -> Array | None:
-        """The reference's true depth in the calibration's unit, NaN = unknown; None where nobody knows it."""
-        return self._truth(instant, ~self.shots.moving(self.reference, instant))
+        """The reference's true depth in the calibration's unit, NaN = unknown; None where it is unknown."""
+        return self._true_depth(instant, ~self.shots.moving(self.reference, instant))
 
-    def _control(self, instant: int, hidden: Mapping[str, Array]) -> Array:
+    def _still_control(self, instant: int, hidden: Mapping[str, Array]) -> Array:
         changing = self.shots.motion.changing(self.reference, instant)
         here = dilate(self.shots.undistort_mask(self.reference, changing), CONTROL_MARGIN_PX)
         if not (self._still > 0).any():
@@ -84,11 +84,11 @@ class InstantScorer:
         others = {camera: mask for camera, mask in hidden.items() if camera != self.reference}
         return np.asarray(~here & ~points_on_masks(points, self.shots.views, others).reshape(here.shape))
 
-    def _truth(self, instant: int, static: Array) -> Array | None:
+    def _true_depth(self, instant: int, static: Array) -> Array | None:
         loaded = self.shots.ground_truth(self.reference, instant)
         return None if loaded is None else true_depth_in_unit(loaded[0], self.unit, self._still, static)
 
-    def _surfaces(self, instant: int, shown: Mapping[str, int]) -> dict[str, TrueSurfaces] | None:
+    def _true_surfaces(self, instant: int, shown: Mapping[str, int]) -> dict[str, TrueSurfaces] | None:
         """The true surfaces of an instant, if the calibration knows metres."""
         if self.unit != "m":
             return None

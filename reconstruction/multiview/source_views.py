@@ -1,4 +1,4 @@
-"""Which cameras' pictures are compared with a camera's own: those that see the same, from elsewhere."""
+"""The choice of each camera's source views: those that see the same from another place."""
 
 from collections.abc import Mapping, Sequence
 
@@ -10,11 +10,11 @@ MOST_SOURCES = 4
 
 
 LEAST_SCORE = 0.12
-"""Less than about an eighth of the picture in common is not worth a source's time."""
+"""A source with less than about an eighth of the picture in common is not worth its time."""
 
 
 LEAST_ANGLE_DEG = 2.5
-"""Below this parallax says little about depth."""
+"""Below this parallax depth is uncertain."""
 
 
 MOST_ANGLE_DEG = 14.0
@@ -44,7 +44,7 @@ def choose_reference_view(views: Mapping[str, View], depths: Sequence[float]) ->
     shared = {}
     for name, view in views.items():
         others = [other for other in views if other != name]
-        seen = [_seen(view, views[other], depth)[0].mean() for other in others for depth in depths]
+        seen = [_visible_grid(view, views[other], depth)[0].mean() for other in others for depth in depths]
         shared[name] = float(np.mean(seen)) if seen else 0.0
     enough = 0.9 * max(shared.values())
     middle = np.mean([view.centre for view in views.values()], axis=0)
@@ -53,8 +53,8 @@ def choose_reference_view(views: Mapping[str, View], depths: Sequence[float]) ->
 
 
 def score_source_view(view: View, other: View, depth: float) -> float:
-    """How much of a view, were everything at this depth, another view can tell about; 0 to 1."""
-    inside, points = _seen(view, other, depth)
+    """How well another view suits as a source of this one for a scene at this depth; 0 to 1."""
+    inside, points = _visible_grid(view, other, depth)
     to_view, to_other = view.centre - points, other.centre - points
     cosine = (to_view * to_other).sum(1)
     cosine /= np.maximum(np.linalg.norm(to_view, axis=1) * np.linalg.norm(to_other, axis=1), 1e-12)
@@ -64,7 +64,7 @@ def score_source_view(view: View, other: View, depth: float) -> float:
     return float(np.mean(inside * fit))
 
 
-def _seen(view: View, other: View, depth: float) -> tuple[Array, Array]:
+def _visible_grid(view: View, other: View, depth: float) -> tuple[Array, Array]:
     """Which of a view's points at this depth the other sees (n), and the points (n, 3)."""
     points = _points(view, depth)
     seen = points @ other.rotation.T + other.translation
@@ -76,7 +76,7 @@ def _seen(view: View, other: View, depth: float) -> tuple[Array, Array]:
 
 
 def guess_depths(views: Mapping[str, View]) -> tuple[float, ...]:
-    """Depths worth a look before anything is known: multiples of the distance between neighbours."""
+    """Depths to try before the scene is known: multiples of the distance between neighbouring cameras."""
     centres = np.array([view.centre for view in views.values()])
     apart = np.linalg.norm(centres[:, None] - centres[None], axis=2)
     apart[apart <= 1e-9] = np.inf

@@ -1,4 +1,4 @@
-"""A session's pictures and masks as the many-view part of a comparison takes them: small and undistorted."""
+"""A session's pictures, masks and true depth, undistorted and made smaller for a comparison."""
 
 from dataclasses import replace
 from functools import lru_cache
@@ -13,7 +13,7 @@ from reconstruction.session.dataset import Dataset
 from reconstruction.session.mover_detection import dilate
 from reconstruction.session.scene_motion import SceneMotion
 
-KEPT_SHOTS = 32
+KEPT_IMAGES = 32
 
 
 class UndistortedSession:
@@ -24,10 +24,10 @@ class UndistortedSession:
         self.motion = motion
         self.full_views = views
         self.views = {name: _small(view, width_px) for name, view in views.items()}
-        self._shot = lru_cache(maxsize=KEPT_SHOTS)(self._load)
+        self._image = lru_cache(maxsize=KEPT_IMAGES)(self._load)
 
     def usable(self, camera: str, instant: int) -> bool:
-        """Whether there is a picture that shows something."""
+        """Whether there is a picture, and it is not empty."""
         return not self.problem(camera, instant)
 
     def problem(self, camera: str, instant: int) -> str:
@@ -36,12 +36,12 @@ class UndistortedSession:
             return "it is not in the calibration"
         if not self.dataset.has_image(camera, instant):
             return f"it has no image of instant {instant}"
-        found = self._shot(camera, instant)
+        found = self._image(camera, instant)
         return found if isinstance(found, str) else ""
 
     def image(self, camera: str, instant: int) -> InputImage:
         """The picture; it must be usable."""
-        found = self._shot(camera, instant)
+        found = self._image(camera, instant)
         assert isinstance(found, InputImage)
         return found
 
@@ -50,7 +50,7 @@ class UndistortedSession:
         return self.undistort_mask(camera, self.motion.moving(camera, instant))
 
     def changing(self, camera: str, instant: int) -> Array:
-        """What moves or looks different (bool), made wider: no still control there."""
+        """What moves or changes (bool), widened: pixels that the still control leaves out."""
         mask = self.undistort_mask(camera, self.motion.changing(camera, instant))
         return dilate(mask, max(3, mask.shape[1] // 80))
 
@@ -63,7 +63,7 @@ class UndistortedSession:
         if full:
             view = self.full_views[camera]
             return undistort_nearest(view, depth), undistort_nearest(view, movers) > 0
-        return self._flat(camera, depth), self._flat(camera, movers) > 0
+        return self._undistort_small(camera, depth), self._undistort_small(camera, movers) > 0
 
     def undistorted_view(self, camera: str) -> View:
         """The camera's view at its full size, without distortion."""
@@ -71,9 +71,9 @@ class UndistortedSession:
 
     def undistort_mask(self, camera: str, mask: Array) -> Array:
         """A mask (bool) of the session's own pixels as the small picture shows it."""
-        return self._flat(camera, mask.astype(np.uint8)) > 0
+        return self._undistort_small(camera, mask.astype(np.uint8)) > 0
 
-    def _flat(self, camera: str, image: Array) -> Array:
+    def _undistort_small(self, camera: str, image: Array) -> Array:
         view = self.views[camera]
         small = cv2.resize(image, (view.width, view.height), interpolation=cv2.INTER_NEAREST)
         return undistort_nearest(view, np.asarray(small))

@@ -21,7 +21,7 @@ def median_still_depth(depths: Sequence[Array], moving: Sequence[Array]) -> Arra
 
 
 def fill_from_nearest(depth: Array) -> Array:
-    """Depth with the nearest known pixel's value where it is unknown (0); some must be known."""
+    """Depth, with the nearest known pixel's where it is unknown (0); some must be known."""
     unknown = (depth <= 0).astype(np.uint8)
     if not unknown.any():
         return depth

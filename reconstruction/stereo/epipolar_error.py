@@ -8,7 +8,7 @@ from reconstruction.common.geometry import Array
 from reconstruction.stereo.stereo_pair import StereoPair
 
 FEWEST_PIXELS = 30
-"""Fewer moving pixels than this in an image tell nothing."""
+"""Fewer pixels than this are not measured."""
 
 
 PATCH_PX = 21
@@ -18,7 +18,7 @@ PATCHES = 40
 
 
 ROWS_PX = 28
-"""How far from its row a patch is looked for."""
+"""How far from its row a patch is searched, px."""
 
 
 LIKENESS = 0.75

@@ -67,13 +67,13 @@ def burst_after(bench: Bench, ahead_ns: int) -> int:
     """Let a burst of one frame come, told so long before; return the true error of its frame in ns."""
     at_ns = bench.goal.instant(bench.goal.index_of(bench.now_ns + ahead_ns))
     while True:
-        frame = bench.take()
+        frame = bench.next_frame()
         if abs(frame.start_true_ns - at_ns) < bench.goal.period_ns // 2:
             assert frame.exposure_ns < bench.goal.period_ns, "no long frame in a burst"
             return bench.goal.phase_error(frame.start_true_ns)
         assert frame.start_true_ns < at_ns + bench.goal.period_ns
         if not frame.dropped:
-            bench.judge(frame, burst_ns=(at_ns, at_ns))
+            bench.step_aligner(frame, burst_ns=(at_ns, at_ns))
 
 
 @pytest.mark.parametrize("ahead_ns", [450_000_000, 1_900_000_000])

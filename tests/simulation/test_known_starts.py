@@ -16,7 +16,7 @@ RUNS = 24
 
 
 def aligned(seed: int, starts_seen: tuple[int, ...] = ()) -> Bench:
-    bench = Bench(STEADY, seed, 1_000_000, starts_seen=starts_seen)
+    bench = Bench(STEADY, seed, 1_000_000, start_latencies_ns=starts_seen)
     while True:
         look = bench.deliver()
         if look is not None and look.aligned:

@@ -8,10 +8,10 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 from capture_app.simulation.network.delay_laws import DelayLaw, GammaDelay, LognormalDelay
+from capture_app.simulation.network.exchanges import START_TRUE_NS, exchanges_at
 from capture_app.simulation.network.link import Link
 from capture_app.simulation.network.paper_link import LINKS_BY_LAW
 from capture_app.simulation.network.wandering_clock import draw_wandering_clock
-from capture_app.simulation.rig.bench import START_TRUE_NS, exchanges_at
 from capture_app.sync.clock.clock_filter import ClockFilter
 from capture_app.sync.rig.poll_schedule import (
     EASING_PACES_NS,

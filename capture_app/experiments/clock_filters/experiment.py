@@ -25,8 +25,8 @@ from capture_app.experiments.clock_filters.trials import (
     run_law_trials,
 )
 from capture_app.experiments.common.result import Outcome, Result, error_figures
+from capture_app.simulation.network.exchanges import exchanges, read_trace
 from capture_app.simulation.network.paper_link import LINKS_BY_LAW, PAPER_LINK
-from capture_app.simulation.rig.bench import exchanges, read_trace
 
 TRIALS = 100
 PAPER = {

@@ -9,9 +9,9 @@ from capture_app.experiments.clock_filters.coverage import Coverages
 from capture_app.experiments.clock_filters.filters import estimator_family
 from capture_app.experiments.common.result import error_figures
 from capture_app.simulation.network.delay_laws import ReplayedDelay
+from capture_app.simulation.network.exchanges import Exchange, exchanges
 from capture_app.simulation.network.link import Link
 from capture_app.simulation.network.paper_link import PAPER_LINK
-from capture_app.simulation.rig.bench import Exchange, exchanges
 
 FIRST = 300
 """K of the paper, and of our engine."""

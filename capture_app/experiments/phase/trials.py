@@ -180,7 +180,7 @@ def reset_together(
             ppm=uniform_ppm(rng),
             aimed=aimed,
             goal=shared_goal.goal,
-            starts_seen=[round(rng.gauss(*profile.start_latency_ns)) for _ in range(starts_known)],
+            start_latencies_ns=[round(rng.gauss(*profile.start_latency_ns)) for _ in range(starts_known)],
         )
         for _ in range(count)
     ]
@@ -192,7 +192,7 @@ def reset_together(
     while heap[0][0] < limit_s * S:
         now_ns, number = heapq.heappop(heap)
         bench = benches[number]
-        frame = bench.take()
+        frame = bench.next_frame()
         if not frame.dropped:
             bench.aligner.settle_command(now_ns)
             if not bench.aligner.settled:
@@ -203,9 +203,9 @@ def reset_together(
                 shared_goal.update(camera_phases, now_ns)
             if began_ns is None and all(s.frame_leader_ns is not None for s in camera_phases):
                 began_ns = now_ns
-            bench.goal, bench.agreed_ns = shared_goal.goal, shared_goal.meeting_leader_ns
+            bench.goal, bench.meeting_leader_ns = shared_goal.goal, shared_goal.meeting_leader_ns
             before = len(bench.commands)
-            bench.judge(frame, hold=bench.agreed_ns is None)
+            bench.step_aligner(frame, hold=bench.meeting_leader_ns is None)
             if len(bench.commands) > before:
                 camera_phases[number] = _unknown_phase(number, tolerance_ns)
             if began_ns is not None and _all_in(benches, shared_goal.goal, now_ns):

@@ -1,4 +1,7 @@
-"""What the engine tells the node around it; each a fact that has happened."""
+"""Events: what the engine tells the node around it, each a fact that has happened.
+
+Unlike messages they never leave the process, so they carry time maps, estimates and frames.
+"""
 
 from dataclasses import dataclass
 from typing import Generic, TypeVar
@@ -14,14 +17,14 @@ F = TypeVar("F")
 
 @dataclass(frozen=True, slots=True)
 class Joined:
-    """The leader of that instance took this client in; images go to that TCP port of it.
-
-    `beacons` is where its beacons can be heard, None where it sends none.
-    """
+    """The leader took this client in."""
 
     transfer_port: int
+    """TCP port of the leader that images go to."""
     leader: int
+    """The leader's run, a random number."""
     beacons: Group | None = None
+    """Where its beacons can be heard; None where it sends none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,20 +32,23 @@ class JoinRefused:
     """The leader did not take this client in; it keeps asking."""
 
     reason: str
+    """As the leader said it."""
 
 
 @dataclass(frozen=True, slots=True)
 class LeaderLost:
-    """The leader fell silent or forgot this client; it keeps asking to join."""
+    """The leader fell silent, forgot this client or is followed no more; the client asks to join again."""
 
     reason: str
+    """In a few words, for the log."""
 
 
 @dataclass(frozen=True, slots=True)
 class ClockSynced:
-    """Enough samples for a first estimate of the leader's clock."""
+    """There are enough samples of the leader's clock."""
 
     time_map: TimeMap
+    """From the local clock to the root's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,9 +58,10 @@ class ClockStepped:
 
 @dataclass(frozen=True, slots=True)
 class ReferenceCorrectionStarted:
-    """The clock is being moved to where all agree that hear the same beacons; 95 % error between them."""
+    """The clock is being moved to where all agree that hear the same beacons."""
 
     relative_uncertainty_ns: int
+    """95 % error of this clock against those of the others, in ns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,18 +71,22 @@ class ReferenceCorrectionEnded:
 
 @dataclass(frozen=True, slots=True)
 class FramesDropped:
-    """The camera lost frames just before this sequence number."""
+    """The camera lost frames."""
 
     count: int
+    """How many in a row."""
     sequence: int
+    """The sequence number of the frame after them."""
 
 
 @dataclass(frozen=True, slots=True)
 class PhaseCorrected:
-    """A command to move the phase went out; `before` is the estimate it answers."""
+    """A command to move the phase went out."""
 
     command: CameraCommand
+    """What the camera is to do."""
     before: PhaseEstimate | None
+    """The phase that is to be corrected; None where it was not known."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,18 +94,25 @@ class AlignmentFailed:
     """The stream cannot be held on the rig's grid."""
 
     reason: str
+    """Why, in a sentence for the user."""
 
 
 @dataclass(frozen=True, slots=True)
 class BurstPicked(Generic[F]):
-    """The frames of a burst are picked: save and send them; `leader` is the run that ordered it."""
+    """The frames of a burst are picked: save and send them."""
 
     leader: int
+    """The run of the leader that ordered it."""
     burst: int
+    """Its number within that run."""
     picks: tuple[Pick[F], ...]
+    """In the order of their instants."""
     gaps: tuple[Gap, ...]
+    """The instants without a frame."""
     time_map: TimeMap
+    """By which the frames were picked."""
     phase: PhaseEstimate | None
+    """Of the stream at the last instant; None where it was not known."""
 
 
 ClientEvent = (
@@ -117,6 +135,7 @@ class NodeJoined:
     """A client joined."""
 
     name: str
+    """The client's, here and below."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,10 +147,11 @@ class NodeReturned:
 
 @dataclass(frozen=True, slots=True)
 class NodeMoved:
-    """A client that is here joined another relay; None where it left its relay for this leader."""
+    """A client that is here joined another relay, or this leader itself."""
 
     name: str
     relay: str | None
+    """Its new relay; None for this leader."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,6 +160,7 @@ class NodeLost:
 
     name: str
     reason: str
+    """In a few words, for the log."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,6 +169,7 @@ class BurstAccepted:
 
     name: str
     burst: int
+    """Its number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +178,9 @@ class BurstRefused:
 
     name: str
     burst: int
+    """Its number."""
     reason: str
+    """As the client said it, or that it was lost or silent."""
 
 
 LeaderEvent = NodeJoined | NodeReturned | NodeMoved | NodeLost | BurstAccepted | BurstRefused

@@ -248,7 +248,7 @@ def test_nothing_on_the_network_keeps_a_rig_from_getting_ready(
             "noise": lambda: Hello("stranger", 1, node.client.config.camera),
         }[str(kind)]()
         data = encode(message)  # type: ignore[arg-type]
-        rig._to_client(data, node)
+        node.client.receive_datagram(data, node.spec.clock.local_from_true(rig.now_true_ns))
         rig.leader.receive_datagram(data, ("cam00", 0), rig.now_true_ns)
         rig.run_for(S // 10)
     rig.run_for(5 * S)

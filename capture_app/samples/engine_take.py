@@ -115,7 +115,6 @@ def _camera_record(
 
 
 def _frames(camera: CameraRecord, ready: BurstPicked[SensorFrame]) -> list[RecipeFrame]:
-    tolerance_ns = camera.phase.tolerance_ns if camera.phase else None
     return [
         RecipeFrame(
             camera=camera.name,
@@ -129,7 +128,7 @@ def _frames(camera: CameraRecord, ready: BurstPicked[SensorFrame]) -> list[Recip
             uncertainty_ns=pick.uncertainty_ns,
             hard_bound_ns=pick.hard_bound_ns,
             outlier_ns=pick.outlier_ns,
-            late=tolerance_ns is not None and abs(pick.residual_ns) > tolerance_ns,
+            late=camera.is_late(pick.residual_ns),
         )
         for pick in ready.picks
     ]

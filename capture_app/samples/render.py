@@ -133,18 +133,8 @@ def _develop(
     writer.add_ground_truth(taken.camera, taken.instant, truth, taken.true_ns)
     writer.add_image(
         SimulatedPayload(source, frame, seed, recipe.jpeg_quality).encode(),
-        camera=taken.camera,
-        instant=taken.instant,
-        leader_ns=taken.leader_ns,
-        local_ns=taken.local_ns,
+        **{name: value for name, value in msgspec.structs.asdict(taken).items() if name != "true_ns"},
         residual_ns=taken.leader_ns - take.burst.instants_ns[taken.instant],
-        uncertainty_ns=taken.uncertainty_ns,
-        hard_bound_ns=taken.hard_bound_ns,
-        exposure_start_ns=taken.exposure_start_ns,
-        exposure_ns=taken.exposure_ns,
         gain=1.0,
         white_balance=(1.0, 1.0),
-        sequence=taken.sequence,
-        late=taken.late,
-        outlier_ns=taken.outlier_ns,
     )

@@ -104,7 +104,7 @@ LIES: dict[str, tuple[Callable[[Session], Any], ProblemKind, str]] = {
     ),
     "late": (
         lambda s: rewrite(s, lambda m: (hold_within(3_999)(m), recount(m))),
-        ProblemKind.CONTRADICTORY, "said to be not late, 4000 ns",
+        ProblemKind.CONTRADICTORY, "marked not late, 4000 ns",
     ),
     "spread": (
         lambda s: rewrite(s, lambda m: m["sync"].update(spread_ns=[13_000, 1, 0])),
@@ -153,7 +153,7 @@ LIES: dict[str, tuple[Callable[[Session], Any], ProblemKind, str]] = {
         ProblemKind.UNEXPECTED, "000009",
     ),
     "left over": (
-        lambda s: (s.folder / f"{FIRST}.part").write_bytes(b"x"), ProblemKind.UNEXPECTED, "broken write",
+        lambda s: (s.folder / f"{FIRST}.part").write_bytes(b"x"), ProblemKind.UNEXPECTED, "interrupted write",
     ),
     "no journal": (lambda s: (s.folder / JOURNAL).unlink(), ProblemKind.MISSING, "journal"),
     "no checksums": (lambda s: (s.folder / CHECKSUMS).unlink(), ProblemKind.CHANGED, "missing"),
@@ -163,7 +163,7 @@ LIES: dict[str, tuple[Callable[[Session], Any], ProblemKind, str]] = {
     ),
     "journal differs": (
         lambda s: rewrite(s, lambda m: m["images"][0].update(gain=9.0), journal=False),
-        ProblemKind.CONTRADICTORY, f"otherwise of {FIRST}",
+        ProblemKind.CONTRADICTORY, f"differs from the manifest in {FIRST}",
     ),
     "journal has more": (
         lambda s: rewrite(s, lambda m: m["images"].pop(0), journal=False),

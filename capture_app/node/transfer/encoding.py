@@ -34,7 +34,6 @@ def encode_frame(report: CameraReport, picked: Pick[CapturedFrame]) -> tuple[Ima
         # Drivers and encoders raise what they like; one bad frame must not end the node.
         raise EncodingError(f"the frame could not be encoded: {error}") from error
     camera, name = report.camera, report.camera.name
-    tolerance_ns = camera.phase.tolerance_ns if camera.phase else None
     record = ImageRecord(
         camera=name,
         instant=picked.instant,
@@ -53,7 +52,7 @@ def encode_frame(report: CameraReport, picked: Pick[CapturedFrame]) -> tuple[Ima
         sequence=frame.sequence,
         outlier_ns=picked.outlier_ns,
         alignment_offset_ns=picked.alignment_offset_ns,
-        late=tolerance_ns is not None and abs(picked.residual_ns) > tolerance_ns,
+        late=camera.is_late(picked.residual_ns),
     )
     upload = ImageUpload(
         leader=report.leader,

@@ -1,4 +1,4 @@
-"""The formats by name, and the one way to export: into a folder that appears whole or not at all."""
+"""Exports a session in one of the formats, into a folder that appears whole or not at all."""
 
 import importlib
 from collections.abc import Callable
@@ -16,7 +16,7 @@ Write = Callable[[Burst, Path, ExportOptions], list[str]]
 
 
 class ExportReport(msgspec.Struct, frozen=True, kw_only=True):
-    """What an export made: its folder, how many images the session has, and what a user should know."""
+    """The result of an export: its folder, the number of images in the session, and notes for the user."""
 
     folder: str
     format: str

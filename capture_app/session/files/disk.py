@@ -5,10 +5,23 @@ import os
 import shutil
 from pathlib import Path
 
-from capture_app.errors import DiskFullError, SimulshotError
+from capture_app.errors import BadInputError, DiskFullError, SimulshotError
 
 LITTLE_BYTES = 1 << 20
 """With less than this on a disk, a write that failed without a reason failed for want of room."""
+
+
+def make_new_folder(folder: Path) -> None:
+    """Make a folder and its parents; raises BadInputError if it exists or cannot be made; DiskFullError."""
+    try:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        folder.mkdir()
+    except FileExistsError:
+        raise BadInputError(f"{folder} exists already", hint="choose another name") from None
+    except OSError as error:
+        if is_full(error):
+            raise disk_error(error, folder) from error
+        raise BadInputError(f"cannot make {folder}: {error.strerror}") from error
 
 
 def reserve(path: Path, size: int) -> None:

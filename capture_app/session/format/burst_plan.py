@@ -1,4 +1,4 @@
-"""`burst.json`: what a burst is to become, on disk before its first image, so that anybody can finish it."""
+"""`burst.json`: the plan of a burst, on disk before its first image, to finish it by after a crash."""
 
 from pathlib import Path
 
@@ -15,7 +15,7 @@ PLAN_VERSION = 1
 
 
 class CameraPlan(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One camera's share of a burst, as far as it is known."""
+    """What is known of one camera of a burst."""
 
     camera: CameraRecord
     """With the records of its clock and phase once it has reported."""
@@ -30,7 +30,7 @@ class CameraPlan(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class BurstPlan(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A burst under way: which one, of which cameras, and what they have told."""
+    """A burst in progress: its number, its cameras, and what they have reported."""
 
     name: Name
     created: str
@@ -46,7 +46,7 @@ class BurstPlan(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     @property
     def key(self) -> tuple[int, int]:
-        """What nodes know the burst by: the leader's run and the number."""
+        """What identifies the burst on nodes: the leader's run and the burst's number."""
         return self.leader, self.number
 
 

@@ -1,4 +1,4 @@
-"""What is believed of names, paths and JSON files that may come from anywhere: only what is checked."""
+"""Checks of paths, JSON files and manifests that may come from anywhere."""
 
 import re
 from contextlib import suppress

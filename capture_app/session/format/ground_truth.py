@@ -1,4 +1,4 @@
-"""What a simulated session knows about itself: `ground_truth/times.json` and one .npz an image."""
+"""The ground truth of a simulated session: `ground_truth/times.json` and one .npz an image."""
 
 from msgspec import Struct
 

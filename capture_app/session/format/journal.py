@@ -18,7 +18,7 @@ class _Entry:
 
 
 class Journal:
-    """Notes images. Threads that come together share the cost of the disk's syncs."""
+    """The journal file. Threads that add images at the same time share a sync of the disk."""
 
     def __init__(self, path: Path) -> None:
         self._file = AppendOnlyFile(path)

@@ -66,6 +66,11 @@ class CameraRecord(_Record, frozen=True, kw_only=True):
         if not (self.facts.width and self.facts.height):
             raise ValueError(f"{self.name} has no pixels: {self.facts.width}x{self.facts.height}")
 
+    def is_late(self, residual_ns: int) -> bool:
+        """Whether an image that far from its instant, in ns, is further than its phase was to be held."""
+        tolerance_ns = self.phase.tolerance_ns if self.phase else None
+        return tolerance_ns is not None and abs(residual_ns) > tolerance_ns
+
 
 class BurstRecord(_Record, frozen=True, kw_only=True):
     """The instants of the burst, in ns of the leader's clock, and what was asked for."""

@@ -12,7 +12,7 @@ from capture_app.session.format.manifest import (
 from capture_app.session.format.row_exposures import row_exposures
 
 PX_PER_S = 1000.0
-"""The motion that verdicts speak of: somebody who runs through a picture in a second or two."""
+"""The motion assumed in verdicts, in pixels a second: a person running through the picture in one or two."""
 
 
 def sync_record(
@@ -21,7 +21,7 @@ def sync_record(
     images: Sequence[ImageRecord],
     missing: Sequence[MissingImage],
 ) -> SyncRecord:
-    """What a burst's records say about its synchronization, over all cameras and instants."""
+    """Compute the sync record of a burst from its images' records, over all cameras and instants."""
     by_name = {camera.name: camera for camera in cameras}
     instants: list[list[ImageRecord]] = [[] for _ in burst.instants_ns]
     for image in images:
@@ -41,11 +41,11 @@ def sync_record(
 
 
 def verdict(sync: SyncRecord, px_per_s: float = PX_PER_S) -> str:
-    """One plain sentence: what the synchronization costs something that moves that fast in the pictures."""
+    """Say in one sentence how far something that moves that fast is displaced between the cameras."""
     worst_ns = max(sync.spread_ns, default=0)
     cost = f"what moves {px_per_s:g} px/s is displaced by {pixels(worst_ns, px_per_s)} between cameras"
     if sync.uncertainty_ns is None:
-        return f"{cost}, if the times are right: how sure they are is not known"
+        return f"{cost}, if the times are right: their uncertainty is not known"
     sure_ns = worst_ns + 2 * sync.uncertainty_ns
     text = f"{cost} at most, {pixels(sure_ns, px_per_s)} with the clocks' error"
     if sync.hard_bound_ns is not None:
@@ -64,7 +64,7 @@ def _spread(times_ns: Sequence[int]) -> int:
 
 
 def _row_spread(images: Sequence[tuple[CameraRecord, ImageRecord]]) -> int | None:
-    """The most that rows of the same height are apart: it changes evenly, so the ends tell."""
+    """The largest time between equal rows of the images: linear in the row, so the first and last suffice."""
     rows = [known for camera, image in images if (known := row_exposures(camera, image)) is not None]
     if len(rows) < 2:
         return None

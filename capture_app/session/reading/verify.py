@@ -5,7 +5,6 @@ from collections import Counter
 from collections.abc import Iterator
 from enum import StrEnum
 from itertools import pairwise
-from pathlib import Path
 
 import msgspec
 
@@ -30,7 +29,7 @@ _ROUNDING_NS = 1_000
 
 
 class ProblemKind(StrEnum):
-    """What sort of lie was found."""
+    """The kind of a problem."""
 
     MISSING = "missing"
     CHANGED = "changed"
@@ -40,7 +39,7 @@ class ProblemKind(StrEnum):
 
 
 class Problem(msgspec.Struct, frozen=True):
-    """One thing that is not as the manifest says, and the path inside the session where."""
+    """One thing that is wrong, and the path inside the session where it is."""
 
     kind: ProblemKind
     where: str
@@ -91,7 +90,7 @@ def _burst(session: Session) -> Iterator[Problem]:
 
 
 def _order(session: Session) -> Iterator[Problem]:
-    """A camera's later images were taken later, by either clock."""
+    """Check that the times of each camera's images increase, by its own clock and by the leader's."""
     before: dict[str, ImageRecord] = {}
     for record in sorted(session.manifest.images, key=lambda image: image.instant):
         last = before.get(record.camera)
@@ -112,7 +111,7 @@ def _sync(session: Session) -> Iterator[Problem]:
     for name in manifest.sync.__struct_fields__:
         said, is_so = getattr(manifest.sync, name), getattr(told, name)
         if said != is_so:
-            what = f"sync.{name} is {said}; its images say {is_so}"
+            what = f"sync.{name} is {said}; it follows from the images that it is {is_so}"
             yield Problem(ProblemKind.CONTRADICTORY, MANIFEST, what)
 
 
@@ -130,7 +129,7 @@ def _image(session: Session, record: ImageRecord) -> Iterator[Problem]:
         what = f"{len(data)} bytes long, not {record.bytes}"
         yield Problem(ProblemKind.CHANGED, record.path, what)
     elif hashlib.sha256(data).hexdigest() != record.sha256:
-        yield Problem(ProblemKind.CHANGED, record.path, "its bytes have changed: another sha256")
+        yield Problem(ProblemKind.CHANGED, record.path, "its bytes have changed: the sha256 differs")
     yield from _picture(record.path, data, session.camera(record.camera))
 
 
@@ -161,20 +160,18 @@ def image_size(data: bytes) -> tuple[int, int] | None:
 def _times(session: Session, record: ImageRecord) -> Iterator[Problem]:
     instant_ns = session.manifest.burst.instants_ns[record.instant]
     if record.residual_ns != record.leader_ns - instant_ns:
-        what = f"residual_ns is {record.residual_ns}; its times say {record.leader_ns - instant_ns}"
+        what = f"residual_ns is {record.residual_ns}; by leader_ns it is {record.leader_ns - instant_ns}"
         yield Problem(ProblemKind.CONTRADICTORY, record.path, what)
     camera = session.camera(record.camera)
     stamp_ns = record.leader_ns - record.alignment_offset_ns
     start_ns = camera.facts.exposure_start_ns(stamp_ns, record.exposure_ns)
     if record.exposure_start_ns not in (None, start_ns):
-        what = f"exposure_start_ns is {record.exposure_start_ns}; the stamp says {start_ns}"
+        what = f"exposure_start_ns is {record.exposure_start_ns}; by leader_ns it is {start_ns}"
         yield Problem(ProblemKind.CONTRADICTORY, record.path, what)
     tolerance_ns = camera.phase.tolerance_ns if camera.phase else None
-    if tolerance_ns is not None and record.late != (abs(record.residual_ns) > tolerance_ns):
+    if tolerance_ns is not None and record.late != camera.is_late(record.residual_ns):
         said = "late" if record.late else "not late"
-        what = (
-            f"is said to be {said}, {record.residual_ns} ns from its instant with {tolerance_ns} ns allowed"
-        )
+        what = f"is marked {said}, {record.residual_ns} ns from its instant with {tolerance_ns} ns allowed"
         yield Problem(ProblemKind.CONTRADICTORY, record.path, what)
     clock = camera.clock
     if clock is None or record.local_ns is None:
@@ -182,7 +179,7 @@ def _times(session: Session, record: ImageRecord) -> Iterator[Problem]:
     error_ns = record.leader_ns - leader_from_local(clock, record.local_ns)
     uncertainty_ns = clock.uncertainty_ns if record.uncertainty_ns is None else record.uncertainty_ns
     if abs(error_ns) > uncertainty_ns + _ROUNDING_NS:
-        what = f"leader_ns is {error_ns} ns from what local_ns and the clock record give"
+        what = f"leader_ns differs by {error_ns} ns from local_ns converted by the clock record"
         yield Problem(ProblemKind.CONTRADICTORY, record.path, what)
 
 
@@ -196,7 +193,7 @@ def _journal(session: Session) -> Iterator[Problem]:
     for number, line in enumerate(lines, 1):
         record = record_of_line(line)
         if record is None:
-            yield Problem(ProblemKind.UNREADABLE, JOURNAL, f"line {number} is not a journal line")
+            yield Problem(ProblemKind.UNREADABLE, JOURNAL, f"line {number} cannot be read as an image record")
             continue
         if (record.camera, record.instant) in saved:
             what = f"line {number} repeats {record.camera} at instant {record.instant}"
@@ -205,9 +202,9 @@ def _journal(session: Session) -> Iterator[Problem]:
     for image in session.manifest.images:
         noted = saved.pop((image.camera, image.instant), None)
         if noted is None:
-            yield Problem(ProblemKind.CONTRADICTORY, JOURNAL, f"does not have {image.path}")
+            yield Problem(ProblemKind.CONTRADICTORY, JOURNAL, f"has no entry for {image.path}")
         elif noted != image:
-            yield Problem(ProblemKind.CONTRADICTORY, JOURNAL, f"says otherwise of {image.path}")
+            yield Problem(ProblemKind.CONTRADICTORY, JOURNAL, f"differs from the manifest in {image.path}")
     for noted in saved.values():
         yield Problem(ProblemKind.CONTRADICTORY, MANIFEST, f"lacks {noted.path}, which the journal has")
 
@@ -226,7 +223,11 @@ def _calibration(session: Session) -> Iterator[Problem]:
     known = {camera.name: camera for camera in session.manifest.cameras}
     for name, of in (calibration.cameras if calibration else {}).items():
         if name not in known:
-            yield Problem(ProblemKind.CONTRADICTORY, CALIBRATION, f"is of a camera {name} that did not film")
+            yield Problem(
+                ProblemKind.CONTRADICTORY,
+                CALIBRATION,
+                f"calibrates a camera {name} that the session does not have",
+            )
         elif (of.width, of.height) != (known[name].facts.width, known[name].facts.height):
             what = f"{name} is calibrated for {of.width}x{of.height} pixels, not its own size"
             yield Problem(ProblemKind.CONTRADICTORY, CALIBRATION, what)
@@ -246,7 +247,7 @@ def _ground_truth(session: Session) -> Iterator[Problem]:
         if path is None:
             yield Problem(ProblemKind.MISSING, where, "the ground truth is missing")
         elif hashlib.sha256(path.read_bytes()).hexdigest() != true.sha256:
-            yield Problem(ProblemKind.CHANGED, where, "its bytes have changed: another sha256")
+            yield Problem(ProblemKind.CHANGED, where, "its bytes have changed: the sha256 differs")
 
 
 def _unexpected(session: Session) -> Iterator[Problem]:
@@ -254,11 +255,6 @@ def _unexpected(session: Session) -> Iterator[Problem]:
     for path in sorted((session.folder / IMAGES).rglob("*")):
         name = str(path.relative_to(session.folder))
         if name not in expected and not (path.is_dir() and not path.is_symlink()):
-            what = (
-                "left over from a broken write" if _is_part(path) else "an image the manifest does not know"
-            )
+            part = path.name.endswith(PART)
+            what = "left over from an interrupted write" if part else "an image that is not in the manifest"
             yield Problem(ProblemKind.UNEXPECTED, name, what)
-
-
-def _is_part(path: Path) -> bool:
-    return path.name.endswith(PART)

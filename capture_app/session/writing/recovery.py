@@ -1,4 +1,4 @@
-"""What a crash has left of a session: which images are safe, and everything else set aside."""
+"""Recovers a session after a crash: finds the images that are safe and moves all others aside."""
 
 import hashlib
 import shutil
@@ -24,9 +24,9 @@ from capture_app.session.format.manifest import (
 from capture_app.session.reading.checksums import changed_files
 
 SET_ASIDE = "set_aside"
-"""Folder for images that the journal does not vouch for: damaged ones, and those it has not noted."""
+"""Folder for images that are damaged or not in the journal."""
 INCOMING = "incoming"
-"""Folder for images that have begun to arrive."""
+"""Folder for images whose transfer is not complete."""
 RESERVE = f"reserve{PART}"
 """Room that is kept for the manifest, so that a session can be finished on a full disk."""
 
@@ -38,22 +38,22 @@ def recover_images(folder: Path) -> tuple[list[ImageRecord], list[ImageRecord]]:
     Needs the session's lock. Raises OSError.
     """
     data = (folder / JOURNAL).read_bytes() if (folder / JOURNAL).exists() else b""
-    noted = [record for line in lines_of_file(data) if (record := record_of_line(line)) is not None]
-    told: dict[tuple[str, int], ImageRecord] = {}
-    for record in noted:
-        told.setdefault((record.camera, record.instant), record)
-    # A manifest that is as it was written knows better than a journal that may not be.
-    told |= {(record.camera, record.instant): record for record in _images_of_whole_manifest(folder)}
-    safe = [record for record in told.values() if is_as_noted(folder, record)]
+    listed = [record for line in lines_of_file(data) if (record := record_of_line(line)) is not None]
+    records: dict[tuple[str, int], ImageRecord] = {}
+    for record in listed:
+        records.setdefault((record.camera, record.instant), record)
+    # An undamaged manifest is believed before the journal, which may be damaged.
+    records |= {(record.camera, record.instant): record for record in _images_of_intact_manifest(folder)}
+    safe = [record for record in records.values() if is_intact(folder, record)]
     (folder / RESERVE).unlink(missing_ok=True)
     _set_aside_all_but(folder, {record.path for record in safe})
     journal = b"".join(msgspec.json.encode(record) + b"\n" for record in safe)
     if journal != data:
         write_atomic(folder / JOURNAL, journal)
-    return safe, [record for record in told.values() if record not in safe]
+    return safe, [record for record in records.values() if record not in safe]
 
 
-def _images_of_whole_manifest(folder: Path) -> tuple[ImageRecord, ...]:
+def _images_of_intact_manifest(folder: Path) -> tuple[ImageRecord, ...]:
     if not (folder / MANIFEST).is_file() or MANIFEST in dict(changed_files(folder)):
         return ()
     try:
@@ -62,8 +62,8 @@ def _images_of_whole_manifest(folder: Path) -> tuple[ImageRecord, ...]:
         return ()
 
 
-def is_as_noted(folder: Path, record: ImageRecord) -> bool:
-    """Whether an image lies where it belongs, with the bytes that its record tells."""
+def is_intact(folder: Path, record: ImageRecord) -> bool:
+    """Whether an image's file is in its place and has the size and checksum of its record."""
     suffix = Path(record.path).suffix
     if record.path != image_path(record.camera, record.instant, suffix):
         return False
@@ -74,7 +74,7 @@ def is_as_noted(folder: Path, record: ImageRecord) -> bool:
 
 
 def recover_true_times(folder: Path, images: Iterable[ImageRecord]) -> dict[tuple[str, int], TrueTime]:
-    """Return what is known of the true times of these images."""
+    """Return the true times of these images, as far as they are known."""
     path = folder / TRUE_TIMES_JOURNAL
     if not path.exists():
         return {}
@@ -87,13 +87,13 @@ def recover_true_times(folder: Path, images: Iterable[ImageRecord]) -> dict[tupl
             continue
         known[true.camera, true.instant] = true
     safe = {(image.camera, image.instant) for image in images}
-    kept = {of: true for of, true in known.items() if of in safe and _truth_is_as_noted(folder, true)}
+    kept = {of: true for of, true in known.items() if of in safe and _truth_is_intact(folder, true)}
     if len(kept) != len(lines):
         write_atomic(path, b"".join(msgspec.json.encode(true) + b"\n" for true in kept.values()))
     return kept
 
 
-def _truth_is_as_noted(folder: Path, true: TrueTime) -> bool:
+def _truth_is_intact(folder: Path, true: TrueTime) -> bool:
     file = folder / ground_truth_path(true.camera, true.instant)
     if true.sha256 is None:
         return True

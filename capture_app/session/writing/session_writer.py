@@ -1,4 +1,4 @@
-"""Writing sessions so that a crash at any moment costs at most the image under way."""
+"""Writes a session so that a crash at any moment loses at most the image being written."""
 
 import hashlib
 import os
@@ -16,7 +16,7 @@ import msgspec
 from capture_app import __version__
 from capture_app.errors import BadInputError, DiskFullError, SimulshotError
 from capture_app.names import check_name
-from capture_app.session.files.disk import disk_error, is_full
+from capture_app.session.files.disk import disk_error, make_new_folder
 from capture_app.session.files.durable import (
     AppendOnlyFile,
     move_into_place,
@@ -77,20 +77,12 @@ class SessionWriter:
     def create(cls, root: Path, name: str, *, created: str = "", software: str = "") -> "SessionWriter":
         """Begin the session root/name, locked against other writers until it is finished or aborted.
 
-        `created` (RFC 3339, UTC) and `software` are now and this simulshot unless they are given.
+        `created` (RFC 3339, UTC) defaults to now, `software` to this version of simulshot.
         Raises BadInputError where the name is unsafe, taken, or the folder cannot be made.
         """
         check_name(name, "session")
         folder = Path(root) / name
-        try:
-            Path(root).mkdir(parents=True, exist_ok=True)
-            folder.mkdir()
-        except FileExistsError:
-            raise BadInputError(f"{folder} exists already", hint="give the session another name") from None
-        except OSError as error:
-            if is_full(error):
-                raise disk_error(error, folder) from error
-            raise BadInputError(f"cannot make {folder}: {error.strerror}") from error
+        make_new_folder(folder)
         try:
             sync_folder(Path(root))
             return cls(folder, name, created, software)
@@ -102,7 +94,7 @@ class SessionWriter:
 
     @classmethod
     def resume(cls, folder: Path) -> "SessionWriter":
-        """Go on with a session that a crash interrupted, or that lacks images, from what is safely there.
+        """Reopen a session that a crash interrupted, or that lacks images, with the images that are safe.
 
         Raises BadInputError where another process writes it, or it has no plan to go by.
         """
@@ -111,11 +103,11 @@ class SessionWriter:
 
     @property
     def plan(self) -> BurstPlan | None:
-        """What the session is to become, where that was told."""
+        """The plan of the burst, where `set_plan` was called or an interrupted session had one."""
         return self._plan
 
     def set_plan(self, plan: BurstPlan) -> None:
-        """Note durably what the session is to become; from then on a crash leaves it to be resumed.
+        """Save the plan of the burst durably; after a crash the session can be resumed from then on.
 
         Raises DiskFullError where not even the manifest will find room.
         """
@@ -160,7 +152,7 @@ class SessionWriter:
         return record
 
     def add_received(self, record: ImageRecord, aside: Path) -> None:
-        """Keep an image that lies in the file `aside`, on this disk, with the bytes that its record tells.
+        """Add an image that was received into the file `aside`, on this disk, and checked against its record.
 
         The file is moved into its place; once this returns no crash can lose it. Raises BadInputError.
         """
@@ -257,7 +249,7 @@ class SessionWriter:
                 self._close()
 
     def discard(self) -> None:
-        """Stop and delete the folder, for a session that was never meant to exist in part."""
+        """Stop and delete the folder."""
         with self._mutex:
             if self._open:
                 self._close()

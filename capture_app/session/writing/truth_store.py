@@ -1,4 +1,4 @@
-"""Writing what a simulated session knows about itself, as safely as its images."""
+"""Writes the ground truth of a simulated session, as safely as its images."""
 
 import hashlib
 from collections.abc import Iterable, Mapping
@@ -35,7 +35,7 @@ class TruthStore:
         return bool(self._times)
 
     def recover(self, images: Iterable[ImageRecord]) -> None:
-        """Take up what a crash has left of these images' truth."""
+        """Read the true times of these images that an interrupted writer has left."""
         self._times = recover_true_times(self._folder, images)
 
     def add(
@@ -65,7 +65,7 @@ class TruthStore:
         self._clocks = {name: dict(values) for name, values in clocks.items()}
 
     def write(self) -> None:
-        """Write times.json, if there is anything to tell."""
+        """Write times.json, unless no true time and no clock is known."""
         if not self._times and not self._clocks:
             return
         images = tuple(true for _, true in sorted(self._times.items()))

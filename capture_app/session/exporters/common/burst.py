@@ -1,4 +1,4 @@
-"""What an export reads: a session's images in order, believed only once they are checked."""
+"""What an export reads: a session's images in order, each checked against its record."""
 
 import hashlib
 import math

@@ -2,14 +2,16 @@
 
 Each trial draws a law, how long the way takes at least, how much longer on average, how unequal the two ways
 are, and the clock. Prints how often the stated 95 % holds, in eight situations, and the interval score; then
-what becomes of the error if the estimate is corrected for how dull the delays' edges look.
+the error of estimates whose least delays are lowered by shares of how far the next ones lie above them.
 """
 
-import argparse
 import random
 from collections.abc import Callable
 from dataclasses import dataclass
 from math import exp, log, sqrt
+from typing import Any
+
+from report import new_parser, print_report, print_rows
 
 from capture_app.clock import SimulatedClock
 from capture_app.experiments.clock_filters import coverage
@@ -164,9 +166,9 @@ def interval_score(one: Coverage) -> float:
 
 
 def corrected_errors(draw: coverage.DrawLink, count: int, seed: str) -> list[float]:
-    """Mean error in us of the middle of the two edges after a second, each lowered by shares of its dullness.
+    """Mean error in us after a second of the middle of the two least delays, for each of `SHARES`.
 
-    The dullness of an edge is how far the mean of the 24 quickest delays lies above the quickest.
+    Each least delay is lowered by that share of how far the mean of the 24 least lies above it.
     """
     sums = [0.0] * len(SHARES)
     for i in range(count):
@@ -177,9 +179,9 @@ def corrected_errors(draw: coverage.DrawLink, count: int, seed: str) -> list[flo
         offset_ns = true_ns - clock.local_from_true(true_ns)
         above = sorted(m.sample.upper_ns - offset_ns for m in messages)[:LOOKED_AT]
         below = sorted(offset_ns - m.sample.lower_ns for m in messages)[:LOOKED_AT]
-        dull = [sum(edge) / LOOKED_AT - edge[0] for edge in (above, below)]
+        excess_ns = [sum(least) / LOOKED_AT - least[0] for least in (above, below)]
         for k, share in enumerate(SHARES):
-            sums[k] += abs(above[0] - below[0] - share * (dull[0] - dull[1])) / 2000.0
+            sums[k] += abs(above[0] - below[0] - share * (excess_ns[0] - excess_ns[1])) / 2000.0
     return [total / count for total in sums]
 
 
@@ -194,37 +196,65 @@ def fixed(law: str) -> coverage.DrawLink:
 
 def main() -> None:
     """Print both tables."""
-    parser = argparse.ArgumentParser(description=__doc__)
+    parser = new_parser(__doc__, seed_of="all chance")
     parser.add_argument("--trials", type=int, default=40, help="trials of each law (40)")
-    parser.add_argument("--seed", type=int, default=1)
     options = parser.parse_args()
     found = {
         name: measure_coverage(drawn_link(name), options.trials, f"{options.seed} {name}") for name in SHAPES
     }
-    print(f"{len(SHAPES)} laws, {options.trials} trials of each, simulated, seed {options.seed}")
-    print(f"{'stated 95 %':18}{'held, %':>9}{'worst law':>11}{'best':>6}{'score':>8}{'bound, %':>10}")
+    rows = []
     for situation in SITUATIONS:
         each = [by_situation[situation] for by_situation in found.values()]
         trials = sum(len(one.errors_us) for one in each)
-        held = 100.0 * sum(one.held for one in each) / trials
-        bound = 100.0 * sum(one.bounded for one in each) / trials
-        laws = [100.0 * one.share for one in each]
-        score = exp(sum(log(interval_score(one)) for one in each) / len(each))
-        print(f"{situation:18}{held:9.1f}{min(laws):11.0f}{max(laws):6.0f}{score:8.1f}{bound:10.2f}")
-    worst = min(found, key=lambda name: found[name][FIRST_SECOND].share)
-    print(f"worst law in the {FIRST_SECOND}: {worst}\n")
-    print("mean error, us, edges corrected for" + "".join(f"{share:8.0%}" for share in SHARES))
+        rows.append(
+            {
+                "situation": situation,
+                "held": sum(one.held for one in each) / trials,
+                "worst_law": min(one.share for one in each),
+                "best_law": max(one.share for one in each),
+                "score_us": exp(sum(log(interval_score(one)) for one in each) / len(each)),
+                "bound_held": sum(one.bounded for one in each) / trials,
+            }
+        )
     many = [corrected_errors(drawn_link(name), options.trials, f"{options.seed} {name}") for name in SHAPES]
-    rows = {
+    errors_us = {
         f"{len(SHAPES)} laws": [exp(sum(log(e[k]) for e in many) / len(many)) for k in range(len(SHARES))]
     }
     for law in LINKS_BY_LAW:
-        rows[f"{law}, drawn"] = corrected_errors(
-            unequal_links(law), 5 * options.trials, f"{options.seed} {law}"
-        )
-        rows[law] = corrected_errors(fixed(law), 5 * options.trials, f"{options.seed} {law}")
-    for name, errors in rows.items():
-        print(f"{name:35}" + "".join(f"{error:8.1f}" for error in errors))
+        seed = f"{options.seed} {law}"
+        errors_us[f"{law}, drawn"] = corrected_errors(unequal_links(law), 5 * options.trials, seed)
+        errors_us[law] = corrected_errors(fixed(law), 5 * options.trials, seed)
+    report = {
+        "kind": "simulated",
+        "laws": len(SHAPES),
+        "trials": options.trials,
+        "seed": options.seed,
+        "coverage": rows,
+        "worst_law": min(found, key=lambda name: found[name][FIRST_SECOND].share),
+        "corrected_errors_us": errors_us,
+    }
+    print_report(report, _print, as_json=options.json)
+
+
+COLUMNS = {
+    "situation": ("stated 95 %", ""),
+    "held": ("held", ".1%"),
+    "worst_law": ("worst law", ".0%"),
+    "best_law": ("best law", ".0%"),
+    "score_us": ("score, us", ".1f"),
+    "bound_held": ("bound held", ".2%"),
+}
+
+
+def _print(report: dict[str, Any]) -> None:
+    print(f"{report['laws']} laws, {report['trials']} trials of each, simulated, seed {report['seed']}")
+    print_rows(report["coverage"], COLUMNS)
+    print(f"worst law in the {FIRST_SECOND}: {report['worst_law']}\n")
+    errors = (
+        {"law": law, **dict(enumerate(of_law))} for law, of_law in report["corrected_errors_us"].items()
+    )
+    shares = {k: (f"{share:.0%} off", ".1f") for k, share in enumerate(SHARES)}
+    print_rows(list(errors), {"law": ("mean error, us", ""), **shares})
 
 
 if __name__ == "__main__":

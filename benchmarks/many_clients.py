@@ -20,7 +20,7 @@ from multiprocessing.connection import Connection
 from random import Random
 from typing import cast
 
-from report import new_parser, print_report, print_table
+from report import new_parser, print_report, print_table, talk
 
 from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.net.address import Address
@@ -127,11 +127,11 @@ def main() -> int:
     pipes = [pipe for _, pipe in crowds]
     began = _look(here)
     if not _all_say(pipes, JOIN_S):
-        print(f"not all of {load.clients} clients could join within {JOIN_S:g} s", file=sys.stderr)
+        talk(f"not all of {load.clients} clients could join within {JOIN_S:g} s")
         return 1
     joined = _look(here)
     if not _all_say(pipes, FIRST_S):
-        print(f"not all had {load.first_samples} answers within {FIRST_S:g} s", file=sys.stderr)
+        talk(f"not all had {load.first_samples} answers within {FIRST_S:g} s")
         return 1
     settled = _look(here)
     firsts = [pipe.recv() for pipe in pipes]
@@ -231,7 +231,7 @@ async def _run_clients(pipe: Connection, port: int, index: int, load: Load) -> N
     maps = [client.timekeeper.clock.time_map(now_ns) for client in clients]
     errors_us = [abs(one.leader_from_local(now_ns) - now_ns) / 1000.0 for one in maps if one is not None]
     if any(client.joins > 1 for client in clients):
-        print(f"{sum(client.joins > 1 for client in clients)} had to join again", file=sys.stderr)
+        talk(f"{sum(client.joins > 1 for client in clients)} had to join again")
     named = dict(zip(("requests", "replies", "heartbeats", "acks"), sums, strict=True))
     pipe.send({**named, "errors_us": errors_us})
 

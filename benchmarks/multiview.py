@@ -11,11 +11,8 @@ With --session, `reconstruct multiview` runs on every instant of a session, sync
 --instants renders the session's recipe again with so many, as a burst of 5 has room for the offsets once.
 """
 
-import argparse
-import json
 import multiprocessing
 import pickle
-import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
@@ -24,15 +21,11 @@ from typing import Any
 
 import cv2
 import numpy as np
-
-sys.path.insert(0, str(Path(__file__).parent))
-
 from multiview_cloud import cloud_scores, normal_error_deg
 from multiview_plain import sgbm_pairs, simple_sweep
 from multiview_scenes import Condition, Rendered, from_file, plain, studio
-from multiview_session import HEAD as SESSION_HEAD
-from multiview_session import line as session_line
-from multiview_session import longer, medians, run_session
+from multiview_session import medians, print_session, render_longer, run_session
+from report import new_parser, print_report, print_rows, talk
 
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth.cloud_fusion import fuse_depth_maps
@@ -142,59 +135,51 @@ def run(rendered: Rendered, methods: Sequence[str], conditions: Sequence[str]) -
                 pool.close()
                 pool.join()
                 rows.append({"scene": rendered.name, "method": method, "condition": condition, **found})
-                print(_line(rows[-1]), file=sys.stderr, flush=True)
+                talk(f"{rendered.name}, {method}, {condition}: {found['within_2pct']:.1%} within 2 %")
     return rows
 
 
-HEAD = (
-    f"{'scene':18} {'method':22} {'':7} {'<2%':>6} {'movers':>6} {'static':>6} {'cover':>6} {'median':>7} "
-    f"{'s/map':>6} {'cpu':>6} {'MB':>5} {'fused s':>7} {'cpu':>6} {'F 1cm':>6} {'normal':>6}"
-)
+COLUMNS = {
+    "scene": ("scene", ""),
+    "method": ("method", ""),
+    "condition": ("condition", ""),
+    "within_2pct": ("within 2 %", ".1%"),
+    "mover_within_2pct": ("movers", ".1%"),
+    "static_within_2pct": ("static", ".1%"),
+    "coverage": ("covered", ".1%"),
+    "median_error_pct": ("median, %", ".2f"),
+    "map_s": ("s/map", ".2f"),
+    "map_cpu_s": ("cpu", ".2f"),
+    "peak_mb": ("MB", ".0f"),
+    "all_fused_s": ("fused s", ".1f"),
+    "all_fused_cpu_s": ("cpu", ".1f"),
+    "f_score_1cm": ("F 1 cm", ".2f"),
+    "normals_deg": ("normal, deg", ".1f"),
+}
 
 
-def _line(row: Result) -> str:
-    def number(name: str, form: str, scale: float = 1.0) -> str:
-        value = row.get(name)
-        return format(scale * value, form) if value is not None else " " * int(form.split(".")[0])
-
-    return (
-        f"{row['scene'][:18]:18} {row['method'][:22]:22} {row['condition']:7} "
-        f"{number('within_2pct', '6.1f', 100)} {number('mover_within_2pct', '6.1f', 100)} "
-        f"{number('static_within_2pct', '6.1f', 100)} {number('coverage', '6.1f', 100)} "
-        f"{number('median_error_pct', '6.2f')}% {number('map_s', '6.2f')} {number('map_cpu_s', '6.2f')} "
-        f"{number('peak_mb', '5.0f')} {number('all_fused_s', '7.1f')} {number('all_fused_cpu_s', '6.1f')} "
-        f"{number('f_score_1cm', '6.2f')} {number('normals_deg', '6.1f')}"
-    )
-
-
-def sessions(session: Path, instants: int | None, conditions: list[str], as_json: bool) -> None:
+def measure_session(session: Path, instants: int | None, conditions: Sequence[str], *, as_json: bool) -> None:
     """Print the table of a session, or JSON."""
     with tempfile.TemporaryDirectory() as folder:
         if instants is not None:
-            session = longer(session, instants, Path(folder))
+            session = render_longer(session, instants, Path(folder))
         rows = run_session(session, Path(folder), conditions)
-    found = medians(rows)
-    if as_json:
-        print(json.dumps({"rows": rows, "medians": found}, indent=2))
-        return
-    print("\n".join([SESSION_HEAD, *map(session_line, rows), json.dumps(found, indent=2)]))
+    print_report({"rows": rows, "medians": medians(rows)}, print_session, as_json=as_json)
 
 
 def main() -> None:
     """Print a table, or JSON."""
-    parser = argparse.ArgumentParser(
-        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
+    parser = new_parser(__doc__)
     parser.add_argument("--scene", action="append", help="studio, plain, or a Python file [default: both]")
     parser.add_argument("--size", default="640x480", help="of the plain scene")
     parser.add_argument("--method", action="append", choices=list(METHODS), help="[default: all]")
     parser.add_argument("--condition", action="append", choices=["synced", "offset"], help="[default: both]")
     parser.add_argument("--session", type=Path, help="a session with truth, instead of scenes")
     parser.add_argument("--instants", type=int, help="render the session's recipe with so many instants")
-    parser.add_argument("--json", action="store_true")
     chosen = parser.parse_args()
     if chosen.session is not None:
-        sessions(chosen.session, chosen.instants, chosen.condition or ["synced", "offset"], chosen.json)
+        conditions = chosen.condition or ["synced", "offset"]
+        measure_session(chosen.session, chosen.instants, conditions, as_json=chosen.json)
         return
     width, height = (int(part) for part in chosen.size.split("x"))
     rows: list[Result] = []
@@ -207,10 +192,7 @@ def main() -> None:
             else from_file(Path(name))
         )
         rows += run(rendered, chosen.method or list(METHODS), chosen.condition or ("synced", "offset"))
-    if chosen.json:
-        print(json.dumps(rows, indent=2))
-        return
-    print("\n".join([HEAD, *map(_line, rows)]))
+    print_report({"rows": rows}, lambda report: print_rows(report["rows"], COLUMNS), as_json=chosen.json)
 
 
 if __name__ == "__main__":

@@ -4,9 +4,12 @@ import json
 import os
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
 from typing import Any
+
+from report import print_rows, talk
 
 OFFSETS_MS = "66,-33,0,33,-66"
 """One for each of five cameras, all different: cameras that share one would agree with each other."""
@@ -15,7 +18,7 @@ SHARES = ("within_2pct", "mover_within_2pct", "static_within_2pct", "mover_cover
 Row = dict[str, Any]
 
 
-def run_session(session: Path, scratch: Path, conditions: list[str]) -> list[Row]:
+def run_session(session: Path, scratch: Path, conditions: Sequence[str]) -> list[Row]:
     """A row for each instant and condition; instants without room for the offsets have no offset row."""
     count = len(json.loads((session / "session.json").read_text())["burst"]["instants_ns"])
     rows = []
@@ -25,12 +28,12 @@ def run_session(session: Path, scratch: Path, conditions: list[str]) -> list[Row
             row = _one(session, instant, scratch / f"{instant}-{condition}", extra)
             if row is not None:
                 rows.append({"scene": session.name, "instant": instant, "condition": condition, **row})
-                print(line(rows[-1]), file=sys.stderr, flush=True)
+                talk(f"{session.name}, instant {instant}, {condition}: {row['within_2pct']:.1%} within 2 %")
     return rows
 
 
-def longer(session: Path, instants: int, scratch: Path) -> Path:
-    """The session's recipe rendered again with more instants; the engine takes the burst anew."""
+def render_longer(session: Path, instants: int, scratch: Path) -> Path:
+    """Render the session's recipe again with more instants; the engine takes the burst anew."""
     recipe = json.loads((session / "recipe.json").read_text())
     recipe |= {"frames": instants, "name": f"{recipe['name']}-{instants}"}
     recipe.pop("take", None)
@@ -41,7 +44,7 @@ def longer(session: Path, instants: int, scratch: Path) -> Path:
 
 
 def medians(rows: list[Row]) -> Row:
-    """What the issue asks for: medians over the instants, and how far still pixels are apart."""
+    """Return the medians over the instants, and the median difference of the static pixels' share."""
     found: Row = {}
     for condition in dict.fromkeys(row["condition"] for row in rows):
         chosen = [row for row in rows if row["condition"] == condition]
@@ -57,17 +60,25 @@ def medians(rows: list[Row]) -> Row:
     return found
 
 
-def line(row: Row) -> str:
-    """A row of the table."""
-    shares = " ".join(f"{100 * row[name]:6.1f}" for name in (*SHARES, "worst_view"))
-    name = f"{row['scene'][:14]:14} {row['instant']!s:>7} {row['condition']:7}"
-    return f"{name} {shares} {row['cpu_s']:6.1f} {row['matching_s']:6.1f} {row['peak_mb']:5.0f}"
+COLUMNS = {
+    "scene": ("session", ""),
+    "instant": ("instant", ""),
+    "condition": ("condition", ""),
+    "within_2pct": ("within 2 %", ".1%"),
+    "mover_within_2pct": ("movers", ".1%"),
+    "static_within_2pct": ("static", ".1%"),
+    "mover_coverage": ("movers covered", ".1%"),
+    "worst_view": ("worst view", ".1%"),
+    "cpu_s": ("cpu s", ".1f"),
+    "matching_s": ("matching and fusion s", ".1f"),
+    "peak_mb": ("MB", ".0f"),
+}
 
 
-HEAD = (
-    f"{'session':14} {'instant':>7} {'':7} {'<2%':>6} {'movers':>6} {'static':>6} {'m.cov.':>6} {'worst':>6} "
-    f"{'cpu s':>6} {'wall s':>6} {'MB':>5}   (wall: matching and fusion)"
-)
+def print_session(report: Row) -> None:
+    """Print a row for each instant and condition, and the medians."""
+    print_rows(report["rows"], COLUMNS)
+    print(json.dumps(report["medians"], indent=2))
 
 
 def _one(session: Path, instant: int, out: Path, extra: tuple[str, ...]) -> Row | None:

@@ -18,7 +18,7 @@ from typing import Any
 
 from emulated_link.delays import Delays, EmulatedLink
 from emulated_link.network import CAPTURE_APP, Network, read_output, running
-from report import new_parser, print_circumstances, print_report, print_table
+from report import new_parser, print_circumstances, print_report, print_rows, talk
 
 from capture_app.errors import SimulshotError
 from capture_app.net.address import Address
@@ -50,7 +50,7 @@ def main() -> int:
         return asyncio.run(_poll(options.poll))
     results, links = {}, []
     for name, least_us in LINKS.items():
-        print(f"measuring: {name}, {options.seconds:g} s ...", file=sys.stderr)
+        talk(f"measuring: {name}, {options.seconds:g} s ...")
         with Network() as network:
             lines, reports = _measure(network, least_us, options)
         results[name] = _figures(lines)
@@ -116,7 +116,7 @@ async def _poll(seconds: float) -> int:
         nodes = () if rig is None else rig.nodes
         if len(nodes) < 3 or any(node.offset_ns is None for node in nodes):
             if time.monotonic() > give_up_s:
-                print("the nodes do not join", file=sys.stderr)
+                talk("the nodes do not join")
                 return 1
             continue
         began_s = began_s or time.monotonic()
@@ -176,15 +176,23 @@ def _summed(sizes: list[float]) -> dict[str, float]:
     }
 
 
+COLUMNS = {
+    "name": ("error, us", ""),
+    "mean_abs": ("mean", ".1f"),
+    "p99": ("99 %", ".1f"),
+    "max": ("largest", ".1f"),
+}
+
+
 def _print(report: dict[str, Any]) -> None:
     for name, case in report["cases"].items():
         print(f"{name} (emulated link, {case['moments']} moments after {SETTLED_S:g} s)")
         rows = [
-            (f"{title}, {which}", *(f"{case[key][which][part]:.1f}" for part in ("mean_abs", "p99", "max")))
+            {"name": f"{title}, {which}", **case[key][which]}
             for title, key in (("between nodes", "between_nodes_us"), ("to the leader", "to_leader_us"))
             for which in ("without", "with")
         ]
-        print_table(("error, us", "mean", "99 %", "largest"), rows)
+        print_rows(rows, COLUMNS)
         told = "-" if case["relative_us_mean"] is None else f"{case['relative_us_mean']:.1f} us"
         print(
             f"in use {100 * case['in_use_share']:.0f} %, said to be apart by {told}, "

@@ -18,7 +18,7 @@ from typing import Any
 
 from emulated_link.delays import EmulatedLink
 from emulated_link.network import CAPTURE_APP, Network, read_output, running
-from report import new_parser, print_circumstances, print_report, print_table
+from report import new_parser, print_circumstances, print_report, print_rows, talk
 
 from capture_app.clock import SimulatedClock
 from capture_app.session.reading.reader import Session
@@ -62,7 +62,7 @@ def _measure(network: Network, options: argparse.Namespace) -> dict[str, Any]:
             node = (*CAPTURE_APP, "node", "--name", name, "--leader", leader, *camera)
             stack.enter_context(running(places[place], *node, **state))
         for number in range(options.bursts):
-            print(f"burst {number + 1} of {options.bursts} ...", file=sys.stderr)
+            talk(f"burst {number + 1} of {options.bursts} ...")
             _burst(top)
             time.sleep(BETWEEN_BURSTS_S)
         report = {"kind": "emulated link", "seed": options.seed, **_errors(sessions)}
@@ -117,22 +117,23 @@ def _errors(sessions: Path) -> dict[str, Any]:
     return {"nodes": nodes, "far_pair": {"mean_abs_us": fmean(pairs), "max_us": max(pairs)}}
 
 
+COLUMNS = {
+    "name": ("error of the root's time, us", ""),
+    "links": ("links", ""),
+    "images": ("images", ""),
+    "mean_abs_us": ("mean", ".1f"),
+    "max_us": ("largest", ".1f"),
+    "stated_95_us": ("95 %", ".1f"),
+    "stated_95_held": ("held", ""),
+    "bound_us": ("bound", ".1f"),
+    "bound_held": ("held", ""),
+}
+
+
 def _print(report: dict[str, Any]) -> None:
-    head = ("error of the root's time, us", "links", "mean", "largest", "95 %", "held", "bound", "held")
-    rows = [
-        (
-            name,
-            str(row["links"]),
-            *(f"{row[key]:.1f}" for key in ("mean_abs_us", "max_us", "stated_95_us")),
-            f"{row['stated_95_held']}/{row['images']}",
-            f"{row['bound_us']:.1f}",
-            f"{row['bound_held']}/{row['images']}",
-        )
-        for name, row in report["nodes"].items()
-    ]
     pair, healed = report["far_pair"], report["healed"]
-    rows.append(("far against far2", "", f"{pair['mean_abs_us']:.1f}", f"{pair['max_us']:.1f}", *[""] * 4))
-    print_table(head, rows)
+    rows = [{"name": name, **row} for name, row in report["nodes"].items()]
+    print_rows([*rows, {"name": "far against far2", **pair}], COLUMNS)
     print(
         f"relay killed and started again: {healed['images']} of {healed['expected']} images in a session"
         f" after {healed['seconds_from_start_to_session']} s"

@@ -2,14 +2,16 @@
 
 import argparse
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from capture_app.terminal import print_table
+from capture_app.terminal import print_table, talk
 
-__all__ = ["new_parser", "print_circumstances", "print_report", "print_table"]
+__all__ = ["new_parser", "print_circumstances", "print_report", "print_rows", "print_table", "talk"]
 
 Report = dict[str, Any]
+Columns = Mapping[str, tuple[str, str]]
+"""What a table shows of each row: the key, its heading and its format."""
 
 
 def new_parser(description: str | None, *, seed_of: str = "") -> argparse.ArgumentParser:
@@ -31,29 +33,32 @@ def print_report(report: Report, print_tables: Callable[[Report], None], *, as_j
         print_tables(report)
 
 
+def print_rows(rows: Sequence[Mapping[str, Any]], columns: Columns) -> None:
+    """Print a table of figures on stdout; what a row does not have is a dash. Shares get a heading in %."""
+
+    def cell(value: Any, form: str) -> str:
+        return "-" if value is None else format(value, form).removesuffix("%")
+
+    head = [f"{heading}, %" if form.endswith("%") else heading for heading, form in columns.values()]
+    print_table(head, [[cell(row.get(key), form) for key, (_, form) in columns.items()] for row in rows])
+
+
+LINK_COLUMNS: Columns = {
+    "link": ("link", ""),
+    "to": ("to", ""),
+    "frames": ("frames", ""),
+    "lost": ("lost", ""),
+    "outliers": ("outliers", ""),
+    "drawn_mean_us": ("mean us", ".1f"),
+    "asked_mean_us": ("asked", ".1f"),
+    "drawn_least_us": ("least us", ".1f"),
+    "late_mean_us": ("late us", ".1f"),
+    "late_by_100_us": ("late > 100 us", ""),
+}
+
+
 def print_circumstances(report: Report) -> None:
     """Print what the emulated links did, beside what was asked of them, and how busy the machine was."""
-    head = (
-        "link",
-        "to",
-        "frames",
-        "lost",
-        "outliers",
-        "mean us",
-        "asked",
-        "least us",
-        "late us",
-        "late > 100 us",
-    )
-    keys = ("drawn_mean_us", "asked_mean_us", "drawn_least_us", "late_mean_us")
-    rows = [
-        (
-            *(str(way[key]) for key in ("link", "to", "frames", "lost", "outliers")),
-            *(f"{way[key]:.1f}" for key in keys),
-            str(way["late_by_100_us"]),
-        )
-        for way in report["links"]
-    ]
     print()
-    print_table(head, rows)
+    print_rows(report["links"], LINK_COLUMNS)
     print(f"load average of the machine: {report['load_average']:.1f}")

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+from report import print_rows
 
 from reconstruction.common.geometry import Array, View
 from reconstruction.stereo.stereo_pair import StereoPair
@@ -22,6 +23,13 @@ DISPARITIES = 64
 FOCAL = 700.0
 """Any value: the pair is rectified, and disparities are read back from the depth with the same one."""
 RUNS = 3
+COLUMNS = {
+    "name": ("matcher", ""),
+    "bad": ("bad-2.0", ".2%"),
+    "given": ("given", ".1%"),
+    "wrong": ("wrong", ".2%"),
+    "seconds": ("seconds", ".2f"),
+}
 
 
 def documented(mode: int, block: int = 3) -> Callable[[Array, Array], Array]:
@@ -43,7 +51,7 @@ def documented(mode: int, block: int = 3) -> Callable[[Array, Array], Array]:
 
 
 def ours(*, checked: bool) -> Callable[[Array, Array], Array]:
-    """The stereo path of `reconstruct stereo`: only what it believes, or all that it matched."""
+    """The stereo path of `reconstruct stereo`: what is left after its checks, or all matches."""
 
     def run(left: Array, right: Array) -> Array:
         height, width = left.shape[:2]
@@ -66,10 +74,10 @@ def main(folder: Path) -> None:
     if left is None or right is None:
         sys.exit(f"{folder} has no motorcycle_left.png and motorcycle_right.png")
     known = np.isfinite(truth) & (truth > 0)
-    print(f"{'':38} bad-2.0    given    wrong   seconds")
+    rows = []
     for name, run in {
-        "simulshot, all that it matched": ours(checked=False),
-        "simulshot, what it believes": ours(checked=True),
+        "simulshot, before its checks": ours(checked=False),
+        "simulshot, after its checks": ours(checked=True),
         "OpenCV SGBM, documented, 5 directions": documented(cv2.STEREO_SGBM_MODE_SGBM),
         "OpenCV SGBM, documented, HH": documented(cv2.STEREO_SGBM_MODE_HH),
         "OpenCV SGBM, documented, HH, block 5": documented(cv2.STEREO_SGBM_MODE_HH, 5),
@@ -83,10 +91,9 @@ def main(folder: Path) -> None:
         right_ones = given & (np.abs(found - truth) <= 2.0)
         bad = 1 - right_ones.sum() / known.sum()
         wrong = 1 - right_ones.sum() / given.sum()
-        print(
-            f"{name:38} {100 * bad:6.2f} % {100 * given.sum() / known.sum():6.1f} % {100 * wrong:6.2f} % "
-            f"{min(times):8.2f}"
-        )
+        given_share = given.sum() / known.sum()
+        rows.append({"name": name, "bad": bad, "given": given_share, "wrong": wrong, "seconds": min(times)})
+    print_rows(rows, COLUMNS)
 
 
 if __name__ == "__main__":

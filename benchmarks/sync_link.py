@@ -13,7 +13,7 @@ from typing import Any
 
 from emulated_link.delays import EmulatedLink
 from emulated_link.network import CAPTURE_APP, Network, read_output, running
-from report import new_parser, print_circumstances, print_report, print_table
+from report import new_parser, print_circumstances, print_report, print_rows, talk
 
 PORT = 47010
 WIRELESS, CABLE = "10.77.0.1", "10.78.0.1"
@@ -98,7 +98,7 @@ def _measure_cases(
     serve = (*CAPTURE_APP, "experiment", "link", "--serve", "--port", str(PORT))
 
     def measure(case: str, host: str, trials: int, *more: str) -> None:
-        print(f"measuring: {CASES[case]}, {trials} trials ...", file=sys.stderr)
+        talk(f"measuring: {CASES[case]}, {trials} trials ...")
         connect = ("--connect", f"{host}:{PORT}", "--emulated", "--json", "--trials", str(trials))
         output = read_output(client, *CAPTURE_APP, "experiment", "link", *connect, *more)
         cases[case] = dict(json.loads(output))
@@ -142,36 +142,47 @@ def _verdicts(cases: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:
     return verdicts
 
 
+ERROR_COLUMNS = {
+    "name": ("error, us", ""),
+    "mean_abs": ("mean", ".2f"),
+    "max": ("largest", ".2f"),
+    "std": ("std", ".2f"),
+    "bias": ("bias", ".2f"),
+    "share": ("ours/this", ".3f"),
+    "documented": ("mean in docs/accuracy.md", ".2f"),
+}
+VERDICT_COLUMNS = {
+    "says": ("", ""),
+    "case": ("case", ""),
+    "figure": ("figure", ""),
+    "measured": ("measured", ".3f"),
+    "target": ("target", ".3f"),
+}
+
+
 def _print(report: dict[str, Any]) -> None:
     for case, result in report["cases"].items():
         ours, documented_us = result["ours"], DOCUMENTED_US[case]
         kind = "real" if case == "cable" else result["kind"]
         print(f"{CASES[case]} ({kind}, {result['trials']} trials)")
-        every = {**result["baseline"], "ours": ours}
-        rows = []
-        for name, figures in every.items():
-            errors = figures["error_us"]
-            cells = [f"{errors[key]:.2f}" for key in ("mean_abs", "max", "std", "bias")]
-            share = ours["error_us"]["mean_abs"] / errors["mean_abs"]
-            documented = f"{documented_us[name]:.2f}" if name in documented_us else ""
-            rows.append((name.replace("_", " "), *cells, f"{share:.3f}", documented))
-        head = ("error, us", "mean", "largest", "std", "bias", "ours/this", "mean in docs/accuracy.md")
-        print_table(head, rows)
+        rows = [
+            {
+                "name": name.replace("_", " "),
+                **figures["error_us"],
+                "share": ours["error_us"]["mean_abs"] / figures["error_us"]["mean_abs"],
+                "documented": documented_us.get(name),
+            }
+            for name, figures in {**result["baseline"], "ours": ours}.items()
+        ]
+        print_rows(rows, ERROR_COLUMNS)
         print(
             f"{ours['seconds_mean']:.2f} s (slowest {ours['seconds_max']:.2f}), 95 % held in "
             f"{100 * ours['coverage_95']:.0f} %, hard bound in {100 * ours['coverage_hard_bound']:.0f} %\n"
         )
-    rows = [
-        (
-            "met" if verdict["met"] else "NOT MET",
-            verdict["case"],
-            verdict["figure"],
-            f"{verdict['measured']:.3f}",
-            f"{verdict['target']:.3f}",
-        )
-        for verdict in report["targets"]
-    ]
-    print_table(("", "case", "figure", "measured", "target"), rows)
+    print_rows(
+        [{**verdict, "says": "met" if verdict["met"] else "NOT MET"} for verdict in report["targets"]],
+        VERDICT_COLUMNS,
+    )
     print_circumstances(report)
 
 

@@ -42,13 +42,13 @@ Result = dict[str, Any]
 def ours(views: dict[str, View], condition: Condition, reference: str, scratch: Path) -> Result:
     """The package: every view's depth, checked by the others, fused."""
     begun, cpu = time.perf_counter(), time.process_time()
-    shots = {name: undistort_image(name, 0, condition.pictures[name], view) for name, view in views.items()}
-    photos = {name: shot.calibrated for name, shot in shots.items()}
-    nearest, farthest = find_depth_range(photos, choose_source_views(views, guess_depths(views)))
+    images = {name: undistort_image(name, 0, condition.pictures[name], view) for name, view in views.items()}
+    calibrated = {name: image.calibrated for name, image in images.items()}
+    nearest, farthest = find_depth_range(calibrated, choose_source_views(views, guess_depths(views)))
     sources = choose_source_views(views, (nearest, 2 / (1 / nearest + 1 / farthest), farthest))
-    found = match_all_views(photos, sources, nearest, farthest)
+    found = match_all_views(calibrated, sources, nearest, farthest)
     matched, matched_cpu = time.perf_counter() - begun, time.process_time() - cpu
-    colours = {name: shot.colours for name, shot in shots.items()}
+    colours = {name: image.colours for name, image in images.items()}
     write_workspace(scratch / "workspace", views, colours, found)
     points = fuse_depth_maps(scratch / "workspace", scratch / "fused.ply", len(found))
     fused, fused_cpu = time.perf_counter() - begun, time.process_time() - cpu

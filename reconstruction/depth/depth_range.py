@@ -22,22 +22,22 @@ LIMITS = ConsistencyLimits(reprojection_px=1.0, relative_depth=0.06)
 
 
 def find_depth_range(
-    photos: Mapping[str, CalibratedImage], sources: Mapping[str, Sequence[str]]
+    images: Mapping[str, CalibratedImage], sources: Mapping[str, Sequence[str]]
 ) -> tuple[float, float]:
     """Nearest and farthest depth of the scene, in the rig's unit, with a margin.
 
     Raises:
         BadInputError: no two pictures agree on any depth.
     """
-    names = [name for name in photos if sources.get(name)]
+    names = [name for name in images if sources.get(name)]
     chosen = [names[int(i)] for i in np.linspace(0, len(names) - 1, min(MOST_VIEWS, len(names)))]
     chosen = list(dict.fromkeys(chosen))
     needed = dict.fromkeys([*chosen, *(s for name in chosen for s in sources[name])])
-    small = {name: photos[name].scaled(min(1.0, WIDTH_PX / photos[name].view.width)) for name in needed}
+    small = {name: images[name].scaled(min(1.0, WIDTH_PX / images[name].view.width)) for name in needed}
     surfaces: dict[str, Surface] = {}
     for name in chosen:
-        lenses = [SourceView(small[name], small[other]) for other in sources[name][:3]]
-        surfaces[name] = sweep_planes(small[name], lenses, _coarse_levels(lenses), SweepOptions())
+        source_views = [SourceView(small[name], small[other]) for other in sources[name][:3]]
+        surfaces[name] = sweep_planes(small[name], source_views, _coarse_levels(source_views), SweepOptions())
     found = [_confirmed_inverse_depths(name, small, surfaces, sources) for name in chosen]
     values = np.concatenate(found) if found else np.zeros(0)
     if len(values) < FEWEST_PIXELS:
@@ -51,9 +51,9 @@ def find_depth_range(
     return 1 / (high + margin), 1 / max(low - margin, 0.3 * low)
 
 
-def _coarse_levels(lenses: Sequence[SourceView]) -> Array:
-    reference = lenses[0].reference.view
-    bases = [float(np.linalg.norm(lens.translation)) for lens in lenses]
+def _coarse_levels(source_views: Sequence[SourceView]) -> Array:
+    reference = source_views[0].reference.view
+    bases = [float(np.linalg.norm(source_view.translation)) for source_view in source_views]
     near = MOST_MOTION * reference.width / (reference.focal * min(bases))
     count = int(np.clip(reference.focal * max(bases) * near, 48, MOST_LEVELS))
     return np.linspace(near * 0.002, near, count)
@@ -68,8 +68,8 @@ def _confirmed_inverse_depths(
     """Inverse depths of a view that another view's surface confirms."""
     others = [other for other in surfaces if other != name]
     surface = surfaces[name]
-    lenses = [SourceView(small[name], small[other]) for other in others]
-    count = count_consistent_views(surface, lenses, [surfaces[other] for other in others], LIMITS)
+    source_views = [SourceView(small[name], small[other]) for other in others]
+    count = count_consistent_views(surface, source_views, [surfaces[other] for other in others], LIMITS)
     # Two others where there are three: what moves between the pictures finds one that agrees by chance.
     agreed = count >= (2 if len(others) >= 3 else 1)
     return np.asarray(surface.inverse_depth[agreed & (surface.cost < LEAST_ALIKE)])

@@ -42,34 +42,34 @@ class ConsistencyLimits:
 
 
 def count_consistent_views(
-    surface: Surface, lenses: Sequence[SourceView], others: Sequence[Surface], limits: ConsistencyLimits
+    surface: Surface, source_views: Sequence[SourceView], others: Sequence[Surface], limits: ConsistencyLimits
 ) -> Array:
     """How many other views' surfaces agree with each pixel's, uint8 height x width."""
-    return consistent_and_visible_views(surface, lenses, others, limits)[0]
+    return consistent_and_visible_views(surface, source_views, others, limits)[0]
 
 
 def consistent_and_visible_views(
-    surface: Surface, lenses: Sequence[SourceView], others: Sequence[Surface], limits: ConsistencyLimits
+    surface: Surface, source_views: Sequence[SourceView], others: Sequence[Surface], limits: ConsistencyLimits
 ) -> tuple[Array, Array]:
     """How many other views' surfaces agree with each pixel's, and how many could see it at all.
 
     Both uint8 height x width. A view cannot see what is beyond its picture or behind its own surface.
     """
     count, able = (np.zeros(surface.inverse_depth.shape, np.uint8) for _ in range(2))
-    for lens, other in zip(lenses, others, strict=True):
-        same, sees = _compared(surface.inverse_depth, lens, other.inverse_depth, limits)
-        count += same & _equally_bright(surface.inverse_depth, lens, same, limits)
+    for source_view, other in zip(source_views, others, strict=True):
+        same, sees = _compared(surface.inverse_depth, source_view, other.inverse_depth, limits)
+        count += same & _equally_bright(surface.inverse_depth, source_view, same, limits)
         able += sees
     return count, able
 
 
 def count_coinciding_views(
-    surface: Surface, lenses: Sequence[SourceView], others: Sequence[Surface], limits: ConsistencyLimits
+    surface: Surface, source_views: Sequence[SourceView], others: Sequence[Surface], limits: ConsistencyLimits
 ) -> Array:
     """How many other views' surfaces lie where each pixel's does, however bright; uint8 height x width."""
     same = [
-        _agrees(surface.inverse_depth, lens, other.inverse_depth, limits)
-        for lens, other in zip(lenses, others, strict=True)
+        _agrees(surface.inverse_depth, source_view, other.inverse_depth, limits)
+        for source_view, other in zip(source_views, others, strict=True)
     ]
     return np.asarray(np.sum(same, axis=0, dtype=np.uint8))
 
@@ -107,33 +107,35 @@ def remove_speckles(good: Array, inverse_depth: Array, smallest: int) -> Array:
     return np.asarray(scaled > 0)
 
 
-def _agrees(inverse_depth: Array, lens: SourceView, other: Array, limits: ConsistencyLimits) -> Array:
-    return _compared(inverse_depth, lens, other, limits)[0]
+def _agrees(inverse_depth: Array, source_view: SourceView, other: Array, limits: ConsistencyLimits) -> Array:
+    return _compared(inverse_depth, source_view, other, limits)[0]
 
 
 def _compared(
-    inverse_depth: Array, lens: SourceView, other: Array, limits: ConsistencyLimits
+    inverse_depth: Array, source_view: SourceView, other: Array, limits: ConsistencyLimits
 ) -> tuple[Array, Array]:
     """Where another view's surface is the same as this one, and where that view could see this one (bool)."""
-    x, y, z = lens.project(inverse_depth)
+    x, y, z = source_view.project(inverse_depth)
     x, y = np.nan_to_num(x, nan=-1e4), np.nan_to_num(y, nan=-1e4)
     seen = cv2.remap(other, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=(0.0,))
     expected = inverse_depth / np.maximum(z, 1e-6)
     off = np.abs(seen - expected)
     inside = (seen > 0) & (z > 1e-6)
     near = inside & (off < limits.relative_depth * seen)
-    pixel = limits.reprojection_px * max(1.0, lens.reference.view.width / USUAL_WIDTH)
-    same = near & (off * lens.pixels_per_inverse_depth(x, y) < pixel)
+    pixel = limits.reprojection_px * max(1.0, source_view.reference.view.width / USUAL_WIDTH)
+    same = near & (off * source_view.pixels_per_inverse_depth(x, y) < pixel)
     return same, inside & (seen <= expected * (1 + limits.relative_depth))
 
 
-def _equally_bright(inverse_depth: Array, lens: SourceView, same: Array, limits: ConsistencyLimits) -> Array:
+def _equally_bright(
+    inverse_depth: Array, source_view: SourceView, same: Array, limits: ConsistencyLimits
+) -> Array:
     """Where the other view, seen through the surface, is as bright as this one (bool, height x width)."""
-    seen = lens.warp_by_depth(inverse_depth)
-    reference = lens.reference.grey
+    seen = source_view.warp_by_depth(inverse_depth)
+    reference = source_view.reference.grey
     gain, bias = _brightness_match(seen[same], reference[same])
     difference = cv2.blur(gain * seen + bias - reference, (5, 5))
-    noise = float(np.sqrt(max(lens.reference.noise, lens.source.noise)))
+    noise = float(np.sqrt(max(source_view.reference.noise, source_view.source.noise)))
     return np.asarray(np.abs(difference) < limits.grey_levels + noise)
 
 

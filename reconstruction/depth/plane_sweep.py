@@ -66,8 +66,8 @@ def sweep_view(
     span = (1 / farthest, 1 / nearest)
     scale, count = _plan_first_sweep(reference, sources, span, options)
     small = reference.scaled(scale)
-    lenses = [SourceView(small, source.scaled(scale)) for source in sources]
-    surface = sweep_planes(small, lenses, np.linspace(*span, count), options)
+    source_views = [SourceView(small, source.scaled(scale)) for source in sources]
+    surface = sweep_planes(small, source_views, np.linspace(*span, count), options)
     step = (span[1] - span[0]) / (count - 1)
     if scale < 1.0:
         surface = _enlarge_surface(surface, reference)
@@ -78,15 +78,19 @@ def sweep_view(
 
 
 def sweep_planes(
-    reference: CalibratedImage, lenses: Sequence[SourceView], levels: Array, options: SweepOptions
+    reference: CalibratedImage, source_views: Sequence[SourceView], levels: Array, options: SweepOptions
 ) -> Surface:
     """The surface by these evenly spaced inverse depths alone."""
     step = float(levels[1] - levels[0])
     reference = replace(reference, window=options.window)
-    lenses = [SourceView(reference, lens.source) for lens in lenses]
+    source_views = [SourceView(reference, source_view.source) for source_view in source_views]
     costs = np.empty((reference.view.height, len(levels), reference.view.width), np.uint8)
     for number, level in enumerate(levels):
-        _store_costs(costs, number, [lens.matching_cost(lens.warp_by_plane(float(level))) for lens in lenses])
+        _store_costs(
+            costs,
+            number,
+            [one.matching_cost(one.warp_by_plane(float(level))) for one in source_views],
+        )
     total = aggregate_costs(costs, reference.grey, options.small_step, options.large_step)
     place, unlike = cheapest_depths(total, costs)
     found = (levels[0] + place * step).astype(np.float32)
@@ -97,7 +101,7 @@ def sweep_planes(
 def _refine_surface(
     surface: Surface,
     reference: CalibratedImage,
-    lenses: Sequence[SourceView],
+    source_views: Sequence[SourceView],
     step: float,
     plan: Sequence[tuple[float, int]],
     options: SweepOptions,
@@ -108,7 +112,11 @@ def _refine_surface(
         costs = np.empty((reference.view.height, len(offsets), reference.view.width), np.uint8)
         for number, offset in enumerate(offsets):
             moved = surface.inverse_depth + np.float32(offset)
-            _store_costs(costs, number, [lens.matching_cost(lens.warp_by_depth(moved)) for lens in lenses])
+            _store_costs(
+                costs,
+                number,
+                [one.matching_cost(one.warp_by_depth(moved)) for one in source_views],
+            )
         total = aggregate_costs(costs, reference.grey, options.fine_small_step, options.fine_large_step)
         place, unlike = cheapest_depths(total, costs)
         found = surface.inverse_depth + (place - reach) * np.float32(step * share)
@@ -140,9 +148,9 @@ def _plan_first_sweep(
         scale /= np.sqrt(2.0)
 
 
-def _motion_px(lens: SourceView, low: float, high: float) -> float:
+def _motion_px(source_view: SourceView, low: float, high: float) -> float:
     """How far a pixel moves in the source between two inverse depths: the median over the picture, px."""
-    ends = [lens.project(np.full((1, 1), w, np.float32)) for w in (low, high)]
+    ends = [source_view.project(np.full((1, 1), w, np.float32)) for w in (low, high)]
     moved = np.hypot(ends[1][0] - ends[0][0], ends[1][1] - ends[0][1])[::8, ::8]
     moved = moved[np.isfinite(moved)]
     return float(np.median(moved)) if moved.size else 0.0

@@ -43,7 +43,7 @@ class ViewDepth:
 
 
 def match_all_views(
-    photos: Mapping[str, CalibratedImage],
+    images: Mapping[str, CalibratedImage],
     sources: Mapping[str, Sequence[str]],
     nearest: float,
     farthest: float,
@@ -54,25 +54,25 @@ def match_all_views(
     done: Callable[[str], None] = lambda name: None,
 ) -> dict[str, ViewDepth]:
     """Depth and normals of every camera that has sources; `done` is called after each."""
-    names = [name for name in photos if sources.get(name)]
+    names = [name for name in images if sources.get(name)]
     chosen, kept = options or SweepOptions(), limits or ConsistencyLimits()
 
     def match(name: str) -> Surface:
         found = sweep_view(
-            photos[name], [photos[other] for other in sources[name]], nearest, farthest, chosen
+            images[name], [images[other] for other in sources[name]], nearest, farthest, chosen
         )
         done(name)
         return found
 
     with _thread_pool(workers) as pool:
         surfaces = dict(zip(names, pool.map(match, names), strict=True))
-        views = pool.map(lambda name: _consistent_view(name, photos, sources, surfaces, kept), names)
+        views = pool.map(lambda name: _consistent_view(name, images, sources, surfaces, kept), names)
         return dict(zip(names, views, strict=True))
 
 
 def _consistent_view(
     name: str,
-    photos: Mapping[str, CalibratedImage],
+    images: Mapping[str, CalibratedImage],
     sources: Mapping[str, Sequence[str]],
     surfaces: Mapping[str, Surface],
     limits: ConsistencyLimits,
@@ -81,20 +81,21 @@ def _consistent_view(
     others = [other for other in sources[name] if other in surfaces]
     others += [other for other in surfaces if other != name and other not in others]
     others = others[:MOST_VOTERS]
-    lenses = [SourceView(photos[name], photos[other]) for other in others]
-    count, able = consistent_and_visible_views(surface, lenses, [surfaces[other] for other in others], limits)
+    source_views = [SourceView(images[name], images[other]) for other in others]
+    other_surfaces = [surfaces[other] for other in others]
+    count, able = consistent_and_visible_views(surface, source_views, other_surfaces, limits)
     good = consistent_pixels(surface, count, able, len(others), limits)
-    facing = _view_normals(surface, photos[name])
+    facing = _view_normals(surface, images[name])
     depth = np.where(good, 1 / np.maximum(surface.inverse_depth, 1e-12), 0).astype(np.float32)
     return ViewDepth(depth, np.where(good[..., None], facing, 0).astype(np.float32), surface)
 
 
-def _view_normals(surface: Surface, photo: CalibratedImage) -> Array:
+def _view_normals(surface: Surface, image: CalibratedImage) -> Array:
     """Normals over a wider neighbourhood than depth needs: slope is more easily upset than height."""
     tolerance = NORMAL_TOLERANCE * float(np.median(surface.inverse_depth))
     slopes = surface.slope_x, surface.slope_y
     _, right, down = fit_planes(surface.inverse_depth, tolerance, slopes=slopes, reach=3, stride=3)
-    return surface_normals(surface.inverse_depth, right, down, photo.rays)
+    return surface_normals(surface.inverse_depth, right, down, image.rays)
 
 
 @contextmanager

@@ -83,37 +83,37 @@ def multiview(
     stopwatch = _Stopwatch()
     dataset = Dataset.open(session)
     instants = dataset.shown_instants(options.instant, options.offsets_ms)
-    shots, left_out, calibration, unit = load_input_images(dataset, instants)
+    images, left_out, calibration, unit = load_input_images(dataset, instants)
 
     def announce(text: str) -> None:
         if progress is not None:
-            progress.total = len(shots) + (3 if options.mesh else 2)
+            progress.total = len(images) + (3 if options.mesh else 2)
             progress.step(text)
 
     announce("how near and how far the scene is")
-    images = {camera: shot.calibrated for camera, shot in shots.items()}
-    nearest, farthest = find_depth_range(images, _source_views(shots, guess_depths(_views(shots))))
+    calibrated = {camera: image.calibrated for camera, image in images.items()}
+    nearest, farthest = find_depth_range(calibrated, _source_views(images, guess_depths(_views(images))))
     depths = (nearest, 2 / (1 / nearest + 1 / farthest), farthest)
-    sources = _source_views(shots, depths)
-    left_out |= {camera: "no other camera sees what it sees" for camera in shots if not sources[camera]}
-    shots = {camera: shot for camera, shot in shots.items() if sources[camera]}
+    sources = _source_views(images, depths)
+    left_out |= {camera: "no other camera sees what it sees" for camera in images if not sources[camera]}
+    images = {camera: image for camera, image in images.items() if sources[camera]}
     stopwatch.end_stage("range")
     with output:
         part = output.folder
-        found = _match_cameras(gpu, part / "workspace", shots, sources, (nearest, farthest), announce)
+        found = _match_cameras(gpu, part / "workspace", images, sources, (nearest, farthest), announce)
         stopwatch.end_stage("matching")
         announce("joining the maps to a cloud")
         fused = fuse_depth_maps(part / "workspace", part / "fused.ply", len(found))
         stopwatch.end_stage("fusion")
         (part / "depth").mkdir()
-        views = tuple(write_view(dataset, shots[c], found[c], sources[c], part) for c in found)
+        views = tuple(write_view(dataset, images[c], found[c], sources[c], part) for c in found)
         stopwatch.end_stage("judging")
         model = MeshModel(fused, 0, ())
         if options.mesh:
             announce("cloud, mesh and pictures")
-            model = _build_model(part, shots)
+            model = _build_model(part, images)
             stopwatch.end_stage("mesh")
-        reference = choose_reference_view(_views(shots), depths)
+        reference = choose_reference_view(_views(images), depths)
         main = next(view for view in views if view.camera == reference)
         result = MultiviewResult(
             session=dataset.name,
@@ -157,13 +157,13 @@ def _choose_matcher(matcher: Matcher) -> tuple[CudaGpu | None, str]:
     return gpu, f"on {gpu.name}"
 
 
-def _views(shots: Mapping[str, InputImage]) -> dict[str, View]:
-    return {camera: shot.calibrated.view for camera, shot in shots.items()}
+def _views(images: Mapping[str, InputImage]) -> dict[str, View]:
+    return {camera: image.calibrated.view for camera, image in images.items()}
 
 
-def _source_views(shots: Mapping[str, InputImage], depths: Sequence[float]) -> dict[str, tuple[str, ...]]:
+def _source_views(images: Mapping[str, InputImage], depths: Sequence[float]) -> dict[str, tuple[str, ...]]:
     """The source views of each camera, for a scene at these depths."""
-    sources = choose_source_views(_views(shots), depths)
+    sources = choose_source_views(_views(images), depths)
     if not any(sources.values()):
         raise BadInputError(
             "no camera sees what another sees",
@@ -175,26 +175,26 @@ def _source_views(shots: Mapping[str, InputImage], depths: Sequence[float]) -> d
 def _match_cameras(
     gpu: CudaGpu | None,
     workspace: Path,
-    shots: Mapping[str, InputImage],
+    images: Mapping[str, InputImage],
     sources: Mapping[str, Sequence[str]],
     reach: tuple[float, float],
     announce: Callable[[str], None],
 ) -> dict[str, ViewDepth]:
     """Depth and normals of every camera, also written into a workspace."""
-    views = _views(shots)
-    colours = {camera: shot.colours for camera, shot in shots.items()}
+    views = _views(images)
+    colours = {camera: image.colours for camera, image in images.items()}
     if gpu is None:
-        photos = {camera: shot.calibrated for camera, shot in shots.items()}
-        found = match_all_views(photos, sources, *reach, done=lambda name: announce(f"depth of {name}"))
+        calibrated = {camera: image.calibrated for camera, image in images.items()}
+        found = match_all_views(calibrated, sources, *reach, done=lambda name: announce(f"depth of {name}"))
         write_workspace(workspace, views, colours, found)
         return found
     announce(f"PatchMatch on {gpu.name}")
     write_workspace(workspace, views, colours, reach=reach)
     run_patch_match(gpu, workspace, *reach)
-    return read_maps(workspace, {camera: f"{camera}.png" for camera in shots})
+    return read_maps(workspace, {camera: f"{camera}.png" for camera in images})
 
 
-def _build_model(part: Path, shots: Mapping[str, InputImage]) -> MeshModel:
-    views = _views(shots).values()
+def _build_model(part: Path, images: Mapping[str, InputImage]) -> MeshModel:
+    views = _views(images).values()
     centre = np.mean([view.centre for view in views], axis=0)
     return build_mesh(part / "fused.ply", part, centre, up_direction([view.rotation for view in views]))

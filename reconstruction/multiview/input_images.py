@@ -80,7 +80,7 @@ def load_input_images(
     dataset.require_cameras(2, "depth needs two that see the same from different places")
     calibration = dataset.calibration() or _found_calibration(dataset)
     views = calibrated_views(dataset, calibration)
-    shots: dict[str, InputImage] = {}
+    images: dict[str, InputImage] = {}
     left_out: dict[str, str] = {}
     for camera, instant in instants.items():
         if camera not in views:
@@ -89,18 +89,18 @@ def load_input_images(
             left_out[camera] = f"it has no image of instant {instant}"
         else:
             try:
-                shots[camera] = undistort_image(
+                images[camera] = undistort_image(
                     camera, instant, dataset.image(camera, instant), views[camera]
                 )
             except BadInputError as error:
                 left_out[camera] = error.what
-    if len(shots) < 2:
+    if len(images) < 2:
         reasons = "; ".join(f"{camera}: {why}" for camera, why in left_out.items())
         raise BadInputError(
             f"fewer than two cameras can be used ({reasons})",
             hint="depth needs two that are calibrated and see the same from different places",
         )
-    return shots, left_out, calibration.source or "the session's own", calibration.unit
+    return images, left_out, calibration.source or "the session's own", calibration.unit
 
 
 def _found_calibration(dataset: Dataset) -> Calibration:

@@ -29,7 +29,7 @@ class InstantDepth:
     itself, found the same depth, before any other check. `difference`: grey levels between the reference
     and its sources, seen through all that was matched; the median over them, NaN = none sees it.
     `points` (n, 3) float32; `seen` (n, cameras) bool: whose maps each point was fused from, in the order
-    in which the shots were given. Without COLMAP there is no cloud, and `no_cloud` says so.
+    in which the images were given. Without COLMAP there is no cloud, and `no_cloud` says so.
     """
 
     depth: Array
@@ -41,34 +41,35 @@ class InstantDepth:
 
 
 def instant_depth(
-    shots: Mapping[str, InputImage],
+    images: Mapping[str, InputImage],
     sources: Mapping[str, Sequence[str]],
     reach: tuple[float, float],
     reference: str,
 ) -> InstantDepth:
     """Match all cameras' pictures between two depths, check them against each other, and fuse the maps."""
-    photos = {camera: shot.calibrated for camera, shot in shots.items()}
-    found = match_all_views(photos, sources, *reach)
+    calibrated = {camera: image.calibrated for camera, image in images.items()}
+    found = match_all_views(calibrated, sources, *reach)
     surfaces = {camera: view.surface for camera, view in found.items() if view.surface is not None}
     own = surfaces[reference]
     others = [camera for camera in surfaces if camera != reference]
-    lenses = [SourceView(photos[reference], photos[other]) for other in others]
-    votes = count_coinciding_views(own, lenses, [surfaces[other] for other in others], ConsistencyLimits())
+    source_views = [SourceView(calibrated[reference], calibrated[other]) for other in others]
+    other_surfaces = [surfaces[other] for other in others]
+    votes = count_coinciding_views(own, source_views, other_surfaces, ConsistencyLimits())
     return InstantDepth(
         depth=found[reference].depth,
         consistent=votes >= min(CONFIRMING_VIEWS, len(others)),
-        difference=_difference(own.inverse_depth, [SourceView(photos[reference], photos[o]) for o in others]),
-        **_fuse_cloud(shots, found),
+        difference=_difference(own.inverse_depth, source_views),
+        **_fuse_cloud(images, found),
     )
 
 
-def _difference(inverse_depth: Array, lenses: Sequence[SourceView]) -> Array:
+def _difference(inverse_depth: Array, source_views: Sequence[SourceView]) -> Array:
     """Median over the sources of their difference in brightness, once they are made equally bright."""
     apart = []
-    for lens in lenses:
-        seen = lens.warp_by_depth(inverse_depth)
+    for source_view in source_views:
+        seen = source_view.warp_by_depth(inverse_depth)
         seen = np.where(seen < 0, np.nan, seen).astype(np.float32)
-        apart.append(np.abs(lens.reference.grey - match_brightness(lens.reference.grey, seen)))
+        apart.append(np.abs(source_view.reference.grey - match_brightness(source_view.reference.grey, seen)))
     stack = np.stack(apart)
     known = np.isfinite(stack).any(0)
     result = np.full(inverse_depth.shape, np.nan, np.float32)
@@ -76,14 +77,14 @@ def _difference(inverse_depth: Array, lenses: Sequence[SourceView]) -> Array:
     return result
 
 
-def _fuse_cloud(shots: Mapping[str, InputImage], found: Mapping[str, ViewDepth]) -> dict[str, Array]:
-    fused = [camera for camera in shots if camera in found]
+def _fuse_cloud(images: Mapping[str, InputImage], found: Mapping[str, ViewDepth]) -> dict[str, Array]:
+    fused = [camera for camera in images if camera in found]
     points, seen, reason = np.zeros((0, 3), np.float32), np.zeros((0, len(fused)), bool), ""
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
         cloud = Path(scratch) / "fused.ply"
         try:
-            views = {camera: shots[camera].calibrated.view for camera in fused}
-            colours = {camera: shots[camera].colours for camera in fused}
+            views = {camera: images[camera].calibrated.view for camera in fused}
+            colours = {camera: images[camera].colours for camera in fused}
             write_workspace(Path(scratch), views, colours, {camera: found[camera] for camera in fused})
             fuse_depth_maps(Path(scratch), cloud, len(fused))
             points, seen = _read_cloud(cloud, len(fused))
@@ -92,8 +93,8 @@ def _fuse_cloud(shots: Mapping[str, InputImage], found: Mapping[str, ViewDepth])
         except BadInputError:
             # No point is consistent in enough cameras: an empty cloud is a result too.
             pass
-    whole = np.zeros((len(points), len(shots)), bool)
-    whole[:, [list(shots).index(camera) for camera in fused]] = seen
+    whole = np.zeros((len(points), len(images)), bool)
+    whole[:, [list(images).index(camera) for camera in fused]] = seen
     return {"points": points, "seen": whole, "no_cloud": np.array(reason)}
 
 

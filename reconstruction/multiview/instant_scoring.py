@@ -30,18 +30,18 @@ class InstantScorer:
 
     def __init__(
         self,
-        shots: UndistortedSession,
+        undistorted: UndistortedSession,
         reference: str,
         unit: str,
         instants: Sequence[int],
         synced: Sequence[InstantDepth],
     ) -> None:
-        self.shots = shots
+        self.undistorted = undistorted
         self.reference = reference
         self.unit = unit
         self.cloud_skipped = ""
         self.tolerance_m: float | None = None
-        moving = [shots.moving(reference, instant) for instant in instants]
+        moving = [undistorted.moving(reference, instant) for instant in instants]
         self._still = median_still_depth([one.depth for one in synced], moving)
 
     def measure(
@@ -51,9 +51,9 @@ class InstantScorer:
 
         The control is equal in both: no mover is in front of it in any picture of either.
         """
-        moving = self.shots.moving(self.reference, instant)
+        moving = self.undistorted.moving(self.reference, instant)
         hidden = {
-            camera: self.shots.changing(camera, instant) | self.shots.changing(camera, other)
+            camera: self.undistorted.changing(camera, instant) | self.undistorted.changing(camera, other)
             for camera, other in shown.items()
         }
         static = self._still_control(instant, hidden)
@@ -72,31 +72,32 @@ class InstantScorer:
 
     def true_depth(self, instant: int) -> Array | None:
         """The reference's true depth in the calibration's unit, NaN = unknown; None where it is unknown."""
-        return self._true_depth(instant, ~self.shots.moving(self.reference, instant))
+        return self._true_depth(instant, ~self.undistorted.moving(self.reference, instant))
 
     def _still_control(self, instant: int, hidden: Mapping[str, Array]) -> Array:
-        changing = self.shots.motion.changing(self.reference, instant)
-        here = dilate(self.shots.undistort_mask(self.reference, changing), CONTROL_MARGIN_PX)
+        changing = self.undistorted.motion.changing(self.reference, instant)
+        here = dilate(self.undistorted.undistort_mask(self.reference, changing), CONTROL_MARGIN_PX)
         if not (self._still > 0).any():
             return ~here
-        view = self.shots.views[self.reference]
+        view = self.undistorted.views[self.reference]
         points = view.unproject(view.grid(), fill_from_nearest(self._still).ravel())
         others = {camera: mask for camera, mask in hidden.items() if camera != self.reference}
-        return np.asarray(~here & ~points_on_masks(points, self.shots.views, others).reshape(here.shape))
+        hidden_here = points_on_masks(points, self.undistorted.views, others).reshape(here.shape)
+        return np.asarray(~here & ~hidden_here)
 
     def _true_depth(self, instant: int, static: Array) -> Array | None:
-        loaded = self.shots.ground_truth(self.reference, instant)
+        loaded = self.undistorted.ground_truth(self.reference, instant)
         return None if loaded is None else true_depth_in_unit(loaded[0], self.unit, self._still, static)
 
     def _true_surfaces(self, instant: int, shown: Mapping[str, int]) -> dict[str, TrueSurfaces] | None:
         """The true surfaces of an instant, if the calibration knows metres."""
         if self.unit != "m":
             return None
-        loaded = {camera: self.shots.ground_truth(camera, instant, full=True) for camera in shown}
+        loaded = {camera: self.undistorted.ground_truth(camera, instant, full=True) for camera in shown}
         known = {camera: one for camera, one in loaded.items() if one is not None}
         if len(known) < len(loaded):
             return None
-        views = {camera: self.shots.undistorted_view(camera) for camera in known}
+        views = {camera: self.undistorted.undistorted_view(camera) for camera in known}
         depth = {camera: one[0] for camera, one in known.items()}
         try:
             return true_surfaces(views, depth, {camera: one[1] for camera, one in known.items()})
@@ -115,8 +116,8 @@ class InstantScorer:
         self.cloud_skipped = self.cloud_skipped or str(found.no_cloud)
         if str(found.no_cloud):
             return {}
-        views = {camera: self.shots.views[camera] for camera in times}
-        movers = {camera: self.shots.moving(camera, instant) for camera, instant in times.items()}
+        views = {camera: self.undistorted.views[camera] for camera in times}
+        movers = {camera: self.undistorted.moving(camera, instant) for camera, instant in times.items()}
         moving = points_on_movers(found.points, found.seen, views, movers)
         still = ~moving & ~points_on_masks(found.points, views, hidden)
         kinds = (("mover", moving, None), ("static", still, hidden))

@@ -15,20 +15,20 @@ from reconstruction.session.dataset import Dataset
 
 
 def write_view(
-    dataset: Dataset, shot: InputImage, found: ViewDepth, sources: Sequence[str], part: Path
+    dataset: Dataset, image: InputImage, found: ViewDepth, sources: Sequence[str], part: Path
 ) -> ViewResult:
     """Write a camera's depth, normals and picture into `part`/depth, and judge them."""
-    name = f"depth/{shot.camera}"
+    name = f"depth/{image.camera}"
     np.savez(part / f"{name}.npz", depth=found.depth, normals=found.normals.astype(np.float16))
     write_image(part / f"{name}.png", colour_depth(found.depth, *display_range(found.depth)))
     shares: dict[str, float | None] = {}
-    truth = dataset.ground_truth(shot.camera, shot.instant)
+    truth = dataset.ground_truth(image.camera, image.instant)
     if truth is not None:
-        movers = shot.undistort_nearest(truth[1].astype(np.uint8)) > 0
-        shares = depth_shares(found.depth, shot.undistort_nearest(truth[0]), movers)
+        movers = image.undistort_nearest(truth[1].astype(np.uint8)) > 0
+        shares = depth_shares(found.depth, image.undistort_nearest(truth[0]), movers)
     return ViewResult(
-        camera=shot.camera,
-        instant=shot.instant,
+        camera=image.camera,
+        instant=image.instant,
         sources=tuple(sources),
         coverage=round(float(np.mean(found.depth > 0)), 4),
         depth=f"{name}.npz",

@@ -148,20 +148,20 @@ def test_large_pictures_are_swept_small_and_finished_at_full_size(photos: dict[s
 
 
 def test_lens_projects_as_the_geometry_says(photos: dict[str, CalibratedImage]) -> None:
-    lens = SourceView(photos["middle"], photos["right"])
-    x, y, z = lens.project(np.full((HEIGHT, WIDTH), 0.5, np.float32))
+    source_view = SourceView(photos["middle"], photos["right"])
+    x, y, z = source_view.project(np.full((HEIGHT, WIDTH), 0.5, np.float32))
     # A point at 2 m, seen 0.15 m further right and 0.02 m higher.
     assert x[10, 30] == pytest.approx(30 - 0.15 / 2 * FOCAL, abs=1e-3)
     assert y[10, 30] == pytest.approx(10 + 0.02 / 2 * FOCAL, abs=1e-3)
     assert z[10, 30] == pytest.approx(1.0)
-    moved = lens.pixels_per_inverse_depth(x, y)
+    moved = source_view.pixels_per_inverse_depth(x, y)
     assert moved[10, 30] == pytest.approx(np.hypot(0.15, 0.02) * FOCAL, rel=1e-3)
 
 
 def test_a_plane_and_the_same_depth_map_look_alike(photos: dict[str, CalibratedImage]) -> None:
-    lens = SourceView(photos["middle"], photos["right"])
-    by_plane = lens.warp_by_plane(0.45)
-    by_map = lens.warp_by_depth(np.full((HEIGHT, WIDTH), 0.45, np.float32))
+    source_view = SourceView(photos["middle"], photos["right"])
+    by_plane = source_view.warp_by_plane(0.45)
+    by_map = source_view.warp_by_depth(np.full((HEIGHT, WIDTH), 0.45, np.float32))
     assert np.abs(by_plane - by_map)[5:-5, 5:-12].max() < 1.5
 
 
@@ -227,10 +227,10 @@ def test_one_vote_is_enough_where_nobody_else_can_see_but_not_against_others() -
         return Surface(level, flat, flat, flat)
 
     shots = [photo_of(view_at(x), np.zeros(2))[0] for x in (0.0, -0.1, 0.1, 0.2)]
-    lenses = [SourceView(shots[0], other) for other in shots[1:]]
+    source_views = [SourceView(shots[0], other) for other in shots[1:]]
     # To two of three views something near hides the rows 20 to 50; from 50 to 80 they see behind the surface.
     others = [surface(), *(surface((20, 50, 0.8), (50, 80, 0.3)) for _ in range(2))]
-    count, able = consistent_and_visible_views(surface(), lenses, others, ConsistencyLimits())
+    count, able = consistent_and_visible_views(surface(), source_views, others, ConsistencyLimits())
     inner = slice(20, -30)
     assert (count[22:78, inner] == 1).all()
     assert (able[22:48, inner] == 1).all()

@@ -1,4 +1,4 @@
-"""The whole path at once: simulated cameras in processes of their own, a burst, and what it was good for."""
+"""The whole path at once: simulated cameras in processes of their own, a burst, and its comparison."""
 
 import asyncio
 import time
@@ -17,6 +17,7 @@ from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.wording import News
 from capture_app.node.wire.status import BurstStatus
 from capture_app.session.reading.reader import Session
+from capture_app.text import ProgressStep
 
 VIEWS = ("cam00", "cam01", "cam02", "cam03", "cam04", "wide00", "wide01")
 FRAMES = 5
@@ -145,7 +146,7 @@ async def capture(out: Path, cameras: int, talk: Talk, *, scene: str = "studio")
         nonlocal told
         if isinstance(news, BurstStatus) and news.received > told:
             told = news.received
-            talk(f"{told} of {news.expected} images are on disk")
+            talk(str(ProgressStep(told, news.expected, "images saved")))
 
     async with LeaderNode(sessions=out, host="127.0.0.1", port=0, on_news=on_news) as leader:
         talk(f"starting {cameras} simulated cameras, each a process with a clock of its own")
@@ -212,7 +213,7 @@ def sync_errors(session: Session) -> SyncErrors:
     """
     truth = session.true_times()
     if truth is None or not truth.clocks:
-        raise BadInputError(f"{session.folder} has no ground truth", hint="only simulated sessions do")
+        raise BadInputError(f"{session.folder} has no ground truth", hint="only simulated sessions have it")
     true_ns = {(time.camera, time.instant): time.true_ns for time in truth.images}
     worst: dict[str, NodeErrors] = {}
     for image in session.manifest.images:

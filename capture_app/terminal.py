@@ -58,7 +58,7 @@ def print_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
     console = Console(file=sys.stdout, width=None if on_terminal else 100_000)
     with console.capture() as printed:
         console.print(table)
-    click.echo("\n".join(line.rstrip() for line in printed.get().strip("\n").split("\n")))
+    click.echo("\n".join(line.rstrip() for line in printed.get().splitlines()).strip("\n"))
 
 
 def _is_number(cell: str) -> bool:

@@ -20,7 +20,7 @@ from reconstruction.commands.stitch import stitch
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(__version__, prog_name="reconstruct")
 def app() -> None:
-    """Depth and panoramas from a session, and what synchronization does to them."""
+    """Compute depth and panoramas from a session, and measure what synchronization does for them."""
 
 
 app.add_command(batch)

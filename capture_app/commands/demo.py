@@ -7,7 +7,8 @@ from typing import TYPE_CHECKING
 import click
 
 from capture_app.commands.options import run_until_stopped
-from capture_app.terminal import json_option, print_json, print_line, print_table, talk
+from capture_app.terminal import json_option, print_json, print_line, print_table, show_progress, talk
+from capture_app.text import ProgressStep
 
 if TYPE_CHECKING:
     from capture_app.demo import DemoResult
@@ -41,13 +42,21 @@ def demo(cameras: int, out: Path, as_json: bool) -> None:
     results: list[DemoResult] = []
 
     async def work() -> None:
-        results.append(await run_demo(out, cameras, talk))
+        results.append(await run_demo(out, cameras, _show))
 
     run_until_stopped(work())
     if as_json:
         print_json(results[0])
     else:
         _print(results[0])
+
+
+def _show(line: str) -> None:
+    step = ProgressStep.parse(line)
+    if step is None:
+        talk(line)
+    else:
+        show_progress(step)
 
 
 def _print(result: "DemoResult") -> None:

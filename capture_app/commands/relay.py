@@ -47,7 +47,7 @@ def relay(
 
     LEADER is the address of the leader or of another relay. Give several of the same rig for failover,
     preferred first. The relay passes on the leader's time and bursts to its nodes, and their images to the
-    leader; `status` and `burst` work with its address too. When no leader answers, it is in holdover.
+    leader; `status` and `burst` work with its address too. While no leader answers, it is in holdover.
     """
     from capture_app.clock import parse_clock
     from capture_app.net.multicast import BEACONS, BeaconSender

@@ -205,7 +205,7 @@ def _headline(status: RigStatus) -> Text:
         done = ready == len(here)
         text.append(f"   {ready} of {len(here)} ready", style="bold green" if done else "bold yellow")
         if done:
-            text.append("   press b to take a burst", style="not bold")
+            text.append("   press b", style="not bold")
     return text
 
 

@@ -6,7 +6,7 @@ import click
 
 from capture_app.terminal import json_option, print_json, print_line
 from reconstruction.commands.options import (
-    CONDITION_HELP,
+    OFFSETS_HELP,
     ConditionType,
     FiniteRange,
     max_instants_option,
@@ -66,7 +66,7 @@ def _refuse_synced(
     type=ConditionType(),
     multiple=True,
     callback=_refuse_synced,
-    help=f"Compare with this condition too. Repeat for several. {CONDITION_HELP}",
+    help=f"Compare with this condition too. Repeat for several. {OFFSETS_HELP}",
 )
 @click.option(
     "--against",
@@ -90,9 +90,9 @@ def compare(
     out: Path,
     as_json: bool,
 ) -> None:
-    """Compare SESSION's images of the same instant with images taken some time apart.
+    """Compare synchronized images of SESSION with images that are some time apart.
 
-    Writes metrics.json, pictures and a report.html that explains itself into the --out folder.
+    Writes metrics.json, pictures and a self-explanatory report.html to the --out folder.
     """
 
     from reconstruction.compare.command import CompareOptions

@@ -52,12 +52,13 @@ class ConditionType(click.ParamType[Condition]):
             self.fail(str(error), param, ctx)
 
 
-CONDITION_HELP = (
-    f"{SYNCED}: images of the same instant. MS: every second camera is late by this much. MS,MS,...: each "
-    "camera is late by this much, in the session's order. CAMERA=MS,...: the named cameras are late. "
+OFFSETS_HELP = (
+    "MS: every second camera is late by this much. MS,MS,...: each camera is late by this much, in the "
+    "session's order. CAMERA=MS,...: the named cameras are late. "
     f"{DISTINCT}: each camera is late by a different one of {', '.join(f'{ms:g}' for ms in DISTINCT_MS)} ms, "
     "drawn for each instant."
 )
+CONDITION_HELP = f"{SYNCED}: images of the same instant. {OFFSETS_HELP}"
 
 
 def pair_option(name: str, use: str) -> Callable[..., Any]:

@@ -39,7 +39,7 @@ async def test_a_burst_of_simulated_nodes_is_held_against_the_truth(tmp_path: Pa
     session = await capture(tmp_path, 2, said.append, scene="bars")
     assert verify(session) == []
     assert len(session.manifest.images) == 10
-    assert said[-1] == "10 of 10 images are on disk" or "missing" in said[-1]
+    assert said[-1] == "[10/10] images saved" or "missing" in said[-1]
     errors = sync_errors(session)
     assert [node.name for node in errors.nodes] == ["cam00", "cam01"]
     for node in errors.nodes:

@@ -73,7 +73,7 @@ def test_naive_is_as_far_apart_as_the_paper_found(capsys: pytest.CaptureFixture[
     assert run(["sessions", "show", str(SAMPLES / "naive")]) == ExitCode.OK
     out = capsys.readouterr().out
     assert "not known" in out
-    assert "in truth" in out
+    assert "by the ground truth" in out
 
 
 @pytest.mark.parametrize("name", ["pinwheel", "led_panel"])

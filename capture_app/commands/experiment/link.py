@@ -36,7 +36,9 @@ from capture_app.terminal import talk
 @click.option(
     "--interval-ms",
     type=click.FloatRange(0.2, 10_000.0),
-    help="Time between messages.  [default: the engine's own schedule: 3, 6, 12, then 25 ms]",
+    metavar="MS",
+    show_default="the engine's own schedule: 3, 6, 12, then 25 ms",
+    help="Time between messages.",
 )
 @click.option(
     "--true-offset-ns",

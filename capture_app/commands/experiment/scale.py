@@ -20,7 +20,9 @@ from capture_app.terminal import talk
 )
 @click.option("--minutes", type=click.FloatRange(2.0, 1440.0), show_default="5", help="Simulated time.")
 @click.option(
-    "--full", is_flag=True, help="10, 100, 1,000 and 5,000 clients for an hour (half an hour on 2 cores)."
+    "--full",
+    is_flag=True,
+    help="Simulate 10, 100, 1,000 and 5,000 clients for an hour (takes half an hour on 2 cores).",
 )
 @click.option(
     "--shape",

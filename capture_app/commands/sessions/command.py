@@ -161,7 +161,14 @@ def schema() -> None:
 @click.option("--png", is_flag=True, help="Save video frames as PNG instead of JPEG.")
 @click.option("--name", show_default="that of the recording's folder", help="Name of the session.")
 @click.option("--note", default="", help="A line of text saved with the session.")
-@click.option("--out", type=_FOLDER, default=DEFAULT_ROOT, show_default=True, help="Folder for the session.")
+@click.option(
+    "--out",
+    type=_FOLDER,
+    metavar="DIR",
+    default=DEFAULT_ROOT,
+    show_default=True,
+    help="Folder for the session.",
+)
 @json_option
 def import_command(
     sources: tuple[str, ...],

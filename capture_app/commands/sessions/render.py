@@ -17,6 +17,7 @@ from capture_app.terminal import json_option, print_json, print_line, show_count
     type=click.Path(path_type=Path),
     default=Path("sessions"),
     show_default=True,
+    metavar="DIR",
     help="Folder for the sessions.",
 )
 @click.option("--name", show_default="that in the recipe", help="Name of the session.")

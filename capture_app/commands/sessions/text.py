@@ -71,15 +71,15 @@ def _spread(session: Session) -> list[str]:
     spreads = [spread for spread, of in zip(sync.spread_ns, images, strict=True) if len(of) > 1]
     if not spreads:
         return []
-    by = "" if sync.uncertainty_ns is not None else "by the times they came with, "
+    by = "" if sync.uncertainty_ns is not None else "by the recorded times, "
     lines = [f"{by}images of one instant are {_apart(spreads)}", verdict(sync)]
     if true_spreads := _true_spreads(session):
         cost = pixels(max(true_spreads), PX_PER_S)
-        lines.append(f"in truth, which the simulator knows, they are {_apart(true_spreads)}: {cost}")
+        lines.append(f"by the ground truth they are {_apart(true_spreads)}: {cost}")
     if sync.row_spread_ns is not None and sync.row_spread_ns > 2 * max(sync.spread_ns):
         lines.append(
-            "rolling shutters: rows of the same number are up to "
-            f"{duration(sync.row_spread_ns)} apart, since not all cameras read out alike"
+            "rolling shutter: rows of the same number are up to "
+            f"{duration(sync.row_spread_ns)} apart, because readout times differ"
         )
     counts = ((sync.dropped, "dropped"), (sync.substituted, "substituted"), (sync.late, "late"))
     if any(number for number, _ in counts):

@@ -11,6 +11,7 @@ import msgspec
 
 from capture_app.errors import BadInputError, IncompleteError
 from capture_app.session.files.durable import write_atomic
+from capture_app.text import pretty_json
 from reconstruction.batch.units import Unit
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.multiview.command import RESULT as MULTIVIEW_RESULT
@@ -119,7 +120,7 @@ def make_depth(unit: Unit, folder: Path) -> None:
         (folder / leftover).unlink(missing_ok=True)
     result["files"] = ["fused.ply", RESULT]
     told = {"key": unit.key, "condition": unit.condition, **result}
-    write_atomic(folder / RESULT, msgspec.json.format(msgspec.json.encode(told), indent=2))
+    write_atomic(folder / RESULT, pretty_json(told))
 
 
 def _check_images(session: Path, unit: Unit) -> None:

@@ -11,6 +11,7 @@ from pathlib import Path
 import msgspec
 
 from capture_app.session.files.durable import write_atomic
+from capture_app.text import pretty_json
 from reconstruction.batch.page import summary_page
 from reconstruction.batch.rows import BatchResult, Row
 
@@ -21,7 +22,7 @@ NAMES = (CSV, JSON, HTML)
 def write_summary(root: Path, result: BatchResult) -> None:
     """Write the three files into the batch's folder."""
     told = {"groups": result.groups, "units": result.units}
-    write_atomic(root / JSON, msgspec.json.format(msgspec.json.encode(told), indent=2) + b"\n")
+    write_atomic(root / JSON, pretty_json(told) + b"\n")
     write_atomic(root / CSV, _csv(result.units).encode())
     write_atomic(root / HTML, summary_page(result).encode())
 

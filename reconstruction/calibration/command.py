@@ -12,6 +12,7 @@ from capture_app.errors import BadInputError
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION
+from capture_app.text import pretty_json
 from reconstruction.calibration.calibrated_views import calibrated_views
 from reconstruction.calibration.charuco_board import CharucoBoard, detect_board, shared_corners
 from reconstruction.calibration.charuco_calibration import calibrate_from_board
@@ -130,6 +131,6 @@ def _still_points(rig: Rig, views: dict[str, View]) -> SharedPoints:
 
 def _store(target: Path, calibration: Calibration) -> None:
     try:
-        write_atomic(target, msgspec.json.format(msgspec.json.encode(calibration), indent=2))
+        write_atomic(target, pretty_json(calibration))
     except OSError as error:
         raise BadInputError(f"cannot write {target}: {error.strerror or error}") from error

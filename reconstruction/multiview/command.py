@@ -6,13 +6,13 @@ from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 
-import msgspec
 import numpy as np
 
 from capture_app.errors import BadInputError, NotAvailableError
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import OutputFolder, replaces_only
 from capture_app.terminal import Progress
+from capture_app.text import pretty_json
 from reconstruction.common.geometry import View
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.depth.cloud_fusion import fuse_depth_maps
@@ -141,7 +141,7 @@ def multiview(
             seconds_of=stopwatch.seconds,
             versions=library_versions(),
         )
-        write_atomic(part / RESULT, msgspec.json.format(msgspec.json.encode(result), indent=2))
+        write_atomic(part / RESULT, pretty_json(result))
     return result
 
 

@@ -5,6 +5,7 @@ from typing import Any
 import msgspec
 
 from capture_app.session.format.manifest import Manifest
+from capture_app.text import pretty_json
 
 
 def session_schema() -> dict[str, Any]:
@@ -18,4 +19,4 @@ def session_schema() -> dict[str, Any]:
 
 def session_schema_text() -> str:
     """The schema as `docs/session.schema.json` holds it."""
-    return msgspec.json.format(msgspec.json.encode(session_schema()), indent=2).decode() + "\n"
+    return pretty_json(session_schema()).decode() + "\n"

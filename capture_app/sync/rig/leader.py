@@ -206,7 +206,7 @@ class Leader:
         """Order a burst of `frames` instants, every `spacing` periods, snapped to the rig's grid.
 
         `at_leader_ns` may lie in the past, as far back as the clients' ring buffers reach; the default is
-        half a second from now, put off by up to the leader's freedom. `number` must be a new one; the
+        half a second from now, delayed by up to the leader's `max_delay_ns`. `number` must be a new one; the
         default is the next. Raises BadInputError for an impossible burst, NoCameraHereError where no
         client is there to take it.
         """

@@ -1,10 +1,10 @@
-"""`reconstruct batch`: many sessions, instants and conditions, each unit once, whatever comes between."""
+"""`reconstruct batch`: depth of many sessions, instants and conditions, each computed once."""
 
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from capture_app.errors import BadInputError, ExitCode, SimulshotError
@@ -12,10 +12,10 @@ from capture_app.session.files.locks import lock_file
 from capture_app.session.files.output_folder import replaces_only
 from capture_app.text import ProgressStep
 from reconstruction.batch.executors import Executor
-from reconstruction.batch.plan import MAKE, Failure, plan
-from reconstruction.batch.rows import BatchResult, Row, failed_row, summarize, unit_row
+from reconstruction.batch.plan import DEPTH_TASK, plan, program_checksum
+from reconstruction.batch.rows import BatchResult, Row, completed_row, group_medians
 from reconstruction.batch.summary import NAMES, write_summary
-from reconstruction.batch.units import UNITS, WORK, Outcome, Unit, is_done, tidy
+from reconstruction.batch.units import UNITS, WORK, Outcome, Unit, is_done, remove_leftovers
 from reconstruction.session.conditions import SYNCED, Condition
 
 TIMINGS = "timings.csv"
@@ -23,11 +23,13 @@ TIMINGS = "timings.csv"
 
 @dataclass(frozen=True, kw_only=True)
 class BatchOptions:
-    """What to make of every session; no instants: all that the conditions can be had of."""
+    """What to compute of every session; instants: None = all that reach far enough into the burst."""
 
     conditions: tuple[Condition, ...] = (Condition(SYNCED),)
     instants: tuple[int, ...] | None = None
     matcher: str = "sweep"
+    program: str = field(default_factory=program_checksum)
+    """Results of another program are computed anew."""
 
 
 def batch(
@@ -35,10 +37,10 @@ def batch(
     out: Path,
     options: BatchOptions,
     executor: Executor,
-    say: Callable[[str], None] = lambda text: None,
-    make: str = MAKE,
+    print_progress: Callable[[str], None] = lambda text: None,
+    task: str = DEPTH_TASK,
 ) -> BatchResult:
-    """Make all units that are not in `out` yet, and the summary of all; `say` gets the progress lines.
+    """Compute all units that are not in `out` yet, and the summary of all.
 
     Units that fail are in the result, and leave the others alone.
 
@@ -47,28 +49,28 @@ def batch(
     """
     began = time.monotonic()
     conditions = list(dict.fromkeys(options.conditions))
-    with _ours(out) as root:
+    with _locked_folder(out) as root:
         units, failures = _plan(sessions, conditions, options)
-        todo = [unit for unit in units if not is_done(unit, root)]
-        there = len(units) - len(todo)
+        missing = [unit for unit in units if not is_done(unit, root)]
+        done = len(units) - len(missing)
         for failure in failures:
-            say(f"failed: {_where(failure)}: {failure.problem}")
-        if there:
-            say(f"{there} of {len(units)} units are there already")
+            print_progress(f"failed: {_label(failure)}: {failure.error}")
+        if done:
+            print_progress(f"reusing {done} of {len(units)} results")
         try:
-            outcomes = _work(todo, there, root, executor, say, make)
+            outcomes = _run_units(missing, done, root, executor, print_progress, task)
         finally:
-            tidy(root)
-        rows = [_row(unit, root, outcomes) for unit in units] + [failed_row(failure) for failure in failures]
-        made = sum(outcome.made for outcome in outcomes.values())
-        failed = sum(bool(row.problem) for row in rows)
+            remove_leftovers(root)
+        rows = [_row(unit, root, outcomes) for unit in units] + failures
+        computed = sum(outcome.computed for outcome in outcomes.values())
+        failed = sum(bool(row.error) for row in rows)
         result = BatchResult(
             out=str(out),
-            made=made,
-            # Also what somebody else finished meanwhile.
-            there=len(rows) - made - failed,
+            computed=computed,
+            # Also what another process finished meanwhile.
+            reused=len(rows) - computed - failed,
             failed=failed,
-            groups=summarize(rows),
+            groups=group_medians(rows),
             units=tuple(rows),
             seconds=round(time.monotonic() - began, 3),
         )
@@ -77,8 +79,8 @@ def batch(
 
 
 def exit_code(result: BatchResult) -> ExitCode:
-    """OK; what went wrong where nothing went right; INCOMPLETE where some did."""
-    codes = {row.code for row in result.units if row.problem}
+    """OK; the common failure where every unit failed alike; else INCOMPLETE where any failed."""
+    codes = {row.exit_code for row in result.units if row.error}
     if not codes:
         return ExitCode.OK
     if result.failed == len(result.units) and len(codes) == 1:
@@ -88,17 +90,16 @@ def exit_code(result: BatchResult) -> ExitCode:
 
 def _plan(
     sessions: Sequence[Path], conditions: Sequence[Condition], options: BatchOptions
-) -> tuple[list[Unit], list[Failure]]:
+) -> tuple[list[Unit], list[Row]]:
+    """All units, and rows for what cannot be begun."""
     units: dict[str, Unit] = {}
-    failures: list[Failure] = []
+    failures: list[Row] = []
     for session in sessions:
         try:
-            found, refused = plan(session, conditions, options.instants, options.matcher)
-        except SimulshotError as error:
-            failures.append(Failure(name=session.name, problem=str(error), code=error.exit_code))
-            continue
-        except OSError as error:
-            failures.append(Failure(name=session.name, problem=str(error), code=ExitCode.FAILURE))
+            found, refused = plan(session, conditions, options.instants, options.matcher, options.program)
+        except (SimulshotError, OSError) as error:
+            code = error.exit_code if isinstance(error, SimulshotError) else ExitCode.FAILURE
+            failures.append(Row(session=session.name, error=str(error), exit_code=code))
             continue
         # The same session named twice is one.
         units.update((unit.key, unit) for unit in found)
@@ -106,27 +107,29 @@ def _plan(
     return list(units.values()), failures
 
 
-def _work(
+def _run_units(
     units: Sequence[Unit],
-    there: int,
+    done: int,
     root: Path,
     executor: Executor,
-    say: Callable[[str], None],
-    make: str,
+    print_progress: Callable[[str], None],
+    task: str,
 ) -> dict[str, Outcome]:
+    """Run the units; `done` are there already, and count in the progress lines."""
     labels = {unit.key: unit.label for unit in units}
     outcomes: dict[str, Outcome] = {}
     began = time.monotonic()
-    with closing(executor.run(make, units, root)) as running:
+    with closing(executor.run(task, units, root)) as running:
         for outcome in running:
             outcomes[outcome.key] = outcome
             label = labels[outcome.key]
-            how = f"failed: {outcome.problem}" if outcome.problem else f"{outcome.seconds:.1f} s"
-            left = (time.monotonic() - began) / len(outcomes) * (len(units) - len(outcomes))
-            ahead = f", about {_duration(left)} left" if len(outcomes) < len(units) else ""
-            say(str(ProgressStep(there + len(outcomes), there + len(units), f"{label}: {how}{ahead}")))
-            if outcome.made:
-                # No reason to stop: on a full disk the units say so.
+            how = f"failed: {outcome.error}" if outcome.error else f"{outcome.seconds:.1f} s"
+            left_s = (time.monotonic() - began) / len(outcomes) * (len(units) - len(outcomes))
+            left = f", about {_duration(left_s)} left" if len(outcomes) < len(units) else ""
+            step = ProgressStep(done + len(outcomes), done + len(units), f"{label}: {how}{left}")
+            print_progress(str(step))
+            if outcome.computed:
+                # Timings are optional: a full disk shows in the units themselves.
                 with suppress(OSError), (root / WORK / TIMINGS).open("a") as file:
                     file.write(f"{outcome.key},{outcome.seconds:.3f},{label}\n")
     return outcomes
@@ -134,21 +137,20 @@ def _work(
 
 def _row(unit: Unit, root: Path, outcomes: dict[str, Outcome]) -> Row:
     outcome = outcomes.get(unit.key)
-    if outcome is not None and outcome.problem:
-        failure = Failure(
-            name=unit.name,
-            instant=unit.instant,
-            condition=unit.condition,
-            problem=outcome.problem,
-            code=outcome.code,
-        )
-        return failed_row(failure)
-    return unit_row(unit, root)
+    if outcome is None or not outcome.error:
+        return completed_row(unit, root)
+    return Row(
+        session=unit.name,
+        instant=unit.instant,
+        condition=unit.condition,
+        error=outcome.error,
+        exit_code=outcome.exit_code,
+    )
 
 
-def _where(failure: Failure) -> str:
-    instant = f", instant {failure.instant}" if failure.instant is not None else ""
-    return f"{failure.name}{instant}{f', {failure.condition}' if failure.condition else ''}"
+def _label(row: Row) -> str:
+    instant = f", instant {row.instant}" if row.instant is not None else ""
+    return f"{row.session}{instant}{f', {row.condition}' if row.condition else ''}"
 
 
 def _duration(seconds: float) -> str:
@@ -158,8 +160,8 @@ def _duration(seconds: float) -> str:
 
 
 @contextmanager
-def _ours(out: Path) -> Iterator[Path]:
-    """The batch's folder, for one batch at a time."""
+def _locked_folder(out: Path) -> Iterator[Path]:
+    """Lock the batch's folder for this batch alone."""
     root = out.resolve()
     try:
         if root.exists():
@@ -167,7 +169,7 @@ def _ours(out: Path) -> Iterator[Path]:
         lock = lock_file(root / WORK / "batch.lock")
     except BlockingIOError:
         raise BadInputError(
-            f"another batch is at work in {out}", hint="wait for it, or choose another --out"
+            f"another batch is running in {out}", hint="wait until it ends, or choose another --out"
         ) from None
     except OSError as error:
         raise BadInputError(

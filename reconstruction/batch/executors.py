@@ -1,6 +1,6 @@
-"""Where a batch's units are worked on: processes of this machine.
+"""Run the units of a batch in processes of this machine.
 
-Processes, not threads: native code that crashes takes one unit with it and no more.
+Processes, not threads, so that a crash of native code costs one unit only.
 """
 
 import os
@@ -16,17 +16,17 @@ from pathlib import Path
 from typing import Protocol
 
 from capture_app.errors import ExitCode
-from reconstruction.batch.units import Outcome, Unit, perform
+from reconstruction.batch.units import Outcome, Unit, run_unit
 
 MEMORY_OF_UNIT = 1 << 30
-"""Bytes that a unit of five pictures of 640x480 stays below."""
+"""Bytes that a unit of five 640x480 images needs at most."""
 
 
 class Executor(Protocol):
-    """Somebody who works on units and tells how each went, in the order in which they end."""
+    """Runs units and yields their outcomes in the order in which they end."""
 
-    def run(self, make: str, units: Sequence[Unit], root: Path) -> Generator[Outcome, None, None]:
-        """Perform all units; closing the iterator early stops the work."""
+    def run(self, task: str, units: Sequence[Unit], root: Path) -> Generator[Outcome, None, None]:
+        """Run all units; closing the iterator early stops them."""
         ...
 
 
@@ -34,29 +34,29 @@ class LocalExecutor:
     """Processes of this machine, each with its share of the cores."""
 
     def __init__(self, jobs: int | None = None) -> None:
-        """`jobs`: how many at once; else as many as there are cores, and memory for."""
+        """`jobs`: how many at once, None = one per core as memory allows."""
         self.cores = sorted(os.sched_getaffinity(0))
         self.jobs = jobs or max(1, min(len(self.cores), _free_memory() // MEMORY_OF_UNIT))
 
-    def run(self, make: str, units: Sequence[Unit], root: Path) -> Generator[Outcome, None, None]:
-        """Perform all units; a process that dies is a failed unit, and another takes its place."""
+    def run(self, task: str, units: Sequence[Unit], root: Path) -> Generator[Outcome, None, None]:
+        """Run all units; a process that dies is a failed unit and is replaced."""
         left = deque(units)
         count = min(self.jobs, len(left))
-        workers = [_Worker(make, root, self._share(k, count)) for k in range(count)]
+        workers = [_Worker(task, root, self._share(k, count)) for k in range(count)]
         try:
             for worker in workers:
-                worker.begin(left.popleft())
+                worker.start_unit(left.popleft())
             while busy := [worker for worker in workers if worker.unit is not None]:
                 ready = wait([worker.pipe for worker in busy])
                 for k, worker in enumerate(workers):
                     if worker.pipe not in ready or worker.unit is None:
                         continue
-                    yield worker.outcome()
+                    yield worker.receive_outcome()
                     if left:
                         if not worker.process.is_alive():
                             worker.stop()
-                            worker = workers[k] = _Worker(make, root, self._share(k, count))
-                        worker.begin(left.popleft())
+                            worker = workers[k] = _Worker(task, root, self._share(k, count))
+                        worker.start_unit(left.popleft())
         finally:
             for worker in workers:
                 worker.stop()
@@ -66,62 +66,64 @@ class LocalExecutor:
 
 
 class _Worker:
-    """One process and what it is at."""
+    """A process and the unit it runs."""
 
-    def __init__(self, make: str, root: Path, cores: list[int]) -> None:
+    def __init__(self, task: str, root: Path, cores: list[int]) -> None:
         context = get_context("spawn")
         self.pipe, theirs = context.Pipe()
-        self.process = context.Process(target=_serve, args=(theirs, make, str(root), cores), daemon=True)
+        self.process = context.Process(
+            target=_worker_main, args=(theirs, task, str(root), cores), daemon=True
+        )
         self.process.start()
         theirs.close()
         self.unit: Unit | None = None
 
-    def begin(self, unit: Unit) -> None:
-        """Hand a unit over."""
+    def start_unit(self, unit: Unit) -> None:
+        """Send a unit to the process."""
         self.unit = unit
-        # A process that is gone is seen when its answer is awaited.
+        # A process that has died is noticed by receive_outcome.
         with suppress(OSError):
             self.pipe.send(unit)
 
-    def outcome(self) -> Outcome:
-        """Its answer, or that there is none."""
+    def receive_outcome(self) -> Outcome:
+        """The outcome of its unit, a failure if the process has died."""
         assert self.unit is not None
         unit, self.unit = self.unit, None
         try:
             answer: Outcome = self.pipe.recv()
         except (EOFError, OSError):
             self.process.join()
-            problem = f"its process ended with {_how(self.process.exitcode)}"
-            return Outcome(key=unit.key, problem=problem, code=ExitCode.FAILURE)
+            error = f"its process ended with {_describe_exit(self.process.exitcode)}"
+            return Outcome(key=unit.key, error=error, exit_code=ExitCode.FAILURE)
         return answer
 
     def stop(self) -> None:
-        """End the process, whatever it is at; what it was at is not there then."""
+        """Kill the process; its unit leaves no result."""
         self.process.kill()
         self.process.join()
         self.pipe.close()
 
 
-def _serve(pipe: Connection, make: str, root: str, cores: list[int]) -> None:
+def _worker_main(pipe: Connection, task: str, root: str, cores: list[int]) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.sched_setaffinity(0, cores)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=_exit_with_parent, daemon=True).start()
     # Before pycolmap: in the other order the first PNG that OpenCV writes aborts the process.
     import_module("cv2")
     with suppress(EOFError, OSError):
         while True:
             unit = pipe.recv()
-            pipe.send(perform(make, unit, Path(root)))
+            pipe.send(run_unit(task, unit, Path(root)))
 
 
-def _end_with_parent() -> None:
+def _exit_with_parent() -> None:
     parent = parent_process()
     if parent is not None:
         parent.join()
         os._exit(ExitCode.FAILURE)
 
 
-def _how(code: int | None) -> str:
+def _describe_exit(code: int | None) -> str:
     if code is not None and code < 0:
         name = signal.Signals(-code).name
         return f"{name} (often too little memory; use fewer --jobs)" if name == "SIGKILL" else name
@@ -129,7 +131,7 @@ def _how(code: int | None) -> str:
 
 
 def _free_memory() -> int:
-    """Bytes that programs can still have, by Linux's own estimate."""
+    """Bytes of memory available to programs, by Linux's estimate."""
     with suppress(OSError, ValueError, IndexError):
         for line in Path("/proc/meminfo").read_text().splitlines():
             if line.startswith("MemAvailable:"):

@@ -1,7 +1,8 @@
 """A batch's summary as a page for people, in the look of the reports."""
 
-from reconstruction.batch.plan import RESULT
+from capture_app.text import count
 from reconstruction.batch.rows import BatchResult, Group, Row
+from reconstruction.batch.units import RESULT
 from reconstruction.report import tables as report
 from reconstruction.report import wording
 from reconstruction.report.page import Section, render_page
@@ -17,9 +18,9 @@ FIRST = "Session and condition"
 
 def summary_page(result: BatchResult) -> str:
     """The whole page. Holds no times and no durations."""
-    failures = [row for row in result.units if row.problem]
+    failures = [row for row in result.units if row.error]
     failed = f", {result.failed} failed" if result.failed else ""
-    verdict = f"{wording.count(len(result.units) - result.failed, 'unit')} made{failed}"
+    verdict = f"{count(len(result.units) - result.failed, 'unit')} computed{failed}"
     sections = [Section("problems.html", title="What failed")] if failures else []
     return render_page(
         title=f"Batch: {verdict}",
@@ -32,7 +33,7 @@ def summary_page(result: BatchResult) -> str:
         view={
             "failures": failures,
             "groups": _table("Medians over the instants", "Instants", list(map(_group, result.groups))),
-            "units": _table("Every unit", "Instant", [_unit(row) for row in result.units if not row.problem]),
+            "units": _table("Every unit", "Instant", [_unit(row) for row in result.units if not row.error]),
         },
     )
 

@@ -1,9 +1,8 @@
-"""Which units a session has, and how one of them is made: the depth of an instant in a condition."""
+"""The units of a session, and how one is computed: the depth of an instant in a condition."""
 
 import hashlib
 import shutil
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
@@ -12,34 +11,30 @@ import msgspec
 from capture_app.errors import BadInputError, IncompleteError
 from capture_app.session.files.durable import write_atomic
 from capture_app.text import pretty_json
-from reconstruction.batch.units import Unit
+from reconstruction.batch.rows import Row
+from reconstruction.batch.units import RESULT, Unit
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.multiview.command import RESULT as MULTIVIEW_RESULT
 from reconstruction.multiview.command import Matcher, MultiviewOptions, multiview
 from reconstruction.session.conditions import Condition
 from reconstruction.session.dataset import Dataset
 
-MAKE = "reconstruction.batch.plan:make_depth"
-RESULT = "unit.json"
+DEPTH_TASK = "reconstruction.batch.plan:compute_depth"
 TIMES = ("seconds", "seconds_of")
-"""What differs from run to run; kept apart from the results."""
-
-
-@dataclass(frozen=True, kw_only=True)
-class Failure:
-    """A unit or a whole session that cannot even be begun; `instant` and `condition` where they are known."""
-
-    name: str
-    problem: str
-    code: int
-    instant: int | None = None
-    condition: str = ""
+"""Fields that differ from run to run; they are not part of a unit's result."""
 
 
 def plan(
-    session: Path, conditions: Sequence[Condition], instants: Sequence[int] | None, matcher: str
-) -> tuple[list[Unit], list[Failure]]:
-    """A session's units: of the instants asked for, or of all that reach far enough into the burst.
+    session: Path,
+    conditions: Sequence[Condition],
+    instants: Sequence[int] | None,
+    matcher: str,
+    program: str,
+) -> tuple[list[Unit], list[Row]]:
+    """A session's units, and rows for those that the burst does not hold.
+
+    They are of the instants asked for, or of all that reach far enough into the burst; `program` is the
+    checksum of what computes them.
 
     Raises:
         SimulshotError: the session cannot be used at all.
@@ -53,7 +48,7 @@ def plan(
     name = session.resolve().name
     source = dataset.fingerprint()
     units: list[Unit] = []
-    failures: list[Failure] = []
+    failures: list[Row] = []
     for condition in conditions:
         refused = None
         before = len(units)
@@ -63,17 +58,18 @@ def plan(
                 condition.check(dataset)
                 chosen = dataset.shown_instants(instant, offsets)
             except BadInputError as error:
-                refused = Failure(
-                    name=name,
+                refused = Row(
+                    session=name,
                     instant=instant,
                     condition=condition.name,
-                    problem=str(error),
-                    code=error.exit_code,
+                    error=str(error),
+                    exit_code=error.exit_code,
                 )
                 if instants is not None:
                     failures.append(refused)
                 continue
-            depends = (source, _truth(dataset, chosen), name, instant, condition.name, chosen, matcher)
+            truth = _truth_checksums(dataset, chosen)
+            inputs = (source, truth, name, instant, condition.name, chosen, matcher, offsets, program)
             units.append(
                 Unit(
                     session=str(session.resolve()),
@@ -82,7 +78,7 @@ def plan(
                     condition=condition.name,
                     offsets_ms=offsets,
                     matcher=matcher,
-                    key=hashlib.sha256(repr((*depends, offsets, program())).encode()).hexdigest(),
+                    key=hashlib.sha256(repr(inputs).encode()).hexdigest(),
                 )
             )
         if refused is not None and instants is None and len(units) == before:
@@ -91,8 +87,8 @@ def plan(
 
 
 @cache
-def program() -> str:
-    """A checksum of this program's own text and of the libraries' versions: what else decides a result."""
+def program_checksum() -> str:
+    """A checksum of this package's source and of the libraries' versions, which decide a result too."""
     digest = hashlib.sha256(repr(sorted(library_versions().items())).encode())
     here = Path(__file__).parents[1]
     for path in sorted(here.rglob("*.py")):
@@ -100,31 +96,30 @@ def program() -> str:
     return digest.hexdigest()
 
 
-def make_depth(unit: Unit, folder: Path) -> None:
-    """Make depth maps, the fused cloud and unit.json in `folder`.
+def compute_depth(unit: Unit, folder: Path) -> None:
+    """Compute depth maps, the fused cloud and unit.json into `folder`.
 
     Raises:
-        SimulshotError: it cannot be done with this session.
+        SimulshotError: the session does not allow it.
     """
     session = Path(unit.session)
-    _check_images(session, unit)
+    _verify_images(session, unit)
     options = MultiviewOptions(
         instant=unit.instant, offsets_ms=unit.offsets_ms, matcher=Matcher(unit.matcher), mesh=False
     )
     result = msgspec.to_builtins(multiview(session, folder, options))
     for name in TIMES:
         del result[name]
-    # Large, and made of the pictures and the depth maps.
+    # Large, and can be computed from the images and the depth maps.
     shutil.rmtree(folder / "workspace", ignore_errors=True)
     for leftover in ("fused.ply.vis", MULTIVIEW_RESULT):
         (folder / leftover).unlink(missing_ok=True)
     result["files"] = ["fused.ply", RESULT]
-    told = {"key": unit.key, "condition": unit.condition, **result}
-    write_atomic(folder / RESULT, pretty_json(told))
+    write_atomic(folder / RESULT, pretty_json({"key": unit.key, "condition": unit.condition, **result}))
 
 
-def _check_images(session: Path, unit: Unit) -> None:
-    """The key was made of the checksums that the session tells: they must be those of the images."""
+def _verify_images(session: Path, unit: Unit) -> None:
+    """Refuse images whose checksums are not those in the session: the unit's key was computed from these."""
     dataset = Dataset.open(session)
     chosen = dataset.shown_instants(unit.instant, unit.offsets_ms)
     for record in dataset.session.manifest.images:
@@ -137,8 +132,8 @@ def _check_images(session: Path, unit: Unit) -> None:
                 )
 
 
-def _truth(dataset: Dataset, chosen: dict[str, int]) -> list[str]:
-    """Checksums of the true depths that a unit is judged by."""
+def _truth_checksums(dataset: Dataset, chosen: dict[str, int]) -> list[str]:
+    """Checksums of the true depths that a unit is compared with."""
     sums = []
     for camera, instant in chosen.items():
         path = dataset.session.ground_truth(camera, instant)

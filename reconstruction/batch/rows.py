@@ -1,4 +1,4 @@
-"""What a batch made, as rows: one for each unit or failure, and their medians."""
+"""Results of a batch as rows: one for each unit, and their medians."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -8,8 +8,7 @@ import msgspec
 from msgspec import Struct
 
 from capture_app.errors import ExitCode
-from reconstruction.batch.plan import RESULT, Failure
-from reconstruction.batch.units import Unit
+from reconstruction.batch.units import RESULT, Unit
 
 FIGURES = (
     "coverage", "within_2pct", "mover_within_2pct", "static_within_2pct", "median_error_pct", "fused_points",
@@ -17,13 +16,13 @@ FIGURES = (
 
 
 class Row(Struct, frozen=True, kw_only=True):
-    """A unit and the figures of its reference camera; those with an error in them need ground truth."""
+    """A unit with the figures of its reference camera, or why it failed; instant and condition if known."""
 
     session: str
-    instant: int | None
-    condition: str
-    problem: str = ""
-    code: int = ExitCode.OK
+    instant: int | None = None
+    condition: str = ""
+    error: str = ""
+    exit_code: int = ExitCode.OK
     cameras: int | None = None
     coverage: float | None = None
     within_2pct: float | None = None
@@ -53,18 +52,18 @@ class BatchResult(Struct, frozen=True, kw_only=True):
     """What `reconstruct batch --json` prints; the summary holds its `groups` and `units`."""
 
     out: str
-    made: int
-    """Units that this run made."""
-    there: int
-    """Units that were there already."""
+    computed: int
+    """Units computed by this run."""
+    reused: int
+    """Units whose earlier results were reused."""
     failed: int
     groups: tuple[Group, ...]
     units: tuple[Row, ...]
     seconds: float
 
 
-class _UnitFile(Struct, frozen=True, kw_only=True):
-    """What is read of a unit.json."""
+class _UnitRecord(Struct, frozen=True, kw_only=True):
+    """The figures in a unit.json."""
 
     views: tuple[dict[str, object], ...] = ()
     coverage: float | None = None
@@ -75,31 +74,20 @@ class _UnitFile(Struct, frozen=True, kw_only=True):
     fused_points: int | None = None
 
 
-def unit_row(unit: Unit, root: Path) -> Row:
-    """The row of a unit that is there."""
-    told = msgspec.json.decode((root / unit.folder / RESULT).read_bytes(), type=_UnitFile)
+def completed_row(unit: Unit, root: Path) -> Row:
+    """The row of a unit with a result."""
+    record = msgspec.json.decode((root / unit.folder / RESULT).read_bytes(), type=_UnitRecord)
     return Row(
         session=unit.name,
         instant=unit.instant,
         condition=unit.condition,
-        cameras=len(told.views),
+        cameras=len(record.views),
         folder=unit.folder,
-        **{name: getattr(told, name) for name in FIGURES},
+        **{name: getattr(record, name) for name in FIGURES},
     )
 
 
-def failed_row(failure: Failure) -> Row:
-    """The row of what is not there, and why."""
-    return Row(
-        session=failure.name,
-        instant=failure.instant,
-        condition=failure.condition,
-        problem=failure.problem,
-        code=failure.code,
-    )
-
-
-def summarize(rows: Sequence[Row]) -> tuple[Group, ...]:
+def group_medians(rows: Sequence[Row]) -> tuple[Group, ...]:
     """One group for each session and condition that has a unit, in the rows' order."""
     groups = []
     for session, condition in dict.fromkeys((row.session, row.condition) for row in rows if row.condition):
@@ -108,7 +96,7 @@ def summarize(rows: Sequence[Row]) -> tuple[Group, ...]:
         for name in FIGURES:
             values = [value for row in ours if (value := getattr(row, name)) is not None]
             figures[name] = round(median(values), 4) if values else None
-        failed = sum(bool(row.problem) for row in ours)
+        failed = sum(bool(row.error) for row in ours)
         groups.append(
             Group(session=session, condition=condition, instants=len(ours) - failed, failed=failed, **figures)
         )

@@ -1,7 +1,7 @@
-"""A batch's units as jobs of a SLURM cluster, through submitit.
+"""Run the units of a batch as jobs of a SLURM cluster, through submitit.
 
-The cluster must see this machine's folders and Python under the same paths, as clusters do. Jobs outlive
-whoever submitted them: each unit's job is noted beside it, and a repeated command waits for it.
+The cluster must see this machine's folders and Python under the same paths. Jobs outlive the command that
+submitted them: the number of each unit's job is kept in a file, and a repeated command waits for that job.
 """
 
 import subprocess
@@ -18,7 +18,7 @@ import msgspec
 
 from capture_app.errors import BadInputError, ExitCode, NotAvailableError, SimulshotError
 from capture_app.session.files.durable import write_atomic_unsynced
-from reconstruction.batch.units import WORK, Outcome, Unit, perform
+from reconstruction.batch.units import WORK, Outcome, Unit, run_unit
 
 POLL_S = 1.0
 LARGEST_ARRAY = 500
@@ -27,14 +27,14 @@ DEFAULTS: Mapping[str, Any] = {"cpus_per_task": 1, "time": 60, "mem": "2GB"}
 
 
 class SlurmExecutor:
-    """Jobs of the cluster whose commands (`sbatch`, `squeue`) this machine has."""
+    """Jobs of the cluster that this machine belongs to, by its commands `sbatch` and `squeue`."""
 
     def __init__(self, jobs: int | None = None, settings: Sequence[str] = ()) -> None:
         """`jobs`: how many at once; `settings`: `name=value` as submitit names them, `partition=gpu`.
 
         Raises:
-            NotAvailableError: submitit is not installed, or this is no machine of a cluster.
-            BadInputError: a setting is none.
+            NotAvailableError: submitit is not installed, or SLURM's commands are not on this machine.
+            BadInputError: a setting is not `name=value`.
         """
         try:
             self.submitit: Any = import_module("submitit")
@@ -48,55 +48,55 @@ class SlurmExecutor:
             self.settings["array_parallelism"] = jobs
         _squeue()
 
-    def run(self, make: str, units: Sequence[Unit], root: Path) -> Generator[Outcome, None, None]:
-        """Perform all units as jobs; where the iterator is closed early, the jobs are cancelled."""
+    def run(self, task: str, units: Sequence[Unit], root: Path) -> Generator[Outcome, None, None]:
+        """Run all units as jobs; closing the iterator early cancels them."""
         folder = root / WORK / "slurm"
         folder.mkdir(parents=True, exist_ok=True)
         alive = _squeue()
         jobs = {}
         for unit in units:
             with suppress(FileNotFoundError):
-                number = _note(folder, unit).read_text().strip()
+                number = _job_file(folder, unit).read_text().strip()
                 if number in alive:
                     jobs[unit.key] = self.submitit.SlurmJob(folder=folder, job_id=number, tasks=(0,))
         new = [unit for unit in units if unit.key not in jobs]
         try:
             for first in range(0, len(new), LARGEST_ARRAY):
                 some = new[first : first + LARGEST_ARRAY]
-                for unit, job in zip(some, self._submit(make, some, root, folder), strict=True):
+                for unit, job in zip(some, self._submit(task, some, root, folder), strict=True):
                     jobs[unit.key] = job
-                    write_atomic_unsynced(_note(folder, unit), f"{job.job_id}\n".encode())
+                    write_atomic_unsynced(_job_file(folder, unit), f"{job.job_id}\n".encode())
             yield from _wait_for(jobs)
         finally:
             _cancel([job.job_id for job in jobs.values()])
 
-    def _submit(self, make: str, units: Sequence[Unit], root: Path, folder: Path) -> list[Any]:
+    def _submit(self, task: str, units: Sequence[Unit], root: Path, folder: Path) -> list[Any]:
         executor = self.submitit.SlurmExecutor(folder=folder, max_num_timeout=0)
         try:
             executor.update_parameters(job_name="simulshot", **self.settings)
-            # sbatch's complaint is in the error too.
+            # The error holds the message of sbatch too.
             with redirect_stderr(StringIO()):
-                submitted: list[Any] = executor.map_array(partial(_job, make, str(root)), units)
+                submitted: list[Any] = executor.map_array(partial(_run_in_job, task, str(root)), units)
         except (ValueError, TypeError) as error:
             raise BadInputError(f"--slurm: {_first_line(error)}") from error
         except (self.submitit.core.utils.FailedJobError, subprocess.CalledProcessError, OSError) as error:
             raise SimulshotError(
-                f"SLURM takes no jobs: {_first_line(error)}", hint="see sinfo, and the --slurm settings"
+                f"SLURM refused the jobs: {_first_line(error)}", hint="check sinfo and the --slurm settings"
             ) from error
         return submitted
 
 
-def _job(make: str, root: str, unit: Unit) -> Outcome:
+def _run_in_job(task: str, root: str, unit: Unit) -> Outcome:
     # Before pycolmap: in the other order the first PNG that OpenCV writes aborts the process.
     import_module("cv2")
-    return perform(make, unit, Path(root))
+    return run_unit(task, unit, Path(root))
 
 
 def _wait_for(jobs: dict[str, Any]) -> Generator[Outcome, None, None]:
     """Yield each job's outcome and take it out of `jobs`.
 
-    A job without a result that the queue does not know any more has died: asked of the queue, since only
-    clusters with accounting can tell what became of a job.
+    A job that has left the queue without a result has died. The queue is asked since only clusters with
+    accounting can tell how a job ended.
     """
     missing: set[str] = set()
     while jobs:
@@ -108,12 +108,12 @@ def _wait_for(jobs: dict[str, Any]) -> Generator[Outcome, None, None]:
                 missing.discard(key)
                 continue
             elif key not in missing:
-                # The result's file may be on its way from another machine.
+                # A network file system may show the result a little later.
                 missing.add(key)
                 continue
             else:
-                problem = f"its SLURM job {job.job_id} ended without a result; see {job.paths.stderr}"
-                yield Outcome(key=key, problem=problem, code=ExitCode.FAILURE)
+                error = f"its SLURM job {job.job_id} ended without a result; see {job.paths.stderr}"
+                yield Outcome(key=key, error=error, exit_code=ExitCode.FAILURE)
             del jobs[key]
         if jobs:
             time.sleep(POLL_S)
@@ -124,14 +124,14 @@ def _outcome(key: str, job: Any) -> Outcome:
     if error is None:
         outcome: Outcome = job.result()
         return outcome
-    return Outcome(key=key, problem=_first_line(error), code=ExitCode.FAILURE)
+    return Outcome(key=key, error=_first_line(error), exit_code=ExitCode.FAILURE)
 
 
 def _squeue() -> set[str]:
-    """The user's jobs that wait or run, an array's one by one (`12_3`).
+    """Numbers of the user's jobs that wait or run; those of an array one by one (`12_3`).
 
     Raises:
-        NotAvailableError: there is no SLURM here, or it does not answer.
+        NotAvailableError: SLURM is not on this machine, or does not answer.
     """
     command = ["squeue", "--me", "--noheader", "--array", "--format=%i"]
     for _ in range(30):
@@ -146,7 +146,8 @@ def _squeue() -> set[str]:
             return set(asked.stdout.split())
         time.sleep(POLL_S)
     raise NotAvailableError(
-        f"SLURM does not answer: {_first_line(asked.stderr)}", hint="its jobs go on; repeat the command later"
+        f"SLURM does not answer: {_first_line(asked.stderr)}",
+        hint="its jobs continue; repeat the command later",
     )
 
 
@@ -156,14 +157,14 @@ def _cancel(numbers: Sequence[str]) -> None:
             subprocess.run(["scancel", *numbers], capture_output=True, check=False)  # noqa: S603, S607
 
 
-def _note(folder: Path, unit: Unit) -> Path:
+def _job_file(folder: Path, unit: Unit) -> Path:
     return folder / f"{unit.key}.job"
 
 
 def _setting(text: str) -> tuple[str, Any]:
     name, equals, value = text.partition("=")
     if not name or not equals:
-        raise BadInputError(f"{text!r} is not a setting", hint="write name=value, as in partition=gpu")
+        raise BadInputError(f"{text!r} is not a SLURM setting", hint="write name=value, as in partition=gpu")
     with suppress(msgspec.DecodeError):
         return name, msgspec.json.decode(value)
     return name, value

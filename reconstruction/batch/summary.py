@@ -1,6 +1,6 @@
-"""What a batch made, as a table: CSV for spreadsheets, JSON for programs, HTML for people.
+"""The summary of a batch: CSV for spreadsheets, JSON for programs, HTML for people.
 
-Holds no times of day and no durations: the same units give the same bytes, whenever they were made.
+Holds no times of day and no durations: the same units give the same bytes.
 """
 
 import csv
@@ -21,8 +21,7 @@ NAMES = (CSV, JSON, HTML)
 
 def write_summary(root: Path, result: BatchResult) -> None:
     """Write the three files into the batch's folder."""
-    told = {"groups": result.groups, "units": result.units}
-    write_atomic(root / JSON, pretty_json(told) + b"\n")
+    write_atomic(root / JSON, pretty_json({"groups": result.groups, "units": result.units}) + b"\n")
     write_atomic(root / CSV, _csv(result.units).encode())
     write_atomic(root / HTML, summary_page(result).encode())
 

@@ -1,6 +1,6 @@
-"""One piece of a batch: done whole or not at all, by one process at a time, and never twice.
+"""One unit of a batch: computed whole or not at all, by one process at a time, and never twice.
 
-Light to import: a worker chooses its cores before it loads anything that would start threads.
+Imports nothing that starts threads: a worker chooses its cores first.
 """
 
 import shutil
@@ -15,9 +15,10 @@ from capture_app.session.files.output_folder import OutputFolder, clear_leftover
 
 UNITS = "units"
 WORK = "work"
-ROOM_TO_BEGIN = 64 << 20
-ROOM_TO_END = 1 << 20
-"""Bytes that must still be free: native code that ran out of room leaves half a file and says nothing."""
+RESULT = "unit.json"
+FREE_BYTES_BEFORE = 64 << 20
+FREE_BYTES_AFTER = 1 << 20
+"""Checked because native code leaves half a file on a full disk without an error."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -31,7 +32,7 @@ class Unit:
     condition: str
     key: str
     offsets_ms: tuple[float, ...] = ()
-    """How much later each camera's image is, in the session's order; none: all of the instant."""
+    """How late each camera's image is, in the session's order; empty: all of the instant."""
     matcher: str = "sweep"
 
     @property
@@ -41,80 +42,80 @@ class Unit:
 
     @property
     def folder(self) -> str:
-        """Where its result lies, relative to the batch's folder."""
+        """The folder of its result, relative to the batch's folder."""
         return f"{UNITS}/{self.name}/{self.instant:04d}-{self.condition}-{self.key[:16]}"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """How a unit went; `problem` says why there is no result."""
+    """How a unit ended; `error` says why there is no result."""
 
     key: str
     seconds: float = 0.0
-    made: bool = False
-    """False: the result was there already."""
-    problem: str = ""
-    code: int = ExitCode.OK
+    computed: bool = False
+    """False: an earlier result was reused."""
+    error: str = ""
+    exit_code: int = ExitCode.OK
 
 
-Make = Callable[[Unit, Path], None]
-"""Makes a unit's files in an empty folder; the same bytes whenever it is called."""
+Task = Callable[[Unit, Path], None]
+"""Writes a unit's files into an empty folder; the same bytes whenever it is called."""
 
 
-def find_make(name: str) -> Make:
-    """The function of `module:function`; by name, as other processes and machines look it up too."""
+def load_task(name: str) -> Task:
+    """Import the function `module:function`; a name is what other processes and machines can be told."""
     module, _, function = name.partition(":")
-    found: Make = getattr(import_module(module), function)
+    found: Task = getattr(import_module(module), function)
     return found
 
 
 def is_done(unit: Unit, root: Path) -> bool:
-    """Whether its result is there: a folder with that name is whole."""
+    """Whether its result exists: a folder appears by its name only when it is complete."""
     return (root / unit.folder).is_dir()
 
 
-def perform(make: str, unit: Unit, root: Path) -> Outcome:
-    """Make a unit's folder in the batch's folder, unless it is there; waits for whoever is at it already.
+def run_unit(task: str, unit: Unit, root: Path) -> Outcome:
+    """Compute a unit's folder in the batch's folder, unless it exists; waits for another process at it.
 
-    Raises nothing: a unit that fails must not take the others along.
+    Raises nothing, so that a failing unit does not stop the others.
     """
     began = time.monotonic()
     try:
-        made = _perform(make, unit, root)
+        computed = _compute(task, unit, root)
     except SimulshotError as error:
-        return Outcome(key=unit.key, problem=_line(str(error)), code=error.exit_code)
+        return Outcome(key=unit.key, error=_line(str(error)), exit_code=error.exit_code)
     except OSError as error:
-        return Outcome(key=unit.key, problem=_line(str(error)), code=ExitCode.FAILURE)
+        return Outcome(key=unit.key, error=_line(str(error)), exit_code=ExitCode.FAILURE)
     except MemoryError:
-        problem = "not enough memory; use fewer --jobs"
-        return Outcome(key=unit.key, problem=problem, code=ExitCode.FAILURE)
+        text = "not enough memory; use fewer --jobs"
+        return Outcome(key=unit.key, error=text, exit_code=ExitCode.FAILURE)
     except Exception as error:  # noqa: BLE001  (whatever native code throws)
-        problem = _line(f"{type(error).__name__}: {error}")
-        return Outcome(key=unit.key, problem=problem, code=ExitCode.FAILURE)
-    return Outcome(key=unit.key, seconds=time.monotonic() - began, made=made)
+        text = _line(f"{type(error).__name__}: {error}")
+        return Outcome(key=unit.key, error=text, exit_code=ExitCode.FAILURE)
+    return Outcome(key=unit.key, seconds=time.monotonic() - began, computed=computed)
 
 
-def _perform(make: str, unit: Unit, root: Path) -> bool:
-    # Only a whole unit is there by its name, and it is never replaced.
+def _compute(task: str, unit: Unit, root: Path) -> bool:
+    # A unit's name stands for its content, so that a complete one is never replaced.
     with OutputFolder(root / unit.folder, lambda _: None, wait=True) as output:
         if is_done(unit, root):
             output.discard()
             return False
-        _need_room(root, ROOM_TO_BEGIN)
-        find_make(make)(unit, output.folder)
-        _need_room(root, ROOM_TO_END)
+        _require_free_bytes(root, FREE_BYTES_BEFORE)
+        load_task(task)(unit, output.folder)
+        _require_free_bytes(root, FREE_BYTES_AFTER)
     return True
 
 
-def tidy(root: Path) -> None:
-    """Remove what killed processes left half-made, but for what is still being worked on."""
+def remove_leftovers(root: Path) -> None:
+    """Remove the unfinished folders of processes that were killed."""
     for folder in (root / UNITS).glob("*"):
         clear_leftovers(folder)
 
 
-def _need_room(root: Path, least: int) -> None:
+def _require_free_bytes(root: Path, least: int) -> None:
     if shutil.disk_usage(root).free < least:
-        raise DiskFullError(f"the disk of {root} is full", hint="make room, then repeat the command")
+        raise DiskFullError(f"the disk of {root} is full", hint="free some space, then repeat the command")
 
 
 def _line(text: str) -> str:

@@ -77,17 +77,17 @@ def render_camera_sweep(
         )
         for kind, frames in zip(("synced", "offset"), halves, strict=True)
     )
-    late_ms = tuple((dataset.instants_ns[k] - dataset.instants_ns[instant]) / 1e6 for k in late.values())
+    offsets_ms = tuple((dataset.instants_ns[k] - dataset.instants_ns[instant]) / 1e6 for k in late.values())
     known = "synchronized" if dataset.worst_residual_us() is not None else "as recorded"
-    titles = known, [f"{name}: {_plain(ms)}" for name, ms in zip(order, late_ms, strict=True)]
+    titles = known, [f"{name}: {_plain(ms)}" for name, ms in zip(order, offsets_ms, strict=True)]
     return BulletTime(
         cameras=order,
         instant=instant,
         synced=synced,
         offset=offset,
-        late_ms=late_ms,
-        steady=bool(pictures.held),
-        by_place=len(calibrated) > 1,
+        offsets_ms=offsets_ms,
+        stabilized=bool(pictures.held),
+        ordered_by_position=len(calibrated) > 1,
         file=save_animation(out, "sweep", halves, titles),
         synced_step_px=_largest_step_px(pictures, motion, dict.fromkeys(order, instant)),
         offset_step_px=_largest_step_px(pictures, motion, late),

@@ -112,7 +112,7 @@ def batch(
     if as_json:
         print_json(result)
     else:
-        print_line(f"{result.made} computed, {result.there} reused, {result.failed} failed")
+        print_line(f"{result.computed} computed, {result.reused} reused, {result.failed} failed")
         print_line(f"summary: {out / 'summary.html'}")
     code = exit_code(result)
     if code is not ExitCode.OK:

@@ -179,8 +179,8 @@ class _Comparison:
                 "keeps what stands still, also from late pictures (--poses measures it)"
             )
         elif asked is not False:
-            why = "asked for" if asked else f"{share} of the picture moves"
-            self.poses = StudyRun(PoseStudy(self.rig, why))
+            reason = "asked for" if asked else f"{share} of the picture moves"
+            self.poses = StudyRun(PoseStudy(self.rig, reason))
             self._run(self.poses)
 
     def _further(self) -> tuple[ConditionResult, ...]:

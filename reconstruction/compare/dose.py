@@ -85,7 +85,7 @@ def _dose(session: Path, stages: Path, options: DoseOptions) -> DoseResult:
     return msgspec.structs.replace(
         curve,
         session=str(session),
-        why=choice.why,
+        reason=choice.why,
         calibration=rig.source,
         seconds=time.monotonic() - began,
         versions=library_versions(),
@@ -149,11 +149,11 @@ def measure(
         measure=name,
         points=tuple(points),
         instants=len(nows),
-        falls=falls(points, name),
-        bearable_ms=bearable_ms(points, name, speed),
+        decreasing=is_decreasing(points, name),
+        tolerable_offset_ms=tolerable_offset_ms(points, name, speed),
         speed_px_per_ms=speed,
-        own_error_us=own,
-        own_error_px=own / 1000 * speed if own is not None and speed is not None else None,
+        sync_residual_us=own,
+        sync_residual_px=own / 1000 * speed if own is not None and speed is not None else None,
     )
 
 
@@ -165,13 +165,13 @@ def value_of(scores: DepthScores, measure: str) -> Interval | None:
     return scores.intervals.get(measure) or Interval(value=value, low=value, high=value)
 
 
-def falls(points: list[DosePoint], measure: str) -> bool:
+def is_decreasing(points: list[DosePoint], measure: str) -> bool:
     """Whether no point's interval lies wholly above that of the one before it."""
     known = [one for point in points if (one := value_of(point.scores, measure)) is not None]
     return len(known) > 1 and all(after.low <= before.high for before, after in pairwise(known))
 
 
-def bearable_ms(points: list[DosePoint], measure: str, speed_px_per_ms: float | None) -> float | None:
+def tolerable_offset_ms(points: list[DosePoint], measure: str, speed_px_per_ms: float | None) -> float | None:
     """The offset at which a tenth is lost or half of what moves has moved by a pixel; None = neither."""
     limits = []
     known = [(p.offset_ms, one.value) for p in points if (one := value_of(p.scores, measure)) is not None]

@@ -228,7 +228,7 @@ class MultiviewStudy:
         return {
             "instant": one.instant,
             "mover_pixels": synced.shares["mover_coverage"][1],
-            **{f"late_{c}_ms": (times[k] - times[one.instant]) / 1e6 for c, k in one.shown.items()},
+            **{f"offset_{c}_ms": (times[k] - times[one.instant]) / 1e6 for c, k in one.shown.items()},
         }
 
     def _pictures(

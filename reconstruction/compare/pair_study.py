@@ -24,7 +24,7 @@ class PairStudy:
         self.asked = asked
         self.most_instants = most_instants
         self.cameras: Pair = ("", "")
-        self.why = ""
+        self.reason = ""
 
     @property
     def steps(self) -> int:
@@ -41,7 +41,7 @@ class PairStudy:
     def for_session(self, rig: Rig) -> Self:
         """The same pair of another session, synchronized."""
         theirs = type(self)(rig, None, self.cameras, self.most_instants)
-        theirs.why = self.why
+        theirs.reason = self.reason
         return theirs
 
     def set_pair(self, choice: PairChoice) -> None:
@@ -52,7 +52,7 @@ class PairStudy:
         """
         if choice.cameras is None:
             raise ValueError(choice.why)
-        self.cameras, self.why = choice.cameras, self.why or choice.why
+        self.cameras, self.reason = choice.cameras, self.reason or choice.why
 
     def pairs(self, condition: Condition) -> tuple[list[tuple[int, int]], float | None]:
         """The instants that the two cameras show, spread over the burst, and how late the second is, ms.

@@ -120,7 +120,7 @@ class PanoramaStudy(PairStudy):
             per_instant=tally.per_instant,
             differences=changes.intervals(measures_of(PanoramaScores)),
             pictures=self._pictures(pairs, folder) if folder else (),
-            why=self.why,
+            reason=self.reason,
         )
 
     def _pictures(self, pairs: Sequence[tuple[int, int]], out: Path) -> tuple[Picture, ...]:

@@ -23,7 +23,7 @@ from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import evenly_spread
 from reconstruction.session.shown_instants import fixed_offsets_ms, instants_shown, refuse_synchronized
 
-RIGHT_DEG = 2.0
+TOLERANCE_DEG = 2.0
 HARMED = 0.1
 LARGE_MOVING_SHARE = 0.2
 """Less than this of the picture moving is thrown out with the outliers: poses are as good when late."""
@@ -41,10 +41,10 @@ class InstantPoses:
     def measure(self) -> Measurements:
         """The measures of the instant."""
         pairs = self.cameras * (self.cameras - 1) // 2
-        right = sum(max(error) <= RIGHT_DEG for error in self.errors)
+        right = sum(max(error) <= TOLERANCE_DEG for error in self.errors)
         errors = np.array(self.errors, float).reshape(-1, 2)
         return Measurements(
-            shares={"right_pairs": (right, pairs)},
+            shares={"correct_pairs": (right, pairs)},
             medians={"rotation_deg": errors[:, 0], "direction_deg": errors[:, 1]},
             means={"registered": np.array([float(self.registered)])},
         )
@@ -60,21 +60,21 @@ class PoseStudy:
     def __init__(
         self,
         rig: Rig,
-        why: str,
+        reason: str,
         most_instants: int = MOST_INSTANTS,
         finder: Callable[[Dataset, Mapping[str, View], Path], PoseFinder] = PoseFinder,
     ) -> None:
-        """`why` says in words why poses are looked at; `finder` finds them."""
+        """`reason` says in words why poses are looked at; `finder` finds them."""
         self.rig = rig
         self.dataset = rig.dataset
-        self.why = why
+        self.reason = reason
         self.most_instants = most_instants
         self.finder = finder
         self.cameras: tuple[str, ...] = ()
 
     def for_session(self, rig: Rig) -> Self:
         """Poses of another session's cameras."""
-        return type(self)(rig, self.why, self.most_instants, self.finder)
+        return type(self)(rig, self.reason, self.most_instants, self.finder)
 
     def prepare(self, middle: int, progress: Progress) -> None:
         """Refuse cameras that poses cannot be judged with.
@@ -106,13 +106,13 @@ class PoseStudy:
             cameras=self.cameras,
             synced=synced,
             offset=offset,
-            harmed=synced.right_pairs - offset.right_pairs > HARMED,
-            right_deg=RIGHT_DEG,
-            truth=self.rig.source,
+            degraded=synced.correct_pairs - offset.correct_pairs > HARMED,
+            tolerance_deg=TOLERANCE_DEG,
+            truth_source=self.rig.source,
             offsets_ms={c: late_ms[c] - late_ms[first] for c in self.cameras} if late_ms else {},
             per_instant=tally.per_instant,
             differences=tally.differences,
-            why=self.why,
+            reason=self.reason,
         )
 
     def _instants(self, condition: Condition) -> list[tuple[int, dict[str, int]]]:

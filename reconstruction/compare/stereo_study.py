@@ -83,7 +83,7 @@ class StereoStudy(PairStudy):
             offset=tally.offset,
             per_instant=tally.per_instant,
             differences=tally.differences,
-            why=self.why,
+            reason=self.reason,
         )
         return result, instants
 

@@ -92,7 +92,7 @@ def dose_chart(dose: DoseResult) -> DoseChart:
         f"{wording.share(getattr(point.scores, dose.measure), decimals=0)}"
         for point in dose.points
     )
-    own_us = dose.own_error_us
+    own_us = dose.sync_residual_us
     return DoseChart(
         label=f"Share of moving surface {what} by lateness: {words}",
         ticks=[(x(point.offset_ms), f"{point.offset_ms:.0f}") for point in dose.points],
@@ -135,7 +135,7 @@ def pose_chart(result: PoseComparison, sides: wording.Sides) -> PoseChart:
         middle = axes.left + step * (place + 0.5)
         words = []
         for tone, name, left in (("synced", sides.first, -1.0), ("offset", sides.late, 0.0)):
-            share = float(row.get(f"{tone}_right_pairs") or 0.0)
+            share = float(row.get(f"{tone}_correct_pairs") or 0.0)
             # A bar of nothing is still seen.
             top = min(axes.y(share), axes.y(0) - 2)
             bars.append(Bar(tone, round(middle + left * (width + 1), 1), top, round(axes.y(0) - top, 1)))

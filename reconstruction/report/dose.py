@@ -52,9 +52,9 @@ def dose_sentence(dose: DoseResult) -> str:
         f"Synchronized, {what} for {wording.share(first, decimals=0)} of what moves; "
         f"{wording.lateness(late.offset_ms)}, for {wording.share(last, decimals=0)}."
     )
-    if dose.bearable_ms is None:
+    if dose.tolerable_offset_ms is None:
         return f"{start} No lateness up to that costs a tenth of it."
-    return f"{start} This motion bears about {_time(dose.bearable_ms)} of lateness."
+    return f"{start} This motion bears about {_time(dose.tolerable_offset_ms)} of lateness."
 
 
 def _notes(dose: DoseResult) -> list[str]:
@@ -62,7 +62,7 @@ def _notes(dose: DoseResult) -> list[str]:
         "The solid line is what moves, the dashed one what stands still: the control. Shaded: where the "
         f"value lies with 95 % confidence, from {wording.count(dose.instants, 'instant')}."
     ]
-    if dose.bearable_ms is not None and together(dose.points[0].scores):
+    if dose.tolerable_offset_ms is not None and together(dose.points[0].scores):
         notes.append(
             "What it bears: until a tenth of what was found is lost, or half of what moves has gone a pixel, "
             "whichever comes first."
@@ -72,15 +72,15 @@ def _notes(dose: DoseResult) -> list[str]:
             f"Half of what moves goes farther than {wording.quantity(dose.speed_px_per_ms, 'pixels')} "
             "in a millisecond in the picture."
         )
-    if dose.own_error_us is None:
+    if dose.sync_residual_us is None:
         notes.append("This session keeps no record of its own error.")
     else:
         moved = ""
-        if dose.own_error_px is not None:
-            small = dose.own_error_px < 0.01
-            far = wording.quantity(0.01 if small else dose.own_error_px, "px")
+        if dose.sync_residual_px is not None:
+            small = dose.sync_residual_px < 0.01
+            far = wording.quantity(0.01 if small else dose.sync_residual_px, "px")
             moved = f", in which it moves {'less than ' if small else ''}{far}"
-        error = wording.microseconds(dose.own_error_us)
+        error = wording.microseconds(dose.sync_residual_us)
         notes.append(f"This session's own largest error is {error}{moved}.")
     return notes
 
@@ -117,7 +117,7 @@ def write_dose_report(result: DoseResult, out: Path) -> Path:
             "dose": dose_view(result),
             "making": [
                 Entry("Session", result.session),
-                Entry("Depth", f"{cameras}, {instants} (taken for {result.why})"),
+                Entry("Depth", f"{cameras}, {instants} (taken for {result.reason})"),
                 Entry("Calibration", result.calibration),
                 Entry("Software", ", ".join(f"{key} {value}" for key, value in result.versions.items())),
             ],

@@ -17,7 +17,7 @@ CONDITION_COLUMNS: tuple[tuple[str, str, str, Show], ...] = (
     ("multiview", "mover_within_2pct", f"All cameras: {WITHIN.lower()}", wording.share),
     ("multiview", "mover_coverage", f"All cameras: {COVERAGE.lower()}", wording.share),
     ("stitch", "overlap_flow_p95_px", "Panorama's misfit", pixels),
-    ("poses", "right_pairs", "Pairs placed right", wording.share),
+    ("poses", "correct_pairs", "Pairs placed right", wording.share),
 )
 """The study that takes the measure, its field, its name and how it is written."""
 INSTANT_COLUMNS: tuple[tuple[str, str, Show], ...] = (

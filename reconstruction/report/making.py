@@ -30,9 +30,9 @@ def making_entries(result: CompareResult) -> list[Entry]:
     entries = [Entry("Session", result.session, path=True)]
     if stereo := result.stereo:
         cameras = (stereo.reference, stereo.other)
-        entries.append(Entry("Depth", _pair(cameras, stereo.synced.instants, stereo.why)))
+        entries.append(Entry("Depth", _pair(cameras, stereo.synced.instants, stereo.reason)))
     if stitch := result.stitch:
-        entries.append(Entry("Panorama", _pair(stitch.cameras, stitch.synced.instants, stitch.why)))
+        entries.append(Entry("Panorama", _pair(stitch.cameras, stitch.synced.instants, stitch.reason)))
     if many := result.multiview:
         width = f", pictures {many.width_px} px wide" if many.width_px else ""
         instants = wording.count(many.synced.instants, "instant")
@@ -56,9 +56,9 @@ def making_entries(result: CompareResult) -> list[Entry]:
     return entries
 
 
-def _pair(cameras: Sequence[str], instants: int, why: str) -> str:
+def _pair(cameras: Sequence[str], instants: int, reason: str) -> str:
     words = f"cameras {' and '.join(cameras)}, {wording.count(instants, 'instant')}"
-    return f"{words} (taken for {why})" if why else words
+    return f"{words} (taken for {reason})" if reason else words
 
 
 def pair_pictures(result: CompareResult) -> list[Picture]:

@@ -64,7 +64,7 @@ DEPTH = (
         pixels,
     ),
     Measure(
-        "photometric",
+        "photometric_error",
         "Brightness mismatch",
         "One picture is laid over the other by the distances found; this is how far the brightness differs, "
         "of 255. Less is better.",
@@ -124,7 +124,7 @@ def multiview_measures(result: MultiviewComparison) -> tuple[Measure, ...]:
             pixels,
         ),
         Measure(
-            "photometric",
+            "photometric_error",
             "Brightness mismatch",
             "The other pictures are laid over this one by the distances found; this is how far the "
             "brightness differs, of 255. Less is better.",
@@ -157,10 +157,10 @@ def pose_measures(result: PoseComparison) -> tuple[Measure, ...]:
             wording.quantity,
         ),
         Measure(
-            "right_pairs",
+            "correct_pairs",
             "Pairs placed right",
             "Share of all pairs of cameras whose angle and direction are right to "
-            f"{degrees(result.right_deg)}. More is better.",
+            f"{degrees(result.tolerance_deg)}. More is better.",
         ),
         Measure(
             "rotation_deg",

@@ -130,14 +130,14 @@ def _panorama(result: PanoramaComparison, late: str) -> str | None:
 def _places(result: PoseComparison) -> str | None:
     """Only where lateness harms them: elsewhere what stands still places the cameras both times."""
     before, after = result.synced, result.offset
-    if not result.harmed or before.rotation_deg is None:
+    if not result.degraded or before.rotation_deg is None:
         return None
     if after.rotation_deg is None:
         wrong = "no camera can be placed"
     else:
         wrong = f"these angles are wrong by {after.rotation_deg:.0f} degrees"
         if before.rotation_deg > 0.5 * after.rotation_deg:
-            wrong = f"only {_percent(after.right_pairs)} of the pairs are placed right"
+            wrong = f"only {_percent(after.correct_pairs)} of the pairs are placed right"
     return (
         f"So much moves here that it decides where the cameras seem to stand: pictures of one instant give "
         f"the angles between them to {before.rotation_deg:.1g} degrees; with every camera off by another "

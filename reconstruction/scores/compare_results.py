@@ -26,17 +26,17 @@ class BulletTime(Struct, frozen=True, kw_only=True):
     instant: int
     synced: tuple[str, ...]
     offset: tuple[str, ...]
-    late_ms: tuple[float, ...]
+    offsets_ms: tuple[float, ...]
     """How late each camera's offset picture is."""
-    steady: bool
+    stabilized: bool
     """The pictures are turned and zoomed so that what moves stays where it is."""
-    by_place: bool
+    ordered_by_position: bool
     """The order is that of the cameras' places, not of their names."""
     file: str
     """An animation of both side by side."""
     synced_step_px: float | None = None
     """How far the largest thing that moves goes from one picture to the next at most, px of the pictures;
-    None where they are not held steady."""
+    None where they are not stabilized."""
     offset_step_px: float | None = None
 
 

@@ -22,9 +22,9 @@ class DepthScores(Struct, frozen=True, kw_only=True):
     mover_epipolar_px: float | None = None
     """Median vertical disparity of matches on movers, in px of the rectified images."""
     static_epipolar_px: float | None = None
-    mover_photometric: float | None = None
+    mover_photometric_error: float | None = None
     """Median absolute grey-level difference after warping one view onto the other by its depth."""
-    static_photometric: float | None = None
+    static_photometric_error: float | None = None
     intervals: dict[str, Interval] = {}
     """By measure, where there are enough instants."""
     instants: int = 0
@@ -43,7 +43,7 @@ class StereoComparison(Struct, frozen=True, kw_only=True):
     differences: dict[str, Interval] = {}
     """Offset minus synced by measure, paired by instant."""
     pictures: tuple[Picture, ...] = ()
-    why: str = ""
+    reason: str = ""
     """Why this pair was taken."""
 
 

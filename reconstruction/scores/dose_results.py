@@ -22,18 +22,18 @@ class DoseResult(Struct, frozen=True, kw_only=True):
     """What the curve shows: mover_within_2pct where truth is known, else mover_coverage."""
     points: tuple[DosePoint, ...]
     instants: int
-    falls: bool
+    decreasing: bool
     """No point's interval lies wholly above its predecessor's."""
-    bearable_ms: float | None = None
+    tolerable_offset_ms: float | None = None
     """The offset at which the curve has lost a tenth (linear between its points), or at which half of what
     moves has moved by one pixel, whichever comes first."""
     speed_px_per_ms: float | None = None
     """How fast what moves does so in the reference's picture, the median over its pixels."""
-    own_error_us: float | None = None
+    sync_residual_us: float | None = None
     """The session's own largest error of an image's time by its record."""
-    own_error_px: float | None = None
+    sync_residual_px: float | None = None
     """By how much what moves does so in that time."""
-    why: str = ""
+    reason: str = ""
     session: str = ""
     calibration: str = ""
     report: str = ""

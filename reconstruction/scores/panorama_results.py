@@ -31,5 +31,5 @@ class PanoramaComparison(Struct, frozen=True, kw_only=True):
     differences: dict[str, Interval] = {}
     """Offset minus synced by measure, paired by instant."""
     pictures: tuple[Picture, ...] = ()
-    why: str = ""
+    reason: str = ""
     """Why this pair was taken."""

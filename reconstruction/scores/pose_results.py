@@ -9,12 +9,12 @@ class PoseScores(Struct, frozen=True, kw_only=True):
     """Where the cameras stand, found from the pictures of single instants alone, in one condition.
 
     A pair is placed right where both cameras were placed, and the rotation between them and the direction
-    from one to the other are within `PoseComparison.right_deg` of the true ones.
+    from one to the other are within `PoseComparison.tolerance_deg` of the true ones.
     """
 
     registered: float
     """Cameras that were placed at an instant; the mean over the instants."""
-    right_pairs: float
+    correct_pairs: float
     """Share of all pairs of cameras that were placed right."""
     rotation_deg: float | None = None
     """Error of the rotation between two cameras, the median over the pairs that were placed; degrees."""
@@ -31,15 +31,15 @@ class PoseComparison(Struct, frozen=True, kw_only=True):
     cameras: tuple[str, ...]
     synced: PoseScores
     offset: PoseScores
-    harmed: bool
+    degraded: bool
     """Lateness costs more than a tenth of the pairs that are placed right."""
-    right_deg: float
-    truth: str
+    tolerance_deg: float
+    truth_source: str
     """What the poses are held against."""
     offsets_ms: dict[str, float] = {}
     """As in MultiviewComparison."""
     per_instant: tuple[dict[str, float | int | None], ...] = ()
     """`instant`, and each measure of PoseScores as `synced_*` and `offset_*`."""
     differences: dict[str, Interval] = {}
-    why: str = ""
+    reason: str = ""
     """Why poses were looked at."""

@@ -42,13 +42,13 @@ class Measurements:
 
 
 def measure_depth(depth: Array, difference: Array, mask: Array, truth: Array | None) -> Measurements:
-    """Measure a mask's (bool) pixels: coverage, photometric difference and shares of right depths.
+    """Measure a mask's (bool) pixels: coverage, photometric_error difference and shares of right depths.
 
     Depth has 0 where there is none, grey-level differences and true depth (same unit) NaN.
     """
     seen = difference[mask & np.isfinite(difference)]
     found = Measurements({"coverage": (int((depth[mask] > 0).sum()), int(mask.sum()))})
-    found.medians["photometric"] = seen[:: max(1, len(seen) // MOST_DIFFERENCES)]
+    found.medians["photometric_error"] = seen[:: max(1, len(seen) // MOST_DIFFERENCES)]
     if truth is not None:
         known = mask & np.isfinite(truth)
         for name, tolerance in TOLERANCES.items():

@@ -148,7 +148,7 @@ def test_the_dose_curve_on_it_falls(throw: Throw, tmp_path: Path) -> None:
         ]
     )
     dose = json.loads((tmp_path / "out" / "metrics.json").read_text())
-    assert dose["falls"]
+    assert dose["decreasing"]
     values = [point["scores"]["mover_coverage"] for point in dose["points"]]
     assert values[0] > 0.6
     assert max(values[1:]) < 0.3

@@ -113,9 +113,9 @@ def test_the_mover_stays_when_synchronized_and_jumps_when_not(boards, tmp_path):
 
     assert sweep is not None
     assert sweep.cameras == ("left", "right")
-    assert sweep.steady
-    assert sweep.by_place
-    assert len(set(sweep.late_ms)) == 2
+    assert sweep.stabilized
+    assert sweep.ordered_by_position
+    assert len(set(sweep.offsets_ms)) == 2
 
     board = np.array([*jump(sweep.instant), 2.2])
     x, y = np.mean([project_point(view, board) for view in views.values()], axis=0).round().astype(int)
@@ -142,8 +142,8 @@ def test_without_calibration_the_sweep_goes_by_name_and_invents_nothing(boards, 
 
     assert sweep is not None
     assert sweep.cameras == ("aside", "left", "right")
-    assert not sweep.steady
-    assert not sweep.by_place
+    assert not sweep.stabilized
+    assert not sweep.ordered_by_position
     assert sweep.synced_step_px is None
     kept = cv2.imread(str(tmp_path / sweep.synced[1]))
     assert np.abs(kept.astype(int) - dataset.image("left", sweep.instant)).mean() < 4

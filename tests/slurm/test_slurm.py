@@ -70,7 +70,7 @@ def test_the_cluster_makes_the_same_bytes_as_this_machine(session: Session, tmp_
     running = start(session, tmp_path / "there", *asked, "--jobs", "2")
     printed, talk = running.communicate()
     assert running.returncode == 0, talk
-    assert json.loads(printed)["made"] == 4
+    assert json.loads(printed)["computed"] == 4
     assert [line[:5] for line in talk.splitlines()] == ["[1/4]", "[2/4]", "[3/4]", "[4/4]"]
     here = [sys.executable, "-m", "reconstruction.cli", "batch", str(session.folder), *asked]
     subprocess.run([*here, "--out", str(tmp_path / "here")], cwd=ROOT, check=True, capture_output=True)
@@ -90,7 +90,7 @@ def test_a_repeated_command_waits_for_the_jobs_of_a_killed_one(session: Session,
     printed, talk = again.communicate()
     assert again.returncode == 0, talk
     result = json.loads(printed)
-    assert result["made"] + result["there"] == 4
+    assert result["computed"] + result["reused"] == 4
     told = {path.name: path.read_text() for path in out.glob("work/slurm/*.job")}
     assert told.items() >= submitted.items()
     assert len(list(out.glob("units/*/*/unit.json"))) == 4
@@ -121,7 +121,7 @@ def test_a_job_that_is_ended_and_a_unit_that_fails_are_lines(session: Session, t
     finally:
         image.write_bytes(kept)
     assert running.returncode == 7, talk
-    problems = {row["instant"]: row["problem"] for row in json.loads(printed)["units"]}
+    problems = {row["instant"]: row["error"] for row in json.loads(printed)["units"]}
     assert problems[0] == ""
     assert "is damaged" in problems[1]
     assert "ended without a result" in problems[2]
@@ -131,7 +131,7 @@ def test_a_setting_that_slurm_has_not(session: Session, tmp_path: Path) -> None:
     running = start(session, tmp_path / "out", "--slurm", "partition=nowhere")
     talk = running.communicate()[1]
     assert running.returncode == 1
-    assert talk.startswith("reconstruct: error: SLURM takes no jobs: ")
+    assert talk.startswith("reconstruct: error: SLURM refused the jobs: ")
     assert len(talk.splitlines()) == 1
     assert "nowhere" in talk
     assert not queue()

@@ -14,13 +14,13 @@ import click
 from reconstruction.batch.units import Unit
 from reconstruction.session.conditions import Condition
 
-MAKE = "tests.reconstruction.batch.fake_units:make"
+FAKE_TASK = "tests.reconstruction.batch.fake_units:compute"
 LOG = "FAKE_UNITS_LOG"
 CONDITIONS = ("synced", "33", "66")
 BLOCKS = 20
 
 
-def make(unit: Unit, folder: Path) -> None:
+def compute(unit: Unit, folder: Path) -> None:
     """Files whose bytes follow from the key, with a line in the log when it begins and when it ends."""
     _log(f"begin {unit.key}")
     (folder / "depth").mkdir()
@@ -30,7 +30,7 @@ def make(unit: Unit, folder: Path) -> None:
     _log(f"end {unit.key}")
 
 
-def make_or_fail(unit: Unit, folder: Path) -> None:
+def compute_or_fail(unit: Unit, folder: Path) -> None:
     """Fails in another way at every instant but the last."""
     if unit.instant == 0:
         raise ValueError("unheard of\nin two lines")
@@ -41,7 +41,7 @@ def make_or_fail(unit: Unit, folder: Path) -> None:
         raise OSError(errno.ENOSPC, "No space left on device")
     if unit.instant == 3:
         raise MemoryError
-    make(unit, folder)
+    compute(unit, folder)
 
 
 def _log(line: str) -> None:
@@ -52,18 +52,16 @@ def _log(line: str) -> None:
 
 def main() -> None:
     """Run a batch of the units, or of real ones where a third argument asks for it."""
-    from reconstruction.batch import plan as unit_plan
     from reconstruction.batch.command import BatchOptions, batch
     from reconstruction.batch.executors import LocalExecutor
+    from reconstruction.batch.plan import DEPTH_TASK
 
-    # Whoever edits the program while a test runs makes no new units.
-    unit_plan.program = lambda: "fixed"  # type: ignore[assignment]
     out, session, *real = sys.argv[1:]
-    options = BatchOptions(
-        conditions=tuple(Condition.parse(text) for text in (("synced",) if real else CONDITIONS))
-    )
-    made = unit_plan.MAKE if real else MAKE
-    batch([Path(session)], Path(out), options, LocalExecutor(2), lambda text: click.echo(text), made)
+    conditions = tuple(Condition.parse(text) for text in (("synced",) if real else CONDITIONS))
+    # Whoever edits the program while a test runs computes no new units.
+    options = BatchOptions(conditions=conditions, program="fixed")
+    task = DEPTH_TASK if real else FAKE_TASK
+    batch([Path(session)], Path(out), options, LocalExecutor(2), lambda text: click.echo(text), task)
 
 
 if __name__ == "__main__":

@@ -15,35 +15,33 @@ import pytest
 
 from capture_app.errors import BadInputError, DiskFullError, ExitCode, NotAvailableError
 from capture_app.session.reading.reader import Session
-from reconstruction.batch import plan as unit_plan
-from reconstruction.batch import units
 from reconstruction.batch.command import BatchOptions, batch, exit_code
 from reconstruction.batch.executors import LocalExecutor
-from reconstruction.batch.plan import plan
+from reconstruction.batch.plan import DEPTH_TASK, plan
 from reconstruction.batch.slurm import SlurmExecutor
-from reconstruction.batch.units import Outcome, Unit, perform
+from reconstruction.batch.units import Outcome, Unit, run_unit
 from reconstruction.cli import main
 from reconstruction.session.conditions import Condition
-from tests.reconstruction.batch.fake_units import MAKE
+from tests.reconstruction.batch.fake_units import FAKE_TASK
 from tests.reconstruction.conftest import VIEWS, Scene, write_session
 
-FAILING = "tests.reconstruction.batch.fake_units:make_or_fail"
+FAILING = "tests.reconstruction.batch.fake_units:compute_or_fail"
 
 
 class Here:
     """An executor that works in this process."""
 
-    def run(self, make: str, units: Sequence[Unit], root: Path) -> Iterator[Outcome]:
-        return (perform(make, unit, root) for unit in units)
+    def run(self, task: str, units: Sequence[Unit], root: Path) -> Iterator[Outcome]:
+        return (run_unit(task, unit, root) for unit in units)
 
 
 @pytest.fixture
 def run(boards: Session, tmp_path: Path) -> Callable[..., Any]:
-    def run(*, executor: Any = None, make: str = MAKE, sessions: Any = None, **options: Any) -> Any:
+    def run(*, executor: Any = None, task: str = FAKE_TASK, sessions: Any = None, **options: Any) -> Any:
         lines: list[str] = []
         result = batch(
             sessions or [boards.folder], tmp_path / "out", BatchOptions(**options), executor or Here(),
-            lines.append, make,
+            lines.append, task,
         )  # fmt: skip
         return SimpleNamespace(result=result, lines=lines, out=tmp_path / "out")
 
@@ -58,7 +56,7 @@ def test_real_units_in_processes_and_nothing_twice(
     main(["batch", *asked, "--out", str(out), "--json"])
     printed = capsys.readouterr()
     result = json.loads(printed.out)
-    assert (result["made"], result["there"], result["failed"]) == (2, 0, 0)
+    assert (result["computed"], result["reused"], result["failed"]) == (2, 0, 0)
     assert [line[:5] for line in printed.err.splitlines()] == ["[1/2]", "[2/2]"]
     assert "left" in printed.err.splitlines()[0]
     synced, offset = result["groups"]
@@ -75,21 +73,21 @@ def test_real_units_in_processes_and_nothing_twice(
 
 def test_units_that_fail_leave_the_others_alone(run: Callable[..., Any], boards: Session) -> None:
     sessions = [boards.folder, boards.folder / "nowhere"]
-    done = run(executor=LocalExecutor(2), make=FAILING, sessions=sessions)
-    problems = {row.instant: row.problem for row in done.result.units}
+    done = run(executor=LocalExecutor(2), task=FAILING, sessions=sessions)
+    problems = {row.instant: row.error for row in done.result.units}
     assert problems[0] == "ValueError: unheard of in two lines"
     assert "SIGSEGV" in problems[1]
     assert " is full (make room" in problems[2]
     assert "memory" in problems[3]
     assert problems[4] == ""
     assert "no session at" in problems[None]
-    assert (done.result.made, done.result.failed) == (1, 5)
+    assert (done.result.computed, done.result.failed) == (1, 5)
     assert exit_code(done.result) is ExitCode.INCOMPLETE
     assert sum("failed: " in line for line in done.lines) == 5
     assert not list(done.out.rglob("*.part"))
     # Only what failed is tried again.
-    again = run(make=MAKE)
-    assert (again.result.made, again.result.there, again.result.failed) == (4, 1, 0)
+    again = run(task=FAKE_TASK)
+    assert (again.result.computed, again.result.reused, again.result.failed) == (4, 1, 0)
     assert exit_code(again.result) is ExitCode.OK
 
 
@@ -103,10 +101,10 @@ def test_the_summary_says_the_same_in_three_formats(run: Callable[..., Any]) -> 
     ]
     assert [group["failed"] for group in told["groups"]] == [1, 2]
     assert [group["instants"] for group in told["groups"]] == [2, 1]
-    assert "no instant 99" in rows[-1]["problem"]
-    assert page.count("<tr>") == 2 + 2 + sum(not row["problem"] for row in rows)
-    assert page.count("<dt>") == sum(bool(row["problem"]) for row in rows)
-    assert "3 units made, 3 failed" in page
+    assert "no instant 99" in rows[-1]["error"]
+    assert page.count("<tr>") == 2 + 2 + sum(not row["error"] for row in rows)
+    assert page.count("<dt>") == sum(bool(row["error"]) for row in rows)
+    assert "3 units computed, 3 failed" in page
     assert rows[0]["coverage"] == "0.5"
 
 
@@ -128,14 +126,15 @@ def test_all_failed_alike_is_that_exit_code(run: Callable[..., Any], tmp_path: P
 def test_one_camera_only_is_one_line(run: Callable[..., Any], scene: Scene, tmp_path: Path) -> None:
     lonely = write_session(tmp_path, scene, {"left": VIEWS["left"]}, instants=2)
     done = run(sessions=[lonely.folder])
-    assert [row.problem[:31] for row in done.result.units] == ["the session has one camera only"]
+    assert [row.error[:31] for row in done.result.units] == ["the session has one camera only"]
 
 
-def test_a_key_is_of_all_that_the_result_depends_on(
-    boards: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def keys(folder: Path = boards.folder, condition: str = "synced", matcher: str = "sweep") -> Any:
-        return [unit.key for unit in plan(folder, [Condition.parse(condition)], None, matcher)[0]]
+def test_a_key_is_of_all_that_the_result_depends_on(boards: Session, tmp_path: Path) -> None:
+    def keys(
+        folder: Path = boards.folder, condition: str = "synced", matcher: str = "sweep", program: str = "1"
+    ) -> Any:
+        units, _ = plan(folder, [Condition.parse(condition)], None, matcher, program)
+        return [unit.key for unit in units]
 
     first = keys()
     assert len(set(first)) == 5
@@ -150,8 +149,7 @@ def test_a_key_is_of_all_that_the_result_depends_on(
     assert [a == b for a, b in zip(keys(copied), first, strict=True)] == [True, False, True, True, True]
     (copied / "calibration.json").unlink()
     assert not set(keys(copied)) & set(first)
-    monkeypatch.setattr(unit_plan, "program", lambda: "another version")
-    assert not set(keys()) & set(first)
+    assert not set(keys(program="another version")) & set(first)
 
 
 def test_a_damaged_image_is_no_input(boards: Session, tmp_path: Path) -> None:
@@ -161,19 +159,19 @@ def test_a_damaged_image_is_no_input(boards: Session, tmp_path: Path) -> None:
     data[-20] ^= 1
     image.write_bytes(data)
     outcomes = [
-        perform(unit_plan.MAKE, unit, tmp_path / "out")
-        for unit in plan(copied, [Condition.parse("synced")], [0], "sweep")[0]
+        run_unit(DEPTH_TASK, unit, tmp_path / "out")
+        for unit in plan(copied, [Condition.parse("synced")], [0], "sweep", "1")[0]
     ]
-    assert [outcome.code for outcome in outcomes] == [ExitCode.INCOMPLETE]
-    assert "is damaged" in outcomes[0].problem
+    assert [outcome.exit_code for outcome in outcomes] == [ExitCode.INCOMPLETE]
+    assert "is damaged" in outcomes[0].error
 
 
 def test_nothing_is_begun_on_a_full_disk(run: Callable[..., Any], monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(units.shutil, "disk_usage", lambda path: SimpleNamespace(free=1 << 10))
+    monkeypatch.setattr(shutil, "disk_usage", lambda path: SimpleNamespace(free=1 << 10))
     done = run(instants=(0,))
-    assert done.result.made == 0
-    assert "is full" in done.result.units[0].problem
-    assert done.result.units[0].code == DiskFullError.exit_code
+    assert done.result.computed == 0
+    assert "is full" in done.result.units[0].error
+    assert done.result.units[0].exit_code == DiskFullError.exit_code
 
 
 def test_where_there_is_no_cluster(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

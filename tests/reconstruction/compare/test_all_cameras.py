@@ -77,12 +77,12 @@ def test_only_what_moves_is_lost_when_every_camera_is_off(trio: Session, tmp_pat
     assert offset.mover_points is not None
     assert synced.mover_points > 500
     assert offset.mover_points < 0.2 * synced.mover_points
-    assert synced.mover_photometric is not None
-    assert offset.mover_photometric is not None
-    assert offset.mover_photometric > 2 * synced.mover_photometric
+    assert synced.mover_photometric_error is not None
+    assert offset.mover_photometric_error is not None
+    assert offset.mover_photometric_error > 2 * synced.mover_photometric_error
     assert found.tolerance_m == 0.01
     (row,) = found.per_instant
-    late = [row[f"late_{camera}_ms"] for camera in VIEWS]
+    late = [row[f"offset_{camera}_ms"] for camera in VIEWS]
     assert late[1] == 0
     assert len(set(late)) == 3
     # The same once more comes from the stages' folder.

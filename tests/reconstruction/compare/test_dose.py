@@ -10,7 +10,7 @@ import pytest
 
 from capture_app.session.reading.reader import Session
 from reconstruction.cli import main
-from reconstruction.compare.dose import bearable_ms, falls
+from reconstruction.compare.dose import is_decreasing, tolerable_offset_ms
 from reconstruction.report.dose import write_dose_report
 from reconstruction.scores.depth_results import DepthScores
 from reconstruction.scores.dose_results import DosePoint, DoseResult
@@ -27,27 +27,29 @@ def point(ms: float, value: float, low: float | None = None, high: float | None 
 
 
 def test_a_curve_falls_unless_a_point_rises_beyond_both_intervals() -> None:
-    assert falls([point(0, 0.9), point(17, 0.2, 0.1, 0.3), point(33, 0.25, 0.2, 0.4)], "mover_coverage")
-    assert not falls([point(0, 0.9), point(17, 0.2, 0.1, 0.3), point(33, 0.5, 0.4, 0.6)], "mover_coverage")
+    falling = [point(0, 0.9), point(17, 0.2, 0.1, 0.3), point(33, 0.25, 0.2, 0.4)]
+    rising = [*falling[:2], point(33, 0.5, 0.4, 0.6)]
+    assert is_decreasing(falling, "mover_coverage")
+    assert not is_decreasing(rising, "mover_coverage")
 
 
 def test_what_is_borne_is_the_first_limit_that_is_reached() -> None:
     points = [point(0, 0.8), point(20, 0.4)]
-    assert bearable_ms(points, "mover_coverage", None) == pytest.approx(4.0)
-    assert bearable_ms(points, "mover_coverage", 0.5) == pytest.approx(2.0)
-    assert bearable_ms([point(0, 0.8), point(20, 0.79)], "mover_coverage", None) is None
+    assert tolerable_offset_ms(points, "mover_coverage", None) == pytest.approx(4.0)
+    assert tolerable_offset_ms(points, "mover_coverage", 0.5) == pytest.approx(2.0)
+    assert tolerable_offset_ms([point(0, 0.8), point(20, 0.79)], "mover_coverage", None) is None
 
 
 def test_the_session_s_own_error_is_marked_where_it_lies_on_the_drawing(tmp_path: Path) -> None:
-    def drawing(own_error_us: float | None) -> str:
+    def drawing(sync_residual_us: float | None) -> str:
         dose = DoseResult(
             reference="a",
             other="b",
             measure="mover_coverage",
             points=(point(0, 0.9, 0.8, 1.0), point(33, 0.1)),
             instants=5,
-            falls=True,
-            own_error_us=own_error_us,
+            decreasing=True,
+            sync_residual_us=sync_residual_us,
         )
         page = write_dose_report(dose, tmp_path).read_text("utf-8")
         drawn = re.findall(r"<svg.*?</svg>", page, re.DOTALL)
@@ -96,8 +98,8 @@ def test_dose_falls_on_what_moves_and_not_on_what_stands_still(
     assert moving[0] > 0.9
     assert max(moving[1:]) < 0.1
     assert max(still) - min(still) < 0.02
-    assert result["falls"]
-    assert 0 < result["bearable_ms"] < 33
+    assert result["decreasing"]
+    assert 0 < result["tolerable_offset_ms"] < 33
     assert "This motion bears about" in (out / "report.html").read_text("utf-8")
 
 

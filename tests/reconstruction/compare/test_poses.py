@@ -83,15 +83,15 @@ def compared(poses: PoseStudy, condition: Condition) -> PoseComparison:
 
 def test_harm_is_told_in_cameras_pairs_and_degrees(boards: Session, tmp_path: Path) -> None:
     found = compared(study(boards, tmp_path, finder=Fake), Condition.parse("left=0,right=33,aside=66"))
-    assert found.harmed
+    assert found.degraded
     assert (found.synced.registered, found.offset.registered) == (3, 2)
-    assert (found.synced.right_pairs, found.offset.right_pairs) == (1, 0)
+    assert (found.synced.correct_pairs, found.offset.correct_pairs) == (1, 0)
     assert found.offset.rotation_deg == pytest.approx(10, abs=0.1)
     assert [row["instant"] for row in found.per_instant] == [0, 1, 2]
-    assert found.differences["right_pairs"].high == -1
+    assert found.differences["correct_pairs"].high == -1
     assert found.offsets_ms == {"left": 0, "right": 33, "aside": 66}
     together = compared(study(boards, tmp_path, finder=Fake), Condition(SYNCED))
-    assert not together.harmed
+    assert not together.degraded
     with pytest.raises(ValueError, match="equally late"):
         compared(study(boards, tmp_path, finder=Fake), Condition.parse("7,7,7"))
 
@@ -110,9 +110,9 @@ def test_two_cameras_and_no_colmap_are_said(
 def test_a_pinwheel_places_its_cameras_only_when_synchronized(tmp_path: Path) -> None:
     found = compared(study(Store.open(PINWHEEL), tmp_path, most_instants=1), Condition(DISTINCT))
     assert found.synced.registered == 5
-    assert found.synced.right_pairs == 1
+    assert found.synced.correct_pairs == 1
     assert found.synced.rotation_deg is not None
     assert found.synced.rotation_deg < 0.5
-    assert found.harmed
-    assert found.offset.right_pairs == 0
+    assert found.degraded
+    assert found.offset.correct_pairs == 0
     assert found.offset.rotation_deg is None or found.offset.rotation_deg > 10

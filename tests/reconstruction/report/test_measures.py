@@ -80,7 +80,7 @@ def test_a_panorama_is_judged_by_what_moves_where_that_is_known(tmp_path):
         STITCH,
         synced=msgspec.structs.replace(STITCH.synced, mover_flow_p95_px=2.5),
         offset=msgspec.structs.replace(STITCH.offset, mover_flow_p95_px=31.4),
-        why="52 % overlap",
+        reason="52 % overlap",
     )
     page = Page.read(write_report(msgspec.structs.replace(RESULT, stereo=None, stitch=stitch), tmp_path))
 

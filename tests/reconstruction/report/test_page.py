@@ -70,7 +70,7 @@ def test_no_name_and_no_note_becomes_markup(tmp_path):
         verdict=f"{nasty} It matters. {nasty}",
         calibration=nasty,
         stereo=msgspec.structs.replace(
-            result.stereo, reference=nasty, other=nasty, why=nasty, pictures=(picture,)
+            result.stereo, reference=nasty, other=nasty, reason=nasty, pictures=(picture,)
         ),
         multiview=msgspec.structs.replace(
             result.multiview, reference=nasty, cameras=cameras, left_out={nasty: nasty}, cloud_skipped=nasty
@@ -78,7 +78,7 @@ def test_no_name_and_no_note_becomes_markup(tmp_path):
         stitch=None,
         stitch_skipped=nasty,
         poses=msgspec.structs.replace(
-            poses, cameras=cameras, offsets_ms=dict.fromkeys(cameras, 5.0), truth=nasty, why=nasty
+            poses, cameras=cameras, offsets_ms=dict.fromkeys(cameras, 5.0), truth_source=nasty, reason=nasty
         ),
         bullet_time=msgspec.structs.replace(sweep, cameras=cameras, file=nasty),
         burst=msgspec.structs.replace(burst, cameras=cameras),

@@ -71,17 +71,17 @@ def test_no_difference_is_said_as_such() -> None:
     assert verdict(None, None, 66.7, 0.1).startswith("Neither")
 
 
-def poses(harmed: bool, late_deg: float | None) -> PoseComparison:
+def poses(degraded: bool, late_deg: float | None) -> PoseComparison:
     def scores(right: float, degrees: float | None) -> PoseScores:
-        return PoseScores(registered=5, right_pairs=right, rotation_deg=degrees)
+        return PoseScores(registered=5, correct_pairs=right, rotation_deg=degrees)
 
     return PoseComparison(
         cameras=("a", "b", "c"),
         synced=scores(1.0, 0.05),
-        offset=scores(0.0 if harmed else 1.0, late_deg),
-        harmed=harmed,
-        right_deg=2.0,
-        truth="the calibration",
+        offset=scores(0.0 if degraded else 1.0, late_deg),
+        degraded=degraded,
+        tolerance_deg=2.0,
+        truth_source="the calibration",
     )
 
 

@@ -20,7 +20,6 @@ from emulated_link.delays import EmulatedLink
 from emulated_link.network import CAPTURE_APP, Network, read_output, running
 from report import new_parser, print_circumstances, print_report, print_rows, talk
 
-from capture_app.clock import SimulatedClock
 from capture_app.session.reading.reader import Session
 
 LEADER, RELAY = "10.77.0.1:47010", "10.79.0.1:47010"
@@ -92,12 +91,8 @@ def _errors(sessions: Path) -> dict[str, Any]:
         truth = session.true_times()
         assert truth is not None
         for image in session.manifest.images:
-            told = truth.clocks[image.camera]
-            clock = SimulatedClock(
-                int(told["offset_ns"]), float(told["skew_ppm"]), int(told["epoch_true_ns"])
-            )
             assert image.local_ns is not None
-            error_us = (image.leader_ns - clock.true_from_local(image.local_ns)) / 1000
+            error_us = (image.leader_ns - truth.clocks[image.camera].true_from_local(image.local_ns)) / 1000
             sure_us, bound_us = (image.uncertainty_ns or 0) / 1000, (image.hard_bound_ns or 0) / 1000
             seen[image.camera].append((error_us, sure_us, bound_us))
     nodes = {

@@ -9,6 +9,8 @@ import time
 from dataclasses import dataclass
 from typing import Protocol
 
+from msgspec import Struct
+
 from capture_app.errors import BadInputError
 
 MAX_SKEW_PPM = 1000.0
@@ -49,9 +51,11 @@ class HostClock:
         return time.monotonic_ns()
 
 
-@dataclass(frozen=True, slots=True)
-class SimulatedClock:
-    """A clock that shows true + offset + skew * (true - epoch); skew in parts per million, exact to 1e-6."""
+class SimulatedClock(Struct, frozen=True, forbid_unknown_fields=True):
+    """A clock that shows true + offset + skew * (true - epoch); skew in parts per million, exact to 1e-6.
+
+    Simulated nodes and sessions tell it as it is: it is the ground truth of a clock.
+    """
 
     offset_ns: int
     skew_ppm: float = 0.0

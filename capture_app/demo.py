@@ -9,7 +9,6 @@ from typing import Any, Self
 import msgspec
 from msgspec import Struct
 
-from capture_app.clock import SimulatedClock
 from capture_app.errors import BadInputError, IncompleteError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.node.child import Child, Talk
@@ -217,13 +216,11 @@ def sync_errors(session: Session) -> SyncErrors:
     true_ns = {(time.camera, time.instant): time.true_ns for time in truth.images}
     worst: dict[str, NodeErrors] = {}
     for image in session.manifest.images:
-        clock = truth.clocks[image.camera]
-        local = SimulatedClock(int(clock["offset_ns"]), float(clock["skew_ppm"]), int(clock["epoch_true_ns"]))
         instant_ns = session.manifest.burst.instants_ns[image.instant]
         assert image.local_ns is not None
         errors = NodeErrors(
             name=image.camera,
-            clock_error_ns=image.leader_ns - local.true_from_local(image.local_ns),
+            clock_error_ns=image.leader_ns - truth.clocks[image.camera].true_from_local(image.local_ns),
             phase_error_ns=image.leader_ns - instant_ns,
             total_error_ns=true_ns[image.camera, image.instant] - instant_ns,
             hard_bound_ns=image.hard_bound_ns or 0,

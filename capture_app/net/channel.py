@@ -16,7 +16,7 @@ from typing import Any, Generic, Self, TypeVar
 
 import msgspec
 
-from capture_app.errors import NetworkError
+from capture_app.errors import NetworkError, SimulshotError
 from capture_app.net.address import Address
 
 MAGIC = b"SSH1"
@@ -88,7 +88,7 @@ class Channel(Generic[M]):
         self._unread = payload_bytes
         try:
             return self._decoder.decode(header)
-        except msgspec.MsgspecError as error:
+        except (msgspec.MsgspecError, SimulshotError) as error:
             raise NetworkError(
                 f"unreadable message: {error}", hint="do both ends run the same version?"
             ) from error

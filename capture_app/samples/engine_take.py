@@ -68,7 +68,7 @@ def take_synchronized(recipe: Recipe, sources: Mapping[str, PictureSource]) -> T
             for gap in of.gaps
         ),
         events=tuple(log.lines),
-        clocks={node.spec.name: true_clock(node) for node in nodes},
+        clocks={node.spec.name: node.spec.clock for node in nodes},
     )
 
 
@@ -76,14 +76,6 @@ def profile_of(recipe: Recipe, camera: CameraRecipe, source: PictureSource) -> S
     """The camera's model with the recipe's exposure and the view's rows. Raises BadInputError."""
     exposure_ns = round(recipe.exposure_ms * 1e6)
     return replace(find_profile(camera.profile), exposure_ns=exposure_ns, image_rows=source.height)
-
-
-def true_clock(node: VirtualNode) -> dict[str, float | int | str]:
-    """The true parameters of a node's clock, named with units."""
-    clock = node.spec.clock
-    return {
-        "offset_ns": clock.offset_ns, "skew_ppm": clock.skew_ppm, "epoch_true_ns": clock.epoch_true_ns
-    }  # fmt: skip
 
 
 class _Log:

@@ -8,7 +8,7 @@ import random
 from collections.abc import Mapping
 
 from capture_app import __version__
-from capture_app.clock import seeded_clock
+from capture_app.clock import SimulatedClock, seeded_clock
 from capture_app.samples.engine_take import profile_of
 from capture_app.samples.recipe import CameraRecipe, Recipe, RecipeFrame, Take
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
@@ -31,7 +31,7 @@ def take_naive(recipe: Recipe, sources: Mapping[str, PictureSource]) -> Take:
     cameras: list[CameraRecord] = []
     frames: list[RecipeFrame] = []
     missing: list[MissingImage] = []
-    clocks: dict[str, dict[str, float | int | str]] = {}
+    clocks: dict[str, SimulatedClock] = {}
     instants_ns: tuple[int, ...] = ()
     for camera in recipe.cameras:
         record = _record(recipe, camera, sources[camera.name])
@@ -57,7 +57,7 @@ def take_naive(recipe: Recipe, sources: Mapping[str, PictureSource]) -> Take:
                 )
             )
         cameras.append(record)
-        clocks[camera.name] = {"offset_ns": clock.offset_ns, "skew_ppm": clock.skew_ppm, "epoch_true_ns": 0}
+        clocks[camera.name] = clock
     return Take(
         software=f"simulshot {__version__}",
         cameras=tuple(cameras),

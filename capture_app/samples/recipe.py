@@ -11,6 +11,7 @@ from typing import Annotated
 from msgspec import Meta, Struct
 
 from capture_app.camera_facts import Count, Positive
+from capture_app.clock import SimulatedClock
 from capture_app.errors import BadInputError
 from capture_app.names import Name
 from capture_app.node.wire.messages import JsonValue
@@ -69,7 +70,7 @@ class Take(_Part, frozen=True, kw_only=True):
     frames: tuple[RecipeFrame, ...]
     missing: tuple[MissingImage, ...] = ()
     events: tuple[dict[str, JsonValue], ...] = ()
-    clocks: dict[str, dict[str, float | int | str]] = {}
+    clocks: dict[str, SimulatedClock] = {}
 
 
 class Recipe(_Part, frozen=True, kw_only=True):

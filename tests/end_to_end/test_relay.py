@@ -4,7 +4,6 @@ import asyncio
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from capture_app.clock import SimulatedClock
 from capture_app.errors import ExitCode
 from capture_app.net.address import parse_address
 from capture_app.node.leader.control import ask_burst, ask_status
@@ -63,8 +62,7 @@ def check(folder: str | None, cameras: int, frames: int) -> None:
     assert truth is not None
     assert (len(manifest.cameras), len(manifest.images)) == (cameras, cameras * frames)
     for image in manifest.images:
-        clock = truth.clocks[image.camera]
-        local = SimulatedClock(int(clock["offset_ns"]), float(clock["skew_ppm"]), int(clock["epoch_true_ns"]))
+        local = truth.clocks[image.camera]
         assert image.local_ns is not None
         assert image.hard_bound_ns is not None
         error_ns = abs(image.leader_ns - local.true_from_local(image.local_ns))

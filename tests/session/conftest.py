@@ -9,6 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
+from capture_app.clock import SimulatedClock
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, ClockRecord, MissingImage
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
@@ -69,7 +70,7 @@ def fill(writer: SessionWriter) -> Session:
             )
     writer.add_event({"event": "aligned", "camera": "left", "phase_ns": 12})
     writer.add_ground_truth("left", 0, b"npz", 77)
-    writer.set_ground_truth_clocks({"left": {"offset_ns": 5}})
+    writer.set_ground_truth_clocks({"left": SimulatedClock(5)})
     return writer.finish(
         [camera_record("left"), camera_record("right")],
         BurstRecord(instants_ns=INSTANTS, period_ns=33_000_000, requested_ns=INSTANTS[0] - 5),

@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from capture_app.clock import SimulatedClock
 from capture_app.errors import BadInputError, ExitCode, IncompleteError, SimulshotError
 from capture_app.names import is_name
 from capture_app.session.format.calibration import Calibration, CameraCalibration
@@ -48,7 +49,7 @@ def test_what_is_written_is_read(session: Session) -> None:
     times = session.true_times()
     assert times is not None
     assert times.images[0].true_ns == 77
-    assert times.clocks == {"left": {"offset_ns": 5}}
+    assert times.clocks == {"left": SimulatedClock(5)}
     assert not list(session.folder.rglob("*.part"))
     with pytest.raises(BadInputError, match=r"no camera 'top'.*left, right"):
         session.camera("top")

@@ -6,7 +6,7 @@ from pathlib import Path
 import msgspec
 
 from capture_app.node.burst.camera_progress import CameraProgress
-from capture_app.node.wire.messages import CameraReport, TrueClock
+from capture_app.node.wire.messages import CameraReport
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
@@ -28,9 +28,7 @@ def write_manifest(
     calibrated = {n: r.calibration for n, r in reports.items() if r.calibration is not None}
     if calibrated:
         writer.set_calibration(Calibration(cameras=calibrated, source="the simulated scene"))
-    writer.set_ground_truth_clocks(
-        {name: true for name, report in reports.items() if (true := true_clock_of(report)) is not None}
-    )
+    writer.set_ground_truth_clocks({n: r.true_clock for n, r in reports.items() if r.true_clock is not None})
     cameras = [of.report.camera if of.report else of.camera for of in progress.values()]
     origin = "simulated" if writer.knows_true_times else "captured"
     return writer.finish(cameras, burst, missing, origin).folder
@@ -77,7 +75,7 @@ def camera_plan(camera: CameraRecord, report: CameraReport | None) -> CameraPlan
         instants=report.instants,
         missing=report.missing,
         calibration=report.calibration,
-        true_clock=true_clock_of(report),
+        true_clock=report.true_clock,
     )
 
 
@@ -85,7 +83,6 @@ def report_of(plan: BurstPlan, told: CameraPlan) -> CameraReport | None:
     """What a camera had reported, without its events; None where it had not."""
     if not told.reported:
         return None
-    true = told.true_clock
     return CameraReport(
         leader=plan.leader,
         burst=plan.number,
@@ -93,23 +90,5 @@ def report_of(plan: BurstPlan, told: CameraPlan) -> CameraReport | None:
         instants=told.instants,
         missing=told.missing,
         calibration=told.calibration,
-        true_clock=None
-        if true is None
-        else TrueClock(
-            offset_ns=int(true["offset_ns"]),
-            skew_ppm=float(true["skew_ppm"]),
-            epoch_true_ns=int(true["epoch_true_ns"]),
-        ),
+        true_clock=told.true_clock,
     )
-
-
-def true_clock_of(report: CameraReport) -> dict[str, float | int | str] | None:
-    """A simulated camera's clock as it really is, by name with unit."""
-    true = report.true_clock
-    if true is None:
-        return None
-    return {
-        "offset_ns": true.offset_ns,
-        "skew_ppm": true.skew_ppm,
-        "epoch_true_ns": true.epoch_true_ns,
-    }

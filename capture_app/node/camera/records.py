@@ -6,7 +6,7 @@ import msgspec
 
 from capture_app.camera_facts import SIMULATED, CameraFacts
 from capture_app.clock import NodeClock, SimulatedClock
-from capture_app.node.wire.messages import CameraReport, JsonValue, TrueClock
+from capture_app.node.wire.messages import CameraReport, JsonValue
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.manifest import CameraRecord, ClockRecord, MissingImage, PhaseRecord
 from capture_app.sync.rig.events import (
@@ -67,7 +67,7 @@ def camera_report(
     ready: BurstPicked[Any],
     *,
     calibration: CameraCalibration | None,
-    true_clock: TrueClock | None,
+    true_clock: SimulatedClock | None,
     events: tuple[dict[str, JsonValue], ...],
 ) -> CameraReport:
     """What a node tells the root of its part of a burst."""
@@ -88,13 +88,11 @@ def camera_report(
     )
 
 
-def true_clock(clock: NodeClock, facts: CameraFacts) -> TrueClock | None:
+def true_clock(clock: NodeClock, facts: CameraFacts) -> SimulatedClock | None:
     """The truth about a node's clock, where the simulator knows it."""
     if isinstance(clock, SimulatedClock):
-        return TrueClock(
-            offset_ns=clock.offset_ns, skew_ppm=clock.skew_ppm, epoch_true_ns=clock.epoch_true_ns
-        )
-    return TrueClock(offset_ns=0, skew_ppm=0.0, epoch_true_ns=0) if facts.kind == SIMULATED else None
+        return clock
+    return SimulatedClock(0) if facts.kind == SIMULATED else None
 
 
 def event_line(event: ClientEvent[Any]) -> dict[str, JsonValue]:

@@ -5,6 +5,7 @@ from typing import Annotated
 from msgspec import Meta, Struct
 
 from capture_app.camera_facts import Count
+from capture_app.clock import SimulatedClock
 from capture_app.node.wire.status import BurstStatus, RigStatus
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, MissingImage, Sha256
@@ -14,14 +15,6 @@ JsonValue = int | float | str | bool | None
 
 class _Message(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """Base of all messages."""
-
-
-class TrueClock(_Message, frozen=True, kw_only=True):
-    """A simulated clock as it really is: local = true + offset + skew * (true - epoch), in ns."""
-
-    offset_ns: int
-    skew_ppm: float
-    epoch_true_ns: int
 
 
 class CameraReport(_Message, frozen=True, kw_only=True, tag="camera-report"):
@@ -36,7 +29,8 @@ class CameraReport(_Message, frozen=True, kw_only=True, tag="camera-report"):
     instants: tuple[Count, ...]
     missing: tuple[MissingImage, ...] = ()
     calibration: CameraCalibration | None = None
-    true_clock: TrueClock | None = None
+    true_clock: SimulatedClock | None = None
+    """Of a simulated camera: the node's clock as it really is."""
     events: tuple[dict[str, JsonValue], ...] = ()
     """What the node's engine saw and did lately, times in its own clock."""
 

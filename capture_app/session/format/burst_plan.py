@@ -5,6 +5,7 @@ from pathlib import Path
 from msgspec import Struct
 
 from capture_app.camera_facts import Count
+from capture_app.clock import SimulatedClock
 from capture_app.names import Name, check_name
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.checks import read_struct
@@ -25,8 +26,8 @@ class CameraPlan(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     missing: tuple[MissingImage, ...] = ()
     """The images that it has said it cannot give."""
     calibration: CameraCalibration | None = None
-    true_clock: dict[str, float | int | str] | None = None
-    """A simulated camera's clock as it really is, by name with unit."""
+    true_clock: SimulatedClock | None = None
+    """A simulated camera's clock as it really is."""
 
 
 class BurstPlan(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

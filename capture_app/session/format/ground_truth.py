@@ -2,6 +2,7 @@
 
 from msgspec import Struct
 
+from capture_app.clock import SimulatedClock
 from capture_app.session.format.manifest import GROUND_TRUTH, Sha256
 
 TIMES = f"{GROUND_TRUTH}/times.json"
@@ -20,10 +21,10 @@ class TrueTime(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class TrueTimes(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """True times of the images, and by camera the true parameters of its clock (named with units)."""
+    """True times of the images, and by camera its clock as it really is."""
 
     images: tuple[TrueTime, ...] = ()
-    clocks: dict[str, dict[str, float | int | str]] = {}
+    clocks: dict[str, SimulatedClock] = {}
 
 
 def ground_truth_path(camera: str, instant: int) -> str:

@@ -14,6 +14,7 @@ from typing import Any, Self
 import msgspec
 
 from capture_app import __version__
+from capture_app.clock import SimulatedClock
 from capture_app.errors import BadInputError, DiskFullError, SimulshotError
 from capture_app.names import check_name
 from capture_app.session.files.disk import disk_error, make_new_folder
@@ -190,8 +191,8 @@ class SessionWriter:
         """Whether any image came with its true time: the session is a simulated one."""
         return self._truth.knows_times
 
-    def set_ground_truth_clocks(self, clocks: Mapping[str, Mapping[str, float | int | str]]) -> None:
-        """Keep the true parameters of each simulated camera's clock, by camera and by name with unit."""
+    def set_ground_truth_clocks(self, clocks: Mapping[str, SimulatedClock]) -> None:
+        """Keep each simulated camera's clock as it really is."""
         self._truth.set_clocks(clocks)
 
     def set_calibration(self, calibration: Calibration) -> None:

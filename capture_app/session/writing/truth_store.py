@@ -7,6 +7,7 @@ from pathlib import Path
 
 import msgspec
 
+from capture_app.clock import SimulatedClock
 from capture_app.session.files.durable import AppendOnlyFile, make_folders, write_atomic
 from capture_app.session.format.ground_truth import (
     TIMES,
@@ -26,7 +27,7 @@ class TruthStore:
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._times: dict[tuple[str, int], TrueTime] = {}
-        self._clocks: dict[str, dict[str, float | int | str]] = {}
+        self._clocks: dict[str, SimulatedClock] = {}
         self._journal: AppendOnlyFile | None = None
 
     @property
@@ -60,9 +61,9 @@ class TruthStore:
             self._journal.append(msgspec.json.encode(true), durable=True)
         return path
 
-    def set_clocks(self, clocks: Mapping[str, Mapping[str, float | int | str]]) -> None:
-        """Keep the true parameters of each camera's clock."""
-        self._clocks = {name: dict(values) for name, values in clocks.items()}
+    def set_clocks(self, clocks: Mapping[str, SimulatedClock]) -> None:
+        """Keep each camera's clock as it really is."""
+        self._clocks = dict(clocks)
 
     def write(self) -> None:
         """Write times.json, unless no true time and no clock is known."""

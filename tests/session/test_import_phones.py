@@ -1,0 +1,169 @@
+"""Recordings of phones become sessions: libsoftwaresync, RecSync, and phones held upright."""
+
+import shutil
+import struct
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import av
+import cv2
+import numpy as np
+import pytest
+
+from capture_app.cli import run
+from capture_app.errors import BadInputError
+from capture_app.session.importers.embedded_times import TimeSource
+from capture_app.session.importers.recording import ImportOptions, import_recording
+from capture_app.session.reading.reader import Session
+from capture_app.session.reading.verify import verify
+
+from .conftest import jpeg
+from .numbered_video import US, numbers_of, times_of, write_video
+
+
+def shot(folder: Path, time: str, leader_ns: int, *, nv21: bool = False) -> None:
+    """What libsoftwaresync writes for a shot."""
+    folder.mkdir(parents=True, exist_ok=True)
+    text = (
+        f"leader_sensor_timestamp_ns: {leader_ns}\nlocal_sensor_timestamp_ns: {leader_ns + 5_000_000_000}\n"
+    )
+    (folder / f"sync_metadata_{time}.txt").write_text(text)
+    if not nv21:
+        (folder / f"img_{time}.jpg").write_bytes(jpeg(1))
+        return
+    grey = np.full(16 * 12, 200, np.uint8).tobytes() + np.full(16 * 6, 128, np.uint8).tobytes()
+    (folder / f"img_{time}.nv21").write_bytes(grey)
+    size = "width: 16\nheight: 12\npixel_format: NV21 (tightly packed)\nluma_buffer_bytes: 192\n"
+    (folder / f"nv21_metadata_{time}.txt").write_text(size)
+
+
+def test_shots_of_libsoftwaresync(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    for phone, late_ns in (("pixel_a", 0), ("pixel_b", 80 * US)):
+        for number in range(3):
+            time = f"20260131_1425{number:02}_123"
+            place = tmp_path / "rec" / phone / f"capture_{number}"
+            shot(place, time, 10**12 + 2 * 10**9 * number + late_ns, nv21=phone == "pixel_b")
+    assert run(["sessions", "import", str(tmp_path / "rec"), "--out", str(tmp_path), "--name", "s"]) == 0
+    assert "80 µs apart" in capsys.readouterr().out
+    session = Session.open(tmp_path / "s")
+    assert verify(session) == []
+    first = session.images_by_instant()[0]
+    assert session.image_file(first["pixel_a"]).read_bytes() == jpeg(1)
+    assert first["pixel_a"].local_ns == 10**12 + 5 * 10**9
+    image = cv2.imread(str(session.image_file(first["pixel_b"])))
+    assert image is not None
+    assert image.shape == (12, 16, 3)
+    assert image.mean() > 180
+    assert {camera.facts.model for camera in session.manifest.cameras} == {"libsoftwaresync"}
+
+
+def test_one_shot_of_libsoftwaresync_is_a_session(tmp_path: Path) -> None:
+    for phone in ("a", "b"):
+        shot(tmp_path / phone, "20260131_142500_123", 10**12)
+    paths = [str(tmp_path / phone) for phone in ("a", "b")]
+    session = import_recording(paths, tmp_path / "out", "s", ImportOptions())
+    assert [len(images) for images in session.images_by_instant()] == [2]
+
+
+def recsync(folder: Path, times_us: Sequence[int], start_ns: int = 10**13) -> None:
+    write_video(folder / "VID_20260131_142530.mp4", times_us)
+    lines = "".join(f"{start_ns + t * US}\n" for t in times_us)
+    (folder / "VID_20260131_142530.csv").write_text(lines)
+
+
+def test_videos_of_recsync_are_matched_by_the_leaders_time(tmp_path: Path) -> None:
+    times_us = [33_333 * n for n in range(6)]
+    recsync(tmp_path / "rec" / "leader", times_us)
+    recsync(tmp_path / "rec" / "client", times_us, 10**13 + 66_666 * US + 40 * US)
+    table = tmp_path / "rec" / "client" / "VID_20260131_142530.csv"
+    table.write_text(table.read_text() + f"{10**13 + 266_706 * US}\n")
+    said: list[str] = []
+    session = import_recording([str(tmp_path / "rec")], tmp_path, "s", ImportOptions(), talk=said.append)
+    assert len(said) == 1
+    assert "7 times for 6 frames" in said[0]
+    together = [numbers for numbers in numbers_of(session) if len(numbers) == 2]
+    assert together == [{"client": n, "leader": n + 2} for n in range(4)]
+    assert session.manifest.sync is not None
+    assert max(session.manifest.sync.spread_ns) == 40 * US
+    assert times_of(session, "leader")[0] == 10**13
+
+
+def remake(folder: Path, change: Callable[[Path], Any]) -> None:
+    shutil.rmtree(folder, ignore_errors=True)
+    change(folder)
+
+
+def swap_lines(folder: Path) -> None:
+    recsync(folder, [0, 33_333, 66_666])
+    (folder / "VID_20260131_142530.csv").write_text("1000\n3000\n2000\n")
+
+
+BROKEN: dict[str, tuple[Callable[[Path], Any], str]] = {
+    "backwards": (swap_lines, "times go backwards: frame 2"),
+    "no number": (
+        lambda f: (recsync(f, [0, 33_333]), (f / "VID_20260131_142530.csv").write_text("1\nsoon\n")),
+        "line 2",
+    ),
+    "empty table": (
+        lambda f: (recsync(f, [0, 33_333]), (f / "VID_20260131_142530.csv").write_text("\n")), "no times",
+    ),
+    "two recordings": (
+        lambda f: (
+            recsync(f, [0, 33_333]),
+            shutil.copy(f / "VID_20260131_142530.mp4", f / "VID_2.mp4"),
+            (f / "VID_2.csv").write_text("1\n2\n"),
+        ),
+        "several recordings",
+    ),
+    "not a video": (
+        lambda f: (recsync(f, [0, 33_333]), (f / "VID_20260131_142530.mp4").write_bytes(b"no video")),
+        "not a video that can be decoded",
+    ),
+    "no leader time": (
+        lambda f: (shot(f, "x", 1), (f / "sync_metadata_x.txt").write_text("local_sensor_timestamp_ns: 1\n")),
+        "no leader_sensor_timestamp_ns",
+    ),
+    "no image": (lambda f: (shot(f, "x", 1), (f / "img_x.jpg").unlink()), "no image"),
+    "cut nv21": (
+        lambda f: (shot(f, "x", 1, nv21=True), (f / "img_x.nv21").write_bytes(b"123")),
+        "16x12 pixels of NV21",
+    ),
+    "one time twice": (lambda f: (shot(f, "x", 1), shot(f, "y", 1)), "same time"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("broken", BROKEN)
+def test_broken_recordings_of_phones_say_why_and_leave_nothing(tmp_path: Path, broken: str) -> None:
+    make, reason = BROKEN[broken]
+    (tmp_path / "phone").mkdir()
+    make(tmp_path / "phone")
+    with pytest.raises(BadInputError, match=reason):
+        import_recording([str(tmp_path / "phone")], tmp_path / "out", "s", ImportOptions())
+    assert not list((tmp_path / "out").glob("*"))
+
+
+def test_a_phone_held_upright_gives_upright_pictures_either_way(tmp_path: Path) -> None:
+    """The same as OpenCV makes of a video whose track says that it is turned."""
+    path = write_video(tmp_path / "rec" / "cam0.mp4", [0, 40_000])
+    with av.open(str(path), "w") as container:
+        stream = container.add_stream("libx264", rate=25)
+        stream.width, stream.height, stream.pix_fmt = 64, 48, "yuv420p"
+        picture = np.zeros((48, 64, 3), np.uint8)
+        picture[:24, :32] = 255  # only the top left is bright
+        for _ in range(2):
+            container.mux(stream.encode(av.VideoFrame.from_ndarray(picture, format="bgr24")))
+        container.mux(stream.encode(None))
+    data = path.read_bytes()
+    place = data.index(struct.pack(">iiiii", 1 << 16, 0, 0, 0, 1 << 16), data.index(b"tkhd"))
+    turned = struct.pack(">iiiii", 0, 1 << 16, 0, -(1 << 16), 0)
+    path.write_bytes(data[:place] + turned + data[place + len(turned) :])
+    shown = []
+    for name, options in (("own", ImportOptions(times=TimeSource.VIDEO)), ("rate", ImportOptions(fps=25))):
+        session = import_recording([str(tmp_path / "rec")], tmp_path, name, options)
+        facts = session.manifest.cameras[0].facts
+        assert (facts.width, facts.height) == (48, 64)
+        image = cv2.imread(str(session.image_file(session.manifest.images[0])))
+        assert image is not None
+        shown.append(image)
+    assert np.abs(shown[0].astype(int) - shown[1]).max() < 30

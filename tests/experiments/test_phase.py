@@ -6,7 +6,6 @@ from statistics import mean, stdev
 
 import pytest
 
-from capture_app.experiments.common import workers
 from capture_app.experiments.led_panel import experiment as led_panel
 from capture_app.experiments.naive import experiment as naive
 from capture_app.experiments.phase import experiment as phase
@@ -16,15 +15,8 @@ def nothing(_: str) -> None:
     """Nobody listens."""
 
 
-@pytest.fixture(autouse=True)
-def one_process(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(workers, "FEW", 10**9)
-
-
-def test_phase_sets_ours_beside_the_papers_way(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(phase, "GROUPS", {2: 1.0, 3: 1.0})
-    monkeypatch.setattr(phase, "SERVO_S", 12)
-    outcome = phase.run(trials=2, seed=3, talk=nothing)
+def test_phase_sets_ours_beside_the_papers_way(tmp_path: Path) -> None:
+    outcome = phase.run(trials=2, seed=3, talk=nothing, groups={2: 1.0, 3: 1.0}, servo_s=12, jobs=1)
     ours, theirs = outcome.result.ours, outcome.result.baseline
     assert ours["injections_mean"]["unknown-phones"]["injection-with-profile"] <= 1.0
     assert ours["injections_mean"]["unknown-phones"]["injection"] <= 2.5
@@ -50,7 +42,7 @@ def test_two_phones_take_pictures_of_the_panel_that_tell_their_times(tmp_path: P
 
 
 @pytest.mark.parametrize("law", naive.PAPERS.values(), ids=naive.PAPERS)
-def test_modelled_triggers_have_the_papers_figures(law: naive.Naive) -> None:
+def test_modelled_triggers_have_the_papers_figures(law: naive.TriggerErrors) -> None:
     rng = random.Random(2)
     sizes = [law.draw_ms(rng) for _ in range(2000)]
     assert max(sizes) <= law.largest_ms
@@ -58,11 +50,8 @@ def test_modelled_triggers_have_the_papers_figures(law: naive.Naive) -> None:
     assert stdev(sizes) == pytest.approx(law.std_ms, rel=0.05)
 
 
-def test_triggers_are_read_off_pictures_beside_the_chain(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    monkeypatch.setattr(naive, "CHAIN_LEAST", 1)
-    outcome = naive.run(trials=1, seed=2, talk=nothing)
+def test_triggers_are_read_off_pictures_beside_the_chain(tmp_path: Path) -> None:
+    outcome = naive.run(trials=1, seed=2, talk=nothing, least_chain_trials=1)
     for name, law in naive.PAPERS.items():
         drawn_ms = law.draw_ms(random.Random(f"2/{name}"))
         assert outcome.result.baseline[f"{name}_ms"]["mean_abs"] == pytest.approx(drawn_ms, abs=0.05)

@@ -1,17 +1,21 @@
 """The common shape of all experiments, and the command around it."""
 
 import json
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
 
+import click.testing
 import pytest
+from click.testing import CliRunner
 
-from capture_app import experiments
 from capture_app.cli import run
+from capture_app.commands.experiment.command import plain_command
 from capture_app.errors import ExitCode
+from capture_app.experiments.common.figures import error_figures
 from capture_app.experiments.common.plots import new_figure, save
-from capture_app.experiments.common.result import Outcome, Result, error_figures, side_by_side
+from capture_app.experiments.common.result import Outcome, Result, side_by_side
 
 RESULT = Result(
     name="fake",
@@ -36,10 +40,9 @@ def fake_run(*, trials: int | None, seed: int, talk: Callable[[str], None]) -> O
     return Outcome(RESULT, notes=("a note",), draw=draw)
 
 
-@pytest.fixture
-def fake(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(experiments.EXPERIMENTS, "fake", "A made-up one.")
-    monkeypatch.setattr(experiments, "import_module", lambda name: SimpleNamespace(run=fake_run))
+def run_fake(*arguments: str) -> click.testing.Result:
+    fake = plain_command("fake", "A made-up one.", lambda: SimpleNamespace(run=fake_run))
+    return CliRunner().invoke(fake, arguments)
 
 
 def test_figures_stand_side_by_side() -> None:
@@ -57,30 +60,28 @@ def test_error_figures() -> None:
         error_figures([])
 
 
-@pytest.mark.usefixtures("fake")
-def test_json_is_data_and_talk_is_on_stderr(capsys: pytest.CaptureFixture[str]) -> None:
-    assert run(["experiment", "fake", "--seed", "3", "--json"]) == ExitCode.OK
-    printed = capsys.readouterr()
-    assert json.loads(printed.out)["ours"] == {"total_us": {"mean_abs": 12.345, "max": 40.0}}
+def test_json_is_data_and_talk_is_on_stderr() -> None:
+    printed = run_fake("--seed", "3", "--json")
+    assert printed.exit_code == ExitCode.OK
+    assert json.loads(printed.stdout)["ours"] == {"total_us": {"mean_abs": 12.345, "max": 40.0}}
+    assert printed.stderr == "working\n"
 
 
-@pytest.mark.usefixtures("fake")
-def test_table_and_pictures(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
+def test_table_and_pictures(tmp_path: Path) -> None:
     folder = tmp_path / "deep" / "plots"
-    assert run(["experiment", "fake", "--seed", "3", "--plot", str(folder)]) == ExitCode.OK
+    printed = run_fake("--seed", "3", "--plot", str(folder))
+    assert printed.exit_code == ExitCode.OK
     assert (folder / "fake.png").stat().st_size > 1000
-    printed = capsys.readouterr()
-    assert "fake: simulated, 2 trials, seed 3" in printed.out
-    assert "a note" in printed.out
-    assert "fake.png" in printed.err
+    assert "fake: simulated, 2 trials, seed 3" in printed.stdout
+    assert "a note" in printed.stdout
+    assert "fake.png" in printed.stderr
 
 
-@pytest.mark.usefixtures("fake")
 def test_a_missing_extra_is_said_before_the_work(
     capsys: pytest.CaptureFixture[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "matplotlib.figure", None)
-    assert run(["experiment", "fake", "--plot", str(tmp_path)]) == ExitCode.NOT_AVAILABLE
+    monkeypatch.setitem(sys.modules, "matplotlib.figure", None)
+    assert run(["experiment", "naive", "--plot", str(tmp_path)]) == ExitCode.NOT_AVAILABLE
     assert "simulshot[plots]" in capsys.readouterr().err
 
 

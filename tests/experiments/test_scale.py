@@ -2,22 +2,19 @@
 
 from pathlib import Path
 
-import pytest
 from click.testing import CliRunner
 
-from capture_app.experiments.scale import experiment as scale
 from capture_app.experiments.scale.experiment import ScaleOptions, run
 
 
-def test_one_leader_beside_a_tree(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
-    monkeypatch.setattr(scale, "SHARD_CLIENTS", 3)
+def test_one_leader_beside_a_tree(tmp_path: Path) -> None:
     talk: list[str] = []
     one, two = (
         run(
             trials=1,
             seed=2,
             talk=talk.append,
-            options=ScaleOptions(sizes=(6,), minutes=1.2, jobs=jobs),
+            options=ScaleOptions(sizes=(6,), minutes=1.2, jobs=jobs, shard_clients=3),
         )
         for jobs in (1, 2)
     )

@@ -6,9 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from capture_app.experiments.phase.baselines import inject_like_libsoftwaresync
 from capture_app.experiments.phase.trials import (
     align,
-    inject_like_libsoftwaresync,
     learned,
     reset_like_the_paper,
     reset_together,

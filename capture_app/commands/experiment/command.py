@@ -1,6 +1,7 @@
 """`capture-app experiment`: the paper's tables and ours."""
 
 from collections.abc import Callable
+from functools import partial
 from importlib import import_module
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -8,10 +9,11 @@ from typing import TYPE_CHECKING
 import click
 
 from capture_app.commands.lazy_group import LazyGroup
-from capture_app.experiments import EXPERIMENTS
+from capture_app.experiments import EXPERIMENTS, load
 from capture_app.terminal import json_option, print_json, print_line, print_table, talk
 
 if TYPE_CHECKING:
+    from capture_app.experiments import Experiment
     from capture_app.experiments.common.result import Outcome
 
 OWN_OPTIONS: dict[str, str] = {
@@ -59,20 +61,24 @@ def experiment_options(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def load_command(name: str) -> click.Command:
-    """Import or make the command of an experiment."""
+    """Import or make the command of an experiment of the table."""
     if name in OWN_OPTIONS:
         own = import_module(OWN_OPTIONS[name]).experiment
         assert isinstance(own, click.Command)
         return own
+    return plain_command(name, EXPERIMENTS[name], partial(load, name))
 
-    @click.command(name=name, help=EXPERIMENTS[name])
+
+def plain_command(name: str, text: str, load_experiment: "Callable[[], Experiment]") -> click.Command:
+    """Make the command of an experiment without options of its own; `text` is its help."""
+
+    @click.command(name=name, help=text)
     @experiment_options
-    def one(trials: int | None, seed: int, plot: Path | None, as_json: bool) -> None:
-        from capture_app.experiments import load
+    def command(trials: int | None, seed: int, plot: Path | None, as_json: bool) -> None:
+        outcome = load_experiment().run(trials=trials, seed=seed, talk=talk)
+        show(outcome, as_json=as_json, plot=plot)
 
-        show(load(name).run(trials=trials, seed=seed, talk=talk), as_json=as_json, plot=plot)
-
-    return one
+    return command
 
 
 @click.group(cls=LazyGroup, table=EXPERIMENTS, load=load_command)

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
-from math import sqrt
 from pathlib import Path
 from typing import Any, Literal
 
@@ -48,19 +47,6 @@ class Outcome:
     def shown(self) -> tuple[Table, ...]:
         """The tables to print."""
         return self.tables or (side_by_side(self.result),)
-
-
-def error_figures(errors: list[float]) -> dict[str, float]:
-    """Return `mean_abs`, `max`, `std` and `bias` of errors, in their unit; raises ValueError for none."""
-    if not errors:
-        raise ValueError("no errors to sum up")
-    bias = sum(errors) / len(errors)
-    return {
-        "mean_abs": sum(abs(e) for e in errors) / len(errors),
-        "max": max(abs(e) for e in errors),
-        "std": sqrt(sum((e - bias) ** 2 for e in errors) / len(errors)),
-        "bias": bias,
-    }
 
 
 def side_by_side(result: Result) -> Table:

@@ -14,7 +14,8 @@ import numpy as np
 
 from capture_app.clock import SimulatedClock
 from capture_app.errors import IncompleteError
-from capture_app.experiments.common.result import Outcome, Result, Table, error_figures
+from capture_app.experiments.common.figures import error_figures
+from capture_app.experiments.common.result import Outcome, Result, Table
 from capture_app.experiments.common.workers import call_all
 from capture_app.simulation.devices.profiles import PROFILES
 from capture_app.simulation.devices.sensor import SensorFrame, SensorProfile
@@ -57,6 +58,17 @@ class Trial:
     within_95: bool
     """The client's clock was as good as it said."""
     pictures: tuple[Image, Image] | None
+
+
+@dataclass(frozen=True, slots=True)
+class Shot:
+    """A node's picture of a burst: its frame, and how far its own clock puts it off the burst's instant."""
+
+    frame: SensorFrame
+    phase_error_ns: int
+    bounded: bool
+    """The hard bound held."""
+    within_95: bool
 
 
 def run(*, trials: int | None, seed: int, talk: Callable[[str], None]) -> Outcome:
@@ -110,7 +122,7 @@ def run_trial(rng: random.Random, *, keep: bool = False) -> Trial:
 
     `keep` keeps its pictures.
     """
-    phones = [_phone(rng), _phone(rng)]
+    phones = [_draw_phone(rng), _draw_phone(rng)]
     client_clock = SimulatedClock(rng.randrange(-HOURS_NS, HOURS_NS), rng.gauss(0.0, SKEW_PPM))
     rig = VirtualRig(
         [
@@ -127,19 +139,19 @@ def run_trial(rng: random.Random, *, keep: bool = False) -> Trial:
     while True:
         number = rig.trigger(frames=1).number
         rig.run_for(MAX_DELAY_NS + 1_500_000_000)
-        shots = [_shot(rig.nodes[name], number) for name in ("leader", "client")]
+        shots = [_find_shot(rig.nodes[name], number) for name in ("leader", "client")]
         if all(shots):
             break
         # A dropped frame: the paper's phones would have been asked again, too.
     leader, client = (shot for shot in shots if shot is not None)
     pictures, times_ns = [], []
-    for node, (frame, *_) in zip(rig.nodes.values(), (leader, client), strict=True):
-        picture = _picture(node, frame, np.random.default_rng(rng.getrandbits(32)))
+    for node, shot in zip(rig.nodes.values(), (leader, client), strict=True):
+        picture = _render(node, shot.frame, np.random.default_rng(rng.getrandbits(32)))
         row_ns = node.spec.profile.row_time_ns
         pictures.append(picture)
-        times_ns.append(read_time(picture, exposure_ns=frame.exposure_ns, row_time_ns=row_ns))
-    true_ns = client[0].start_true_ns - leader[0].start_true_ns
-    phase_ns = client[1] - leader[1]
+        times_ns.append(read_time(picture, exposure_ns=shot.frame.exposure_ns, row_time_ns=row_ns))
+    true_ns = client.frame.start_true_ns - leader.frame.start_true_ns
+    phase_ns = client.phase_error_ns - leader.phase_error_ns
     return Trial(
         decoded_us=difference_ns(times_ns[1], times_ns[0]) / 1000,
         true_us=true_ns / 1000,
@@ -147,32 +159,35 @@ def run_trial(rng: random.Random, *, keep: bool = False) -> Trial:
         phase_us=phase_ns / 1000,
         ready_s=ready_s,
         corrections=sum(node.client.aligner.corrections for node in rig.nodes.values()),
-        bounded=leader[2] and client[2],
-        within_95=client[3],
+        bounded=leader.bounded and client.bounded,
+        within_95=client.within_95,
         pictures=(pictures[0], pictures[1]) if keep else None,
     )
 
 
-def _phone(rng: random.Random) -> SensorProfile:
+def _draw_phone(rng: random.Random) -> SensorProfile:
     """A phone with the paper's rows, whose overhead nobody knows, and an exposure of 100 us."""
     return replace(PROFILES["phone-a"], exposure_ns=EXPOSURE_NS, margin_rows=rng.randint(2, 60))
 
 
-def _shot(node: VirtualNode, number: int) -> tuple[SensorFrame, int, bool, bool] | None:
-    """The frame of a burst, how far off its instant the node's own clock puts it, if bound and 95 % hold."""
+def _find_shot(node: VirtualNode, number: int) -> Shot | None:
+    """The picture of a burst; None where its frame was dropped."""
     ready = node.bursts.get(number)
     if ready is None or not ready.picks:
         return None
     pick = ready.picks[0]
-    start_local_ns = node.spec.clock.local_from_true(pick.frame.start_true_ns)
-    said_leader_ns = ready.time_map.leader_from_local(start_local_ns)
-    instant_ns = pick.leader_ns - pick.residual_ns
-    error_ns = abs(said_leader_ns - pick.frame.start_true_ns)
-    held = error_ns <= pick.hard_bound_ns, error_ns <= pick.uncertainty_ns
-    return pick.frame, said_leader_ns - instant_ns, *held
+    true_ns = pick.frame.start_true_ns
+    leader_ns = ready.time_map.leader_from_local(node.spec.clock.local_from_true(true_ns))
+    error_ns = abs(leader_ns - true_ns)
+    return Shot(
+        frame=pick.frame,
+        phase_error_ns=leader_ns - (pick.leader_ns - pick.residual_ns),
+        bounded=error_ns <= pick.hard_bound_ns,
+        within_95=error_ns <= pick.uncertainty_ns,
+    )
 
 
-def _picture(node: VirtualNode, frame: SensorFrame, noise: np.random.Generator) -> Image:
+def _render(node: VirtualNode, frame: SensorFrame, noise: np.random.Generator) -> Image:
     return render(
         frame.start_true_ns,
         exposure_ns=frame.exposure_ns,

@@ -9,19 +9,21 @@ from statistics import quantiles
 
 from capture_app.experiments.common.result import Outcome, Result
 from capture_app.experiments.common.workers import call_all
-from capture_app.experiments.phase.tables import mean_moves, mean_seconds, never_share, tables
-from capture_app.experiments.phase.trials import (
+from capture_app.experiments.phase.baselines import (
     PPM,
+    Attempt,
     S,
-    Way,
-    align,
     extreme_ppm,
     inject_like_libsoftwaresync,
-    learned,
     normal_ppm,
-    reset_like_the_paper,
-    reset_together,
+    restart_like_the_paper,
     uniform_ppm,
+)
+from capture_app.experiments.phase.tables import mean_moves, mean_seconds, never_share, tables
+from capture_app.experiments.phase.trials import (
+    align_one_camera,
+    known_profile,
+    restart_together,
     unknown_phone,
 )
 from capture_app.simulation.devices.profiles import PROFILES
@@ -62,33 +64,49 @@ PAPER = {
 }
 
 
-def run(*, trials: int | None, seed: int, talk: Callable[[str], None]) -> Outcome:
-    """Run it; everything is simulated, with the engine's own aligners and agreement."""
+def run(
+    *,
+    trials: int | None,
+    seed: int,
+    talk: Callable[[str], None],
+    groups: Mapping[int, float] = GROUPS,
+    servo_s: int = SERVO_S,
+    jobs: int | None = None,
+) -> Outcome:
+    """Run it; everything is simulated, with the engine's own aligners and shared goal.
+
+    `groups` are numbers of cameras that can only restart, and the share of the trials that each gets;
+    `servo_s` is for how long held frames are watched, `jobs` the number of processes, None for one per core.
+    """
     count = TRIALS if trials is None else trials
-    ours, theirs = Ways(), Ways()
+    ours, theirs = Attempts(), Attempts()
     talk("injections ...")
     for name in ("unknown-phones", "phone-a", "phone-b"):
         phones = [(_device(name, seed + n), seed + n) for n in range(count)]
         ours.injections[name] = {
-            "injection": [align(p, s, TOLERANCE_NS) for p, s in phones],
-            "injection-row-unknown": [align(p, s, TOLERANCE_NS, row_known=False) for p, s in phones],
-            "injection-with-profile": [align(p, s, TOLERANCE_NS, known=learned(p)) for p, s in phones],
+            "injection": [align_one_camera(p, s, TOLERANCE_NS) for p, s in phones],
+            "injection-row-unknown": [
+                align_one_camera(p, s, TOLERANCE_NS, row_known=False) for p, s in phones
+            ],
+            "injection-with-profile": [
+                align_one_camera(p, s, TOLERANCE_NS, known=known_profile(p)) for p, s in phones
+            ],
         }
         theirs.injections[name] = {
             "injection": [inject_like_libsoftwaresync(p, s, TOLERANCE_NS) for p, s in phones]
         }
     talk("frame durations ...")
-    servo = _servo(max(2, count // 20), seed)
+    servo = _servo(max(2, count // 20), seed, servo_s)
     ours.injections["pi"] = {
-        "frame-duration": [align(PROFILES["pi"], seed + n, TOLERANCE_NS) for n in range(count)]
+        "frame-duration": [align_one_camera(PROFILES["pi"], seed + n, TOLERANCE_NS) for n in range(count)]
     }
-    for cameras, share in GROUPS.items():
+    for cameras, share in groups.items():
         talk(f"{cameras} cameras that can only restart ...")
         few, many = (max(2, round(min(1.0, part) * count)) for part in (share, THEIRS_SHARE * share))
-        _restarts(cameras, few, many, seed, ours, theirs)
+        _restarts(cameras, few, many, seed, ours, theirs, jobs)
     talk("the paper's way under other laws of drift ...")
     drifts = {
-        name: [reset_like_the_paper(PHONE, TEN, seed + n, WIDE_NS, crystal_ppm=law) for n in range(count)]
+        name: [restart_like_the_paper(PHONE, TEN, seed + n, WIDE_NS, crystal_ppm=law) for n in range(count)]
         for name, law in DRIFTS.items()
     }
     result = Result(
@@ -100,7 +118,7 @@ def run(*, trials: int | None, seed: int, talk: Callable[[str], None]) -> Outcom
             "injections_mean": _figures(ours.injections, mean_moves),
             "restarts_mean": _figures(ours.restarts, mean_moves),
             "seconds_mean": _figures({**ours.injections, **ours.restarts}, mean_seconds),
-            "group_trials": {str(cameras): max(2, round(share * count)) for cameras, share in GROUPS.items()},
+            "group_trials": {str(cameras): max(2, round(share * count)) for cameras, share in groups.items()},
             "servo_us": servo,
         },
         baseline={
@@ -130,15 +148,15 @@ NOTES = (
 
 
 @dataclass(slots=True)
-class Ways:
+class Attempts:
     """What all trials took, by device and way."""
 
-    injections: dict[str, dict[str, list[Way]]] = field(default_factory=dict)
-    restarts: dict[str, dict[str, list[Way]]] = field(default_factory=dict)
+    injections: dict[str, dict[str, list[Attempt]]] = field(default_factory=dict)
+    restarts: dict[str, dict[str, list[Attempt]]] = field(default_factory=dict)
 
 
 def _figures(
-    ways: Mapping[str, Mapping[str, list[Way]]], figure: Callable[[Sequence[Way]], float]
+    ways: Mapping[str, Mapping[str, list[Attempt]]], figure: Callable[[Sequence[Attempt]], float]
 ) -> dict[str, dict[str, float]]:
     return {name: {way: figure(done) for way, done in by_way.items()} for name, by_way in ways.items()}
 
@@ -147,12 +165,14 @@ def _device(name: str, seed: int) -> SensorProfile:
     return unknown_phone(random.Random(seed)) if name == "unknown-phones" else PROFILES[name]
 
 
-def _restarts(cameras: int, few: int, many: int, seed: int, ours: Ways, theirs: Ways) -> None:
+def _restarts(
+    cameras: int, few: int, many: int, seed: int, ours: Attempts, theirs: Attempts, jobs: int | None
+) -> None:
     """Measure a group of webcams, of the paper's phones, and of phones that start steadily.
 
     `few` trials of ours, in which every frame is simulated, and `many` of the paper's way.
     """
-    calls: dict[tuple[str, str], list[Callable[[], Way]]] = {}
+    calls: dict[tuple[str, str], list[Callable[[], Attempt]]] = {}
     for profile, methods in (
         (PROFILES["webcam"], ("uniform", "aimed", "aimed-with-profile")),
         (PHONE, ("uniform",)),
@@ -162,19 +182,19 @@ def _restarts(cameras: int, few: int, many: int, seed: int, ours: Ways, theirs: 
         for method in methods:
             aimed, known = method != "uniform", 24 if method == "aimed-with-profile" else 0
             one = partial(
-                reset_together, profile, cameras, tolerance_ns=WIDE_NS, aimed=aimed, starts_known=known
+                restart_together, profile, cameras, tolerance_ns=WIDE_NS, aimed=aimed, starts_known=known
             )
             calls[name, method] = [partial(one, seed=seed + n) for n in range(few)]
         calls[name, THEIRS] = [
-            partial(reset_like_the_paper, profile, cameras, seed + n, WIDE_NS) for n in range(many)
+            partial(restart_like_the_paper, profile, cameras, seed + n, WIDE_NS) for n in range(many)
         ]
-    done = iter(call_all([call for trials in calls.values() for call in trials]))
+    done = iter(call_all([call for trials in calls.values() for call in trials], jobs=jobs))
     for (name, method), trials in calls.items():
         ways = theirs.restarts if method == THEIRS else ours.restarts
         ways.setdefault(name, {})[method] = [next(done) for _ in trials]
 
 
-def _servo(runs: int, seed: int) -> dict[str, float]:
+def _servo(runs: int, seed: int, servo_s: int) -> dict[str, float]:
     """Absolute true errors in us of held frames: 20 us rows, 20 ppm, after the first ten seconds."""
     profile = replace(
         PROFILES["pi"],
@@ -191,7 +211,7 @@ def _servo(runs: int, seed: int) -> dict[str, float]:
         for n in range(runs):
             ppm = PPM if n % 2 else -PPM
             bench = Bench(profile, seed + n, 50_000, ppm=ppm, clock_noise_ns=noise_ns)
-            looks = bench.run(SERVO_S * S)
+            looks = bench.run(servo_s * S)
             errors_us += [abs(k.error_ns) / 1000 for k in looks if k.now_ns > looks[0].now_ns + SETTLE_S * S]
         cuts = quantiles(errors_us, n=100)
         figures |= {f"p50{label}": cuts[49], f"p99{label}": cuts[98], f"max{label}": max(errors_us)}

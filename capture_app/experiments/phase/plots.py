@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
     from capture_app.experiments.common.result import Figures, Result
-    from capture_app.experiments.phase.experiment import Ways
+    from capture_app.experiments.phase.experiment import Attempts
 
 PAPERS_INJECTIONS = 5.5
 GROUPS = {
@@ -20,7 +20,7 @@ GROUPS = {
 COLORS = {"uniform": "tab:blue", "aimed": "tab:orange", "aimed-with-profile": "tab:green"}
 
 
-def draw_injections(ours: "Ways", theirs: "Ways", folder: Path) -> Path:
+def draw_injections(ours: "Attempts", theirs: "Attempts", folder: Path) -> Path:
     """Draw how many injections unknown phones take to 20 us, ours and libsoftwaresync's rule."""
     figure = new_figure(figsize=(11, 4))
     axes, late = figure.subplots(1, 2)

@@ -3,24 +3,24 @@
 from collections.abc import Sequence
 
 from capture_app.experiments.common.result import Figures, Result, Table
-from capture_app.experiments.phase.trials import Way
+from capture_app.experiments.phase.baselines import Attempt
 
 
-def mean_moves(ways: Sequence[Way]) -> float:
+def mean_moves(attempts: Sequence[Attempt]) -> float:
     """Mean injections or restarts of the trials that arrived; nan if none did."""
-    done = [way.moves for way in ways if way.seconds is not None]
+    done = [attempt.moves for attempt in attempts if attempt.seconds is not None]
     return sum(done) / len(done) if done else float("nan")
 
 
-def mean_seconds(ways: Sequence[Way]) -> float:
+def mean_seconds(attempts: Sequence[Attempt]) -> float:
     """Mean seconds of the trials that arrived; nan if none did."""
-    done = [way.seconds for way in ways if way.seconds is not None]
+    done = [attempt.seconds for attempt in attempts if attempt.seconds is not None]
     return sum(done) / len(done) if done else float("nan")
 
 
-def never_share(ways: Sequence[Way]) -> float:
+def never_share(attempts: Sequence[Attempt]) -> float:
     """Share of the trials that did not arrive."""
-    return sum(way.seconds is None for way in ways) / len(ways)
+    return sum(attempt.seconds is None for attempt in attempts) / len(attempts)
 
 
 def tables(result: Result) -> tuple[Table, ...]:

@@ -1,10 +1,11 @@
-"""Single trials of the experiment `phase`: a camera, or a group, brought into phase; ours and the paper's."""
+"""Single trials of the experiment `phase`: a camera, or a group, brought into phase by our engine."""
 
 import heapq
 import random
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import replace
 
+from capture_app.experiments.phase.baselines import Attempt, S, uniform_ppm
 from capture_app.simulation.devices.profiles import PROFILES
 from capture_app.simulation.devices.sensor import SensorProfile
 from capture_app.simulation.rig.bench import Bench
@@ -13,27 +14,9 @@ from capture_app.sync.phase.goal import Goal
 from capture_app.sync.phase.injection import InjectionProfile
 from capture_app.sync.phase.shared_goal import CameraPhase, SharedGoal
 
-S = 1_000_000_000
 EXACT = TimeMap(0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 300, 1000)
-PAPERS_SLEEP_NS = S
-"""The paper's way sleeps U(0, 1 s) before each start, and one frame shows the phase: 1.23 s in all."""
-PPM = 20.0
-"""Crystals of cameras that restart are off by about so much."""
 REPORT_NS = 500_000_000
 """A camera that knows its phase tells it again after so long."""
-LIB_OVERHEAD_NS = 200_000
-LIB_LEAST_NS = 50_000
-LIB_WAIT_NS = 400_000_000
-LIB_MOST = 50
-"""Of libsoftwaresync's rule: its constants, its pause between injections, and when we stop counting."""
-
-
-@dataclass(frozen=True, slots=True)
-class Way:
-    """What it took: injections or restarts, and seconds from the first of them; None for never."""
-
-    moves: int
-    seconds: float | None
 
 
 def unknown_phone(rng: random.Random) -> SensorProfile:
@@ -48,12 +31,12 @@ def unknown_phone(rng: random.Random) -> SensorProfile:
     )
 
 
-def learned(profile: SensorProfile) -> InjectionProfile:
+def known_profile(profile: SensorProfile) -> InjectionProfile:
     """What is kept on disk of a device of that model once it was used."""
     return InjectionProfile(profile.row_time_ns, profile.injection_gain, float(profile.neutral_rows))
 
 
-def align(
+def align_one_camera(
     profile: SensorProfile,
     seed: int,
     tolerance_ns: int,
@@ -62,7 +45,7 @@ def align(
     aimed: bool = True,
     known: InjectionProfile | None = None,
     limit_s: int = 300,
-) -> Way:
+) -> Attempt:
     """Bring one camera within the tolerance with our engine, from any phase."""
     bench = Bench(profile, seed, tolerance_ns, row_known=row_known, aimed=aimed, known=known)
     begun = bench.run(30 * S, until=lambda _: bool(bench.commands) or bench.aligner.aligned)
@@ -70,92 +53,12 @@ def align(
     if not bench.aligner.aligned:
         looks = bench.run(limit_s * S, until=lambda look: look.aligned)
         if not looks or not looks[-1].aligned:
-            return Way(bench.aligner.corrections, None)
-        return Way(bench.aligner.corrections, (looks[-1].now_ns - from_ns) / S)
-    return Way(0, 0.0)
+            return Attempt(bench.aligner.corrections, None)
+        return Attempt(bench.aligner.corrections, (looks[-1].now_ns - from_ns) / S)
+    return Attempt(0, 0.0)
 
 
-def inject_like_libsoftwaresync(profile: SensorProfile, seed: int, tolerance_ns: int) -> Way:
-    """The paper's way as its published code has it: exposure = T + d/2 - overhead, again and again."""
-    rng = random.Random(seed)
-    period_ns, drift = profile.period_ns, rng.gauss(0.0, 15e-6)
-    error_ns = rng.uniform(-period_ns / 2, period_ns / 2)
-    for moves in range(LIB_MOST + 1):
-        if abs(error_ns + rng.gauss(0.0, profile.timestamp_noise_ns)) <= tolerance_ns:
-            return Way(moves, moves * LIB_WAIT_NS / S)
-        later_ns = -error_ns % period_ns
-        exposure_ns = max(period_ns + LIB_LEAST_NS, period_ns + later_ns / 2 - LIB_OVERHEAD_NS)
-        error_ns += profile.shift_ns(round(exposure_ns)) + drift * LIB_WAIT_NS
-        error_ns = (error_ns + period_ns / 2) % period_ns - period_ns / 2
-    return Way(LIB_MOST, None)
-
-
-def uniform_ppm(rng: random.Random) -> float:
-    """Error of a crystal that is at most PPM off."""
-    return rng.uniform(-PPM, PPM)
-
-
-def normal_ppm(rng: random.Random) -> float:
-    """Error of a crystal with a standard deviation of PPM."""
-    return rng.gauss(0.0, PPM)
-
-
-def extreme_ppm(rng: random.Random) -> float:
-    """Error of a crystal that is PPM off, one way or the other."""
-    return rng.choice((-PPM, PPM))
-
-
-def reset_like_the_paper(
-    profile: SensorProfile,
-    count: int,
-    seed: int,
-    tolerance_ns: int,
-    *,
-    crystal_ppm: Callable[[random.Random], float] = uniform_ppm,
-    limit_s: float = 5000.0,
-) -> Way:
-    """The paper's way with restarts: each camera by itself, against one goal, until all are in at one moment.
-
-    A model of restarts and drift without frames: a camera that drifts out of the tolerance is restarted.
-    """
-    rng = random.Random(seed)
-    period_ns = profile.period_ns
-    drifts = [crystal_ppm(rng) * 1e-6 for _ in range(count)]
-    since_ns = [0.0] * count
-    phases_ns = [rng.uniform(-period_ns / 2, period_ns / 2) for _ in range(count)]
-    mean_ns, sd_ns = profile.start_latency_ns
-    moves, now_ns = 0, 0.0
-    due: list[tuple[float, int]] = [(0.0, camera) for camera in range(count)]
-
-    def inside_until(camera: int) -> float:
-        """When that camera leaves the tolerance; before now if it is outside already."""
-        error_ns = phases_ns[camera] + drifts[camera] * (now_ns - since_ns[camera])
-        if abs(error_ns) > tolerance_ns:
-            return now_ns - 1.0
-        drift = drifts[camera]
-        room_ns = tolerance_ns - error_ns if drift > 0 else tolerance_ns + error_ns
-        return now_ns + room_ns / max(abs(drift), 1e-12)
-
-    landed = [False] * count
-    while due and now_ns < limit_s * S:
-        now_ns, camera = heapq.heappop(due)
-        landed[camera] = True
-        leaves_ns = inside_until(camera)
-        if leaves_ns < now_ns:
-            latency_ns = max(0.0, rng.gauss(mean_ns, sd_ns))
-            lands_ns = now_ns + rng.random() * PAPERS_SLEEP_NS + latency_ns + period_ns
-            landed[camera] = False
-            since_ns[camera], phases_ns[camera] = lands_ns, rng.uniform(-period_ns / 2, period_ns / 2)
-            moves += 1
-            heapq.heappush(due, (lands_ns, camera))
-            continue
-        if all(landed) and all(inside_until(other) >= now_ns for other in range(count)):
-            return Way(moves, now_ns / S)
-        heapq.heappush(due, (leaves_ns + 1.0, camera))
-    return Way(moves, None)
-
-
-def reset_together(
+def restart_together(
     profile: SensorProfile,
     count: int,
     seed: int,
@@ -164,7 +67,7 @@ def reset_together(
     aimed: bool,
     starts_known: int = 0,
     limit_s: float = 600.0,
-) -> Way:
+) -> Attempt:
     """Our way: cameras that can only restart agree on a goal and an instant; until all are within tolerance.
 
     The engine's aligners and agreement on simulated sensors; the clocks and the network are perfect. Seconds
@@ -208,13 +111,13 @@ def reset_together(
             bench.step_aligner(frame, hold=bench.meeting_leader_ns is None)
             if len(bench.commands) > before:
                 camera_phases[number] = _unknown_phase(number, tolerance_ns)
-            if began_ns is not None and _all_in(benches, shared_goal.goal, now_ns):
-                return Way(sum(len(b.commands) for b in benches), (now_ns - began_ns) / S)
+            if began_ns is not None and _all_aligned(benches, shared_goal.goal, now_ns):
+                return Attempt(sum(len(b.commands) for b in benches), (now_ns - began_ns) / S)
         heapq.heappush(heap, (bench.due_ns, number))
-    return Way(sum(len(b.commands) for b in benches), None)
+    return Attempt(sum(len(b.commands) for b in benches), None)
 
 
-def _all_in(benches: Sequence[Bench], goal: Goal, now_ns: int) -> bool:
+def _all_aligned(benches: Sequence[Bench], goal: Goal, now_ns: int) -> bool:
     """Whether the engine says that all are within the tolerance of the newest goal now."""
     return all(bench.aligner.aligned and bench.goal == goal for bench in benches)
 

@@ -6,6 +6,7 @@ from math import hypot
 from pathlib import Path
 from typing import Any
 
+from capture_app.experiments.common.figures import quantile
 from capture_app.experiments.common.result import Outcome, Result, Table
 from capture_app.experiments.common.workers import call_all
 from capture_app.experiments.reference_broadcast.trials import (
@@ -19,51 +20,65 @@ from capture_app.experiments.reference_broadcast.trials import (
 
 TRIALS = 10
 SECONDS, SETTLED_S = 30, 12
-"""Moments after the second of these count."""
 Trials = Sequence[Sequence[Moment]]
 
 
-def run(*, trials: int | None, seed: int, talk: Callable[[str], None]) -> Outcome:
-    """Run all cases, on all cores."""
+def run(
+    *,
+    trials: int | None,
+    seed: int,
+    talk: Callable[[str], None],
+    cases: Mapping[str, Case] = CASES,
+    seconds: int = SECONDS,
+    settled_s: int = SETTLED_S,
+) -> Outcome:
+    """Run the cases for so many seconds on all cores; moments after `settled_s` count."""
     count = TRIALS if trials is None else trials
-    talk(f"{len(CASES)} cases, {count} trials of {SECONDS} s each ...")
+    talk(f"{len(cases)} cases, {count} trials of {seconds} s each ...")
     calls = [
-        partial(run_trial, case, f"{seed}/{name}/{trial}", SECONDS)
-        for name, case in CASES.items()
+        partial(run_trial, case, f"{seed}/{name}/{trial}", seconds)
+        for name, case in cases.items()
         for trial in range(count)
     ]
     moments = call_all(calls)
-    done = {name: moments[k * count : (k + 1) * count] for k, name in enumerate(CASES)}
+    done = {name: moments[k * count : (k + 1) * count] for k, name in enumerate(cases)}
+    settled = {
+        name: [moment for trial in trials for moment in trial if moment.at_s > settled_s]
+        for name, trials in done.items()
+    }
     result = Result(
         name="reference-broadcast",
         kind="simulated",
         seed=seed,
         trials=count,
-        ours={name: _figures(CASES[name], one, agreed=True) for name, one in done.items()},
-        baseline={name: _figures(CASES[name], one, agreed=False) for name, one in done.items()},
+        ours={name: _figures(cases[name], one, corrected=True) for name, one in settled.items()},
+        baseline={name: _figures(cases[name], one, corrected=False) for name, one in settled.items()},
         paper={},
     )
-    return Outcome(result, (_table(result),), NOTES, lambda folder: [_draw(done, result, folder)])
+    notes = (
+        f"Moments {settled_s} to {seconds} s after the start, without the reference broadcast > with it. "
+        f"Receivers: a delay of their own of up to {RECEIVER_US} us, and an exponential one "
+        f"with a mean of {RECEIVER_US / 2:g} us. Beacons take 0.5 ms and more to the air, the same for "
+        f"all of a cell. Clocks of {SKEW_PPM:g} ppm (one sigma).",
+        "Between clients: of one cell, without receivers that are always late. What is wrong in all clocks "
+        "of a cell alike stays: it shows against the leader.",
+    )
+    return Outcome(
+        result, (_table(result, cases),), notes, lambda folder: [_draw(done, cases, result, folder)]
+    )
 
 
-NOTES = (
-    f"Moments {SETTLED_S} to {SECONDS} s after the start, without what was agreed > with it. "
-    f"Receivers: a delay of their own of up to {RECEIVER_US} us, and an exponential one "
-    f"with a mean of {RECEIVER_US / 2:g} us. Beacons take 0.5 ms and more to the air, the same for "
-    f"all of a cell. Clocks of {SKEW_PPM:g} ppm (one sigma).",
-    "Between clients: of one cell, without those that hear late. What is wrong in all clocks of a cell alike "
-    "stays: it is seen against the leader.",
-)
-
-
-def _figures(case: Case, trials: Trials, *, agreed: bool) -> Mapping[str, Any]:
-    """Sum up the moments that count, with what was agreed or without."""
-    moments = [moment for trial in trials for moment in trial if moment.at_s > SETTLED_S]
-    every = [m.agreed if agreed else m.alone for m in moments]
+def _figures(case: Case, moments: Sequence[Moment], *, corrected: bool) -> Mapping[str, Any]:
+    """Sum up the moments, with the reference broadcast or without."""
+    every = [m.corrected if corrected else m.uncorrected for m in moments]
     readings = [reading for now in every for reading in now]
     figures = {
         f"{name}_us": _sizes(
-            [now[i].error_us - now[j].error_us for now in every for i, j in case.hear_well(together=together)]
+            [
+                now[i].error_us - now[j].error_us
+                for now in every
+                for i, j in case.pairs_of_good_receivers(together=together)
+            ]
         )
         for name, together in (("between_clients", True), ("across_cells", False))
     }
@@ -71,9 +86,13 @@ def _figures(case: Case, trials: Trials, *, agreed: bool) -> Mapping[str, Any]:
         "coverage_hard_bound": [abs(r.error_us) <= r.bound_us for r in readings],
         "coverage_95": [abs(r.error_us) <= r.uncertainty_us for r in readings],
     }
-    if agreed:
-        shares["in_use_share"] = [apart_us is not None for m in moments for apart_us in m.apart_us]
-        shares["coverage_between_clients"] = _as_near_as_told(case, moments)
+    if corrected:
+        shares["in_use_share"] = [
+            relative_uncertainty_us is not None
+            for m in moments
+            for relative_uncertainty_us in m.relative_uncertainty_us
+        ]
+        shares["coverage_between_clients"] = _relative_uncertainties_held(case, moments)
     return {
         **figures,
         "to_leader_us": _sizes([reading.error_us for reading in readings]),
@@ -81,14 +100,14 @@ def _figures(case: Case, trials: Trials, *, agreed: bool) -> Mapping[str, Any]:
     }
 
 
-def _as_near_as_told(case: Case, moments: Sequence[Moment]) -> list[bool]:
-    """Of each pair of one cell that told how far apart it may be: whether it was no further."""
+def _relative_uncertainties_held(case: Case, moments: Sequence[Moment]) -> list[bool]:
+    """Whether each pair of one cell was as near as their stated uncertainties say."""
     held = []
     for moment in moments:
-        for i, j in case.hear_well(together=True):
-            one, other = moment.apart_us[i], moment.apart_us[j]
+        for i, j in case.pairs_of_good_receivers(together=True):
+            one, other = moment.relative_uncertainty_us[i], moment.relative_uncertainty_us[j]
             if one is not None and other is not None:
-                error_us = moment.agreed[i].error_us - moment.agreed[j].error_us
+                error_us = moment.corrected[i].error_us - moment.corrected[j].error_us
                 held.append(abs(error_us) <= hypot(one, other))
     return held
 
@@ -97,21 +116,21 @@ def _sizes(errors: list[float]) -> Mapping[str, float] | None:
     if not errors:
         return None
     sizes = sorted(abs(error) for error in errors)
-    return {"mean_abs": sum(sizes) / len(sizes), "p99": sizes[int(0.99 * len(sizes))], "max": sizes[-1]}
+    return {"mean_abs": sum(sizes) / len(sizes), "p99": quantile(sizes, 0.99), "max": sizes[-1]}
 
 
-def _table(result: Result) -> Table:
+def _table(result: Result, cases: Mapping[str, Case]) -> Table:
     rows: list[tuple[str, ...]] = []
     for name, ours in result.ours.items():
-        alone = result.baseline[name]
+        uncorrected = result.baseline[name]
 
-        def both(key: str, part: str, ours: Any = ours, alone: Any = alone) -> str:
-            return "" if ours[key] is None else f"{alone[key][part]:.0f} > {ours[key][part]:.0f}"
+        def both(key: str, part: str, ours: Any = ours, uncorrected: Any = uncorrected) -> str:
+            return "" if ours[key] is None else f"{uncorrected[key][part]:.0f} > {ours[key][part]:.0f}"
 
         held = ours["coverage_between_clients"]
         rows.append(
             (
-                CASES[name].title,
+                cases[name].title,
                 both("between_clients_us", "mean_abs"),
                 both("between_clients_us", "p99"),
                 both("across_cells_us", "mean_abs"),
@@ -119,7 +138,7 @@ def _table(result: Result) -> Table:
                 both("to_leader_us", "p99"),
                 f"{100 * ours['in_use_share']:.0f}",
                 "" if held is None else f"{100 * held:.0f}",
-                f"{100 * alone['coverage_95']:.0f} > {100 * ours['coverage_95']:.0f}",
+                f"{100 * uncorrected['coverage_95']:.0f} > {100 * ours['coverage_95']:.0f}",
                 f"{100 * ours['coverage_hard_bound']:.0f}",
             )
         )
@@ -128,21 +147,21 @@ def _table(result: Result) -> Table:
     return Table(("clients", *errors, *shares), rows)
 
 
-def _draw(done: Mapping[str, Trials], result: Result, folder: Path) -> Path:
+def _draw(done: Mapping[str, Trials], cases: Mapping[str, Case], result: Result, folder: Path) -> Path:
     from capture_app.experiments.common.plots import new_figure, save
 
     figure = new_figure(figsize=(11, 4.5))
     course, sizes = figure.subplots(1, 2)
     name = next(name for name in ("drawn_links", *done) if name in done)
     moments = done[name][0]
-    pairs = CASES[name].hear_well(together=True)
-    for label, pick in (("without", "alone"), ("with", "agreed")):
+    pairs = cases[name].pairs_of_good_receivers(together=True)
+    for label, pick in (("without", "uncorrected"), ("with", "corrected")):
         farthest = [
             max(abs(now[i].error_us - now[j].error_us) for i, j in pairs)
             for now in (getattr(moment, pick) for moment in moments)
         ]
         course.plot([moment.at_s for moment in moments], farthest, label=label)
-    course.set(xlabel="s", ylabel="farthest two clients, us", title=CASES[name].title)
+    course.set(xlabel="s", ylabel="farthest two clients, us", title=cases[name].title)
     course.legend()
     for k, (label, figures) in enumerate((("without", result.baseline), ("with", result.ours))):
         heights = [figures[case]["between_clients_us"]["mean_abs"] for case in done]

@@ -1,6 +1,6 @@
 """Trials of `reference-broadcast`: some clients in virtual time, judged twice a second, with and without.
 
-With and without are of one run: a client knows both what its exchanges tell and what was agreed.
+With and without are of one run: a client knows its clock before and after the correction.
 """
 
 import random
@@ -24,7 +24,7 @@ TAILS_US = (1399.0, 616.0)
 FAR_TOO_LATE = 0.0064
 RECEIVER_US = 10
 """A receiver's own delay is drawn up to this; what comes by chance has a mean of half of it."""
-SLOW_US = 400
+LATE_US = 400
 SKEW_PPM = 20.0
 CAMERA = replace(PROFILES["perfect"], frame_length_rows=10_000)
 """Only the clocks are looked at: ten frames a second are less work, and they are left where they are."""
@@ -37,12 +37,12 @@ class Case:
     title: str
     cells: tuple[RadioCell, ...]
     drawn: bool = True
-    slow: int = 0
+    late_receivers: int = 0
     """So many, the last ones, have a receiver that is always late."""
 
-    def hear_well(self, *, together: bool) -> list[tuple[int, int]]:
+    def pairs_of_good_receivers(self, *, together: bool) -> list[tuple[int, int]]:
         """Pairs of clients that hear as they should, of one cell or of two."""
-        well = range(len(self.cells) - self.slow)
+        well = range(len(self.cells) - self.late_receivers)
         return [(i, j) for i in well for j in well if i < j and (self.cells[i] == self.cells[j]) is together]
 
 
@@ -51,7 +51,7 @@ CASES = {
     "paper_link": Case("five on the paper's link", (ONE,) * 5, drawn=False),
     "drawn_links": Case("five on links of their own", (ONE,) * 5),
     "pair": Case("the same, only two", (ONE,) * 2),
-    "slow_receiver": Case("the same, one of five hears 400 us late", (ONE,) * 5, slow=1),
+    "slow_receiver": Case("the same, one of five hears 400 us late", (ONE,) * 5, late_receivers=1),
     "two_cells": Case("the same, two access points", (ONE,) * 3 + (OTHER,) * 3),
     "copies": Case("the same, each is sent its own copy", (COPYING,) * 5),
 }
@@ -68,18 +68,18 @@ class Reading:
 
 @dataclass(frozen=True, slots=True)
 class Moment:
-    """All clients at one moment: without what was agreed and with it, and how far apart they say they are."""
+    """All clients at one moment: their clocks before and after the correction, and what they state of it."""
 
     at_s: float
-    alone: tuple[Reading, ...]
-    agreed: tuple[Reading, ...]
-    apart_us: tuple[float | None, ...]
+    uncorrected: tuple[Reading, ...]
+    corrected: tuple[Reading, ...]
+    relative_uncertainty_us: tuple[float | None, ...]
 
 
 def run_trial(case: Case, seed: str, seconds: int) -> list[Moment]:
     """Let some clients start within a second; return the moments of so long at which all know the time."""
     rng = random.Random(seed)
-    specs = [_spec(k, case, rng) for k in range(len(case.cells))]
+    specs = [_draw_spec(k, case, rng) for k in range(len(case.cells))]
     rig = VirtualRig(specs, seed=rng.getrandbits(32), beacons=True)
     moments = []
     for _ in range(seconds * S // EVERY_NS):
@@ -87,16 +87,16 @@ def run_trial(case: Case, seed: str, seconds: int) -> list[Moment]:
         # The rig has them in the order in which they started.
         nodes = [rig.nodes[spec.name] for spec in specs if spec.name in rig.nodes]
         if len(nodes) == len(specs) and all(node.client.time.uncorrected_map is not None for node in nodes):
-            moments.append(_moment(rig, nodes))
+            moments.append(_observe(rig, nodes))
     return moments
 
 
-def _spec(k: int, case: Case, rng: random.Random) -> NodeSpec:
+def _draw_spec(k: int, case: Case, rng: random.Random) -> NodeSpec:
     link = PAPER_LINK
     if case.drawn:
         to_leader_us, to_client_us = TAILS_US
-        link = Link(_way(to_leader_us, rng), _way(to_client_us, rng))
-    late_us = SLOW_US if k >= len(case.cells) - case.slow else 0
+        link = Link(_draw_delay(to_leader_us, rng), _draw_delay(to_client_us, rng))
+    late_us = LATE_US if k >= len(case.cells) - case.late_receivers else 0
     return NodeSpec(
         f"client{k}",
         CAMERA,
@@ -109,17 +109,17 @@ def _spec(k: int, case: Case, rng: random.Random) -> NodeSpec:
     )
 
 
-def _way(tail_us: float, rng: random.Random) -> GammaDelay:
+def _draw_delay(tail_us: float, rng: random.Random) -> GammaDelay:
     least_ns = round(rng.uniform(*LEAST_US) * US)
     return GammaDelay(least_ns, least_ns + round(tail_us * US), outlier_share=FAR_TOO_LATE)
 
 
-def _moment(rig: VirtualRig, nodes: list[VirtualNode]) -> Moment:
+def _observe(rig: VirtualRig, nodes: list[VirtualNode]) -> Moment:
     reports = [node.client.report(node.spec.clock.local_from_true(rig.now_true_ns)) for node in nodes]
     return Moment(
         rig.now_true_ns / S,
-        tuple(_reading(rig, node, node.client.time.uncorrected_map) for node in nodes),
-        tuple(_reading(rig, node, node.client.time_map) for node in nodes),
+        tuple(_read_clock(rig, node, node.client.time.uncorrected_map) for node in nodes),
+        tuple(_read_clock(rig, node, node.client.time_map) for node in nodes),
         tuple(
             None if report.relative_uncertainty_ns is None else report.relative_uncertainty_ns / US
             for report in reports
@@ -127,7 +127,7 @@ def _moment(rig: VirtualRig, nodes: list[VirtualNode]) -> Moment:
     )
 
 
-def _reading(rig: VirtualRig, node: VirtualNode, time_map: TimeMap | None) -> Reading:
+def _read_clock(rig: VirtualRig, node: VirtualNode, time_map: TimeMap | None) -> Reading:
     assert time_map is not None
     local_ns = node.spec.clock.local_from_true(rig.now_true_ns)
     error_ns = time_map.leader_from_local(local_ns) - rig.now_true_ns

@@ -1,19 +1,18 @@
 """Many clocks for long: one leader of them all beside a tree of relays, in virtual time."""
 
 import random
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from hashlib import blake2b
 from math import ceil, isqrt, nan
-from multiprocessing import get_context
-from os import sched_getaffinity
 from pathlib import Path
 from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
+from capture_app.experiments.common.figures import quantile
 from capture_app.experiments.common.result import Outcome, Result, Table
+from capture_app.experiments.common.workers import call_all
 from capture_app.simulation.rig.tree import TreeResult, TreeSpec, run_shard
 
 if TYPE_CHECKING:
@@ -40,6 +39,8 @@ class ScaleOptions:
     jobs: int | None = None
     client_pace_s: float = 1.0
     shapes: Sequence[str] = SHAPES
+    shard_clients: int = SHARD_CLIENTS
+    """Clients of a shard, which one process simulates at a time."""
 
 
 @dataclass(slots=True)
@@ -101,24 +102,18 @@ class Run:
         }
 
 
-def quantile(ascending: Sequence[float], share: float) -> float:
-    """The value below which that share lies; nan for none."""
-    return ascending[min(len(ascending) - 1, int(share * len(ascending)))] if ascending else nan
-
-
 def run(
     *, trials: int | None, seed: int, talk: Callable[[str], None], options: ScaleOptions | None = None
 ) -> Outcome:
     """Simulate each size with one leader and with a tree of as many relays as each has clients."""
     options, count = options or ScaleOptions(), trials or 1
     runs: dict[str, dict[str, Run]] = {shape: {} for shape in SHAPES}
-    with _workers(options.jobs) as pool:
-        for clients in options.sizes:
-            for shape in options.shapes:
-                relays = max(2, isqrt(clients)) if shape == "tree" else 0
-                spec = TreeSpec(clients, relays, options.minutes * 60.0, options.client_pace_s)
-                done = runs[shape][str(clients)] = _simulate(pool, spec, seed, count)
-                talk(f"{clients} clients, {shape.replace('_', ' ')}: {done.seconds:.1f} s")
+    for clients in options.sizes:
+        for shape in options.shapes:
+            relays = max(2, isqrt(clients)) if shape == "tree" else 0
+            spec = TreeSpec(clients, relays, options.minutes * 60.0, options.client_pace_s)
+            done = runs[shape][str(clients)] = _simulate(spec, seed, count, options)
+            talk(f"{clients} clients, {shape.replace('_', ' ')}: {done.seconds:.1f} s")
     figures = {shape: {n: r.figures(seed) for n, r in sizes.items()} for shape, sizes in runs.items()}
     result = Result(
         name="scale",
@@ -131,7 +126,9 @@ def run(
     )
 
     def draw(folder: Path) -> list[Path]:
-        return [_draw(runs, seed, folder / "scale.png")]
+        from capture_app.experiments.scale.plots import draw_scale
+
+        return [draw_scale(runs, seed, folder / "scale.png")]
 
     every = [f for sizes in figures.values() for f in sizes.values()]
     least = {k: 100.0 * min(f[k] for f in every) for k in ("coverage_hard_bound", "coverage_95")}
@@ -146,29 +143,17 @@ def run(
     return Outcome(result, (_table(figures),), notes, draw)
 
 
-@contextmanager
-def _workers(jobs: int | None) -> Iterator[ProcessPoolExecutor | None]:
-    count = len(sched_getaffinity(0)) if jobs is None else jobs
-    if count <= 1:
-        yield None
-        return
-    with ProcessPoolExecutor(count, mp_context=get_context("spawn")) as pool:
-        yield pool
-
-
-def _simulate(pool: ProcessPoolExecutor | None, spec: TreeSpec, seed: int, trials: int) -> Run:
+def _simulate(spec: TreeSpec, seed: int, trials: int, options: ScaleOptions) -> Run:
     """Simulate all shards; which process takes which does not matter."""
-    shards = max(1, spec.clients // SHARD_CLIENTS)
+    shards = max(1, spec.clients // options.shard_clients)
     done = Run(spec.clients, spec.relays, spec.duration_s, shards=shards)
-    work = [(spec, seed + trial, shard, shards) for trial in range(trials) for shard in range(shards)]
+    calls = [
+        partial(run_shard, spec, seed + trial, shard, shards)
+        for trial in range(trials)
+        for shard in range(shards)
+    ]
     began_s = perf_counter()
-    if pool is None:
-        done.parts = [run_shard(*one) for one in work]
-    else:
-        futures = [pool.submit(run_shard, *one) for one in work]
-        for future in as_completed(futures):
-            future.result()
-        done.parts = [future.result() for future in futures]
+    done.parts = call_all(calls, jobs=options.jobs, few=2)
     done.seconds = perf_counter() - began_s
     return done
 
@@ -190,25 +175,3 @@ def _table(figures: "Mapping[str, Mapping[str, Any]]") -> Table:
             )
     head = ("clients", "pair, median us", "99 %", "largest", "leader, msg/s", "relay, msg/s")
     return Table((*head, "leader, % of a core", "simulated in s (of processors)"), rows)
-
-
-def _draw(runs: dict[str, dict[str, Run]], seed: int, path: Path) -> Path:
-    from capture_app.experiments.common.plots import new_figure, save
-
-    figure = new_figure(figsize=(9, 5))
-    axes = figure.subplots()
-    for shape, sizes in runs.items():
-        for n, (clients, one) in enumerate(sizes.items()):
-            points = [(at_s / 60.0, quantile(pairs, 0.99)) for at_s, pairs in one.pairs_us(seed)]
-            style = f"C{n}-" if shape == "tree" else f"C{n}:"
-            axes.plot(*zip(*points, strict=True), style, lw=1, label=f"{clients}, {shape.replace('_', ' ')}")
-    axes.set(
-        yscale="log",
-        xlabel="minutes",
-        ylabel="99 % of the differences between two clients, us",
-        title="Clocks on the paper's link",
-    )
-    axes.yaxis.set_major_formatter("{x:g}")
-    axes.yaxis.set_minor_formatter("{x:g}")
-    axes.legend(ncols=2)
-    return save(figure, path)

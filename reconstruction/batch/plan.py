@@ -56,7 +56,7 @@ def plan(
             offsets = condition.offsets_ms(dataset.cameras, instant)
             try:
                 condition.check(dataset)
-                chosen = dataset.shown_instants(instant, offsets)
+                chosen = dataset.nearest_instants(instant, offsets)
             except BadInputError as error:
                 refused = Row(
                     session=name,
@@ -121,7 +121,7 @@ def compute_depth(unit: Unit, folder: Path) -> None:
 def _verify_images(session: Path, unit: Unit) -> None:
     """Refuse images whose checksums are not those in the session: the unit's key was computed from these."""
     dataset = Dataset.open(session)
-    chosen = dataset.shown_instants(unit.instant, unit.offsets_ms)
+    chosen = dataset.nearest_instants(unit.instant, unit.offsets_ms)
     for record in dataset.session.manifest.images:
         if chosen.get(record.camera) == record.instant and not record.substitute:
             path = dataset.session.image_file(record)

@@ -1,4 +1,4 @@
-"""Where cameras stand and how they see, from a board, from what stands still, or from a file.
+"""The command `calibrate`, the rig, its calibration (from a board, from motion or from a file) and its pairs.
 
 Imports `session` and `common`.
 """

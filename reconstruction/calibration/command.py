@@ -26,9 +26,7 @@ from reconstruction.calibration.quality import (
 from reconstruction.calibration.rig import Rig
 from reconstruction.calibration.structure_from_motion import calibrate_from_images
 from reconstruction.common.geometry import View, angle_deg
-from reconstruction.common.stage_cache import StageCache
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.scene_motion import SceneMotion
 
 MOST_APART_DEG = 45.0
 """Cameras that look further apart find the same points by chance only."""
@@ -94,7 +92,7 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
         views = calibrated_views(recording, found)
     else:
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
-            rig = Rig(dataset, SceneMotion(dataset, 1), StageCache(Path(scratch), dataset.fingerprint()))
+            rig = Rig(dataset, Path(scratch))
             if options.source is CalibrationSource.SFM:
                 instants = range(len(dataset.instants_ns))
                 found = calibrate_from_images(dataset, rig.motion.widened_movers, instants)

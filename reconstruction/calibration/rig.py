@@ -1,6 +1,7 @@
 """A session's cameras made ready: calibrated, and the pairs that suit depth and panoramas."""
 
 from functools import lru_cache
+from pathlib import Path
 
 import numpy as np
 
@@ -19,10 +20,11 @@ from reconstruction.session.scene_motion import SceneMotion
 class Rig:
     """The cameras of one session; everything is found once and then fixed for all conditions."""
 
-    def __init__(self, dataset: Dataset, motion: SceneMotion, stages: StageCache) -> None:
+    def __init__(self, dataset: Dataset, stages: Path, step: int = 1) -> None:
+        """`stages` is the folder of what is computed; for `step` see `SceneMotion`."""
         self.dataset = dataset
-        self.motion = motion
-        self.stages = stages
+        self.motion = SceneMotion(dataset, step)
+        self.stages = StageCache(stages, dataset.fingerprint())
         self.views: dict[str, View] = {}
         self.calibration: Calibration | None = None
         self.features = lru_cache(maxsize=4)(self._detect_features)

@@ -1,4 +1,4 @@
-"""What every command shares: geometry, output, stages, drawing, and where native libraries load.
+"""What every command shares: geometry, brightness, image files, drawing, stage cache, native libraries.
 
 The ground of `reconstruction`: imports no other wing.
 """

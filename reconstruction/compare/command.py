@@ -13,8 +13,7 @@ from reconstruction.bullet_time.burst_grid import burst_grid
 from reconstruction.bullet_time.camera_sweep import render_camera_sweep
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.native_libraries import library_versions
-from reconstruction.common.output_folder import comparison_folder, write_metrics
-from reconstruction.common.stage_cache import StageCache
+from reconstruction.common.output_folder import STAGES, comparison_folder, write_metrics
 from reconstruction.compare.dose import measure, offsets
 from reconstruction.compare.multiview_study import MultiviewStudy
 from reconstruction.compare.panorama_study import PanoramaStudy
@@ -29,7 +28,6 @@ from reconstruction.scores.dose_results import DoseResult
 from reconstruction.session.conditions import DEFAULT_OFFSET_MS, Condition
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import FrameOffset, evenly_spread, nearest_frame_offset
-from reconstruction.session.scene_motion import SceneMotion
 from reconstruction.session.shown_instants import fixed_offsets_ms
 
 DOSE_INSTANTS = 6
@@ -83,8 +81,7 @@ class _Comparison:
         self.offset = offset
         self.options = options
         self.folder = folder
-        self.motion = SceneMotion(dataset, offset.step)
-        self.rig = Rig(dataset, self.motion, StageCache(folder / "stages", dataset.fingerprint()))
+        self.rig = Rig(dataset, folder / STAGES, offset.step)
         self.middle = offset.pairs[len(offset.pairs) // 2][0]
         for pair in (options.stereo, options.stitch):
             self.rig.check_pair(pair)
@@ -152,7 +149,7 @@ class _Comparison:
             conditions=conditions,
             dose=self.dose,
             burst=burst_grid(self.dataset, self.folder),
-            bullet_time=render_camera_sweep(self.dataset, self.motion, self.rig.views, self.folder),
+            bullet_time=render_camera_sweep(self.dataset, self.rig.motion, self.rig.views, self.folder),
             versions=library_versions(),
         )
 
@@ -208,8 +205,7 @@ class _Comparison:
 
     def _session(self, other: Dataset) -> ConditionResult:
         """Another session's pictures of the same instant: by its own calibration, else by this one's."""
-        motion = SceneMotion(other, self.offset.step)
-        rig = Rig(other, motion, StageCache(self.folder / "stages", other.fingerprint()))
+        rig = Rig(other, self.folder / STAGES, self.offset.step)
         calibration = other.calibration() or self.rig.calibration
         if calibration is not None:
             rig.use_calibration(calibration)

@@ -16,7 +16,6 @@ from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.output_folder import comparison_folder, write_metrics
-from reconstruction.common.stage_cache import StageCache
 from reconstruction.compare.stereo_study import StereoStudy
 from reconstruction.report.dose import write_dose_report
 from reconstruction.scores.depth_results import DepthScores
@@ -30,7 +29,6 @@ from reconstruction.session.frame_offset import (
     nearest_frame_offset,
     pairs_with_images,
 )
-from reconstruction.session.scene_motion import SceneMotion
 
 MOST_STEPS = 8
 LOSS = 0.1
@@ -67,8 +65,7 @@ def _dose(session: Path, stages: Path, options: DoseOptions) -> DoseResult:
     began = time.monotonic()
     dataset = Dataset.open(session)
     steps = offsets(dataset, options.max_offset_ms)
-    motion = SceneMotion(dataset, steps[-1].step)
-    rig = Rig(dataset, motion, StageCache(stages, dataset.fingerprint()))
+    rig = Rig(dataset, stages, steps[-1].step)
     rig.check_pair(options.stereo)
     progress = Progress(3)
     progress.step("calibration")

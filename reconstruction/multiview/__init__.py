@@ -1,4 +1,4 @@
-"""The command `multiview`: depth, cloud and mesh of an instant from all cameras, held against the truth.
+"""The command `multiview`: depth, cloud and mesh of an instant from all cameras, and its scores.
 
-Imports `depth`, `scores`, `stereo`, `calibration`, `session` and `common`.
+Imports `depth`, `scores`, `calibration`, `session` and `common`.
 """

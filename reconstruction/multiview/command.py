@@ -82,7 +82,7 @@ def multiview(
     gpu, note = _choose_matcher(options.matcher)
     stopwatch = _Stopwatch()
     dataset = Dataset.open(session)
-    instants = dataset.shown_instants(options.instant, options.offsets_ms)
+    instants = dataset.nearest_instants(options.instant, options.offsets_ms)
     images, left_out, calibration, unit = load_input_images(dataset, instants)
 
     def announce(text: str) -> None:

@@ -1,4 +1,4 @@
-"""Pictures of several cameras stitched into one, by OpenCV's Stitcher or by one homography a pair.
+"""The command `stitch`: a panorama by OpenCV's stitcher, or of a registered pair for comparisons.
 
-Imports `stereo`, `calibration`, `session` and `common`.
+Imports `calibration`, `session` and `common`.
 """

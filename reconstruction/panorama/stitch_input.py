@@ -52,7 +52,7 @@ def load_input(sources: Sequence[Path], instant: int, offset_ms: float | None) -
 
 def _session_input(folder: Path, instant: int, offset_ms: float | None) -> StitchInput:
     dataset = Dataset.open(folder)
-    cameras = [name for name in dataset.shown_instants(instant, ()) if dataset.has_image(name, instant)]
+    cameras = [name for name in dataset.nearest_instants(instant, ()) if dataset.has_image(name, instant)]
     images = {name: dataset.image(name, instant) for name in cameras}
     if len(dataset.instants_ns) < 2:
         return StitchInput(images)

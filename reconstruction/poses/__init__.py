@@ -1,4 +1,4 @@
-"""Where each camera stands at each instant, found anew from the pictures (the paper's pinwheel).
+"""The cameras' poses, found from the pictures of single instants, and their errors; no command of its own.
 
 Imports `session` and `common`.
 """

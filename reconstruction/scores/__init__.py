@@ -1,4 +1,4 @@
-"""What is measured on a result, with its uncertainty, and how it is told in `metrics.json`.
+"""What is measured on a result, with its uncertainty, and the structure of `metrics.json`.
 
-Imports `stereo` (a depth map's shape), `session` and `common`.
+Imports `session` and `common`.
 """

@@ -1,4 +1,4 @@
-"""A session as reconstruction sees it: images, instants, offset conditions, what moves.
+"""A session for reconstruction: its images, instants, offset conditions and movers.
 
 Imports `common`; the only wing that opens sessions.
 """

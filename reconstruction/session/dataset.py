@@ -125,7 +125,7 @@ class Dataset:
         values = [r.hard_bound_ns for r in self._records.values() if r.hard_bound_ns is not None]
         return max(values) / 1000 if values else None
 
-    def shown_instants(self, instant: int, offsets_ms: Sequence[float]) -> dict[str, int]:
+    def nearest_instants(self, instant: int, offsets_ms: Sequence[float]) -> dict[str, int]:
         """Each camera's instant: the one asked for, or the one nearest to its offset from it.
 
         Raises:

@@ -31,7 +31,7 @@ def instants_shown(dataset: Dataset, condition: Condition, reference: str, insta
     for draw in range(MAX_DRAWS if condition.drawn else 1):
         offsets = condition.offsets_ms(dataset.cameras, instant, draw)
         try:
-            return dataset.shown_instants(instant, [ms - offsets[place] for ms in offsets])
+            return dataset.nearest_instants(instant, [ms - offsets[place] for ms in offsets])
         except BadInputError as error:
             problem = str(error)
     if condition.drawn:

@@ -1,4 +1,4 @@
-"""Depth from a pair: rectification, matching, the command.
+"""The command `stereo`: depth from a pair by rectification and semi-global matching.
 
-Imports `calibration`, `session` and `common`.
+Imports `scores`, `calibration`, `session` and `common`.
 """

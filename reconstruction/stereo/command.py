@@ -13,11 +13,9 @@ from reconstruction.calibration.rig import Rig
 from reconstruction.common.drawing import colour_depth, display_range, save_picture, side_by_side
 from reconstruction.common.image_files import write_image
 from reconstruction.common.native_libraries import library_versions
-from reconstruction.common.output_folder import comparison_folder, write_metrics
-from reconstruction.common.stage_cache import StageCache
+from reconstruction.common.output_folder import STAGES, comparison_folder, write_metrics
 from reconstruction.scores.depth_truth import share_right
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.scene_motion import SceneMotion
 from reconstruction.stereo.disparity_range import find_disparity_range
 from reconstruction.stereo.stereo_pair import DepthMap, StereoPair
 
@@ -70,9 +68,7 @@ def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
     dataset.require_cameras(2, "depth needs two that see the same from different places")
     with comparison_folder(out) as output:
         progress = Progress(3)
-        rig = Rig(
-            dataset, SceneMotion(dataset, 1), StageCache(output.folder / "stages", dataset.fingerprint())
-        )
+        rig = Rig(dataset, output.folder / STAGES)
         rig.check_pair(options.pair)
         progress.step("calibration")
         rig.calibrate()

@@ -154,8 +154,8 @@ def test_truth_is_moved_as_the_picture_is(trio: Session) -> None:
 
 def test_instants_are_the_nearest_to_the_offsets(trio: Session) -> None:
     dataset = Dataset.open(trio.folder)
-    assert dataset.shown_instants(1, ()) == {"left": 1, "middle": 1, "right": 1}
-    assert dataset.shown_instants(1, (-33, 0, 60)) == {"left": 0, "middle": 1, "right": 3}
+    assert dataset.nearest_instants(1, ()) == {"left": 1, "middle": 1, "right": 1}
+    assert dataset.nearest_instants(1, (-33, 0, 60)) == {"left": 0, "middle": 1, "right": 3}
 
 
 def test_shares_count_what_is_empty_as_wrong() -> None:

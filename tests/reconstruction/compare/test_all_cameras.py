@@ -13,7 +13,6 @@ from capture_app.session.reading.reader import Session
 from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.cli import main
-from reconstruction.common.stage_cache import StageCache
 from reconstruction.compare.multiview_study import MultiviewStudy
 from reconstruction.multiview.cloud_accuracy import (
     PointIndex,
@@ -24,7 +23,6 @@ from reconstruction.multiview.cloud_accuracy import (
 from reconstruction.multiview.instant_depth import InstantDepth, instant_depth
 from reconstruction.session.conditions import DISTINCT, Condition
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.scene_motion import SceneMotion
 from tests.reconstruction.conftest import HEIGHT, WIDTH, Scene, make_view, write_session
 
 VIEWS = {
@@ -51,7 +49,7 @@ def study(
 ) -> MultiviewStudy:
     """A study of a calibrated session."""
     dataset = Dataset(session)
-    rig = Rig(dataset, SceneMotion(dataset, 2), StageCache(folder, dataset.fingerprint()))
+    rig = Rig(dataset, folder, 2)
     rig.calibrate()
     return MultiviewStudy(rig, instants, width, match=match)
 

@@ -14,14 +14,12 @@ from capture_app.session.reading.reader import Session as Store
 from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.geometry import View
-from reconstruction.common.stage_cache import StageCache
 from reconstruction.compare.pose_study import PoseStudy
 from reconstruction.poses.pose_errors import Pose, relative_pose_errors
 from reconstruction.poses.pose_finder import PoseFinder
 from reconstruction.scores.pose_results import PoseComparison
 from reconstruction.session.conditions import DISTINCT, SYNCED, Condition
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.scene_motion import SceneMotion
 from tests.reconstruction.conftest import VIEWS, Scene, write_session
 
 PINWHEEL = Path(__file__).resolve().parents[3] / "sample_sessions" / "pinwheel"
@@ -70,7 +68,7 @@ def study(
     session: Session, folder: Path, most_instants: int = 5, finder: type[PoseFinder] = PoseFinder
 ) -> PoseStudy:
     dataset = Dataset(session)
-    rig = Rig(dataset, SceneMotion(dataset, 2), StageCache(folder, dataset.fingerprint()))
+    rig = Rig(dataset, folder, 2)
     rig.calibrate()
     return PoseStudy(rig, "asked for", most_instants, finder)
 

@@ -1,5 +1,6 @@
-"""What both command lines print and how they end: results on stdout, talk and progress on stderr."""
+"""What both command lines share: results on stdout, talk and progress on stderr, and how they end."""
 
+import math
 import os
 import sys
 from collections.abc import Callable, Sequence
@@ -16,6 +17,17 @@ if TYPE_CHECKING:
     from rich.progress import TaskID
 
 json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON on stdout.")
+
+
+class FiniteRange(click.FloatRange):
+    """A range of finite numbers: click alone takes NaN for a number in any range."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Read the number."""
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is not a finite number", param, ctx)
+        return float(number)
 
 
 def talk(line: str) -> None:

@@ -7,7 +7,7 @@ import click
 
 from capture_app.commands.options import leader_option
 from capture_app.net.address import Address
-from capture_app.terminal import json_option, print_json, print_line, talk
+from capture_app.terminal import FiniteRange, json_option, print_json, print_line, talk
 
 if TYPE_CHECKING:
     from capture_app.node.wire.messages import BurstRequest
@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 )
 @click.option(
     "--wait-s",
-    type=click.FloatRange(0.0, 3600.0),
+    type=FiniteRange(0.0, 3600.0),
     default=0.0,
     show_default=True,
     metavar="S",

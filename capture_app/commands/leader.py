@@ -12,7 +12,7 @@ from capture_app.commands.options import (
     run_until_stopped,
     spool_option,
 )
-from capture_app.terminal import json_option, print_json_line, talk
+from capture_app.terminal import FiniteRange, json_option, print_json_line, talk
 
 if TYPE_CHECKING:
     from capture_app.net.multicast import BeaconSender
@@ -41,7 +41,7 @@ class EngineOptions(TypedDict):
 )
 @click.option(
     "--fps",
-    type=click.FloatRange(0.1, 1000.0),
+    type=FiniteRange(0.1, 1000.0),
     metavar="FPS",
     show_default="that of the first camera",
     help="Frame rate of all cameras.",
@@ -62,7 +62,7 @@ class EngineOptions(TypedDict):
 )
 @click.option(
     "--align-row",
-    type=click.FloatRange(0.0, 1.0),
+    type=FiniteRange(0.0, 1.0),
     metavar="FRACTION",
     default=0.5,
     show_default=True,
@@ -70,7 +70,7 @@ class EngineOptions(TypedDict):
 )
 @click.option(
     "--max-delay-ms",
-    type=click.FloatRange(0.0, 60_000.0),
+    type=FiniteRange(0.0, 60_000.0),
     metavar="MS",
     default=0.0,
     show_default=True,

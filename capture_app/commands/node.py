@@ -11,7 +11,7 @@ from capture_app.commands.options import clock_option, leaders_option, run_until
 from capture_app.errors import BadInputError
 from capture_app.names import check_name, name_like
 from capture_app.net.address import Address
-from capture_app.terminal import talk
+from capture_app.terminal import FiniteRange, talk
 
 if TYPE_CHECKING:
     from capture_app.clock import NodeClock
@@ -46,7 +46,7 @@ def check_node_name(ctx: click.Context, param: click.Parameter, value: str) -> s
 @clock_option
 @click.option(
     "--tolerance-us",
-    type=click.FloatRange(1.0, 100_000.0),
+    type=FiniteRange(1.0, 100_000.0),
     metavar="US",
     show_default="100, or 2000 for a camera that can only restart its stream",
     help="Largest phase error that is not corrected, in microseconds.",

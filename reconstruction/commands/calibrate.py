@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from capture_app.terminal import json_option, print_json, print_line
+from capture_app.terminal import FiniteRange, json_option, print_json, print_line
 from reconstruction.commands.options import session_argument
 
 
@@ -34,7 +34,7 @@ from reconstruction.commands.options import session_argument
 )
 @click.option(
     "--square-mm",
-    type=click.FloatRange(min=0, min_open=True),
+    type=FiniteRange(min=0, min_open=True),
     metavar="MM",
     default=40.0,
     show_default=True,
@@ -42,7 +42,7 @@ from reconstruction.commands.options import session_argument
 )
 @click.option(
     "--marker-mm",
-    type=click.FloatRange(min=0, min_open=True),
+    type=FiniteRange(min=0, min_open=True),
     metavar="MM",
     default=30.0,
     show_default=True,

@@ -4,11 +4,10 @@ from pathlib import Path
 
 import click
 
-from capture_app.terminal import json_option, print_json, print_line
+from capture_app.terminal import FiniteRange, json_option, print_json, print_line
 from reconstruction.commands.options import (
     OFFSETS_HELP,
     ConditionType,
-    FiniteRange,
     max_instants_option,
     out_option,
     pair_option,

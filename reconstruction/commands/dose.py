@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
-from capture_app.terminal import json_option, print_json, print_line
-from reconstruction.commands.options import FiniteRange, max_instants_option, pair_option, session_argument
+from capture_app.terminal import FiniteRange, json_option, print_json, print_line
+from reconstruction.commands.options import max_instants_option, pair_option, session_argument
 from reconstruction.session.conditions import DEFAULT_OFFSET_MS
 
 

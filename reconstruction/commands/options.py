@@ -1,6 +1,5 @@
 """Options that several commands share, and the types of their values."""
 
-import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -9,17 +8,6 @@ import click
 
 from capture_app.errors import BadInputError
 from reconstruction.session.conditions import DISTINCT, DISTINCT_MS, SYNCED, Condition
-
-
-class FiniteRange(click.FloatRange):
-    """A range of numbers that leaves out NaN, which is in every range of click."""
-
-    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Read the number."""
-        number = super().convert(value, param, ctx)
-        if not math.isfinite(number):
-            self.fail(f"{value!r} is not a number", param, ctx)
-        return float(number)
 
 
 class CameraPair(click.ParamType[tuple[str, str]]):

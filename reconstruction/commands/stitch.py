@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
-from capture_app.terminal import json_option, print_json, print_line
-from reconstruction.commands.options import FiniteRange, instant_option, out_option
+from capture_app.terminal import FiniteRange, json_option, print_json, print_line
+from reconstruction.commands.options import instant_option, out_option
 from reconstruction.session.conditions import MAX_OFFSET_MS
 
 

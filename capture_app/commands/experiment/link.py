@@ -7,7 +7,7 @@ import click
 from capture_app.commands.experiment.command import experiment_options, show
 from capture_app.commands.options import AddressType, run_until_stopped
 from capture_app.net.address import DEFAULT_PORT, Address
-from capture_app.terminal import talk
+from capture_app.terminal import FiniteRange, talk
 
 
 @click.command(name="link")
@@ -35,7 +35,7 @@ from capture_app.terminal import talk
 )
 @click.option(
     "--interval-ms",
-    type=click.FloatRange(0.2, 10_000.0),
+    type=FiniteRange(0.2, 10_000.0),
     metavar="MS",
     show_default="the engine's own schedule: 3, 6, 12, then 25 ms",
     help="Time between messages.",

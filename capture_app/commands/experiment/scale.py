@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from capture_app.commands.experiment.command import experiment_options, show
-from capture_app.terminal import talk
+from capture_app.terminal import FiniteRange, talk
 
 
 @click.command(name="scale")
@@ -18,7 +18,7 @@ from capture_app.terminal import talk
     show_default="10 and 40",
     help="Number of clients. Repeat for several rigs.",
 )
-@click.option("--minutes", type=click.FloatRange(2.0, 1440.0), show_default="5", help="Simulated time.")
+@click.option("--minutes", type=FiniteRange(2.0, 1440.0), show_default="5", help="Simulated time.")
 @click.option(
     "--full",
     is_flag=True,

@@ -14,7 +14,7 @@ from capture_app.session.files.output_folder import unfinished_outputs
 from capture_app.session.format.schema import session_schema_text
 from capture_app.session.reading.reader import Session, list_sessions
 from capture_app.session.reading.synchronization import verdict
-from capture_app.terminal import json_option, print_json, print_line, show_count, talk
+from capture_app.terminal import FiniteRange, json_option, print_json, print_line, show_count, talk
 
 DEFAULT_ROOT = Path("sessions")
 _FOLDER = click.Path(path_type=Path)
@@ -156,7 +156,7 @@ def schema() -> None:
     help="How images relate to the calibrated size: the same, cropped at right and bottom, or scaled.",
 )
 @click.option(
-    "--uncertainty-ms", type=click.FloatRange(min=0), metavar="MS", help="Uncertainty (95 %) of the times."
+    "--uncertainty-ms", type=FiniteRange(min=0), metavar="MS", help="Uncertainty (95 %) of the times."
 )
 @click.option("--png", is_flag=True, help="Save video frames as PNG instead of JPEG.")
 @click.option("--name", show_default="that of the recording's folder", help="Name of the session.")

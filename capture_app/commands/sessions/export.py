@@ -6,7 +6,7 @@ import click
 
 from capture_app.session.exporters.formats import FORMATS
 from capture_app.session.reading.reader import Session
-from capture_app.terminal import json_option, print_json, print_line, show_count, talk
+from capture_app.terminal import FiniteRange, json_option, print_json, print_line, show_count, talk
 
 _FOLDER = click.Path(path_type=Path)
 
@@ -30,12 +30,12 @@ _FORMATS_TEXT = "\b\n" + "\n".join(f"{name:<11} {what}" for name, what in FORMAT
 )
 @click.option(
     "--near",
-    type=click.FloatRange(min=0, min_open=True),
+    type=FiniteRange(min=0, min_open=True),
     metavar="DEPTH",
     help="For n3dv: smallest depth, in the calibration's unit.",
 )
 @click.option(
-    "--far", type=click.FloatRange(min=0, min_open=True), metavar="DEPTH", help="For n3dv: largest depth."
+    "--far", type=FiniteRange(min=0, min_open=True), metavar="DEPTH", help="For n3dv: largest depth."
 )
 @json_option
 def export(

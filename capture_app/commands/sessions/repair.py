@@ -9,7 +9,7 @@ from capture_app.commands.options import AddressType
 from capture_app.errors import BadInputError
 from capture_app.net.address import DEFAULT_PORT, Address
 from capture_app.session.files.output_folder import clear_leftovers
-from capture_app.terminal import json_option, print_json, print_line, talk
+from capture_app.terminal import FiniteRange, json_option, print_json, print_line, talk
 
 if TYPE_CHECKING:
     from capture_app.node.leader.repair import RepairResult
@@ -21,7 +21,7 @@ WAIT_S = 20.0
 @click.argument("path", metavar="SESSION|ROOT", type=click.Path(path_type=Path))
 @click.option(
     "--wait-s",
-    type=click.FloatRange(min=0),
+    type=FiniteRange(min=0),
     default=WAIT_S,
     show_default=True,
     metavar="S",

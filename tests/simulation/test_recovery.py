@@ -33,6 +33,7 @@ from capture_app.sync.wire.messages import (
     JoinRefusal,
     NodeState,
     Report,
+    Terms,
     Trigger,
     TriggerAck,
     UnknownMember,
@@ -68,6 +69,15 @@ upstreams = st.none() | st.builds(
     slopes,
     errors,
 )
+terms = st.builds(
+    Terms,
+    leader=numbers,
+    anchor_leader_ns=i64,
+    period_ns=periods,
+    pace_ns=paces,
+    upstream=upstreams,
+    in_holdover=st.booleans(),
+)
 slots = st.floats(0.0, 1.0, exclude_max=True) | st.just(math.nan)
 cameras = st.builds(
     CameraFacts,
@@ -81,28 +91,8 @@ cameras = st.builds(
 )
 reports = st.builds(Report, state=st.sampled_from(list(NodeState)), frame_leader_ns=st.none() | i64)
 from_parents: st.SearchStrategy[Message] = st.one_of(
-    st.builds(
-        Welcome,
-        st.just(INSTANCE),
-        numbers,
-        u32 | i64,
-        i64,
-        i64,
-        periods,
-        slots,
-        pace_ns=paces,
-        upstream=upstreams,
-    ),
-    st.builds(
-        HeartbeatAck,
-        numbers,
-        numbers,
-        i64,
-        periods,
-        pace_ns=paces,
-        upstream=upstreams,
-        in_holdover=st.booleans(),
-    ),
+    st.builds(Welcome, st.just(INSTANCE), u32 | i64, i64, terms, slots),
+    st.builds(HeartbeatAck, numbers, terms),
     st.builds(JoinRefusal, st.just(INSTANCE) | i64, st.sampled_from(["no", "never"]), st.booleans()),
     st.builds(UnknownMember, numbers),
     st.builds(Trigger, numbers, numbers, i64, i64, i64, i64),
@@ -116,6 +106,11 @@ from_clients: st.SearchStrategy[Message] = st.one_of(
     st.builds(Goodbye, numbers),
 )
 addresses = st.sampled_from([*PARENTS, STRANGER])
+
+
+def welcome(leader: int, number: int, upstream: UpstreamMap | None = None) -> Welcome:
+    terms = Terms(leader=leader, anchor_leader_ns=0, period_ns=33_333_333, upstream=upstream)
+    return Welcome(INSTANCE, number, 0, terms)
 
 
 class Forged(RuleBasedStateMachine):
@@ -162,7 +157,7 @@ class Forged(RuleBasedStateMachine):
     def lie_for_long(self, offset_ns: int, turns: int) -> None:
         """A parent whose clock is what it likes, and which is followed."""
         if self.follower.time.number is None:
-            self.hear(encode(Welcome(INSTANCE, HONEST, 3, 0, 0, 33_333_333)), self.follower.parent)
+            self.hear(encode(welcome(HONEST, 3)), self.follower.parent)
         for _ in range(turns):
             self.follow_its_timers(1)
             for client, sequence, t0_ns in self.asked:
@@ -289,7 +284,7 @@ def test_a_clock_that_shows_anything_can_be_told_of(offset_ns: int, told_ns: int
     machine = Forged()
     machine.start(-(2**60), 1)
     machine.turn()
-    machine.hear(encode(Welcome(INSTANCE, 2, 3, 0, 0, 33_333_333, upstream=onward)), machine.follower.parent)
+    machine.hear(encode(welcome(2, 3, onward)), machine.follower.parent)
     machine.lie_for_long(offset_ns, 420)
     assert machine.follower.time.timekeeper.clock.samples > 100
 
@@ -297,8 +292,7 @@ def test_a_clock_that_shows_anything_can_be_told_of(offset_ns: int, told_ns: int
 @pytest.mark.parametrize("number", [-1, 2**32])
 def test_a_number_that_no_request_can_carry_is_not_taken(number: int) -> None:
     follower = Follower(FollowerConfig("me", INSTANCE, PARENTS), random.Random(1))
-    welcome = Welcome(INSTANCE, 2, number, 0, 0, 33_333_333)
-    follower.receive_datagram(encode(welcome), follower.parent, 0)
+    follower.receive_datagram(encode(welcome(2, number)), follower.parent, 0)
     assert (follower.time.number, follower.time.malformed) == (None, 1)
 
 

@@ -22,6 +22,7 @@ from capture_app.sync.wire.messages import (
     Hello,
     JoinRefusal,
     NodeState,
+    Terms,
     Trigger,
     UnknownMember,
     Welcome,
@@ -207,6 +208,10 @@ times = st.integers(-(2**63), 2**63 - 1)
 numbers = st.sampled_from(["client", "instance", "other"])
 
 
+def forged_terms(anchor_leader_ns: int, period_ns: int) -> Terms:
+    return Terms(leader=7, anchor_leader_ns=anchor_leader_ns, period_ns=period_ns)
+
+
 @settings(max_examples=15, suppress_health_check=[HealthCheck.too_slow])
 @given(
     link=st.builds(
@@ -239,10 +244,10 @@ def test_nothing_on_the_network_keeps_a_rig_from_getting_ready(
     for kind, *fields in forged:
         message: object = {
             "time": lambda f=fields: TimeReply(client, 5, *f),
-            "welcome": lambda f=fields: Welcome(instance, 7, client, 1, *f),
+            "welcome": lambda f=fields: Welcome(instance, client, 1, forged_terms(*f)),
             "trigger": lambda f=fields: Trigger(client, 7, 9, *f),
             "unknown": lambda: UnknownMember(client),
-            "alive": lambda f=fields: HeartbeatAck(client, 7, *f),
+            "alive": lambda f=fields: HeartbeatAck(client, forged_terms(*f)),
             "refused": lambda: JoinRefusal(instance, "no"),
             "goodbye": lambda: Goodbye(client),
             "noise": lambda: Hello("stranger", 1, node.client.config.camera),

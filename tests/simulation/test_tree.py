@@ -25,7 +25,7 @@ from capture_app.sync.rig.time_client import HELLOS
 from capture_app.sync.tree.follower import Address, Follower, FollowerConfig
 from capture_app.sync.tree.relay import Relay
 from capture_app.sync.wire.codec import decode, encode
-from capture_app.sync.wire.messages import CLOCK_ONLY, Hello, NodeState, Welcome
+from capture_app.sync.wire.messages import CLOCK_ONLY, Hello, NodeState, Terms, Welcome
 from tests.facts import make_facts
 
 S = 1_000_000_000
@@ -201,7 +201,7 @@ def test_nobody_follows_itself_or_too_long_a_path(path: tuple[int, ...]) -> None
     follower.handle_timer(0)
     assert [address for _, address in follower.datagrams_to_send(0)] == [("a", 0)]
     told = upstream_map(path, time_map(0, 0.0, 0, 1.0, 2.0))
-    welcome = Welcome(77, 5, 6, 0, 0, 33_333_333, upstream=told)
+    welcome = Welcome(77, 6, 0, Terms(leader=5, anchor_leader_ns=0, period_ns=33_333_333, upstream=told))
     follower.receive_datagram(encode(welcome), ("a", 0), 1000)
     assert follower.state is NodeState.JOINING
     follower.handle_timer(S)
@@ -233,7 +233,7 @@ def test_a_leader_of_many_asks_for_a_slower_pace_and_bears_silent_clocks() -> No
         (data, _), *_ = leader.datagrams_to_send(i)
         welcome = decode(data)
         assert isinstance(welcome, Welcome)
-        paces.append(welcome.pace_ns)
+        paces.append(welcome.terms.pace_ns)
     assert paces[0] == 0
     assert paces[-1] == 100_000_000
     leader.handle_timer(CLIENT_SILENT_NS + 100)

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from capture_app.sync.wire.beacon import MOST_ARRIVALS, AgreedArrival, ArrivalReport, Beacon, Group
 from capture_app.sync.wire.codec import MAX_DATAGRAM, decode, encode
-from capture_app.sync.wire.messages import ControlMessage, Welcome
+from capture_app.sync.wire.messages import ControlMessage, Terms, Welcome
 from capture_app.sync.wire.time_messages import MAGIC, VERSION, WireError
 
 u32 = st.integers(0, 2**32 - 1)
@@ -15,6 +15,7 @@ numbers = st.integers(1, 2**32 - 1)
 i64 = st.integers(-(2**63), 2**63 - 1)
 errors = st.integers(0, 10**18)
 arrivals = st.lists(st.tuples(numbers, i64), max_size=MOST_ARRIVALS).map(tuple)
+TERMS = Terms(leader=2, anchor_leader_ns=5, period_ns=33_333_333)
 HEADER = MAGIC + bytes([VERSION, 3])
 
 
@@ -37,7 +38,7 @@ def test_they_are_small() -> None:
 
 
 def test_a_group_goes_with_the_welcome() -> None:
-    welcome = Welcome(1, 2, 3, 4, 5, 33_333_333, beacons=Group("239.255.47.10", 47011))
+    welcome = Welcome(1, 3, 4, TERMS, beacons=Group("239.255.47.10", 47011))
     assert decode(encode(welcome)) == welcome
 
 
@@ -57,7 +58,7 @@ def test_a_group_goes_with_the_welcome() -> None:
 )
 def test_nobody_is_made_to_join_a_group_of_the_wide_world(host: str, port: int) -> None:
     with pytest.raises(WireError, match="malformed"):
-        decode(encode(Welcome(1, 2, 3, 4, 5, 33_333_333, beacons=Group(host, port))))
+        decode(encode(Welcome(1, 3, 4, TERMS, beacons=Group(host, port))))
 
 
 @pytest.mark.parametrize(
@@ -94,25 +95,29 @@ def test_times_are_whole_numbers(value: object) -> None:
         decode(HEADER + msgspec.msgpack.encode(told))
 
 
-class OldWelcome(msgspec.Struct, frozen=True, tag="welcome"):
-    """A welcome as it was before beacons."""
-
-    instance: int
+class OldTerms(msgspec.Struct, array_like=True):
     leader: int
-    client: int
-    transfer_port: int
     anchor_leader_ns: int
     period_ns: int
 
 
+class OldWelcome(msgspec.Struct, frozen=True, tag="welcome"):
+    """A welcome as it was before beacons."""
+
+    instance: int
+    client: int
+    transfer_port: int
+    terms: OldTerms
+
+
 def test_a_node_of_before_understands_a_leader_of_today() -> None:
-    data = encode(Welcome(1, 2, 3, 4, 5, 33_333_333, beacons=Group("239.255.47.10", 47011)))
+    data = encode(Welcome(1, 3, 4, TERMS, beacons=Group("239.255.47.10", 47011)))
     old = msgspec.msgpack.decode(data[len(HEADER) :], type=OldWelcome)
-    assert (old.client, old.period_ns) == (3, 33_333_333)
+    assert (old.client, old.terms.period_ns) == (3, 33_333_333)
 
 
 def test_a_leader_of_before_is_one_without_beacons() -> None:
-    data = HEADER + msgspec.msgpack.encode(OldWelcome(1, 2, 3, 4, 5, 33_333_333))
+    data = HEADER + msgspec.msgpack.encode(OldWelcome(1, 3, 4, OldTerms(2, 5, 33_333_333)))
     welcome = decode(data)
     assert isinstance(welcome, Welcome)
     assert welcome.beacons is None

@@ -16,6 +16,7 @@ from capture_app.sync.wire.messages import (
     JoinRefusal,
     NodeState,
     Report,
+    Terms,
     Trigger,
     TriggerAck,
     Welcome,
@@ -42,11 +43,12 @@ floats = st.none() | st.floats(allow_nan=False)
 reports = st.builds(
     Report, state=st.sampled_from(NodeState), message=text, offset_ns=st.none() | i64, skew_ppm=floats
 )
+terms = st.builds(Terms, leader=u32, anchor_leader_ns=i64, period_ns=i64)
 control: st.SearchStrategy[ControlMessage] = st.one_of(
-    st.builds(Welcome, u32, u32, u32, u32, i64, i64),
+    st.builds(Welcome, u32, u32, u32, terms),
     st.builds(JoinRefusal, u32, text),
     st.builds(Heartbeat, u32, reports),
-    st.builds(HeartbeatAck, u32, u32, i64, i64),
+    st.builds(HeartbeatAck, u32, terms),
     st.builds(Trigger, u32, u32, u32, i64, i64, u32),
     st.builds(TriggerAck, u32, u32, u32, text),
 )

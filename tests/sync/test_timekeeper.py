@@ -12,7 +12,7 @@ from capture_app.sync.rig.poll_schedule import (
 from capture_app.sync.rig.terms import LeaderTerms
 from capture_app.sync.rig.timekeeper import Timekeeper
 from capture_app.sync.wire.codec import decode
-from capture_app.sync.wire.messages import Welcome
+from capture_app.sync.wire.messages import Terms
 from capture_app.sync.wire.time_messages import TimeReply, TimeRequest
 
 S = 1_000_000_000
@@ -22,7 +22,8 @@ DELAY_NS = 1_000_000
 def asked_ns(seconds: float, *, told_pace_ns: int = 0, lose_each: int = 0) -> list[int]:
     """Let a client ask a leader a millisecond away; return when its requests went out."""
     keeper = Timekeeper(7)
-    terms = LeaderTerms.told_by(Welcome(1, 2, 3, 4, 0, 33_333_333, pace_ns=told_pace_ns))
+    told = Terms(leader=2, anchor_leader_ns=0, period_ns=33_333_333, pace_ns=told_pace_ns)
+    terms = LeaderTerms.of_message(told)
     assert terms is not None
     keeper.follow(terms, 3, 0.25, 0)
     sent_ns: list[int] = []

@@ -26,10 +26,12 @@ from capture_app.sync.wire.messages import (
     ControlMessage,
     Goodbye,
     Heartbeat,
+    HeartbeatAck,
     Hello,
     JoinRefusal,
     TriggerAck,
     UnknownMember,
+    Welcome,
 )
 from capture_app.sync.wire.time_messages import TimeRequest, WireError, reply_at, reply_before_t2
 
@@ -78,9 +80,7 @@ class Leader:
 
     def __init__(self, config: LeaderConfig, rng: random.Random, uplink: Uplink | None = None) -> None:
         self.config = config
-        self.terms = RigTerms(
-            config.instance, config.transfer_port, config.period_ns, config.align_row, config.beacons
-        )
+        self.terms = RigTerms(config.instance, config.period_ns, config.align_row)
         self.malformed = 0
         self._uplink = uplink
         self._roster = Roster(rng)
@@ -241,7 +241,7 @@ class Leader:
 
     def acknowledge(self, member: Member) -> None:
         """Tell a member what holds now."""
-        self.send(member, self.terms.acknowledgement(member, self.pace_ns))
+        self.send(member, HeartbeatAck(member.number, self.terms.message(self.pace_ns)))
 
     def acknowledge_all(self) -> None:
         """Tell every member what holds now."""
@@ -280,6 +280,10 @@ class Leader:
         member, event = self._roster.admit(hello, address, now_ns)
         if event is not None:
             self._events.append(event)
-        self._outbox.append((self.terms.welcome(hello, member, self.pace_ns), address))
+        config, terms = self.config, self.terms.message(self.pace_ns)
+        welcome = Welcome(
+            hello.instance, member.number, config.transfer_port, terms, member.slot, config.beacons
+        )
+        self._outbox.append((welcome, address))
         if self._uplink is not None:
             self._uplink.pass_up(member, hello)

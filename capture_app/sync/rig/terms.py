@@ -7,14 +7,12 @@ from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.clock.upstream_map import UpstreamMap
 from capture_app.sync.phase.goal import MAX_PERIOD_NS, MIN_PERIOD_NS, Goal
 from capture_app.sync.phase.shared_goal import SharedGoal
-from capture_app.sync.rig.roster import Member
-from capture_app.sync.wire.beacon import Group
-from capture_app.sync.wire.messages import WITHOUT_CAMERA, HeartbeatAck, Hello, Welcome
+from capture_app.sync.wire.messages import WITHOUT_CAMERA, Terms
 
 
 @dataclass(frozen=True, slots=True)
 class LeaderTerms:
-    """The same as a client has it: what its leader, or relay, has told last; times in ns."""
+    """The terms of its leader, or relay, as a client uses them; times in ns."""
 
     leader: int
     path: tuple[int, ...]
@@ -28,23 +26,21 @@ class LeaderTerms:
     in_holdover: bool
 
     @classmethod
-    def told_by(cls, message: Welcome | HeartbeatAck) -> "LeaderTerms | None":
-        """Return what a message tells; None where it cannot be."""
-        upstream = None if message.upstream is None else message.upstream.time_map()
-        if message.upstream is not None and upstream is None:
+    def of_message(cls, terms: Terms) -> "LeaderTerms | None":
+        """Return the terms of a welcome or an acknowledgement; None where they cannot be right."""
+        told = terms.upstream
+        upstream = None if told is None else told.time_map()
+        if (told is not None and upstream is None) or not MIN_PERIOD_NS <= terms.period_ns <= MAX_PERIOD_NS:
             return None
-        if not MIN_PERIOD_NS <= message.period_ns <= MAX_PERIOD_NS:
-            return None
-        answer = message if isinstance(message, HeartbeatAck) else None
         return cls(
-            leader=message.leader,
-            path=(message.leader,) if message.upstream is None else (*message.upstream.path, message.leader),
-            goal=Goal(message.anchor_leader_ns, message.period_ns),
-            align_row=message.align_row,
-            meeting_leader_ns=None if answer is None else answer.meeting_leader_ns,
-            pace_ns=message.pace_ns,
+            leader=terms.leader,
+            path=(terms.leader,) if told is None else (*told.path, terms.leader),
+            goal=Goal(terms.anchor_leader_ns, terms.period_ns),
+            align_row=terms.align_row,
+            meeting_leader_ns=terms.meeting_leader_ns,
+            pace_ns=terms.pace_ns,
             upstream=upstream,
-            in_holdover=answer is not None and answer.in_holdover,
+            in_holdover=terms.in_holdover,
         )
 
     def root_map(self, own: TimeMap) -> TimeMap:
@@ -54,14 +50,13 @@ class LeaderTerms:
 
 @dataclass(slots=True)
 class RigTerms:
-    """What holds for all at present; `period_ns` is the rig's where it was asked for."""
+    """A leader's own terms, as they are at present."""
 
     leader: int
     """Its run."""
-    transfer_port: int
     period_ns: int | None
+    """The rig's, where it was asked for; None where the first camera sets it."""
     align_row: float | None
-    beacons: Group | None
     shared_goal: SharedGoal | None = None
     upstream: UpstreamMap | None = None
     """Of a relay: from its clock to the root's, for the clients to add to their estimates."""
@@ -87,36 +82,17 @@ class RigTerms:
         self.shared_goal = SharedGoal(goal)
         return True
 
-    def welcome(self, hello: Hello, member: Member, pace_ns: int) -> Welcome:
-        """Return what a client is told that is taken in."""
+    def message(self, pace_ns: int) -> Terms:
+        """Return what is told; `pace_ns` is the mean time between two requests that the leader bears."""
         assert self.shared_goal is not None, "the first hello sets the goal"
         goal = self.shared_goal.goal
-        return Welcome(
-            hello.instance,
-            self.leader,
-            member.number,
-            self.transfer_port,
-            goal.anchor_leader_ns,
-            goal.period_ns,
-            member.slot,
-            self.align_row,
-            pace_ns,
-            self.upstream,
-            self.beacons,
-        )
-
-    def acknowledgement(self, member: Member, pace_ns: int) -> HeartbeatAck:
-        """Return what a client is told that is here."""
-        assert self.shared_goal is not None, "the first hello sets the goal"
-        goal = self.shared_goal.goal
-        return HeartbeatAck(
-            member.number,
-            self.leader,
-            goal.anchor_leader_ns,
-            goal.period_ns,
-            self.shared_goal.meeting_leader_ns,
-            self.align_row,
-            pace_ns,
-            self.upstream,
-            self.in_holdover,
+        return Terms(
+            leader=self.leader,
+            anchor_leader_ns=goal.anchor_leader_ns,
+            period_ns=goal.period_ns,
+            align_row=self.align_row,
+            meeting_leader_ns=self.shared_goal.meeting_leader_ns,
+            pace_ns=pace_ns,
+            upstream=self.upstream,
+            in_holdover=self.in_holdover,
         )

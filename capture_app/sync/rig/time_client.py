@@ -180,7 +180,7 @@ class TimeClient:
 
     def follow(self, welcome: Welcome, now_ns: int) -> bool:
         """Become a member of the leader that sent this; False if it cannot be followed."""
-        terms = LeaderTerms.told_by(welcome)
+        terms = LeaderTerms.of_message(welcome.terms)
         if terms is None or self._objection(terms):
             return False
         self.terms, self.number = terms, welcome.client
@@ -188,7 +188,7 @@ class TimeClient:
         self.hellos, self.why_joining = 0, ""
         self._heard_ns = now_ns
         self._heartbeat_due_ns = NEVER_NS if self._heartbeat_every_ns is None else now_ns
-        self._events.append(Joined(welcome.transfer_port, welcome.leader, welcome.beacons))
+        self._events.append(Joined(welcome.transfer_port, terms.leader, welcome.beacons))
         return True
 
     def lose(self, reason: str, now_ns: int) -> None:
@@ -272,7 +272,7 @@ class TimeClient:
         return NEVER_NS if self._silent_ns is None else self._heard_ns + self._silent_ns
 
     def _take_answer(self, answer: HeartbeatAck, now_ns: int) -> None:
-        terms = LeaderTerms.told_by(answer)
+        terms = LeaderTerms.of_message(answer.terms)
         reason = "its answers cannot be right" if terms is None else self._objection(terms)
         if terms is None or reason:
             self.lose(reason, now_ns)

@@ -46,25 +46,38 @@ class Hello(Struct, frozen=True, tag="hello"):
     """The relay that it joined, where relays pass this on; None where it asks for itself."""
 
 
-class Welcome(Struct, frozen=True, tag="welcome"):
-    """The leader took a client in: its number, the images' TCP port, and the rig's grid of instants.
+class Terms(Struct, frozen=True, kw_only=True, array_like=True):
+    """What a leader, or a relay, tells all its clients alike; times in ns."""
 
-    `slot` is the part of its pace, 0 to 1, at which a client sends its time requests, in leader time.
-    """
-
-    instance: int
     leader: int
-    client: Number
-    transfer_port: int
+    """The run of the leader, or of the relay."""
     anchor_leader_ns: int
+    """An instant of the rig's grid, which has one each `period_ns`."""
     period_ns: int
-    slot: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.0
     align_row: HeightShare | None = None
     """Share of the height at which a row's middle of exposure is aligned; None for the first row's start."""
+    meeting_leader_ns: int | None = None
+    """When streams that can only be restarted should suit the grid, or be restarted; None: none need be."""
     pace_ns: Pace = 0
     """Mean time between two time requests of one client that this leader can bear; 0: as it likes."""
     upstream: UpstreamMap | None = None
-    """Where the leader is a relay: from its clock to the root's."""
+    """Of a relay: from its clock to the root's."""
+    in_holdover: bool = False
+    """This relay, or one above it, has lost its leader: it keeps the time, but brings no bursts."""
+
+
+class Welcome(Struct, frozen=True, tag="welcome"):
+    """The leader took a client in."""
+
+    instance: int
+    """The client's run, as its hello told it."""
+    client: Number
+    """The client's number, here and in all further messages."""
+    transfer_port: int
+    """TCP port of the leader that images go to."""
+    terms: Terms
+    slot: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.0
+    """The part of its pace at which a client sends its time requests, in leader time."""
     beacons: Group | None = None
     """Where the leader's beacons can be heard; None where it sends none."""
 
@@ -113,19 +126,10 @@ class Heartbeat(Struct, frozen=True, tag="heartbeat"):
 
 
 class HeartbeatAck(Struct, frozen=True, tag="heartbeat-ack"):
-    """The leader is alive and knows the client; which leader, and its grid, so that no mistake lasts."""
+    """The leader is alive and knows the client; with its terms, so that no mistake lasts."""
 
     client: int
-    leader: int
-    anchor_leader_ns: int
-    period_ns: int
-    meeting_leader_ns: int | None = None
-    """When streams that can only be restarted should suit the grid, or be restarted; None: none need be."""
-    align_row: HeightShare | None = None
-    pace_ns: Pace = 0
-    upstream: UpstreamMap | None = None
-    in_holdover: bool = False
-    """This relay, or one above it, has lost its leader: the time is held over, and no bursts come."""
+    terms: Terms
 
 
 class UnknownMember(Struct, frozen=True, tag="unknown-member"):

@@ -17,7 +17,7 @@ class Delays:
     shape: float = 2.0
 
     def __str__(self) -> str:
-        """The emulator's word for it."""
+        """Return the emulator's word for it."""
         if self.law == "constant":
             return f"constant,{self.minimum_us}"
         return f"{self.law},{self.minimum_us},{self.mean_us},{self.shape}"
@@ -40,5 +40,9 @@ class EmulatedLink:
     to_client: Delays = TO_CLIENT
 
     def words(self) -> tuple[str, str, str, str]:
-        """The emulator's words for it."""
+        """Return the emulator's words for it."""
         return self.leader, self.client, str(self.to_leader), str(self.to_client)
+
+    def ways(self) -> tuple[tuple[str, Delays], tuple[str, Delays]]:
+        """Return who receives, and with what delays, in the order of the emulator's reports."""
+        return ("leader", self.to_leader), ("client", self.to_client)

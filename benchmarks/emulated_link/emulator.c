@@ -9,11 +9,12 @@
      gamma      minimum + Gamma(SHAPE), of that mean in all
      lognormal  minimum + lognormal, SHAPE is its sigma, of that mean in all
 
-   -l and -o are shares: of frames lost, and of frames that are late by up to OUTLIER_US more. Frames of a direction keep their order. Every direction has a random
-   generator of its own, so that its n-th frame has the same delay in every run of the same SEED.
+   -l and -o are shares: of frames lost, and of frames that are late by up to OUTLIER_US more. Frames of a
+   direction keep their order. Every direction has a random generator of its own, so that its n-th frame is
+   drawn the same delay in every run of the same SEED.
 
    Says "ready" on stdout when it passes frames; on SIGTERM or SIGINT prints a line of JSON for each direction
-   with what it did, and ends. It ends with its parent. */
+   with what it did, those to a link's first end before those to its second, and ends. It ends with its parent. */
 
 #define _GNU_SOURCE
 #include <errno.h>
@@ -197,11 +198,11 @@ static bool become_urgent(void)
     return sched_setscheduler(0, SCHED_FIFO, &priority) == 0;
 }
 
-static void report(const struct direction *d, int link, const char *end, bool urgent)
+static void report(const struct direction *d, int link, bool urgent)
 {
     uint64_t drawn = d->frames - d->lost;
-    printf("{\"link\": %d, \"to\": \"%s\", \"real_time\": %s, \"frames\": %lu, \"lost\": %lu, \"outliers\": %lu, ",
-           link, end, urgent ? "true" : "false", d->frames, d->lost, d->outliers);
+    printf("{\"link\": %d, \"real_time\": %s, \"frames\": %lu, \"lost\": %lu, \"outliers\": %lu, ",
+           link, urgent ? "true" : "false", d->frames, d->lost, d->outliers);
     printf("\"held_back\": %lu, \"overflowed\": %lu, \"unsent\": %lu, \"late_by_100_us\": %lu, ",
            d->held_back, d->overflowed, d->unsent, d->late);
     printf("\"drawn_mean_us\": %.2f, \"drawn_least_us\": %.2f, \"late_mean_us\": %.2f, \"late_most_us\": %.2f}\n",
@@ -258,6 +259,6 @@ int main(int argc, char **argv)
     fflush(stdout);
     pass_frames(directions, (nfds_t)(2 * links), &before);
     for (int i = 0; i < 2 * links; i++)
-        report(&directions[i], i / 2, i % 2 ? "second" : "first", urgent);
+        report(&directions[i], i / 2, urgent);
     return 0;
 }

@@ -121,9 +121,9 @@ class Network:
                 yield reports
             finally:
                 process.terminate()
-                asked = [delays for link in links for delays in (link.to_leader, link.to_client)]
-                for line, delays in zip(process.stdout, asked, strict=True):
-                    reports.append(json.loads(line) | {"asked_mean_us": delays.mean_us})
+                asked = [way for link in links for way in link.ways()]
+                for line, (end, delays) in zip(process.stdout, asked, strict=True):
+                    reports.append(json.loads(line) | {"to": end, "asked_mean_us": delays.mean_us})
 
     def _add_veth(self, one: str, other: str) -> tuple[str, str]:
         one_end, other_end = self._new_device("veth"), self._new_device("veth")

@@ -1,1 +1,1 @@
-"""Sessions rendered from a recipe: the engine takes the burst in virtual time, a scene is the view."""
+"""Sample sessions rendered from a recipe: the engine takes the burst in virtual time, of a rendered scene."""

@@ -79,7 +79,7 @@ def profile_of(recipe: Recipe, camera: CameraRecipe, source: PictureSource) -> S
 
 
 class _Log:
-    """What the clients' engines see and do, as they do it."""
+    """The events of the clients' engines in the order in which they happen."""
 
     def __init__(self, rig: VirtualRig) -> None:
         self.lines: list[dict[str, JsonValue]] = []
@@ -87,7 +87,7 @@ class _Log:
         self._seen: dict[str, int] = {}
 
     def follow(self) -> bool:
-        """Note what is new; never a reason to stop."""
+        """Add the new events; always False, as a condition that never ends a run."""
         for name, node in self._rig.nodes.items():
             for event in node.events[self._seen.get(name, 0) :]:
                 if not isinstance(event, BurstPicked):

@@ -21,7 +21,7 @@ MEAN_MS, DEVIATION_MS, LONGEST_MS = 123.0, 84.0, 677.0
 
 
 def take_naive(recipe: Recipe, sources: Mapping[str, PictureSource]) -> Take:
-    """Let the recipe's cameras stream as they will, and take frames when each one's message arrives.
+    """Let the recipe's cameras stream without alignment, and take frames when each one's message arrives.
 
     The session's times are what the sender believes: all images of an instant when it was ordered, with no
     local clock to tell otherwise. Raises BadInputError for a profile that does not exist.

@@ -1,4 +1,4 @@
-"""The recipe of a rendered session, `recipe.json`: what to take, and what the engine once took.
+"""The recipe of a rendered session, `recipe.json`: what to take, and the take once it is made.
 
 With its take, a recipe gives the same bytes for ever, however the engine changes; without, the engine takes
 the burst first.
@@ -44,7 +44,7 @@ class CameraRecipe(_Part, frozen=True, kw_only=True):
 
 
 class RecipeFrame(_Part, frozen=True, kw_only=True):
-    """A frame that was taken: by the camera's, the leader's and the true clock (ns), and how sure."""
+    """A frame of the take: its times by the camera's, the leader's and the true clock, in ns, with errors."""
 
     camera: Name
     instant: Count
@@ -80,7 +80,7 @@ class Recipe(_Part, frozen=True, kw_only=True):
     scene: str
     cameras: Annotated[tuple[CameraRecipe, ...], Meta(min_length=1)]
     created: str
-    """When the session says that it was taken, RFC 3339, UTC."""
+    """The time of capture that the session is given, RFC 3339, UTC."""
     note: str = ""
     seed: Count = 0
     trigger: Trigger = Trigger.SYNCHRONIZED
@@ -112,10 +112,12 @@ def read_recipe(path: Path) -> Recipe:
             raise BadInputError(f"{file} lists camera {name} twice")
     if recipe.take is not None:
         if [camera.name for camera in recipe.take.cameras] != names:
-            raise BadInputError(f"{file} was taken with other cameras than it lists", hint="take it again")
+            raise BadInputError(
+                f"{file} has a take of other cameras than it lists", hint="--retake takes it again"
+            )
         known = range(len(recipe.take.burst.instants_ns))
         for frame in recipe.take.frames:
             if frame.camera not in names or frame.instant not in known:
                 what = f"{frame.camera} at instant {frame.instant}"
-                raise BadInputError(f"{file} took a frame that is not of its burst: {what}")
+                raise BadInputError(f"{file} has a frame in its take that is not of its burst: {what}")
     return recipe

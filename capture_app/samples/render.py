@@ -1,4 +1,4 @@
-"""A session out of a recipe: take the burst if it is not taken yet, and develop every frame of it."""
+"""Renders a session from a recipe: takes the burst unless the recipe has a take, and renders every frame."""
 
 import filecmp
 from collections.abc import Callable
@@ -24,7 +24,7 @@ from capture_app.simulation.devices.sensor import SensorFrame
 from capture_app.simulation.rendering.picture_source import PictureSource, open_picture_source
 
 Progress = Callable[[int, int], None]
-"""Told after each image: how many are done, and of how many."""
+"""Called after each image with the number of images done and of all."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,7 +82,7 @@ def _write(recipe: Recipe, folder: Path, progress: Progress) -> None:
             writer.add_event(event)
         frames = sorted(take.frames, key=lambda frame: (frame.instant, frame.camera))
         for done, frame in enumerate(frames, 1):
-            _develop(writer, recipe, take, frame, sources[frame.camera])
+            _render_frame(writer, recipe, take, frame, sources[frame.camera])
             progress(done, len(frames))
         writer.set_ground_truth_clocks(take.clocks)
         calibrated = {
@@ -115,7 +115,7 @@ def _source(recipe: Recipe, camera: CameraRecipe) -> PictureSource:
     )
 
 
-def _develop(
+def _render_frame(
     writer: SessionWriter, recipe: Recipe, take: Take, taken: RecipeFrame, source: PictureSource
 ) -> None:
     # What the picture depends on: its true start, its exposure and the seed of its noise.

@@ -1,1 +1,1 @@
-"""Sessions in the forms that other programs open; one module a format, found by `registry`."""
+"""Exporters: sessions in the formats of other programs, one module a format, listed in `formats`."""

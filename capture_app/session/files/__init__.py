@@ -1,4 +1,4 @@
-"""Bytes on a disk that a pulled plug leaves whole: durable writes, locks, what a full disk says.
+"""Files that survive a power cut: durable writes, locks, output folders, full disks.
 
 The ground of `session`: imports no other wing.
 """

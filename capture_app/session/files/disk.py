@@ -1,4 +1,4 @@
-"""A disk's room: how much is kept free, whether it is full, and its errors in words."""
+"""Room on the disk: reserving it, noticing that there is none, and errors in words."""
 
 import errno
 import os
@@ -25,7 +25,7 @@ def make_new_folder(folder: Path) -> None:
 
 
 def reserve(path: Path, size: int) -> None:
-    """Keep `size` bytes of the disk in a file of nothing. Raises OSError where there is not so much room."""
+    """Reserve `size` bytes of the disk in an empty file. Raises OSError where there is not so much room."""
     with path.open("wb") as file:
         try:
             os.posix_fallocate(file.fileno(), 0, size)

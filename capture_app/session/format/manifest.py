@@ -36,7 +36,7 @@ class ClockRecord(_Record, frozen=True, kw_only=True, omit_defaults=True):
     round_trip_ns: Count
     samples: Count
     reference_correction_ns: int | None = None
-    """By how much agreement with cameras that hear the same packets has moved it; part of the offset."""
+    """The part of the offset that comes from agreeing with cameras that hear the same packets."""
     relative_uncertainty_ns: Count | None = None
     """95 % error against the clocks of those cameras."""
 
@@ -50,7 +50,7 @@ class PhaseRecord(_Record, frozen=True, kw_only=True):
     corrections: Count
     uncertainty_ns: Count | None = None
     tolerance_ns: Count | None = None
-    """How near to the grid the stream was to be held; an image further from its instant is `late`."""
+    """Largest phase error that is left uncorrected; an image further from its instant is `late`."""
 
 
 class CameraRecord(_Record, frozen=True, kw_only=True):
@@ -67,7 +67,7 @@ class CameraRecord(_Record, frozen=True, kw_only=True):
             raise ValueError(f"{self.name} has no pixels: {self.facts.width}x{self.facts.height}")
 
     def is_late(self, residual_ns: int) -> bool:
-        """Whether an image that far from its instant, in ns, is further than its phase was to be held."""
+        """Whether an image `residual_ns` from its instant is beyond the camera's tolerance."""
         tolerance_ns = self.phase.tolerance_ns if self.phase else None
         return tolerance_ns is not None and abs(residual_ns) > tolerance_ns
 
@@ -82,7 +82,7 @@ class BurstRecord(_Record, frozen=True, kw_only=True):
 
 
 class ImageRecord(_Record, frozen=True, kw_only=True):
-    """One image: whose, of which instant, when by both clocks, how sure, and its bytes' checksum."""
+    """One image: its camera and instant, its times by both clocks with their errors, and its checksum."""
 
     camera: Name
     instant: Count
@@ -108,11 +108,11 @@ class ImageRecord(_Record, frozen=True, kw_only=True):
     substitute: bool = False
     """The camera dropped the frame nearest to the instant; this is the next best one."""
     late: bool = False
-    """It was taken further from its instant, before or after, than the camera's phase was to be held."""
+    """It was taken further from its instant, before or after, than the camera's tolerance."""
 
 
 class MissingImage(_Record, frozen=True, kw_only=True):
-    """An image that was asked for and never came, and why."""
+    """An image of the burst that is missing, and why."""
 
     camera: Name
     instant: Count
@@ -122,7 +122,7 @@ class MissingImage(_Record, frozen=True, kw_only=True):
 
 
 class SyncRecord(_Record, frozen=True, kw_only=True):
-    """How well the burst is synchronized over its cameras, told by its images' own records; times in ns."""
+    """How well the burst is synchronized over its cameras, computed from its images' records; times in ns."""
 
     spread_ns: tuple[Count, ...]
     """For each instant: from the first to the last of its images' `leader_ns`; 0 for fewer than two."""

@@ -1,1 +1,1 @@
-"""Recordings made elsewhere become sessions."""
+"""Importers: recordings of other programs become sessions."""

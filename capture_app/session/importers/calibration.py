@@ -1,4 +1,4 @@
-"""Calibrations of other programs, brought to this project's one convention."""
+"""Calibrations of other programs, converted to this project's convention."""
 
 from collections.abc import Mapping, Sequence
 from enum import StrEnum
@@ -18,11 +18,11 @@ class Fit(StrEnum):
     """What to do where images are not of the size that their camera was calibrated at."""
 
     EXACT = "exact"
-    """Refuse, unless the aspect is the same: then scale."""
+    """Refuse them, unless the aspect ratio is the same: then scale."""
     CROP = "crop"
-    """The images are the calibrated ones with their right or bottom cut off or extended."""
+    """The images are the calibrated ones, cropped or extended at the right or the bottom."""
     SCALE = "scale"
-    """The images are the calibrated ones stretched, each axis by itself."""
+    """The images are the calibrated ones, scaled separately along each axis."""
 
 
 def read_views(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views:

@@ -1,4 +1,4 @@
-"""The cameras of a calibration file, whatever tool wrote it."""
+"""The cameras of a calibration file, in one form for all file formats."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """One camera as a file gives it: 3x3 matrix in pixels, OpenCV distortion, and x_cam = R x_rig + t.
+    """One camera of a calibration file: 3x3 matrix in pixels, OpenCV distortion, and x_cam = R x_rig + t.
 
     `rotation` is 3x3, `translation` (3,) in the file's unit; `size` is (width, height) in pixels, None
     where the file does not say. The first pixel's centre is (0, 0).
@@ -26,7 +26,7 @@ class View:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Views:
-    """All cameras of a file by the file's own labels; `unit` is what the format fixes, else None."""
+    """All cameras of a file by the file's own labels; `unit` is the format's, None where it has none."""
 
     cameras: Mapping[str, View]
     source: str

@@ -1,4 +1,4 @@
-"""When the frames of a source were taken, where its own files say so: videos, file names, EXIF."""
+"""Times of frames read from the recording itself: video timestamps, file names, EXIF."""
 
 import importlib
 import re
@@ -19,7 +19,7 @@ _DATE = re.compile(
     r"((?:19|20)\d{2})[-_.:]?(\d{2})[-_.:]?(\d{2})[-_.T ]?(\d{2})[-_.:h]?(\d{2})[-_.:m]?(\d{2})[-_.,]?(\d*)"
 )
 _EPOCH_NS = {10: 9, 13: 6, 16: 3, 19: 0}
-"""Digits of a time since 1970, and how many zeros make ns of it."""
+"""Digits of a time since 1970, and the power of ten that makes ns of it."""
 _EXIF_IFD, _DATE_TAG, _PART_TAG = 0x8769, 0x9003, 0x9291
 
 
@@ -27,9 +27,9 @@ class TimeSource(StrEnum):
     """Where a recording's times come from."""
 
     AUTO = "auto"
-    """From what the recording has: a table, a phone's metadata."""
+    """Chosen by what the recording has: a table, a phone's metadata."""
     VIDEO = "video"
-    """From the videos' own timestamps, which may be as irregular as they like."""
+    """From the videos' own timestamps, which may be irregular."""
     NAME = "name"
     """From the images' file names."""
     EXIF = "exif"
@@ -37,7 +37,7 @@ class TimeSource(StrEnum):
 
 
 def has_video_times() -> bool:
-    """Whether videos' own timestamps can be read here: whether PyAV is there."""
+    """Whether videos' own timestamps can be read: whether PyAV is installed."""
     try:
         _pyav()
     except NotAvailableError:
@@ -46,7 +46,7 @@ def has_video_times() -> bool:
 
 
 def video_times_ns(path: Path) -> list[int]:
-    """The presentation times of a video's frames in ns, rising; without decoding them.
+    """The presentation times of a video's frames in ns, ascending, without decoding them.
 
     Raises BadInputError for what is no video, NotAvailableError without PyAV.
     """

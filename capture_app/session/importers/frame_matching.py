@@ -1,4 +1,4 @@
-"""Frames that were taken at about the same time become instants, by nothing but their times."""
+"""Matches frames that were taken at about the same time to instants, by their times alone."""
 
 import statistics
 from bisect import bisect_left
@@ -9,13 +9,13 @@ from itertools import pairwise
 from capture_app.errors import BadInputError
 
 LONE_PERIOD_NS = 33_333_333
-"""The period that is assumed where no camera has a second frame to tell."""
+"""The period that is assumed where every camera has only one frame."""
 NO_FRAME = "no frame within half a period"
 
 
 @dataclass(frozen=True, slots=True)
 class TimedFrame:
-    """A frame of a source, when it was taken in ns of the recording's one clock, and by its own camera's."""
+    """A frame of a source, its time in ns by the recording's common clock, and by its own camera's clock."""
 
     index: int
     leader_ns: int
@@ -24,7 +24,7 @@ class TimedFrame:
 
 @dataclass(frozen=True, slots=True)
 class Instant:
-    """Frames by camera that belong together, and the time in ns they are taken to be of."""
+    """The frames of one instant by camera, and the time of the instant in ns."""
 
     leader_ns: int
     frames: Mapping[str, TimedFrame]

@@ -1,4 +1,4 @@
-"""Folders of Caliscope and FreeMoCap, recognized by what is in them."""
+"""Recognizes recording folders of Caliscope and FreeMoCap by their files."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +14,7 @@ _UP = 3
 
 @dataclass(frozen=True, slots=True)
 class Layout:
-    """What a program's folder means: its videos, and its times and calibration where it has them."""
+    """Where a program's folder has its videos, and its times and calibration if there are any."""
 
     program: str
     videos: Path
@@ -25,7 +25,7 @@ class Layout:
     unit: str | None = None
 
 
-def recognize(folder: Path) -> Layout | None:
+def recognize_layout(folder: Path) -> Layout | None:
     """The layout of a folder, or None. Raises BadInputError for a workspace of several recordings."""
     if not folder.is_dir():
         return None
@@ -43,7 +43,7 @@ def recognize(folder: Path) -> Layout | None:
         inner = [path for path in sorted((folder / _RECORDINGS).iterdir()) if (path / _TABLE).is_file()]
         inner = [path for path in inner if _has_videos(path)]
         if len(inner) == 1:
-            return recognize(inner[0])
+            return recognize_layout(inner[0])
         names = ", ".join(path.name for path in inner) or "none with videos and their timestamps.csv"
         raise BadInputError(
             f"{folder} is a Caliscope workspace of several recordings: {names}"

@@ -1,4 +1,4 @@
-"""From what a user names to the cameras of a recording."""
+"""Opens the cameras of a recording that a user named on the command line."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -45,7 +45,7 @@ def open_sources(paths: Sequence[str], *, png: bool = False) -> list[Source]:
 
 
 def split_name(text: str) -> tuple[str, Path]:
-    """`NAME=PATH` taken apart; the name is empty where there is none."""
+    """Split `NAME=PATH`; the name is empty where there is none."""
     name, separator, path = text.partition("=")
     if separator and is_name(name) and not Path(text).exists():
         return name, Path(path)

@@ -74,7 +74,7 @@ class PhoneVideo(Video):
         self._table_ns = _lines(self._table)
 
     def embedded_times(self) -> Sequence[TimedFrame]:
-        """When each frame was taken; where table and video differ in length, to the shorter end."""
+        """When each frame was taken; if table and video differ in length, as many as the shorter has."""
         count = min(len(self._table_ns), len(self.numbers))
         if len(self._table_ns) != len(self.numbers):
             of = f"{len(self._table_ns)} times for {len(self.numbers)} frames"

@@ -1,4 +1,4 @@
-"""Which frames of a recording belong together: by the rate, or by a table of times."""
+"""Matches the frames of a recording to instants by a constant rate or by a table of times."""
 
 import csv
 import re

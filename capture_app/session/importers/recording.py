@@ -12,7 +12,7 @@ from capture_app.session.format.manifest import BurstRecord, CameraRecord, Missi
 from capture_app.session.importers.calibration import Fit, fit_calibration, read_views
 from capture_app.session.importers.embedded_times import TimeSource
 from capture_app.session.importers.frame_matching import Instant, TimedFrame, Timeline
-from capture_app.session.importers.layouts import Layout, recognize
+from capture_app.session.importers.layouts import Layout, recognize_layout
 from capture_app.session.importers.open_sources import open_sources, split_name
 from capture_app.session.importers.sources import Source
 from capture_app.session.importers.time_source import TimeOptions, make_timeline
@@ -108,7 +108,7 @@ def _layout(paths: Sequence[str]) -> Layout | None:
     if len(paths) != 1:
         return None
     name, path = split_name(paths[0])
-    return None if name else recognize(path)
+    return None if name else recognize_layout(path)
 
 
 def _with_layout(layout: Layout, options: ImportOptions) -> ImportOptions:

@@ -1,4 +1,4 @@
-"""What a recording is made of: for each camera a folder of images or a video file."""
+"""The cameras of a recording: for each a folder of images or a video file."""
 
 import re
 from abc import ABC, abstractmethod
@@ -23,7 +23,7 @@ class Source(ABC):
     path: Path
     kind: str
     remark: str = ""
-    """What a user should know of it."""
+    """A remark for the user on what was assumed."""
     suffix: str
     """Ending of the image files that `frames` gives the bytes of."""
 
@@ -38,12 +38,12 @@ class Source(ABC):
         """Whether the numbers are the recording's own and not just an order."""
 
     def embedded_times(self) -> Sequence[TimedFrame] | None:
-        """When its frames were taken by the rig's one clock, where its files hold that; else None."""
+        """When its frames were taken by the rig's common clock, where its files tell that; else None."""
         return None
 
     @abstractmethod
     def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
-        """Index, image file bytes and (width, height) in pixels of the frames asked for, in rising order.
+        """Index, image file bytes and (width, height) in pixels of the frames asked for, in ascending order.
 
         A video leaves out frames that cannot be decoded. Raises BadInputError for a broken image.
         """

@@ -1,4 +1,4 @@
-"""Where a recording's times come from, by what the user says and what the recording has."""
+"""Chooses where a recording's times come from, by the user's options and what the recording has."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -18,7 +18,7 @@ from capture_app.session.importers.sources import ImageFolder, Source, Video
 
 @dataclass(frozen=True, slots=True)
 class TimeOptions:
-    """What is said of a recording's times: a rate in frames a second, a table, or where else they are."""
+    """The user's options for times: a rate in frames a second, a table, or another source."""
 
     fps: float | None = None
     timestamps: Path | None = None
@@ -29,7 +29,7 @@ class TimeOptions:
 
 
 def make_timeline(sources: Sequence[Source], options: TimeOptions, talk: Callable[[str], None]) -> Timeline:
-    """Find out when every frame was taken, and which belong together; assumptions are told to `talk`.
+    """Find when every frame was taken and which are of one instant; assumptions are told to `talk`.
 
     Raises BadInputError where nothing tells, or more than one thing does.
     """
@@ -60,7 +60,7 @@ def make_timeline(sources: Sequence[Source], options: TimeOptions, talk: Callabl
         return _by_videos(sources, options, talk)
     if all(isinstance(source, ImageFolder) and len(source.files) == 1 for source in sources):
         return timeline_by_times("the recording", {name: [TimedFrame(0, 0)] for name in names})
-    raise _nothing_tells(sources)
+    raise _no_times(sources)
 
 
 def _by_videos(sources: Sequence[Source], options: TimeOptions, talk: Callable[[str], None]) -> Timeline:
@@ -71,7 +71,7 @@ def _by_videos(sources: Sequence[Source], options: TimeOptions, talk: Callable[[
     return _by_times("the recording", frames, options)
 
 
-def _nothing_tells(sources: Sequence[Source]) -> BadInputError:
+def _no_times(sources: Sequence[Source]) -> BadInputError:
     said = next((f"{s.path.name} says --fps {s.fps:g}; " for s in sources if isinstance(s, Video)), "")
     return BadInputError(
         "give either the rate, --fps, or a table of times, --timestamps",
@@ -80,7 +80,7 @@ def _nothing_tells(sources: Sequence[Source]) -> BadInputError:
 
 
 def _own(source: Source, times: TimeSource, talk: Callable[[str], None]) -> list[TimedFrame]:
-    """The frames of one source by times of their own."""
+    """The frames of one source by the times in its own files."""
     if times is TimeSource.VIDEO:
         if not isinstance(source, Video):
             raise BadInputError(f"{source.path} is not a video", hint="--times video is for videos")

@@ -1,4 +1,4 @@
-"""A session opened, verified and summed up; never changed.
+"""Reading a session: opening, verifying and summarizing it, without changing it.
 
 Imports `format` and `files`.
 """

@@ -17,7 +17,7 @@ COVERED = (MANIFEST, JOURNAL, EVENTS, PLAN, CALIBRATION, TIMES, TRUE_TIMES_JOURN
 
 
 def write_checksums(folder: Path, manifest: bytes) -> None:
-    """Write the checksums of a session's files and of the manifest that it is about to get."""
+    """Write the checksums of a session's files and of the manifest that is written next."""
     sums = {MANIFEST: hashlib.sha256(manifest).hexdigest()}
     for name in COVERED[1:]:
         if (folder / name).is_file():

@@ -1,4 +1,4 @@
-"""Reading sessions: a manifest is believed only after it is checked, for it may come from anywhere."""
+"""Reads sessions, which may come from anywhere: a manifest is checked before it is used."""
 
 import fcntl
 import os

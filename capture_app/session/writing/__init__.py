@@ -1,4 +1,4 @@
-"""A session written image by image, finished, and recovered after a crash.
+"""Writing a session image by image, completing it, and recovering it after a crash.
 
 Imports `reading`, `format` and `files`.
 """

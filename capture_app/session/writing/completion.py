@@ -1,4 +1,4 @@
-"""The manifest that completes a session: room kept for it, its last checks, and how it is put on disk."""
+"""The manifest that completes a session: reserves room for it, checks it and writes it."""
 
 from pathlib import Path
 

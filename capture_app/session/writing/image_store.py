@@ -1,4 +1,4 @@
-"""The images of a session being written: put in place and noted each by its thread."""
+"""The images of a session being written; several threads may add images at once."""
 
 import threading
 from collections.abc import Callable
@@ -26,7 +26,7 @@ class ImageStore:
         self._all_there = threading.Condition(mutex)
         self._journal: Journal | None = None
         self.damaged: tuple[Key, ...] = ()
-        """Images that were saved and are not as they were, of a session that was resumed."""
+        """Images of a resumed session that were saved and are damaged now."""
 
     @property
     def records(self) -> tuple[ImageRecord, ...]:
@@ -38,7 +38,7 @@ class ImageStore:
         return self._records.get((camera, instant))
 
     def open(self, *, recover: bool) -> None:
-        """Open the journal, and first take up what a crash has left of an earlier writer's images."""
+        """Open the journal; with `recover`, first find the images that an interrupted writer has left."""
         if recover:
             images, damaged = recover_images(self._folder)
             self.damaged = tuple((image.camera, image.instant) for image in damaged)
@@ -54,7 +54,7 @@ class ImageStore:
         self._under_way.add(key)
 
     def save(self, record: ImageRecord, line: bytes, put: Callable[[Path], None]) -> None:
-        """Let `put` make the file of an image whose place is reserved, and note the image by its line."""
+        """Let `put` write the file of an image that was begun, and add its line to the journal."""
         key, path = (record.camera, record.instant), self._folder / record.path
         assert self._journal is not None
         try:
@@ -72,12 +72,12 @@ class ImageStore:
                 self._all_there.notify_all()
 
     def wait_for_all(self) -> None:
-        """Wait until no image is under way."""
+        """Wait until no image is being saved."""
         while self._under_way:
             self._all_there.wait()
 
     def close(self) -> None:
-        """Close the journal: all that was promised is in it already."""
+        """Close the journal: all saved images are in it already."""
         if self._journal is not None:
             with suppress(OSError):
                 self._journal.close()

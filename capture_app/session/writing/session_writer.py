@@ -165,7 +165,7 @@ class SessionWriter:
 
     @property
     def damaged(self) -> tuple[tuple[str, int], ...]:
-        """Images, by camera and instant, that were saved and are not as they were, of a resumed session."""
+        """Images of a resumed session, by camera and instant, that were saved and are damaged now."""
         return self._images.damaged
 
     def image(self, camera: str, instant: int) -> ImageRecord | None:
@@ -244,7 +244,7 @@ class SessionWriter:
         self.abort()
 
     def abort(self) -> None:
-        """Stop here: what is saved stays, without a manifest. Harmless after `finish` or another abort."""
+        """Stop without a manifest; what is saved stays. Harmless after `finish` or another abort."""
         with self._mutex:
             if self._open:
                 self._close()
@@ -286,7 +286,7 @@ class SessionWriter:
     def _close(self) -> None:
         self._images.wait_for_all()
         self._open = False
-        # Nothing that was promised waits in these: a sync that fails now loses no image.
+        # All saved images are synced already: an error here loses none.
         self._images.close()
         with suppress(OSError):
             self._events.close()

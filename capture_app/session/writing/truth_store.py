@@ -75,7 +75,7 @@ class TruthStore:
         write_atomic(self._folder / TIMES, indented(encode_checked(times, TrueTimes)))
 
     def close(self) -> None:
-        """Close the journal: all that was promised is in it already."""
+        """Close the journal: all saved times are in it already."""
         if self._journal is not None:
             with suppress(OSError):
                 self._journal.close()

@@ -54,7 +54,7 @@ class Burst:
         self._progress, self._done = progress, 0
 
     def timeline(self, camera: str) -> list[ImageRecord]:
-        """A camera's images in order, each frame once: not again where it stands in for a dropped one."""
+        """A camera's images in order, each frame once: not again as a substitute for a dropped one."""
         kept: list[ImageRecord] = []
         for image in self._of(camera):
             if not kept or image.leader_ns > kept[-1].leader_ns:

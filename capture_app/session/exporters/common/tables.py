@@ -20,7 +20,7 @@ from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import ImageRecord
 
 FRAMES = "frames.csv"
-"""Every export has it: what became of each image, with its time in ns of the leader's clock."""
+"""In every export: where each image is in the export, with its time in ns of the leader's clock."""
 
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 _RESERVED = ("metadata", "capture_volume", "charuco", "checkerboard")
@@ -111,14 +111,14 @@ def toml_table(name: Sequence[str], values: Mapping[str, object]) -> str:
 
 
 def unit_note(calibration: Calibration, expected: str) -> list[str]:
-    """What to tell a user whose calibration is in a unit that is no length."""
+    """A note for the user if the calibration is in a unit that is not a length."""
     if calibration.unit in METRES:
         return []
     return [f"the calibration is in {calibration.unit!r}; it is written as if that were {expected}"]
 
 
 def _natural(name: str) -> list[tuple[int, str]]:
-    """Sort key that counts: cam2 before cam10."""
+    """Sort key in natural order: cam2 before cam10."""
     return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"([0-9]+)", name) if part]
 
 

@@ -87,7 +87,7 @@ def write_instants(burst: Burst, camera: str, path: Path, file: str) -> list[Fra
 
 
 def grid_notes(burst: Burst, frames: Iterable[Frame]) -> list[str]:
-    """What a user of `write_instants` should know: black frames, and instants that are unevenly spaced."""
+    """Notes for the user of `write_instants` on black frames and unevenly spaced instants."""
     blank = sum(frame.image is None for frame in frames)
     notes = [f"{blank} frames are black: their images are missing or of another moment"] if blank else []
     return notes + spacing_notes(burst.instants_ns, burst.period_ns)

@@ -24,7 +24,7 @@ from report import new_parser, print_report, print_table, talk
 
 from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.net.address import Address
-from capture_app.net.udp import Pump, ToPeer, client_socket
+from capture_app.net.udp import Pump, SinglePeerEngine, client_socket
 from capture_app.sync.rig.events import Joined
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.poll_schedule import FIRST_PACE_NS, FIRST_SAMPLES, SteadySchedule
@@ -68,7 +68,7 @@ class SparingSchedule(SteadySchedule):
         self.estimate_due_ns = now_ns + round((JOIN_S + FIRST_S + MOST_SECONDS) * 1e9)
 
 
-class LoadClient(ToPeer):
+class LoadClient(SinglePeerEngine):
     """The engine's client on a socket of its own; counts what passes."""
 
     def __init__(self, number: int, load: Load, leader: Address) -> None:

@@ -184,7 +184,7 @@ async def _take(leader: LeaderNode, cameras: int, talk: Talk) -> BurstStatus:
         waiting.cancel()
     talk(f"taking a burst of {FRAMES} instants; the pictures are rendered as they are saved")
     burst = await leader.trigger(frames=FRAMES)
-    return await leader.finished(burst.burst)
+    return await leader.wait_until_saved(burst.burst)
 
 
 async def compare(session: Path, out: Path, talk: Talk) -> dict[str, Any]:

@@ -11,8 +11,8 @@ from capture_app.session.format.calibration import CameraCalibration
 from capture_app.sync.wire.camera_commands import CameraCommand
 
 
-class FramePayload(Protocol):
-    """The picture of a frame, developed only when it is saved."""
+class FramePicture(Protocol):
+    """A frame's picture, encoded only when it is saved."""
 
     def encode(self) -> bytes:
         """Return the image file's bytes (JPEG). May take a second: call it off the event loop."""
@@ -38,7 +38,7 @@ class CapturedFrame:
     stream: int
     """Counts the stream's starts: sequence numbers compare only within one stream."""
     timestamp_ns: int
-    payload: FramePayload
+    picture: FramePicture
     exposure_ns: int | None = None
     gain: float | None = None
     white_balance: tuple[float, float] | None = None

@@ -84,12 +84,12 @@ def burst(
 async def _take(leader: Address, request: "BurstRequest") -> "BurstStatus":
     from capture_app.errors import NetworkError, NoCameraHereError
     from capture_app.node.leader.control import ask_burst
-    from capture_app.node.leader.wording import burst_in_words
+    from capture_app.node.leader.wording import burst_line
 
     last, said = None, ""
     try:
         async for last in ask_burst(leader, request):
-            line = burst_in_words(last)
+            line = burst_line(last)
             if line != said:
                 said = line
                 talk(line)

@@ -121,10 +121,10 @@ async def _lead(
     from capture_app.clock import HostClock
     from capture_app.commands.node import camera_node
     from capture_app.node.leader.leader import LeaderNode
-    from capture_app.node.leader.wording import in_words
+    from capture_app.node.leader.wording import news_line
 
     def on_news(news: "News") -> None:
-        line = in_words(news)
+        line = news_line(news)
         if line:
             talk(line)
         if as_json:

@@ -29,7 +29,7 @@ def status(leader: Address, as_json: bool) -> None:
     if as_json:
         print_json(rig)
         return
-    from capture_app.node.leader.snapshots import as_tree
+    from capture_app.node.leader.snapshots import in_tree_order
 
     who = f"leader {rig.leader}" if rig.relay is None else f"relay {rig.relay} at {rig.leader}"
     print_line(f"{who}, {count(len(rig.nodes), 'node')}, {_period(rig.period_ns)}")
@@ -39,7 +39,7 @@ def status(leader: Address, as_json: bool) -> None:
         agreed = any(node.relative_uncertainty_ns is not None for node in rig.nodes)
         clock = ("clock bound µs", *(("apart µs",) if agreed else ()), "round trip µs")
         head = ("node", "state", *clock, "phase error µs", "drops", "camera", "message")
-        print_table(head, [_row(node, agreed=agreed) for node in as_tree(rig.nodes)])
+        print_table(head, [_row(node, agreed=agreed) for node in in_tree_order(rig.nodes)])
     for path in rig.sessions:
         print_line(f"saved {path}")
 

@@ -55,10 +55,10 @@ class Channel(Generic[M]):
 
         Raises NetworkError for a stream that breaks off, is too large, or is no transfer stream at all.
         """
-        message = await self.receive_head()
+        message = await self.receive_header()
         return None if message is None else (message, b"".join([chunk async for chunk in self.payload()]))
 
-    async def receive_head(self) -> M | None:
+    async def receive_header(self) -> M | None:
         """Read one message without its payload, for `payload` to read; what it left is skipped.
 
         Returns and raises as `receive` does.

@@ -73,9 +73,9 @@ class BeaconReceiver:
     def follow(self, group: Group | None, leader_host: str) -> None:
         """Listen to a group on the interface towards the leader, and no longer to what was before."""
         self.close()
-        sock = None if group is None else listen(group, leader_host)
+        sock = None if group is None else open_group_socket(group, leader_host)
         if sock is not None:
-            self._pump = Pump(_Listening(self._take, self._after_turn), self._clock, lambda: None)
+            self._pump = Pump(_ReceivingEngine(self._take, self._after_turn), self._clock, lambda: None)
             self._pump.start(sock)
 
     def close(self) -> None:
@@ -85,7 +85,7 @@ class BeaconReceiver:
             self._pump = None
 
 
-def listen(group: Group, leader_host: str) -> socket.socket | None:
+def open_group_socket(group: Group, leader_host: str) -> socket.socket | None:
     """Return a socket that hears a group on the interface towards a host; None where that cannot be."""
     address = None if ":" in leader_host else source_address(leader_host)
     if address is None:
@@ -106,7 +106,7 @@ def listen(group: Group, leader_host: str) -> socket.socket | None:
     return sock
 
 
-class _Listening:
+class _ReceivingEngine:
     """An engine that only hears."""
 
     def __init__(self, take: Callable[[bytes, int], None], after_turn: Callable[[], None]) -> None:

@@ -44,7 +44,7 @@ class Engine(Protocol):
         """Do what has become due."""
 
 
-class UnaddressedEngine(Protocol):
+class PeerEngine(Protocol):
     """An engine that talks to one peer only."""
 
     def receive_datagram(self, data: bytes, now_ns: int) -> None:
@@ -60,10 +60,10 @@ class UnaddressedEngine(Protocol):
         """Do what has become due."""
 
 
-class ToPeer:
+class SinglePeerEngine:
     """Gives a client's engine its leader's address: all goes there, nobody else is listened to."""
 
-    def __init__(self, engine: UnaddressedEngine, peer: Address) -> None:
+    def __init__(self, engine: PeerEngine, peer: Address) -> None:
         self._engine = engine
         self._peer = peer
         self.next_timer = engine.next_timer

@@ -16,7 +16,7 @@ from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
 from capture_app.node.leader.beacons import send_due_beacon
 from capture_app.node.leader.snapshots import node_statuses
-from capture_app.node.leader.wording import follower_in_words, in_words
+from capture_app.node.leader.wording import follower_line, news_line
 from capture_app.node.wire.messages import FromLeader, Refusal, StatusAnswer, StatusRequest, ToLeader
 from capture_app.node.wire.status import RigStatus
 from capture_app.sync.rig.events import Joined, LeaderLost
@@ -156,7 +156,7 @@ class RelayNode:
 
     async def _answer_alone(self, below: Channel[ToLeader], why: NetworkError) -> None:
         """Say what can be said without a leader: who is here; all else has to wait."""
-        while (message := await below.receive_head()) is not None:
+        while (message := await below.receive_header()) is not None:
             if isinstance(message, StatusRequest):
                 await below.send(StatusAnswer(rig=self.status()))
             else:
@@ -171,9 +171,9 @@ class RelayNode:
             if isinstance(event, Joined | LeaderLost):
                 self._change_way_up(event)
             if isinstance(event, TimeClientEvent):
-                line = follower_in_words(event, Address(*self._engine.follower.parent))
+                line = follower_line(event, Address(*self._engine.follower.parent))
             else:
-                line = in_words(event)
+                line = news_line(event)
             if line:
                 self._talk(line)
 

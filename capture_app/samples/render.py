@@ -18,7 +18,7 @@ from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import RECIPE
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
-from capture_app.simulation.camera.pictures import SimulatedPayload, SimulatedTruth, seed_of
+from capture_app.simulation.camera.pictures import SimulatedPicture, SimulatedTruth, stable_seed
 from capture_app.simulation.devices.profiles import find_profile
 from capture_app.simulation.devices.sensor import SensorFrame
 from capture_app.simulation.rendering.picture_source import PictureSource, open_picture_source
@@ -128,11 +128,11 @@ def _render_frame(
         exposure_ns=taken.exposure_ns,
         dropped=False,
     )
-    seed = seed_of(f"{recipe.seed}/{taken.camera}/{taken.true_ns}")
+    seed = stable_seed(f"{recipe.seed}/{taken.camera}/{taken.true_ns}")
     truth = SimulatedTruth(source, frame).encode() if recipe.depth else None
     writer.add_ground_truth(taken.camera, taken.instant, truth, taken.true_ns)
     writer.add_image(
-        SimulatedPayload(source, frame, seed, recipe.jpeg_quality).encode(),
+        SimulatedPicture(source, frame, seed, recipe.jpeg_quality).encode(),
         **{name: value for name, value in msgspec.structs.asdict(taken).items() if name != "true_ns"},
         residual_ns=taken.leader_ns - take.burst.instants_ns[taken.instant],
         gain=1.0,

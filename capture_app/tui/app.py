@@ -12,7 +12,7 @@ from textual.containers import Container, Horizontal, Vertical
 from textual.widgets import Footer, Label, ProgressBar, RichLog, Static
 
 from capture_app.errors import SimulshotError
-from capture_app.node.leader.snapshots import as_tree
+from capture_app.node.leader.snapshots import in_tree_order
 from capture_app.node.wire.status import RigStatus
 from capture_app.session.reading.reader import Session
 from capture_app.sync.wire.messages import NodeState
@@ -92,7 +92,7 @@ class RigApp(App[None]):
         table.display = bool(status.nodes)
         if not status.nodes:
             empty.update(_how_to_join(status))
-        table.show(tuple(as_tree(status.nodes)), wide=self.size.width >= 110)
+        table.show(tuple(in_tree_order(status.nodes)), wide=self.size.width >= 110)
         burst = status.burst
         if self._busy == TAKING and burst is not None and not burst.done:
             text = f"saving {burst.name}: {burst.received} of {burst.expected} images"

@@ -8,7 +8,7 @@ from pathlib import Path
 from capture_app.demo import SimulatedNodes, compare, free_folder
 from capture_app.errors import BadInputError, IncompleteError
 from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.leader.wording import News, in_words
+from capture_app.node.leader.wording import News, news_line
 from capture_app.node.wire.status import BurstStatus, RigStatus
 from capture_app.text import ProgressStep
 from capture_app.tui.source import Comparison
@@ -42,7 +42,7 @@ class LiveRig:
     async def burst(self, frames: int) -> BurstStatus:
         """Take a burst and return when it is on disk. Raises SimulshotError."""
         ordered = await self._leader.trigger(frames=frames)
-        saved = await self._leader.finished(ordered.burst)
+        saved = await self._leader.wait_until_saved(ordered.burst)
         if saved.session is None:
             raise IncompleteError(saved.message or f"burst {saved.burst} gave no session")
         return saved
@@ -76,7 +76,7 @@ class LiveRig:
     def _take_news(self, news: News) -> None:
         if isinstance(news, BurstStatus) and not news.done:
             return  # the burst's progress is in every snapshot; only its end is news
-        line = in_words(news)
+        line = news_line(news)
         if line and line != self._last_line:
             self._last_line = line
             self._tell(line)

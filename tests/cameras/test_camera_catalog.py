@@ -67,7 +67,7 @@ class OneFrameCamera(Camera):
         raise NotImplementedError
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
-        on_frame(CapturedFrame(sequence=0, stream=0, timestamp_ns=10**15, payload=self))
+        on_frame(CapturedFrame(sequence=0, stream=0, timestamp_ns=10**15, picture=self))
 
     async def apply(self, command: CameraCommand) -> None:
         self.commands.append(command)

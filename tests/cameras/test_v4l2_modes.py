@@ -17,7 +17,14 @@ from capture_app.cameras.v4l2.layout import (
     FrameInterval,
     PixelFormat,
 )
-from capture_app.cameras.v4l2.modes import Mode, check_capture, choose_mode, configure, explain, parse_options
+from capture_app.cameras.v4l2.modes import (
+    Mode,
+    check_capture,
+    choose_mode,
+    configure,
+    driver_error,
+    parse_options,
+)
 from capture_app.clock import HostClock
 from capture_app.errors import BadInputError, CameraError
 from tests.cameras.fake_device import MJPG, FickleDevice
@@ -119,7 +126,7 @@ def test_nodes_without_pictures_are_refused(flags, word):
     ],
 )
 def test_the_kernels_errors_say_what_to_do(code, words):
-    error = explain("/dev/video0", OSError(code, "x"))
+    error = driver_error("/dev/video0", OSError(code, "x"))
     assert words in str(error)
     assert "/dev/video0" in error.what
     assert error.hint

@@ -18,7 +18,7 @@ from capture_app.cameras.v4l2.layout import (
     CID_EXPOSURE_AUTO_PRIORITY,
     PixelFormat,
 )
-from capture_app.cameras.v4l2.payload import RawPayload
+from capture_app.cameras.v4l2.pictures import RawPicture
 from capture_app.cameras.v4l2.stream import V4L2Camera
 from capture_app.errors import CameraError
 from capture_app.sync.wire.camera_commands import InjectFrame, RestartStream
@@ -58,7 +58,7 @@ async def test_frames_carry_the_drivers_stamp_number_and_bytes():
     frames = [await sink.frame(), await sink.frame()]
     assert [frame.timestamp_ns for frame in frames] == stamps
     assert [(frame.stream, frame.sequence) for frame in frames] == [(1, 0), (1, 1)]
-    assert frames[0].payload.encode() == JPEG
+    assert frames[0].picture.encode() == JPEG
     assert (frames[0].exposure_ns, frames[0].gain) == (15_700_000, 4.0)
     await camera.stop()
 
@@ -227,18 +227,18 @@ async def test_the_rate_is_held_in_the_dark_and_the_setting_given_back():
 def test_raw_frames_become_jpegs_without_the_padding_of_their_lines():
     red = np.array([[76, 85, 76, 255] * 8] * 16, np.uint8)
     padded = np.pad(red, ((0, 0), (0, 6)), constant_values=200)
-    picture = decoded(RawPayload(padded.tobytes(), PixelFormat("YUYV", 16, 16, 38)))
+    picture = decoded(RawPicture(padded.tobytes(), PixelFormat("YUYV", 16, 16, 38)))
     assert picture.shape == (16, 16, 3)
     assert np.abs(picture.astype(int) - [0, 0, 255]).max() < 12
 
     grey = np.tile(np.arange(0, 64, 4, dtype=np.uint8), (16, 1))
-    picture = decoded(RawPayload(grey.tobytes(), PixelFormat("GREY", 16, 16, 16)))
+    picture = decoded(RawPicture(grey.tobytes(), PixelFormat("GREY", 16, 16, 16)))
     assert np.abs(picture.astype(int) - grey).max() < 8
 
     nv12 = np.concatenate([np.full((16, 16), 76), np.tile([85, 255], (8, 8))]).astype(np.uint8)
-    picture = decoded(RawPayload(nv12.tobytes(), PixelFormat("NV12", 16, 16, 16)))
+    picture = decoded(RawPicture(nv12.tobytes(), PixelFormat("NV12", 16, 16, 16)))
     assert np.abs(picture.astype(int) - [0, 0, 255]).max() < 12
 
 
-def decoded(payload: RawPayload) -> np.ndarray:
-    return cv2.imdecode(np.frombuffer(payload.encode(), np.uint8), cv2.IMREAD_UNCHANGED)
+def decoded(picture: RawPicture) -> np.ndarray:
+    return cv2.imdecode(np.frombuffer(picture.encode(), np.uint8), cv2.IMREAD_UNCHANGED)

@@ -8,7 +8,7 @@ import time
 import pytest
 
 from capture_app.net.interfaces import source_address
-from capture_app.net.multicast import BeaconReceiver, BeaconSender, listen
+from capture_app.net.multicast import BeaconReceiver, BeaconSender, open_group_socket
 from capture_app.sync.wire.beacon import Group
 
 ELSEWHERE = "127.0.0.2"
@@ -24,7 +24,7 @@ def free_group() -> Group:
 @pytest.fixture
 def group() -> Group:
     group = free_group()
-    sock = listen(group, "127.0.0.1")
+    sock = open_group_socket(group, "127.0.0.1")
     if sock is None:
         pytest.skip("no multicast on the loopback interface here")
     sock.close()
@@ -91,7 +91,7 @@ async def test_an_ear_follows_one_leader_at_a_time(group: Group) -> None:
 
 def test_what_cannot_be_heard_is_silence() -> None:
     group = Group("239.255.47.10", 47011)
-    assert listen(group, "::1") is None
+    assert open_group_socket(group, "::1") is None
     assert source_address("127.0.0.1") == "127.0.0.1"
     sender = BeaconSender(group)
     sender.reach(["::1"])

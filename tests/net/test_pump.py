@@ -10,7 +10,7 @@ from collections.abc import AsyncIterator, Iterator
 import pytest
 
 from capture_app.net.address import Address
-from capture_app.net.udp import Pump, ToPeer, client_socket
+from capture_app.net.udp import Pump, SinglePeerEngine, client_socket
 
 Received = tuple[bytes, tuple[str, int], int]
 
@@ -123,7 +123,7 @@ async def test_a_client_listens_to_its_leader_only(other: socket.socket) -> None
             pass
 
     client = Unaddressed()
-    engine = ToPeer(client, Address("10.0.0.1", 47010))
+    engine = SinglePeerEngine(client, Address("10.0.0.1", 47010))
     engine.receive_datagram(b"stranger", ("10.0.0.2", 47010), 1)
     engine.receive_datagram(b"other port", ("10.0.0.1", 47011), 2)
     engine.receive_datagram(b"leader", ("10.0.0.1", 47010), 3)

@@ -10,7 +10,7 @@ import pytest
 from capture_app.cameras.catalog import open_camera
 from capture_app.clock import HostClock
 from capture_app.net.address import Address
-from capture_app.net.multicast import BEACONS, BeaconSender, listen
+from capture_app.net.multicast import BEACONS, BeaconSender, open_group_socket
 from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.relay import RelayNode
@@ -32,7 +32,7 @@ BeaconArrivals = asyncio.Queue[tuple[Client, Beacon]]
 @pytest.fixture
 def heard(monkeypatch: pytest.MonkeyPatch) -> BeaconArrivals:
     """What the clients hear."""
-    sock = listen(BEACONS, "127.0.0.1")
+    sock = open_group_socket(BEACONS, "127.0.0.1")
     if sock is None:
         pytest.skip("no multicast on the loopback interface here")
     sock.close()

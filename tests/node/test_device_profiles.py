@@ -22,34 +22,34 @@ def camera(model: str = "Phone", width: int = 640) -> CameraFacts:
 
 def test_a_profile_is_found_again_by_model_and_mode(tmp_path: Path) -> None:
     profiles = DeviceProfiles(tmp_path / "data")
-    assert profiles.find(camera()) is None
-    assert profiles.keep(camera(), PROFILE)
-    assert profiles.keep(camera(), PROFILE), "again changes nothing"
+    assert profiles.injection_profile(camera()) is None
+    assert profiles.save_injection(camera(), PROFILE)
+    assert profiles.save_injection(camera(), PROFILE), "again changes nothing"
     again = DeviceProfiles(tmp_path / "data")
-    assert again.find(camera()) == PROFILE
-    assert again.find(camera(model="Other")) is None
-    assert again.find(camera(width=1280)) is None
+    assert again.injection_profile(camera()) == PROFILE
+    assert again.injection_profile(camera(model="Other")) is None
+    assert again.injection_profile(camera(width=1280)) is None
     assert [path.name for path in (tmp_path / "data").iterdir()] == [FILE]
 
 
 def test_a_broken_file_is_as_good_as_none(tmp_path: Path) -> None:
     (tmp_path / FILE).write_bytes(b'{"sim/Phone": [1')
     profiles = DeviceProfiles(tmp_path)
-    assert profiles.find(camera()) is None
-    assert profiles.keep(camera(), PROFILE)
-    assert profiles.find(camera()) == PROFILE
+    assert profiles.injection_profile(camera()) is None
+    assert profiles.save_injection(camera(), PROFILE)
+    assert profiles.injection_profile(camera()) == PROFILE
 
 
 def test_start_latencies_are_kept_beside_what_long_frames_do(tmp_path: Path) -> None:
     profiles = DeviceProfiles(tmp_path)
     assert profiles.start_latencies_ns(camera()) == ()
-    profiles.keep(camera(), PROFILE)
-    assert profiles.keep_start_latencies(camera(), tuple(range(100)))
+    profiles.save_injection(camera(), PROFILE)
+    assert profiles.save_start_latencies(camera(), tuple(range(100)))
     assert profiles.start_latencies_ns(camera()) == tuple(range(100 - MOST_LATENCIES, 100))
-    assert profiles.find(camera()) == PROFILE
+    assert profiles.injection_profile(camera()) == PROFILE
     assert profiles.start_latencies_ns(camera(model="Other")) == ()
 
 
 def test_a_folder_that_cannot_be_written_is_no_failure(tmp_path: Path) -> None:
     (tmp_path / "file").write_bytes(b"")
-    assert not DeviceProfiles(tmp_path / "file").keep(camera(), PROFILE)
+    assert not DeviceProfiles(tmp_path / "file").save_injection(camera(), PROFILE)

@@ -11,7 +11,7 @@ import pytest
 from capture_app.camera_facts import PhaseControl
 from capture_app.errors import BadInputError, DiskFullError, NetworkError, TryAgainError
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.burst.resumed_bursts import ResumedBursts, interrupted
+from capture_app.node.burst.resumed_bursts import ResumedBursts, interrupted_folders
 from capture_app.node.leader.repair import repair
 from capture_app.node.leader.space import check_room
 from capture_app.node.transfer.spool import Spool
@@ -101,13 +101,13 @@ async def test_the_next_run_takes_up_what_was_interrupted_and_what_comes_late(tm
     await session.accept_report(report("a"), 0)
     await session.receive_image(upload("a", 0), pieces(IMAGE), 0)
     await session.suspend()
-    assert list(interrupted(tmp_path)) == [session.folder]
+    assert list(interrupted_folders(tmp_path)) == [session.folder]
 
     taken_up: list[BurstSession] = []
     resumed = ResumedBursts(tmp_path, taken_up.append)
     await resumed.resume_all(0)
     (again,) = resumed.sessions()
-    assert list(interrupted(tmp_path)) == [], "it is locked"
+    assert list(interrupted_folders(tmp_path)) == [], "it is locked"
     await again.receive_image(upload("a", 1), pieces(IMAGE), 0)
     await again.finish_now("the rest never came")
     assert len(Session.open(session.folder).manifest.missing) == 2

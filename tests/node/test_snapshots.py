@@ -2,7 +2,7 @@
 
 from msgspec import structs
 
-from capture_app.node.leader.snapshots import as_tree, cameras_here, node_statuses
+from capture_app.node.leader.snapshots import in_tree_order, node_statuses, present_cameras
 from capture_app.sync.rig.roster import ClientView
 from capture_app.sync.wire.messages import RELAY, NodeState, Report
 from tests.facts import make_facts
@@ -25,7 +25,7 @@ def test_each_relay_is_followed_by_what_is_below_it_and_depths_are_counted() -> 
         view("y", "z", relay=True),
         view("z", relay=True),
     )
-    nodes = tuple(as_tree(node_statuses(views)))
+    nodes = tuple(in_tree_order(node_statuses(views)))
     assert [(node.name, node.depth) for node in nodes] == [
         ("b", 1),
         ("d", 2),
@@ -38,10 +38,10 @@ def test_each_relay_is_followed_by_what_is_below_it_and_depths_are_counted() -> 
 
 def test_nodes_that_are_said_to_be_below_each_other_are_all_shown_once() -> None:
     views = (view("a", "b", relay=True), view("b", "a", relay=True), view("c", "c", relay=True))
-    nodes = [node.name for node in as_tree(node_statuses(views))]
+    nodes = [node.name for node in in_tree_order(node_statuses(views))]
     assert sorted(nodes) == ["a", "b", "c"]
 
 
 def test_relays_and_lost_nodes_take_no_pictures() -> None:
     views = (view("a"), view("b", lost=True), view("c", relay=True))
-    assert [here.name for here in cameras_here(views)] == ["a"]
+    assert [here.name for here in present_cameras(views)] == ["a"]

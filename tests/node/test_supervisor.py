@@ -122,10 +122,10 @@ async def bench() -> AsyncIterator[Bench]:
 
 
 def frame(stream: int) -> CapturedFrame:
-    return CapturedFrame(sequence=0, stream=stream, timestamp_ns=0, payload=NoPayload())
+    return CapturedFrame(sequence=0, stream=stream, timestamp_ns=0, picture=NoPicture())
 
 
-class NoPayload:
+class NoPicture:
     def encode(self) -> bytes:
         raise AssertionError
 

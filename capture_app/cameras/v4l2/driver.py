@@ -10,7 +10,13 @@ from pathlib import Path
 from capture_app.cameras.base import Camera, CameraListing
 from capture_app.cameras.reclocked import in_node_clock
 from capture_app.cameras.v4l2.ioctl import VideoDevice
-from capture_app.cameras.v4l2.modes import check_capture, configure, explain, offered_modes, parse_options
+from capture_app.cameras.v4l2.modes import (
+    check_capture,
+    configure,
+    driver_error,
+    offered_modes,
+    parse_options,
+)
 from capture_app.cameras.v4l2.stream import V4L2Camera
 from capture_app.clock import NodeClock
 from capture_app.errors import CameraError
@@ -39,7 +45,7 @@ def open_camera(path: str, options: Mapping[str, str], *, clock: NodeClock, name
             device.close()
             raise
     except OSError as error:
-        raise explain(path, error) from error
+        raise driver_error(path, error) from error
 
 
 def open_video_node(
@@ -93,4 +99,4 @@ def _listings(node: Path, open_node: Callable[[str], VideoDevice]) -> Iterator[C
     except OSError as error:
         name = Path("/sys/class/video4linux", node.name, "name")
         card = name.read_text().strip() if name.is_file() else ""
-        yield CameraListing(spec, "v4l2", card, str(explain(str(node), error)), usable=False)
+        yield CameraListing(spec, "v4l2", card, str(driver_error(str(node), error)), usable=False)

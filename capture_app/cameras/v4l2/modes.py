@@ -30,7 +30,7 @@ _RATE_TOLERANCE = 0.01
 
 
 @dataclass(frozen=True, slots=True)
-class WantedMode:
+class ModeRequest:
     """What a user asked for; None where the camera's best will do. Pixels, seconds."""
 
     width: int | None = None
@@ -66,7 +66,7 @@ class Mode:
         return f"{self.fourcc} {self.width}x{self.height}" + (f" at {rates} fps" if rates else "")
 
 
-def parse_options(options: Mapping[str, str]) -> WantedMode:
+def parse_options(options: Mapping[str, str]) -> ModeRequest:
     """Read the options width, height (pixels), fps and format. Raises BadInputError, naming the wrong one."""
     for name in options:
         if name not in _OPTIONS:
@@ -74,7 +74,7 @@ def parse_options(options: Mapping[str, str]) -> WantedMode:
                 f"a V4L2 camera has no option {name!r}", hint=f"there are {', '.join(_OPTIONS)}"
             )
     fps, fourcc = options.get("fps"), options.get("format")
-    return WantedMode(
+    return ModeRequest(
         width=_pixels("width", options.get("width")),
         height=_pixels("height", options.get("height")),
         period=None if fps is None else 1 / _rate(fps),
@@ -108,7 +108,7 @@ def offered_modes(device: VideoDevice, near_size: tuple[int, int] = DEFAULT_SIZE
     return tuple(modes)
 
 
-def choose_mode(path: str, modes: Iterable[Mode], wanted: WantedMode) -> tuple[Mode, Fraction]:
+def choose_mode(path: str, modes: Iterable[Mode], wanted: ModeRequest) -> tuple[Mode, Fraction]:
     """The best mode that is all that was asked for, and its frame period in seconds.
 
     Without wishes: MJPG before raw formats, near 640x480, near 30 fps. Raises CameraError that lists
@@ -131,7 +131,7 @@ def choose_mode(path: str, modes: Iterable[Mode], wanted: WantedMode) -> tuple[M
         and (wanted.period is None or same_period(mode.nearest_period(wanted.period), wanted.period))
     ]
     if not fitting:
-        raise refused(path, wanted, offered)
+        raise no_such_mode(path, wanted, offered)
     best = min(
         fitting,
         key=lambda mode: (
@@ -143,7 +143,7 @@ def choose_mode(path: str, modes: Iterable[Mode], wanted: WantedMode) -> tuple[M
     return best, best.nearest_period(period)
 
 
-def configure(device: VideoDevice, wanted: WantedMode) -> tuple[PixelFormat, Fraction]:
+def configure(device: VideoDevice, wanted: ModeRequest) -> tuple[PixelFormat, Fraction]:
     """Set a camera to the best mode that was asked for; returns it and its frame period in seconds.
 
     Raises CameraError where the camera does not offer it or takes another, OSError from the driver.
@@ -152,14 +152,14 @@ def configure(device: VideoDevice, wanted: WantedMode) -> tuple[PixelFormat, Fra
     mode, period = choose_mode(device.path, modes, wanted)
     taken = device.set_format(mode.fourcc, mode.width, mode.height)
     if (taken.fourcc, taken.width, taken.height) != (mode.fourcc, mode.width, mode.height):
-        raise refused(device.path, wanted, modes)
+        raise no_such_mode(device.path, wanted, modes)
     actual = device.set_period(period)
     if actual is None:
         if wanted.period is not None:
             raise CameraError(f"{device.path} does not say at which rate it runs", hint="leave out fps")
         return taken, period
     if wanted.period is not None and not same_period(actual, wanted.period):
-        raise refused(device.path, wanted, modes)
+        raise no_such_mode(device.path, wanted, modes)
     return taken, actual
 
 
@@ -168,7 +168,7 @@ def same_period(one: Fraction, other: Fraction) -> bool:
     return abs(one - other) < _RATE_TOLERANCE * other
 
 
-def refused(path: str, wanted: WantedMode, offered: tuple[Mode, ...]) -> CameraError:
+def no_such_mode(path: str, wanted: ModeRequest, offered: tuple[Mode, ...]) -> CameraError:
     """The error for a mode that the camera does not have, with those that it has."""
     asked = [wanted.fourcc or ""]
     if wanted.width is not None and wanted.height is not None:
@@ -185,7 +185,7 @@ def refused(path: str, wanted: WantedMode, offered: tuple[Mode, ...]) -> CameraE
     )
 
 
-def explain(path: str, error: OSError) -> CameraError:
+def driver_error(path: str, error: OSError) -> CameraError:
     """The driver's error in words that say what to do."""
     match error.errno:
         case errno.ENOENT:

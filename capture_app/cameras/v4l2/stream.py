@@ -28,8 +28,8 @@ from capture_app.cameras.v4l2.exposure import (
 )
 from capture_app.cameras.v4l2.ioctl import VideoDevice
 from capture_app.cameras.v4l2.layout import BUF_FLAG_ERROR, Buffer, PixelFormat
-from capture_app.cameras.v4l2.modes import explain
-from capture_app.cameras.v4l2.payload import payload_of
+from capture_app.cameras.v4l2.modes import driver_error
+from capture_app.cameras.v4l2.pictures import picture_from_buffer
 from capture_app.cameras.v4l2.timestamps import foreign_clock, is_monotonic, timestamp_source
 from capture_app.errors import CameraError
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
@@ -92,7 +92,7 @@ class V4L2Camera(Camera):
             try:
                 await self._in_worker(self._begin_stream)
             except OSError as error:
-                raise explain(self._device.path, error) from error
+                raise driver_error(self._device.path, error) from error
             if not self._closing.is_set():
                 self._streaming = True
                 self._listen()
@@ -117,7 +117,7 @@ class V4L2Camera(Camera):
             try:
                 await self._in_worker(self._restart, asked_ns + command.delay_ns)
             except OSError as error:
-                self._fail(explain(self._device.path, error))
+                self._fail(driver_error(self._device.path, error))
             if self._streaming:
                 self._listen()
 
@@ -174,15 +174,15 @@ class V4L2Camera(Camera):
             except BlockingIOError:
                 return
             except OSError as error:
-                self._fail(explain(self._device.path, error))
+                self._fail(driver_error(self._device.path, error))
                 return
             self._deliver(buffer, data)
             if not self._streaming:
                 return
 
     def _deliver(self, buffer: Buffer, data: bytes) -> None:
-        payload = None if buffer.flags & BUF_FLAG_ERROR else payload_of(data, self._layout)
-        if payload is None:
+        picture = None if buffer.flags & BUF_FLAG_ERROR else picture_from_buffer(data, self._layout)
+        if picture is None:
             # Its sequence number is missing from the stream: a dropped frame like any other.
             _log.debug("%s: frame %d came damaged", self._device.path, buffer.sequence)
             return
@@ -197,7 +197,7 @@ class V4L2Camera(Camera):
                 sequence=buffer.sequence,
                 stream=self._stream,
                 timestamp_ns=buffer.timestamp_ns,
-                payload=payload,
+                picture=picture,
                 exposure_ns=self._exposure_ns,
                 gain=self._gain,
             )

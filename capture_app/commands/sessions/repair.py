@@ -45,10 +45,10 @@ def repair(path: Path, wait_s: float, listen: Address, as_json: bool) -> None:
     import asyncio
 
     from capture_app.node.leader.repair import repair as repair_sessions
-    from capture_app.node.leader.wording import News, in_words
+    from capture_app.node.leader.wording import News, news_line
 
     def on_news(news: News) -> None:
-        if line := in_words(news):
+        if line := news_line(news):
             talk(line)
 
     clear_leftovers(path)

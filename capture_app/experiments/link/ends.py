@@ -9,7 +9,7 @@ from capture_app.clock import NodeClock
 from capture_app.errors import NetworkError
 from capture_app.net.address import Address, resolve
 from capture_app.net.server import bind_port
-from capture_app.net.udp import Pump, ToPeer, client_socket
+from capture_app.net.udp import Pump, SinglePeerEngine, client_socket
 from capture_app.sync.clock.clock_sample import ClockSample
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.events import Joined, JoinRefused, LeaderLost
@@ -104,7 +104,7 @@ async def synchronize(
 ) -> Synchronization:
     """Join the leader at an address, take the samples, and leave. Raises NetworkError."""
     family, peer = await resolve(address)
-    pump = Pump(ToPeer(link.client, peer), clock.now_ns, lambda: link.note_events(time.monotonic()))
+    pump = Pump(SinglePeerEngine(link.client, peer), clock.now_ns, lambda: link.note_events(time.monotonic()))
     pump.start(client_socket(family))
     try:
         await asyncio.wait_for(link.joined.wait(), join_timeout_s)

@@ -10,7 +10,7 @@ from capture_app.camera_facts import CameraFacts
 from capture_app.errors import BadInputError, DiskFullError, SimulshotError, TryAgainError
 from capture_app.node.burst.camera_progress import CameraProgress
 from capture_app.node.burst.interrupted_burst import InterruptedBurst
-from capture_app.node.burst.plans import burst_record, first_plan, with_report, write_manifest
+from capture_app.node.burst.plans import add_report, burst_record, first_plan, write_manifest
 from capture_app.node.transfer.disk_threads import DiskThreads
 from capture_app.node.wire.messages import CameraReport, ImageReceipt, ImageUpload
 from capture_app.node.wire.status import BurstStatus
@@ -241,7 +241,7 @@ class BurstSession:
     def _plan_report(self, report: CameraReport) -> None:
         with self._planning:
             plan = self._writer.plan
-            if plan is not None and (changed := with_report(plan, report)) != plan:
+            if plan is not None and (changed := add_report(plan, report)) != plan:
                 self._writer.set_plan(changed)
 
     def _finish(self) -> Path | None:

@@ -56,7 +56,7 @@ def first_plan(
     )
 
 
-def with_report(plan: BurstPlan, report: CameraReport) -> BurstPlan:
+def add_report(plan: BurstPlan, report: CameraReport) -> BurstPlan:
     """A plan to which one of its cameras has reported."""
     cameras = tuple(
         camera_plan(report.camera, report) if told.camera.name == report.camera.name else told
@@ -79,7 +79,7 @@ def camera_plan(camera: CameraRecord, report: CameraReport | None) -> CameraPlan
     )
 
 
-def report_of(plan: BurstPlan, told: CameraPlan) -> CameraReport | None:
+def planned_report(plan: BurstPlan, told: CameraPlan) -> CameraReport | None:
     """What a camera had reported, without its events; None where it had not."""
     if not told.reported:
         return None

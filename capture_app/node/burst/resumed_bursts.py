@@ -39,7 +39,7 @@ class ResumedBursts:
     ) -> None:
         """Take up these sessions, else all interrupted ones; nodes have `wait_ns` to come back to them."""
         if folders is None:
-            folders = await asyncio.to_thread(lambda: list(interrupted(self._root)))
+            folders = await asyncio.to_thread(lambda: list(interrupted_folders(self._root)))
         for folder in folders:
             async with self._opening:
                 try:
@@ -51,7 +51,7 @@ class ResumedBursts:
                     continue
         self._all_resumed.set()
 
-    async def all_finished(self) -> None:
+    async def wait_until_finished(self) -> None:
         """Wait until all that `resume_all` takes up is finished."""
         await self._all_resumed.wait()
         for session in self.sessions():
@@ -75,7 +75,7 @@ class ResumedBursts:
                 raise DiskFullError(f"the disk of {folder} is full", hint="make room on the leader")
             return await self._resume(key, folder, now_ns)
 
-    def open_session(self, upload: ImageUpload) -> BurstSession:
+    def open_session_of(self, upload: ImageUpload) -> BurstSession:
         """Return the session that an image belongs to. Raises TryAgainError where it is closed."""
         session = self._open.get((upload.leader, upload.burst))
         if session is None:
@@ -105,7 +105,7 @@ class ResumedBursts:
         return self._folders.get(key)
 
 
-def interrupted(root: Path) -> Iterator[Path]:
+def interrupted_folders(root: Path) -> Iterator[Path]:
     """Yield the folders of bursts that nobody writes and that were never finished, oldest first."""
     for plan in sorted(root.glob(f"*/{PLAN}")):
         if not (plan.parent / MANIFEST).exists() and not is_being_written(plan.parent):

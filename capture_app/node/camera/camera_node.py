@@ -120,7 +120,7 @@ class CameraNode:
             camera=facts,
             tolerance_ns=self._tolerance_ns,
             ring_frames=self._ring_frames,
-            injection_profile=self._profiles.find(facts) if self._profiles else None,
+            injection_profile=self._profiles.injection_profile(facts) if self._profiles else None,
             start_latencies_ns=self._profiles.start_latencies_ns(facts) if self._profiles else (),
         )
         self._engine = Client(config, random.Random(secrets.randbits(64)))
@@ -158,9 +158,9 @@ class CameraNode:
         """Keep what brought the camera into phase: it is proven."""
         aligner = self._engine.aligner
         if self._profiles is not None and aligner.injection_profile is not None:
-            self._profiles.keep(self._camera.facts, aligner.injection_profile)
+            self._profiles.save_injection(self._camera.facts, aligner.injection_profile)
         if self._profiles is not None and aligner.start_latencies_ns:
-            self._profiles.keep_start_latencies(self._camera.facts, aligner.start_latencies_ns)
+            self._profiles.save_start_latencies(self._camera.facts, aligner.start_latencies_ns)
 
     def _handle_event(self, event: ClientEvent[CapturedFrame]) -> None:
         now_ns = self._clock.now_ns()

@@ -31,7 +31,7 @@ class DeviceProfiles:
         """`folder`: another one than the user's data folder, $XDG_DATA_HOME/simulshot on Linux."""
         self._path = (folder or user_data_path("simulshot")) / FILE
 
-    def find(self, facts: CameraFacts) -> InjectionProfile | None:
+    def injection_profile(self, facts: CameraFacts) -> InjectionProfile | None:
         """What a long frame does to cameras like this one; None where it is not known."""
         known = self._entry(facts).injection
         if known is None or known.gain not in (1, 2, 3) or known.row_time_ns <= 0:
@@ -42,14 +42,14 @@ class DeviceProfiles:
         """How long starts of cameras like this one took, modulo the period in ns, newest last."""
         return self._entry(facts).start_latencies_ns[-MOST_LATENCIES:]
 
-    def keep(self, facts: CameraFacts, profile: InjectionProfile) -> bool:
+    def save_injection(self, facts: CameraFacts, profile: InjectionProfile) -> bool:
         """Keep what a long frame does to cameras like this one; False where it cannot be written."""
         known = _Injection(
             row_time_ns=profile.row_time_ns, gain=profile.gain, neutral_rows=profile.neutral_rows
         )
         return self._write(facts, msgspec.structs.replace(self._entry(facts), injection=known))
 
-    def keep_start_latencies(self, facts: CameraFacts, latencies_ns: tuple[int, ...]) -> bool:
+    def save_start_latencies(self, facts: CameraFacts, latencies_ns: tuple[int, ...]) -> bool:
         """Keep how long starts took, in the place of what was known; False where it cannot be written."""
         newest = latencies_ns[-MOST_LATENCIES:]
         return self._write(facts, msgspec.structs.replace(self._entry(facts), start_latencies_ns=newest))

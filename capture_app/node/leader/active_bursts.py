@@ -97,7 +97,7 @@ class ActiveBursts:
             raise
         return session
 
-    def session_of(self, burst: int) -> BurstSession:
+    def session_by_number(self, burst: int) -> BurstSession:
         """The session of a burst of this run, by its number."""
         return self._bursts[burst]
 
@@ -111,7 +111,7 @@ class ActiveBursts:
         if session is not None and not session.finished.is_set():
             return session
         if isinstance(message, ImageUpload):
-            return self.resumed.open_session(message)
+            return self.resumed.open_session_of(message)
         return await self.resumed.reopen(message, self._now_ns())
 
     def note_spool_space(self, space: SpoolSpace) -> None:

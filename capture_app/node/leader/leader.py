@@ -17,7 +17,7 @@ from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.resumed_bursts import RETURN_NS
 from capture_app.node.leader.active_bursts import ActiveBursts
 from capture_app.node.leader.beacons import send_due_beacon
-from capture_app.node.leader.readiness import not_ready
+from capture_app.node.leader.readiness import reasons_until_ready
 from capture_app.node.leader.service import LeaderService
 from capture_app.node.leader.snapshots import node_statuses
 from capture_app.node.leader.wording import News
@@ -140,28 +140,28 @@ class LeaderNode:
         self._pump.turn()
         return session.status
 
-    async def finished(self, burst: int) -> BurstStatus:
+    async def wait_until_saved(self, burst: int) -> BurstStatus:
         """Wait until a burst is saved or given up, and return its last status."""
-        session = self._bursts.session_of(burst)
+        session = self._bursts.session_by_number(burst)
         await session.finished.wait()
         return session.status
 
-    async def resumed_finished(self) -> None:
+    async def wait_until_resumed(self) -> None:
         """Wait until the sessions of earlier runs that were taken up at the start are finished."""
-        await self._bursts.resumed.all_finished()
+        await self._bursts.resumed.wait_until_finished()
 
     async def wait_until_ready(self, timeout_s: float, *, nodes: int = 1) -> None:
         """Wait until at least that many nodes are here and all of them are ready.
 
         Raises IncompleteError that names those that are not, when the time is over.
         """
-        async for _ in not_ready(self._views, timeout_s, nodes):
+        async for _ in reasons_until_ready(self._views, timeout_s, nodes):
             pass
 
     async def take_burst(self, request: BurstRequest) -> AsyncGenerator[BurstStatus, None]:
         """Wait for the nodes as asked, take a burst, and yield its progress until it is done."""
         if request.wait_ready_s:
-            async for reason in not_ready(self._views, request.wait_ready_s, request.nodes):
+            async for reason in reasons_until_ready(self._views, request.wait_ready_s, request.nodes):
                 yield BurstStatus(
                     burst=0,
                     name="",
@@ -174,7 +174,7 @@ class LeaderNode:
         status = await self.trigger(
             frames=request.frames, spacing=request.spacing, at_leader_ns=request.at_leader_ns
         )
-        session = self._bursts.session_of(status.burst)
+        session = self._bursts.session_by_number(status.burst)
         while not session.finished.is_set():
             yield session.status
             with contextlib.suppress(TimeoutError):

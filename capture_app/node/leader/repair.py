@@ -64,7 +64,7 @@ async def _ask_nodes(
         hint = "a leader that runs there takes up its own sessions; --wait-s 0 finishes without asking nodes"
         raise NetworkError(error.what, hint=hint) from error
     try:
-        await leader.resumed_finished()
+        await leader.wait_until_resumed()
     finally:
         await leader.stop()
 

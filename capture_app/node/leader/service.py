@@ -55,7 +55,7 @@ class LeaderService:
         """Answer a stream until its peer closes it; the user's mistakes are told, not raised."""
         working_on: dict[tuple[int, int], tuple[BurstSession, str]] = {}
         try:
-            while (message := await channel.receive_head()) is not None:
+            while (message := await channel.receive_header()) is not None:
                 try:
                     await self._answer(channel, message, working_on)
                 except NetworkError:

@@ -17,7 +17,7 @@ def node_statuses(views: tuple[ClientView, ...]) -> tuple[NodeStatus, ...]:
     return tuple(_node_status(view, _depth(view, by_name)) for view in views)
 
 
-def as_tree(nodes: tuple[NodeStatus, ...]) -> Iterator[NodeStatus]:
+def in_tree_order(nodes: tuple[NodeStatus, ...]) -> Iterator[NodeStatus]:
     """Yield nodes in the order of a tree: each relay, then what is below it; nobody is left out."""
     names = {node.name for node in nodes}
     below: dict[str | None, list[NodeStatus]] = {}
@@ -34,7 +34,7 @@ def as_tree(nodes: tuple[NodeStatus, ...]) -> Iterator[NodeStatus]:
     yield from (node for node in nodes if node.name not in shown)
 
 
-def cameras_here(views: Sequence[ClientView]) -> list[ClientView]:
+def present_cameras(views: Sequence[ClientView]) -> list[ClientView]:
     """Those that are not lost and can take pictures."""
     return [
         view

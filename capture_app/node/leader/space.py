@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from capture_app.errors import DiskFullError
-from capture_app.node.leader.snapshots import cameras_here
+from capture_app.node.leader.snapshots import present_cameras
 from capture_app.node.wire.disk_space import MARGIN, SPARE_BYTES, free_bytes, guessed_image_bytes
 from capture_app.node.wire.messages import SpoolSpace
 from capture_app.sync.rig.leader import ClientView
@@ -15,7 +15,7 @@ def expected_image_bytes(views: Sequence[ClientView], known: Mapping[str, int]) 
     """The likely size in bytes of an image of each camera that is here, from those that came before."""
     return {
         view.name: known.get(view.name) or guessed_image_bytes(view.camera.width, view.camera.height)
-        for view in cameras_here(views)
+        for view in present_cameras(views)
     }
 
 

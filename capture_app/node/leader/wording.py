@@ -22,7 +22,7 @@ News = LeaderEvent | BurstStatus
 """What a leader tells about: nodes that come and go, and bursts that make progress."""
 
 
-def in_words(news: News) -> str:
+def news_line(news: News) -> str:
     """A line about what happened, for a person; empty where it is nothing to tell."""
     match news:
         case NodeJoined():
@@ -36,11 +36,11 @@ def in_words(news: News) -> str:
         case BurstRefused():
             return f"burst {news.burst}: without {news.name}: {news.reason}"
         case BurstStatus():
-            return burst_in_words(news)
+            return burst_line(news)
     return ""
 
 
-def follower_in_words(event: TimeClientEvent, parent: Address) -> str:
+def follower_line(event: TimeClientEvent, parent: Address) -> str:
     """A line about how a relay stands with its own leader, empty where there is nothing to say."""
     match event:
         case Joined():
@@ -56,7 +56,7 @@ def follower_in_words(event: TimeClientEvent, parent: Address) -> str:
     return ""
 
 
-def burst_in_words(burst: BurstStatus) -> str:
+def burst_line(burst: BurstStatus) -> str:
     """A line about how far a burst is."""
     if not burst.burst:
         return burst.message

@@ -28,7 +28,7 @@ def encode_frame(report: CameraReport, picked: Pick[CapturedFrame]) -> tuple[Ima
     """Return an image's header and its bytes, ground truth behind them. Raises EncodingError."""
     frame = picked.frame
     try:
-        image = frame.payload.encode()
+        image = frame.picture.encode()
         truth = b"" if frame.truth is None else frame.truth.encode()
     except Exception as error:
         # Drivers and encoders raise what they like; one bad frame must not end the node.

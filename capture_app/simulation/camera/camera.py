@@ -13,7 +13,7 @@ from capture_app.cameras.base import (
 from capture_app.clock import NodeClock
 from capture_app.errors import CameraError
 from capture_app.session.format.calibration import CameraCalibration
-from capture_app.simulation.camera.pictures import SimulatedPayload, SimulatedTruth, frame_seed
+from capture_app.simulation.camera.pictures import SimulatedPicture, SimulatedTruth, frame_seed
 from capture_app.simulation.devices.profiles import facts_of
 from capture_app.simulation.devices.sensor import Sensor, SensorFrame
 from capture_app.simulation.rendering.picture_source import PictureSource
@@ -129,7 +129,7 @@ class SimulatedCamera(Camera):
             sequence=frame.sequence,
             stream=frame.stream,
             timestamp_ns=self._clock.local_from_true(frame.timestamp_true_ns),
-            payload=SimulatedPayload(
+            picture=SimulatedPicture(
                 self._source, frame, frame_seed(self._seed, frame.stream, frame.sequence)
             ),
             exposure_ns=frame.exposure_ns,

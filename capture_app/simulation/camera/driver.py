@@ -10,7 +10,7 @@ from capture_app.cameras.base import CameraListing
 from capture_app.clock import NodeClock
 from capture_app.errors import BadInputError
 from capture_app.simulation.camera.camera import SimulatedCamera
-from capture_app.simulation.camera.pictures import seed_of
+from capture_app.simulation.camera.pictures import stable_seed
 from capture_app.simulation.devices.profiles import PROFILES, find_profile
 from capture_app.simulation.devices.sensor import Sensor, SensorProfile
 from capture_app.simulation.rendering.picture_source import LED_PANEL, TEST_CARD, open_picture_source
@@ -57,7 +57,7 @@ def open_camera(profile: str, options: Mapping[str, str], *, clock: NodeClock, n
             )
     model = _adjusted(find_profile(profile), options)
     scale = _number(options, "scale", least=0.1, most=1)
-    camera_seed = seed_of(f"{name}/{_seed(options)}")
+    camera_seed = stable_seed(f"{name}/{_seed(options)}")
     source = open_picture_source(
         options.get("scene", TEST_CARD),
         options.get("view", ""),

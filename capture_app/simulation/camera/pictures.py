@@ -13,7 +13,7 @@ DEPTH_STEPS_PER_M = 2048
 
 
 @dataclass(frozen=True, slots=True)
-class SimulatedPayload:
+class SimulatedPicture:
     """A picture that is rendered when it is saved."""
 
     source: PictureSource
@@ -60,9 +60,9 @@ class SimulatedTruth:
 
 def frame_seed(camera_seed: int, stream: int, sequence: int) -> int:
     """The seed of one frame's noise, 0 to 2**63 - 1: the same frame looks the same in every run."""
-    return seed_of(f"{camera_seed}/{stream}/{sequence}")
+    return stable_seed(f"{camera_seed}/{stream}/{sequence}")
 
 
-def seed_of(text: str) -> int:
+def stable_seed(text: str) -> int:
     """A seed, 0 to 2**63 - 1, that is the same for the same text in every run."""
     return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=8).digest()) >> 1

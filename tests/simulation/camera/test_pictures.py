@@ -31,7 +31,7 @@ def test_pictures_are_reproducible_jpegs_that_differ_by_camera() -> None:
 
     for each in (scenario, scenario, other):
         run(each)
-    first, again, right = (frame.payload.encode() for frame in frames)
+    first, again, right = (frame.picture.encode() for frame in frames)
     assert first == again
     assert first != right
     image = cv2.imdecode(np.frombuffer(first, np.uint8), cv2.IMREAD_COLOR)
@@ -112,10 +112,10 @@ def test_a_scene_is_rendered_at_the_frames_true_start_when_it_is_saved(striped: 
         await camera.stop()
         assert striped.asked == []
         assert frame.truth is not None
-        frame.payload.encode()
+        frame.picture.encode()
         frame.truth.encode()
-        frame.payload.encode()
-        later.payload.encode()
+        frame.picture.encode()
+        later.picture.encode()
         (view, start_ns, exposure_ns, row_time_ns, seed), truth, again, other = striped.asked
         assert (view, start_ns, exposure_ns, row_time_ns) == truth
         assert truth == ("right", frame.truth.true_ns, frame.exposure_ns, 11_111)
@@ -136,7 +136,7 @@ def test_the_rendered_scene() -> None:
         frame = (await Recorder().record(camera, 1.0))[0]
         await camera.stop()
         assert frame.truth is not None
-        image = cv2.imdecode(np.frombuffer(frame.payload.encode(), np.uint8), cv2.IMREAD_COLOR)
+        image = cv2.imdecode(np.frombuffer(frame.picture.encode(), np.uint8), cv2.IMREAD_COLOR)
         assert image is not None
         assert image.shape == (camera.facts.height, camera.facts.width, 3) == (120, 160, 3)
         assert np.asarray(image).std() > 20

@@ -9,7 +9,7 @@ _JPEG_START = b"\xff\xd8"
 
 
 @dataclass(frozen=True, slots=True)
-class JpegPayload:
+class JpegPicture:
     """A JPEG as the camera made it."""
 
     data: bytes
@@ -20,7 +20,7 @@ class JpegPayload:
 
 
 @dataclass(frozen=True, slots=True)
-class RawPayload:
+class RawPicture:
     """An uncompressed picture as it lay in the driver's buffer."""
 
     data: bytes
@@ -44,11 +44,11 @@ class RawPayload:
         return bytes(jpeg)
 
 
-def payload_of(data: bytes, layout: PixelFormat) -> JpegPayload | RawPayload | None:
-    """The payload of a buffer's bytes; None where they cannot be a picture of that format."""
+def picture_from_buffer(data: bytes, layout: PixelFormat) -> JpegPicture | RawPicture | None:
+    """The picture of a buffer's bytes; None where they cannot be a picture of that format."""
     if layout.fourcc in ("MJPG", "JPEG"):
-        return JpegPayload(data) if data.startswith(_JPEG_START) else None
-    return RawPayload(data, layout) if len(data) >= layout.bytes_per_line * _rows(layout) else None
+        return JpegPicture(data) if data.startswith(_JPEG_START) else None
+    return RawPicture(data, layout) if len(data) >= layout.bytes_per_line * _rows(layout) else None
 
 
 def _rows(layout: PixelFormat) -> int:

@@ -1,4 +1,4 @@
-"""`reconstruct compare`: what synchronization does to depth and to a panorama, on one burst."""
+"""`reconstruct compare`: the effect of synchronization on depth, panorama and poses of one burst."""
 
 import time
 from contextlib import suppress
@@ -103,7 +103,7 @@ class _Comparison:
 
     def run(self, session: Path) -> CompareResult:
         """Run every study in turn; one that is impossible is skipped with its reason."""
-        self.progress.step(f"what moves in {self.dataset.name}")
+        self.progress.step(f"detecting motion in {self.dataset.name}")
         moving = self.rig.moving_share([k for k, _ in evenly_spread(self.offset.pairs, 4)])
         self.progress.step("calibration")
         no_views = self.rig.try_calibrate()
@@ -172,8 +172,8 @@ class _Comparison:
         asked, share = self.options.poses, wording.share(moving, decimals=0)
         if asked is None and moving < LARGE_MOVING_SHARE:
             self.poses.skipped = (
-                f"what moves fills {share} of the picture: finding poses throws it out with the outliers and "
-                "keeps what stands still, also from late pictures (--poses measures it)"
+                f"{share} of the picture moves, which pose estimation rejects as outliers, in late pictures "
+                "too (--poses measures it anyway)"
             )
         elif asked is not False:
             reason = "asked for" if asked else f"{share} of the picture moves"

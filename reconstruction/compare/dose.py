@@ -1,4 +1,4 @@
-"""`reconstruct dose`: how much lateness of one camera the motion of this burst bears."""
+"""`reconstruct dose`: how much delay of one camera the motion of a burst tolerates."""
 
 import tempfile
 import time
@@ -32,7 +32,7 @@ from reconstruction.session.frame_offset import (
 
 MOST_STEPS = 8
 LOSS = 0.1
-"""The share of its synchronized value that a curve may lose and still bear the offset."""
+"""The share of the synchronized value whose loss an offset may cause and still be tolerable."""
 
 
 @dataclass(frozen=True, kw_only=True)

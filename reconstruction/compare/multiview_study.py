@@ -1,4 +1,4 @@
-"""The part of a comparison that takes all cameras: depth of the middle one, and the cloud of them all."""
+"""The multi-view study of a comparison: depth of the middle camera from all, and the cloud fused from all."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -30,7 +30,7 @@ FEWEST_CAMERAS = 3
 MOST_CAMERAS = 5
 """More cameras make better clouds, but say no more about timing; each takes as long as the first."""
 TRIES = 4
-"""Instants that are looked at for one at which every camera shows something."""
+"""Instants tried to find one at which every camera has a usable picture."""
 PER_INSTANT = (
     "mover_coverage", "static_coverage", "mover_within_2pct", "static_within_2pct", "mover_consistency",
     "mover_points",
@@ -75,7 +75,7 @@ class MultiviewStudy:
         self.reference = reference
         self.match = match
         self.cameras: tuple[str, ...] = ()
-        self.reach = (0.0, 0.0)
+        self.depth_range = (0.0, 0.0)
         self.left_out: dict[str, str] = {}
 
     @property
@@ -98,7 +98,7 @@ class MultiviewStudy:
         Raises:
             ValueError: fewer than three cameras see the same.
         """
-        progress.step("which cameras see the same")
+        progress.step("choosing cameras for depth from all cameras")
         if not self.rig.views:
             raise ValueError("the cameras have no calibration")
         names, every = self.dataset.cameras, range(len(self.dataset.instants_ns))
@@ -111,24 +111,24 @@ class MultiviewStudy:
         self._need(len(photos))
         views = {camera: photo.view for camera, photo in photos.items()}
         try:
-            self.reach = find_depth_range(photos, choose_source_views(views, guess_depths(views)))
+            self.depth_range = find_depth_range(photos, choose_source_views(views, guess_depths(views)))
         except BadInputError as error:
             raise ValueError(error.what) from error
         depths = self._depths
         sources = choose_source_views(views, depths)
-        alone = {c: "shares too little with any two others" for c in photos if len(sources[c]) < 2}
+        alone = {c: "overlaps too little with any two others" for c in photos if len(sources[c]) < 2}
         views = {c: view for c, view in views.items() if c not in alone}
         self.left_out |= alone
         self._need(len(views))
         found = choose_reference_view(views, depths)
         if self.reference not in ("", found):
-            raise ValueError(f"{found} is in its middle, not {self.reference}")
+            raise ValueError(f"its middle camera is {found}, not {self.reference}")
         self.reference = found
         near = [c for c in sources[self.reference] if c in views][: MOST_CAMERAS - 1]
         self.cameras = tuple(c for c in names if c == self.reference or c in near)
         for camera in views:
             if camera not in self.cameras:
-                self.left_out[camera] = f"{MOST_CAMERAS} are enough to compare conditions"
+                self.left_out[camera] = f"{MOST_CAMERAS} cameras are enough to compare conditions"
         self._need(len(self.cameras))
 
     def compare(
@@ -214,11 +214,11 @@ class MultiviewStudy:
             raise ValueError(f"no camera with a picture sees what {self.reference} sees")
         made = self.rig.stages.arrays(
             "multiview",
-            lambda: vars(self.match(shots, sources, self.reach, self.reference)),
+            lambda: vars(self.match(shots, sources, self.depth_range, self.reference)),
             self.reference,
             tuple(shown.items()),
             repr(views),
-            self.reach,
+            self.depth_range,
             library_versions()["pycolmap"],
         )
         return InstantDepth(**made)
@@ -253,12 +253,12 @@ class MultiviewStudy:
 
     @property
     def _depths(self) -> tuple[float, float, float]:
-        nearest, farthest = self.reach
+        nearest, farthest = self.depth_range
         return nearest, 2 / (1 / nearest + 1 / farthest), farthest
 
     def _need(self, cameras: int) -> None:
         if cameras < FEWEST_CAMERAS:
-            told = [f"it takes {FEWEST_CAMERAS} cameras that see the same"]
+            told = [f"it takes {FEWEST_CAMERAS} cameras with overlapping views"]
             for why in dict.fromkeys(self.left_out.values()):
                 told.append(f"{', '.join(c for c, its in self.left_out.items() if its == why)}: {why}")
             raise ValueError("; ".join(told))

@@ -1,4 +1,4 @@
-"""The part of a comparison that finds the cameras' poses instant by instant, as it must where all moves."""
+"""The pose study of a comparison: camera poses estimated from the pictures of single instants."""
 
 import tempfile
 from collections.abc import Callable, Mapping
@@ -26,13 +26,13 @@ from reconstruction.session.shown_instants import fixed_offsets_ms, instants_sho
 TOLERANCE_DEG = 2.0
 HARMED = 0.1
 LARGE_MOVING_SHARE = 0.2
-"""Less than this of the picture moving is thrown out with the outliers: poses are as good when late."""
+"""If less of the picture moves, pose estimation rejects it as outliers, in late pictures too."""
 MOST_INSTANTS = 5
 
 
 @dataclass(frozen=True)
 class InstantPoses:
-    """One instant's result: cameras that were placed, and the two errors (degrees) of each two of them."""
+    """Poses of one instant: how many cameras were placed, and both errors (degrees) of each pair of them."""
 
     cameras: int
     registered: int
@@ -51,7 +51,7 @@ class InstantPoses:
 
 
 class PoseStudy:
-    """Poses of single instants, held against the calibration, in any condition."""
+    """Camera poses of single instants, compared with the calibration."""
 
     subject = "poses"
     condition = ALL_APART
@@ -82,10 +82,10 @@ class PoseStudy:
         Raises:
             ValueError: fewer than three cameras are calibrated.
         """
-        progress.step("where the cameras stand, from single instants")
+        progress.step("camera poses from single instants")
         self.cameras = tuple(name for name in self.dataset.cameras if name in self.rig.views)
         if not self.cameras:
-            raise ValueError("the cameras have no calibration that poses could be held against")
+            raise ValueError("the cameras have no calibration to compare poses with")
         if len(self.cameras) < 3:
             raise ValueError("it takes three cameras to tell a wrong pose from another scale")
 

@@ -34,8 +34,8 @@ class Axes:
         return (self.left + self.width - self.right) / 2
 
 
-DOSE_AXES = Axes(480, 300, 62, 14, 34, 48, (0, 0.25, 0.5, 0.75, 1), "one camera late by, ms")
-POSE_AXES = Axes(480, 220, 62, 10, 12, 48, (0, 0.5, 1), "pairs placed right, by instant")
+DOSE_AXES = Axes(480, 300, 62, 14, 34, 48, (0, 0.25, 0.5, 0.75, 1), "delay of one camera, ms")
+POSE_AXES = Axes(480, 220, 62, 10, 12, 48, (0, 0.5, 1), "camera pairs placed correctly, by instant")
 
 
 @dataclass(frozen=True)
@@ -58,7 +58,7 @@ class Curve:
 
 @dataclass(frozen=True)
 class DoseChart:
-    """Shares found against offset; `mark` is where the session's own error lies, if it is on the drawing."""
+    """Shares found against offset; `mark` is the session's synchronization error, if it is on the drawing."""
 
     label: str
     ticks: Sequence[tuple[float, str]]
@@ -94,7 +94,7 @@ def dose_chart(dose: DoseResult) -> DoseChart:
     )
     own_us = dose.sync_residual_us
     return DoseChart(
-        label=f"Share of moving surface {what} by lateness: {words}",
+        label=f"Share of moving surface {what} by delay: {words}",
         ticks=[(x(point.offset_ms), f"{point.offset_ms:.0f}") for point in dose.points],
         curves=[curve for curve in curves if curve.points],
         mark=None
@@ -115,7 +115,7 @@ class Bar:
 
 @dataclass(frozen=True)
 class PoseChart:
-    """Two bars for each instant: the share of pairs that were placed right."""
+    """Two bars for each instant: the share of camera pairs that were placed correctly."""
 
     label: str
     ticks: Sequence[tuple[float, str]]
@@ -126,7 +126,7 @@ class PoseChart:
 
 
 def pose_chart(result: PoseComparison, sides: wording.Sides) -> PoseChart:
-    """The chart of the pairs that were placed right; no bars where there is no instant."""
+    """The chart of the camera pairs that were placed correctly; no bars where there is no instant."""
     axes = POSE_AXES
     step = (axes.width - axes.left - axes.right) / max(1, len(result.per_instant))
     width = round(min(28.0, step * 0.36), 1)
@@ -136,10 +136,10 @@ def pose_chart(result: PoseComparison, sides: wording.Sides) -> PoseChart:
         words = []
         for tone, name, left in (("synced", sides.first, -1.0), ("offset", sides.late, 0.0)):
             share = float(row.get(f"{tone}_correct_pairs") or 0.0)
-            # A bar of nothing is still seen.
+            # A share of 0 still gets a visible bar.
             top = min(axes.y(share), axes.y(0) - 2)
             bars.append(Bar(tone, round(middle + left * (width + 1), 1), top, round(axes.y(0) - top, 1)))
             words.append(f"{name.lower()} {wording.share(share, decimals=0)}")
         ticks.append((round(middle, 1), f"{row['instant']}"))
         told.append(f"instant {row['instant']}: {', '.join(words)}")
-    return PoseChart(f"Share of pairs placed right; {'; '.join(told)}", ticks, bars, width)
+    return PoseChart(f"Share of camera pairs placed correctly; {'; '.join(told)}", ticks, bars, width)

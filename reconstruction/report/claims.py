@@ -28,7 +28,7 @@ def claims(result: CompareResult, sides: wording.Sides) -> tuple[Sequence[Claim]
         shown = [wording.share(value, decimals=0) for value in values]
     elif stereo and None not in (stereo.synced.mover_coverage, stereo.offset.mover_coverage):
         what = "of the moving surface given a distance"
-        note = "Nobody knows the true distances here, so this counts where the two pictures agree on one."
+        note = "The true distances are not known here, so this counts pixels where both pictures agree."
         values = shares = [stereo.synced.mover_coverage, stereo.offset.mover_coverage]
         shown = [wording.share(value, decimals=0) for value in values]
     elif stitch:

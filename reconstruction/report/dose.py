@@ -5,13 +5,14 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from capture_app.session.files.durable import write_atomic
+from capture_app.text import count
 from reconstruction.report import wording
 from reconstruction.report.charts import DoseChart, dose_chart
 from reconstruction.report.making import Entry
 from reconstruction.report.measures import COVERAGE, EPIPOLAR, STILL_COVERAGE, WITHIN, pixels
 from reconstruction.report.page import Section, render_page
 from reconstruction.report.tables import Column, Row, Table, score_cell
-from reconstruction.report.verdict import together
+from reconstruction.report.verdict import plausibly_synchronized
 from reconstruction.scores.dose_results import DoseResult
 
 REPORT = "report.html"
@@ -43,45 +44,45 @@ def dose_sentence(dose: DoseResult) -> str:
     late = dose.points[-1]
     first, last = (getattr(p.scores, dose.measure) for p in (dose.points[0], late))
     what = "the right distance is found" if dose.measure.endswith("2pct") else "a distance is found"
-    if not together(dose.points[0].scores):
+    if not plausibly_synchronized(dose.points[0].scores):
         return (
             f"These cameras were not synchronized: as recorded, {what} for "
-            f"{wording.share(first, decimals=0)} of what moves, so that more lateness changes little."
+            f"{wording.share(first, decimals=0)} of what moves, so that a further delay changes little."
         )
     start = (
         f"Synchronized, {what} for {wording.share(first, decimals=0)} of what moves; "
         f"{wording.lateness(late.offset_ms)}, for {wording.share(last, decimals=0)}."
     )
     if dose.tolerable_offset_ms is None:
-        return f"{start} No lateness up to that costs a tenth of it."
-    return f"{start} This motion bears about {_time(dose.tolerable_offset_ms)} of lateness."
+        return f"{start} Up to that delay, less than a tenth of it is lost."
+    return f"{start} This motion tolerates a delay of about {_time(dose.tolerable_offset_ms)}."
 
 
 def _notes(dose: DoseResult) -> list[str]:
     notes = [
-        "The solid line is what moves, the dashed one what stands still: the control. Shaded: where the "
-        f"value lies with 95 % confidence, from {wording.count(dose.instants, 'instant')}."
+        "The solid line shows what moves, the dashed one what stands still (the control). Shaded: 95 % "
+        f"confidence intervals from {count(dose.instants, 'instant')}."
     ]
-    if dose.tolerable_offset_ms is not None and together(dose.points[0].scores):
+    if dose.tolerable_offset_ms is not None and plausibly_synchronized(dose.points[0].scores):
         notes.append(
-            "What it bears: until a tenth of what was found is lost, or half of what moves has gone a pixel, "
-            "whichever comes first."
+            "Tolerated is the delay at which a tenth of what was found is lost, or half of the moving pixels "
+            "have moved by one pixel, whichever comes first."
         )
     if dose.speed_px_per_ms:
         notes.append(
-            f"Half of what moves goes farther than {wording.quantity(dose.speed_px_per_ms, 'pixels')} "
-            "in a millisecond in the picture."
+            "Half of the moving pixels are faster than "
+            f"{wording.quantity(dose.speed_px_per_ms, 'pixels')} per millisecond."
         )
     if dose.sync_residual_us is None:
-        notes.append("This session keeps no record of its own error.")
+        notes.append("This session has no record of its synchronization error.")
     else:
         moved = ""
         if dose.sync_residual_px is not None:
             small = dose.sync_residual_px < 0.01
             far = wording.quantity(0.01 if small else dose.sync_residual_px, "px")
-            moved = f", in which it moves {'less than ' if small else ''}{far}"
+            moved = f", in which the motion covers {'less than ' if small else ''}{far}"
         error = wording.microseconds(dose.sync_residual_us)
-        notes.append(f"This session's own largest error is {error}{moved}.")
+        notes.append(f"The largest synchronization error of this session is {error}{moved}.")
     return notes
 
 
@@ -95,10 +96,10 @@ def _table(dose: DoseResult) -> Table:
         for point in dose.points
     ]
     return Table(
-        "By lateness, moving things; small: 95 % intervals",
+        "Moving things by delay; small print: 95 % intervals",
         [Column(name) for _, name, _ in columns],
         rows,
-        first="Late by",
+        first="Delay",
     )
 
 
@@ -106,10 +107,10 @@ def write_dose_report(result: DoseResult, out: Path) -> Path:
     """Write the page of the curve alone into the folder `out`."""
     name = Path(result.session).name or result.session
     cameras = f"cameras {result.reference} and {result.other}"
-    instants = wording.count(result.instants, "instant")
+    instants = count(result.instants, "instant")
     page = render_page(
-        title=f"{name}: how much lateness its motion bears",
-        kicker="Depth against lateness",
+        title=f"{name}: how much delay its motion tolerates",
+        kicker="Depth against delay",
         name=name,
         verdict=dose_sentence(result),
         sections=[Section("dose_alone.html"), Section("making.html", "making", "How it was made")],
@@ -117,7 +118,7 @@ def write_dose_report(result: DoseResult, out: Path) -> Path:
             "dose": dose_view(result),
             "making": [
                 Entry("Session", result.session),
-                Entry("Depth", f"{cameras}, {instants} (taken for {result.reason})"),
+                Entry("Depth", f"{cameras}, {instants} (selection: {result.reason})"),
                 Entry("Calibration", result.calibration),
                 Entry("Software", ", ".join(f"{key} {value}" for key, value in result.versions.items())),
             ],

@@ -16,8 +16,8 @@ CONDITION_COLUMNS: tuple[tuple[str, str, str, Show], ...] = (
     ("stereo", "static_coverage", STILL_COVERAGE, wording.share),
     ("multiview", "mover_within_2pct", f"All cameras: {WITHIN.lower()}", wording.share),
     ("multiview", "mover_coverage", f"All cameras: {COVERAGE.lower()}", wording.share),
-    ("stitch", "overlap_flow_p95_px", "Panorama's misfit", pixels),
-    ("poses", "correct_pairs", "Pairs placed right", wording.share),
+    ("stitch", "overlap_flow_p95_px", "Panorama misfit", pixels),
+    ("poses", "correct_pairs", "Camera pairs placed correctly", wording.share),
 )
 """The study that takes the measure, its field, its name and how it is written."""
 INSTANT_COLUMNS: tuple[tuple[str, str, Show], ...] = (
@@ -45,9 +45,9 @@ def conditions_table(result: CompareResult, sides: wording.Sides) -> Table:
     ]
     if (result.multiview or result.poses) and not any(map(_drawn, result.conditions)):
         scores = _scores(result, ALL_CAMERAS, "offset")
-        listed.append(_Condition(wording.APART, "every camera off by another time", scores))
+        listed.append(_Condition(wording.UNSYNCHRONIZED, wording.EACH_DELAYED, scores))
     for one in result.conditions:
-        name = wording.APART if _drawn(one) else f"session {one.name}" if one.session else one.name
+        name = wording.UNSYNCHRONIZED if _drawn(one) else f"session {one.name}" if one.session else one.name
         listed.append(_Condition(name, _details(one), _scores(one, PAIR + ALL_CAMERAS, "offset")))
     columns = [
         (study, key, name, show)
@@ -89,11 +89,11 @@ def _details(one: ConditionResult) -> str:
         if found is not None and found.offset_ms is not None
     ]
     if one.session:
-        parts.append("other pictures, not paired by instant")
+        parts.append("another recording, not paired by instant")
     elif one.offsets_ms:
-        parts.insert(0, wording.offsets(one.offsets_ms))
+        parts.insert(0, wording.delays(one.offsets_ms))
     else:
-        parts.append("every camera off by another time, drawn for each instant")
+        parts.append(f"{wording.EACH_DELAYED}, drawn at random for each instant")
     return "; ".join([*parts, *one.skipped])
 
 
@@ -101,7 +101,7 @@ def instants_table(
     caption: str, per_instant: Sequence[Mapping[str, float | None]], sides: wording.Sides
 ) -> Table:
     """Every instant's numbers on moving things in both conditions; no rows where there are none."""
-    tones = (("synced", sides.short), ("offset", sides.late_head))
+    tones = (("synced", sides.short), ("offset", sides.late_short or sides.late_head))
     columns = [
         column
         for column in INSTANT_COLUMNS

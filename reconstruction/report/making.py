@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from capture_app.text import count
 from reconstruction.report import wording
 from reconstruction.scores.compare_results import CompareResult
 from reconstruction.scores.results import Picture
@@ -10,7 +11,7 @@ from reconstruction.scores.results import Picture
 
 @dataclass(frozen=True)
 class Entry:
-    """A term and what is said of it; `path` is set as code."""
+    """A term and its description; a `path` is set as code."""
 
     term: str
     words: str
@@ -35,14 +36,14 @@ def making_entries(result: CompareResult) -> list[Entry]:
         entries.append(Entry("Panorama", _pair(stitch.cameras, stitch.synced.instants, stitch.reason)))
     if many := result.multiview:
         width = f", pictures {many.width_px} px wide" if many.width_px else ""
-        instants = wording.count(many.synced.instants, "instant")
+        instants = count(many.synced.instants, "instant")
         entries.append(Entry("All cameras", f"{', '.join(many.cameras)}, {instants}{width}"))
     elif result.multiview_skipped:
         entries.append(Entry("All cameras", f"not measured: {result.multiview_skipped}"))
     if result.poses_skipped:
-        entries.append(Entry("Poses by instant", f"not looked at: {result.poses_skipped}"))
+        entries.append(Entry("Poses by instant", f"not measured: {result.poses_skipped}"))
     asked, actual = (wording.milliseconds(ms) for ms in (result.offset_ms, result.actual_offset_ms))
-    frames = wording.count(result.offset_frames, "frame")
+    frames = count(result.offset_frames, "frame")
     sync = wording.synchronization(result.sync_residual_us, result.sync_bound_us)
     entries += [
         Entry("Offset", f"{asked} asked for; {actual} given, which is {frames}"),
@@ -57,8 +58,8 @@ def making_entries(result: CompareResult) -> list[Entry]:
 
 
 def _pair(cameras: Sequence[str], instants: int, reason: str) -> str:
-    words = f"cameras {' and '.join(cameras)}, {wording.count(instants, 'instant')}"
-    return f"{words} (taken for {reason})" if reason else words
+    words = f"cameras {' and '.join(cameras)}, {count(instants, 'instant')}"
+    return f"{words} (selection: {reason})" if reason else words
 
 
 def pair_pictures(result: CompareResult) -> list[Picture]:
@@ -69,16 +70,18 @@ def pair_pictures(result: CompareResult) -> list[Picture]:
 
 def files_beside(result: CompareResult) -> list[Files]:
     """Every file of the folder that the page lies in."""
-    found = [Files("every number, for programs", ["metrics.json"])]
+    found = [Files("all numbers, for programs", ["metrics.json"])]
     found += [
         Files(f"{one.title}: synchronized, offset", [one.synced, one.offset]) for one in pair_pictures(result)
     ]
     if many := result.multiview:
-        found += [Files(f"{one.title}: {wording.APART}", [one.synced, one.offset]) for one in many.pictures]
+        found += [
+            Files(f"{one.title}: {wording.UNSYNCHRONIZED}", [one.synced, one.offset]) for one in many.pictures
+        ]
     if sweep := result.bullet_time:
         found.append(Files("from camera to camera, to share", [sweep.file]))
         found.append(Files("the same, picture by picture", [*sweep.synced, *sweep.offset]))
     if burst := result.burst:
         found.append(Files("the burst", [path for row in burst.thumbnails for path in row if path]))
-    found.append(Files("what was worked out on the way, for the next run; may be deleted", ["stages/"]))
+    found.append(Files("intermediate results, reused by the next run; may be deleted", ["stages/"]))
     return found

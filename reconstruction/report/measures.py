@@ -9,7 +9,7 @@ from reconstruction.scores.pose_results import PoseComparison
 
 WITHIN = "Measured correctly"
 COVERAGE = "Given a distance"
-EPIPOLAR = "Up-and-down mismatch"
+EPIPOLAR = "Vertical mismatch"
 STILL_COVERAGE = "At rest: given a distance"
 POINTS = "Points in space"
 
@@ -76,7 +76,7 @@ PANORAMA = (
     Measure(
         "mover_flow_p95_px",
         "Misfit of moving things",
-        "How far apart both pictures show the same thing; 5 % of what moves is worse. Less is better.",
+        "How far apart the two pictures show the same thing, 95th percentile of what moves. Less is better.",
         pixels,
     ),
     Measure(
@@ -113,14 +113,13 @@ def multiview_measures(result: MultiviewComparison) -> tuple[Measure, ...]:
         ),
         Measure(
             "consistency",
-            "Found by others too",
-            "Share whose distance two other cameras find, each for itself, before any other check. More is "
-            "better.",
+            "Confirmed by other cameras",
+            "Share whose distance two other cameras find independently, before other checks. More is better.",
         ),
         Measure(
             "epipolar_px",
             EPIPOLAR,
-            "How far what two cameras show of one point is off its line. Less is better.",
+            "How far the same point in another camera is off its epipolar line. Less is better.",
             pixels,
         ),
         Measure(
@@ -133,17 +132,17 @@ def multiview_measures(result: MultiviewComparison) -> tuple[Measure, ...]:
         Measure(
             "points",
             POINTS,
-            "In the cloud fused from all cameras, of one instant on average.",
+            "In the cloud fused from all cameras, on average over the instants.",
             wording.number,
         ),
         Measure(
             "f_score",
-            "Surface rebuilt",
-            f"How well the cloud and the true surface agree{near}: 100 % is all of it and nothing else "
-            "(F-score). More is better.",
+            "Reconstructed surface",
+            f"How well the cloud and the true surface agree{near} (F-score): 100 % is the whole surface and "
+            "nothing else. More is better.",
         ),
-        Measure("precision", "Points that are right", f"Share of the points on a true surface{near}."),
-        Measure("recall", "Surface with points", f"Share of the true surface that has a point{near}."),
+        Measure("precision", "Correct points", f"Share of the points on a true surface{near}."),
+        Measure("recall", "Surface covered", f"Share of the true surface with a point{near}."),
     )
 
 
@@ -153,25 +152,25 @@ def pose_measures(result: PoseComparison) -> tuple[Measure, ...]:
         Measure(
             "registered",
             "Cameras placed",
-            f"Of {len(result.cameras)}, at an instant on average. More is better.",
+            f"Of {len(result.cameras)}, on average over the instants. More is better.",
             wording.quantity,
         ),
         Measure(
             "correct_pairs",
-            "Pairs placed right",
-            "Share of all pairs of cameras whose angle and direction are right to "
+            "Camera pairs placed correctly",
+            "Share of all pairs whose angle and direction are correct within "
             f"{degrees(result.tolerance_deg)}. More is better.",
         ),
         Measure(
             "rotation_deg",
-            "Wrong by, angle",
-            "Of the angle between two cameras that were placed; half of the pairs are worse. Less is better.",
+            "Angle error",
+            "Of the angle between two placed cameras, the median over the pairs. Less is better.",
             degrees,
         ),
         Measure(
             "direction_deg",
-            "Wrong by, direction",
-            "Of the direction from one camera to the other, likewise.",
+            "Direction error",
+            "Of the direction from one camera to the other, the median over the pairs. Less is better.",
             degrees,
         ),
     )

@@ -6,14 +6,15 @@ from functools import cache
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
+from capture_app.text import count
 from reconstruction.report import wording
 from reconstruction.report.claims import Claim
 
 TEMPLATES = "template"
 METRICS = "metrics.json"
 FILTERS = (
-    wording.count, wording.lateness, wording.microseconds, wording.milliseconds, wording.number,
-    wording.quantity, wording.share, wording.tie, wording.timeliness, wording.walk,
+    count, wording.lateness, wording.microseconds, wording.milliseconds, wording.number,
+    wording.quantity, wording.share, wording.keep_units, wording.timeliness, wording.walking_distance,
 )  # fmt: skip
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 from capture_app.errors import BadInputError
 from capture_app.session.files.durable import PART, write_atomic
+from capture_app.text import count
 from reconstruction.report import wording
 from reconstruction.report.charts import pose_chart
 from reconstruction.report.claims import claims
@@ -61,13 +62,13 @@ def _page(result: CompareResult, out: Path) -> str:
             "result": result,
             "pictures": pictures,
             "sides": sides,
-            "apart": sides.all_apart(),
+            "unsynchronized": sides.for_all_cameras(),
             "image": lambda path: embed(out / path),
             "dose": dose_view(result.dose) if result.dose else None,
             "control": wording.control(result),
             "making": making_entries(result),
             "files": files_beside(result),
-            **_all_cameras(result, sides.all_apart()),
+            **_all_cameras(result, sides.for_all_cameras()),
             **_tables(result, sides),
         },
     )
@@ -80,7 +81,7 @@ def _sections(result: CompareResult) -> list[Section]:
         (pair_pictures(result), "pictures", "See the difference"),
         (result.bullet_time, "sweep", "From camera to camera"),
         (result.burst, "burst", "The burst"),
-        (result.dose, "dose", "How much lateness this motion bears"),
+        (result.dose, "dose", "How much delay this motion tolerates"),
         (result.multiview, "all-cameras", "With all cameras at once"),
         (result.poses, "poses", "Where the cameras stand"),
         (True, "measures", "The measurements"),
@@ -113,15 +114,15 @@ def _all_cameras(result: CompareResult, sides: wording.Sides) -> Mapping[str, ob
     """What the studies of all cameras show beside their pictures."""
     view: dict[str, object] = {}
     if many := result.multiview:
-        caption = f"Depth from {wording.count(len(many.cameras), 'camera')}, as {many.reference} sees it"
+        caption = f"Depth from {count(len(many.cameras), 'camera')}, as {many.reference} sees it"
         view["multiview_table"] = twin_table(
             caption, multiview_measures(many), many.synced, many.offset, sides, WITH_CONTROL
         )
         view["multiview_instants"] = instants_table("Moving things, all cameras", many.per_instant, sides)
-        view["multiview_apart"] = wording.how_apart(many.offsets_ms, many.reference)
+        view["multiview_delays"] = wording.describe_delays(many.offsets_ms, many.reference)
     if poses := result.poses:
-        caption = f"Poses of {wording.count(len(poses.cameras), 'camera')}, each instant by itself"
+        caption = f"Poses of {count(len(poses.cameras), 'camera')}, each instant by itself"
         view["pose_table"] = twin_table(caption, pose_measures(poses), poses.synced, poses.offset, sides)
         view["pose_chart"] = pose_chart(poses, sides)
-        view["pose_apart"] = wording.how_apart(poses.offsets_ms, poses.cameras[0])
+        view["pose_delays"] = wording.describe_delays(poses.offsets_ms, poses.cameras[0])
     return view

@@ -107,7 +107,7 @@ def twin_table(
     kinds: Sequence[tuple[str, str]] = PLAIN,
 ) -> Table:
     """Both conditions side by side, in each group of columns; measures nobody took are left out."""
-    heads = ((sides.short, "synced"), (sides.late_head, "offset"))
+    heads = ((sides.short, "synced"), (sides.late_short or sides.late_head, "offset"))
     rows = []
     for measure in measures:
         keys = [prefix + measure.key for prefix, _ in kinds]

@@ -5,12 +5,12 @@ from reconstruction.scores.panorama_results import PanoramaComparison
 from reconstruction.scores.pose_results import PoseComparison
 
 CLEAR_SHARE = 0.15
-"""A loss of this share of the moving pixels is called clear."""
+"""A loss of this share of the moving pixels is reported as clear."""
 CLEAR_RATIO = 1.5
-APART_PX = 1.0
-"""Mismatch between rows, on what moves, from which pictures may not be of one instant."""
-APART_RATIO = 5.0
-"""And this many times that of what stands still, which timing cannot move."""
+ROW_MISMATCH_PX = 1.0
+"""Epipolar error of what moves from which pictures may not be of one instant."""
+ROW_MISMATCH_RATIO = 5.0
+"""And this many times that of what stands still, which does not depend on timing."""
 
 
 def verdict(
@@ -21,13 +21,13 @@ def verdict(
     poses: PoseComparison | None = None,
     multiview: MultiviewComparison | None = None,
 ) -> str:
-    """The sentences; `moving_share` is the share of pixels that move."""
+    """One or two sentences; `moving_share` is the share of pixels that move, 0..1."""
     late = f"{offset_ms:.0f} ms late"
-    if stereo is not None and not together(stereo.synced):
-        return _apart(stereo, late)
-    depth = _depth(stereo, late) if stereo is not None else _many(multiview)
-    panorama = _panorama(stitch, late) if stitch is not None else None
-    places = _places(poses) if poses is not None else None
+    if stereo is not None and not plausibly_synchronized(stereo.synced):
+        return _not_synchronized(stereo, late)
+    depth = _stereo_sentence(stereo, late) if stereo is not None else _multiview_sentence(multiview)
+    panorama = _panorama_sentence(stitch, late) if stitch is not None else None
+    places = _pose_sentence(poses) if poses is not None else None
     clear = [text for text in (depth, panorama, places) if text is not None]
     if clear:
         return " ".join(clear)
@@ -45,21 +45,21 @@ def verdict(
     )
 
 
-def together(scores: DepthScores) -> bool:
+def plausibly_synchronized(scores: DepthScores) -> bool:
     """Whether the pictures called synchronized can be of one instant.
 
-    They cannot where what moves is mostly lost and lies in other rows than it should, while what stands
-    still is found and lies where it should.
+    They cannot if most of what moves is lost and has an epipolar error, while what stands still is found and
+    has none.
     """
-    moving, still = _found(scores)
+    moving, still = _found_shares(scores)
     rows, control = scores.mover_epipolar_px, scores.static_epipolar_px
     if moving is None or still is None or rows is None or control is None:
         return True
-    return not (moving < 0.5 * still and rows > APART_PX and rows > APART_RATIO * control)
+    return not (moving < 0.5 * still and rows > ROW_MISMATCH_PX and rows > ROW_MISMATCH_RATIO * control)
 
 
-def _apart(result: StereoComparison, late: str) -> str:
-    moving, still = _found(result.synced)
+def _not_synchronized(result: StereoComparison, late: str) -> str:
+    moving, still = _found_shares(result.synced)
     assert moving is not None
     assert still is not None
     what = "the right distance is" if result.synced.mover_within_2pct is not None else "a distance is"
@@ -71,14 +71,14 @@ def _apart(result: StereoComparison, late: str) -> str:
     )
 
 
-def _found(scores: DepthScores) -> tuple[float | None, float | None]:
-    """The share found of what moves and of what stands still: right ones where truth is known."""
+def _found_shares(scores: DepthScores) -> tuple[float | None, float | None]:
+    """The share of moving and of still pixels found, correctly where the truth is known."""
     if scores.mover_within_2pct is not None:
         return scores.mover_within_2pct, scores.static_within_2pct
     return scores.mover_coverage, scores.static_coverage
 
 
-def _depth(result: StereoComparison, late: str) -> str | None:
+def _stereo_sentence(result: StereoComparison, late: str) -> str | None:
     true = result.synced.mover_within_2pct is not None
     synced = result.synced.mover_within_2pct if true else result.synced.mover_coverage
     offset = result.offset.mover_within_2pct if true else result.offset.mover_coverage
@@ -97,23 +97,23 @@ def _depth(result: StereoComparison, late: str) -> str | None:
     )
 
 
-def _many(result: MultiviewComparison | None) -> str | None:
-    """Where no pair gives depth: what all cameras give."""
+def _multiview_sentence(result: MultiviewComparison | None) -> str | None:
+    """Depth from all cameras, reported where no pair gives depth."""
     if result is None:
         return None
     true = result.synced.mover_within_2pct is not None
-    synced, _ = _found(result.synced)
-    offset, _ = _found(result.offset)
+    synced, _ = _found_shares(result.synced)
+    offset, _ = _found_shares(result.offset)
     if synced is None or offset is None or synced - offset < CLEAR_SHARE:
         return None
     what = "the right distance is found" if true else "a distance is found that several cameras agree on"
     return (
         f"When all {len(result.cameras)} cameras show the same instant, {what} for {_percent(synced)} of "
-        f"what moves; with every camera off by another time, for {_percent(offset)}."
+        f"what moves; with each camera off by a different delay, for {_percent(offset)}."
     )
 
 
-def _panorama(result: PanoramaComparison, late: str) -> str | None:
+def _panorama_sentence(result: PanoramaComparison, late: str) -> str | None:
     synced, offset = (
         (result.synced.mover_flow_p95_px, result.offset.mover_flow_p95_px)
         if result.synced.mover_flow_p95_px is not None and result.offset.mover_flow_p95_px is not None
@@ -127,8 +127,8 @@ def _panorama(result: PanoramaComparison, late: str) -> str | None:
     )
 
 
-def _places(result: PoseComparison) -> str | None:
-    """Only where lateness harms them: elsewhere what stands still places the cameras both times."""
+def _pose_sentence(result: PoseComparison) -> str | None:
+    """None where delays do not harm the poses, since what stands still places the cameras both times."""
     before, after = result.synced, result.offset
     if not result.degraded or before.rotation_deg is None:
         return None
@@ -137,11 +137,11 @@ def _places(result: PoseComparison) -> str | None:
     else:
         wrong = f"these angles are wrong by {after.rotation_deg:.0f} degrees"
         if before.rotation_deg > 0.5 * after.rotation_deg:
-            wrong = f"only {_percent(after.correct_pairs)} of the pairs are placed right"
+            wrong = f"only {_percent(after.correct_pairs)} of the pairs are placed correctly"
     return (
         f"So much moves here that it decides where the cameras seem to stand: pictures of one instant give "
-        f"the angles between them to {before.rotation_deg:.1g} degrees; with every camera off by another "
-        f"time, {wrong}."
+        f"the angles between them to {before.rotation_deg:.1g} degrees; with each camera off by a different "
+        f"delay, {wrong}."
     )
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 from capture_app.text import duration
-from reconstruction.report.verdict import CLEAR_SHARE, together
+from reconstruction.report.verdict import CLEAR_SHARE, plausibly_synchronized
 from reconstruction.scores.compare_results import CompareResult
 from reconstruction.scores.depth_results import DepthScores
 
@@ -15,8 +15,9 @@ NOT_AVAILABLE = "n/a"
 GAP = "\u202f"
 """Narrow space that keeps a number and its unit on one line."""
 WALKING_M_PER_S = 1.4
-APART = "apart"
-"""What a condition with every camera off by another time is called."""
+UNSYNCHRONIZED = "unsynchronized"
+EACH_DELAYED = "each camera off by a different delay"
+"""The condition of the studies of all cameras, in a word and in words."""
 
 
 def share(value: float | None, *, decimals: int = 1) -> str:
@@ -34,7 +35,7 @@ def share(value: float | None, *, decimals: int = 1) -> str:
 
 
 def quantity(value: float | None, unit: str = "") -> str:
-    """A number in its unit with about three digits."""
+    """A number in its unit with three digits."""
     if value is None or math.isnan(value):
         return NOT_AVAILABLE
     if abs(value) >= 10_000 and not unit:
@@ -44,12 +45,12 @@ def quantity(value: float | None, unit: str = "") -> str:
 
 
 def number(value: float | None) -> str:
-    """A whole number, its thousands apart."""
+    """A whole number with a space between thousands."""
     return NOT_AVAILABLE if value is None else f"{value:,.0f}".replace(",", GAP)
 
 
 def milliseconds(value_ms: float) -> str:
-    """A time in ms, with one decimal only where it says something."""
+    """A time in ms, with a decimal only if it is not 0."""
     return f"{value_ms:.1f}".removesuffix(".0") + f"{GAP}ms"
 
 
@@ -67,13 +68,8 @@ def seconds(value_s: float) -> str:
     return f"{int(value_s // 60)}{GAP}min {int(value_s % 60)}{GAP}s"
 
 
-def count(number: int, thing: str) -> str:
-    """`1 frame`, `2 frames`."""
-    return f"{number} {thing}" if abs(number) == 1 else f"{number} {thing}s"
-
-
 def lateness(offset_ms: float) -> str:
-    """`67 ms late`, or early; how exactly is told elsewhere."""
+    """`67 ms late`, or early, in whole ms from 10 ms on."""
     size = abs(offset_ms)
     shown = milliseconds(round(size) if size >= 9.5 else size)
     return f"{shown} {'early' if offset_ms < 0 else 'late'}"
@@ -84,16 +80,16 @@ def timeliness(late_ms: float) -> str:
     return lateness(late_ms) if abs(late_ms) >= 0.05 else "on time"
 
 
-def offsets(late_ms: Mapping[str, float]) -> str:
+def delays(late_ms: Mapping[str, float]) -> str:
     """`cam00 on time, cam01 66 ms late`."""
     return ", ".join(f"{camera} {timeliness(ms)}" for camera, ms in late_ms.items())
 
 
-def how_apart(late_ms: Mapping[str, float], reference: str) -> str:
-    """How far the cameras are apart in time, in a sentence; without offsets, they are drawn."""
+def describe_delays(late_ms: Mapping[str, float], reference: str) -> str:
+    """How late each camera is, in a sentence; without numbers, drawn at random."""
     if not late_ms:
-        return "Apart: every camera is off by another time, up to 66 ms, drawn for each instant."
-    return f"Apart, against {reference}: {offsets(late_ms)}."
+        return f"Unsynchronized: {EACH_DELAYED} of up to 66 ms, drawn at random for each instant."
+    return f"Unsynchronized, relative to {reference}: {delays(late_ms)}."
 
 
 @dataclass(frozen=True)
@@ -106,49 +102,52 @@ class Sides:
     when: str
     """The first side at the end of a sentence."""
     late: str
-    together: bool = True
-    """The first side can be of one instant."""
+    late_short: str = ""
+    """The second side where there is little room; empty: as elsewhere."""
+    synchronized: bool = True
+    """Whether the pictures of the first side can be of one instant."""
 
     @property
     def late_head(self) -> str:
         """The second side at the head of a column."""
         return self.late[0].upper() + self.late[1:]
 
-    def all_apart(self) -> Self:
-        """The names where every camera is off by another time."""
-        return replace(self, late=APART)
+    def for_all_cameras(self) -> Self:
+        """The names where each camera has a delay of its own."""
+        return replace(self, late=UNSYNCHRONIZED, late_short="Unsynced")
 
 
 def sides(synced: DepthScores | None, offset_ms: float) -> Sides:
-    """The names; what is plainly not of one instant is not called synchronized."""
+    """The names; pictures that cannot be of one instant are not called synchronized."""
     late = lateness(offset_ms)
-    if synced is not None and not together(synced):
-        return Sides("As recorded", "Recorded", "in the pictures as they were recorded", late, False)
+    if synced is not None and not plausibly_synchronized(synced):
+        when = "in the pictures as they were recorded"
+        return Sides("As recorded", "Recorded", when, late, synchronized=False)
     return Sides("Synchronized", "Synced", "when both pictures show the same instant", late)
 
 
-def walk(offset_ms: float) -> str:
-    """How far somebody walks meanwhile."""
+def walking_distance(offset_ms: float) -> str:
+    """How far a person walks in this time, in a sentence."""
     metres = abs(offset_ms) / 1e3 * WALKING_M_PER_S
     far = f"{metres * 1e3:.0f}{GAP}mm" if metres < 0.02 else f"{metres * 1e2:.0f}{GAP}cm"
     time = lateness(offset_ms).rpartition(" ")[0]
-    return f"In {time}, somebody walking ({WALKING_M_PER_S}{GAP}m/s) moves {far}."
+    return f"In {time}, a person walking ({WALKING_M_PER_S}{GAP}m/s) moves {far}."
 
 
-def tie(text: str) -> str:
-    """The text with its numbers and their units kept on one line."""
+def keep_units(text: str) -> str:
+    """The text with a narrow space between numbers and units, which keeps them on one line."""
     return re.sub(r"(?<=\d) (?=([mµ]?s|px|[cm]?m)\b|%)", GAP, text)
 
 
 def headline(verdict: str) -> tuple[str, str]:
     """The first sentence of a verdict, and the rest."""
-    verdict = tie(verdict)
+    verdict = keep_units(verdict)
     end = verdict.find(". ")
     return (verdict, "") if end < 0 else (verdict[: end + 1], verdict[end + 2 :].strip())
 
 
 def control(result: CompareResult) -> str:
-    """What the things at rest say: whether timing alone can explain the difference."""
+    """Whether timing alone can explain the difference: by the control, what stands still."""
     if result.stereo is None:
         return ""
     synced, offset = result.stereo.synced, result.stereo.offset
@@ -167,18 +166,18 @@ def control(result: CompareResult) -> str:
     if None in moving:
         moving = (synced.mover_coverage, offset.mover_coverage)
     if moving[0] is None or moving[1] is None or moving[0] - moving[1] < CLEAR_SHARE:
-        return f"Things at rest are the control: they do as well either way {values}."
+        return f"Things at rest are the control: they are measured equally well in both {values}."
     return (
-        f"Things at rest are the control: they do as well either way {values}, so the difference on moving "
-        "things comes from timing alone."
+        f"Things at rest are the control: they are measured equally well in both {values}, so the difference "
+        "on moving things comes from timing alone."
     )
 
 
 def synchronization(residual_us: float | None, bound_us: float | None) -> str:
-    """How far the pictures are from their instants by the session's own record."""
+    """How far images are from their instants, by the session's record."""
     parts = []
     if residual_us is not None:
         parts.append(f"every synchronized picture within {microseconds(residual_us)} of its instant")
     if bound_us is not None:
-        parts.append(f"the clocks agree to {microseconds(bound_us)} at the very worst")
+        parts.append(f"the clocks agree to {microseconds(bound_us)} in the worst case")
     return "; ".join(parts) or "not known: the session has no record of its clocks"

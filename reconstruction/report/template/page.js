@@ -54,7 +54,7 @@ for (const sweep of document.querySelectorAll(".sweep")) {
     late.textContent = `: ${time}`;
     where.textContent = `${camera} (${now + 1} of ${last + 1})`;
     range.value = now;
-    range.setAttribute("aria-valuetext", `${camera}; apart: ${time}`);
+    range.setAttribute("aria-valuetext", `${camera}; unsynchronized: ${time}`);
   };
   const wait = () => {
     clearTimeout(timer);

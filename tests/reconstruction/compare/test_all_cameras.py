@@ -192,11 +192,11 @@ def test_more_cameras_than_needed_are_left_out(scene: Scene, tmp_path: Path) -> 
 def test_what_cannot_be_says_why(scene: Scene, tmp_path: Path) -> None:
     pair = {name: VIEWS[name] for name in ("left", "right")}
     two = study(write_session(tmp_path / "two", scene, pair, instants=2), tmp_path / "a")
-    with pytest.raises(ValueError, match="it takes 3 cameras that see the same"):
+    with pytest.raises(ValueError, match="it takes 3 cameras with overlapping views"):
         two.prepare(0, QUIET)
     aside = {**pair, "away": make_view((0.1, 0, 0), yaw=60)}
     apart = study(write_session(tmp_path / "apart", scene, aside, instants=2), tmp_path / "b")
-    with pytest.raises(ValueError, match="away: shares too little with any two others"):
+    with pytest.raises(ValueError, match="away: overlaps too little with any two others"):
         apart.prepare(0, QUIET)
 
 

@@ -111,7 +111,7 @@ def test_compare_judges_further_conditions_beside_the_synchronized_one(
     assert len(result["dose"]["points"]) == 3
     assert len(result["burst"]["thumbnails"]) == 3
     page = (out / "report.html").read_text("utf-8")
-    for words in ("All conditions", "The burst", "How much lateness this motion bears", "Every instant"):
+    for words in ("All conditions", "The burst", "How much delay this motion tolerates", "Every instant"):
         assert words in page
 
 

@@ -100,7 +100,7 @@ def test_dose_falls_on_what_moves_and_not_on_what_stands_still(
     assert max(still) - min(still) < 0.02
     assert result["decreasing"]
     assert 0 < result["tolerable_offset_ms"] < 33
-    assert "This motion bears about" in (out / "report.html").read_text("utf-8")
+    assert "This motion tolerates a delay of about" in (out / "report.html").read_text("utf-8")
 
 
 def test_an_unknown_camera_is_refused_in_one_line(

@@ -20,10 +20,10 @@ def test_depth_from_all_cameras_stands_beside_its_control(tmp_path):
     ]
     assert re.match(r".*Measured correctly.*?97\.0 %\D*1\.2 %\D*87\.0 %\D*87\.0 %", part)
     assert re.match(r".*Points in space.*?12 346\s*45\s*98 765", part)
-    assert re.match(r".*Surface rebuilt.*? to within 1 cm:.*?81\.0 %", part)
-    assert "every camera is off by another time, up to 66 ms, drawn for each instant" in part
+    assert re.match(r".*Reconstructed surface.*? to within 1 cm .F-score.:.*?81\.0 %", part)
+    assert "each camera off by a different delay of up to 66 ms, drawn at random for each instant" in part
     assert "No depth of cam_dark: its picture is black." in part
-    assert "Found by others too" not in part
+    assert "Confirmed by other cameras" not in part
     assert "Distance from all cameras, synchronized" in [image["alt"] for image in page.all("img")]
 
 
@@ -32,12 +32,12 @@ def test_poses_of_single_instants_are_told_and_drawn(tmp_path):
     page = Page.read(write_report(result, tmp_path))
 
     part = page.text[page.text.rindex("Where the cameras stand") :]
-    assert "lateness puts the cameras into the wrong places" in part
-    assert re.match(r".*?Pairs placed right.*?100\.0 %\s*20\.0 %", part)
-    assert re.match(r".*Wrong by, angle.*?0\.05°\s*27°", part)
+    assert "delays put the cameras in wrong places" in part
+    assert re.match(r".*?Camera pairs placed correctly.*?100\.0 %\s*20\.0 %", part)
+    assert re.match(r".*Angle error.*?0\.05°\s*27°", part)
     assert "cam_left on time, cam_middle 67 ms late, cam_right 33 ms early" in part
-    drawn = [svg["aria-label"] for svg in page.all("svg") if "placed right" in svg.get("aria-label", "")]
-    assert "instant 2: synchronized 100 %, apart 0 %" in drawn[0].replace(wording.GAP, " ")
+    drawn = [svg["aria-label"] for svg in page.all("svg") if "placed correctly" in svg.get("aria-label", "")]
+    assert "instant 2: synchronized 100 %, unsynchronized 0 %" in drawn[0].replace(wording.GAP, " ")
     assert len(page.all("rect")) == 4
 
 
@@ -49,4 +49,4 @@ def test_what_was_not_looked_at_says_why_and_draws_nothing(tmp_path):
 
     assert "With all cameras at once" not in page.text
     assert "not measured: it takes three <cameras>" in page.text
-    assert "not looked at: what moves is small" in page.text
+    assert "not measured: what moves is small" in page.text

@@ -140,12 +140,12 @@ def test_the_sweep_goes_camera_by_camera_by_keys(browser):
     for camera in (*CAMERAS[1:], CAMERAS[-1]):
         browser.press("ArrowRight", 39)
         assert browser.ask(SHOWN) == [camera, camera]
-    assert browser.ask(SPOKEN).replace("\u202f", " ") == f"{CAMERAS[-1]}; apart: 33 ms early"
+    assert browser.ask(SPOKEN).replace("\u202f", " ") == f"{CAMERAS[-1]}; unsynchronized: 33 ms early"
 
     browser.press("Home", 36)
     assert browser.ask(SHOWN) == [CAMERAS[0]] * 2
     tag = browser.ask("document.querySelector('.sweep .offset > .tag').textContent")
-    assert tag == "Apart: on time"
+    assert tag == "Unsynchronized: on time"
 
 
 @pytest.mark.usefixtures("still")

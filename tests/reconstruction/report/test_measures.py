@@ -17,7 +17,7 @@ def test_movers_stand_beside_the_static_control(tmp_path):
     row = page.text[page.text.index("Given a distance") :]
     assert re.match(r".*?99\.9 %\D*40\.5 %\D*74\.5 %\D*73\.3 %", row)
     assert "comes from timing alone" in page.text
-    row = page.text[page.text.index("Up-and-down mismatch") :]
+    row = page.text[page.text.index("Vertical mismatch") :]
     assert re.match(r".*?0\.26 px\s*17\.7 px\s*n/a\s*n/a", row)
     assert "Brightness mismatch" not in page.text
     assert "more strictly" not in page.text
@@ -50,7 +50,7 @@ def test_pictures_that_are_not_of_one_instant_are_not_called_synchronized(tmp_pa
     assert "fire together; these did not" in page.text
     assert "in the pictures as they were recorded" in page.text
     assert "comes from timing alone" not in page.text
-    assert "they do as well either way (67.3 % and 67.3 %)." in page.text
+    assert "they are measured equally well in both (67.3 % and 67.3 %)." in page.text
 
 
 def test_without_ground_truth_nothing_is_called_correct(tmp_path):
@@ -62,7 +62,7 @@ def test_without_ground_truth_nothing_is_called_correct(tmp_path):
 
     assert "orrectly" not in page.text
     assert "12 % of the moving surface given a distance" in page.text
-    assert "Nobody knows the true distances" in page.text
+    assert "The true distances are not known" in page.text
 
 
 def test_a_panorama_alone_speaks_of_its_overlap(tmp_path):
@@ -86,7 +86,7 @@ def test_a_panorama_is_judged_by_what_moves_where_that_is_known(tmp_path):
 
     assert page.text.index("2.50 px of misfit of moving things") < page.text.index("31.4 px of misfit")
     assert "Misfit of moving things" in page.text
-    assert "5 instants (taken for 52 % overlap)" in page.text
+    assert "5 instants (selection: 52 % overlap)" in page.text
 
 
 def test_depth_alone_says_why_there_is_no_panorama(tmp_path):
@@ -117,8 +117,8 @@ def test_a_measure_has_one_name_and_an_interval_one_decimal(tmp_path):
     assert "87.1 to 92.5" in page.text
     assert "Brightness mismatch" not in page.text
     conditions = page.text[page.text.index("All conditions") :]
-    assert re.match(r".*session naive\s*other pictures, not paired by instant", conditions)
-    assert conditions.count("every camera off by another time") == 1
+    assert re.match(r".*session naive\s*another recording, not paired by instant", conditions)
+    assert conditions.count("each camera off by a different delay") == 1
 
 
 def test_the_drawn_condition_is_listed_once(tmp_path):
@@ -127,5 +127,5 @@ def test_the_drawn_condition_is_listed_once(tmp_path):
     page = Page.read(write_report(msgspec.structs.replace(result, conditions=(drawn,)), tmp_path))
 
     conditions = page.text[page.text.index("All conditions") : page.text.index("Every instant by itself")]
-    assert conditions.count("apart") == 1
-    assert "drawn for each instant" in conditions
+    assert conditions.count("unsynchronized") == 1
+    assert "drawn at random for each instant" in conditions

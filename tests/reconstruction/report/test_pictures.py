@@ -42,15 +42,18 @@ def test_the_sweep_shows_each_camera_twice_and_says_how_late_it_is(tmp_path):
     assert [a["data-time"].replace(wording.GAP, " ") for a in frames[3:]] == [
         "on time", "67 ms late", "33 ms early"
     ]  # fmt: skip
-    assert "nothing in it is made up" in page.text
+    assert "no pixel is invented" in page.text
     assert "As a file to share: pictures/sweep.gif" in page.text
-    assert "goes 4.70 px at most from one picture to the next; with the cameras apart, 18.7 px" in page.text
+    assert (
+        "shifts by at most 4.70 px from one picture to the next; without synchronization, 18.7 px"
+        in page.text
+    )
 
     loose = msgspec.structs.replace(
         result.bullet_time, stabilized=False, ordered_by_position=False, offset_step_px=5.0
     )
     page = Page.read(write_report(msgspec.structs.replace(result, bullet_time=loose), tmp_path))
-    assert "made up" not in page.text
+    assert "invented" not in page.text
     assert "4.70 px" not in page.text
     assert "from camera to camera, by name" in page.text
 

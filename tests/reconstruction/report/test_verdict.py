@@ -1,6 +1,6 @@
 """The verdict says what the figures say, also where they say nothing."""
 
-from reconstruction.report.verdict import together, verdict
+from reconstruction.report.verdict import plausibly_synchronized, verdict
 from reconstruction.scores.depth_results import (
     DepthScores,
     MultiviewComparison,
@@ -59,9 +59,9 @@ def test_cameras_that_were_never_together_are_not_called_synchronized() -> None:
     assert "a distance is found for 4 % of what moves but for 96 % of what stands still" in text
     assert "out of place by 10 pixels" in text
     # A blank thing that no pair can match, and a pair that matches it well, say nothing against the times.
-    assert together(seen(0.04, 0.2).synced)
-    assert together(seen(0.9, 1.5).synced)
-    assert together(stereo(0.04, 0.02).synced)
+    assert plausibly_synchronized(seen(0.04, 0.2).synced)
+    assert plausibly_synchronized(seen(0.9, 1.5).synced)
+    assert plausibly_synchronized(stereo(0.04, 0.02).synced)
 
 
 def test_no_difference_is_said_as_such() -> None:
@@ -103,6 +103,6 @@ def test_where_no_pair_gives_depth_all_cameras_are_told_of() -> None:
 
     text = verdict(None, None, 66.7, 0.1, None, many(0.02))
     assert "all 3 cameras show the same instant, the right distance is found for 90 %" in text
-    assert "off by another time, for 2 %" in text
+    assert "off by a different delay, for 2 %" in text
     assert "all 3 cameras" not in verdict(stereo(0.97, 0.01), None, 66.7, 0.1, None, many(0.02))
     assert verdict(None, None, 66.7, 0.1, None, many(0.85)).startswith("No clear difference")

@@ -2,6 +2,7 @@
 
 import pytest
 
+from capture_app.text import count
 from reconstruction.report import wording
 
 
@@ -43,7 +44,7 @@ def test_shares_never_round_up_to_all_or_down_to_nothing(value, words):
             "It is 98.1 % right. | At 66 ms not. So.",
         ),
         (wording.seconds(185), "3 min 5 s"),
-        (wording.count(1, "frame"), "1 frame"),
+        (count(1, "frame"), "1 frame"),
     ],
 )
 def test_numbers_read_well(shown, words):
@@ -51,4 +52,4 @@ def test_numbers_read_well(shown, words):
 
 
 def test_numbers_stay_with_their_units():
-    assert wording.tie("2 % in 3 ms, 4 miles") == f"2{wording.GAP}% in 3{wording.GAP}ms, 4 miles"
+    assert wording.keep_units("2 % in 3 ms, 4 miles") == f"2{wording.GAP}% in 3{wording.GAP}ms, 4 miles"

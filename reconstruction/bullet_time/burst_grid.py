@@ -5,21 +5,21 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from reconstruction.common.drawing import save_picture
+from reconstruction.common.image_files import save_picture
 from reconstruction.scores.compare_results import BurstGrid
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import evenly_spread
 
-MOST_CAMERAS = 20
-MOST_INSTANTS = 8
+MAX_CAMERAS = 20
+MAX_INSTANTS = 8
 WIDTH_PX = 160
 
 
 def burst_grid(dataset: Dataset, out: Path) -> BurstGrid:
     """Write the thumbnails into out/pictures; of a long burst, instants spread evenly over it."""
     count = len(dataset.instants_ns)
-    instants = evenly_spread(range(count), MOST_INSTANTS)
-    cameras = dataset.cameras[:MOST_CAMERAS]
+    instants = evenly_spread(range(count), MAX_INSTANTS)
+    cameras = dataset.cameras[:MAX_CAMERAS]
     rows = []
     for camera in cameras:
         row = []

@@ -10,36 +10,25 @@ import numpy as np
 from reconstruction.bullet_time.gif_animation import save_animation
 from reconstruction.bullet_time.stabilization import render_view, stabilize_views, triangulate_subject
 from reconstruction.calibration.camera_order import order_by_place
-from reconstruction.common.drawing import EMPTY, fit_canvas, save_picture
+from reconstruction.common.drawing import EMPTY, fit_canvas
 from reconstruction.common.geometry import Array, View
+from reconstruction.common.image_files import save_picture
 from reconstruction.report import wording
 from reconstruction.scores.compare_results import BulletTime
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import evenly_spread
 from reconstruction.session.scene_motion import SceneMotion
 
-MOST_CAMERAS = 20
-
-
+MAX_CAMERAS = 20
 LATE_MS = (0.0, 66.0, -33.0, 33.0, -66.0)
 """How late the cameras of the other condition are, in the sweep's order; neighbours are far apart in time."""
-
-
 LONG_SIDE_PX = 512
-
-
 SMALLER_PX, MANY_CAMERAS = 384, 8
 """With more cameras than that their pictures are made smaller, so that a report stays a few megabytes."""
-
-
 QUALITY = 82
-
-
-MOST_LOOKED_AT = 6
+MAX_CANDIDATES = 6
 """Instants among which the one with the most motion is taken."""
-
-
-LEAST_MOVING_PX = 40
+MIN_MOVING_PX = 40
 """With fewer moving pixels in a picture the subject's place is unknown."""
 
 
@@ -54,7 +43,7 @@ def render_camera_sweep(
     """
     calibrated = {name: views[name] for name in dataset.cameras if name in views}
     order = order_by_place(calibrated) if len(calibrated) > 1 else tuple(sorted(dataset.cameras))
-    order = order[:: -(-len(order) // MOST_CAMERAS)]
+    order = order[:: -(-len(order) // MAX_CAMERAS)]
     chosen = _choose_instant(dataset, motion, order)
     if chosen is None:
         return None
@@ -123,7 +112,7 @@ def _choose_instant(
     if min(best[:2]) < 2:
         return None
     likely = [k for k, rank in ranks.items() if rank == best]
-    likely = evenly_spread(likely, MOST_LOOKED_AT)
+    likely = evenly_spread(likely, MAX_CANDIDATES)
     instant = max(likely, key=lambda k: sum(int(motion.detected_movers(n, k).sum()) for n in found[k]))
     return instant, found[instant]
 
@@ -139,7 +128,7 @@ def _stabilized_views(
     if len(ours) < len(order):
         return {}
     masks = {name: motion.detected_movers(name, instant) for name in order}
-    masks = {name: mask for name, mask in masks.items() if int(mask.sum()) >= LEAST_MOVING_PX}
+    masks = {name: mask for name, mask in masks.items() if int(mask.sum()) >= MIN_MOVING_PX}
     best: tuple[Array, float] | None = None
     for middle in (_largest_centroid, _centroid):
         found = triangulate_subject(ours, {name: middle(mask) for name, mask in masks.items()})

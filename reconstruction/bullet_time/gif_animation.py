@@ -10,20 +10,10 @@ from reconstruction.common.geometry import Array
 
 PANEL_PX, MANY = 400, 8
 """Longest side of each half; of more pictures than that, two thirds."""
-
-
 STRIP_PX = 34
-
-
 GAP_PX = 6
-
-
 STEP_MS, REST_MS = 160, 480
-
-
 PAPER, INK = (26, 22, 20), (226, 231, 233)
-
-
 TONES = ((255, 179, 109), (87, 156, 255))
 """BGR of the marks of the first and the second sequence, those of the report in the dark."""
 

@@ -8,10 +8,8 @@ import numpy as np
 
 from reconstruction.common.geometry import Array, View, resize_view
 
-MOST_MISS = 0.12
+MAX_MISS_SHARE = 0.12
 """How far the point may be from where a camera saw it, as a share of the picture's width."""
-
-
 ZOOMS = np.geomspace(0.6, 1.7, 50)
 """Tried in turn until every picture is filled; beyond, too little of the pictures would be left."""
 
@@ -21,7 +19,7 @@ def triangulate_subject(views: Mapping[str, View], seen: Mapping[str, Array]) ->
 
     Least squares over the distances from the rays (a pixel each). With it how far it is from those pixels at
     most, px. None where fewer than two cameras saw something, or a camera would have the point behind it,
-    outside its picture or farther than `MOST_MISS` from that pixel.
+    outside its picture or farther than `MAX_MISS_SHARE` from that pixel.
     """
     matrix, vector = np.zeros((3, 3)), np.zeros(3)
     for name, pixel in seen.items():
@@ -41,7 +39,7 @@ def triangulate_subject(views: Mapping[str, View], seen: Mapping[str, Array]) ->
             return None
         if name in seen:
             away = float(np.linalg.norm(found - seen[name]))
-            if away > MOST_MISS * view.width:
+            if away > MAX_MISS_SHARE * view.width:
                 return None
             miss = max(miss, away)
     return point, miss

@@ -10,8 +10,8 @@ from capture_app.errors import BadInputError
 from reconstruction.common.geometry import Array
 from reconstruction.session.dataset import Dataset
 
-FEWEST_CORNERS = 6
-MOST_BEND = 0.03
+MIN_CORNERS = 6
+MAX_BEND_SHARE = 0.03
 """Corners further from a flat board than this share of its size were misread; a lens bends it less."""
 
 
@@ -77,7 +77,7 @@ class BoardDetector:
         if appearance.back:
             seen = np.ascontiguousarray(seen[:, ::-1])
         at, numbers, _, _ = self._detector.detectBoard(seen)
-        if numbers is None or len(numbers) < FEWEST_CORNERS:
+        if numbers is None or len(numbers) < MIN_CORNERS:
             return {}
         ids, pixels = np.ravel(numbers), np.asarray(at, float).reshape(-1, 2)
         if not is_flat_board(self._places[ids], pixels):
@@ -101,11 +101,11 @@ def is_flat_board(places: Array, pixels: Array) -> bool:
         return False
     apart = np.linalg.norm(seen[:, :2] / seen[:, 2:] - pixels, axis=1)
     size = float(np.linalg.norm(np.ptp(pixels, axis=0)))
-    return bool(apart.max() < MOST_BEND * size + 1)
+    return bool(apart.max() < MAX_BEND_SHARE * size + 1)
 
 
 def detect_board(dataset: Dataset, board: CharucoBoard) -> BoardCorners:
-    """Detect the board in every image; images with fewer than FEWEST_CORNERS are left out."""
+    """Detect the board in every image; images with fewer than MIN_CORNERS are left out."""
     found: BoardCorners = {}
     for camera in dataset.cameras:
         finder = BoardDetector(board)

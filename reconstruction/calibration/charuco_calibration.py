@@ -7,15 +7,13 @@ import numpy as np
 
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import Calibration, CameraCalibration
-from reconstruction.calibration.charuco_board import FEWEST_CORNERS, BoardCorners, CharucoBoard
+from reconstruction.calibration.charuco_board import MIN_CORNERS, BoardCorners, CharucoBoard
 from reconstruction.common.geometry import Array
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import evenly_spread
 
-FEWEST_BOARDS = 4
-
-
-MOST_BOARDS = 40
+MIN_BOARDS = 4
+MAX_BOARDS = 40
 
 
 def calibrate_from_board(dataset: Dataset, board: CharucoBoard, corners: BoardCorners) -> Calibration:
@@ -28,12 +26,12 @@ def calibrate_from_board(dataset: Dataset, board: CharucoBoard, corners: BoardCo
     lenses: dict[str, tuple[Array, Array]] = {}
     for camera in dataset.cameras:
         seen = [k for name, k in sorted(corners) if name == camera]
-        if len(seen) < FEWEST_BOARDS:
+        if len(seen) < MIN_BOARDS:
             raise BadInputError(
-                f"{camera} shows the board in {len(seen)} images; {FEWEST_BOARDS} are needed",
+                f"{camera} shows the board in {len(seen)} images; {MIN_BOARDS} are needed",
                 hint="record the board from more places; check --board, --square-mm and --dictionary",
             )
-        seen = evenly_spread(seen, MOST_BOARDS)
+        seen = evenly_spread(seen, MAX_BOARDS)
         points = [places[sorted(corners[camera, k])] for k in seen]
         pixels = [_pixels(corners[camera, k], sorted(corners[camera, k])) for k in seen]
         # Few boards, or boards at one angle, do not determine the higher terms of distortion.
@@ -61,7 +59,7 @@ def _rig_poses(
     for a, b in combinations(dataset.cameras, 2):
         for k in range(len(dataset.instants_ns)):
             ids = sorted(corners.get((a, k), {}).keys() & corners.get((b, k), {}).keys())
-            if len(ids) >= FEWEST_CORNERS:
+            if len(ids) >= MIN_CORNERS:
                 shared.setdefault(frozenset((a, b)), []).append((k, ids))
     first = dataset.cameras[0]
     poses = {first: (np.eye(3), np.zeros(3))}
@@ -73,12 +71,12 @@ def _rig_poses(
             if b not in poses
         ]
         count, a, b = max(links, key=lambda link: link[0])
-        if count < FEWEST_BOARDS:
+        if count < MIN_BOARDS:
             raise BadInputError(
-                f"{b} and {a} show the board together at {count} instants; {FEWEST_BOARDS} are needed",
+                f"{b} and {a} show the board together at {count} instants; {MIN_BOARDS} are needed",
                 hint="hold the board where neighbouring cameras both see it",
             )
-        together = shared[frozenset((a, b))][:MOST_BOARDS]
+        together = shared[frozenset((a, b))][:MAX_BOARDS]
         in_a, in_b = ([_pixels(corners[name, k], ids) for k, ids in together] for name in (a, b))
         found = cv2.stereoCalibrate(
             [places[ids] for _, ids in together],

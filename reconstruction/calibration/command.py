@@ -28,7 +28,7 @@ from reconstruction.calibration.structure_from_motion import calibrate_from_imag
 from reconstruction.common.geometry import View, angle_deg
 from reconstruction.session.dataset import Dataset
 
-MOST_APART_DEG = 45.0
+MAX_AXIS_ANGLE_DEG = 45.0
 """Cameras that look further apart find the same points by chance only."""
 
 
@@ -123,7 +123,7 @@ def _still_points(rig: Rig, views: dict[str, View]) -> SharedPoints:
     return {
         (a, b): match_features(features[a], features[b])
         for a, b in combinations([name for name in features if name in views], 2)
-        if angle_deg(views[a].axis, views[b].axis) < MOST_APART_DEG
+        if angle_deg(views[a].axis, views[b].axis) < MAX_AXIS_ANGLE_DEG
     }
 
 

@@ -7,9 +7,9 @@ import numpy as np
 
 from reconstruction.common.geometry import Array
 
-LONGEST_SIDE_PX = 1280
+MAX_SIDE_PX = 1280
 """Larger images are made smaller for finding points."""
-MOST_POINTS = 2500
+MAX_POINTS = 2500
 
 
 @dataclass(frozen=True)
@@ -22,12 +22,12 @@ class Features:
 
 def detect_features(image: Array, movers: Array) -> Features:
     """SIFT points of a grey image (uint8) outside its movers (bool)."""
-    scale = min(1.0, LONGEST_SIDE_PX / max(image.shape))
+    scale = min(1.0, MAX_SIDE_PX / max(image.shape))
     small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else image
     allowed = cv2.resize(
         (~movers).astype(np.uint8) * 255, (small.shape[1], small.shape[0]), interpolation=cv2.INTER_NEAREST
     )
-    sift = cv2.SIFT.create(nfeatures=MOST_POINTS, contrastThreshold=0.02)
+    sift = cv2.SIFT.create(nfeatures=MAX_POINTS, contrastThreshold=0.02)
     keypoints, descriptors = sift.detectAndCompute(small, allowed)
     if descriptors is None:
         return Features(np.zeros((0, 2)), np.zeros((0, 128), np.float32))
@@ -52,7 +52,7 @@ def match_features(a: Features, b: Features, ratio: float = 0.75) -> tuple[Array
     return a.positions[keep], b.positions[best[keep]]
 
 
-FEWEST_MATCHES = 25
+MIN_MATCHES = 25
 GRID = (8, 6)
 CELLS = GRID[0] * GRID[1]
 """Cells across, down and in all of the grid that shows over how much of a picture features are spread."""

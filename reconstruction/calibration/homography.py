@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from reconstruction.calibration.features import FEWEST_MATCHES
+from reconstruction.calibration.features import MIN_MATCHES
 from reconstruction.common.geometry import Array
 
 
@@ -24,12 +24,12 @@ def fit_homography(
     at_a: Array, at_b: Array, size_a: tuple[int, int], size_b: tuple[int, int]
 ) -> Homography | None:
     """The homography of two cameras from matched still points (n, 2), or None where nothing fits."""
-    if len(at_a) < FEWEST_MATCHES:
+    if len(at_a) < MIN_MATCHES:
         return None
     matrix, kept = cv2.findHomography(
         at_a.reshape(-1, 1, 2), at_b.reshape(-1, 1, 2), cv2.USAC_MAGSAC, 4.0, maxIters=5000, confidence=0.999
     )
-    if matrix is None or int(kept.sum()) < FEWEST_MATCHES or abs(np.linalg.det(matrix)) < 1e-9:
+    if matrix is None or int(kept.sum()) < MIN_MATCHES or abs(np.linalg.det(matrix)) < 1e-9:
         return None
     overlap = _overlap(np.linalg.inv(matrix), size_b, size_a)
     return Homography(np.asarray(matrix), overlap, int(kept.sum()), len(at_a))

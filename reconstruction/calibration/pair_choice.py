@@ -6,17 +6,13 @@ from itertools import combinations
 
 import numpy as np
 
-from reconstruction.calibration.features import CELLS, FEWEST_MATCHES, Features, grid_cells, match_features
+from reconstruction.calibration.features import CELLS, MIN_MATCHES, Features, grid_cells, match_features
 from reconstruction.calibration.homography import fit_homography
 from reconstruction.common.geometry import View, angle_deg, angles_deg, other_from_reference
 
 OVERLAP_LIMITS = (0.15, 0.8)
 """Share of a picture that its neighbour in a panorama shows too."""
-
-
 EPIPOLAR_PX = 3.0
-
-
 BEST_PARALLAX_DEG = 10.0
 """Beyond this the two views look too different to match densely."""
 
@@ -47,7 +43,7 @@ def choose_stereo_pair(views: Mapping[str, View], points: Mapping[str, Features]
 
 def _stereo_score(a: View, b: View, points_a: Features, points_b: Features) -> tuple[float, str] | None:
     at_a, at_b = match_features(points_a, points_b)
-    if len(at_a) < FEWEST_MATCHES:
+    if len(at_a) < MIN_MATCHES:
         return None
     rays_a, rays_b = a.rays(at_a), b.rays(at_b)
     rotation, translation = other_from_reference(a, b)
@@ -56,7 +52,7 @@ def _stereo_score(a: View, b: View, points_a: Features, points_b: Features) -> t
     normals = np.cross(translation, rays_a @ rotation.T)
     off = np.abs((rays_b * normals).sum(1)) / np.maximum(np.linalg.norm(normals[:, :2], axis=1), 1e-12)
     kept = off * b.focal < EPIPOLAR_PX
-    if kept.sum() < FEWEST_MATCHES:
+    if kept.sum() < MIN_MATCHES:
         return None
     parallax = float(np.median(angles_deg(rays_a[kept] @ rotation.T, rays_b[kept])))
     shared = len(grid_cells(at_a[kept], a.width, a.height)) / CELLS

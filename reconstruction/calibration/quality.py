@@ -7,17 +7,17 @@ import numpy as np
 from msgspec import Struct
 
 from capture_app.errors import BadInputError
-from reconstruction.calibration.features import CELLS, FEWEST_MATCHES, grid_cells
+from reconstruction.calibration.features import CELLS, MIN_MATCHES, grid_cells
 from reconstruction.common.geometry import Array, View, angles_deg, other_from_reference
 
 SharedPoints = Mapping[tuple[str, str], tuple[Array, Array]]
 """For pairs of cameras, pixels (n, 2) of the same points in the first and in the second."""
 INLIER_PX = 4.0
 """A point with a larger reprojection error was matched wrongly, or the calibration is wrong."""
-FEWEST_POINTS = 50
-LEAST_INLIER_SHARE = 0.4
-MOST_REPROJECTION_PX = 2.0
-LEAST_ANGLE_DEG = 0.3
+MIN_POINTS = 50
+MIN_INLIER_SHARE = 0.4
+MAX_REPROJECTION_PX = 2.0
+MIN_ANGLE_DEG = 0.3
 
 
 class CalibrationQuality(Struct, frozen=True, kw_only=True):
@@ -38,7 +38,7 @@ def judge_calibration(views: Mapping[str, View], shared: SharedPoints) -> Calibr
     errors, angles, fits = [], [], []
     cells: dict[str, set[tuple[int, int]]] = {name: set() for name in views}
     for (a, b), (at_a, at_b) in shared.items():
-        if a not in views or b not in views or len(at_a) < FEWEST_MATCHES:
+        if a not in views or b not in views or len(at_a) < MIN_MATCHES:
             continue
         error, angle = _triangulate(views[a], views[b], at_a, at_b)
         good = error < INLIER_PX
@@ -64,15 +64,15 @@ def refuse_bad_calibration(quality: CalibrationQuality, cameras: int) -> None:
         why = f"it covers only {len(quality.coverage)} of {cameras} cameras"
     elif quality.reprojection_error_px is None or quality.triangulation_angle_deg is None:
         why, judged = "no two of its cameras see enough of the same points", False
-    elif quality.points < FEWEST_POINTS:
-        why, judged = f"its cameras share only {quality.points} points; {FEWEST_POINTS} are needed", False
-    elif quality.inlier_share < LEAST_INLIER_SHARE:
+    elif quality.points < MIN_POINTS:
+        why, judged = f"its cameras share only {quality.points} points; {MIN_POINTS} are needed", False
+    elif quality.inlier_share < MIN_INLIER_SHARE:
         share = f"{100 * quality.inlier_share:.0f} %"
         why = f"only {share} of the shared points have a reprojection error below {INLIER_PX:g} px"
-    elif quality.reprojection_error_px > MOST_REPROJECTION_PX:
+    elif quality.reprojection_error_px > MAX_REPROJECTION_PX:
         error = f"{quality.reprojection_error_px:.1f} px"
-        why = f"the median reprojection error is {error}, above {MOST_REPROJECTION_PX:g} px"
-    elif quality.triangulation_angle_deg < LEAST_ANGLE_DEG:
+        why = f"the median reprojection error is {error}, above {MAX_REPROJECTION_PX:g} px"
+    elif quality.triangulation_angle_deg < MIN_ANGLE_DEG:
         angle = f"{quality.triangulation_angle_deg:.2f} degrees"
         why = f"the median triangulation angle is {angle}, too little to tell depth"
     if why and not judged:

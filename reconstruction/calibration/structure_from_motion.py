@@ -15,7 +15,7 @@ from reconstruction.common.image_files import write_image
 from reconstruction.common.native_libraries import load_pycolmap
 from reconstruction.session.dataset import Dataset
 
-MOST_INSTANTS = 3
+MAX_INSTANTS = 3
 """Instants that structure from motion uses: more add time, not geometry, where the rig stands still."""
 
 
@@ -33,7 +33,7 @@ def calibrate_from_images(
     pycolmap = load_pycolmap(
         "finding the cameras' positions from the images", hint=", or give it a calibration.json"
     )
-    chosen = [instants[int(i)] for i in np.linspace(0, len(instants) - 1, min(MOST_INSTANTS, len(instants)))]
+    chosen = [instants[int(i)] for i in np.linspace(0, len(instants) - 1, min(MAX_INSTANTS, len(instants)))]
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
         root = Path(scratch)
         _write_images(dataset, movers, sorted(set(chosen)), root)

@@ -1,12 +1,9 @@
-"""The pictures of a comparison, made to be looked at: no text, both conditions at the same crop and scale."""
-
-from pathlib import Path
+"""Pictures made to be looked at: no text, both conditions at the same crop and scale."""
 
 import cv2
 import numpy as np
 
 from reconstruction.common.geometry import Array
-from reconstruction.common.image_files import write_image
 
 EMPTY = (34, 30, 28)
 """BGR of what nothing is known about."""
@@ -16,7 +13,6 @@ LOST = (40, 130, 250)
 """Orange: a moving pixel without, or with wrong depth."""
 LINE = (255, 255, 255)
 GAP_PX = 6
-JPEG_QUALITY = 92
 CLOSE_UP_PX = 480
 
 
@@ -133,11 +129,3 @@ def fit_canvas(picture: Array, width: int, height: int) -> Array:
     how = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
     canvas[top : top + high, left : left + wide] = cv2.resize(picture, (wide, high), interpolation=how)
     return canvas
-
-
-def save_picture(folder: Path, name: str, picture: Array, *, quality: int = JPEG_QUALITY) -> str:
-    """Write a picture into folder/pictures; its path relative to the folder. `quality` is for JPEG."""
-    target = folder / "pictures" / name
-    target.parent.mkdir(parents=True, exist_ok=True)
-    write_image(target, picture, [cv2.IMWRITE_JPEG_QUALITY, quality] if target.suffix == ".jpg" else [])
-    return f"pictures/{name}"

@@ -11,6 +11,7 @@ from reconstruction.common.geometry import Array
 
 FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 """For pictures that are read once and deleted."""
+JPEG_QUALITY = 92
 
 
 def read_image(path: Path) -> Array:
@@ -32,3 +33,11 @@ def write_image(path: Path, image: Array, parameters: Sequence[int] = ()) -> Non
         OSError: it cannot be written. `cv2.imwrite` does not tell of a full disk.
     """
     path.write_bytes(cv2.imencode(path.suffix, image, parameters)[1].tobytes())
+
+
+def save_picture(folder: Path, name: str, picture: Array, *, quality: int = JPEG_QUALITY) -> str:
+    """Write a picture into folder/pictures; its path relative to the folder. `quality` is for JPEG."""
+    target = folder / "pictures" / name
+    target.parent.mkdir(parents=True, exist_ok=True)
+    write_image(target, picture, [cv2.IMWRITE_JPEG_QUALITY, quality] if target.suffix == ".jpg" else [])
+    return f"pictures/{name}"

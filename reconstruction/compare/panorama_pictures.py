@@ -5,8 +5,9 @@ from pathlib import Path
 
 import numpy as np
 
-from reconstruction.common.drawing import box_with_most, enlarge_crop, save_picture, trim_empty_sides
+from reconstruction.common.drawing import box_with_most, enlarge_crop, trim_empty_sides
 from reconstruction.common.geometry import Array
+from reconstruction.common.image_files import save_picture
 from reconstruction.panorama.pair_panorama import blend_pair
 from reconstruction.panorama.pair_registration import PairRegistration
 from reconstruction.scores.results import Picture

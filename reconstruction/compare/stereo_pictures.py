@@ -13,10 +13,10 @@ from reconstruction.common.drawing import (
     draw_rows,
     enlarge_crop,
     mark_movers,
-    save_picture,
     side_by_side,
 )
 from reconstruction.common.geometry import Array
+from reconstruction.common.image_files import save_picture
 from reconstruction.compare.stereo_instant import StereoInstant
 from reconstruction.compare.study import SIDES
 from reconstruction.scores.depth_truth import TOLERANCE_TEXT, right_depth

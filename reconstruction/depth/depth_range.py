@@ -12,12 +12,12 @@ from reconstruction.depth.plane_sweep import Surface, SweepOptions, sweep_planes
 from reconstruction.depth.source_view import SourceView
 
 WIDTH_PX = 176
-MOST_MOTION = 0.35
+MAX_PARALLAX_SHARE = 0.35
 """The nearest thing moves by this share of the picture between two neighbouring cameras."""
-MOST_LEVELS = 192
-MOST_VIEWS = 6
-FEWEST_PIXELS = 150
-LEAST_ALIKE = 0.35
+MAX_LEVELS = 192
+MAX_VIEWS = 6
+MIN_PIXELS = 150
+MAX_COST = 0.35
 LIMITS = ConsistencyLimits(reprojection_px=1.0, relative_depth=0.06)
 
 
@@ -30,7 +30,7 @@ def find_depth_range(
         BadInputError: no two pictures agree on any depth.
     """
     names = [name for name in images if sources.get(name)]
-    chosen = [names[int(i)] for i in np.linspace(0, len(names) - 1, min(MOST_VIEWS, len(names)))]
+    chosen = [names[int(i)] for i in np.linspace(0, len(names) - 1, min(MAX_VIEWS, len(names)))]
     chosen = list(dict.fromkeys(chosen))
     needed = dict.fromkeys([*chosen, *(s for name in chosen for s in sources[name])])
     small = {name: images[name].scaled(min(1.0, WIDTH_PX / images[name].view.width)) for name in needed}
@@ -40,7 +40,7 @@ def find_depth_range(
         surfaces[name] = sweep_planes(small[name], source_views, _coarse_levels(source_views), SweepOptions())
     found = [_confirmed_inverse_depths(name, small, surfaces, sources) for name in chosen]
     values = np.concatenate(found) if found else np.zeros(0)
-    if len(values) < FEWEST_PIXELS:
+    if len(values) < MIN_PIXELS:
         raise BadInputError(
             "the pictures of this instant have nothing in common that depth could be measured by",
             hint="cameras must see the same things from places some way apart, lit, in focus, "
@@ -54,8 +54,8 @@ def find_depth_range(
 def _coarse_levels(source_views: Sequence[SourceView]) -> Array:
     reference = source_views[0].reference.view
     bases = [float(np.linalg.norm(source_view.translation)) for source_view in source_views]
-    near = MOST_MOTION * reference.width / (reference.focal * min(bases))
-    count = int(np.clip(reference.focal * max(bases) * near, 48, MOST_LEVELS))
+    near = MAX_PARALLAX_SHARE * reference.width / (reference.focal * min(bases))
+    count = int(np.clip(reference.focal * max(bases) * near, 48, MAX_LEVELS))
     return np.linspace(near * 0.002, near, count)
 
 
@@ -72,4 +72,4 @@ def _confirmed_inverse_depths(
     count = count_consistent_views(surface, source_views, [surfaces[other] for other in others], LIMITS)
     # Two others where there are three: what moves between the pictures finds one that agrees by chance.
     agreed = count >= (2 if len(others) >= 3 else 1)
-    return np.asarray(surface.inverse_depth[agreed & (surface.cost < LEAST_ALIKE)])
+    return np.asarray(surface.inverse_depth[agreed & (surface.cost < MAX_COST)])

@@ -11,8 +11,6 @@ from reconstruction.depth.plane_sweep import Surface
 from reconstruction.depth.source_view import SourceView
 
 USUAL_WIDTH = 640
-
-
 MIDST_SHARE = 0.7
 """Share of the neighbourhood that must be kept around a pixel which few views can see."""
 

@@ -13,11 +13,11 @@ from reconstruction.common.image_files import write_image
 from reconstruction.common.native_libraries import load_open3d, silenced_stderr
 
 NEIGHBOURS = 16
-DEEPEST_POISSON = 9
+MAX_POISSON_DEPTH = 9
 """Halvings of the cloud's box: 2^9 cells along its longest side."""
-FARTHEST_SPACINGS = 4.0
+MAX_DISTANCE_SPACINGS = 4.0
 """The mesh is cut off where the cloud is farther away than this many times the distance of its points."""
-MOST_MESH_POINTS = 400_000
+MAX_MESH_POINTS = 400_000
 TURNS_DEG = (-50, -30, -10, 10, 30, 50)
 
 
@@ -73,16 +73,16 @@ def _drop_outliers(cloud: Any) -> Any:
 def _poisson_mesh(o3d: Any, cloud: Any) -> Any:
     if len(cloud.points) < 100:
         return o3d.geometry.TriangleMesh()
-    if len(cloud.points) > MOST_MESH_POINTS:
-        cloud = cloud.random_down_sample(MOST_MESH_POINTS / len(cloud.points))
+    if len(cloud.points) > MAX_MESH_POINTS:
+        cloud = cloud.random_down_sample(MAX_MESH_POINTS / len(cloud.points))
     spacing = float(np.median(np.asarray(cloud.compute_nearest_neighbor_distance())))
     side = float(np.max(cloud.get_max_bound() - cloud.get_min_bound()))
-    depth = int(np.clip(np.ceil(np.log2(side / max(2 * spacing, 1e-9))), 5, DEEPEST_POISSON))
+    depth = int(np.clip(np.ceil(np.log2(side / max(2 * spacing, 1e-9))), 5, MAX_POISSON_DEPTH))
     mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(cloud, depth=depth, n_threads=-1)
     vertices = o3d.geometry.PointCloud(mesh.vertices)
     away = np.asarray(vertices.compute_point_cloud_distance(cloud))
     # Poisson closes every surface: what no point supports would be invented.
-    mesh.remove_vertices_by_mask(away > FARTHEST_SPACINGS * max(spacing, side / 2**depth))
+    mesh.remove_vertices_by_mask(away > MAX_DISTANCE_SPACINGS * max(spacing, side / 2**depth))
     mesh.remove_unreferenced_vertices()
     return mesh
 

@@ -13,10 +13,11 @@ from reconstruction.depth.source_view import SourceView, mean_of_lowest
 
 WORST_COST = 255
 """Matching cost where the pictures have nothing in common."""
-
-
 TOLERANCE = 1.0
 """Neighbours on one plane are within so many steps of the first sweep of it."""
+
+MIN_PLANES, MAX_PLANES = 24, 400
+"""Depths of the first sweep."""
 
 
 @dataclass(frozen=True)
@@ -142,7 +143,7 @@ def _plan_first_sweep(
     moved = max(_motion_px(SourceView(reference, source), *span) for source in sources)
     scale, pixels = 1.0, reference.grey.size
     while True:
-        count = int(np.clip(np.ceil(moved * scale / options.step_px) + 1, 24, 400))
+        count = int(np.clip(np.ceil(moved * scale / options.step_px) + 1, MIN_PLANES, MAX_PLANES))
         if count * pixels * scale**2 <= options.max_cells:
             return scale, count
         scale /= np.sqrt(2.0)

@@ -20,14 +20,10 @@ from reconstruction.depth.plane_fitting import fit_planes, surface_normals
 from reconstruction.depth.plane_sweep import Surface, SweepOptions, sweep_view
 from reconstruction.depth.source_view import SourceView
 
-MOST_WORKERS = 8
+MAX_WORKERS = 8
 """Each takes some hundred MB for its sweep."""
-
-
-MOST_VOTERS = 8
+MAX_VOTERS = 8
 """Other views that are asked whether they agree: the sources first, then those that share most."""
-
-
 NORMAL_TOLERANCE = 0.03
 """Neighbours on one plane differ from it by less than this share of the median inverse depth."""
 
@@ -80,7 +76,7 @@ def _consistent_view(
     surface = surfaces[name]
     others = [other for other in sources[name] if other in surfaces]
     others += [other for other in surfaces if other != name and other not in others]
-    others = others[:MOST_VOTERS]
+    others = others[:MAX_VOTERS]
     source_views = [SourceView(images[name], images[other]) for other in others]
     other_surfaces = [surfaces[other] for other in others]
     count, able = consistent_and_visible_views(surface, source_views, other_surfaces, limits)
@@ -104,7 +100,7 @@ def _thread_pool(workers: int | None) -> Iterator[ThreadPoolExecutor]:
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
-        with ThreadPoolExecutor(workers or min(MOST_WORKERS, len(os.sched_getaffinity(0)))) as pool:
+        with ThreadPoolExecutor(workers or min(MAX_WORKERS, len(os.sched_getaffinity(0)))) as pool:
             yield pool
     finally:
         cv2.setNumThreads(before)

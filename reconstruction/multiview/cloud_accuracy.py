@@ -11,15 +11,9 @@ from reconstruction.common.native_libraries import load_open3d
 
 TOLERANCE_M = 0.01
 """A point within this of a true surface is right, and a surface within this of a point is found."""
-
-
-MOST_SAMPLED = 20_000
+MAX_SAMPLED = 20_000
 """Of more points, a random sample of this size is taken."""
-
-
-MOST_WIDTH_PX = 960
-
-
+MAX_WIDTH_PX = 960
 VISIBLE_SHARE = 0.01
 """A view sees a point whose depth differs from its true depth there by less than this share."""
 
@@ -66,7 +60,7 @@ def true_surfaces(
     """
     parts: dict[str, list[Array]] = {"mover": [], "static": []}
     for name, view in views.items():
-        step = max(1, round(view.width / MOST_WIDTH_PX))
+        step = max(1, round(view.width / MAX_WIDTH_PX))
         rows, columns = (axis[::step, ::step].ravel() for axis in np.mgrid[0 : view.height, 0 : view.width])
         z, moving = depth[name][rows, columns], movers[name][rows, columns]
         points = _points(view, rows, columns, z)
@@ -137,10 +131,10 @@ def _on_mask(view: View, mask: Array, points: Array) -> Array:
 
 
 def _sample(points: Array) -> Array:
-    """At most MOST_SAMPLED of the points; the same every time."""
-    if len(points) <= MOST_SAMPLED:
+    """At most MAX_SAMPLED of the points; the same every time."""
+    if len(points) <= MAX_SAMPLED:
         return points
-    return np.asarray(points[np.random.default_rng(0).choice(len(points), MOST_SAMPLED, replace=False)])
+    return np.asarray(points[np.random.default_rng(0).choice(len(points), MAX_SAMPLED, replace=False)])
 
 
 def _thin_out(points: Array) -> Array:

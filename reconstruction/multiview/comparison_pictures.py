@@ -3,8 +3,9 @@
 from collections.abc import Mapping
 from pathlib import Path
 
-from reconstruction.common.drawing import colour_depth, display_range, mark_movers, save_picture
+from reconstruction.common.drawing import colour_depth, display_range, mark_movers
 from reconstruction.common.geometry import Array
+from reconstruction.common.image_files import save_picture
 from reconstruction.multiview.instant_depth import InstantDepth
 from reconstruction.scores.depth_truth import TOLERANCE_TEXT, right_depth
 from reconstruction.scores.results import Picture

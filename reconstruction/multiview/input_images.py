@@ -15,13 +15,9 @@ from reconstruction.depth.calibrated_image import CalibratedImage
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.scene_motion import SceneMotion
 
-LEAST_CONTRAST = 2.0
+MIN_CONTRAST = 2.0
 """Standard deviation of grey levels (of 255) below which a picture is empty."""
-
-
 NOISE_FACTOR = 3.0
-
-
 NOISE_LIMITS = (2.0, 100.0)
 
 
@@ -62,7 +58,7 @@ def undistort_image(camera: str, instant: int, image: Array, view: View) -> Inpu
     if view.distortion.any():
         colours = cv2.undistort(image, view.matrix, view.distortion, None, view.matrix)
     grey = cv2.cvtColor(colours, cv2.COLOR_BGR2GRAY)
-    if float(grey.std()) < LEAST_CONTRAST:
+    if float(grey.std()) < MIN_CONTRAST:
         raise BadInputError("its picture is empty: everywhere the same brightness")
     noise = float(np.clip((NOISE_FACTOR * noise_level(grey)) ** 2, *NOISE_LIMITS))
     photo = CalibratedImage(plain, grey.astype(np.float32), 5, noise)

@@ -6,18 +6,12 @@ import numpy as np
 
 from reconstruction.common.geometry import Array, View
 
-MOST_SOURCES = 4
-
-
-LEAST_SCORE = 0.12
+MAX_SOURCES = 4
+MIN_SCORE = 0.12
 """A source with less than about an eighth of the picture in common is not worth its time."""
-
-
-LEAST_ANGLE_DEG = 2.5
+MIN_ANGLE_DEG = 2.5
 """Below this parallax depth is uncertain."""
-
-
-MOST_ANGLE_DEG = 14.0
+MAX_ANGLE_DEG = 14.0
 """Beyond this the same surface begins to look different."""
 
 
@@ -25,7 +19,7 @@ def choose_source_views(views: Mapping[str, View], depths: Sequence[float]) -> d
     """For every camera the others to match it with, best first; none where nothing is shared.
 
     Judged at points of its picture at these depths (the rig's unit): the share that the other sees,
-    times a factor that is largest for `LEAST_ANGLE_DEG` to `MOST_ANGLE_DEG` of parallax.
+    times a factor that is largest for `MIN_ANGLE_DEG` to `MAX_ANGLE_DEG` of parallax.
     """
     chosen = {}
     for name, view in views.items():
@@ -35,7 +29,7 @@ def choose_source_views(views: Mapping[str, View], depths: Sequence[float]) -> d
             if other != name
         }
         ranked = sorted(scores, key=lambda other: (-scores[other], other))
-        chosen[name] = tuple(other for other in ranked[:MOST_SOURCES] if scores[other] >= LEAST_SCORE)
+        chosen[name] = tuple(other for other in ranked[:MAX_SOURCES] if scores[other] >= MIN_SCORE)
     return chosen
 
 
@@ -59,8 +53,8 @@ def score_source_view(view: View, other: View, depth: float) -> float:
     cosine = (to_view * to_other).sum(1)
     cosine /= np.maximum(np.linalg.norm(to_view, axis=1) * np.linalg.norm(to_other, axis=1), 1e-12)
     angle = np.degrees(np.arccos(np.clip(cosine, -1, 1)))
-    fit = np.minimum(angle / LEAST_ANGLE_DEG, 1.0)
-    fit *= np.exp(-((np.maximum(angle - MOST_ANGLE_DEG, 0) / 10.0) ** 2))
+    fit = np.minimum(angle / MIN_ANGLE_DEG, 1.0)
+    fit *= np.exp(-((np.maximum(angle - MAX_ANGLE_DEG, 0) / 10.0) ** 2))
     return float(np.mean(inside * fit))
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from reconstruction.common.drawing import save_picture
+from reconstruction.common.image_files import save_picture
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.output_folder import comparison_folder, write_metrics
 from reconstruction.panorama.ghosting import OverlapScore

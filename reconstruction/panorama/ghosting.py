@@ -13,7 +13,7 @@ from reconstruction.common.drawing import LOST
 from reconstruction.common.geometry import Array
 from reconstruction.panorama.optical_flow import dense_flow
 
-LEAST_OVERLAP_PX = 500
+MIN_OVERLAP_PX = 500
 GHOST_GREY = 30.0
 """Where two pictures differ by more grey levels than this, they are marked as a ghost."""
 
@@ -47,7 +47,7 @@ def mark_ghosts(
     overlaps = []
     for (i, a), (j, b) in combinations(enumerate(layers), 2):
         both = cv2.erode((a[1] & b[1]).astype(np.uint8), np.ones((7, 7), np.uint8)) > 0
-        if both.sum() < LEAST_OVERLAP_PX:
+        if both.sum() < MIN_OVERLAP_PX:
             continue
         matched = match_brightness(a[0], np.where(both, b[0], np.nan).astype(np.float32))
         difference = np.where(both, np.abs(a[0] - matched), 0)

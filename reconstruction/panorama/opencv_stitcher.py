@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 
 from capture_app.errors import BadInputError
-from reconstruction.calibration.features import FEWEST_MATCHES, Features, detect_features, match_features
+from reconstruction.calibration.features import MIN_MATCHES, Features, detect_features, match_features
 from reconstruction.common.geometry import Array
 from reconstruction.panorama.ghosting import OverlapScore, all_seen, mark_ghosts
 
-LONGEST_SIDE_PX = 2000
+MAX_SIDE_PX = 2000
 """Larger pictures are made smaller: panoramas of full camera pictures take minutes."""
 
 
@@ -103,8 +103,8 @@ class PanoramaStitcher:
 
 
 def limit_size(image: Array) -> Array:
-    """The picture, at most LONGEST_SIDE_PX long."""
-    scale = min(1.0, LONGEST_SIDE_PX / max(image.shape[:2]))
+    """The picture, at most MAX_SIDE_PX long."""
+    scale = min(1.0, MAX_SIDE_PX / max(image.shape[:2]))
     if scale == 1.0:
         return image
     return np.asarray(cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA))
@@ -117,7 +117,7 @@ def _features(image: Array) -> Features:
 def _registration_problem(status: int, small: Mapping[str, Array]) -> str:
     points = {name: _features(image) for name, image in small.items()}
     best = max(len(match_features(points[a], points[b])[0]) for a, b in combinations(points, 2))
-    if best < FEWEST_MATCHES:
+    if best < MIN_MATCHES:
         return f"no two of them share more than {best} points"
     if status == cv2.Stitcher_ERR_CAMERA_PARAMS_ADJUST_FAIL:
         return "no rotation of a single camera explains them"
@@ -126,10 +126,10 @@ def _registration_problem(status: int, small: Mapping[str, Array]) -> str:
 
 def _reason_left_out(name: str, used: tuple[str, ...], small: Mapping[str, Array]) -> str:
     own = _features(small[name])
-    if len(own.positions) < FEWEST_MATCHES:
+    if len(own.positions) < MIN_MATCHES:
         return f"it has too few features ({len(own.positions)})"
     shared = {other: len(match_features(own, _features(small[other]))[0]) for other in used}
     nearest = max(shared, key=lambda other: shared[other])
-    if shared[nearest] < FEWEST_MATCHES:
+    if shared[nearest] < MIN_MATCHES:
         return f"it shares at most {shared[nearest]} points with another picture ({nearest})"
     return f"it shares {shared[nearest]} points with {nearest}, but does not fit beside it"

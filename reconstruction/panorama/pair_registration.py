@@ -10,13 +10,9 @@ from reconstruction.common.brightness import match_brightness
 from reconstruction.common.geometry import Array, View
 from reconstruction.panorama.optical_flow import dense_flow
 
-LEAST_SIDE_PX = 64
-
-
-LARGEST_GROWTH = 4.0
+MIN_SIDE_PX = 64
+MAX_GROWTH = 4.0
 """A panorama larger than this many pictures is a failed registration."""
-
-
 SMOOTHNESS = 0.06
 """How quickly the correction of parallax may change, as a share of the overlap's size."""
 
@@ -72,7 +68,7 @@ def register_pair(first: View, second: View, homography: Homography) -> PairRegi
     width = int(np.ceil((yaw.max() - yaw.min()) * focal)) + 1
     height = int(np.ceil((rise.max() - rise.min()) * focal)) + 1
     area = first.width * first.height
-    if min(width, height) < LEAST_SIDE_PX or width * height > LARGEST_GROWTH * area:
+    if min(width, height) < MIN_SIDE_PX or width * height > MAX_GROWTH * area:
         raise ValueError(f"the two pictures do not fit together (a panorama of {width}x{height} pixels)")
     xs, ys = np.meshgrid(np.arange(width), np.arange(height))
     angle = (xs / focal + yaw.min()).ravel()

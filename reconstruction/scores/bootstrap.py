@@ -8,8 +8,6 @@ from reconstruction.common.geometry import Array
 from reconstruction.scores.results import Interval
 
 RESAMPLES = 500
-
-
 LEVEL_PERCENT = 95.0
 
 

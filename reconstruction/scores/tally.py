@@ -13,10 +13,10 @@ from reconstruction.scores.depth_truth import TOLERANCES, right_depth
 from reconstruction.scores.results import Interval
 
 F_SCORE = "f_score"
-MOST_DIFFERENCES = 20000
-MOST_DRAWN = 1500
+MAX_DIFFERENCES = 20000
+MAX_DRAWN_VALUES = 1500
 """Values of an instant that its bootstrap draws are made of."""
-FEWEST_FOR_INTERVAL = 3
+MIN_FOR_INTERVAL = 3
 """Fewer instants than this say nothing about how instants differ."""
 
 Form = TypeVar("Form", bound=Struct)
@@ -48,7 +48,7 @@ def measure_depth(depth: Array, difference: Array, mask: Array, truth: Array | N
     """
     seen = difference[mask & np.isfinite(difference)]
     found = Measurements({"coverage": (int((depth[mask] > 0).sum()), int(mask.sum()))})
-    found.medians["photometric_error"] = seen[:: max(1, len(seen) // MOST_DIFFERENCES)]
+    found.medians["photometric_error"] = seen[:: max(1, len(seen) // MAX_DIFFERENCES)]
     if truth is not None:
         known = mask & np.isfinite(truth)
         for name, tolerance in TOLERANCES.items():
@@ -91,14 +91,14 @@ class Tally:
 
     def samples(self, measure: str) -> Array:
         """The measure of every bootstrap draw of the instants; draws of two tallies belong together."""
-        if self.instants < FEWEST_FOR_INTERVAL:
+        if self.instants < MIN_FOR_INTERVAL:
             return np.zeros(0)
         if measure.endswith(F_SCORE):
             precision, recall = self.samples(_precision(measure)), self.samples(_recall(measure))
             return np.asarray(_harmonic_mean(np.nan_to_num(precision), recall))
         if self._is_share(measure):
             return share_samples(*self._shares(measure))
-        thinned = [v[:: max(1, len(v) // MOST_DRAWN)] for v in self._values(measure)]
+        thinned = [v[:: max(1, len(v) // MAX_DRAWN_VALUES)] for v in self._values(measure)]
         return pooled_samples(thinned, lambda values: self._middle(measure, values))
 
     def intervals(self, measures: Iterable[str]) -> dict[str, Interval]:

@@ -7,18 +7,12 @@ import numpy as np
 
 from reconstruction.common.geometry import Array
 
-LEAST_AREA_PX = 24
+MIN_AREA_PX = 24
 """Smaller spots are noise."""
-
-
-LEAST_STEP = 8.0
+MIN_GREY_STEP = 8.0
 """Smallest change of grey level (of 255) that can be motion."""
-
-
 SHAKE_PX = 0.7
 """A still edge may tremble by this much (a camera that vibrates) before it counts as motion."""
-
-
 BACKGROUND_FRAMES = 25
 
 
@@ -38,7 +32,7 @@ def detect_movers(image: Array, neighbours: Sequence[Array], still: Array) -> Ar
     differences = [_grey_difference(image, other) for other in (*neighbours, still)]
     change = np.minimum.reduce(differences)
     spread = max(_noise_level(image, other) for other in (*neighbours, still))
-    mask = (change > max(LEAST_STEP, 4.0 * spread) + SHAKE_PX * _gradient(still)).astype(np.uint8)
+    mask = (change > max(MIN_GREY_STEP, 4.0 * spread) + SHAKE_PX * _gradient(still)).astype(np.uint8)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
     mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, disc)
     mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (9, 9)))
@@ -76,6 +70,6 @@ def _fill_spots(mask: Array) -> Array:
     outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     solid = np.zeros_like(mask)
     for outline in outlines:
-        if cv2.contourArea(outline) >= LEAST_AREA_PX:
+        if cv2.contourArea(outline) >= MIN_AREA_PX:
             cv2.drawContours(solid, [outline], -1, 1, cv2.FILLED)
     return solid > 0

@@ -10,8 +10,8 @@ import numpy as np
 from capture_app.errors import BadInputError
 from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
-from reconstruction.common.drawing import colour_depth, display_range, save_picture, side_by_side
-from reconstruction.common.image_files import write_image
+from reconstruction.common.drawing import colour_depth, display_range, side_by_side
+from reconstruction.common.image_files import save_picture, write_image
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.output_folder import STAGES, comparison_folder, write_metrics
 from reconstruction.scores.depth_truth import share_right

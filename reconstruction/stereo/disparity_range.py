@@ -9,7 +9,7 @@ from reconstruction.stereo.match_checks import MatchChecks, looks_alike
 from reconstruction.stereo.rectification import rectify
 from reconstruction.stereo.sgbm import match_rectified, match_rectified_back, warp_by_disparity
 
-LEAST_AGREEMENT = 0.35
+MIN_AGREEMENT = 0.35
 """Share of textured pixels on whose coarse disparity both directions agree: views of the same thing reach
 0.55 to 0.75, unrelated noise 0.27."""
 
@@ -50,7 +50,7 @@ def find_disparity_range(
         votes.append(forward[good])
         moving.append(forward[good & (canvas.remap(movers.astype(np.uint8), nearest=True)[0] > 0)])
     found = np.concatenate(votes) if votes else np.zeros(0)
-    if len(found) < max(200, LEAST_AGREEMENT * asked):
+    if len(found) < max(200, MIN_AGREEMENT * asked):
         raise ValueError("the two views have too little in common to match")
     low, high = np.percentile(found, [0.5, 99.5]) / scale
     fast = np.concatenate(moving)

@@ -7,20 +7,12 @@ from reconstruction.common.brightness import noise_level
 from reconstruction.common.geometry import Array
 from reconstruction.stereo.stereo_pair import StereoPair
 
-FEWEST_PIXELS = 30
+MIN_PIXELS = 30
 """Fewer pixels than this are not measured."""
-
-
 PATCH_PX = 21
-
-
 PATCHES = 40
-
-
 ROWS_PX = 28
 """How far from its row a patch is searched, px."""
-
-
 LIKENESS = 0.75
 
 
@@ -37,7 +29,7 @@ def epipolar_errors(pair: StereoPair, reference: Array, other: Array, mask: Arra
     ys, xs = np.nonzero(on)
     inside = (xs >= half) & (xs < a.shape[1] - half) & (ys >= half) & (ys < a.shape[0] - half)
     ys, xs = ys[inside], xs[inside]
-    if len(ys) < FEWEST_PIXELS:
+    if len(ys) < MIN_PIXELS:
         return []
     least = 4 * noise_level(a) + 2
     errors = []

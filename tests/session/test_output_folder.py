@@ -90,12 +90,12 @@ def test_somebody_elses_files_are_never_replaced(tmp_path: Path) -> None:
         make(tmp_path / "late", "new", lambda: out.rename(tmp_path / "late"))
     assert names(tmp_path / "late") == ["thesis"]
     hidden = tmp_path / ".late.part"
-    hidden.mkdir()
+    (hidden / "new").mkdir(parents=True)
     (hidden / "letters").write_text("mine")
     (tmp_path / "late" / "thesis").unlink()
     with pytest.raises(BadInputError, match=r"not of this program \(it holds letters\)"):
         make(tmp_path / "late", "new")
-    assert names(hidden) == ["letters"]
+    assert names(hidden) == ["letters", "new"]
 
 
 def test_a_second_run_is_refused_at_once_or_waits(tmp_path: Path) -> None:

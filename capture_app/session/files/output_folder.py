@@ -74,10 +74,13 @@ class OutputFolder:
         self._wait = wait
         self._discarded = False
         self._lock = -1
-        self._check_target()
-        self._workplace = self.target.with_name(f".{self.target.name}{PART}")
+        self._workplace = self.target.parent / f".{self.target.name}{PART}"
         self._earlier = self._workplace / _EARLIER
         self.folder = self._workplace / _NEW
+        try:
+            self._check_target()
+        except OSError as error:
+            raise self._explain(error) from error
 
     def __enter__(self) -> Self:
         """Lock the target, mend what a killed run left of it, and make the working folder.
@@ -87,6 +90,7 @@ class OutputFolder:
             BadInputError: the target cannot be written, or must not be replaced.
         """
         try:
+            self._check_workplace()
             self._lock = lock_file(self._workplace / _LOCK, wait=self._wait)
             try:
                 self._clear_leftovers()
@@ -139,17 +143,19 @@ class OutputFolder:
         if not self._is_free():
             self._check(self.target)
 
+    def _check_workplace(self) -> None:
+        foreign: list[str] = []
+        with suppress(FileNotFoundError):
+            foreign = sorted({path.name for path in self._workplace.iterdir()} - {_LOCK, _NEW, _EARLIER})
+        if foreign:
+            what = f"{self._workplace} is not of this program (it holds {foreign[0]})"
+            raise BadInputError(what, hint="move it away, or choose another --out")
+
     def _is_free(self) -> bool:
         return not self.target.exists() or not any(self.target.iterdir())
 
     def _clear_leftovers(self) -> None:
         """Restore or remove what a killed run left, and warn of it."""
-        foreign = {path.name for path in self._workplace.iterdir()} - {_LOCK, _NEW, _EARLIER}
-        if foreign:
-            raise BadInputError(
-                f"{self._workplace} is not of this program (it holds {sorted(foreign)[0]})",
-                hint="move it away, or choose another --out",
-            )
         left = self.folder.exists() or self._earlier.exists()
         self._restore()
         if self.folder.exists():

@@ -78,7 +78,7 @@ class SimulatedNodes:
         self._spool = TemporaryDirectory(prefix="simulshot-spool-")
         try:
             for number, view in enumerate(self.views):
-                arguments = self._arguments(view, "phone-a" if number < 2 else "phone-b")
+                arguments = self._node_arguments(view, "phone-a" if number < 2 else "phone-b")
                 self._children.append(await Child.start(f"node {view}", arguments))
         except BaseException:
             await self.stop()
@@ -95,7 +95,7 @@ class SimulatedNodes:
         if self._spool is not None:
             self._spool.cleanup()
 
-    def _arguments(self, view: str, model: str) -> tuple[str, ...]:
+    def _node_arguments(self, view: str, model: str) -> tuple[str, ...]:
         assert self._spool is not None
         # Without drops, so that every run has all pictures to compare.
         camera = f"sim:{model},scene={self._scene},drops=0"
@@ -107,7 +107,7 @@ class SimulatedNodes:
             *("--clock", "sim", "--tolerance-us", str(self._tolerance_us), "--leader", str(self._leader)),
         )
 
-    async def ended(self) -> SimulshotError:
+    async def wait_for_failure(self) -> SimulshotError:
         """Wait until a node ends, which none should, and return its error."""
         waits = [asyncio.create_task(child.process.wait()) for child in self._children]
         try:
@@ -126,32 +126,32 @@ async def run_demo(out: Path, cameras: int, talk: Talk, *, scene: str = "studio"
     """
     began_s = time.monotonic()
     session = await capture(out, cameras, talk, scene=scene)
-    report = free_folder(out, "compare")
+    report = unused_folder(out, "compare")
     compared = await compare(session.folder, report, talk)
     return DemoResult(
         session=str(session.folder),
         report=str(report / "report.html"),
         seconds=round(time.monotonic() - began_s, 2),
-        sync=sync_errors(session),
+        sync=measure_sync_errors(session),
         compare=compared,
     )
 
 
 async def capture(out: Path, cameras: int, talk: Talk, *, scene: str = "studio") -> Session:
     """Start a leader and simulated nodes, take one burst when all are ready, and return its session."""
-    told = 0
+    shown = 0
 
     def on_news(news: News) -> None:
-        nonlocal told
-        if isinstance(news, BurstStatus) and news.received > told:
-            told = news.received
-            talk(str(ProgressStep(told, news.expected, "images saved")))
+        nonlocal shown
+        if isinstance(news, BurstStatus) and news.received > shown:
+            shown = news.received
+            talk(str(ProgressStep(shown, news.expected, "images saved")))
 
     async with LeaderNode(sessions=out, host="127.0.0.1", port=0, on_news=on_news) as leader:
         talk(f"starting {cameras} simulated cameras, each a process with a clock of its own")
         async with SimulatedNodes(leader.address, cameras, scene=scene, tolerance_us=TOLERANCE_US) as nodes:
-            watch = asyncio.create_task(nodes.ended())
-            burst = asyncio.create_task(_take(leader, cameras, talk))
+            watch = asyncio.create_task(nodes.wait_for_failure())
+            burst = asyncio.create_task(_take_burst(leader, cameras, talk))
             try:
                 await asyncio.wait((watch, burst), return_when=asyncio.FIRST_COMPLETED)
                 if not burst.done():
@@ -168,16 +168,16 @@ async def capture(out: Path, cameras: int, talk: Talk, *, scene: str = "studio")
     return Session.open(Path(saved.session))
 
 
-async def _take(leader: LeaderNode, cameras: int, talk: Talk) -> BurstStatus:
+async def _take_burst(leader: LeaderNode, cameras: int, talk: Talk) -> BurstStatus:
     waiting = asyncio.create_task(leader.wait_until_ready(READY_TIMEOUT_S, nodes=cameras))
     try:
-        said = ""
+        shown = ""
         while not waiting.done():
             await asyncio.wait((waiting,), timeout=0.5)
             states = [str(node.state) for node in leader.status().nodes]
             counts = ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
-            if counts and counts != said:
-                said = counts
+            if counts and counts != shown:
+                shown = counts
                 talk(counts)
         waiting.result()
     finally:
@@ -205,7 +205,7 @@ async def compare(session: Path, out: Path, talk: Talk) -> dict[str, Any]:
     return metrics
 
 
-def sync_errors(session: Session) -> SyncErrors:
+def measure_sync_errors(session: Session) -> SyncErrors:
     """Hold a simulated session against its own truth; the leader's clock is the host's, which is true time.
 
     Raises BadInputError where the session has no ground truth.
@@ -232,7 +232,7 @@ def sync_errors(session: Session) -> SyncErrors:
     return SyncErrors(nodes=nodes, max_total_error_ns=max(abs(node.total_error_ns) for node in nodes))
 
 
-def free_folder(parent: Path, name: str) -> Path:
+def unused_folder(parent: Path, name: str) -> Path:
     """A folder that is not there yet: parent/name, else parent/name-002 and so on."""
     number, folder = 1, parent / name
     while folder.exists():

@@ -72,7 +72,7 @@ def burst(
     request = BurstRequest(
         frames=frames, spacing=spacing, at_leader_ns=at_ns, wait_ready_s=wait_s, nodes=min_nodes
     )
-    done = asyncio.run(_take(leader, request))
+    done = asyncio.run(_take_burst(leader, request))
     if as_json:
         print_json(done)
     elif done.session is not None:
@@ -81,7 +81,7 @@ def burst(
         raise IncompleteError(f"burst {done.burst} is incomplete: {done.message}")
 
 
-async def _take(leader: Address, request: "BurstRequest") -> "BurstStatus":
+async def _take_burst(leader: Address, request: "BurstRequest") -> "BurstStatus":
     from capture_app.errors import NetworkError, NoCameraHereError
     from capture_app.node.leader.control import ask_burst
     from capture_app.node.leader.wording import burst_line

@@ -42,16 +42,16 @@ def demo(cameras: int, out: Path, as_json: bool) -> None:
     results: list[DemoResult] = []
 
     async def work() -> None:
-        results.append(await run_demo(out, cameras, _show))
+        results.append(await run_demo(out, cameras, _show_line))
 
     run_until_stopped(work())
     if as_json:
         print_json(results[0])
     else:
-        _print(results[0])
+        _print_result(results[0])
 
 
-def _show(line: str) -> None:
+def _show_line(line: str) -> None:
     step = ProgressStep.parse(line)
     if step is None:
         talk(line)
@@ -59,7 +59,7 @@ def _show(line: str) -> None:
         show_progress(step)
 
 
-def _print(result: "DemoResult") -> None:
+def _print_result(result: "DemoResult") -> None:
     head = ("camera", "clock error µs", "phase error µs", "total error µs", "hard bound µs")
     rows = [
         (

@@ -104,10 +104,10 @@ def leader(
         "max_delay_ns": round(max_delay_ms * 1e6),
         "beacons": BeaconSender(BEACONS) if reference_broadcast else None,
     }
-    run_until_stopped(_lead(host, port, sessions, engine, cameras, spool, as_json))
+    run_until_stopped(_run_leader(host, port, sessions, engine, cameras, spool, as_json))
 
 
-async def _lead(
+async def _run_leader(
     host: str,
     port: int,
     sessions: Path,
@@ -128,7 +128,7 @@ async def _lead(
         if line:
             talk(line)
         if as_json:
-            print_json_line(_as_line(news))
+            print_json_line(_event_record(news))
 
     node = LeaderNode(host=host, port=port, sessions=sessions, on_news=on_news, **engine)
     async with node, asyncio.TaskGroup() as tasks:
@@ -143,7 +143,7 @@ async def _lead(
         await asyncio.Event().wait()
 
 
-def _as_line(news: "News") -> dict[str, object]:
+def _event_record(news: "News") -> dict[str, object]:
     import re
 
     import msgspec

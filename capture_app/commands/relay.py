@@ -62,10 +62,10 @@ def relay(
         beacons=BeaconSender(BEACONS) if reference_broadcast else None,
         talk=lambda line: talk(f"{name}: {line}"),
     )
-    run_until_stopped(_serve(node, parents, as_json))
+    run_until_stopped(_run_relay(node, parents, as_json))
 
 
-async def _serve(node: "RelayNode", parents: tuple[Address, ...], as_json: bool) -> None:
+async def _run_relay(node: "RelayNode", parents: tuple[Address, ...], as_json: bool) -> None:
     import asyncio
 
     async with node:

@@ -32,35 +32,37 @@ def status(leader: Address, as_json: bool) -> None:
     from capture_app.node.leader.snapshots import in_tree_order
 
     who = f"leader {rig.leader}" if rig.relay is None else f"relay {rig.relay} at {rig.leader}"
-    print_line(f"{who}, {count(len(rig.nodes), 'node')}, {_period(rig.period_ns)}")
+    print_line(f"{who}, {count(len(rig.nodes), 'node')}, {_describe_frame_rate(rig.period_ns)}")
     if rig.message:
         print_line(rig.message)
     if rig.nodes:
-        agreed = any(node.relative_uncertainty_ns is not None for node in rig.nodes)
-        clock = ("clock bound µs", *(("apart µs",) if agreed else ()), "round trip µs")
+        with_reference = any(node.relative_uncertainty_ns is not None for node in rig.nodes)
+        clock = ("clock bound µs", *(("apart µs",) if with_reference else ()), "round trip µs")
         head = ("node", "state", *clock, "phase error µs", "drops", "camera", "message")
-        print_table(head, [_row(node, agreed=agreed) for node in in_tree_order(rig.nodes)])
+        print_table(
+            head, [_node_row(node, with_reference=with_reference) for node in in_tree_order(rig.nodes)]
+        )
     for path in rig.sessions:
         print_line(f"saved {path}")
 
 
-def _row(node: "NodeStatus", *, agreed: bool) -> tuple[str, ...]:
+def _node_row(node: "NodeStatus", *, with_reference: bool) -> tuple[str, ...]:
     return (
         "  " * (node.depth - 1) + node.name,
         str(node.state),
-        _us(node.hard_bound_ns),
-        *((_us(node.relative_uncertainty_ns),) if agreed else ()),
-        _us(node.round_trip_ns),
-        _us(node.phase_error_ns),
+        _microseconds(node.hard_bound_ns),
+        *((_microseconds(node.relative_uncertainty_ns),) if with_reference else ()),
+        _microseconds(node.round_trip_ns),
+        _microseconds(node.phase_error_ns),
         str(node.drops),
         node.camera.model,
         node.message,
     )
 
 
-def _us(time_ns: int | None) -> str:
+def _microseconds(time_ns: int | None) -> str:
     return "-" if time_ns is None else f"{time_ns / 1000:.1f}"
 
 
-def _period(period_ns: int | None) -> str:
+def _describe_frame_rate(period_ns: int | None) -> str:
     return "no frame rate yet" if period_ns is None else f"{1e9 / period_ns:.3f} frames/s"

@@ -19,7 +19,7 @@ from capture_app.sync.wire.messages import NodeState
 from capture_app.text import ProgressStep, printable
 from capture_app.tui.source import Comparison, Rig
 from capture_app.tui.widgets.nodes import NodesTable
-from capture_app.tui.widgets.sessions import SessionsTable, describe
+from capture_app.tui.widgets.sessions import SessionsTable, describe_manifest
 
 REFRESH_S = 0.25
 BURST_FRAMES = 5
@@ -96,7 +96,7 @@ class RigApp(App[None]):
         burst = status.burst
         if self._busy == TAKING and burst is not None and not burst.done:
             text = f"saving {burst.name}: {burst.received} of {burst.expected} images"
-            self._say(text, progress=ProgressStep(burst.received, burst.expected, text))
+            self._show_message(text, progress=ProgressStep(burst.received, burst.expected, text))
         for path in status.sessions:
             if path not in self._known_sessions:
                 self._known_sessions.add(path)
@@ -105,7 +105,7 @@ class RigApp(App[None]):
     @work(thread=True)
     def _show_session(self, path: Path) -> None:
         try:
-            images, sync = describe(Session.open(path).manifest)
+            images, sync = describe_manifest(Session.open(path).manifest)
         except SimulshotError as error:
             self.call_from_thread(self._log_event, str(error))
             return
@@ -114,7 +114,7 @@ class RigApp(App[None]):
     def _log_event(self, line: str) -> None:
         self.query_one(RichLog).write(printable(line))
 
-    def _say(self, text: str, *, error: bool = False, progress: ProgressStep | None = None) -> None:
+    def _show_message(self, text: str, *, error: bool = False, progress: ProgressStep | None = None) -> None:
         self.query_one("#message", Label).update(Text(printable(text), style="red" if error else ""))
         bar = self.query_one(ProgressBar)
         if progress is not None:
@@ -123,37 +123,41 @@ class RigApp(App[None]):
 
     # Doing
 
-    def _begin(self, what: str) -> bool:
+    def _set_busy(self, what: str) -> bool:
         if self._busy:
-            self._say(f"please wait: {self._busy}")
+            self._show_message(f"please wait: {self._busy}")
             return False
         self._busy = what
-        self._say(f"{what} …")
+        self._show_message(f"{what} …")
         return True
 
     @work
     async def action_burst(self) -> None:
         """Take a burst with all cameras."""
-        if not self._begin(TAKING):
+        if not self._set_busy(TAKING):
             return
         try:
             burst = await self._rig.burst(BURST_FRAMES)
-            self._say(burst.message or f"saved {burst.name}: {burst.received} of {burst.expected} images")
+            self._show_message(
+                burst.message or f"saved {burst.name}: {burst.received} of {burst.expected} images"
+            )
         except SimulshotError as error:
-            self._say(str(error), error=True)
+            self._show_message(str(error), error=True)
         finally:
             self._busy = ""
 
     @work
     async def action_simulate(self) -> None:
         """Start simulated cameras on this machine."""
-        if not self._begin("starting simulated cameras"):
+        if not self._set_busy("starting simulated cameras"):
             return
         try:
             await self._rig.add_simulated(SIMULATED_CAMERAS)
-            self._say(f"started {SIMULATED_CAMERAS} simulated cameras; synchronizing takes some seconds")
+            self._show_message(
+                f"started {SIMULATED_CAMERAS} simulated cameras; synchronizing takes some seconds"
+            )
         except SimulshotError as error:
-            self._say(str(error), error=True)
+            self._show_message(str(error), error=True)
         finally:
             self._busy = ""
 
@@ -161,36 +165,36 @@ class RigApp(App[None]):
     async def action_compare(self) -> None:
         """Compare synchronized with delayed frames of the selected session."""
         sessions = self.query_one(SessionsTable)
-        session = sessions.chosen
+        session = sessions.selected
         if session is None:
-            self._say("no session yet: press b to take a burst")
+            self._show_message("no session yet: press b to take a burst")
             return
-        if not self._begin(f"comparing {session.name}"):
+        if not self._set_busy(f"comparing {session.name}"):
             return
         try:
             async for step in self._rig.compare(session):
                 if isinstance(step, Comparison):
                     self._reports[session] = step.report
-                    sessions.note(session, "press o for the report", "green")
+                    sessions.show_comparison(session, "press o for the report", "green")
                     self._log_event(step.verdict)
-                    self._say(f"report: {step.report}")
+                    self._show_message(f"report: {step.report}")
                 else:
-                    sessions.note(session, f"{step.done} of {step.total}", "yellow")
-                    self._say(step.text, progress=step)
+                    sessions.show_comparison(session, f"{step.done} of {step.total}", "yellow")
+                    self._show_message(step.text, progress=step)
         except SimulshotError as error:
-            sessions.note(session, "failed", "red")
-            self._say(str(error), error=True)
+            sessions.show_comparison(session, "failed", "red")
+            self._show_message(str(error), error=True)
         finally:
             self._busy = ""
 
     def action_open_report(self) -> None:
         """Open the selected session's report in the browser."""
-        session = self.query_one(SessionsTable).chosen
+        session = self.query_one(SessionsTable).selected
         report = None if session is None else self._reports.get(session)
         if report is None:
-            self._say("no report yet: press c to compare the selected session")
+            self._show_message("no report yet: press c to compare the selected session")
             return
-        self._say(f"report: {report}")
+        self._show_message(f"report: {report}")
         self.open_url(report.resolve().as_uri())
 
 

@@ -5,7 +5,7 @@ from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack
 from pathlib import Path
 
-from capture_app.demo import SimulatedNodes, compare, free_folder
+from capture_app.demo import SimulatedNodes, compare, unused_folder
 from capture_app.errors import BadInputError, IncompleteError
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.wording import News, news_line
@@ -18,7 +18,7 @@ class LiveRig:
     """Runs a leader; `async with` binds its port before the screen opens, and puts all away after."""
 
     def __init__(self, *, sessions: Path, host: str, port: int) -> None:
-        self._leader = LeaderNode(sessions=sessions, host=host, port=port, on_news=self._take_news)
+        self._leader = LeaderNode(sessions=sessions, host=host, port=port, on_news=self._pass_on_news)
         self._tell: Callable[[str], None] = lambda _: None
         self._last_line = ""
         self._simulated: SimulatedNodes | None = None
@@ -56,7 +56,7 @@ class LiveRig:
 
     async def compare(self, session: Path) -> AsyncIterator[ProgressStep | Comparison]:
         """Run `reconstruct compare` as a child; yield its progress, and at last what it found."""
-        out = free_folder(session.parent, f"{session.name}-compare")
+        out = unused_folder(session.parent, f"{session.name}-compare")
         steps: asyncio.Queue[ProgressStep | None] = asyncio.Queue()
 
         def on_line(line: str) -> None:
@@ -73,7 +73,7 @@ class LiveRig:
             child.cancel()
         yield Comparison(str(metrics["verdict"]), out / "report.html")
 
-    def _take_news(self, news: News) -> None:
+    def _pass_on_news(self, news: News) -> None:
         if isinstance(news, BurstStatus) and not news.done:
             return  # the burst's progress is in every snapshot; only its end is news
         line = news_line(news)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.demo import capture, compare, free_folder, sync_errors
+from capture_app.demo import capture, compare, measure_sync_errors, unused_folder
 from capture_app.errors import ExitCode, SimulshotError
 from capture_app.session.reading.verify import verify
 
@@ -40,7 +40,7 @@ async def test_a_burst_of_simulated_nodes_is_held_against_the_truth(tmp_path: Pa
     assert verify(session) == []
     assert len(session.manifest.images) == 10
     assert said[-1] == "[10/10] images saved" or "missing" in said[-1]
-    errors = sync_errors(session)
+    errors = measure_sync_errors(session)
     assert [node.name for node in errors.nodes] == ["cam00", "cam01"]
     for node in errors.nodes:
         assert abs(node.clock_error_ns) <= node.hard_bound_ns
@@ -52,7 +52,7 @@ async def test_a_node_that_cannot_start_ends_the_demo_with_its_own_words(tmp_pat
     with pytest.raises(SimulshotError, match="nonsense") as caught:
         await capture(tmp_path, 2, lambda _: None, scene="nonsense")
     assert caught.value.exit_code == ExitCode.BAD_INPUT
-    assert free_folder(tmp_path, "burst-001") == tmp_path / "burst-001", "nothing half-written"
+    assert unused_folder(tmp_path, "burst-001") == tmp_path / "burst-001", "nothing half-written"
 
 
 async def test_a_comparison_that_fails_ends_with_its_own_words(tmp_path: Path) -> None:
@@ -101,6 +101,6 @@ def is_running(pid: int) -> bool:
 
 def test_folders_are_never_used_twice(tmp_path: Path) -> None:
     for expected in ("compare", "compare-002", "compare-003"):
-        folder = free_folder(tmp_path, "compare")
+        folder = unused_folder(tmp_path, "compare")
         assert folder.name == expected
         folder.mkdir()

@@ -87,7 +87,7 @@ async def test_a_burst_appears_among_the_sessions_and_is_compared(session: Path)
         assert rig.bursts == 1
         assert words(app) == "saved burst-001: 25 of 25 images"
         sessions = app.query_one(SessionsTable)
-        assert sessions.chosen == session
+        assert sessions.selected == session
         row = [str(cell) for cell in sessions.get_row_at(0)]
         assert row == ["burst-001", "1/1", "0 ns ±61 µs", "press c"]
         await pilot.press("c")

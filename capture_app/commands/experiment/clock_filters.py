@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from capture_app.commands.experiment.command import experiment_options, show
+from capture_app.commands.experiment.command import experiment_options, print_outcome
 from capture_app.terminal import talk
 
 
@@ -20,4 +20,4 @@ def experiment(trials: int | None, seed: int, plot: Path | None, trace: Path | N
     """Simulate clock estimators: the paper's filters and ours under six delay distributions."""
     from capture_app.experiments.clock_filters.experiment import run
 
-    show(run(trials=trials, seed=seed, talk=talk, trace=trace), as_json=as_json, plot=plot)
+    print_outcome(run(trials=trials, seed=seed, talk=talk, trace=trace), as_json=as_json, plot=plot)

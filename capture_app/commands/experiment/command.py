@@ -76,7 +76,7 @@ def plain_command(name: str, text: str, load_experiment: "Callable[[], Experimen
     @experiment_options
     def command(trials: int | None, seed: int, plot: Path | None, as_json: bool) -> None:
         outcome = load_experiment().run(trials=trials, seed=seed, talk=talk)
-        show(outcome, as_json=as_json, plot=plot)
+        print_outcome(outcome, as_json=as_json, plot=plot)
 
     return command
 
@@ -86,7 +86,7 @@ def experiment() -> None:
     """Measure synchronization: our figures beside those of baselines and of the paper."""
 
 
-def show(outcome: "Outcome", *, as_json: bool, plot: Path | None) -> None:
+def print_outcome(outcome: "Outcome", *, as_json: bool, plot: Path | None) -> None:
     """Print an outcome on stdout and draw its pictures."""
     result = outcome.result
     if as_json:

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from capture_app.commands.experiment.command import experiment_options, show
+from capture_app.commands.experiment.command import experiment_options, print_outcome
 from capture_app.commands.options import AddressType, run_until_stopped
 from capture_app.net.address import DEFAULT_PORT, Address
 from capture_app.terminal import FiniteRange, talk
@@ -92,4 +92,4 @@ def experiment(
         clock=parse_clock(clock, node="link"),
         kind="emulated link" if emulated else "real",
     )
-    show(run(options, trials=trials, seed=seed, talk=talk), as_json=as_json, plot=plot)
+    print_outcome(run(options, trials=trials, seed=seed, talk=talk), as_json=as_json, plot=plot)

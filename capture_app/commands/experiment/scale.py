@@ -4,7 +4,7 @@ from pathlib import Path
 
 import click
 
-from capture_app.commands.experiment.command import experiment_options, show
+from capture_app.commands.experiment.command import experiment_options, print_outcome
 from capture_app.terminal import FiniteRange, talk
 
 
@@ -67,4 +67,4 @@ def experiment(
         jobs=jobs,
         shapes=SHAPES if shape == "both" else (shape.replace("-", "_"),),
     )
-    show(run(trials=trials, seed=seed, talk=talk, options=options), as_json=as_json, plot=plot)
+    print_outcome(run(trials=trials, seed=seed, talk=talk, options=options), as_json=as_json, plot=plot)

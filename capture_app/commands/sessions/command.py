@@ -8,7 +8,7 @@ import click
 from capture_app.commands.sessions.export import export
 from capture_app.commands.sessions.render import render
 from capture_app.commands.sessions.repair import repair
-from capture_app.commands.sessions.text import print_session, print_sessions, sync_of
+from capture_app.commands.sessions.text import find_sync_record, print_session, print_sessions
 from capture_app.errors import BadInputError, IncompleteError, SimulshotError
 from capture_app.session.files.output_folder import unfinished_outputs
 from capture_app.session.format.schema import session_schema_text
@@ -55,7 +55,7 @@ def show(session: Path, as_json: bool) -> None:
     """Show the cameras of a session and how well they were synchronized."""
     opened = Session.open(session)
     if as_json:
-        words = verdict(sync_of(opened.manifest))
+        words = verdict(find_sync_record(opened.manifest))
         print_json({"session": str(session), "manifest": opened.manifest, "verdict": words})
     else:
         print_session(opened)
@@ -194,7 +194,9 @@ def import_command(
     if name is None:
         path = split_name(sources[0])[1].resolve()
         name = path.name if len(sources) == 1 and path.is_dir() else path.parent.name
-    chosen = ImportOptions(fit=Fit(fit), times=TimeSource(times), offsets_ms=_shifts(shifts), **options)
+    chosen = ImportOptions(
+        fit=Fit(fit), times=TimeSource(times), offsets_ms=_parse_time_shifts(shifts), **options
+    )
     session = import_recording(sources, out, name, chosen, show_count("images"), talk)
     manifest = session.manifest
     if not as_json:
@@ -212,7 +214,7 @@ def import_command(
     )
 
 
-def _shifts(texts: tuple[str, ...]) -> dict[str, float]:
+def _parse_time_shifts(texts: tuple[str, ...]) -> dict[str, float]:
     found = {}
     for text in texts:
         camera, _, value = text.rpartition("=")

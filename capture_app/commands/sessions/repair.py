@@ -59,13 +59,13 @@ def repair(path: Path, wait_s: float, listen: Address, as_json: bool) -> None:
         print_json({"ok": all(one.ok for one in repaired), "sessions": repaired})
     else:
         for one in repaired:
-            print_line(_line(one))
+            print_line(_describe_result(one))
     failed = [one for one in repaired if not one.ok]
     if failed:
         raise BadInputError(f"{failed[0].session}: {failed[0].what}")
 
 
-def _line(one: "RepairResult") -> str:
+def _describe_result(one: "RepairResult") -> str:
     if not one.ok:
         return f"{one.session}: {one.what}"
     state = "completed" if one.changed else "complete already"

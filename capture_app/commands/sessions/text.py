@@ -15,7 +15,7 @@ def print_sessions(found: Sequence[SessionSummary]) -> None:
     rows = [
         (
             one.name,
-            _date(one.created),
+            _format_date(one.created),
             *(str(number) for number in (one.cameras, one.instants, one.images, one.missing)),
             one.origin,
         )
@@ -35,19 +35,19 @@ def print_session(session: Session) -> None:
     instants = manifest.burst.instants_ns
     span_ns = instants[-1] - instants[0] if instants else 0
     lines = [
-        f"{manifest.name}: {manifest.origin}, {_date(manifest.created)} UTC, {manifest.software}",
+        f"{manifest.name}: {manifest.origin}, {_format_date(manifest.created)} UTC, {manifest.software}",
         f"{count(len(instants), 'instant')} over {duration(span_ns)}, "
         f"frames {manifest.burst.period_ns / 1e6:.3f} ms apart",
         f"{count(len(manifest.cameras), 'camera')}, {count(len(manifest.images), 'image')}, "
         f"{len(manifest.missing)} missing",
-        *_spread(session),
+        *_describe_spread(session),
         "calibrated" if session.calibration() is not None else "not calibrated",
     ]
     if manifest.note:
         lines.append(manifest.note)
     print_line("\n".join([*lines, ""]))
     head = ("camera", "size", "images", "95 % within", "hard bound", "off instant", "phase", "dropped")
-    print_table(head, [_camera(manifest, camera) for camera in manifest.cameras])
+    print_table(head, [_camera_row(manifest, camera) for camera in manifest.cameras])
     if manifest.missing:
         print_line("\nmissing:")
         for gone in manifest.missing[:12]:
@@ -56,26 +56,26 @@ def print_session(session: Session) -> None:
             print_line(f"  and {len(manifest.missing) - 12} more")
 
 
-def sync_of(manifest: Manifest) -> SyncRecord:
+def find_sync_record(manifest: Manifest) -> SyncRecord:
     """The manifest's record of its synchronization; older ones lack it, but their images tell."""
     return manifest.sync or sync_record(manifest.cameras, manifest.burst, manifest.images, manifest.missing)
 
 
-def _spread(session: Session) -> list[str]:
+def _describe_spread(session: Session) -> list[str]:
     """How far apart in time the images of one instant are, first to last, and what that costs."""
     manifest = session.manifest
     if len(manifest.cameras) < 2 or not manifest.images:
         return []
-    sync = sync_of(manifest)
+    sync = find_sync_record(manifest)
     images = session.images_by_instant()
     spreads = [spread for spread, of in zip(sync.spread_ns, images, strict=True) if len(of) > 1]
     if not spreads:
         return []
     by = "" if sync.uncertainty_ns is not None else "by the recorded times, "
-    lines = [f"{by}images of one instant are {_apart(spreads)}", verdict(sync)]
+    lines = [f"{by}images of one instant are {_describe_spreads(spreads)}", verdict(sync)]
     if true_spreads := _true_spreads(session):
         cost = pixels(max(true_spreads), PX_PER_S)
-        lines.append(f"by the ground truth they are {_apart(true_spreads)}: {cost}")
+        lines.append(f"by the ground truth they are {_describe_spreads(true_spreads)}: {cost}")
     if sync.row_spread_ns is not None and sync.row_spread_ns > 2 * max(sync.spread_ns):
         lines.append(
             "rolling shutter: rows of the same number are up to "
@@ -87,7 +87,7 @@ def _spread(session: Session) -> list[str]:
     return lines
 
 
-def _apart(spreads_ns: Sequence[int]) -> str:
+def _describe_spreads(spreads_ns: Sequence[int]) -> str:
     middle_ns, most_ns = round(median(spreads_ns)), max(spreads_ns)
     return f"{duration(middle_ns)} apart at the median, {duration(most_ns)} at most"
 
@@ -101,7 +101,7 @@ def _true_spreads(session: Session) -> list[int]:
     return [max(of) - min(of) for of in times.values()]
 
 
-def _camera(manifest: Manifest, camera: CameraRecord) -> tuple[str, ...]:
+def _camera_row(manifest: Manifest, camera: CameraRecord) -> tuple[str, ...]:
     images = [image for image in manifest.images if image.camera == camera.name]
     phase = camera.phase.residual_ns if camera.phase else None
     dropped = sum(gone.dropped for gone in manifest.missing if gone.camera == camera.name)
@@ -126,5 +126,5 @@ def _worst_residual(images: Sequence[ImageRecord]) -> str:
     return duration(max((abs(image.residual_ns) for image in images), default=0))
 
 
-def _date(created: str) -> str:
+def _format_date(created: str) -> str:
     return created[:19].replace("T", " ")

@@ -10,7 +10,7 @@ from capture_app.session.format.manifest import Manifest
 from capture_app.text import NO_VALUE, duration
 
 
-def describe(manifest: Manifest) -> tuple[str, str]:
+def describe_manifest(manifest: Manifest) -> tuple[str, str]:
     """Return a session's images (have/asked), and how far one instant's are apart with the clocks' bound."""
     asked = len(manifest.images) + len(manifest.missing)
     apart = manifest.sync.spread_ns if manifest.sync is not None else ()
@@ -33,7 +33,7 @@ class SessionsTable(DataTable[Text]):
             self.add_column(label, key=label)
 
     @property
-    def chosen(self) -> Path | None:
+    def selected(self) -> Path | None:
         """The session under the cursor."""
         if not self._paths:
             return None
@@ -47,6 +47,6 @@ class SessionsTable(DataTable[Text]):
         self.sort("session", key=lambda cell: str(cell), reverse=True)
         self.move_cursor(row=self.get_row_index(str(path)))
 
-    def note(self, path: Path, text: str, style: str = "") -> None:
+    def show_comparison(self, path: Path, text: str, style: str = "") -> None:
         """Write what the comparison of a session says, or how far it is."""
         self.update_cell(str(path), "comparison", Text(text, style=style), update_width=True)

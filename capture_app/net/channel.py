@@ -93,11 +93,6 @@ class Channel(Generic[M]):
                 f"unreadable message: {error}", hint="do both ends run the same version?"
             ) from error
 
-    @property
-    def payload_bytes(self) -> int:
-        """How much of the last message's payload is still to be read."""
-        return self._unread
-
     async def payload(self) -> AsyncIterator[bytes]:
         """Yield the last message's payload as it comes in. Raises NetworkError where it breaks off."""
         while self._unread:

@@ -28,8 +28,18 @@ _TIMESPEC = struct.Struct("@ll")
 _ANCILLARY_BYTES = socket.CMSG_SPACE(_TIMESPEC.size)
 
 
-class Engine(Protocol):
-    """What the pump needs of an engine; all times in ns of the node's own clock."""
+class TimedEngine(Protocol):
+    """What has one timer; all times in ns of the node's own clock."""
+
+    def next_timer(self) -> int | None:
+        """Return when to call `handle_timer`."""
+
+    def handle_timer(self, now_ns: int) -> None:
+        """Do what has become due."""
+
+
+class Engine(TimedEngine, Protocol):
+    """What the pump needs of an engine."""
 
     def receive_datagram(self, data: bytes, address: tuple[str, int], now_ns: int) -> None:
         """Take in one datagram."""
@@ -37,14 +47,8 @@ class Engine(Protocol):
     def datagrams_to_send(self, now_ns: int) -> Iterable[tuple[bytes, tuple[str, int]]]:
         """Return what is due, stamped with `now_ns`."""
 
-    def next_timer(self) -> int | None:
-        """Return when to call `handle_timer`."""
 
-    def handle_timer(self, now_ns: int) -> None:
-        """Do what has become due."""
-
-
-class PeerEngine(Protocol):
+class PeerEngine(TimedEngine, Protocol):
     """An engine that talks to one peer only."""
 
     def receive_datagram(self, data: bytes, now_ns: int) -> None:
@@ -52,12 +56,6 @@ class PeerEngine(Protocol):
 
     def datagrams_to_send(self, now_ns: int) -> list[bytes]:
         """Return what is due, stamped with `now_ns`."""
-
-    def next_timer(self) -> int | None:
-        """Return when to call `handle_timer`."""
-
-    def handle_timer(self, now_ns: int) -> None:
-        """Do what has become due."""
 
 
 class SinglePeerEngine:

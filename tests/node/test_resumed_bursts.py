@@ -143,7 +143,7 @@ async def test_repair_without_nodes_finishes_with_what_is_there(tmp_path: Path) 
 
 
 def test_a_burst_that_will_not_fit_is_told_before_it_is_taken(tmp_path: Path) -> None:
-    space = SpoolSpace(camera="a", free_bytes=1_000, image_bytes=100, spool="/spool")
+    space = SpoolSpace(camera="a", free_bytes=1_000, spool="/spool")
     check_room(tmp_path / "later", {"a": 100, "b": 100}, 9, {"a": space})
     with pytest.raises(DiskFullError, match=r"a may need 0\.0 MB"):
         check_room(tmp_path, {"a": 100}, 10, {"a": space})

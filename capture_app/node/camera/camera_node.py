@@ -22,7 +22,6 @@ from capture_app.node.transfer.burst_upload import BurstUpload
 from capture_app.node.transfer.spool import Spool
 from capture_app.node.transfer.uploader import Uploader
 from capture_app.node.wire.messages import JsonValue
-from capture_app.session.format.manifest import CameraRecord
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.events import (
     AlignmentFailed,
@@ -168,9 +167,8 @@ class CameraNode:
             self._uploader.add_burst(self._upload_of(event))
             return
         if isinstance(event, Joined):
-            camera = CameraRecord(name=self.name, facts=self._camera.facts)
             leader = Address(self._failover.leader[0], event.transfer_port)
-            self._uploader.set_leader(leader, camera)
+            self._uploader.set_leader(leader)
             self._beacons.follow(event.beacons, leader.host)
             if len(self._leaders) > 1:
                 self._talk(f"joined {leader}")

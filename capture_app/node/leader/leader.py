@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import random
 import secrets
-from collections.abc import AsyncGenerator, AsyncIterator, Callable, Sequence
+from collections.abc import AsyncGenerator, Callable, Sequence
 from pathlib import Path
 from typing import Self
 
@@ -123,12 +123,6 @@ class LeaderNode:
             burst=None if self._bursts.newest is None else self._bursts.newest.status,
             sessions=tuple(self._bursts.saved),
         )
-
-    async def snapshots(self, interval_s: float = SNAPSHOT_EVERY_S) -> AsyncIterator[RigStatus]:
-        """Yield the rig's status again and again, for a screen to show."""
-        while True:
-            yield self.status()
-            await asyncio.sleep(interval_s)
 
     async def trigger(self, *, frames: int, spacing: int = 1, at_leader_ns: int | None = None) -> BurstStatus:
         """Order a burst of all nodes that are here, and begin its session.

@@ -5,16 +5,20 @@ from pathlib import Path
 
 from capture_app.errors import DiskFullError
 from capture_app.node.leader.snapshots import present_cameras
-from capture_app.node.wire.disk_space import MARGIN, SPARE_BYTES, free_bytes, guessed_image_bytes
+from capture_app.node.wire.disk_space import SPARE_BYTES, free_bytes
 from capture_app.node.wire.messages import SpoolSpace
 from capture_app.sync.rig.leader import ClientView
 from capture_app.text import megabytes
+
+GUESSED_PIXELS_PER_BYTE = 4
+"""Of a camera's JPEG, before any of its images is known."""
+MARGIN = 1.1
 
 
 def expected_image_bytes(views: Sequence[ClientView], known: Mapping[str, int]) -> dict[str, int]:
     """The likely size in bytes of an image of each camera that is here, from those that came before."""
     return {
-        view.name: known.get(view.name) or guessed_image_bytes(view.camera.width, view.camera.height)
+        view.name: known.get(view.name) or view.camera.width * view.camera.height // GUESSED_PIXELS_PER_BYTE
         for view in present_cameras(views)
     }
 

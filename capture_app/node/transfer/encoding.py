@@ -69,8 +69,6 @@ class FrameEncoder:
     """One thread that turns frames into image files; without a spool they stay in memory."""
 
     def __init__(self, talk: Callable[[str], None], spool: Spool | None) -> None:
-        self.image_bytes = 0
-        """Size of the newest image."""
         self._talk = talk
         self._spool = spool
         self._thread = ThreadPoolExecutor(1, "encode", initializer=_lower_priority)
@@ -97,7 +95,6 @@ class FrameEncoder:
 
     def _encode(self, burst: BurstUpload, picked: Pick[CapturedFrame]) -> ImageUpload:
         image, data = encode_frame(burst.report, picked)
-        self.image_bytes = len(data)
         if self._spool is None or not burst.spooling:
             burst.in_memory[picked.instant] = data
             return image

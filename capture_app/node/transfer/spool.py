@@ -86,7 +86,8 @@ class Spool:
     """One camera's folder of bursts, locked against other nodes of its name."""
 
     def __init__(self, root: Path, camera: str) -> None:
-        self.folder = root / check_name(camera, "camera")
+        self.camera = check_name(camera, "camera")
+        self.folder = root / camera
         self._lock = -1
 
     def open(self) -> list[SpooledBurst]:

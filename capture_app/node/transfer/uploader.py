@@ -13,9 +13,8 @@ from capture_app.node.transfer.burst_sender import BurstSender, PostponedError
 from capture_app.node.transfer.burst_upload import BurstUpload
 from capture_app.node.transfer.encoding import FrameEncoder
 from capture_app.node.transfer.spool import Spool
-from capture_app.node.wire.disk_space import free_bytes, guessed_image_bytes
+from capture_app.node.wire.disk_space import free_bytes
 from capture_app.node.wire.messages import FromLeader, Refusal, SpoolSpace
-from capture_app.session.format.manifest import CameraRecord
 
 RETRY_S = (0.5, 1.0, 2.0, 4.0)
 SPACE_EVERY_S = 30.0
@@ -37,7 +36,6 @@ class Uploader:
         self._refused: deque[BurstUpload] = deque(maxlen=MAX_WAITING_BURSTS)
         self._news = asyncio.Event()
         self._to_encode = asyncio.Event()
-        self._camera: CameraRecord | None = None
         self._space_is_due = False
         self._encoder = FrameEncoder(talk, spool)
         self._stream: Channel[Any] | None = None
@@ -59,7 +57,6 @@ class Uploader:
     def add_burst(self, burst: BurstUpload) -> None:
         """Take on a burst; the oldest is given up where a leader has been away for too many."""
         self._waiting.append(burst)
-        self._camera = burst.report.camera
         if len(self._waiting) > MAX_WAITING_BURSTS:
             given_up = self._waiting.popleft()
             where = f"; what it has is in {given_up.spooled.folder}" if given_up.spooled else ""
@@ -82,13 +79,12 @@ class Uploader:
         if self.spool is not None:
             self.spool.close()
 
-    def set_leader(self, leader: Address, camera: CameraRecord | None = None) -> None:
+    def set_leader(self, leader: Address) -> None:
         """Send images to that address from now on; what was refused before is offered again."""
         if leader != self.leader and self._stream is not None:
             # Nobody may ever close the stream to a relay whose plug was pulled.
             self._stream.abort()
         self.leader = leader
-        self._camera = camera or self._camera
         self._waiting.extendleft(reversed(self._refused))
         self._refused.clear()
         self._space_is_due = True
@@ -157,13 +153,8 @@ class Uploader:
 
     async def _tell_space(self, sender: BurstSender) -> None:
         self._space_is_due = False
-        if self.spool is None or self._camera is None:
+        if self.spool is None:
             return
-        facts = self._camera.facts
-        space = SpoolSpace(
-            camera=self._camera.name,
-            free_bytes=free_bytes(self.spool.folder),
-            image_bytes=self._encoder.image_bytes or guessed_image_bytes(facts.width, facts.height),
-            spool=str(self.spool.folder),
-        )
+        folder = self.spool.folder
+        space = SpoolSpace(camera=self.spool.camera, free_bytes=free_bytes(folder), spool=str(folder))
         await sender.ask(space)

@@ -50,11 +50,10 @@ class ImageUpload(_Message, frozen=True, kw_only=True, tag="image"):
 
 
 class SpoolSpace(_Message, frozen=True, kw_only=True, tag="spool-space"):
-    """How much room a node's spool has, and how much an image of its camera takes, in bytes."""
+    """How much room a node's spool has, in bytes."""
 
     camera: str
     free_bytes: Count
-    image_bytes: Count
     spool: str
     """Where it is, on that node."""
 

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.experiments.phase.trials import unknown_phone
 from capture_app.simulation.devices.profiles import PROFILES
 from capture_app.simulation.rig.bench import Bench, FrameObservation
@@ -18,6 +19,18 @@ from capture_app.sync.wire.camera_commands import CameraCommand
 
 S = 1_000_000_000
 SAME_CLOCK = TimeMap(0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 300, 1000)
+
+
+def camera_of(control: str) -> CameraFacts:
+    return CameraFacts(
+        kind="sim",
+        model="m",
+        width=640,
+        height=480,
+        period_ns=33_333_333,
+        timestamp_source=TimestampSource.START_OF_EXPOSURE,
+        phase_control=PhaseControl(control),
+    )
 
 
 def until_aligned(bench: Bench) -> FrameObservation:
@@ -127,12 +140,12 @@ def test_a_command_that_was_lost_is_given_again() -> None:
 
 
 def test_without_a_way_to_move_it_a_camera_still_tells_its_phase() -> None:
-    aligner = Aligner(control="none", period_ns=33_333_333, tolerance_ns=50_000, rng=random.Random(1))
+    aligner = Aligner(camera_of("none"), tolerance_ns=50_000, rng=random.Random(1))
     goal = Goal(0, 33_333_333)
     for n in range(100):
         local_ns = n * 33_333_333 + 9_000_000
-        aligner.frame(FrameStamp(n, 0, local_ns))
-        assert aligner.step(SAME_CLOCK, goal, local_ns) is None
+        aligner.add_frame(FrameStamp(n, 0, local_ns))
+        assert aligner.next_command(SAME_CLOCK, goal, local_ns) is None
     assert aligner.settled
     assert not aligner.aligned
     estimate = aligner.estimate(SAME_CLOCK, goal, 120 * 33_333_333)
@@ -154,11 +167,11 @@ def test_no_stream_whatsoever_raises(
     control: str, frames: list[tuple[int, int, int, bool]], goal_period_ns: int
 ) -> None:
     """Any numbers, streams and times, and goals that make no sense."""
-    aligner = Aligner(control=control, period_ns=33_333_333, tolerance_ns=60_000, rng=random.Random(1))
+    aligner = Aligner(camera_of(control), tolerance_ns=60_000, rng=random.Random(1))
     sequence, stream, now_ns = 0, 0, 0
     for steps, streams, interval_ns, started in frames:
         sequence, stream, now_ns = sequence + steps, stream + streams, now_ns + interval_ns
         if started:
-            aligner.stream_started(now_ns)
-        aligner.frame(FrameStamp(sequence, stream, now_ns))
-        aligner.step(SAME_CLOCK, Goal(0, goal_period_ns), now_ns)
+            aligner.note_stream_start(now_ns)
+        aligner.add_frame(FrameStamp(sequence, stream, now_ns))
+        aligner.next_command(SAME_CLOCK, Goal(0, goal_period_ns), now_ns)

@@ -6,12 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from capture_app.experiments.phase.baselines import inject_like_libsoftwaresync
+from capture_app.experiments.phase.baselines import inject_like_libsoftwaresync, restart_like_the_paper
 from capture_app.experiments.phase.trials import (
-    align,
-    learned,
-    reset_like_the_paper,
-    reset_together,
+    align_one_camera,
+    known_profile,
+    restart_together,
     unknown_phone,
 )
 from capture_app.simulation.devices.profiles import PROFILES
@@ -55,8 +54,11 @@ def test_small_steps_go_on_while_a_burst_is_due_and_large_ones_wait() -> None:
 
 def test_unknown_phones_take_two_injections_and_known_ones_one() -> None:
     phones = [unknown_phone(random.Random(n)) for n in range(20)]
-    unknown = [align(phone, n, 20_000) for n, phone in enumerate(phones)]
-    known = [align(PROFILES["phone-a"], n, 20_000, known=learned(PROFILES["phone-a"])) for n in range(20)]
+    unknown = [align_one_camera(phone, n, 20_000) for n, phone in enumerate(phones)]
+    known = [
+        align_one_camera(PROFILES["phone-a"], n, 20_000, known=known_profile(PROFILES["phone-a"]))
+        for n in range(20)
+    ]
     assert sum(way.moves for way in unknown) <= 2.05 * len(unknown)
     assert all(way.moves == 1 for way in known)
     theirs = [inject_like_libsoftwaresync(phone, n, 20_000) for n, phone in enumerate(phones)]
@@ -80,7 +82,7 @@ def burst_after(bench: Bench, ahead_ns: int) -> int:
 @pytest.mark.parametrize("ppm", [-30.0, 30.0])
 def test_a_phone_is_brought_to_its_goal_for_a_burst(ppm: float, ahead_ns: int) -> None:
     phone = PROFILES["phone-a"]
-    bench = Bench(phone, 6, 60_000, ppm=ppm, known=learned(phone))
+    bench = Bench(phone, 6, 60_000, ppm=ppm, known=known_profile(phone))
     bench.run(30 * S, until=lambda look: look.aligned)
     errors = []
     for _ in range(5):
@@ -92,7 +94,7 @@ def test_a_phone_is_brought_to_its_goal_for_a_burst(ppm: float, ahead_ns: int) -
 
 def test_a_burst_that_is_too_near_is_left_in_peace() -> None:
     phone = PROFILES["phone-a"]
-    bench = Bench(phone, 6, 60_000, ppm=30.0, known=learned(phone))
+    bench = Bench(phone, 6, 60_000, ppm=30.0, known=known_profile(phone))
     bench.run(30 * S, until=lambda look: look.aligned)
     bench.run(3 * S)
     commands = len(bench.commands)
@@ -102,8 +104,8 @@ def test_a_burst_that_is_too_near_is_left_in_peace() -> None:
 
 def test_cameras_that_only_restart_meet_sooner_than_the_papers_way() -> None:
     webcam = PROFILES["webcam"]
-    ours = [reset_together(webcam, 4, n, 1_000_000, aimed=True).seconds for n in range(4)]
-    theirs = [reset_like_the_paper(webcam, 4, n, 1_000_000).seconds for n in range(30)]
+    ours = [restart_together(webcam, 4, n, 1_000_000, aimed=True).seconds for n in range(4)]
+    theirs = [restart_like_the_paper(webcam, 4, n, 1_000_000).seconds for n in range(30)]
     mine = [s for s in ours if s is not None]
     assert len(mine) == len(ours)
     assert sum(mine) / len(mine) < sum(s or 5000.0 for s in theirs) / len(theirs) / 3

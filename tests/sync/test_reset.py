@@ -59,7 +59,7 @@ def test_a_latency_that_cannot_be_predicted_costs_no_more_than_chance() -> None:
 
 def test_the_first_start_of_all_is_learned_from_too() -> None:
     reset = ResetActuator(rng=random.Random(1))
-    reset.started(0, PERIOD_NS)
+    reset.note_start(0, PERIOD_NS)
     reset.learn(MoveEffect(280 * MS, None, 3000.0))
     command = reset.command(Move(10**9, 2 * 10**9, 0, PERIOD_NS, MS))
     first_ns = 10**9 + command.delay_ns + 280 * MS

@@ -8,6 +8,9 @@ import random
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import msgspec
+
+from capture_app.simulation.devices.profiles import facts_of
 from capture_app.simulation.devices.sensor import DELIVERY_NS, Sensor, SensorFrame, SensorProfile
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.aligner import Aligner
@@ -51,20 +54,9 @@ class Bench:
         rng = random.Random(seed)
         self.profile = profile
         self.sensor = Sensor(profile, rng, period_error_ppm=rng.gauss(0.0, 15.0) if ppm is None else ppm)
-        self.aligner = Aligner(
-            control=profile.phase_control,
-            period_ns=profile.period_ns,
-            tolerance_ns=tolerance_ns,
-            row_time_ns=profile.row_time_ns if row_known else None,
-            exposure_ns=profile.exposure_ns,
-            min_exposure_ns=profile.min_exposure_ns,
-            max_exposure_ns=profile.max_exposure_ns,
-            min_frame_duration_ns=profile.min_frame_duration_ns,
-            max_frame_duration_ns=profile.max_frame_duration_ns,
-            rng=rng,
-            aimed=aimed,
-            profile=known,
-        )
+        facts = facts_of(profile, width=profile.image_width, height=profile.image_rows)
+        camera = facts if row_known else msgspec.structs.replace(facts, row_time_ns=None)
+        self.aligner = Aligner(camera, tolerance_ns=tolerance_ns, rng=rng, aimed=aimed, profile=known)
         self.goal = goal or Goal(rng.randrange(START_NS), profile.period_ns)
         self.meeting_leader_ns: int | None = None
         self.now_ns = 0
@@ -84,7 +76,7 @@ class Bench:
     def start(self, at_ns: int) -> None:
         """Start the stream, or start it anew."""
         self.sensor.restart(at_ns)
-        self.aligner.stream_started(at_ns)
+        self.aligner.note_stream_start(at_ns)
         self._next = self.sensor.next_frame()
 
     def next_frame(self) -> SensorFrame:
@@ -94,7 +86,7 @@ class Bench:
         if frame.dropped:
             self.dropped += frame.sequence > 0
         else:
-            self.aligner.frame(FrameStamp(frame.sequence, frame.stream, frame.timestamp_true_ns))
+            self.aligner.add_frame(FrameStamp(frame.sequence, frame.stream, frame.timestamp_true_ns))
         return frame
 
     def deliver(self, *, hold: bool = False) -> FrameObservation | None:
@@ -112,7 +104,7 @@ class Bench:
         now_ns = self.now_ns
         offset_ns = round(self._clock_rng.gauss(0.0, self._clock_noise_ns)) if self._clock_noise_ns else 0
         time_map = TimeMap(0, offset_ns, 0.0, 0.0, 0.0, 0.0, 0.0, 300, 1000)
-        command = self.aligner.step(
+        command = self.aligner.next_command(
             time_map,
             self.goal,
             now_ns,

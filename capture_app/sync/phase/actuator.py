@@ -1,8 +1,9 @@
-"""What the ways of moving a stream's phase have in common."""
+"""An actuator: one way of moving the phase of a stream."""
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import Protocol
 
+from capture_app.sync.phase.aim import Aim, Course
 from capture_app.sync.wire.camera_commands import CameraCommand
 
 
@@ -17,27 +18,53 @@ class Move:
     period_ns: float
     tolerance_ns: int
     aim_ns: float = 0.0
-    """How much later than the goal's own instant the wanted one is, to meet the drift half-way."""
+    """How much later than the goal's own instant the wanted one is, in advance of the drift."""
 
 
 @dataclass(frozen=True, slots=True)
 class MoveEffect:
-    """What became of a move: when a frame starts now, and how far the phase moved, if anybody can tell."""
+    """The effect of a move: when a frame starts now, and how far the phase moved, None if it is not known."""
 
     frame_local_ns: int
     shift_ns: int | None
     noise_ns: float
 
 
-class PhaseActuator(Protocol):
-    """One way of moving a phase: it turns wishes into commands, and learns what they do."""
+class PhaseActuator(ABC):
+    """One way of moving a phase: when a move is worth it, its command, and what its effect teaches."""
 
     @property
     def problem(self) -> str:
         """Why this camera can never be moved, in plain words; empty if it can."""
+        return ""
 
+    @abstractmethod
+    def lead_ns(self, period_ns: float) -> float:
+        """Time in ns from a command until it counts."""
+
+    @abstractmethod
+    def aim(
+        self, course: Course, *, period_ns: float, hold_ns: int, aligned: bool, meeting_ns: int
+    ) -> Aim | None:
+        """Where the stream should be moved to stay for `hold_ns`; None if nothing is to be done.
+
+        `meeting_ns` is the time until cameras that can only be restarted are to meet the goal, 0 for none.
+        """
+
+    def aim_on_hold(self, course: Course, *, period_ns: float) -> Aim | None:
+        """Where the stream should be moved while nothing may show in pictures; None for not at all."""
+        return None
+
+    def aim_before_burst(
+        self, course: Course, *, period_ns: float, begins_ns: int, lasts_ns: int
+    ) -> Aim | None:
+        """Where the stream should be moved for a burst that begins so much later, and lasts so long."""
+        return self.aim_on_hold(course, period_ns=period_ns)
+
+    @abstractmethod
     def command(self, move: Move) -> CameraCommand | None:
         """The command that comes nearest to the wish; None if doing nothing does."""
 
-    def learn(self, moved: MoveEffect) -> None:
-        """Take in what the last command did."""
+    @abstractmethod
+    def learn(self, effect: MoveEffect) -> None:
+        """Learn from the effect of the last command."""

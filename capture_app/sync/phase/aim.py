@@ -1,11 +1,11 @@
-"""Whether a stream is to be moved, and to where: drift is met half-way, or where a moment counts."""
+"""Whether a stream is to be moved, and to where: its drift should take it through the goal when it counts."""
 
 from dataclasses import dataclass
 
 LARGEST_AIM = 0.6
-"""Most that drift is met half-way, as a share of the tolerance."""
-MEND_SHARE = 0.25
-"""What a burst would be off by more than this share of the tolerance is mended before it."""
+"""Most that a stream is moved past its goal in advance of its drift, as a share of the tolerance."""
+BURST_SHARE = 0.25
+"""A burst whose error would exceed this share of the tolerance is corrected in advance."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -16,13 +16,13 @@ class Course:
     drift: float
     tolerance_ns: int
     grace_ns: float
-    """What it may be off over its tolerance: a phase at the very edge must not flicker in and out."""
+    """Added to the tolerance, so that noise does not make a phase at its limit flicker in and out."""
 
-    def after(self, ns: float) -> float:
+    def error_after(self, ns: float) -> float:
         """Error in ns after so much time, if nothing moves the stream."""
         return self.error_ns + self.drift * ns
 
-    def is_in(self, error_ns: float) -> bool:
+    def tolerates(self, error_ns: float) -> bool:
         """Whether an error can be left as it is."""
         return abs(error_ns) <= self.tolerance_ns + self.grace_ns
 
@@ -37,32 +37,32 @@ class Aim:
     wanted_ns: float
     """What it should be then."""
     off_centre_ns: float
-    """How much of the tolerance the wish itself takes."""
+    """How far the wish itself is off the goal."""
 
 
-def to_stay(course: Course, lead_ns: float, hold_ns: int) -> Aim:
+def aim_to_stay(course: Course, lead_ns: float, hold_ns: int) -> Aim:
     """Where a stream stays within its tolerance for longest: drift takes it through the middle."""
     furthest_ns = LARGEST_AIM * course.tolerance_ns
     wanted_ns = min(max(-course.drift * hold_ns / 2, -furthest_ns), furthest_ns)
-    return Aim(lead_ns, course.after(lead_ns), wanted_ns, wanted_ns)
+    return Aim(lead_ns, course.error_after(lead_ns), wanted_ns, wanted_ns)
 
 
-def to_meet(course: Course, lead_ns: float, ahead_ns: float) -> Aim | None:
+def aim_to_meet(course: Course, lead_ns: float, ahead_ns: float) -> Aim | None:
     """Where drift takes a stream to its goal at a moment to come; None if it will be there anyhow."""
-    if course.is_in(course.after(ahead_ns)):
+    if course.tolerates(course.error_after(ahead_ns)):
         return None
-    return Aim(lead_ns, course.after(lead_ns), -course.drift * (ahead_ns - lead_ns), 0.0)
+    return Aim(lead_ns, course.error_after(lead_ns), -course.drift * (ahead_ns - lead_ns), 0.0)
 
 
-def to_burst(
+def aim_at_burst(
     course: Course, lead_ns: float, ready_ns: float, begins_ns: float, lasts_ns: float
 ) -> Aim | None:
     """Where drift takes a stream to its goal in the middle of a burst.
 
-    None if the burst begins before `ready_ns`, when no long frame is on its way any more, or if there is
-    little to mend.
+    None if the burst begins before `ready_ns`, when no long frame is on its way any more, or if its
+    error will be small.
     """
     middle_ns = begins_ns + lasts_ns / 2
-    if begins_ns < ready_ns or abs(course.after(middle_ns)) <= MEND_SHARE * course.tolerance_ns:
+    if begins_ns < ready_ns or abs(course.error_after(middle_ns)) <= BURST_SHARE * course.tolerance_ns:
         return None
-    return Aim(lead_ns, course.after(lead_ns), -course.drift * (middle_ns - lead_ns), 0.0)
+    return Aim(lead_ns, course.error_after(lead_ns), -course.drift * (middle_ns - lead_ns), 0.0)

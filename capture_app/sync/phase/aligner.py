@@ -1,16 +1,18 @@
-"""Keeps one camera's frames on the rig's grid: when to move the phase, how far, and when to let it be."""
+"""Keeps one camera's frames at the rig's goal: when to move the phase, and how far."""
 
 import random
-from dataclasses import dataclass
 
+from capture_app.camera_facts import CameraFacts
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.phase.actuator import Move, MoveEffect
-from capture_app.sync.phase.actuators import Controls, FrameLimits
+from capture_app.sync.phase.actuator import Move, MoveEffect, PhaseActuator
+from capture_app.sync.phase.actuators import choose_actuator
 from capture_app.sync.phase.aim import Aim, Course
+from capture_app.sync.phase.command_tracker import CommandTracker
 from capture_app.sync.phase.estimator import FrameStamp, PhaseEstimate, PhaseEstimator
 from capture_app.sync.phase.goal import Goal
-from capture_app.sync.phase.injection import InjectionProfile
-from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream, SetFrameDuration
+from capture_app.sync.phase.injection import InjectionActuator, InjectionProfile
+from capture_app.sync.phase.reset import ResetActuator
+from capture_app.sync.wire.camera_commands import CameraCommand
 
 WARM_FRAMES = (30, 90)
 """A period is judged after that many frames if they are quiet, after that many in any case."""
@@ -18,8 +20,6 @@ SETTLED_FRAMES = (5, 60)
 JUDGED_STARTS_FRAMES = 10
 """Once so many frames have come after a start, it shows whether the first one could have been believed."""
 HOPELESS_PPM = 1000.0
-INJECTION_TIMEOUT_NS = 5_000_000_000
-RESET_TIMEOUT_NS = 15_000_000_000
 DEFAULT_HOLD_NS = {
     "frame-duration": 0,
     "injection": 2_000_000_000,
@@ -28,77 +28,50 @@ DEFAULT_HOLD_NS = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class _Outstanding:
-    """A command under way."""
-
-    command: CameraCommand
-    issued_local_ns: int
-    stream: int
-
-
 class Aligner:
-    """Watches one stream and gives at most one phase command at a time.
+    """Watches one camera's stream and gives at most one phase command at a time.
 
-    `control` is "frame-duration", "injection", "reset" or "none"; `hold_ns` is how long a phase should last
-    between two corrections: the aim is set so that the drift over it is centred. Times in ns.
+    `hold_ns` is how long a phase should last between two corrections: the aim is set so that the drift over
+    it is centred. Times in ns.
     """
 
     def __init__(
         self,
+        camera: CameraFacts,
         *,
-        control: str,
-        period_ns: int,
         tolerance_ns: int,
-        row_time_ns: int | None = None,
-        exposure_ns: int | None = None,
-        min_exposure_ns: int | None = None,
-        max_exposure_ns: int | None = None,
-        min_frame_duration_ns: int | None = None,
-        max_frame_duration_ns: int | None = None,
         rng: random.Random,
         hold_ns: int | None = None,
         profile: InjectionProfile | None = None,
         aimed: bool = True,
     ) -> None:
         self._tolerance_ns = tolerance_ns
-        self._hold_ns = DEFAULT_HOLD_NS[control] if hold_ns is None else hold_ns
-        self._phase = PhaseEstimator(period_ns=period_ns)
-        limits = FrameLimits(
-            period_ns,
-            row_time_ns,
-            exposure_ns,
-            min_exposure_ns,
-            max_exposure_ns,
-            min_frame_duration_ns,
-            max_frame_duration_ns,
-        )
-        self._controls = Controls(control, limits, rng=rng, profile=profile, aimed=aimed)
-        self._controller = self._controls.controller
-        self._injection, self._reset = self._controls.injection, self._controls.reset
-        self._duration = self._controls.duration
+        self._hold_ns = DEFAULT_HOLD_NS[camera.phase_control] if hold_ns is None else hold_ns
+        self._phase = PhaseEstimator(period_ns=camera.period_ns)
+        self._actuator = choose_actuator(camera, rng=rng, profile=profile, aimed=aimed)
+        self._commands = CommandTracker(self._phase, self._actuator)
         self._least_frames = SETTLED_FRAMES[0]
-        self._outstanding: _Outstanding | None = None
-        self._stream = -1
-        self._start_seen = True
-        self._started_ns = 0
         self.aligned = False
         """Whether the frames were within the tolerance at the last step."""
-        self.corrections = 0
         self.problem = ""
-        """Why this camera can never be held in step, in plain words; empty if it can."""
+        """Why this camera can never be aligned, in plain words; empty if it can."""
 
     @property
     def settled(self) -> bool:
         """Whether period and phase are known well enough to act on, and nothing is on the move."""
         phase = self._phase
-        if self._outstanding is not None or phase.disturbed:
+        if self._commands.under_way or phase.disturbed:
             return False
         if phase.frames < WARM_FRAMES[1]:
             blur_ns = phase.period_sigma_ns / phase.period_ns * self._hold_ns
             if phase.frames < WARM_FRAMES[0] or blur_ns > self._tolerance_ns / 4:
                 return False
         return self._run_settled
+
+    @property
+    def corrections(self) -> int:
+        """Commands so far that moved the phase by more than a few rows."""
+        return self._commands.corrections
 
     @property
     def frames(self) -> int:
@@ -113,30 +86,28 @@ class Aligner:
     @property
     def injection_profile(self) -> InjectionProfile | None:
         """What the injections have shown about this device."""
-        return self._injection.profile if self._injection else None
+        return self._actuator.profile if isinstance(self._actuator, InjectionActuator) else None
 
     @property
     def start_latencies_ns(self) -> tuple[int, ...]:
         """Start latencies seen, modulo the period, newest last: for `learn_start_latency` at the next use."""
-        if self._reset is None:
-            return ()
-        return tuple(round(latency * self._phase.period_ns) for latency in self._reset.latencies)
+        latencies = self._actuator.latencies if isinstance(self._actuator, ResetActuator) else ()
+        return tuple(round(latency * self._phase.period_ns) for latency in latencies)
 
     def learn_start_latency(self, latency_ns: int) -> None:
         """Take in how long a start of this device took before, in ns from the command to the first frame."""
-        if self._reset is not None:
-            self._reset.started(0, self._phase.period_ns)
-            self._reset.learn(MoveEffect(latency_ns, None, 0.0))
+        if isinstance(self._actuator, ResetActuator):
+            self._actuator.note_start(0, self._phase.period_ns)
+            self._actuator.learn(MoveEffect(latency_ns, None, 0.0))
 
-    def frame(self, stamp: FrameStamp) -> int:
-        """Take a frame in; return how many were dropped just before it."""
-        dropped = self._phase.add(stamp)
-        if stamp.stream > self._stream:
-            self._stream, self._start_seen = stamp.stream, False
-            self._started_ns = stamp.timestamp_ns
-        if self._reset is not None and self._phase.run_frames == JUDGED_STARTS_FRAMES and self._phase.known:
+    def add_frame(self, stamp: FrameStamp) -> int:
+        """Add a frame; return how many were dropped just before it."""
+        dropped, phase = self._phase.add(stamp), self._phase
+        self._commands.add_frame(stamp)
+        restarts = isinstance(self._actuator, ResetActuator)
+        if restarts and phase.run_frames == JUDGED_STARTS_FRAMES and phase.known:
             # Nine of ten restarts fail: where a start's first frame tells as much, none waits for five.
-            steady = self._phase.first_off_ns() < self._tolerance_ns / 4
+            steady = phase.first_off_ns() < self._tolerance_ns / 4
             self._least_frames = 1 if steady else SETTLED_FRAMES[0]
         return dropped
 
@@ -144,33 +115,15 @@ class Aligner:
         """How far in ns a driver's timestamp lies off the line of its stream's frames, 0 within the noise."""
         return self._phase.outlier_ns(stamp_ns)
 
-    def stream_started(self, local_ns: int) -> None:
-        """The stream was started, or restarted, at a local time; its next frame shows the latency."""
+    def note_stream_start(self, local_ns: int) -> None:
+        """Note that the stream was started or restarted at a local time; its next frame shows the latency."""
         self.aligned = False
-        if self._reset is not None:
-            self._reset.started(local_ns, self._phase.period_ns)
+        if isinstance(self._actuator, ResetActuator):
+            self._actuator.note_start(local_ns, self._phase.period_ns)
 
     def settle_command(self, now_local_ns: int) -> None:
-        """See whether the command under way is done, and learn from what it did."""
-        under_way = self._outstanding
-        if under_way is not None:
-            waited_ns = now_local_ns - under_way.issued_local_ns
-            if isinstance(under_way.command, RestartStream):
-                done = self._stream > under_way.stream and self._run_settled
-                late = waited_ns > RESET_TIMEOUT_NS + under_way.command.delay_ns
-            else:
-                done, late = not self._phase.disturbed, waited_ns > INJECTION_TIMEOUT_NS
-            if not done and not late:
-                return
-            self._outstanding = None
-            if late:
-                return
-            if self._injection is not None:
-                shift_ns = self._phase.last_shift_ns
-                self._injection.learn(MoveEffect(self._phase.last_ns, shift_ns, self._phase.noise_ns))
-        if self._reset is not None and not self._start_seen and self._run_settled:
-            self._start_seen = True
-            self._reset.learn(MoveEffect(self._phase.nearest(self._started_ns), None, self._phase.noise_ns))
+        """End the command under way once its effect shows or is overdue, and learn from the effect."""
+        self._commands.update(now_local_ns, run_settled=self._run_settled)
 
     def estimate(self, time_map: TimeMap, goal: Goal, at_leader_ns: int) -> PhaseEstimate | None:
         """The stream's error at an instant of leader time; None while nobody can tell."""
@@ -188,7 +141,7 @@ class Aligner:
             at_leader_ns=at_leader_ns,
         )
 
-    def step(
+    def next_command(
         self,
         time_map: TimeMap,
         goal: Goal,
@@ -215,7 +168,7 @@ class Aligner:
         # A phase at the very edge must not flicker in and out with its noise.
         grace_ns = min(2.0 * now.sigma_ns, self._tolerance_ns / 2) if self.aligned else 0.0
         self.aligned = not self.problem and abs(now.error_ns) <= self._tolerance_ns + grace_ns
-        if self.problem or self._controller is None:
+        if self.problem or self._actuator is None:
             return None
         course = Course(
             now.error_ns + self._phase.shift_to_come(now_local_ns),
@@ -223,7 +176,7 @@ class Aligner:
             self._tolerance_ns,
             grace_ns,
         )
-        aim = self._aim(course, now_leader_ns, hold, burst_leader_ns, meeting_leader_ns)
+        aim = self._aim(self._actuator, course, now_leader_ns, hold, burst_leader_ns, meeting_leader_ns)
         if aim is None:
             return None
         landing_local_ns = now_local_ns + aim.lead_ns
@@ -235,10 +188,15 @@ class Aligner:
             tolerance_ns=self._tolerance_ns,
             aim_ns=aim.off_centre_ns,
         )
-        return self._give(self._controller.command(move), now_local_ns)
+        command = self._actuator.command(move)
+        if command is None or not self._commands.begin(command, now_local_ns):
+            return None
+        self.aligned = self.aligned and not self._commands.under_way
+        return command
 
     def _aim(
         self,
+        actuator: PhaseActuator,
         course: Course,
         now_leader_ns: int,
         hold: bool,
@@ -248,35 +206,18 @@ class Aligner:
         period_ns = self._phase.period_ns
         if burst_leader_ns is not None:
             first_ns, last_ns = burst_leader_ns
-            return self._controls.aim_before(
+            return actuator.aim_before_burst(
                 course, period_ns=period_ns, begins_ns=first_ns - now_leader_ns, lasts_ns=last_ns - first_ns
             )
         if hold:
-            return self._controls.aim_on_hold(course, period_ns=period_ns)
-        return self._controls.aim(
+            return actuator.aim_on_hold(course, period_ns=period_ns)
+        return actuator.aim(
             course,
             period_ns=period_ns,
             hold_ns=self._hold_ns,
             aligned=self.aligned,
-            agreed_ns=0 if meeting_leader_ns is None else max(0, meeting_leader_ns - now_leader_ns),
+            meeting_ns=0 if meeting_leader_ns is None else max(0, meeting_leader_ns - now_leader_ns),
         )
-
-    def _give(self, command: CameraCommand | None, now_local_ns: int) -> CameraCommand | None:
-        """Remember what is expected of a command, and pass it on."""
-        if command is None:
-            return None
-        if isinstance(command, SetFrameDuration) and self._duration is not None:
-            if abs(self._duration.shift_ns) <= self._duration.fine_ns:
-                self._phase.expect_shift(self._duration.shift_ns)
-                return command
-            if self._phase.shift_to_come(now_local_ns):
-                return None
-        self._outstanding = _Outstanding(command, now_local_ns, self._stream)
-        self.corrections += 1
-        self.aligned = False
-        if not isinstance(command, RestartStream):
-            self._phase.mark_disturbance()
-        return command
 
     @property
     def _run_settled(self) -> bool:
@@ -298,4 +239,4 @@ class Aligner:
                 f"this camera runs at {1e9 / now.period_ns:.3f} frames/s and the rig at"
                 f" {1e9 / goal.period_ns:.3f}, too different to align"
             )
-        return self._controller.problem if self._controller else ""
+        return self._actuator.problem if self._actuator else ""

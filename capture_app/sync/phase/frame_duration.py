@@ -4,17 +4,20 @@ Far from the goal one frame takes the whole shift; near it one row at a time hol
 without any frame with another exposure.
 """
 
-from capture_app.sync.phase.actuator import Move, MoveEffect
+from capture_app.sync.phase.actuator import Move, MoveEffect, PhaseActuator
+from capture_app.sync.phase.aim import Aim, Course
 from capture_app.sync.phase.injection import FINEST_NS, INSIDE_ROW
 from capture_app.sync.wire.camera_commands import SetFrameDuration
 
+LEAD_FRAMES = 5
+"""From the command until a frame of another duration counts."""
 FINE_ROWS = 4
 """Up to so many rows a step is small: its effect is taken for granted, and no picture suffers."""
 DEADBAND_ROWS = 0.55
 """A row is given where the predicted error exceeds this: over a half, or noise would make it flicker."""
 
 
-class FrameDurationActuator:
+class FrameDurationActuator(PhaseActuator):
     """Turns wished shifts into the duration of one frame; a step too long for one frame is done in part."""
 
     def __init__(
@@ -47,6 +50,23 @@ class FrameDurationActuator:
         """Largest shift in ns that is a small step."""
         return FINE_ROWS * self._row_ns
 
+    def lead_ns(self, period_ns: float) -> float:
+        """Time in ns from a command until a frame of another duration counts."""
+        return LEAD_FRAMES * period_ns
+
+    def aim(
+        self, course: Course, *, period_ns: float, hold_ns: int, aligned: bool, meeting_ns: int
+    ) -> Aim | None:
+        """Straight at the goal: a step of a row costs nothing."""
+        lead_ns = self.lead_ns(period_ns)
+        return Aim(lead_ns, course.error_after(lead_ns), 0.0, 0.0)
+
+    def aim_on_hold(self, course: Course, *, period_ns: float) -> Aim | None:
+        """At the goal, if it is a few rows away at most: such a step shows in no picture."""
+        lead_ns = self.lead_ns(period_ns)
+        error_ns = course.error_after(lead_ns)
+        return None if abs(error_ns) > self.fine_ns else Aim(lead_ns, error_ns, 0.0, 0.0)
+
     def command(self, move: Move) -> SetFrameDuration | None:
         """The duration of one frame; None while the error is within about half a row."""
         later_ns = move.shift_ns
@@ -64,5 +84,5 @@ class FrameDurationActuator:
         self.shift_ns = rows * self._row_ns
         return SetFrameDuration(round((self._base_rows + rows + INSIDE_ROW) * self._row_ns))
 
-    def learn(self, moved: MoveEffect) -> None:
+    def learn(self, effect: MoveEffect) -> None:
         """Rows are rows: there is nothing to learn."""

@@ -9,9 +9,14 @@ from dataclasses import dataclass
 from math import floor
 from statistics import median
 
-from capture_app.sync.phase.actuator import Move, MoveEffect
+from capture_app.sync.phase.actuator import Move, MoveEffect, PhaseActuator
+from capture_app.sync.phase.aim import Aim, Course, aim_at_burst, aim_to_stay
 from capture_app.sync.wire.camera_commands import InjectFrame
 
+LEAD_FRAMES = 9
+"""From the command until the phase is known again: 2-4 frames of latency, the long ones, five calm ones."""
+BURST_LEAD_FRAMES = 12
+"""From the command to a burst: four of latency, three long ones in the time of six, two to spare."""
 GAINS = (1, 2, 3)
 FIRST_GAIN = 2
 USUAL_OVERHEAD_NS = 250_000
@@ -47,7 +52,7 @@ class InjectionProfile:
     """Longest exposure that does not stretch a frame, in rows."""
 
 
-class InjectionActuator:
+class InjectionActuator(PhaseActuator):
     """Turns wished shifts into exposures; starts with a guess and knows after one or two injections."""
 
     def __init__(
@@ -93,6 +98,29 @@ class InjectionActuator:
         rows, shift_rows = self._seen[-1]
         return abs(self.profile.gain * (rows - self.profile.neutral_rows) - shift_rows) < SURE_ROWS
 
+    def lead_ns(self, period_ns: float) -> float:
+        """Time in ns from a command until the phase is known again."""
+        return LEAD_FRAMES * period_ns
+
+    def aim(
+        self, course: Course, *, period_ns: float, hold_ns: int, aligned: bool, meeting_ns: int
+    ) -> Aim | None:
+        """Where the stream stays within its tolerance for longest; None if it is going to be within it."""
+        lead_ns = self.lead_ns(period_ns)
+        return (
+            None if course.tolerates(course.error_after(lead_ns)) else aim_to_stay(course, lead_ns, hold_ns)
+        )
+
+    def aim_before_burst(
+        self, course: Course, *, period_ns: float, begins_ns: int, lasts_ns: int
+    ) -> Aim | None:
+        """Where the stream meets its goal in the middle of a burst; None where the effect is not sure."""
+        if not self.sure:
+            return None
+        return aim_at_burst(
+            course, self.lead_ns(period_ns), BURST_LEAD_FRAMES * period_ns, begins_ns, lasts_ns
+        )
+
     def command(self, move: Move) -> InjectFrame | None:
         """One long frame; a shift that takes more than the longest exposure is done in part."""
         self._asked = None
@@ -108,12 +136,12 @@ class InjectionActuator:
         self._asked = rows
         return InjectFrame(max(self._min_ns, round((rows + INSIDE_ROW) * self._row_ns)))
 
-    def learn(self, moved: MoveEffect) -> None:
+    def learn(self, effect: MoveEffect) -> None:
         """Fit gain and neutral rows to all shifts remembered; no shift at all only raises the next one."""
         rows, self._asked = self._asked, None
-        if rows is None or moved.shift_ns is None:
+        if rows is None or effect.shift_ns is None:
             return
-        if moved.shift_ns < max(0.75 * self._row_ns if self._row_known else 0.0, 4.0 * moved.noise_ns):
+        if effect.shift_ns < max(0.75 * self._row_ns if self._row_known else 0.0, 4.0 * effect.noise_ns):
             # Too short to stretch a frame at all, it says nothing about longer ones. A device that is known
             # did not get its command, more likely.
             self._fruitless += 1
@@ -121,7 +149,7 @@ class InjectionActuator:
                 self._raised_ns += RAISE_NS
             return
         self._raised_ns = self._fruitless = 0
-        self._seen.append((rows, moved.shift_ns / self._row_ns))
+        self._seen.append((rows, effect.shift_ns / self._row_ns))
         self.profile = self._fit()
 
     def _most_rows(self) -> int:

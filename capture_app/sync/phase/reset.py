@@ -10,9 +10,12 @@ from cmath import phase, rect
 from collections import deque
 from math import ceil, exp, log, pi, sqrt
 
-from capture_app.sync.phase.actuator import Move, MoveEffect
+from capture_app.sync.phase.actuator import Move, MoveEffect, PhaseActuator
+from capture_app.sync.phase.aim import Aim, Course, aim_to_meet, aim_to_stay
 from capture_app.sync.wire.camera_commands import RestartStream
 
+LEAD_NS = 1_000_000_000
+"""From a command until the phase is known again."""
 REMEMBERED = 24
 WIDTHS = (1 / 200, 1 / 60, 1 / 20)
 """Of the kernels, as shares of a period."""
@@ -26,7 +29,7 @@ UNSURE = 1.05
 """Aim only if the best window holds this much more than a uniform density puts there."""
 
 
-class ResetActuator:
+class ResetActuator(PhaseActuator):
     """Chooses how long to wait between stop and start; `aimed=False` waits U(0, period)."""
 
     def __init__(self, *, rng: random.Random, aimed: bool = True) -> None:
@@ -44,10 +47,17 @@ class ResetActuator:
         """The start latencies seen, modulo the period and as shares of it, newest last."""
         return tuple(self._latencies)
 
-    @property
-    def problem(self) -> str:
-        """A stream can always be restarted."""
-        return ""
+    def lead_ns(self, period_ns: float) -> float:
+        """Time in ns from a command until the phase is known again."""
+        return LEAD_NS
+
+    def aim(
+        self, course: Course, *, period_ns: float, hold_ns: int, aligned: bool, meeting_ns: int
+    ) -> Aim | None:
+        """Where the stream meets the goal in `meeting_ns`, or stays near it; None if it will anyhow."""
+        if meeting_ns > 0:
+            return aim_to_meet(course, LEAD_NS, meeting_ns)
+        return None if aligned else aim_to_stay(course, LEAD_NS, hold_ns)
 
     def command(self, move: Move) -> RestartStream:
         """Restart after a delay below one period."""
@@ -61,16 +71,16 @@ class ResetActuator:
         self._start_ns = move.now_local_ns + delay_ns
         return RestartStream(delay_ns)
 
-    def started(self, local_ns: int, period_ns: float) -> None:
+    def note_start(self, local_ns: int, period_ns: float) -> None:
         """A stream was started at that local time without a command of ours."""
         if self._start_ns is None:
             self._start_ns, self._period_ns = local_ns, period_ns
 
-    def learn(self, moved: MoveEffect) -> None:
+    def learn(self, effect: MoveEffect) -> None:
         """Take in the latency of the start just seen."""
         if self._start_ns is None:
             return
-        latency = (moved.frame_local_ns - self._start_ns) / self._period_ns % 1.0
+        latency = (effect.frame_local_ns - self._start_ns) / self._period_ns % 1.0
         self._start_ns = None
         if self._latencies:
             densities = [self._density(width, latency) for width in WIDTHS]

@@ -117,7 +117,7 @@ class Client(Generic[F]):
     def frame_arrived(self, stamp: FrameStamp, frame: F, now_ns: int) -> None:
         """Take in a frame in the order of the stream."""
         self.ring.add(stamp.timestamp_ns, frame)
-        dropped = self.aligner.frame(stamp)
+        dropped = self.aligner.add_frame(stamp)
         if dropped:
             self._events.append(FramesDropped(dropped, stamp.sequence))
         self._finish_bursts(now_ns)
@@ -125,7 +125,7 @@ class Client(Generic[F]):
 
     def stream_started(self, now_ns: int) -> None:
         """The camera was told to start at `now_ns`: at first, and after each RestartStream."""
-        self.aligner.stream_started(now_ns)
+        self.aligner.note_stream_start(now_ns)
 
     def fail(self, reason: str) -> None:
         """The camera failed; an empty reason means that it works again."""

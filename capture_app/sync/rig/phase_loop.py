@@ -66,17 +66,7 @@ class PhaseLoop:
     def __init__(self, config: ClientConfig, rng: random.Random) -> None:
         camera = config.camera
         self.aligner = Aligner(
-            control=camera.phase_control,
-            period_ns=camera.period_ns,
-            tolerance_ns=config.tolerance_ns,
-            row_time_ns=camera.row_time_ns,
-            exposure_ns=camera.exposure_ns,
-            min_exposure_ns=camera.min_exposure_ns,
-            max_exposure_ns=camera.max_exposure_ns,
-            min_frame_duration_ns=camera.min_frame_duration_ns,
-            max_frame_duration_ns=camera.max_frame_duration_ns,
-            rng=rng,
-            profile=config.injection_profile,
+            camera, tolerance_ns=config.tolerance_ns, rng=rng, profile=config.injection_profile
         )
         for latency_ns in config.start_latencies_ns:
             self.aligner.learn_start_latency(latency_ns)
@@ -153,7 +143,7 @@ class PhaseLoop:
         if not aligner.settled:
             self._reported = self._answered = False
         news = aligner.settled and not self._reported
-        command = aligner.step(
+        command = aligner.next_command(
             time_map,
             grid.goal_of_stamps,
             now_ns,

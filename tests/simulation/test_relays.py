@@ -20,8 +20,9 @@ from capture_app.sync.rig.events import (
     NodeMoved,
 )
 from capture_app.sync.rig.failover import PROBE_EVERY_NS, Failover
-from capture_app.sync.rig.leader import ClientView, LeaderConfig
+from capture_app.sync.rig.leader import LeaderConfig
 from capture_app.sync.rig.phase_loop import ClientConfig
+from capture_app.sync.rig.roster import ClientView
 from capture_app.sync.tree.follower import Address, FollowerConfig
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
 from capture_app.sync.wire.codec import decode

@@ -10,8 +10,8 @@ from capture_app.simulation.devices.profiles import PROFILES
 from capture_app.simulation.network.delay_laws import GammaDelay
 from capture_app.simulation.network.link import Channel, Direction, Link
 from capture_app.simulation.rig.rig import NodeSpec, VirtualRig
-from capture_app.sync.rig.leader import spread
 from capture_app.sync.rig.poll_schedule import FIRST_PACE_NS, PACE_NS, SteadySchedule
+from capture_app.sync.rig.roster import van_der_corput
 
 S = 1_000_000_000
 LAN = Link(GammaDelay(60_000, 90_000), GammaDelay(60_000, 90_000))
@@ -33,7 +33,7 @@ class Recorder(Channel):
 def test_slots_are_far_from_each_other() -> None:
     for count in (2, 3, 5, 8, 11, 100):
         for first in (0, 7):
-            slots = sorted(spread(first + i) for i in range(count))
+            slots = sorted(van_der_corput(first + i) for i in range(count))
             gaps = [b - a for a, b in zip(slots, [*slots[1:], slots[0] + 1.0], strict=True)]
             assert min(gaps) >= 0.25 / count
 

@@ -19,8 +19,9 @@ from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.clock.upstream_map import MAX_DEPTH, upstream_map
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.failover import LEAST_ANSWERS, PROBE_EVERY_NS, Failback
-from capture_app.sync.rig.leader import CLIENT_SILENT_NS, CLOCK_SILENT_NS, Leader, LeaderConfig
+from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.phase_loop import ClientConfig
+from capture_app.sync.rig.roster import CLIENT_SILENT_NS, CLOCK_SILENT_NS
 from capture_app.sync.rig.time_client import HELLOS
 from capture_app.sync.tree.follower import Address, Follower, FollowerConfig
 from capture_app.sync.tree.relay import Relay

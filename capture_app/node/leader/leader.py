@@ -24,7 +24,8 @@ from capture_app.node.leader.wording import News
 from capture_app.node.wire.messages import BurstRequest, CameraReport, ImageUpload, SpoolSpace, ToLeader
 from capture_app.node.wire.status import BurstStatus, RigStatus
 from capture_app.sync.rig.events import BurstRefused
-from capture_app.sync.rig.leader import ClientView, Leader, LeaderConfig
+from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.roster import ClientView
 
 SNAPSHOT_EVERY_S = 0.25
 

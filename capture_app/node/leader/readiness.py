@@ -5,7 +5,7 @@ from collections.abc import AsyncGenerator, Callable, Sequence
 
 from capture_app.errors import IncompleteError
 from capture_app.node.leader.snapshots import present_cameras
-from capture_app.sync.rig.leader import ClientView
+from capture_app.sync.rig.roster import ClientView
 from capture_app.sync.wire.messages import NodeState
 
 LOOK_EVERY_S = 0.1

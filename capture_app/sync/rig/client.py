@@ -1,4 +1,4 @@
-"""The client's state machine: join, synchronize the clock, align the stream, save bursts; for ever."""
+"""The client's state machine: join, synchronize the clock, align the stream, pick the frames of bursts."""
 
 import random
 from collections import deque
@@ -56,7 +56,7 @@ class Client(Generic[F]):
 
     @property
     def state(self) -> NodeState:
-        """Where this client is on its way to taking pictures in step."""
+        """How far this client is: joining, syncing, aligning, ready or failed."""
         if self.failure:
             return NodeState.FAILED
         state = self.time.state
@@ -68,14 +68,14 @@ class Client(Generic[F]):
         return self.time.time_map
 
     def phase(self, local_ns: int) -> PhaseEstimate | None:
-        """The stream's distance from the rig's grid at a local time in ns."""
+        """The stream's phase error and drift at a local time in ns; None while they are not known."""
         grid = self._grid
         if not self.time.is_member or grid is None or self.time_map is None:
             return None
         return self._phase_loop.phase(grid, self.time_map, local_ns)
 
     def report(self, now_ns: int) -> Report:
-        """What this client tells the leader about itself."""
+        """Return what this client tells the leader about itself."""
         grid = self._grid if self.time.is_member else None
         why_no_centre = "" if grid is None else grid.why_no_centre
         holdover = "its relay has lost the leader and is in holdover" if self.leader_in_holdover else ""
@@ -85,12 +85,12 @@ class Client(Generic[F]):
 
     @property
     def leader_in_holdover(self) -> bool:
-        """Whether the leader is a relay that has lost its own: it holds the time, and brings no bursts."""
+        """Whether the leader is a relay in holdover: it keeps the time, but brings no bursts."""
         return self.time.is_member and self.time.terms is not None and self.time.terms.in_holdover
 
     @property
-    def may_change(self) -> bool:
-        """Whether a change of the leader would disturb nothing now."""
+    def can_change_leader(self) -> bool:
+        """Whether the leader may be changed now: the client is ready and no burst is pending."""
         return self.state is NodeState.READY and not self._bursts
 
     # In
@@ -103,7 +103,7 @@ class Client(Generic[F]):
         self.time.receive_message(message, now_ns)
         self._note_events()
         match message:
-            case HeartbeatAck() if self.time.is_addressed(message) and self._phase_loop.answered():
+            case HeartbeatAck() if self.time.is_addressed(message) and self._phase_loop.note_answer():
                 self._align(now_ns)
             case Trigger() if self.time.is_addressed(message):
                 self._take_trigger(message)
@@ -115,7 +115,7 @@ class Client(Generic[F]):
         self.time.receive_broadcast(data, now_ns)
 
     def frame_arrived(self, stamp: FrameStamp, frame: F, now_ns: int) -> None:
-        """Take in a frame in the order of the stream."""
+        """Take in the next frame of the stream."""
         self.ring.add(stamp.timestamp_ns, frame)
         dropped = self.aligner.add_frame(stamp)
         if dropped:
@@ -124,17 +124,17 @@ class Client(Generic[F]):
         self._align(now_ns)
 
     def stream_started(self, now_ns: int) -> None:
-        """The camera was told to start at `now_ns`: at first, and after each RestartStream."""
+        """Note that the camera was told to start at `now_ns`: at first, and for each RestartStream."""
         self.aligner.note_stream_start(now_ns)
 
     def fail(self, reason: str) -> None:
-        """The camera failed; an empty reason means that it works again."""
+        """Note that the camera failed; an empty reason means that it works again."""
         if bool(reason) != bool(self.failure):
             self.time.report_at_once()
         self.failure = reason
 
     def change_leader(self, reason: str, now_ns: int) -> None:
-        """Follow another leader from now on: the next datagrams go to that one."""
+        """Leave the present leader; the next datagrams are for another one."""
         self.time.lose(reason, now_ns)
         self.time.hellos = 0
         self._note_events()
@@ -171,12 +171,12 @@ class Client(Generic[F]):
 
     @property
     def _grid(self) -> CameraGrid | None:
-        """As the present leader has told it, or the last one: its bursts are finished all the same."""
+        """By the terms of the present leader, or of the last one, whose bursts are still picked."""
         terms = self.time.terms
         return None if terms is None else CameraGrid.of_camera(self.config.camera, terms)
 
     def _objection(self, terms: LeaderTerms) -> str:
-        """Say why terms mean to ask anew: streams and bursts are aligned to a grid of one period and root."""
+        """Say why a member must join anew under these terms: the grid's period or its root have changed."""
         if not self.time.is_member or self.time.terms is None:
             return ""
         if terms.goal.period_ns != self.time.terms.goal.period_ns:
@@ -184,14 +184,14 @@ class Client(Generic[F]):
         return "the relay follows another leader" if terms.path[0] != self._root else ""
 
     def _report_to_leader(self, now_ns: int) -> Report:
-        self._phase_loop.reported()
+        self._phase_loop.note_report()
         return self.report(now_ns)
 
     def _note_events(self) -> None:
         while (event := self.time.next_event()) is not None:
             self._events.append(event)
             if isinstance(event, Joined) and self.time.terms is not None:
-                self._phase_loop.joined()
+                self._phase_loop.note_join()
                 if self.time.terms.path[0] != self._root:
                     # Bursts are the root's, in its time: another relay does not end them.
                     self._bursts.clear()

@@ -101,7 +101,7 @@ class Failover(Generic[F]):
 
     @property
     def leader(self) -> Address:
-        """Whom the client follows, or asks at present."""
+        """The leader that the client follows, or asks to join at present."""
         return self._leaders[self._turn]
 
     def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
@@ -122,7 +122,7 @@ class Failover(Generic[F]):
             self._back = False
         if self._client.time.is_member and now_ns >= self._failback.due_ns:
             better = self._failback.probe(self.leader, now_ns, in_holdover=self._client.leader_in_holdover)
-            if better is not None and self._client.may_change:
+            if better is not None and self._client.can_change_leader:
                 self._change(better, now_ns)
 
     def next_timer(self) -> int:

@@ -45,7 +45,7 @@ MAX_BURST_NS = 600_000_000_000
 """The longest time from a burst's first instant to its last."""
 
 DROPPED = "the camera dropped the frame"
-"""Why there is a gap where the frames about it came."""
+"""The reason of a gap where the frames before and after it came."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +93,7 @@ class Gap:
 
 
 def is_possible_burst(frames: int, step_ns: int) -> bool:
-    """Whether a burst of that many frames, that far apart in ns, is one that anybody would order."""
+    """Whether a burst of so many frames, so far apart in ns, is within the limits."""
     return 0 < frames <= MAX_FRAMES and step_ns > 0 and (frames - 1) * step_ns <= MAX_BURST_NS
 
 
@@ -114,8 +114,8 @@ def pick_frames(
 ) -> tuple[tuple[Pick[F], ...], tuple[Gap, ...]]:
     """Return the frame nearest to each instant, and the instants that have none within half a period.
 
-    `offset_ns` is the time from a frame's timestamp to the moment of it that counts, which the picks tell.
-    `outlier_ns` says how far a timestamp is off its stream's line: one late stamp is not a late picture.
+    `offset_ns` is the time from a frame's timestamp to its aligned moment, which the picks tell. `outlier_ns`
+    says how far a timestamp is off its stream's line: a stamp may be late though the frame is not.
     """
     picks: list[Pick[F]] = []
     gaps: list[Gap] = []

@@ -9,15 +9,7 @@ from capture_app.sync.reference_broadcast.broadcaster import Broadcaster
 from capture_app.sync.rig.events import LeaderEvent
 from capture_app.sync.rig.frame_picks import Burst
 from capture_app.sync.rig.orders import BurstOrder, Orders, check_burst
-from capture_app.sync.rig.roster import (
-    CLIENT_SILENT_NS,
-    CLOCK_SILENT_NS,
-    Address,
-    ClientView,
-    Member,
-    Roster,
-    spread,
-)
+from capture_app.sync.rig.roster import Address, ClientView, Member, Roster
 from capture_app.sync.rig.terms import RigTerms
 from capture_app.sync.rig.uplink import Uplink
 from capture_app.sync.wire.beacon import ArrivalReport, Group
@@ -35,24 +27,14 @@ from capture_app.sync.wire.messages import (
 )
 from capture_app.sync.wire.time_messages import TimeRequest, WireError, reply_at, reply_before_t2
 
-__all__ = [
-    "CLIENT_SILENT_NS",
-    "CLOCK_SILENT_NS",
-    "Address",
-    "ClientView",
-    "Leader",
-    "LeaderConfig",
-    "spread",
-]
-
 _MS = 1_000_000
 FREE_PACE_NS, SLOWEST_PACE_NS = 25 * _MS, 60_000 * _MS
 TRIGGER_LEAD_NS = 500 * _MS
 """A burst that is asked for now begins this much later, so that every client hears of it before."""
 AFTER_BURST_NS = 1000 * _MS
-"""The goal stays as it is for so long after a burst's last instant, until every client has picked."""
-FEW_CAMERAS, WEIGH_EVERY_NS = 20, _MS // 5
-"""The goal of more cameras than a few is weighed so seldom for each of them, not at each heartbeat."""
+"""The goal stays as it is for so long after a burst's last instant: until then clients pick frames."""
+FEW_CAMERAS, UPDATE_EVERY_NS = 20, _MS // 5
+"""The goal of more than a few cameras is updated once in so long for each of them, not at each heartbeat."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,9 +47,9 @@ class LeaderConfig:
     align_row: float | None = None
     """Share of the height at which a row's middle of exposure is aligned; None for the first row's start."""
     max_delay_ns: int = 0
-    """A burst that is asked for now may be put off by so much, to where the cameras' frames meet best."""
+    """A burst that is asked for now may be delayed by so much to reach the best predicted alignment."""
     exchanges_per_s: float = 1000.0
-    """Time requests that all clients together may send: the more there are, the slower is each one's pace."""
+    """Time requests that all clients together may send; with more clients each of them sends fewer."""
     beacons: Group | None = None
     """Where to send beacons, so that clients which hear the same ones agree; None for none."""
 
@@ -87,7 +69,7 @@ class Leader:
         self._orders = Orders()
         self._broadcaster = Broadcaster(config.instance, config.beacons)
         self._busy_until_ns: int | None = None
-        self._weigh_due_ns = 0
+        self._goal_due_ns = 0
         self._times: deque[tuple[bytes, Address]] = deque()
         self._outbox: deque[tuple[ControlMessage, Address]] = deque()
         self._events: deque[LeaderEvent] = deque()
@@ -236,36 +218,36 @@ class Leader:
         self._outbox.append((message, member.address))
 
     def refuse(self, hello: Hello, reason: str, address: Address, *, retry_here: bool = False) -> None:
-        """Tell a client why it is not taken in; with `retry_here` it has no reason to ask another."""
+        """Tell a client why it cannot join; with `retry_here` it should not ask another leader."""
         self._outbox.append((JoinRefusal(hello.instance, reason, retry_here), address))
 
     def acknowledge(self, member: Member) -> None:
-        """Tell a member what holds now."""
+        """Send a member the present terms."""
         self.send(member, HeartbeatAck(member.number, self.terms.message(self.pace_ns)))
 
     def acknowledge_all(self) -> None:
-        """Tell every member what holds now."""
+        """Send every member the present terms."""
         for member in self._roster.members.values():
             if not member.lost:
                 self.acknowledge(member)
 
     def drop_member(self, member: Member, reason: str) -> None:
-        """Take a member to be lost; if it is not, it will ask to join again."""
+        """Count a member as lost, and tell it so: if it is there, it asks to join again."""
         self._events.append(self._roster.mark_lost(member, reason))
         self.send(member, UnknownMember(member.number))
 
     # The parts
 
     def _update_goal(self, now_ns: int) -> None:
-        """Move the goal to suit the cameras that cannot follow it, and tell everybody; not near a burst."""
+        """Move the goal to suit the cameras that cannot follow it, and tell all members; not near a burst."""
         if (
             self.terms.shared_goal is None
             or self.terms.upstream is not None
             or (self._busy_until_ns is not None and now_ns < self._busy_until_ns)
-            or (len(self._roster.immovable) > FEW_CAMERAS and now_ns < self._weigh_due_ns)
+            or (len(self._roster.immovable) > FEW_CAMERAS and now_ns < self._goal_due_ns)
         ):
             return
-        self._weigh_due_ns = now_ns + len(self._roster.immovable) * WEIGH_EVERY_NS
+        self._goal_due_ns = now_ns + len(self._roster.immovable) * UPDATE_EVERY_NS
         if self.terms.shared_goal.update(self._roster.camera_phases(), now_ns):
             self.acknowledge_all()
 

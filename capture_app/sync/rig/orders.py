@@ -1,4 +1,4 @@
-"""Bursts that a leader orders, and their triggers, which are out until each is answered or given up."""
+"""Bursts that a leader orders, and their triggers, sent again until each is answered or has expired."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -60,7 +60,7 @@ TRIGGER_GIVE_UP_NS = 5000 * _MS
 class BurstOrder:
     """A burst that is asked for: `frames` instants, every `spacing` periods, from a leader time in ns on.
 
-    It may be put off by `max_delay_ns`, to where the cameras' frames meet best; without a number it gets the
+    It may be delayed by `max_delay_ns` to reach the best predicted alignment; without a number it gets the
     next one.
     """
 
@@ -87,7 +87,7 @@ def check_burst(cameras: Sequence[Member], goal: Goal | None, frames: int, spaci
 
 
 @dataclass(slots=True)
-class _Order:
+class _OpenOrder:
     """A trigger that a client has not answered yet."""
 
     member: Member
@@ -97,10 +97,10 @@ class _Order:
 
 
 class Orders:
-    """Triggers on their way, each sent again and again; `now_ns` is leader time."""
+    """The triggers that are not answered yet; `now_ns` is leader time."""
 
     def __init__(self) -> None:
-        self._orders: list[_Order] = []
+        self._orders: list[_OpenOrder] = []
         self._bursts = 0
 
     def place(
@@ -119,12 +119,12 @@ class Orders:
         number = self._bursts = self._bursts + 1 if order.number is None else order.number
         for member in cameras:
             trigger = Trigger(member.number, leader, number, instants_ns[0], step_ns, frames)
-            self._orders.append(_Order(member, trigger, now_ns + TRIGGER_GIVE_UP_NS))
+            self._orders.append(_OpenOrder(member, trigger, now_ns + TRIGGER_GIVE_UP_NS))
         names = tuple(member.name for member in cameras)
         return Burst(number, instants_ns, goal.period_ns, order.at_leader_ns, names)
 
     def take_ack(self, member: Member, ack: TriggerAck) -> BurstAccepted | BurstRefused | None:
-        """Take in a member's answer; None where it has been answered, or given up, before."""
+        """Note a member's answer; None where it had answered before, or the order has expired."""
         for order in self._orders:
             if order.member is member and order.trigger.burst == ack.burst:
                 self._orders.remove(order)
@@ -134,7 +134,7 @@ class Orders:
         return None
 
     def expire(self, now_ns: int) -> list[BurstRefused]:
-        """Drop the orders of members that are lost, or have not answered for too long."""
+        """Drop the orders of members that are lost or have not answered for too long."""
         refused = []
         for order in list(self._orders):
             if order.member.lost or now_ns >= order.give_up_ns:

@@ -1,4 +1,4 @@
-"""The bursts that a client has promised, until their frames are picked; they outlive the leader."""
+"""The bursts that a client has accepted, until their frames are picked, whether its leader lives or not."""
 
 from collections import deque
 from collections.abc import Callable
@@ -14,11 +14,11 @@ from capture_app.sync.wire.messages import Trigger
 F = TypeVar("F")
 
 PATIENCE_PERIODS = 30
-"""A camera that gives no frames is waited for so long after a burst's last instant."""
+"""So long after a burst's last instant a camera without frames is waited for."""
 
 
 class PendingBursts(Generic[F]):
-    """Triggers taken from one tree's root, by its run and number, whichever relay has brought them."""
+    """Triggers of one tree's root, by its run and their number, whichever relay has brought them."""
 
     def __init__(self) -> None:
         self._triggers: dict[tuple[int, int], Trigger] = {}
@@ -29,12 +29,12 @@ class PendingBursts(Generic[F]):
         return bool(self._triggers)
 
     def clear(self) -> None:
-        """Another root has another time: what it did not order itself cannot be picked by it."""
+        """Forget all bursts: those of another root are in another time."""
         self._triggers.clear()
         self._done.clear()
 
     def add(self, trigger: Trigger) -> None:
-        """Add a burst by its trigger; one that comes again changes nothing."""
+        """Add a burst; a trigger that comes again changes nothing."""
         key = trigger.leader, trigger.burst
         if key not in self._done:
             self._triggers[key] = trigger
@@ -57,7 +57,7 @@ class PendingBursts(Generic[F]):
         outlier_ns: Callable[[int], int],
         phase: Callable[[int], PhaseEstimate | None],
     ) -> list[BurstPicked[F]]:
-        """Pick the frames of all bursts whose last frame is there, or given up.
+        """Pick the frames of all bursts whose last frame is there, or waited for no longer.
 
         `outlier_ns` as for `pick_frames`; `phase` tells the stream's at a local time in ns.
         """
@@ -74,6 +74,6 @@ class PendingBursts(Generic[F]):
             picks, gaps = pick_frames(
                 ring, time_map, instants_ns, goal.period_ns, offset_ns=offset_ns, outlier_ns=outlier_ns
             )
-            ready = trigger.leader, trigger.burst, picks, gaps, time_map, phase(last_local_ns)
-            due.append(BurstPicked(*ready))
+            last_phase = phase(last_local_ns)
+            due.append(BurstPicked(trigger.leader, trigger.burst, picks, gaps, time_map, last_phase))
         return due

@@ -1,4 +1,4 @@
-"""A client's stream on its way onto the rig's grid: the camera's commands, and what is told of them."""
+"""Keeps a camera's stream on the rig's grid: its aligner, commands to the camera, events of both."""
 
 import random
 from collections import deque
@@ -24,9 +24,9 @@ class CameraGrid:
 
     goal: Goal
     offset_ns: int
-    """From a frame's timestamp to the moment of it that is aligned; 0 where nobody can tell."""
+    """From a frame's timestamp to its aligned moment; 0 where that is not known."""
     why_no_centre: str
-    """Says that exposure centres were asked for and this camera's is not known; else empty."""
+    """Why the middle of the exposure is not aligned though it was asked for; empty where it is."""
     meeting_leader_ns: int | None
 
     @classmethod
@@ -83,16 +83,16 @@ class PhaseLoop:
 
     @property
     def ready(self) -> bool:
-        """Whether the stream is where it should be, or where it will stay."""
+        """Whether the stream is aligned, or as near as a camera without phase control will be."""
         return self.aligner.aligned or (self.aligner.settled and not self._can_move)
 
     def phase(self, grid: CameraGrid, time_map: TimeMap, local_ns: int) -> PhaseEstimate | None:
-        """The stream's distance from the rig's grid at a local time in ns."""
+        """The stream's phase error and drift at a local time in ns; None while they are not known."""
         at_leader_ns = time_map.leader_from_local(local_ns)
         return self.aligner.estimate(time_map, grid.goal_of_stamps, at_leader_ns)
 
     def report(self, report: Report, grid: CameraGrid | None, phase: PhaseEstimate | None) -> Report:
-        """Add the camera's part to a report of a node's time; `phase` is as it stands now."""
+        """Add the camera's part to a report of a node's time; `phase` is the present one."""
         report = replace(
             report,
             corrections=self.aligner.corrections,
@@ -111,16 +111,16 @@ class PhaseLoop:
             frame_leader_ns=frame_leader_ns if self.aligner.settled else None,
         )
 
-    def joined(self) -> None:
-        """Another leader knows nothing of the phase yet."""
+    def note_join(self) -> None:
+        """Note that another leader is followed, which does not know the phase yet."""
         self._reported = self._answered = False
 
-    def reported(self) -> None:
-        """The leader is told the phase as it is now."""
+    def note_report(self) -> None:
+        """Note that the leader is told the phase as it is now."""
         self._reported = self.aligner.settled
 
-    def answered(self) -> bool:
-        """The leader has answered; whether this is the first time since it was told the phase as it is."""
+    def note_answer(self) -> bool:
+        """Note an answer of the leader; whether it is the first since the phase as it is was reported."""
         first = self._reported and not self._answered
         self._answered = self._answered or first
         return first
@@ -133,7 +133,7 @@ class PhaseLoop:
         *,
         burst_leader_ns: tuple[int, int] | None,
     ) -> bool:
-        """Judge the stream and command what it needs; whether the leader should know now.
+        """Command the camera what its stream needs; whether to report to the leader at once.
 
         `burst_leader_ns` are the first and last instant of a burst that is near, None where none is.
         """
@@ -171,5 +171,5 @@ class PhaseLoop:
         return self._events.popleft() if self._events else None
 
     def _may_move(self, grid: CameraGrid) -> bool:
-        """Whether the leader leaves it to this client to move: restarts wait for what suits all cameras."""
+        """Whether this client may move its stream: restarts wait for the meeting time of all cameras."""
         return not self._restarts or (self._answered and grid.meeting_leader_ns is not None)

@@ -11,7 +11,7 @@ AT_ONCE_NS, NEVER_NS = -(2**62), 2**62
 
 
 class Progress(NamedTuple):
-    """How far a node has come with its leader's time."""
+    """How far a node is with estimating its leader's clock."""
 
     synced: bool
     samples: int
@@ -35,11 +35,11 @@ class PollSchedule(ABC):
 
     @abstractmethod
     def begin(self, now_ns: int) -> None:
-        """Start anew: another leader is asked."""
+        """Start anew with another leader."""
 
     @abstractmethod
     def restart(self, now_ns: int) -> None:
-        """Go on as if the leader were asked for the first time: a clock has stepped."""
+        """Ask as often as at first again: a clock has stepped."""
 
     @abstractmethod
     def request_sent(self, now_ns: int, progress: Progress) -> bool:
@@ -63,10 +63,10 @@ FIRST_SAMPLES = 300
 FIRST_PACE_NS = 3 * _MS
 PACE_NS = 25 * _MS
 EASING_PACES_NS, EASING_SAMPLES = (6 * _MS, 12 * _MS), 200
-"""Between the two, so many samples at each of these: until a few seconds have shown the skew, the time is
-only as good as the newest samples are many."""
+"""Between the two, so many samples at each of these: until a few seconds have shown the skew, the error
+depends on the number of the newest samples."""
 NEAR_NS = 750_000
-"""Shorter round trips are those of a wire."""
+"""Shorter round trips are those of a cable."""
 BACKLOG_NS = 100 * _MS
 ESTIMATE_EVERY_NS = 100 * _MS
 
@@ -143,9 +143,8 @@ SHORTEST_NS, LONGEST_NS = 2_000 * _MS, 60_000 * _MS
 """Between two rounds of a leader's pace."""
 FIRST_NS = 500 * _MS
 GROWTH = 1.2
-"""A round is so much later than the one before it, until the leader's pace is reached: as the skew shows.
-
-So no guess reaches further ahead than a fifth of the time that the clock was watched."""
+"""Each gap between rounds is so much longer than the last one, until the leader's pace is reached. So no
+estimate is extrapolated by more than a fifth of the time that the clock was watched."""
 
 
 class RoundSchedule(PollSchedule):

@@ -1,4 +1,4 @@
-"""Who is or was here: the clients that a leader took in, their numbers, slots, and when they fall silent."""
+"""The members of a leader: their numbers and slots, and who of them has fallen silent."""
 
 import random
 from dataclasses import dataclass
@@ -15,7 +15,7 @@ Address = tuple[str, int]
 _MS = 1_000_000
 CLIENT_SILENT_NS = 2000 * _MS
 CLOCK_SILENT_NS = 150_000 * _MS
-"""A node that only keeps the time may speak but once a minute."""
+"""A node that only keeps the time may report only once a minute."""
 MAX_CLIENTS = 10_000
 
 
@@ -47,10 +47,11 @@ class Member:
     via: str | None = None
     """The relay that it joined, where that speaks for it."""
     lost: str = ""
+    """Why it is counted as lost; empty while it is here."""
 
 
-def spread(index: int) -> float:
-    """Return a part of 1 that is far from those of all indices near it (van der Corput 1935)."""
+def van_der_corput(index: int) -> float:
+    """Return a number from 0 to 1 that is far from those of the indices around it (van der Corput 1935)."""
     part, step = 0.0, 0.5
     while index:
         part += step * (index & 1)
@@ -64,16 +65,16 @@ class Roster:
     def __init__(self, rng: random.Random) -> None:
         self.members: dict[str, Member] = {}
         self.immovable: dict[str, Member] = {}
-        """Those that do not move to any goal: the goal is moved to suit them."""
+        """Members whose streams cannot be moved to every goal: the goal is moved to suit them."""
         self.present_count = 0
         """How many are not lost."""
         self.pollers = 0
-        """How many of those ask the time here, not a relay."""
+        """How many of those ask this leader for the time, not a relay."""
         self._rng = rng
         self._by_number: dict[int, Member] = {}
         self._joins = 0
         self._silence_ns = 0
-        """Nobody can have been silent for too long before this time."""
+        """No member can have been silent for too long before this time."""
 
     def views(self, now_ns: int) -> tuple[ClientView, ...]:
         """Return all that are or were here, by name; lost ones say so in their report."""
@@ -103,14 +104,14 @@ class Roster:
     def admit(
         self, hello: Hello, address: Address, now_ns: int
     ) -> tuple[Member, NodeJoined | NodeReturned | NodeMoved | None]:
-        """Take in a client that is not refused; None where it is here already and merely asks again."""
+        """Add a client that is not refused; no event where it is here already and merely asks again."""
         known = self.members.get(hello.name)
         moved = known is not None and not known.lost
         if known is not None:
             if not known.lost and known.via == hello.via:
                 known.last_heard_ns = now_ns
                 return known, None
-            # A relay that it has left knows it by the old number, and is told that this is nobody's.
+            # A relay that it has left knows it by the old number, and is told that this is unknown.
             self._by_number.pop(known.number, None)
             self._count(known, -1)
         number = self._free_number()
@@ -123,7 +124,7 @@ class Roster:
             hello.camera,
             report,
             now_ns,
-            spread(self._joins),
+            van_der_corput(self._joins),
             hello.via,
         )
         self._joins += 1
@@ -138,7 +139,7 @@ class Roster:
         return member, NodeJoined(hello.name) if known is None else NodeReturned(hello.name)
 
     def mark_lost(self, member: Member, reason: str) -> NodeLost:
-        """A member is gone; its counts of frames stay."""
+        """Count a member as lost; its counts of frames stay."""
         self._count(member, -1)
         member.lost = reason
         member.report = Report(
@@ -147,7 +148,7 @@ class Roster:
         return NodeLost(member.name, reason)
 
     def mark_silent_lost(self, now_ns: int) -> list[NodeLost]:
-        """Lose those who are silent, and note when the next one could be."""
+        """Count silent members as lost, and note when the next one could be."""
         if now_ns < self._silence_ns:
             return []
         lost = []
@@ -163,7 +164,7 @@ class Roster:
         return lost
 
     def next_timer(self) -> int | None:
-        """Leader time in ns at which somebody could have been silent for too long, None for never."""
+        """Leader time in ns at which a member could have been silent for too long, None for never."""
         return self._silence_ns if self.present_count else None
 
     def cameras(self) -> list[Member]:
@@ -175,7 +176,7 @@ class Roster:
         ]
 
     def camera_phases(self) -> list[CameraPhase]:
-        """Return what those say of themselves that do not move to any goal."""
+        """Return the phases of the immovable members, as they have reported them."""
         return [
             CameraPhase(
                 member.name,

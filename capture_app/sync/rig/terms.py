@@ -1,4 +1,4 @@
-"""What a leader tells all its clients alike: the grid of instants, and how its clock stands to the root's."""
+"""The terms of a leader, alike for all its clients: the grid of instants and the way to the root's time."""
 
 from dataclasses import dataclass
 
@@ -44,7 +44,7 @@ class LeaderTerms:
         )
 
     def root_map(self, own: TimeMap) -> TimeMap:
-        """Return the map to the root's clock from that to the leader's."""
+        """Return the map to the root's clock; `own` is the one to the leader's."""
         return own if self.upstream is None else own.chained_to(self.upstream)
 
 
@@ -59,11 +59,11 @@ class RigTerms:
     align_row: float | None
     shared_goal: SharedGoal | None = None
     upstream: UpstreamMap | None = None
-    """Of a relay: from its clock to the root's, for the clients to add to their estimates."""
+    """Of a relay: from its clock to the root's; clients chain it to their estimates."""
     in_holdover: bool = False
-    """Of a relay: nobody above it orders bursts at present."""
+    """Of a relay: it has no leader at present, or that one is in holdover."""
     grid_is_of_cameras: bool = False
-    """Whether the grid's period is that of cameras, not one that holds until the first of them comes."""
+    """Whether the grid has the period of a camera, or the one asked for, and keeps it."""
 
     @property
     def goal(self) -> Goal | None:
@@ -71,7 +71,7 @@ class RigTerms:
         return None if self.shared_goal is None else self.shared_goal.goal
 
     def lay_grid(self, camera: CameraFacts, now_ns: int) -> bool:
-        """Lay a grid at the rate of the first camera; whether it is another one than before."""
+        """Lay the grid at the rate of the first camera; whether it has changed."""
         is_camera = camera.kind not in WITHOUT_CAMERA
         if self.shared_goal is not None and (self.grid_is_of_cameras or not is_camera):
             return False

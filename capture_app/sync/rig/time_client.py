@@ -33,11 +33,11 @@ from capture_app.sync.wire.time_messages import TimeReply, WireError
 _MS = 1_000_000
 HELLO_EVERY_NS = 500 * _MS
 HELLOS = 3
-"""Unanswered ones after which another leader is asked, where there is one."""
+"""So many unanswered hellos, and another leader is asked, where there is one."""
 HEARTBEAT_EVERY_NS = 500 * _MS
 LEADER_SILENT_NS = 2500 * _MS
 MOST_EVENTS = 256
-"""Kept for a node that does not look at them."""
+"""So many of the newest are kept for a node that does not take them."""
 CLOCK = CameraFacts(
     kind=CLOCK_ONLY,
     model="",
@@ -81,11 +81,11 @@ class TimeClient:
         self.timekeeper = timekeeper
         self.malformed = 0
         self.hellos = 0
-        """How often it has asked to join since it was last a member; HELLOS when its leader fell silent."""
+        """How often it has asked to join since it was a member; after HELLOS another leader is asked."""
         self.number: int | None = None
         """What the leader knows this node by; None while it is no member."""
         self.terms: LeaderTerms | None = None
-        """What the present leader, or the last one, has told."""
+        """Those of the present leader, or of the last one."""
         self.why_joining = ""
         """Why it is no member, where that is known."""
         self._heartbeat_due_ns = NEVER_NS
@@ -106,7 +106,7 @@ class TimeClient:
 
     @property
     def state(self) -> NodeState:
-        """Joining, syncing, or ready: the time is that of a leader who is there."""
+        """Joining, syncing, or ready: the clock is synchronized to a leader that answers."""
         if self.number is None:
             return NodeState.JOINING
         return NodeState.READY if self.timekeeper.synced else NodeState.SYNCING
@@ -134,7 +134,7 @@ class TimeClient:
             self.receive_message(message, now_ns)
 
     def receive_broadcast(self, data: bytes, now_ns: int) -> None:
-        """Take in a datagram of the group that the leader named; of those only its beacons count."""
+        """Take in a datagram of the leader's multicast group; all but its beacons are ignored."""
         message = self.decode(data)
         leader = self.terms.leader if self.terms is not None and self.is_member else None
         if isinstance(message, Beacon) and message.leader == leader:
@@ -192,7 +192,7 @@ class TimeClient:
         return True
 
     def lose(self, reason: str, now_ns: int) -> None:
-        """Be no member any more, and ask to join at once."""
+        """Give up the leader, and ask to join again at once."""
         self.number = None
         self.timekeeper.stop()
         self.why_joining = reason
@@ -208,11 +208,11 @@ class TimeClient:
         self._hello_due_ns = NEVER_NS
 
     def report_at_once(self) -> None:
-        """Let the leader know soon what is new here."""
+        """Send the next heartbeat at once."""
         self._heartbeat_due_ns = AT_ONCE_NS
 
     def send(self, message: ControlMessage) -> None:
-        """Send the leader something, with what goes there next."""
+        """Send the leader a message with the next datagrams."""
         self._outbox.append(message)
 
     def handle_timer(self, now_ns: int) -> None:
@@ -280,7 +280,7 @@ class TimeClient:
             self.lose("the leader has changed", now_ns)
         else:
             self.terms = terms
-            self.timekeeper.take_terms(terms)
+            self.timekeeper.update_terms(terms)
 
     def _note_clock(self, now_ns: int) -> None:
         while (event := self.timekeeper.next_event()) is not None:

@@ -1,4 +1,4 @@
-"""A node's hold of its leader's time: requests as its schedule says, and the newest map."""
+"""Keeps the leader's time on a node: requests as its schedule says, and the newest time map."""
 
 from collections import deque
 from collections.abc import Callable
@@ -29,10 +29,10 @@ ClockEvent = ClockStepped | ClockSynced | ReferenceCorrectionStarted | Reference
 
 
 class Timekeeper:
-    """The time of the leader that is followed; `now_ns` is always the node's own clock.
+    """Estimates the clock of the leader that is followed; `now_ns` is always the node's own clock.
 
-    Its map outlives a leader that fell silent, and is replaced only by a better one of the same root's time
-    (holdover); another root ends it.
+    Without a leader the newest map is kept (holdover). Another leader's estimate replaces it as soon as that
+    is better; a leader of another root ends it at once.
     """
 
     def __init__(
@@ -48,21 +48,21 @@ class Timekeeper:
         self.schedule = schedule or SteadySchedule()
         self.listener = Listener()
         self.uncorrected_map: TimeMap | None = None
-        """What the exchanges alone tell of the leader's clock, before anything was agreed with others."""
+        """The estimate of the leader's clock by its answers only, without a reference correction."""
         self.time_map: TimeMap | None = None
         """The newest estimate of the leader's clock, the root's where the leader is a relay."""
         self.path: tuple[int, ...] = ()
-        """Instances from the root to the leader whose answers `time_map` is from."""
+        """Instances from the root to the leader whose answers made `time_map`."""
         self.synced = False
-        """Whether the leader that is asked now has answered often enough."""
+        """Whether the present leader has answered often enough."""
         self.time_is_known = False
-        """Whether `time_map` can be relied on: by the leader's answers, or in holdover."""
+        """Whether `time_map` can be relied on, by the leader's answers or in holdover."""
         self.requests = 0
-        """How many were sent."""
+        """How many time requests were sent."""
         self._on_sample = on_sample
         self._number = 0
         self._asked: LeaderTerms | None = None
-        """Of the leader that is asked, or was last: `clock` is about its clock."""
+        """Those of the leader that is asked, or was last: `clock` estimates its clock."""
         self._sequence = first_sequence
         self._outstanding: dict[int, int] = {}
         self._request: bytes | None = None
@@ -71,13 +71,13 @@ class Timekeeper:
 
     @property
     def outstanding(self) -> int:
-        """How many requests are still to be answered."""
+        """How many requests are not answered yet; those that were lost too, OUTSTANDING at most."""
         return len(self._outstanding)
 
     # In
 
     def follow(self, terms: LeaderTerms, number: int, slot: float, now_ns: int) -> None:
-        """Begin to ask a leader that has taken this node in; the time of the same root is held over."""
+        """Begin to ask a leader that has taken this node in; the time map of the same root is kept."""
         if self._asked is None or terms.leader != self._asked.leader:
             self.clock.reset()
             self.listener.forget()
@@ -89,20 +89,20 @@ class Timekeeper:
         self._outstanding = {}
         self._request = None
         self.schedule.slot = slot
-        self.take_terms(terms)
+        self.update_terms(terms)
         self.schedule.begin(now_ns)
 
-    def take_terms(self, terms: LeaderTerms) -> None:
-        """Note the pace that the leader bears, and how its clock stands to the root's."""
+    def update_terms(self, terms: LeaderTerms) -> None:
+        """Note the leader's present terms."""
         self._asked = terms
         self.schedule.leader_pace_ns = terms.pace_ns
 
     def stop(self) -> None:
-        """Ask no more: the leader is gone."""
+        """Send no more requests: the leader is gone."""
         self._request = None
 
     def forget(self) -> None:
-        """Drop the time: it is not to be told any more."""
+        """Drop the time map."""
         self.time_map, self.time_is_known = None, False
 
     def take_reply(self, reply: TimeReply, now_ns: int) -> bool:
@@ -139,7 +139,7 @@ class Timekeeper:
         return due_ns if tell_due_ns is None else min(due_ns, tell_due_ns)
 
     def arrival_report(self, now_ns: int) -> ArrivalReport | None:
-        """Return what is to be told now of the beacons that were heard, None where nothing is due."""
+        """Return the report of the beacons that were received, None where none is due."""
         if not self.synced or self.uncorrected_map is None:
             return None
         return self.listener.tell(self._number, self.uncorrected_map, now_ns)
@@ -220,8 +220,8 @@ class Timekeeper:
             self._events.append(ClockSynced(time_map))
 
     def _is_worse(self, time_map: TimeMap) -> bool:
-        """Whether what was learned from the leader before is better still: it knows the skew."""
-        assert self.time_map is not None, "what is held over is there"
+        """Whether the map of the leader before is better still: it has the better skew."""
+        assert self.time_map is not None, "in holdover there is a map"
         until_ns = self.schedule.request_due_ns
         return self.time_map.uncertainty_at(until_ns) < time_map.uncertainty_at(until_ns)
 
@@ -237,5 +237,5 @@ class Timekeeper:
 
 
 def _sendable(value_ns: float) -> int | None:
-    """Return it as a whole number; None where no message can carry it: a forged clock may show anything."""
+    """Return a whole number; None where it does not fit into a message, as with a forged clock."""
     return round(value_ns) if abs(value_ns) < 2**63 else None

@@ -1,8 +1,7 @@
-"""The members of a relay as its parent knows them: what they say goes up, what they are told comes down.
+"""Passes the members' messages of a relay up to its parent, and says which member an answer is for.
 
-Towards the parent a relay speaks for each of its members in the member's own words, so that the root has
-one roster of the whole tree, and orders and weighs all cameras alike, however deep. Nothing is repeated here:
-what goes unanswered, the members and the root say again.
+A relay sends each member's messages on as they are, so that the root has one roster of the whole tree and
+treats all cameras alike, however deep. Nothing is sent again here: members and root do that themselves.
 """
 
 from collections import deque
@@ -18,7 +17,7 @@ TOO_LONG = "what it tells of its camera is too long for a relay to pass on"
 
 
 class Uplink:
-    """Which member is known to the parent, by which number; a node that only keeps the time never is."""
+    """Knows the parent's number of each member; nodes that only keep the time are not passed up."""
 
     def __init__(self, relay: str, most_members: int = MAX_CLIENTS) -> None:
         """`relay` is the name of the relay whose members these are."""
@@ -27,25 +26,25 @@ class Uplink:
         self._relay, self._most_members = relay, most_members
         self._numbers: dict[str, tuple[Member, int]] = {}
         self._members: dict[int, Member] = {}
-        self._asking: dict[int, Hello] = {}
+        self._introduced: dict[int, Hello] = {}
         self._refused: dict[int, str] = {}
         self._outbox: deque[bytes] = deque()
 
     def restart(self, *, has_parent: bool) -> None:
-        """Another parent, or none: nobody is known there."""
+        """Start anew with another parent, or none: no member is known there."""
         self.has_parent = has_parent
-        for known in (self._numbers, self._members, self._asking, self._refused, self._outbox):
+        for known in (self._numbers, self._members, self._introduced, self._refused, self._outbox):
             known.clear()
 
     @property
     def remembered(self) -> int:
         """How many clients are remembered that the parent has not taken in."""
-        return len(self._asking) + len(self._refused)
+        return len(self._introduced) + len(self._refused)
 
     # Up
 
     def refusal(self, hello: Hello) -> str:
-        """Return why a client cannot be here, empty if it can; a parent that refused it is asked again."""
+        """Return why a client cannot join, empty if it can; a parent that refused it is asked again."""
         try:
             encode(self._passed_on(hello))
         except WireError:
@@ -56,7 +55,7 @@ class Uplink:
         return reason
 
     def pass_up(self, member: Member, message: Hello | Heartbeat | TriggerAck | Goodbye) -> bool:
-        """Pass on what a member said; whether its answer is to come from above."""
+        """Pass a member's message on; whether the answer comes from the parent."""
         if not self.has_parent or member.camera.kind == CLOCK_ONLY:
             return False
         known, number = self._numbers.get(member.name, (None, 0))
@@ -74,13 +73,13 @@ class Uplink:
     # Down
 
     def member(self, number: int) -> Member | None:
-        """Return whom the parent means by a number."""
+        """Return the member that has this number at the parent."""
         member = self._members.get(number)
         return None if member is None or member.lost else member
 
     def note_welcome(self, instance: int, number: int, members: dict[str, Member]) -> None:
-        """The parent took a member in, or one that had been refused before and may ask again."""
-        hello = self._asking.pop(instance, None)
+        """Note that the parent took a member in, or a client that it had refused before."""
+        hello = self._introduced.pop(instance, None)
         self._refused.pop(instance, None)
         member = None if hello is None else members.get(hello.name)
         if member is not None and member.instance == instance and not member.lost:
@@ -88,8 +87,8 @@ class Uplink:
             self._members[number] = member
 
     def note_refusal(self, instance: int, reason: str, members: dict[str, Member]) -> Member | None:
-        """The parent did not take a client in; return the member to be given up for it."""
-        hello = self._asking.pop(instance, None)
+        """Note that the parent refused a client; return the member that is to be dropped, if there is one."""
+        hello = self._introduced.pop(instance, None)
         if hello is None:
             return None
         if len(self._refused) >= self._most_members:
@@ -99,16 +98,16 @@ class Uplink:
         return member if member is not None and member.instance == instance and not member.lost else None
 
     def note_unknown(self, number: int) -> None:
-        """The parent knows nobody by that number any more: it is asked again when the member speaks."""
+        """Note that the parent does not know a number any more: the member is introduced again."""
         member = self._members.pop(number, None)
         if member is not None:
             self._numbers.pop(member.name, None)
 
     def _ask(self, hello: Hello) -> None:
-        if len(self._asking) >= self._most_members:
-            # Nobody answers, or somebody makes names up: whoever is still there says hello again.
-            self._asking.clear()
-        self._asking[hello.instance] = hello
+        if len(self._introduced) >= self._most_members:
+            # No answers, or made-up names: clients that are there say hello again.
+            self._introduced.clear()
+        self._introduced[hello.instance] = hello
         self._send(self._passed_on(hello))
 
     def _passed_on(self, hello: Hello) -> Hello:

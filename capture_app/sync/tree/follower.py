@@ -1,4 +1,4 @@
-"""A node that keeps the root's time: it follows one of several leaders or relays, for ever."""
+"""A node that keeps the root's time by following one of several leaders or relays."""
 
 import random
 from collections import deque
@@ -26,9 +26,9 @@ from capture_app.sync.wire.messages import (
 Address = tuple[str, int]
 
 SILENT_HEARTBEATS = 4
-"""A parent that has said nothing for as long as this many heartbeats is gone."""
+"""A parent that was silent for so many heartbeats is gone."""
 WINDOW_NS = 300_000_000_000
-"""Several rounds, for the skew between them; any longer, and a clock is no longer a straight line."""
+"""Several rounds, for the skew between them; over longer times a clock is not a straight line."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,15 +39,15 @@ class FollowerConfig:
     instance: int
     parents: tuple[Address, ...]
     camera: CameraFacts = CLOCK
-    """What it tells of itself; a relay of cameras is of another kind."""
+    """How it describes itself to its parent."""
     heartbeat_every_ns: int | None = None
-    """Without it, it speaks once a round, and notices but then that its parent is silent."""
+    """None to report once a round only, and to notice only then that the parent is silent."""
 
 
 class Follower:
-    """The time of a tree's root; `now_ns` is always the node's own clock.
+    """Keeps the time of a tree's root; `now_ns` is always the node's own clock.
 
-    When its parent falls silent it asks the next one, and is in holdover meanwhile.
+    When its parent falls silent it asks the next one (failover), and keeps its time map meanwhile (holdover).
     """
 
     def __init__(self, config: FollowerConfig, rng: random.Random) -> None:
@@ -68,22 +68,22 @@ class Follower:
         self._was_member = False
         self._failback = Failback(config.parents)
         self._better: Address | None = None
-        """A better parent that was asked whether it takes this node in, while the present one is followed."""
+        """A preferred parent that was asked to join while the present one is still followed."""
         self._outbox: deque[tuple[ControlMessage, Address]] = deque()
 
     @property
     def parent(self) -> Address:
-        """The address of the one that is followed, or asked at present."""
+        """The parent that is followed, or asked to join at present."""
         return self.config.parents[self._turn]
 
     @property
     def state(self) -> NodeState:
-        """Joining, syncing, or ready: the time is that of a parent who is there."""
+        """Joining, syncing, or ready: the clock is synchronized to a parent that answers."""
         return self.time.state
 
     @property
     def time_map(self) -> TimeMap | None:
-        """From this node's clock to the root's; it outlives its parent, with error bars that grow."""
+        """From this node's clock to the root's; kept without a parent, with an uncertainty that grows."""
         return self.time.time_map
 
     @property
@@ -103,7 +103,7 @@ class Follower:
     def receive_message(self, message: Message, address: Address, now_ns: int) -> None:
         """Take in a message of one of the parents that arrived at `now_ns`.
 
-        One of another parent than the present one may be of a better one that is back.
+        Preferred parents answer probes, and may take this node in, while the present one is followed.
         """
         if address == self.parent:
             self.time.receive_message(message, now_ns)
@@ -145,7 +145,7 @@ class Follower:
         return datagrams + self._failback.datagrams_to_send()
 
     def leave(self) -> None:
-        """Say goodbye, and tell the time no more: this node is about to stop."""
+        """Say goodbye and drop the time map: this node is about to stop."""
         self.time.leave()
         self.time.timekeeper.forget()
 
@@ -161,7 +161,7 @@ class Follower:
         return "the parent is too far from the root" if len(terms.path) > MAX_DEPTH else ""
 
     def _go_back(self, address: Address, welcome: Welcome, now_ns: int) -> None:
-        """Follow a better parent that is back, if its terms are good; the time of before is held over."""
+        """Follow a preferred parent that is there again; the time map is kept until that one's is better."""
         number, former = self.time.number, self.parent
         self._better = None
         if number is not None and self.time.follow(welcome, now_ns):

@@ -1,7 +1,7 @@
-"""A relay: a follower of its parent, and a leader to its own clients, who thereby hold the root's time.
+"""A relay: a follower of its parent and a leader of its own clients, which keep the root's time through it.
 
-Its time replies carry its own clock, which never jumps, however its estimate moves; how that clock stands
-to the root's goes beside them, error budget included, and each client adds the two.
+Its time replies carry its own clock, which never jumps, however its estimate moves. Its terms carry the map
+from that clock to the root's with its uncertainty, and each client chains the two.
 """
 
 import random
@@ -41,14 +41,14 @@ OF_CAMERAS = CameraFacts(
     phase_control=PhaseControl.NONE,
     timestamp_source=TimestampSource.UNKNOWN,
 )
-"""What a relay tells of itself whose clients have cameras: it is to notice within seconds who is gone."""
+"""How a relay of cameras describes itself: as a member that must be missed within seconds."""
 
 
 class Relay:
-    """Both state machines behind one socket; `now_ns` is the relay's own clock.
+    """Follower and leader behind one socket; `now_ns` is the relay's own clock.
 
-    Nobody is taken in before the root's time is known. `leader.instance` is the follower's. A relay that
-    loses its parent is in holdover, also for new clients; bursts come again with a parent.
+    Clients can join as soon as the root's time is known. A relay that loses its parent goes into holdover,
+    also for new clients; bursts come again with a parent.
     """
 
     def __init__(self, config: FollowerConfig, leader: LeaderConfig, rng: random.Random) -> None:
@@ -65,19 +65,19 @@ class Relay:
         except WireError:
             self.malformed += 1
             return
-        # A parent to be may well be a client: what is said tells to whom.
+        # An address may be that of a parent and of a client: the kind of message tells which is meant.
         if not isinstance(message, FromClient):
             if address == self.follower.parent:
                 self._receive_from_parent(message, address, now_ns)
             elif address in self.follower.config.parents:
                 self.follower.receive_message(message, address, now_ns)
-            self._pass_on()
+            self._update_terms()
         elif (
             isinstance(message, Heartbeat)
             and message.client == PROBE_NUMBER
             and self.leader.terms.in_holdover
         ):
-            pass  # A client looks for a better leader than its own.
+            pass  # A client probes for a leader that is better than its own: this one is not.
         elif self.leader.terms.upstream is not None:
             self.leader.receive_message(message, address, now_ns)
         elif isinstance(message, Hello) and self.follower.time.is_member:
@@ -86,7 +86,7 @@ class Relay:
     def handle_timer(self, now_ns: int) -> None:
         """Do what is due; call it at `next_timer`, or any time."""
         self.follower.handle_timer(now_ns)
-        self._pass_on()
+        self._update_terms()
         self.leader.handle_timer(now_ns)
 
     def leave(self) -> None:
@@ -115,7 +115,7 @@ class Relay:
     # The parts
 
     def _receive_from_parent(self, message: Message, address: Address, now_ns: int) -> None:
-        """Take in what is meant for this relay itself, or for one of its members."""
+        """Take in a message for this relay itself, or for one of its members."""
         uplink, members = self.uplink, self.leader.members
         match message:
             case Welcome() if message.instance != self.follower.config.instance:
@@ -127,18 +127,18 @@ class Relay:
             case UnknownMember() if message.client != self.follower.time.number:
                 uplink.note_unknown(message.client)
             case HeartbeatAck() if member := uplink.member(message.client):
-                # What it tells holds for all, and is fresher than this relay's own answers.
+                # Its terms hold for all, and are newer than those of this relay's own heartbeats.
                 mine = msgspec.structs.replace(message, client=self.follower.time.number or 0)
                 self.follower.receive_message(mine, address, now_ns)
-                self._pass_on()
+                self._update_terms()
                 self.leader.acknowledge(member)
             case Trigger() if member := uplink.member(message.client):
                 self.leader.send(member, msgspec.structs.replace(message, client=member.number))
             case _:
                 self.follower.receive_message(message, address, now_ns)
 
-    def _pass_on(self) -> None:
-        """Tell the clients how this clock stands to the root's, and the root's grid of instants."""
+    def _update_terms(self) -> None:
+        """Make the parent's terms, and the map to the root's clock, this relay's own terms."""
         follower, leader = self.follower, self.leader
         terms, above, number = leader.terms, follower.time.terms, follower.time.number
         if number != self._number:
@@ -161,7 +161,7 @@ class Relay:
         moved = (leader.goal, terms.align_row) != (above.goal, above.align_row)
         if terms.shared_goal is None or moved:
             terms.shared_goal = SharedGoal(above.goal)
-        # Without a parent nobody is to be restarted: there is no telling what suits the others.
+        # Without a parent no stream is restarted: what suits the other cameras is not known.
         terms.shared_goal.meeting_leader_ns = above.meeting_leader_ns if number is not None else None
         terms.align_row = above.align_row
         if moved:

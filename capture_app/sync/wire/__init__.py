@@ -1,4 +1,4 @@
-"""What nodes say to each other and to their cameras: messages, beacons, camera commands.
+"""What nodes send each other and tell their cameras: messages, beacons, camera commands.
 
-Imports `clock` alone, whose time maps travel in messages; knows nothing of who sends them or why.
+Imports `clock` only, whose time maps travel in messages.
 """

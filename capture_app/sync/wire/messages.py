@@ -1,4 +1,4 @@
-"""Control messages: who joins, who is there, and which bursts are to be saved."""
+"""Control messages: joining, heartbeats and bursts."""
 
 from enum import StrEnum
 from typing import Annotated
@@ -12,7 +12,7 @@ from capture_app.sync.wire.beacon import AgreedArrival, ArrivalReport, Beacon, G
 
 
 class NodeState(StrEnum):
-    """Where a node is on its way to taking pictures in step."""
+    """How far a node is: it is ready when its frames are aligned with those of the rig."""
 
     JOINING = "joining"
     SYNCING = "syncing"
@@ -27,9 +27,9 @@ Pace = Annotated[int, Meta(ge=0, le=60_000_000_000)]
 Number = Annotated[int, Meta(ge=0, le=0xFFFF_FFFF)]
 """Of a client, as time messages carry it."""
 CLOCK_ONLY = "clock"
-"""The kind in the description of a node without a camera: a relay, or one that only keeps the time."""
+"""The kind of a node without a camera that only keeps the time, perhaps for clients below it."""
 RELAY = "relay"
-"""The kind of a relay that tells its parent of the cameras below it, and brings them its bursts."""
+"""The kind of a relay that passes its cameras on to its parent, and bursts to its cameras."""
 WITHOUT_CAMERA = (CLOCK_ONLY, RELAY)
 PROBE_NUMBER = 0
 """The number in a liveness probe, which no client has: a leader that answers that it is unknown is there."""
@@ -43,7 +43,7 @@ class Hello(Struct, frozen=True, tag="hello"):
     instance: int
     camera: CameraFacts
     via: Name | None = None
-    """The relay that it joined, where relays pass this on; None where it asks for itself."""
+    """The relay that it joined, where a relay passes this on; None where the client sends it itself."""
 
 
 class Terms(Struct, frozen=True, kw_only=True, array_like=True):
@@ -111,7 +111,7 @@ class Report(Struct, frozen=True, kw_only=True):
     frame_leader_ns: int | None = None
     """Leader time of the aligned moment of a frame near now; None while the phase is not known."""
     tolerance_ns: int = 0
-    """Largest phase error that this client leaves alone."""
+    """Largest phase error that this client does not correct."""
     reference_correction_ns: int | None = None
     """By how much agreement with other clients moved this clock; None where there is none."""
     relative_uncertainty_ns: int | None = None
@@ -119,21 +119,21 @@ class Report(Struct, frozen=True, kw_only=True):
 
 
 class Heartbeat(Struct, frozen=True, tag="heartbeat"):
-    """A client is alive and well, or not so well."""
+    """A client is alive; what it reports of itself."""
 
     client: int
     report: Report
 
 
 class HeartbeatAck(Struct, frozen=True, tag="heartbeat-ack"):
-    """The leader is alive and knows the client; with its terms, so that no mistake lasts."""
+    """The leader is alive and knows the client; its present terms, in case the client missed a change."""
 
     client: int
     terms: Terms
 
 
 class UnknownMember(Struct, frozen=True, tag="unknown-member"):
-    """The leader does not know this client (it was restarted, or had given it up): join again."""
+    """The leader does not know this client, as it was restarted or had lost it: join again."""
 
     client: int
 

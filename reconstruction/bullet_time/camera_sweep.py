@@ -75,7 +75,7 @@ def render_camera_sweep(
         synced=synced,
         offset=offset,
         offsets_ms=offsets_ms,
-        stabilized=bool(pictures.held),
+        stabilized=bool(pictures.stabilized),
         ordered_by_position=len(calibrated) > 1,
         file=save_animation(out, "sweep", halves, titles),
         synced_step_px=_largest_step_px(pictures, motion, dict.fromkeys(order, instant)),
@@ -152,29 +152,29 @@ def _largest_centroid(mask: Array) -> Array:
 
 @dataclass(frozen=True)
 class _SweepPictures:
-    """The cameras' pictures as the sweep shows them: as their held views see them, else fitted."""
+    """The cameras' pictures as the sweep shows them: as the stabilized views see them, else fitted."""
 
     dataset: Dataset
     views: Mapping[str, View]
-    held: Mapping[str, View]
+    stabilized: Mapping[str, View]
     canvas: tuple[int, int]
 
     def picture(self, camera: str, instant: int) -> Array:
         """A camera's picture (BGR)."""
         image = self.dataset.image(camera, instant)
-        if camera in self.held:
-            return render_view(self.held[camera], self.views[camera], image, EMPTY)
+        if camera in self.stabilized:
+            return render_view(self.stabilized[camera], self.views[camera], image, EMPTY)
         return fit_canvas(image, *self.canvas)
 
 
 def _largest_step_px(pictures: _SweepPictures, motion: SceneMotion, taken: Mapping[str, int]) -> float | None:
-    """The largest step of the largest moving thing's middle from one held picture to the next, px."""
+    """The largest step of the largest moving thing's middle from one stabilized picture to the next, px."""
     middles = []
     for camera, instant in taken.items():
-        if camera not in pictures.held:
+        if camera not in pictures.stabilized:
             return None
         mask = motion.moving(camera, instant).astype(np.uint8)
-        seen = render_view(pictures.held[camera], pictures.views[camera], mask, (0, 0, 0))
+        seen = render_view(pictures.stabilized[camera], pictures.views[camera], mask, (0, 0, 0))
         if not seen.any():
             return None
         middles.append(_largest_centroid(seen))

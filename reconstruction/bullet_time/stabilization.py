@@ -93,7 +93,7 @@ def stabilize_views(
 
 
 def _filled(held: View, view: View) -> bool:
-    """Whether the camera's own picture reaches every edge of the held one."""
+    """Whether the camera's own picture reaches every edge of the stabilized one."""
     rays = held.rays(held.border(12)) @ held.rotation @ view.rotation.T
     if float(rays[:, 2].min()) < 0.1:
         return False
@@ -104,7 +104,7 @@ def _filled(held: View, view: View) -> bool:
 
 
 def render_view(held: View, view: View, image: Array, empty: tuple[int, int, int]) -> Array:
-    """A camera's picture as its held view shows it (BGR); what it does not reach is `empty`."""
+    """A camera's picture as its stabilized view shows it (BGR); what it does not reach is `empty`."""
     shrink = max(1.0, view.focal / held.focal)
     if shrink > 1.5:
         size = round(view.width / shrink), round(view.height / shrink)

@@ -99,9 +99,9 @@ def is_flat_board(places: Array, pixels: Array) -> bool:
     turned = np.linalg.det(matrix) * seen[:, 2]
     if turned.min() <= 0:
         return False
-    apart = np.linalg.norm(seen[:, :2] / seen[:, 2:] - pixels, axis=1)
+    error = np.linalg.norm(seen[:, :2] / seen[:, 2:] - pixels, axis=1)
     size = float(np.linalg.norm(np.ptp(pixels, axis=0)))
-    return bool(apart.max() < MAX_BEND_SHARE * size + 1)
+    return bool(error.max() < MAX_BEND_SHARE * size + 1)
 
 
 def detect_board(dataset: Dataset, board: CharucoBoard) -> BoardCorners:

@@ -1,4 +1,4 @@
-"""Calibration from a recording of a ChArUco board: every camera by itself, then the rig pair by pair."""
+"""Calibration from a recording of a ChArUco board: each camera's intrinsics, then the rig pair by pair."""
 
 from itertools import combinations
 

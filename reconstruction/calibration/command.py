@@ -29,7 +29,10 @@ from reconstruction.common.geometry import View, angle_deg
 from reconstruction.session.dataset import Dataset
 
 MAX_AXIS_ANGLE_DEG = 45.0
-"""Cameras that look further apart find the same points by chance only."""
+"""Between cameras with a larger angle between their axes features match by chance only."""
+
+Candidate = tuple[Calibration, dict[str, View], SharedPoints]
+"""A calibration, its views at the size of the pictures it is judged by, and the points that they share."""
 
 
 class CalibrationSource(StrEnum):
@@ -72,36 +75,13 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
     dataset = Dataset.open(session)
     dataset.require_cameras(2, "a rig is two cameras or more that see the same")
     target = session / CALIBRATION
-    own = dataset.calibration()
     stores = options.source is not CalibrationSource.SESSION
     if stores and target.exists() and not options.force:
         raise BadInputError(f"{session} has a calibration already", hint="--replace overwrites it")
-    shared: SharedPoints
     if options.source is CalibrationSource.CHARUCO:
-        if options.board is None:
-            raise BadInputError("a board must be described", hint="--board 7x5 --square-mm 40 --marker-mm 30")
-        recording = Dataset.open(options.recording) if options.recording is not None else dataset
-        if recording.cameras != dataset.cameras:
-            raise BadInputError(
-                f"{options.recording} was taken by other cameras ({', '.join(recording.cameras)})",
-                hint=f"{session} has {', '.join(dataset.cameras)}",
-            )
-        corners = detect_board(recording, options.board)
-        found = calibrate_from_board(recording, options.board, corners)
-        shared = shared_corners(corners)
-        views = calibrated_views(recording, found)
+        found, views, shared = _from_board(dataset, options)
     else:
-        with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
-            rig = Rig(dataset, Path(scratch))
-            if options.source is CalibrationSource.SFM:
-                instants = range(len(dataset.instants_ns))
-                found = calibrate_from_images(dataset, rig.motion.widened_movers, instants)
-            elif own is None:
-                raise BadInputError(f"{session} has no calibration of its own", hint="--from sfm finds one")
-            else:
-                found = own
-            views = calibrated_views(dataset, found)
-            shared = _still_points(rig, views)
+        found, views, shared = _from_still_points(dataset, stores)
     quality = judge_calibration(views, shared)
     refuse_bad_calibration(quality, len(dataset.cameras))
     if stores:
@@ -115,6 +95,35 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
         quality=quality,
         stored=stores,
     )
+
+
+def _from_board(dataset: Dataset, options: CalibrateOptions) -> Candidate:
+    """The calibration by a recording of a board, judged by the board's corners."""
+    if options.board is None:
+        raise BadInputError("a board must be described", hint="--board 7x5 --square-mm 40 --marker-mm 30")
+    recording = Dataset.open(options.recording) if options.recording is not None else dataset
+    if recording.cameras != dataset.cameras:
+        raise BadInputError(
+            f"{options.recording} was taken by other cameras ({', '.join(recording.cameras)})",
+            hint=f"{dataset.name} has {', '.join(dataset.cameras)}",
+        )
+    corners = detect_board(recording, options.board)
+    found = calibrate_from_board(recording, options.board, corners)
+    return found, calibrated_views(recording, found), shared_corners(corners)
+
+
+def _from_still_points(dataset: Dataset, solve: bool) -> Candidate:
+    """The calibration by structure from motion, or the session's own, judged by points at rest."""
+    with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
+        rig = Rig(dataset, Path(scratch))
+        found = None if solve else dataset.calibration()
+        if solve:
+            instants = range(len(dataset.instants_ns))
+            found = calibrate_from_images(dataset, rig.motion.widened_movers, instants)
+        if found is None:
+            raise BadInputError(f"{dataset.name} has no calibration of its own", hint="--from sfm finds one")
+        views = calibrated_views(dataset, found)
+        return found, views, _still_points(rig, views)
 
 
 def _still_points(rig: Rig, views: dict[str, View]) -> SharedPoints:

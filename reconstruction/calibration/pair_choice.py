@@ -19,14 +19,14 @@ BEST_PARALLAX_DEG = 10.0
 
 @dataclass(frozen=True)
 class PairChoice:
-    """A pair of cameras and, in plain words, why; or no pair, and why not."""
+    """A pair of cameras, or None, and the reason in words."""
 
     cameras: tuple[str, str] | None
     why: str
 
 
 def choose_stereo_pair(views: Mapping[str, View], points: Mapping[str, Features]) -> PairChoice:
-    """The pair that sees most in common, from places far enough apart, without looking askew.
+    """The pair that sees most in common, with enough parallax and nearly parallel axes.
 
     Scored by the share of the picture with matched still points times a factor that rises with
     parallax (depth needs it) and falls beyond `BEST_PARALLAX_DEG` (matching suffers).
@@ -37,7 +37,7 @@ def choose_stereo_pair(views: Mapping[str, View], points: Mapping[str, Features]
         if scored is not None and (best is None or scored[0] > best[0]):
             best = (scored[0], (a, b), scored[1])
     if best is None:
-        return PairChoice(None, "no two cameras see the same things from places far enough apart")
+        return PairChoice(None, "no two cameras see the same things with enough parallax")
     return PairChoice(best[1], best[2])
 
 
@@ -57,12 +57,12 @@ def _stereo_score(a: View, b: View, points_a: Features, points_b: Features) -> t
     parallax = float(np.median(angles_deg(rays_a[kept] @ rotation.T, rays_b[kept])))
     shared = len(grid_cells(at_a[kept], a.width, a.height)) / CELLS
     ahead = abs(float(a.axis @ (b.centre - a.centre))) / float(np.linalg.norm(b.centre - a.centre))
-    askew = angle_deg(a.axis, b.axis)
+    angle = angle_deg(a.axis, b.axis)
     score = shared * (1 - np.exp(-parallax / 1.5)) * np.exp(-((parallax / BEST_PARALLAX_DEG) ** 2))
     step = np.abs(a.rotation @ (b.centre - a.centre))[:2]
     slant = float(step.min() / max(float(np.hypot(*step)), 1e-12))
     # A slanted baseline turns the pictures: more empty corners, and harder to look at.
-    score *= (1 - ahead**2) * np.exp(-((askew / 25) ** 2)) * (1 - slant)
+    score *= (1 - ahead**2) * np.exp(-((angle / 25) ** 2)) * (1 - slant)
     why = f"{100 * shared:.0f} % of the picture with things both see, {parallax:.1f}° of parallax"
     return float(score), why
 

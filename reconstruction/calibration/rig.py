@@ -1,4 +1,4 @@
-"""A session's cameras made ready: calibrated, and the pairs that suit depth and panoramas."""
+"""A session's cameras: their calibration, and the pairs that suit depth and panoramas."""
 
 from functools import lru_cache
 from pathlib import Path
@@ -21,7 +21,7 @@ class Rig:
     """The cameras of one session; everything is found once and then fixed for all conditions."""
 
     def __init__(self, dataset: Dataset, stages: Path, step: int = 1) -> None:
-        """`stages` is the folder of what is computed; for `step` see `SceneMotion`."""
+        """`stages` is the folder of the stage cache; `step` as of `SceneMotion`."""
         self.dataset = dataset
         self.motion = SceneMotion(dataset, step)
         self.stages = StageCache(stages, dataset.fingerprint())
@@ -32,7 +32,7 @@ class Rig:
 
     @property
     def source(self) -> str:
-        """Where the calibration came from, in words."""
+        """The calibration's source, in words."""
         return self.calibration.source or "the session's own" if self.calibration else "none"
 
     @property
@@ -85,7 +85,7 @@ class Rig:
         return choice
 
     def choose_panorama_pair(self, asked: tuple[str, str] | None, instant: int) -> PairChoice:
-        """The pair for a panorama, likewise."""
+        """The pair for a panorama, asked for or chosen by overlap."""
         if asked is not None:
             return PairChoice(asked, "asked for")
         points = self.features(instant)

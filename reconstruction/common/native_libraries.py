@@ -37,7 +37,7 @@ def load_open3d() -> ModuleType:
 
 @contextmanager
 def silenced_stderr() -> Iterator[None]:
-    """What native code writes to stderr by itself goes nowhere meanwhile: its errors are told by ours."""
+    """Discard what native code writes to stderr: its failures become errors of our own."""
     sys.stderr.flush()
     kept = os.dup(2)
     nowhere = os.open(os.devnull, os.O_WRONLY)

@@ -23,7 +23,7 @@ def fuse_depth_maps(folder: Path, cloud: Path, views: int, options: FusionOption
     """Fuse a workspace's geometric maps into a PLY; how many points it has.
 
     Raises:
-        BadInputError: no point is seen alike by enough views.
+        BadInputError: no point is consistent in enough views.
     """
     pycolmap = load_pycolmap("fusing depth maps")
     limits = options or FusionOptions()
@@ -41,8 +41,8 @@ def fuse_depth_maps(folder: Path, cloud: Path, views: int, options: FusionOption
     count = len(fused.points3D)
     if count == 0:
         raise BadInputError(
-            "no point of the scene was found alike by enough cameras",
-            hint="cameras must see the same things, at the same time, from places some way apart, "
+            "no point of the scene is consistent in enough cameras",
+            hint="cameras must see the same things, at the same time, from different places, "
             "and their calibration must be this rig's",
         )
     return count

@@ -38,7 +38,7 @@ def read_array(path: Path) -> Array:
     """A map, float32 height x width (x channels).
 
     Raises:
-        SimulshotError: it is missing or not whole.
+        SimulshotError: it is missing or truncated.
     """
     try:
         data = path.read_bytes()

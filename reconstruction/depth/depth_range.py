@@ -43,7 +43,7 @@ def find_depth_range(
     if len(values) < MIN_PIXELS:
         raise BadInputError(
             "the pictures of this instant have nothing in common that depth could be measured by",
-            hint="cameras must see the same things from places some way apart, lit, in focus, "
+            hint="cameras must see the same things from different places, lit and in focus, "
             "and their calibration must be this rig's",
         )
     low, high = (float(v) for v in np.percentile(values, [0.5, 99.5]))

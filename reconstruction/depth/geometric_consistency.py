@@ -64,7 +64,7 @@ def consistent_and_visible_views(
 def count_coinciding_views(
     surface: Surface, source_views: Sequence[SourceView], others: Sequence[Surface], limits: ConsistencyLimits
 ) -> Array:
-    """How many other views' surfaces lie where each pixel's does, however bright; uint8 height x width."""
+    """How many other views' surfaces coincide with each pixel's, of any brightness; uint8 height x width."""
     same = [
         _agrees(surface.inverse_depth, source_view, other.inverse_depth, limits)
         for source_view, other in zip(source_views, others, strict=True)
@@ -88,7 +88,7 @@ def consistent_pixels(
         window = (limits.support_px, limits.support_px)
         agreed |= few & (cv2.blur((few | agreed).astype(np.float32), window) > MIDST_SHARE)
     evidence = agreed & (surface.cost < limits.max_cost)
-    # A lone alike pixel is chance: evidence comes in patches.
+    # A single pixel of low cost is chance: evidence comes in patches.
     evidence = cv2.blur(evidence.astype(np.float32), (5, 5)) > 0.4
     away = cv2.distanceTransform((~evidence).astype(np.uint8), cv2.DIST_L2, 5)
     carried = away < limits.max_carry * surface.inverse_depth.shape[1]
@@ -96,7 +96,7 @@ def consistent_pixels(
 
 
 def remove_speckles(good: Array, inverse_depth: Array, smallest: int) -> Array:
-    """The mask without islands of fewer pixels; depth that jumps parts islands."""
+    """The mask without islands of fewer pixels; a jump of depth separates islands."""
     if not good.any():
         return good
     top = float(inverse_depth[good].max())

@@ -81,7 +81,7 @@ def _weighed(around: Array, plane: tuple[Array, Array, Array], steps: Array, tol
 
 
 def _solve(sums: Array, level: Array, right: Array, down: Array) -> tuple[Array, Array, Array]:
-    """The planes of least squares by their normal equations; where these say too little, what was before."""
+    """Least-squares planes by their normal equations; where these are underdetermined, the planes before."""
     n, sx, sy, xx, xy, yy, sv, xv, yv = sums
     n = np.maximum(n, 1e-6)
     mx, my, mv = sx / n, sy / n, sv / n

@@ -45,7 +45,7 @@ class SweepOptions:
 
 @dataclass(frozen=True, eq=False)
 class Surface:
-    """What a view sees: inverse depth, its slope per pixel in x and y, and how unlike the sources are.
+    """What a view sees: inverse depth, its slope per pixel in x and y, and the sources' matching cost.
 
     Each float32 height x width; `cost` is 0 (the same) to 1; inverse depth in 1 / the rig's unit.
     """
@@ -93,10 +93,10 @@ def sweep_planes(
             [one.matching_cost(one.warp_by_plane(float(level))) for one in source_views],
         )
     total = aggregate_costs(costs, reference.grey, options.small_step, options.large_step)
-    place, unlike = cheapest_depths(total, costs)
+    place, cost = cheapest_depths(total, costs)
     found = (levels[0] + place * step).astype(np.float32)
     planes = fit_planes(found, 2 * TOLERANCE * step, reach=2, stride=2, rounds=3)
-    return Surface(*planes, unlike / WORST_COST)
+    return Surface(*planes, cost / WORST_COST)
 
 
 def _refine_surface(
@@ -107,7 +107,7 @@ def _refine_surface(
     plan: Sequence[tuple[float, int]],
     options: SweepOptions,
 ) -> Surface:
-    """The surface after sweeps along itself: windows bend with it, so that slanted things look alike."""
+    """The surface after sweeps along itself: windows bend with it, so that slanted surfaces match."""
     for share, reach in plan:
         offsets = np.arange(-reach, reach + 1) * (step * share)
         costs = np.empty((reference.view.height, len(offsets), reference.view.width), np.uint8)
@@ -119,18 +119,18 @@ def _refine_surface(
                 [one.matching_cost(one.warp_by_depth(moved)) for one in source_views],
             )
         total = aggregate_costs(costs, reference.grey, options.fine_small_step, options.fine_large_step)
-        place, unlike = cheapest_depths(total, costs)
+        place, cost = cheapest_depths(total, costs)
         found = surface.inverse_depth + (place - reach) * np.float32(step * share)
         slopes = surface.slope_x, surface.slope_y
         planes = fit_planes(found, TOLERANCE * step, slopes=slopes, reach=2, stride=2)
-        surface = Surface(*planes, unlike / WORST_COST)
+        surface = Surface(*planes, cost / WORST_COST)
     return surface
 
 
-def _store_costs(costs: Array, number: int, unlike: Sequence[Array]) -> None:
+def _store_costs(costs: Array, number: int, source_costs: Sequence[Array]) -> None:
     """Store the mean cost of the best three of four sources: one may see something in front."""
-    best = {1: 1, 2: 2, 3: 2}.get(len(unlike), 3)
-    np.multiply(mean_of_lowest(unlike, best), WORST_COST, out=costs[:, number, :], casting="unsafe")
+    best = {1: 1, 2: 2, 3: 2}.get(len(source_costs), 3)
+    np.multiply(mean_of_lowest(source_costs, best), WORST_COST, out=costs[:, number, :], casting="unsafe")
 
 
 def _plan_first_sweep(

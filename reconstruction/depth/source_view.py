@@ -1,4 +1,4 @@
-"""A source picture warped onto the reference by planes or a depth map, and how alike the two look."""
+"""A source picture warped onto the reference by planes or a depth map, and the matching cost of the two."""
 
 from collections.abc import Sequence
 from functools import cached_property
@@ -71,7 +71,7 @@ class SourceView:
         return np.asarray(np.einsum("ij,jhw->ihw", turn, self.reference.rays))
 
     def matching_cost(self, warped: Array) -> Array:
-        """1 - correlation in each pixel's window, 0 (alike) to 1; 1 where the source does not reach."""
+        """1 - correlation in each pixel's window, 0 (the same) to 1; 1 where the source does not reach."""
         window, reference = self.reference.window, self.reference
         mean = box_filter(warped, window)
         variance = box_filter(warped * warped, window)

@@ -25,7 +25,7 @@ CONFIRMING_VIEWS = 2
 class InstantDepth:
     """Maps on the reference's undistorted pixels (height x width), and a cloud in the rig's frame.
 
-    `depth` is 0 where there is none. `consistent` (bool): where two other views, each matched for
+    `depth` is 0 where there is none. `consistent` (bool): where two other views, each matched by
     itself, found the same depth, before any other check. `difference`: grey levels between the reference
     and its sources, seen through all that was matched; the median over them, NaN = none sees it.
     `points` (n, 3) float32; `seen` (n, cameras) bool: whose maps each point was fused from, in the order
@@ -65,12 +65,13 @@ def instant_depth(
 
 def _difference(inverse_depth: Array, source_views: Sequence[SourceView]) -> Array:
     """Median over the sources of their difference in brightness, once they are made equally bright."""
-    apart = []
+    differences = []
     for source_view in source_views:
         seen = source_view.warp_by_depth(inverse_depth)
         seen = np.where(seen < 0, np.nan, seen).astype(np.float32)
-        apart.append(np.abs(source_view.reference.grey - match_brightness(source_view.reference.grey, seen)))
-    stack = np.stack(apart)
+        reference = source_view.reference.grey
+        differences.append(np.abs(reference - match_brightness(reference, seen)))
+    stack = np.stack(differences)
     known = np.isfinite(stack).any(0)
     result = np.full(inverse_depth.shape, np.nan, np.float32)
     result[known] = np.nanmedian(stack[:, known], axis=0)

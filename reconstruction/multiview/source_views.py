@@ -72,9 +72,9 @@ def _visible_grid(view: View, other: View, depth: float) -> tuple[Array, Array]:
 def guess_depths(views: Mapping[str, View]) -> tuple[float, ...]:
     """Depths to try before the scene is known: multiples of the distance between neighbouring cameras."""
     centres = np.array([view.centre for view in views.values()])
-    apart = np.linalg.norm(centres[:, None] - centres[None], axis=2)
-    apart[apart <= 1e-9] = np.inf
-    nearest = apart.min(1)
+    distance = np.linalg.norm(centres[:, None] - centres[None], axis=2)
+    distance[distance <= 1e-9] = np.inf
+    nearest = distance.min(1)
     usual = float(np.median(nearest[np.isfinite(nearest)])) if np.isfinite(nearest).any() else 0.0
     return tuple(usual * times for times in (4.0, 8.0, 16.0, 32.0))
 

@@ -73,7 +73,7 @@ def panorama_masks(
     """Moving and still pixels on the panorama (bool).
 
     `moving`: what moves in the first and the second picture that are measured. `changing`: for each
-    camera all masks, of both conditions, of what is not still, so that both are judged on the same pixels.
+    camera the masks of what moves or changes in either condition, so that both are judged on the same pixels.
     """
 
     def onto(mask: Array, which: int) -> Array:

@@ -1,4 +1,4 @@
-"""Bootstrap intervals over the instants of a burst; all conditions are drawn alike, so they stay paired."""
+"""Bootstrap intervals over the instants of a burst; all conditions use the same draws, and stay paired."""
 
 from collections.abc import Callable
 

@@ -38,7 +38,7 @@ class StereoComparison(Struct, frozen=True, kw_only=True):
     synced: DepthScores
     offset: DepthScores
     offset_ms: float | None = None
-    """How much later the second camera is in fact; None where that is drawn anew for each instant."""
+    """How much later the second camera is in fact; None where that is drawn for each instant."""
     per_instant: tuple[dict[str, float | int | None], ...] = ()
     differences: dict[str, Interval] = {}
     """Offset minus synced by measure, paired by instant."""
@@ -51,7 +51,7 @@ class MultiviewScores(DepthScores, frozen=True, kw_only=True):
     """Depth of the reference camera by all of them, in one condition, and the cloud fused from all maps."""
 
     mover_consistency: float | None = None
-    """Share of pixels whose depth two other cameras found too, each for itself, before any other check."""
+    """Share of pixels whose depth two other cameras found too, each by itself, before any other check."""
     static_consistency: float | None = None
     mover_points: float | None = None
     """Fused points on moving things, of an instant; the mean over the instants."""
@@ -78,7 +78,7 @@ class MultiviewComparison(Struct, frozen=True, kw_only=True):
     synced: MultiviewScores
     offset: MultiviewScores
     offsets_ms: dict[str, float] = {}
-    """How late each camera is against the reference; empty where it is drawn anew for each instant."""
+    """How late each camera is against the reference; empty where it is drawn for each instant."""
     tolerance_m: float | None = None
     """How near a fused point and a true surface must be for the F-score; None where no truth is known."""
     width_px: int = 0

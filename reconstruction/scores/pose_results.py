@@ -19,7 +19,7 @@ class PoseScores(Struct, frozen=True, kw_only=True):
     rotation_deg: float | None = None
     """Error of the rotation between two cameras, the median over the pairs that were placed; degrees."""
     direction_deg: float | None = None
-    """Error of the direction from one camera to the other, likewise."""
+    """Error of the direction from one camera to the other, the same; degrees."""
     intervals: dict[str, Interval] = {}
     """By measure, where there are enough instants."""
     instants: int = 0
@@ -35,7 +35,7 @@ class PoseComparison(Struct, frozen=True, kw_only=True):
     """Lateness costs more than a tenth of the pairs that are placed right."""
     tolerance_deg: float
     truth_source: str
-    """What the poses are held against."""
+    """What the poses are compared with."""
     offsets_ms: dict[str, float] = {}
     """As in MultiviewComparison."""
     per_instant: tuple[dict[str, float | int | None], ...] = ()

@@ -17,7 +17,7 @@ MAX_DIFFERENCES = 20000
 MAX_DRAWN_VALUES = 1500
 """Values of an instant that its bootstrap draws are made of."""
 MIN_FOR_INTERVAL = 3
-"""Fewer instants than this say nothing about how instants differ."""
+"""With fewer instants there are no intervals."""
 
 Form = TypeVar("Form", bound=Struct)
 

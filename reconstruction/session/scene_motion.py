@@ -30,7 +30,7 @@ class SceneMotion:
         return dilate(self.detected_movers(camera, instant), MARGIN_PX)
 
     def moving(self, camera: str, instant: int) -> Array:
-        """What truly moves where the session knows it, else what is detected: for judging only."""
+        """What truly moves where the session knows it, else what is detected: for scores only."""
         truth = self.dataset.ground_truth(camera, instant)
         return truth[1] if truth is not None else self._moving(camera, instant)
 

@@ -12,7 +12,7 @@ MAX_DRAWS = 400
 
 
 def fixed_offsets_ms(condition: Condition, dataset: Dataset) -> dict[str, float]:
-    """How late each camera is in every instant, ms; empty where that is drawn anew for each."""
+    """How late each camera is in every instant, ms; empty where that is drawn for each."""
     offsets = () if condition.drawn else condition.offsets_ms(dataset.cameras, 0)
     return dict(zip(dataset.cameras, offsets, strict=False))
 
@@ -57,7 +57,7 @@ def pair_instants(
 ) -> tuple[list[tuple[int, int]], float | None]:
     """The instants (the first camera's, the second's) at which a pair has its pictures in a condition.
 
-    And how late the second camera is, ms; None where every instant is drawn for itself.
+    And how late the second camera is, ms; None where every instant is drawn separately.
 
     Raises:
         ValueError: both are equally late, or the burst does not hold such an offset.

@@ -5,7 +5,7 @@ import numpy as np
 
 from reconstruction.common.brightness import match_brightness
 from reconstruction.common.geometry import Array, View
-from reconstruction.stereo.match_checks import MatchChecks, looks_alike
+from reconstruction.stereo.match_checks import MatchChecks, same_appearance
 from reconstruction.stereo.rectification import rectify
 from reconstruction.stereo.sgbm import match_rectified, match_rectified_back, warp_by_disparity
 
@@ -41,11 +41,11 @@ def find_disparity_range(
         smooth = cv2.GaussianBlur(a.astype(np.float32), (0, 0), 1.0)
         texture = np.abs(cv2.Sobel(smooth, cv2.CV_32F, 1, 0))
         warped = match_brightness(a, warp_by_disparity(b, forward))
-        alike = looks_alike(
+        same = same_appearance(
             a.astype(np.float32), np.where(np.isfinite(warped), warped, a), MatchChecks(min_correlation=0.7)
         )
         textured = seen_a & inside & (texture > 12)
-        good = textured & agrees & alike
+        good = textured & agrees & same
         asked += int(textured.sum())
         votes.append(forward[good])
         moving.append(forward[good & (canvas.remap(movers.astype(np.uint8), nearest=True)[0] > 0)])

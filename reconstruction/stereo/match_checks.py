@@ -1,4 +1,4 @@
-"""Which disparities of a pair are kept: where both views look alike."""
+"""Checks of a pair's disparities: they are kept where both views look the same."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from reconstruction.common.brightness import noise_level
 from reconstruction.common.geometry import Array
 
 CHECK_WINDOW = 9
-"""Side of the window in which the two views must look alike, px."""
+"""Side of the window in which the two views are correlated, px."""
 
 
 @dataclass(frozen=True)
@@ -28,8 +28,8 @@ class MatchChecks:
     """Smaller islands of depth are dropped."""
 
 
-def looks_alike(a: Array, b: Array, checks: MatchChecks) -> Array:
-    """Where two images (float32, grey levels) show the same thing: correlation and brightness."""
+def same_appearance(a: Array, b: Array, checks: MatchChecks) -> Array:
+    """Where two images (float32, grey levels) look the same, by correlation and brightness (bool)."""
     size = (CHECK_WINDOW, CHECK_WINDOW)
     mean_a, mean_b = cv2.blur(a, size), cv2.blur(b, size)
     var_a = np.maximum(cv2.blur(a * a, size) - mean_a**2, 0)

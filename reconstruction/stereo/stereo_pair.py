@@ -7,7 +7,7 @@ import numpy as np
 
 from reconstruction.common.brightness import match_brightness, noise_level
 from reconstruction.common.geometry import Array, View
-from reconstruction.stereo.match_checks import MatchChecks, fill_small_holes, looks_alike
+from reconstruction.stereo.match_checks import MatchChecks, fill_small_holes, same_appearance
 from reconstruction.stereo.rectification import Rectification, rectify
 from reconstruction.stereo.sgbm import match_rectified, match_rectified_back, warp_by_disparity
 
@@ -25,7 +25,7 @@ class DepthMap:
     raw: Array
     difference: Array
     confidence: Array = field(default_factory=lambda: np.zeros((0, 0), np.float32))
-    """0 (rejected) to 1: half from how well both directions agree, half from how alike they look."""
+    """0 (rejected) to 1: half from how well both directions agree, half from how similar they look."""
 
 
 class StereoPair:
@@ -55,8 +55,8 @@ class StereoPair:
         raw = np.where(seen_a & inside, forward, np.nan)
         warped = warp_by_disparity(b, raw)
         warped = match_brightness(a, warped)
-        believed = self._consistent_pixels(a, warped, raw, backward)
-        checked = fill_small_holes(np.where(believed, raw, np.nan), raw)
+        consistent = self._consistent_pixels(a, warped, raw, backward)
+        checked = fill_small_holes(np.where(consistent, raw, np.nan), raw)
         difference = np.abs(a.astype(np.float32) - warped)
         return DepthMap(
             depth=self.rectification.depth(np.nan_to_num(checked)),
@@ -68,16 +68,16 @@ class StereoPair:
     def _confidence(
         self, checked: Array, difference: Array, raw: Array, backward: Array, noise: float
     ) -> Array:
-        apart = (
+        left_right = (
             np.nan_to_num(np.abs(warp_by_disparity(backward, raw) - raw), nan=np.inf)
             / self.checks.max_left_right_px
         )
-        unlike = cv2.blur(np.nan_to_num(difference, nan=255.0), (3, 3)) / (
+        difference_share = cv2.blur(np.nan_to_num(difference, nan=255.0), (3, 3)) / (
             self.checks.max_grey_difference + 3 * noise
         )
-        sure = 1 - 0.5 * np.minimum(apart, 1) - 0.5 * np.minimum(unlike, 1)
-        believed = np.where(np.isfinite(checked), np.maximum(sure, 0.05), 0).astype(np.float32)
-        return self.rectification.to_reference(believed)
+        sure = 1 - 0.5 * np.minimum(left_right, 1) - 0.5 * np.minimum(difference_share, 1)
+        confidence = np.where(np.isfinite(checked), np.maximum(sure, 0.05), 0).astype(np.float32)
+        return self.rectification.to_reference(confidence)
 
     def _difference(self, canvas: Array) -> Array:
         marked = self.rectification.to_reference(np.nan_to_num(canvas, nan=-2.0) + 1.0)
@@ -89,11 +89,11 @@ class StereoPair:
         back = warp_by_disparity(backward, disparity)
         agrees = np.abs(back - disparity) <= checks.max_left_right_px
         view = np.where(there, warped, a).astype(np.float32)
-        alike = looks_alike(a.astype(np.float32), view, checks)
+        same = same_appearance(a.astype(np.float32), view, checks)
         second = np.clip(view, 0, 255).astype(np.uint8)
         flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST).calc(a, second, None)
         still = np.hypot(flow[..., 0], flow[..., 1]) <= checks.max_residual_px
-        good = there & agrees & alike & still
+        good = there & agrees & same & still
         clean = np.where(good, disparity, -1.0) * 16
         speckled = np.ascontiguousarray(clean.astype(np.int16))
         cv2.filterSpeckles(speckled, -16, checks.min_island_px, 2 * 16)

@@ -68,7 +68,7 @@ bench-multiview: $(VENV)/.installed
 	$(BIN)/python benchmarks/multiview.py $(BENCH)
 
 test-crash: $(VENV)/.installed-dev
-	$(BIN)/pytest -m slow tests/session
+	$(BIN)/pytest -m slow tests/session/crashes
 
 check: $(VENV)/.installed-dev
 	$(BIN)/ruff check .

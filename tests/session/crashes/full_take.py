@@ -11,8 +11,7 @@ from capture_app.session.format.manifest import BurstRecord
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from capture_app.session.writing.session_writer import SessionWriter
-
-from .conftest import camera_record, jpeg
+from tests.session.conftest import camera_record, jpeg
 
 PERIOD_NS = 33_000_000
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))

@@ -10,8 +10,7 @@ from capture_app.errors import SimulshotError
 from capture_app.session.format.manifest import JOURNAL, MANIFEST
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
-
-from .full_take import Take
+from tests.session.crashes.full_take import Take
 
 
 def noticed(folder: Path) -> bool:

@@ -17,9 +17,8 @@ from capture_app.session.importers.embedded_times import TimeSource
 from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
-
-from .conftest import jpeg
-from .numbered_video import US, numbers_of, times_of, write_video
+from tests.session.conftest import jpeg
+from tests.session.importers.numbered_video import US, numbers_of, times_of, write_video
 
 
 def shot(folder: Path, time: str, leader_ns: int, *, nv21: bool = False) -> None:

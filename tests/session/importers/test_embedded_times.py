@@ -18,9 +18,8 @@ from capture_app.session.importers.frame_matching import TimedFrame, timeline_by
 from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
-
-from .conftest import jpeg
-from .numbered_video import IRREGULAR_US, MS, US, numbers_of, times_of, write_video
+from tests.session.conftest import jpeg
+from tests.session.importers.numbered_video import IRREGULAR_US, MS, US, numbers_of, times_of, write_video
 
 
 def test_irregular_videos_keep_their_own_times(tmp_path: Path) -> None:

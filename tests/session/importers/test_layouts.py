@@ -11,8 +11,7 @@ from capture_app.session.importers.embedded_times import TimeSource
 from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
-
-from .numbered_video import numbers_of, times_of, write_video
+from tests.session.importers.numbered_video import numbers_of, times_of, write_video
 
 CAMERA = """[cam_{n}]
 name = "cam_{n}"
@@ -76,7 +75,7 @@ def test_a_real_caliscope_recording_is_recognized(shared: Path, tmp_path: Path) 
 
 @pytest.mark.parametrize(("to", "tolerance_ns"), [("mp4", 1_000), ("caliscope", 1_000)])
 def test_what_was_exported_comes_back_with_its_times(to: str, tolerance_ns: int, tmp_path: Path) -> None:
-    sample = Path(__file__).resolve().parents[2] / "sample_sessions" / "crossing"
+    sample = Path(__file__).resolve().parents[3] / "sample_sessions" / "crossing"
     assert run(["sessions", "export", str(sample), "--to", to, "--out", str(tmp_path / "out")]) == ExitCode.OK
     times = TimeSource.VIDEO if to == "mp4" else TimeSource.AUTO
     session = import_recording([str(tmp_path / "out")], tmp_path, "s", ImportOptions(times=times))

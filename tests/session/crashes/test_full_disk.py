@@ -13,9 +13,8 @@ from capture_app.errors import DiskFullError
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from capture_app.session.writing.session_writer import SessionWriter
-
-from .conftest import camera_record
-from .full_take import Take
+from tests.session.conftest import camera_record
+from tests.session.crashes.full_take import Take
 
 
 def test_a_disk_that_is_full_once_at_any_call_costs_nothing(

@@ -15,7 +15,7 @@ from typing import Any
 
 from capture_app.session.files import output_folder
 from capture_app.session.files.output_folder import OutputFolder, replaces_only
-from tests.session.killed_writer import REAL, die_at, run, tell
+from tests.session.crashes.killed_writer import REAL, die_at, run, tell
 
 NAME = "out"
 EARLIER = {"result": b"earlier", "stages/one": b"kept", "pictures/1": b"earlier"}

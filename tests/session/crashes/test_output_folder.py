@@ -25,7 +25,7 @@ from capture_app.session.files.output_folder import (
 )
 from capture_app.session.reading.reader import Session
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 def opened(target: Path, **options: Any) -> OutputFolder:
@@ -100,7 +100,7 @@ def test_somebody_elses_files_are_never_replaced(tmp_path: Path) -> None:
 
 def test_a_second_run_is_refused_at_once_or_waits(tmp_path: Path) -> None:
     out = tmp_path / "out"
-    waiting = "import sys; from tests.session.test_output_folder import make, Path; " \
+    waiting = "import sys; from tests.session.crashes.test_output_folder import make, Path; " \
         "make(Path(sys.argv[1]), 'second', wait=True)"  # fmt: skip
     with opened(out) as output:
         with pytest.raises(TryAgainError, match=f"another run is writing to {out}"):

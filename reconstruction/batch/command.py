@@ -119,7 +119,7 @@ def _run_units(
     labels = {unit.key: unit.label for unit in units}
     outcomes: dict[str, Outcome] = {}
     began = time.monotonic()
-    with closing(executor.run(task, units, root)) as running:
+    with closing(executor.run_units(task, units, root)) as running:
         for outcome in running:
             outcomes[outcome.key] = outcome
             label = labels[outcome.key]

@@ -25,7 +25,7 @@ MEMORY_OF_UNIT = 1 << 30
 class Executor(Protocol):
     """Runs units and yields their outcomes in the order in which they end."""
 
-    def run(self, task: str, units: Sequence[Unit], root: Path) -> Generator[Outcome, None, None]:
+    def run_units(self, task: str, units: Sequence[Unit], root: Path) -> Generator[Outcome, None, None]:
         """Run all units; closing the iterator early stops them."""
         ...
 
@@ -38,7 +38,7 @@ class LocalExecutor:
         self.cores = sorted(os.sched_getaffinity(0))
         self.jobs = jobs or max(1, min(len(self.cores), _free_memory() // MEMORY_OF_UNIT))
 
-    def run(self, task: str, units: Sequence[Unit], root: Path) -> Generator[Outcome, None, None]:
+    def run_units(self, task: str, units: Sequence[Unit], root: Path) -> Generator[Outcome, None, None]:
         """Run all units; a process that dies is a failed unit and is replaced."""
         left = deque(units)
         count = min(self.jobs, len(left))

@@ -48,7 +48,7 @@ class SlurmExecutor:
             self.settings["array_parallelism"] = jobs
         _squeue()
 
-    def run(self, task: str, units: Sequence[Unit], root: Path) -> Generator[Outcome, None, None]:
+    def run_units(self, task: str, units: Sequence[Unit], root: Path) -> Generator[Outcome, None, None]:
         """Run all units as jobs; closing the iterator early cancels them."""
         folder = root / WORK / "slurm"
         folder.mkdir(parents=True, exist_ok=True)

@@ -94,14 +94,14 @@ def compare(
     Writes metrics.json, pictures and a self-explanatory report.html to the --out folder.
     """
 
-    from reconstruction.compare.command import CompareOptions
     from reconstruction.compare.command import compare as run
+    from reconstruction.compare.comparison import CompareOptions
 
     options = CompareOptions(
         offset_ms=offset_ms,
         stereo=stereo_pair,
         stitch=stitch_pair,
-        most_instants=max_instants,
+        max_instants=max_instants,
         multiview_instants=max_multiview_instants,
         multiview_width=multiview_width,
         poses=poses,

@@ -43,7 +43,7 @@ def dose(
     from reconstruction.report.dose import dose_sentence
 
     result = run(
-        session, out, DoseOptions(max_offset_ms=max_offset_ms, stereo=pair, most_instants=max_instants)
+        session, out, DoseOptions(max_offset_ms=max_offset_ms, stereo=pair, max_instants=max_instants)
     )
     if as_json:
         print_json(result)

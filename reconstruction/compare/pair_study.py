@@ -15,21 +15,21 @@ Pair = tuple[str, str]
 class PairStudy:
     """A study of two cameras, of which the second is late."""
 
-    def __init__(self, rig: Rig, offset: FrameOffset | None, asked: Pair | None, most_instants: int) -> None:
+    def __init__(self, rig: Rig, offset: FrameOffset | None, asked: Pair | None, max_instants: int) -> None:
         """`offset`: how late, None = not at all; `asked`: the cameras, None = chosen from the images."""
         self.rig = rig
         self.dataset = rig.dataset
         self.motion = rig.motion
         self.offset = offset
         self.asked = asked
-        self.most_instants = most_instants
+        self.max_instants = max_instants
         self.cameras: Pair = ("", "")
         self.reason = ""
 
     @property
     def steps(self) -> int:
         """A line to begin with, and one for each instant."""
-        return 1 + min(len(self.offset.pairs) if self.offset else 0, self.most_instants)
+        return 1 + min(len(self.offset.pairs) if self.offset else 0, self.max_instants)
 
     @property
     def condition(self) -> Condition:
@@ -40,7 +40,7 @@ class PairStudy:
 
     def for_session(self, rig: Rig) -> Self:
         """The same pair of another session, synchronized."""
-        theirs = type(self)(rig, None, self.cameras, self.most_instants)
+        theirs = type(self)(rig, None, self.cameras, self.max_instants)
         theirs.reason = self.reason
         return theirs
 
@@ -67,6 +67,6 @@ class PairStudy:
             found = [(k, k) for k in self.dataset.instants(first) if self.dataset.has_image(second, k)]
             if not found:
                 raise ValueError(f"{self.dataset.name} has no images of {first} and {second} of one instant")
-            return evenly_spread(found, self.most_instants), None
+            return evenly_spread(found, self.max_instants), None
         found, late_ms = pair_instants(self.dataset, condition, first, second)
-        return evenly_spread(found, self.most_instants), late_ms
+        return evenly_spread(found, self.max_instants), late_ms

@@ -36,8 +36,8 @@ class PanoramaStudy(PairStudy):
 
     subject = "panorama"
 
-    def __init__(self, rig: Rig, offset: FrameOffset | None, asked: Pair | None, most_instants: int) -> None:
-        super().__init__(rig, offset, asked, most_instants)
+    def __init__(self, rig: Rig, offset: FrameOffset | None, asked: Pair | None, max_instants: int) -> None:
+        super().__init__(rig, offset, asked, max_instants)
         self.registration: PairRegistration | None = None
 
     def prepare(self, middle: int, progress: Progress) -> None:

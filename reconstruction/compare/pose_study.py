@@ -27,7 +27,7 @@ TOLERANCE_DEG = 2.0
 HARMED = 0.1
 LARGE_MOVING_SHARE = 0.2
 """If less of the picture moves, pose estimation rejects it as outliers, in late pictures too."""
-MOST_INSTANTS = 5
+MAX_INSTANTS = 5
 
 
 @dataclass(frozen=True)
@@ -61,20 +61,20 @@ class PoseStudy:
         self,
         rig: Rig,
         reason: str,
-        most_instants: int = MOST_INSTANTS,
+        max_instants: int = MAX_INSTANTS,
         finder: Callable[[Dataset, Mapping[str, View], Path], PoseFinder] = PoseFinder,
     ) -> None:
         """`reason` says in words why poses are looked at; `finder` finds them."""
         self.rig = rig
         self.dataset = rig.dataset
         self.reason = reason
-        self.most_instants = most_instants
+        self.max_instants = max_instants
         self.finder = finder
         self.cameras: tuple[str, ...] = ()
 
     def for_session(self, rig: Rig) -> Self:
         """Poses of another session's cameras."""
-        return type(self)(rig, self.reason, self.most_instants, self.finder)
+        return type(self)(rig, self.reason, self.max_instants, self.finder)
 
     def prepare(self, middle: int, progress: Progress) -> None:
         """Refuse cameras that poses cannot be judged with.
@@ -130,7 +130,7 @@ class PoseStudy:
         if not found:
             raise ValueError(problem)
         refuse_synchronized(condition, found)
-        return evenly_spread(found, self.most_instants)
+        return evenly_spread(found, self.max_instants)
 
     def _poses(self, finder: Callable[[], PoseFinder], shown: dict[str, int]) -> InstantPoses:
         views = self.rig.views

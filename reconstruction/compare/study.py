@@ -73,7 +73,7 @@ class StudyRun(Generic[Result]):
         self.result: Result | None = None
         self.skipped = "it was not asked for"
 
-    def run(self, middle: int, progress: Progress, folder: Path) -> None:
+    def run_study(self, middle: int, progress: Progress, folder: Path) -> None:
         """Prepare the study and compare its own condition; pictures go into the folder."""
         try:
             self.study.prepare(middle, progress)
@@ -82,7 +82,7 @@ class StudyRun(Generic[Result]):
         except (ValueError, NotAvailableError) as error:
             self.skipped = str(error)
 
-    def further(self, condition: Condition, skipped: list[str]) -> Result | None:
+    def compare_condition(self, condition: Condition, skipped: list[str]) -> Result | None:
         """A further condition; why it cannot be had is added to `skipped`."""
         if self.result is None or condition == self.study.condition:
             return self.result
@@ -92,7 +92,7 @@ class StudyRun(Generic[Result]):
             skipped.append(f"{self.study.subject}: {error}")
             return None
 
-    def against(self, rig: Rig, skipped: list[str]) -> Result | None:
+    def compare_session(self, rig: Rig, skipped: list[str]) -> Result | None:
         """Another session's synchronized pictures beside this session's; not paired by instant."""
         if self.result is None:
             return None

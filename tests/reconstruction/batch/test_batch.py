@@ -31,7 +31,7 @@ FAILING = "tests.reconstruction.batch.fake_units:compute_or_fail"
 class Here:
     """An executor that works in this process."""
 
-    def run(self, task: str, units: Sequence[Unit], root: Path) -> Iterator[Outcome]:
+    def run_units(self, task: str, units: Sequence[Unit], root: Path) -> Iterator[Outcome]:
         return (run_unit(task, unit, root) for unit in units)
 
 

@@ -57,7 +57,7 @@ def study(
 def test_only_what_moves_is_lost_when_every_camera_is_off(trio: Session, tmp_path: Path) -> None:
     whole = study(trio, tmp_path)
     whole.prepare(2, QUIET)
-    assert (whole.reference, whole.cameras) == ("middle", ("left", "middle", "right"))
+    assert (whole.group.reference, whole.group.cameras) == ("middle", ("left", "middle", "right"))
     found = whole.compare(Condition(DISTINCT), QUIET)
     synced, offset = found.synced, found.offset
     for lost in ("mover_within_2pct", "mover_coverage", "mover_consistency", "mover_f_score"):
@@ -168,7 +168,7 @@ def test_a_black_picture_leaves_its_camera_out(trio: Session, tmp_path: Path) ->
     session = darken(trio, tmp_path / "dark", [("left", 2)])
     whole = study(session, tmp_path / "stages", instants=9, width=160, match=FlatDepth())
     whole.prepare(2, QUIET)
-    assert len(whole.cameras) == 3
+    assert len(whole.group.cameras) == 3
     found = whole.compare(Condition.parse("left=33"), QUIET)
     # Left is black at 2, which is its own picture at 2 and its late one at 1; at 4 the burst is over.
     assert [row["instant"] for row in found.per_instant] == [0, 3]
@@ -182,9 +182,9 @@ def test_more_cameras_than_needed_are_left_out(scene: Scene, tmp_path: Path) -> 
     session, flat = write_session(tmp_path, scene, views, instants=3), FlatDepth()
     whole = study(session, tmp_path / "stages", width=160, match=flat)
     whole.prepare(1, QUIET)
-    assert whole.reference == "cam3"
-    assert len(whole.cameras) == 5
-    assert len(whole.left_out) == 2
+    assert whole.group.reference == "cam3"
+    assert len(whole.group.cameras) == 5
+    assert len(whole.group.left_out) == 2
     whole.compare(Condition.parse("cam3=33"), QUIET)
     assert {len(cameras) for cameras in flat.calls} == {5}
 

@@ -115,6 +115,22 @@ def test_compare_judges_further_conditions_beside_the_synchronized_one(
         assert words in page
 
 
+def test_a_session_of_other_cameras_is_skipped_with_its_reasons(
+    boards: Session, scene: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    views = {"left": VIEWS["left"], "other": VIEWS["right"]}
+    other = write_session(tmp_path / "other", scene, views, instants=2, truth=False)
+    few = ("--max-instants", "1", "--max-multiview-instants", "0", "--stitch-pair", "left,aside")
+    out = ("--out", str(tmp_path / "out"), "--json")
+    main(["compare", str(boards.folder), *few, "--against", str(other.folder), *out])
+    (condition,) = json.loads(capsys.readouterr().out)["conditions"]
+    assert condition["stereo"] is None
+    assert condition["stitch"] is None
+    depth, panorama = condition["skipped"]
+    assert depth == "depth: camera right has no calibration"
+    assert "has no images of left and aside of one instant" in panorama
+
+
 @pytest.mark.parametrize(
     ("text", "code", "words"),
     [

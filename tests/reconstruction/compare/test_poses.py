@@ -65,12 +65,12 @@ class Fake(PoseFinder):
 
 
 def study(
-    session: Session, folder: Path, most_instants: int = 5, finder: type[PoseFinder] = PoseFinder
+    session: Session, folder: Path, max_instants: int = 5, finder: type[PoseFinder] = PoseFinder
 ) -> PoseStudy:
     dataset = Dataset(session)
     rig = Rig(dataset, folder, 2)
     rig.calibrate()
-    return PoseStudy(rig, "asked for", most_instants, finder)
+    return PoseStudy(rig, "asked for", max_instants, finder)
 
 
 def compared(poses: PoseStudy, condition: Condition) -> PoseComparison:
@@ -106,7 +106,7 @@ def test_two_cameras_and_no_colmap_are_said(
 
 
 def test_a_pinwheel_places_its_cameras_only_when_synchronized(tmp_path: Path) -> None:
-    found = compared(study(Store.open(PINWHEEL), tmp_path, most_instants=1), Condition(DISTINCT))
+    found = compared(study(Store.open(PINWHEEL), tmp_path, max_instants=1), Condition(DISTINCT))
     assert found.synced.registered == 5
     assert found.synced.correct_pairs == 1
     assert found.synced.rotation_deg is not None

@@ -41,15 +41,15 @@ def test_without_a_group_nothing_is_sent_or_answered() -> None:
     broadcaster = Broadcaster(99, None)
     assert sent(broadcaster, 0) is None
     assert broadcaster.next_timer() is None
-    assert broadcaster.take(told(1, 0), 0) is None
+    assert broadcaster.answer(told(1, 0), 0) is None
 
 
 def test_two_are_moved_towards_each_other() -> None:
     broadcaster, now_ns = after_beacons()
-    assert broadcaster.take(told(1, -100_000), now_ns) is None, "nobody to agree with yet"
+    assert broadcaster.answer(told(1, -100_000), now_ns) is None, "nobody to agree with yet"
     now_ns += 500 * MS
-    second = broadcaster.take(told(2, 100_000), now_ns)
-    first = broadcaster.take(told(1, -100_000), now_ns)
+    second = broadcaster.answer(told(2, 100_000), now_ns)
+    first = broadcaster.answer(told(1, -100_000), now_ns)
     assert first is not None
     assert second is not None
     assert (first.client, first.number, second.number) == (1, 24, 24)
@@ -60,16 +60,16 @@ def test_two_are_moved_towards_each_other() -> None:
 
 def test_who_falls_silent_counts_no_more() -> None:
     broadcaster, now_ns = after_beacons()
-    broadcaster.take(told(1, 0), now_ns)
-    assert broadcaster.take(told(2, 0), now_ns + 500 * MS) is not None
-    assert broadcaster.take(told(2, 0), now_ns + FORGOTTEN_NS) is None
+    broadcaster.answer(told(1, 0), now_ns)
+    assert broadcaster.answer(told(2, 0), now_ns + 500 * MS) is not None
+    assert broadcaster.answer(told(2, 0), now_ns + FORGOTTEN_NS) is None
 
 
 def test_beacons_that_were_never_sent_are_not_believed() -> None:
     broadcaster, now_ns = after_beacons(count=10)
-    broadcaster.take(told(1, 0), now_ns)
-    assert broadcaster.take(told(2, 0), now_ns + 500 * MS) is None, "of 24 only 10 are known"
-    assert broadcaster.take(ArrivalReport(3, 1, 1, ()), now_ns + 500 * MS) is None
+    broadcaster.answer(told(1, 0), now_ns)
+    assert broadcaster.answer(told(2, 0), now_ns + 500 * MS) is None, "of 24 only 10 are known"
+    assert broadcaster.answer(ArrivalReport(3, 1, 1, ()), now_ns + 500 * MS) is None
 
 
 def test_the_same_reports_give_the_same_answers() -> None:
@@ -77,6 +77,6 @@ def test_the_same_reports_give_the_same_answers() -> None:
     for _ in range(2):
         broadcaster, now_ns = after_beacons()
         turns = [(k % 12, now_ns + k * 100 * MS) for k in range(24)]
-        answers.append([broadcaster.take(told(c, c * 7000), at_ns) for c, at_ns in turns])
+        answers.append([broadcaster.answer(told(c, c * 7000), at_ns) for c, at_ns in turns])
     assert answers[0] == answers[1]
     assert sum(answer is not None for answer in answers[0]) > 12

@@ -6,8 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.reference_broadcast.listener import FADES_NS, KEPT, SLEW, TELL_EVERY_NS, Listener
-from capture_app.sync.reference_broadcast.reference import LEAST_COMMON
+from capture_app.sync.reference_broadcast.cells import LEAST_COMMON
+from capture_app.sync.reference_broadcast.listener import (
+    KEPT_BEACONS,
+    MAX_AGE_NS,
+    REPORT_EVERY_NS,
+    SLEW,
+    Listener,
+)
 from capture_app.sync.wire.beacon import AgreedArrival, ArrivalReport
 
 MS = 1_000_000
@@ -34,13 +40,13 @@ def at(now_ns: int, offset_ns: int = OFFSET_NS) -> TimeMap:
 def heard_some() -> tuple[Listener, int]:
     """A listener that has heard beacons 1 to 24, and the time of the last one."""
     listener = Listener()
-    for number in range(1, KEPT + 1):
-        listener.hear(number, number * BEACON_NS)
-    return listener, KEPT * BEACON_NS
+    for number in range(1, KEPT_BEACONS + 1):
+        listener.add_arrival(number, number * BEACON_NS)
+    return listener, KEPT_BEACONS * BEACON_NS
 
 
 def agree(listener: Listener, heard_ns: int, late_ns: int, relative_uncertainty_ns: int = 5000) -> None:
-    listener.take(
+    listener.accept(
         AgreedArrival(
             1, heard_ns // BEACON_NS, heard_ns + OFFSET_NS - late_ns, 30_000, relative_uncertainty_ns
         )
@@ -50,11 +56,11 @@ def agree(listener: Listener, heard_ns: int, late_ns: int, relative_uncertainty_
 def test_nothing_is_told_before_enough_was_heard() -> None:
     listener = Listener()
     for number in range(1, LEAST_COMMON):
-        listener.hear(number, number * BEACON_NS)
+        listener.add_arrival(number, number * BEACON_NS)
     assert listener.next_timer() is None
-    listener.hear(LEAST_COMMON, LEAST_COMMON * BEACON_NS)
+    listener.add_arrival(LEAST_COMMON, LEAST_COMMON * BEACON_NS)
     now_ns = LEAST_COMMON * BEACON_NS
-    told = listener.tell(7, at(now_ns), now_ns)
+    told = listener.report_due(7, at(now_ns), now_ns)
     assert isinstance(told, ArrivalReport)
     assert (told.client, told.uncertainty_ns, told.hard_bound_ns) == (7, 40_000, 500_000)
     assert told.arrivals[0] == (1, BEACON_NS + OFFSET_NS)
@@ -63,43 +69,43 @@ def test_nothing_is_told_before_enough_was_heard() -> None:
 
 def test_it_is_told_once_a_second_and_only_with_news() -> None:
     listener, now_ns = heard_some()
-    assert listener.tell(7, at(now_ns), now_ns) is not None
+    assert listener.report_due(7, at(now_ns), now_ns) is not None
     assert listener.next_timer() is None, "no news"
-    listener.hear(KEPT + 1, now_ns + 1)
-    assert listener.next_timer() == now_ns + TELL_EVERY_NS
-    assert listener.tell(7, at(now_ns), now_ns + TELL_EVERY_NS - 1) is None
-    told = listener.tell(7, at(now_ns), now_ns + TELL_EVERY_NS)
+    listener.add_arrival(KEPT_BEACONS + 1, now_ns + 1)
+    assert listener.next_timer() == now_ns + REPORT_EVERY_NS
+    assert listener.report_due(7, at(now_ns), now_ns + REPORT_EVERY_NS - 1) is None
+    told = listener.report_due(7, at(now_ns), now_ns + REPORT_EVERY_NS)
     assert told is not None
-    assert len(told.arrivals) == KEPT, "the oldest goes"
+    assert len(told.arrivals) == KEPT_BEACONS, "the oldest goes"
 
 
 def test_of_copies_the_first_counts() -> None:
     listener, now_ns = heard_some()
-    listener.hear(KEPT, now_ns + 300_000)
-    told = listener.tell(7, at(now_ns), now_ns)
+    listener.add_arrival(KEPT_BEACONS, now_ns + 300_000)
+    told = listener.report_due(7, at(now_ns), now_ns)
     assert told is not None
-    assert told.arrivals[-1] == (KEPT, now_ns + OFFSET_NS)
+    assert told.arrivals[-1] == (KEPT_BEACONS, now_ns + OFFSET_NS)
 
 
 def test_without_an_agreement_the_estimate_is_left_as_it_is() -> None:
     listener, now_ns = heard_some()
     own = at(now_ns)
-    assert listener.corrected(own, now_ns) is own
-    listener.take(AgreedArrival(1, KEPT + 9, 0, 0, 0))
-    assert listener.corrected(own, now_ns) is own, "a beacon that was not heard here"
+    assert listener.correct(own, now_ns) is own
+    listener.accept(AgreedArrival(1, KEPT_BEACONS + 9, 0, 0, 0))
+    assert listener.correct(own, now_ns) is own, "a beacon that was not heard here"
 
 
 def test_a_clock_is_moved_slowly_and_says_what_is_left() -> None:
     listener, now_ns = heard_some()
     agree(listener, now_ns, late_ns=50_000)
-    moved = listener.corrected(at(now_ns), now_ns)
+    moved = listener.correct(at(now_ns), now_ns)
     assert moved.offset_ns == OFFSET_NS
     assert listener.correction is not None
     assert listener.correction.relative_uncertainty_ns == 55_000
     for _ in range(5):
         now_ns += 100 * MS
         before = moved
-        moved = listener.corrected(at(now_ns), now_ns)
+        moved = listener.correct(at(now_ns), now_ns)
         assert 0 < before.offset_ns - moved.offset_ns <= SLEW * 100 * MS
     assert moved.offset_ns == OFFSET_NS - 50_000
     assert (listener.correction.reference_correction_ns, listener.correction.relative_uncertainty_ns) == (
@@ -115,8 +121,8 @@ def test_an_estimate_that_jumps_does_not_take_the_clock_along() -> None:
     agree(listener, now_ns, late_ns=10_000)
     for _ in range(3):
         now_ns += 100 * MS
-        settled = listener.corrected(at(now_ns), now_ns)
-    jumped = listener.corrected(at(now_ns + 100 * MS, OFFSET_NS + 60_000), now_ns + 100 * MS)
+        settled = listener.correct(at(now_ns), now_ns)
+    jumped = listener.correct(at(now_ns + 100 * MS, OFFSET_NS + 60_000), now_ns + 100 * MS)
     assert settled.offset_ns == jumped.offset_ns == OFFSET_NS - 10_000
 
 
@@ -124,13 +130,13 @@ def test_an_agreement_fades_when_no_more_is_heard() -> None:
     listener, heard_ns = heard_some()
     agree(listener, heard_ns, late_ns=20_000)
     now_ns = heard_ns
-    while now_ns < heard_ns + FADES_NS:
+    while now_ns < heard_ns + MAX_AGE_NS:
         now_ns += 100 * MS
-        last = listener.corrected(at(now_ns), now_ns)
+        last = listener.correct(at(now_ns), now_ns)
     assert last.offset_ns == OFFSET_NS - 20_000
     for _ in range(4):
         now_ns += 100 * MS
-        last = listener.corrected(at(now_ns), now_ns)
+        last = listener.correct(at(now_ns), now_ns)
     assert last == at(now_ns)
     assert listener.correction is None
 
@@ -141,15 +147,15 @@ def test_what_is_proven_impossible_is_not_believed() -> None:
     for _ in range(30):
         now_ns += 100 * MS
         own = at(now_ns)
-        assert listener.corrected(own, now_ns) is own
+        assert listener.correct(own, now_ns) is own
 
 
 def test_a_leader_that_changed_takes_its_agreements_along() -> None:
     listener, now_ns = heard_some()
     agree(listener, now_ns, late_ns=10_000)
-    listener.corrected(at(now_ns + 100 * MS), now_ns + 100 * MS)
-    listener.forget()
-    assert listener.corrected(own := at(now_ns + 200 * MS), now_ns + 200 * MS) is own
+    listener.correct(at(now_ns + 100 * MS), now_ns + 100 * MS)
+    listener.reset()
+    assert listener.correct(own := at(now_ns + 200 * MS), now_ns + 200 * MS) is own
     assert listener.next_timer() is None
 
 
@@ -175,9 +181,9 @@ def test_no_answer_moves_a_clock_out_of_its_hard_bound(
         if answer is not None:
             number, off_ns = answer
             near_ns = number * BEACON_NS + OFFSET_NS + off_ns if abs(off_ns) < 10**7 else off_ns
-            listener.take(AgreedArrival(1, number, near_ns, 10_000, 1000))
+            listener.accept(AgreedArrival(1, number, near_ns, 10_000, 1000))
         own = replace(at(now_ns, OFFSET_NS + error_ns), hard_bound_ns=600_000.0)
-        moved = listener.corrected(own, now_ns)
+        moved = listener.correct(own, now_ns)
         assert abs(moved.offset_ns - own.offset_ns) <= own.hard_bound_ns
         assert abs(moved.offset_ns - OFFSET_NS) <= moved.hard_bound_ns
         assert moved.uncertainty_ns <= moved.hard_bound_ns

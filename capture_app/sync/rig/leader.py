@@ -113,7 +113,7 @@ class Leader:
             self._times.append((reply_before_t2(message, now_ns), address))
             return
         if isinstance(message, ArrivalReport):
-            arrival = self._broadcaster.take(message, now_ns)
+            arrival = self._broadcaster.answer(message, now_ns)
             if arrival is not None:
                 self._outbox.append((arrival, address))
             return

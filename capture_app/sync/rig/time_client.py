@@ -138,7 +138,7 @@ class TimeClient:
         message = self.decode(data)
         leader = self.terms.leader if self.terms is not None and self.is_member else None
         if isinstance(message, Beacon) and message.leader == leader:
-            self.timekeeper.listener.hear(message.number, now_ns)
+            self.timekeeper.listener.add_arrival(message.number, now_ns)
 
     def decode(self, data: bytes) -> Message | None:
         """Return the message of a datagram; None, and count it, where it is none."""
@@ -174,7 +174,7 @@ class TimeClient:
                 if isinstance(message, HeartbeatAck):
                     self._take_answer(message, now_ns)
                 elif isinstance(message, AgreedArrival):
-                    self.timekeeper.listener.take(message)
+                    self.timekeeper.listener.accept(message)
             case _:
                 pass
 

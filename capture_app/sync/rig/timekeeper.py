@@ -80,7 +80,7 @@ class Timekeeper:
         """Begin to ask a leader that has taken this node in; the time map of the same root is kept."""
         if self._asked is None or terms.leader != self._asked.leader:
             self.clock.reset()
-            self.listener.forget()
+            self.listener.reset()
             self.uncorrected_map = None
         if not self.time_is_known or terms.path[0] != self.path[0]:
             self.time_map, self.time_is_known = None, False
@@ -117,7 +117,7 @@ class Timekeeper:
             self._prepare_request(now_ns)
         if not self.clock.add(sample):
             self.synced = self.time_is_known = False
-            self.listener.forget()
+            self.listener.reset()
             self.time_map = self.uncorrected_map = None
             self.schedule.restart(now_ns)
             self._events.append(ClockStepped())
@@ -142,7 +142,7 @@ class Timekeeper:
         """Return the report of the beacons that were received, None where none is due."""
         if not self.synced or self.uncorrected_map is None:
             return None
-        return self.listener.tell(self._number, self.uncorrected_map, now_ns)
+        return self.listener.report_due(self._number, self.uncorrected_map, now_ns)
 
     def request_to_send(self, now_ns: int) -> bytes | None:
         """Return the request that is due, None where none is; it carries `now_ns`, so send it at once."""
@@ -227,7 +227,7 @@ class Timekeeper:
 
     def _corrected(self, own: TimeMap, now_ns: int) -> TimeMap:
         was_corrected = self.listener.correction is not None
-        time_map = self.listener.corrected(own, now_ns)
+        time_map = self.listener.correct(own, now_ns)
         correction = self.listener.correction
         if correction is not None and not was_corrected:
             self._events.append(ReferenceCorrectionStarted(round(correction.relative_uncertainty_ns)))

@@ -100,7 +100,7 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
 def _from_board(dataset: Dataset, options: CalibrateOptions) -> Candidate:
     """The calibration by a recording of a board, judged by the board's corners."""
     if options.board is None:
-        raise BadInputError("a board must be described", hint="--board 7x5 --square-mm 40 --marker-mm 30")
+        raise BadInputError("--from charuco needs a board", hint="--board 7x5 --square-mm 40 --marker-mm 30")
     recording = Dataset.open(options.recording) if options.recording is not None else dataset
     if recording.cameras != dataset.cameras:
         raise BadInputError(

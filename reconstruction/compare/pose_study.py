@@ -87,7 +87,7 @@ class PoseStudy:
         if not self.cameras:
             raise ValueError("the cameras have no calibration to compare poses with")
         if len(self.cameras) < 3:
-            raise ValueError("it takes three cameras to tell a wrong pose from another scale")
+            raise ValueError("poses of fewer than three cameras cannot be judged: the scale is unknown")
 
     def compare(self, condition: Condition, progress: Progress, folder: Path | None = None) -> PoseComparison:
         """As `Study.compare`; there are no pictures."""

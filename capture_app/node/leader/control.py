@@ -27,7 +27,7 @@ async def ask_status(leader: Address) -> RigStatus:
         await channel.send(StatusRequest())
         answer = await _next(channel, ANSWER_TIMEOUT_S)
         if not isinstance(answer, StatusAnswer):
-            raise NetworkError(f"the leader at {leader} gave no status")
+            raise NetworkError(f"the leader at {leader} sent no status")
         return answer.rig
 
 

@@ -75,7 +75,9 @@ class BurstSender:
                 await self._channel.send(message, *payloads)
                 received = await self._channel.receive()
         except TimeoutError as error:
-            raise NetworkError(f"the leader did not take an image within {ANSWER_TIMEOUT_S:g} s") from error
+            raise NetworkError(
+                f"the leader did not acknowledge an image within {ANSWER_TIMEOUT_S:g} s"
+            ) from error
         match received:
             case None:
                 raise NetworkError("the leader closed the stream")
@@ -83,11 +85,11 @@ class BurstSender:
                 return noted
             case (ImageAck(sha256=sha256), _) if isinstance(message, ImageUpload):
                 if sha256 != message.record.sha256:
-                    raise NetworkError("the leader stored other bytes than were sent")
+                    raise NetworkError("the leader has another checksum than the image sent")
                 return ReportAck()
             case (Refusal() as refusal, _):
                 return refusal
-        raise NetworkError("the leader answered something else than was asked")
+        raise NetworkError("the leader sent an unexpected answer")
 
     async def _send_image(
         self, burst: BurstUpload, image: ImageUpload, receipts: dict[int, ImageReceipt]

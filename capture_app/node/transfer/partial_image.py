@@ -40,7 +40,9 @@ class PartialImage:
             self.close()
             raise disk_error(error, self.file.parent) from error
         self.close()
-        raise TryAgainError(f"{self.upload.offset} bytes of this image have never come, only {length}")
+        raise TryAgainError(
+            f"this image goes on at byte {self.upload.offset}, but only {length} have arrived"
+        )
 
     def add(self, chunk: bytes) -> None:
         """Write what has come. Raises DiskFullError, NetworkError after `close`."""
@@ -48,7 +50,7 @@ class PartialImage:
         try:
             with self._mutex:
                 if self._handle < 0:
-                    raise NetworkError("another stream brings this image")
+                    raise NetworkError("this image is already arriving on another connection")
                 while left:
                     left = left[os.write(self._handle, left) :]
         except OSError as error:
@@ -83,7 +85,7 @@ class PartialImage:
             whole = hashlib.sha256(truth).hexdigest() == upload.truth_sha256
         if not whole:
             self.file.unlink()
-            raise TryAgainError(f"the image of {record.camera} at instant {record.instant} came damaged")
+            raise TryAgainError(f"the image of {record.camera} at instant {record.instant} arrived damaged")
         os.truncate(self.file, record.bytes)
         return truth
 

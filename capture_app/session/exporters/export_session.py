@@ -41,7 +41,7 @@ def export_session(
     if out.is_symlink() or (out.exists() and not out.is_dir()):
         raise BadInputError(f"{out} is not a folder", hint="name a folder that does not exist yet")
     if out.resolve().is_relative_to(session.folder.resolve()):
-        raise BadInputError(f"{out} lies inside the session", hint="export to a place of its own")
+        raise BadInputError(f"{out} lies inside the session", hint="choose a folder outside it")
     output = OutputFolder(out, replaces_nothing)
     write: Write = importlib.import_module(f"{__package__}.{name}").write
     burst = Burst(session, progress)

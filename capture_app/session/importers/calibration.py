@@ -60,7 +60,7 @@ def fit_calibration(
     calibration, where its numbers cannot be a camera's, or where the size does not fit.
     """
     if unit is not None and views.unit is not None and unit != views.unit:
-        raise BadInputError(f"{views.source} is in {views.unit}, not in {unit}", hint="leave --unit away")
+        raise BadInputError(f"{views.source} is in {views.unit}, not in {unit}", hint="leave out --unit")
     given = views.unit or unit or "m"
     labels = {match_name(label, list(sizes)): label for label in views.cameras}
     lacking = [name for name in sizes if name not in labels]

@@ -49,7 +49,7 @@ def _numbers(where: str, table: dict[str, Any], key: str, *counts: int) -> Array
     try:
         values = np.asarray(table[key], np.float64).ravel()
     except KeyError:
-        raise BadInputError(f"{where} has no {key}", hint="is it calibrated in full?") from None
+        raise BadInputError(f"{where} has no {key}", hint="is the calibration complete?") from None
     except (TypeError, ValueError):
         raise BadInputError(f"{where}: {key} is not made of numbers") from None
     if values.size not in counts:

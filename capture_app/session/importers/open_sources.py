@@ -38,7 +38,7 @@ def open_sources(paths: Sequence[str], *, png: bool = False) -> list[Source]:
     names = [source.name for source in sources]
     for name in names:
         if names.count(name) > 1:
-            raise BadInputError(f"two cameras are called {name}", hint="name them: NAME=PATH")
+            raise BadInputError(f"two cameras are named {name}", hint="name them: NAME=PATH")
     if not sources:
         raise BadInputError("nothing to import", hint="give a folder, or NAME=PATH for each camera")
     return sorted(sources, key=lambda source: natural(Path(source.name)))

@@ -54,7 +54,7 @@ def _assign(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> tuple[
     for name, path in paths:
         if name and name not in cameras:
             hint = f"it has {', '.join(cameras)}"
-            raise BadInputError(f"{path} is said to be of {name}, which the recording lacks", hint=hint)
+            raise BadInputError(f"{path} names camera {name}, which is not in the recording", hint=hint)
         if name:
             own[name] = path
         elif path.is_dir():
@@ -65,7 +65,9 @@ def _assign(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> tuple[
             rest.append(path)
     if len(rest) > 1:
         files = ", ".join(path.name for path in rest)
-        raise BadInputError(f"of which cameras are {files}?", hint="say so: --calibration NAME=FILE")
+        raise BadInputError(
+            f"cannot tell which cameras {files} belong to", hint="give --calibration NAME=FILE"
+        )
     return own, rest[0] if rest else None
 
 
@@ -139,7 +141,9 @@ def _split_pair(
         raise BadInputError(f"{path} has no R and T; it has {', '.join(content) or 'nothing'}")
     if len(cameras) != 2:
         hint = "give one file a camera, each with its R and T"
-        raise BadInputError(f"{path} is of a pair, the recording has {len(cameras)} cameras", hint=hint)
+        raise BadInputError(
+            f"{path} calibrates a pair, but the recording has {len(cameras)} cameras", hint=hint
+        )
     poses = (_IDENTITY, {"r": rotation, "t": translation})
     split: dict[str, Content] = {}
     for number, (name, pose) in enumerate(zip(cameras, poses, strict=True), 1):
@@ -160,7 +164,7 @@ def _view(where: str, content: Content) -> View:
         raise BadInputError(f"{where} has no R and T")
     if rotation.size not in (3, 9) or translation.size != 3:
         shapes = f"{rotation.shape} and {translation.shape}"
-        raise BadInputError(f"{where}: R and T of shapes {shapes} are no pose")
+        raise BadInputError(f"{where}: R and T have shapes {shapes}, not those of a pose")
     sizes = [content.get(key) for key in ("image_width", "image_height")]
     size = None if any(n is None for n in sizes) else tuple(int(n.ravel()[0]) for n in sizes if n is not None)
     return View(

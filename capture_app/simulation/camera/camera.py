@@ -115,7 +115,9 @@ class SimulatedCamera(Camera):
             on_failure = self._on_failure
             self._halt()
             if on_failure is not None:
-                on_failure(CameraError(f"the {self._facts.model} went away", hint="as its spec told it to"))
+                on_failure(
+                    CameraError(f"the {self._facts.model} went away", hint="as its option fail_after_s asks")
+                )
             return
         # The next timer first: the callback may stop the camera.
         on_frame = self._on_frame

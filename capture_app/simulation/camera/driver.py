@@ -117,4 +117,4 @@ def _seed(options: Mapping[str, str]) -> int:
     try:
         return int(text)
     except ValueError:
-        raise BadInputError(f"seed={text} of a simulated camera", hint="a whole number is needed") from None
+        raise BadInputError(f"seed={text} is not a whole number") from None

@@ -53,12 +53,14 @@ class SensorProfile:
     def __post_init__(self) -> None:
         """Raise BadInputError for values that no sensor can have."""
         if self.injection_gain not in (1, 2, 3):
-            raise BadInputError(f"injection gain of {self.injection_gain}", hint="1, 2 or 3")
+            raise BadInputError(
+                f"injection gain {self.injection_gain} is not supported", hint="choose 1, 2 or 3"
+            )
         for share in (self.drop_share, self.outlier_share):
             if not 0.0 <= share <= 1.0:
-                raise BadInputError(f"share of frames of {share:g}", hint="between 0 and 1")
+                raise BadInputError(f"a share of {share:g} is out of range (0 to 1)")
         if self.timestamp_noise_ns < 0 or not abs(self.period_error_ppm) <= 10_000:
-            raise BadInputError("timestamp noise below zero, or a period error above 10000 ppm")
+            raise BadInputError("timestamp noise is below 0 or the period error above 10000 ppm")
         longest_ns = (self.frame_length_rows - self.margin_rows) * self.row_time_ns
         if not self.min_exposure_ns <= self.exposure_ns <= longest_ns:
             raise BadInputError(

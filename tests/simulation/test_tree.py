@@ -14,7 +14,8 @@ from msgspec import structs
 from capture_app.simulation.network.link import Link, delivery_draw
 from capture_app.simulation.network.paper_link import PAPER_LINK
 from capture_app.simulation.network.wandering_clock import draw_wandering_clock
-from capture_app.simulation.rig.tree import ROOT, RelayOutage, Tree, TreeSpec, run_shard
+from capture_app.simulation.rig.tree import ROOT, RelayOutage, Tree, TreeSpec
+from capture_app.simulation.rig.tree_result import measure, run_shard
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.clock.upstream_map import MAX_DEPTH, upstream_map
 from capture_app.sync.rig.client import Client
@@ -85,7 +86,7 @@ def test_the_same_seed_gives_the_same_bytes() -> None:
 def test_clients_of_a_dead_relay_join_another_and_hold_the_time_meanwhile() -> None:
     spec = replace(SMALL, duration_s=30.0, outages=(RelayOutage(0, 10 * S),))
     tree = Tree(spec, seed=3)
-    result = tree.measure()
+    result = measure(tree)
     assert result.within_bound == result.judged
     assert max(abs(error) for errors in result.errors_us[5:] for error in errors) < 400.0
     for number in range(spec.clients):

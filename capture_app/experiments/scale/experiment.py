@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 from capture_app.experiments.common.figures import quantile
 from capture_app.experiments.common.result import Outcome, Result, Table
 from capture_app.experiments.common.workers import call_all
-from capture_app.simulation.rig.tree import TreeResult, TreeSpec, run_shard
+from capture_app.simulation.rig.tree import TreeSpec
+from capture_app.simulation.rig.tree_result import TreeResult, run_shard
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

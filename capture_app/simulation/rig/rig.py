@@ -40,15 +40,15 @@ class NodeSpec:
     start_true_ns: int = 0
     injection_profile: InjectionProfile | None = None
     cell: RadioCell | None = None
-    """Where it hears what is sent to all; None for nowhere."""
+    """The radio cell in which it receives broadcasts; None for none."""
     receiver: Receiver = PLAIN_RECEIVER
     schedule: Callable[[], PollSchedule] = SteadySchedule
-    """When it asks for the time."""
+    """Makes the schedule by which it asks for the time."""
 
 
 @dataclass(slots=True)
 class VirtualNode:
-    """A node that runs: its engine, its device, and all that happened."""
+    """A running node: its engine, its device, and the events so far."""
 
     spec: NodeSpec
     sensor: Sensor
@@ -120,11 +120,11 @@ class VirtualRig:
         return node
 
     def kill(self, name: str) -> None:
-        """End a node without a word."""
+        """Let a node fall silent."""
         self.nodes[name].alive = False
 
     def restart_leader(self) -> None:
-        """End the leader without a word; another takes its place at the same address."""
+        """Let the leader fall silent; another takes its place at the same address."""
         self.leader = self._new_leader()
 
     def trigger(self, *, frames: int, spacing: int = 1, at_leader_ns: int | None = None) -> Burst:

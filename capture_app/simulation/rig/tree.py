@@ -1,7 +1,7 @@
-"""Thousands of clocks in virtual time: the engine's own leader, relays and followers, and nothing else.
+"""Thousands of clocks in virtual time: the engine's own leader, relays and followers, without cameras.
 
-A tree is cut below its root into shards, each simulated by itself with a root of its own that bears no more
-than its shard; so shards run in parallel, and the result is the same in one process or in many.
+A tree is cut below its root into shards. Each is simulated with a root of its own, so shards run in parallel
+and the result does not depend on the number of processes.
 """
 
 import hashlib
@@ -9,7 +9,7 @@ import random
 from array import array
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from time import perf_counter_ns, process_time
+from time import perf_counter_ns
 from typing import Protocol
 
 from capture_app.simulation.network.link import DeliveryDraw, Link, delivery_draw
@@ -43,51 +43,33 @@ class Engine(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class RelayOutage:
-    """A relay falls silent without a word at a true time in ns, for good or until another."""
+    """A relay falls silent at a true time in ns, for good or until a later one."""
 
     relay: int
+    """Its number."""
     true_ns: int
     until_true_ns: int | None = None
+    """None for good."""
 
 
 @dataclass(frozen=True, slots=True)
 class TreeSpec:
-    """A tree of clocks: `relays` under the root, `clients` spread over them; or all under the root.
-
-    `client_pace_s` and `relay_pace_s` are the mean times between two exchanges of a client and of a relay.
-    """
+    """A tree of clocks: relays below the root, clients spread over them, or below the root without relays."""
 
     clients: int
     relays: int
     duration_s: float = 3600.0
     client_pace_s: float = 1.2
+    """Mean time between two exchanges of a client."""
     relay_pace_s: float = 0.25
+    """Mean time between two exchanges of a relay."""
     link: Link = PAPER_LINK
     sample_every_s: float = 10.0
+    """Time between two instants at which the clocks are compared with the truth."""
     join_within_s: float = 2.0
+    """All nodes start within this time."""
     wander_ppm: float = 0.3
     outages: tuple[RelayOutage, ...] = ()
-
-
-@dataclass(slots=True)
-class TreeResult:
-    """What was measured at each sampling instant, over all shards; errors in us, nan without a time."""
-
-    instants_s: list[float] = field(default_factory=list)
-    errors_us: list[list[float]] = field(default_factory=list)
-    within_95: int = 0
-    within_bound: int = 0
-    judged: int = 0
-    root_datagrams: int = 0
-    """That reached the root or left it."""
-    root_busy_ns: int = 0
-    """Processor time inside the root's engine, measured on this machine."""
-    processor_s: float = 0.0
-    """Of the whole simulation."""
-    busiest_relay_datagrams: int = 0
-    datagrams: int = 0
-    digest: str = ""
-    """Of every datagram and when it arrived: the same for the same seed."""
 
 
 @dataclass(slots=True, eq=False)
@@ -106,7 +88,7 @@ class _Node:
 
 
 class Tree:
-    """One shard of a tree that runs."""
+    """A running shard of a tree."""
 
     def __init__(self, spec: TreeSpec, *, seed: int, shard: int = 0, shards: int = 1) -> None:
         self.spec = spec
@@ -119,7 +101,7 @@ class Tree:
         self._digest = hashlib.blake2b(digest_size=16)
         self._arrived: list[bytes] = []
         self._arrivals = array("q")
-        """What the digest is yet to take in."""
+        """Datagrams and their true times that the digest does not contain yet."""
         self._time = VirtualTime()
         relays = range(shard, spec.relays, shards)
         clients = range(shard, spec.clients, shards)
@@ -153,41 +135,13 @@ class Tree:
             if each is not None:
                 each()
 
-    def measure(self) -> TreeResult:
-        """Run it, and compare every client's time with the truth at each sampling instant."""
-        result = TreeResult()
-        clients = [
-            n for n in self.nodes.values() if n.follower is not None and isinstance(n.engine, Follower)
-        ]
-
-        def sample() -> None:
-            errors: list[float] = []
-            for node in clients:
-                assert node.follower is not None
-                time_map = node.follower.time_map
-                if time_map is None:
-                    errors.append(float("nan"))
-                    continue
-                local_ns = node.clock.local_from_true(self.now_true_ns)
-                error_ns = time_map.leader_from_local(local_ns) - self.now_true_ns
-                result.judged += 1
-                result.within_95 += abs(error_ns) <= time_map.uncertainty_at(local_ns)
-                result.within_bound += abs(error_ns) <= time_map.hard_bound_at(local_ns)
-                errors.append(error_ns / 1000.0)
-            result.instants_s.append(self.now_true_ns / _S)
-            result.errors_us.append(errors)
-
-        self.run(sample)
-        result.root_datagrams = self.nodes[ROOT].datagrams
-        result.root_busy_ns = self.root_busy_ns
-        relays = [node.datagrams for node in self.nodes.values() if isinstance(node.engine, Relay)]
-        result.busiest_relay_datagrams = max(relays, default=0)
-        result.datagrams = self.datagrams
-        result.digest = self._digest.hexdigest()
-        return result
+    @property
+    def digest(self) -> str:
+        """Of every datagram and when it arrived: the same for the same seed."""
+        return self._digest.hexdigest()
 
     def run_until(self, end_true_ns: int) -> None:
-        """Let time pass until then; in ns."""
+        """Let time pass until a true time in ns."""
         self._time.run_until(end_true_ns)
         self.datagrams += len(self._arrived)
         self._digest.update(b"".join(self._arrived))
@@ -196,7 +150,7 @@ class Tree:
         del self._arrivals[:]
 
     def kill(self, name: str) -> None:
-        """Let a node fall silent without a word."""
+        """Let a node fall silent."""
         self.nodes[name, 0].alive = False
 
     def revive(self, name: str) -> None:
@@ -206,7 +160,7 @@ class Tree:
         self._act(node)
 
     def act(self, name: str) -> None:
-        """Let a node look at its timers and send what it has now: something was asked of its engine."""
+        """Let a node handle its timers and send what is due: its engine was asked for something."""
         self._act(self.nodes[name, 0])
 
     # Building
@@ -219,7 +173,7 @@ class Tree:
         parents: tuple[Address, ...],
         follower: Follower | None = None,
     ) -> WanderingClock:
-        """Add a node below the parents, with a clock drawn for it; all its chance comes from `rng`."""
+        """Add a node below the parents; its clock and all its randomness are drawn from `rng`."""
         clock = draw_wandering_clock(rng, wander_ppm=self.spec.wander_ppm)
         node = _Node((name, 0), engine, clock, rng, follower, frozenset(parents))
         self._start(node, round(rng.uniform(0.0, self.spec.join_within_s) * _S))
@@ -250,7 +204,7 @@ class Tree:
     # Running
 
     def _act(self, node: _Node, data: bytes | None = None, sender: Address = ROOT) -> None:
-        """Let an engine take in a datagram or look at its timers, and carry off what it sends."""
+        """Let a node take in a datagram or handle its timers, and send what is due."""
         if not node.alive:
             return
         true_ns = self.now_true_ns
@@ -281,11 +235,3 @@ class Tree:
         if due_ns is not None and not (due_ns == node.due_ns and node.timer.is_pending):
             node.due_ns = due_ns
             node.timer.set(node.clock.true_from_local(due_ns) + 1)
-
-
-def run_shard(spec: TreeSpec, seed: int, shard: int, shards: int) -> TreeResult:
-    """Simulate one shard of a tree."""
-    began_s = process_time()
-    result = Tree(spec, seed=seed, shard=shard, shards=shards).measure()
-    result.processor_s = process_time() - began_s
-    return result

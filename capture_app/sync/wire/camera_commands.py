@@ -1,11 +1,11 @@
-"""What the engine asks of a camera."""
+"""Commands of the engine to a camera; times in ns."""
 
 from dataclasses import dataclass
 
 
 @dataclass(frozen=True, slots=True)
 class InjectFrame:
-    """Take one frame with this longer exposure, then go on as before (frame injection)."""
+    """Expose one frame for longer, then go on as before (frame injection)."""
 
     exposure_ns: int
 

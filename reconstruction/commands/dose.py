@@ -40,7 +40,7 @@ def dose(
 
     from reconstruction.compare.dose import DoseOptions
     from reconstruction.compare.dose import dose as run
-    from reconstruction.report.dose import dose_sentence
+    from reconstruction.report.dose_report import dose_sentence
 
     result = run(
         session, out, DoseOptions(max_offset_ms=max_offset_ms, stereo=pair, max_instants=max_instants)

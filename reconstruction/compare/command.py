@@ -7,7 +7,7 @@ import msgspec
 
 from reconstruction.common.output_folder import comparison_folder, write_metrics
 from reconstruction.compare.comparison import CompareOptions, Comparison
-from reconstruction.report.report import write_report
+from reconstruction.report.comparison_report import write_report
 from reconstruction.scores.compare_results import CompareResult
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import nearest_frame_offset

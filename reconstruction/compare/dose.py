@@ -13,7 +13,7 @@ from reconstruction.calibration.rig import Rig
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.output_folder import comparison_folder, write_metrics
 from reconstruction.compare.dose_curve import measure_curve, whole_frame_offsets
-from reconstruction.report.dose import write_dose_report
+from reconstruction.report.dose_report import write_dose_report
 from reconstruction.scores.dose_results import DoseResult
 from reconstruction.session.conditions import DEFAULT_OFFSET_MS
 from reconstruction.session.dataset import Dataset

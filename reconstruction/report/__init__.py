@@ -1,4 +1,4 @@
-"""The page that a comparison ends in, and its words.
+"""The reports of `compare` and `dose`: one HTML page each, made from templates, and its words.
 
 Renders `scores`; computes nothing.
 """

@@ -117,7 +117,7 @@ class Sides:
         return replace(self, late=UNSYNCHRONIZED, late_short="Unsynced")
 
 
-def sides(synced: DepthScores | None, offset_ms: float) -> Sides:
+def name_sides(synced: DepthScores | None, offset_ms: float) -> Sides:
     """The names; pictures that cannot be of one instant are not called synchronized."""
     late = lateness(offset_ms)
     if synced is not None and not plausibly_synchronized(synced):

@@ -5,7 +5,7 @@ import re
 import msgspec
 
 from reconstruction.report import wording
-from reconstruction.report.report import write_report
+from reconstruction.report.comparison_report import write_report
 from tests.reconstruction.report.page import Page
 from tests.reconstruction.report.results import RESULT
 from tests.reconstruction.report.sample import whole_result

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from reconstruction.report.report import write_report
+from reconstruction.report.comparison_report import write_report
 from tests.reconstruction.report.browser import CHROMIUM, Browser
 from tests.reconstruction.report.sample import CAMERAS, SHAPES, whole_result
 

@@ -4,7 +4,7 @@ import re
 
 import msgspec
 
-from reconstruction.report.report import write_report
+from reconstruction.report.comparison_report import write_report
 from reconstruction.scores.compare_results import ConditionResult
 from tests.reconstruction.report.page import Page
 from tests.reconstruction.report.results import RESULT, STEREO, STITCH, depth

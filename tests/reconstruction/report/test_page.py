@@ -7,7 +7,7 @@ import msgspec
 import pytest
 
 from capture_app.errors import BadInputError
-from reconstruction.report.report import write_report
+from reconstruction.report.comparison_report import write_report
 from reconstruction.scores.compare_results import ConditionResult
 from tests.reconstruction.report.page import Page
 from tests.reconstruction.report.results import NASTY, RESULT

@@ -26,7 +26,7 @@ class Files:
     paths: Sequence[str]
 
 
-def making_entries(result: CompareResult) -> list[Entry]:
+def provenance_entries(result: CompareResult) -> list[Entry]:
     """What decides the numbers, and the software."""
     entries = [Entry("Session", result.session, path=True)]
     if stereo := result.stereo:

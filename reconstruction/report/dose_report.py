@@ -8,9 +8,9 @@ from capture_app.session.files.durable import write_atomic
 from capture_app.text import count
 from reconstruction.report import wording
 from reconstruction.report.charts import DoseChart, dose_chart
-from reconstruction.report.making import Entry
 from reconstruction.report.measures import COVERAGE, EPIPOLAR, STILL_COVERAGE, WITHIN, pixels
 from reconstruction.report.page import Section, render_page
+from reconstruction.report.provenance import Entry
 from reconstruction.report.tables import Column, Row, Table, score_cell
 from reconstruction.report.verdict import plausibly_synchronized
 from reconstruction.scores.dose_results import DoseResult
@@ -113,10 +113,10 @@ def write_dose_report(result: DoseResult, out: Path) -> Path:
         kicker="Depth against delay",
         name=name,
         verdict=dose_sentence(result),
-        sections=[Section("dose_alone.html"), Section("making.html", "making", "How it was made")],
+        sections=[Section("dose_alone.html"), Section("provenance.html", "provenance", "How it was made")],
         view={
             "dose": dose_view(result),
-            "making": [
+            "provenance": [
                 Entry("Session", result.session),
                 Entry("Depth", f"{cameras}, {instants} (selection: {result.reason})"),
                 Entry("Calibration", result.calibration),

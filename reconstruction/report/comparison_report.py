@@ -10,12 +10,12 @@ from capture_app.text import count
 from reconstruction.report import wording
 from reconstruction.report.charts import pose_chart
 from reconstruction.report.claims import claims
-from reconstruction.report.dose import dose_view
+from reconstruction.report.dose_report import dose_view
 from reconstruction.report.listings import conditions_table, instants_table
-from reconstruction.report.making import files_beside, making_entries, pair_pictures
 from reconstruction.report.measures import DEPTH, PANORAMA, multiview_measures, pose_measures
 from reconstruction.report.page import Section, render_page
 from reconstruction.report.pictures import embed
+from reconstruction.report.provenance import files_beside, pair_pictures, provenance_entries
 from reconstruction.report.tables import WITH_CONTROL, Table, twin_table
 from reconstruction.scores.compare_results import CompareResult
 
@@ -47,7 +47,7 @@ def write_report(result: CompareResult, out: Path) -> Path:
 
 def _page(result: CompareResult, out: Path) -> str:
     name = Path(result.session).name or result.session
-    sides = wording.sides(result.stereo.synced if result.stereo else None, result.actual_offset_ms)
+    sides = wording.name_sides(result.stereo.synced if result.stereo else None, result.actual_offset_ms)
     pictures = pair_pictures(result)
     two_claims, claims_note = claims(result, sides)
     return render_page(
@@ -66,7 +66,7 @@ def _page(result: CompareResult, out: Path) -> str:
             "image": lambda path: embed(out / path),
             "dose": dose_view(result.dose) if result.dose else None,
             "control": wording.control(result),
-            "making": making_entries(result),
+            "provenance": provenance_entries(result),
             "files": files_beside(result),
             **_all_cameras(result, sides.for_all_cameras()),
             **_tables(result, sides),
@@ -85,7 +85,7 @@ def _sections(result: CompareResult) -> list[Section]:
         (result.multiview, "all-cameras", "With all cameras at once"),
         (result.poses, "poses", "Where the cameras stand"),
         (True, "measures", "The measurements"),
-        (True, "making", "How it was made"),
+        (True, "provenance", "How it was made"),
     ]
     return [
         Section(f"{anchor.replace('-', '_')}.html", anchor, title) for there, anchor, title in found if there

@@ -6,9 +6,9 @@ import cv2
 import numpy as np
 
 from capture_app.errors import BadInputError
-from capture_app.session.format.calibration import Calibration, CameraCalibration
+from capture_app.session.format.calibration import Calibration
 from reconstruction.calibration.charuco_board import MIN_CORNERS, BoardCorners, CharucoBoard
-from reconstruction.common.geometry import Array
+from reconstruction.common.geometry import Array, View
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import evenly_spread
 
@@ -41,9 +41,11 @@ def calibrate_from_board(dataset: Dataset, board: CharucoBoard, corners: BoardCo
         )
         lenses[camera] = np.asarray(matrix), np.asarray(distortion).ravel()[:5]
     poses = _rig_poses(dataset, places, corners, lenses)
-    cameras = {name: _record(dataset.size(name), *lenses[name], *poses[name]) for name in dataset.cameras}
+    views = {name: View(*dataset.size(name), *lenses[name], *poses[name]) for name in dataset.cameras}
     return Calibration(
-        cameras=cameras, unit="m", source=f"ChArUco board in {len(corners)} images of {dataset.name}"
+        cameras={name: view.to_calibration() for name, view in views.items()},
+        unit="m",
+        source=f"ChArUco board in {len(corners)} images of {dataset.name}",
     )
 
 
@@ -90,19 +92,3 @@ def _rig_poses(
         rotation, translation = np.asarray(found[5]), np.asarray(found[6]).ravel()
         poses[b] = rotation @ poses[a][0], rotation @ poses[a][1] + translation
     return poses
-
-
-def _record(
-    size: tuple[int, int], matrix: Array, distortion: Array, rotation: Array, translation: Array
-) -> CameraCalibration:
-    return CameraCalibration(
-        width=size[0],
-        height=size[1],
-        fx=float(matrix[0, 0]),
-        fy=float(matrix[1, 1]),
-        cx=float(matrix[0, 2]),
-        cy=float(matrix[1, 2]),
-        rotation=tuple(tuple(float(v) for v in row) for row in rotation),  # type: ignore[arg-type]
-        translation=tuple(float(v) for v in translation),  # type: ignore[arg-type]
-        distortion=tuple(float(v) for v in distortion),
-    )

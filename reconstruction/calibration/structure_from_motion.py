@@ -10,7 +10,7 @@ import numpy as np
 
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import Calibration, CameraCalibration
-from reconstruction.common.geometry import Array
+from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import write_image
 from reconstruction.common.native_libraries import load_pycolmap
 from reconstruction.session.dataset import Dataset
@@ -125,18 +125,9 @@ def _cameras(rec: Any, dataset: Dataset) -> dict[str, CameraCalibration]:
         name = image.name.split("/")[0]
         matrix = np.asarray(image.cam_from_world().matrix())
         focal, cx, cy, radial = (float(value) for value in image.camera.params)
-        width, height = dataset.size(name)
-        rotation = tuple(tuple(float(v) for v in row) for row in matrix[:, :3])
-        found[name] = CameraCalibration(
-            width=width,
-            height=height,
-            fx=focal,
-            fy=focal,
-            # COLMAP's first pixel has its centre at (0.5, 0.5).
-            cx=cx - 0.5,
-            cy=cy - 0.5,
-            rotation=rotation,  # type: ignore[arg-type]
-            translation=tuple(float(v) for v in matrix[:, 3]),  # type: ignore[arg-type]
-            distortion=(radial, 0.0, 0.0, 0.0, 0.0),
-        )
+        # COLMAP's first pixel has its centre at (0.5, 0.5).
+        intrinsics = np.array([[focal, 0, cx - 0.5], [0, focal, cy - 0.5], [0, 0, 1]])
+        distortion = np.array([radial, 0, 0, 0, 0])
+        view = View(*dataset.size(name), intrinsics, distortion, matrix[:, :3], matrix[:, 3])
+        found[name] = view.to_calibration()
     return found

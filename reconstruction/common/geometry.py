@@ -43,6 +43,21 @@ class View:
         distortion[: len(camera.distortion)] = camera.distortion[:5]
         return cls(width, height, matrix, distortion, np.array(camera.rotation), np.array(camera.translation))
 
+    def to_calibration(self) -> CameraCalibration:
+        """The view as a session's calibration keeps it."""
+        m = self.matrix
+        return CameraCalibration(
+            width=self.width,
+            height=self.height,
+            fx=float(m[0, 0]),
+            fy=float(m[1, 1]),
+            cx=float(m[0, 2]),
+            cy=float(m[1, 2]),
+            rotation=tuple(tuple(float(v) for v in row) for row in self.rotation),  # type: ignore[arg-type]
+            translation=tuple(float(v) for v in self.translation),  # type: ignore[arg-type]
+            distortion=tuple(float(v) for v in self.distortion),
+        )
+
     @property
     def centre(self) -> Array:
         """The camera's position in the rig, (3,)."""

@@ -13,7 +13,7 @@ from reconstruction.common.geometry import Array
 from reconstruction.compare.pair_study import Pair, PairStudy
 from reconstruction.compare.panorama_pictures import panorama_pictures
 from reconstruction.compare.study import SIDES, ComparisonTally
-from reconstruction.panorama.pair_panorama import OverlapMisfit, measure_misfit, panorama_masks
+from reconstruction.panorama.pair_panorama import measure_misfit, panorama_masks
 from reconstruction.panorama.pair_registration import (
     PairRegistration,
     correct_parallax,
@@ -23,7 +23,7 @@ from reconstruction.panorama.pair_registration import (
 )
 from reconstruction.scores.panorama_results import PanoramaComparison, PanoramaScores
 from reconstruction.scores.results import Picture
-from reconstruction.scores.tally import Measurements, Tally, measures_of
+from reconstruction.scores.tally import Tally, measures_of
 from reconstruction.session.conditions import Condition
 from reconstruction.session.frame_offset import FrameOffset
 from reconstruction.session.mover_detection import dilate
@@ -101,17 +101,16 @@ class PanoramaStudy(PairStudy):
         changes = Tally()
         for now, later in pairs:
             progress.step(f"panorama {first}-{second}, instant {now}")
-            misfits = {}
+            measured = {}
             for side, shown in zip(SIDES, (now, later), strict=True):
-                misfits[side] = measure_misfit(
+                measured[side] = measure_misfit(
                     self.registration,
                     self.dataset.grey(first, now),
                     self.dataset.grey(second, shown),
                     *self._masks(now, later, shown),
                 )
-            measured = {side: _measurements(misfit) for side, misfit in misfits.items()}
             tally.add(measured, {"instant": now, "offset_instant": later})
-            changes.add(_measurements(misfits["offset"], misfits["synced"]))
+            changes.add(measured["offset"].minus(measured["synced"]))
         return PanoramaComparison(
             cameras=self.cameras,
             synced=tally.synced,
@@ -148,14 +147,3 @@ class PanoramaStudy(PairStudy):
                 [self.motion.changing(second, k) for k in (now, later)],
             ),
         )
-
-
-def _measurements(misfit: OverlapMisfit, earlier: OverlapMisfit | None = None) -> Measurements:
-    """An instant's misfit, or how it differs from another."""
-    means = {}
-    for measure in measures_of(PanoramaScores):
-        value = getattr(misfit, measure)
-        before = 0.0 if earlier is None else getattr(earlier, measure)
-        if value is not None and before is not None:
-            means[measure] = np.array([value - before])
-    return Measurements(means=means)

@@ -1,38 +1,32 @@
 """The fusion of a COLMAP workspace's depth maps into one cloud of points."""
 
-from dataclasses import dataclass
 from pathlib import Path
 
 from capture_app.errors import BadInputError
 from reconstruction.common.native_libraries import load_pycolmap
 
-
-@dataclass(frozen=True)
-class FusionOptions:
-    """When COLMAP joins pixels of several views into a point."""
-
-    min_views: int = 3
-    max_normal_error_deg: float = 30.0
-    max_depth_error: float = 0.01
-    max_reprojection_error_px: float = 1.5
-    max_traversal_depth: int = 2
-    """Views one after the other that a point is followed through; more of them eat its neighbours."""
+MIN_VIEWS = 3
+"""Views in whose maps a point must be, fewer where there are fewer; the limits are COLMAP's."""
+MAX_NORMAL_ERROR_DEG = 30.0
+MAX_DEPTH_ERROR = 0.01
+MAX_REPROJECTION_ERROR_PX = 1.5
+MAX_TRAVERSAL_DEPTH = 2
+"""Views one after the other that a point is followed through; more of them eat its neighbours."""
 
 
-def fuse_depth_maps(folder: Path, cloud: Path, views: int, options: FusionOptions | None = None) -> int:
+def fuse_depth_maps(folder: Path, cloud: Path, views: int) -> int:
     """Fuse a workspace's geometric maps into a PLY; how many points it has.
 
     Raises:
         BadInputError: no point is consistent in enough views.
     """
     pycolmap = load_pycolmap("fusing depth maps")
-    limits = options or FusionOptions()
     asked = pycolmap.StereoFusionOptions()
-    asked.min_num_pixels = min(limits.min_views, views)
-    asked.max_normal_error = limits.max_normal_error_deg
-    asked.max_depth_error = limits.max_depth_error
-    asked.max_reproj_error = limits.max_reprojection_error_px
-    asked.max_traversal_depth = limits.max_traversal_depth
+    asked.min_num_pixels = min(MIN_VIEWS, views)
+    asked.max_normal_error = MAX_NORMAL_ERROR_DEG
+    asked.max_depth_error = MAX_DEPTH_ERROR
+    asked.max_reproj_error = MAX_REPROJECTION_ERROR_PX
+    asked.max_traversal_depth = MAX_TRAVERSAL_DEPTH
     # More threads race for the pixels: another cloud every time, and hardly sooner.
     asked.num_threads = 1
     fused = pycolmap.stereo_fusion(

@@ -7,7 +7,7 @@ import numpy as np
 from capture_app.errors import BadInputError
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import CalibratedImage
-from reconstruction.depth.geometric_consistency import ConsistencyLimits, count_consistent_views
+from reconstruction.depth.geometric_consistency import ConsistencyLimits, consistent_and_visible_views
 from reconstruction.depth.plane_sweep import Surface, SweepOptions, sweep_planes
 from reconstruction.depth.source_view import SourceView
 
@@ -69,7 +69,8 @@ def _confirmed_inverse_depths(
     others = [other for other in surfaces if other != name]
     surface = surfaces[name]
     source_views = [SourceView(small[name], small[other]) for other in others]
-    count = count_consistent_views(surface, source_views, [surfaces[other] for other in others], LIMITS)
+    other_surfaces = [surfaces[other] for other in others]
+    count, _ = consistent_and_visible_views(surface, source_views, other_surfaces, LIMITS)
     # Two others where there are three: what moves between the pictures finds one that agrees by chance.
     agreed = count >= (2 if len(others) >= 3 else 1)
     return np.asarray(surface.inverse_depth[agreed & (surface.cost < MAX_COST)])

@@ -11,7 +11,7 @@ from reconstruction.depth.plane_sweep import Surface
 from reconstruction.depth.source_view import SourceView
 
 USUAL_WIDTH = 640
-MIDST_SHARE = 0.7
+SUPPORT_SHARE = 0.7
 """Share of the neighbourhood that must be kept around a pixel which few views can see."""
 
 
@@ -39,13 +39,6 @@ class ConsistencyLimits:
     """Side of the neighbourhood that must be kept around a pixel which few views can see."""
 
 
-def count_consistent_views(
-    surface: Surface, source_views: Sequence[SourceView], others: Sequence[Surface], limits: ConsistencyLimits
-) -> Array:
-    """How many other views' surfaces agree with each pixel's, uint8 height x width."""
-    return consistent_and_visible_views(surface, source_views, others, limits)[0]
-
-
 def consistent_and_visible_views(
     surface: Surface, source_views: Sequence[SourceView], others: Sequence[Surface], limits: ConsistencyLimits
 ) -> tuple[Array, Array]:
@@ -66,7 +59,7 @@ def count_coinciding_views(
 ) -> Array:
     """How many other views' surfaces coincide with each pixel's, of any brightness; uint8 height x width."""
     same = [
-        _agrees(surface.inverse_depth, source_view, other.inverse_depth, limits)
+        _compared(surface.inverse_depth, source_view, other.inverse_depth, limits)[0]
         for source_view, other in zip(source_views, others, strict=True)
     ]
     return np.asarray(np.sum(same, axis=0, dtype=np.uint8))
@@ -86,7 +79,7 @@ def consistent_pixels(
     few = count >= np.clip(able.astype(np.int16) - 1, 1, usual)
     if (few & ~agreed).any():
         window = (limits.support_px, limits.support_px)
-        agreed |= few & (cv2.blur((few | agreed).astype(np.float32), window) > MIDST_SHARE)
+        agreed |= few & (cv2.blur((few | agreed).astype(np.float32), window) > SUPPORT_SHARE)
     evidence = agreed & (surface.cost < limits.max_cost)
     # A single pixel of low cost is chance: evidence comes in patches.
     evidence = cv2.blur(evidence.astype(np.float32), (5, 5)) > 0.4
@@ -103,10 +96,6 @@ def remove_speckles(good: Array, inverse_depth: Array, smallest: int) -> Array:
     scaled = np.where(good, 1 + inverse_depth / top * 16000, 0).clip(0, 20000).astype(np.int16)
     cv2.filterSpeckles(scaled, 0, smallest, 400)
     return np.asarray(scaled > 0)
-
-
-def _agrees(inverse_depth: Array, source_view: SourceView, other: Array, limits: ConsistencyLimits) -> Array:
-    return _compared(inverse_depth, source_view, other, limits)[0]
 
 
 def _compared(

@@ -3,11 +3,7 @@
 from msgspec import Struct
 
 
-class _Result(Struct, frozen=True, kw_only=True):
-    """Base of the parts of the result."""
-
-
-class ViewResult(_Result, frozen=True, kw_only=True):
+class ViewResult(Struct, frozen=True, kw_only=True):
     """One camera's depth map. Shares are of all its pixels that have a true depth; empty ones are wrong."""
 
     camera: str
@@ -27,7 +23,7 @@ class ViewResult(_Result, frozen=True, kw_only=True):
     """Median of the relative errors of the depths that there are, percent."""
 
 
-class MultiviewResult(_Result, frozen=True, kw_only=True):
+class MultiviewResult(Struct, frozen=True, kw_only=True):
     """Depth of all cameras of an instant; the first shares are those of the reference camera."""
 
     session: str

@@ -1,7 +1,6 @@
 """A panorama of two registered cameras: blended, and judged where they overlap."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 
 import cv2
 import numpy as np
@@ -10,6 +9,7 @@ from reconstruction.common.brightness import gain_and_bias
 from reconstruction.common.geometry import Array
 from reconstruction.panorama.optical_flow import dense_flow
 from reconstruction.panorama.pair_registration import PairRegistration
+from reconstruction.scores.tally import Measurements
 from reconstruction.session.mover_detection import dilate
 
 
@@ -30,22 +30,13 @@ def blend_pair(registration: PairRegistration, first: Array, second: Array) -> A
     return np.where((seen_a | seen_b)[..., None], blended, 0).astype(np.uint8)
 
 
-@dataclass(frozen=True)
-class OverlapMisfit:
-    """How far two pictures disagree in the overlap before they are blended."""
-
-    overlap_flow_p95_px: float
-    mover_flow_p95_px: float | None
-    static_overlap_mad: float
-    mover_overlap_mad: float | None
-
-
 def measure_misfit(
     registration: PairRegistration, first: Array, second: Array, moving: Array, still: Array
-) -> OverlapMisfit:
+) -> Measurements:
     """Misfit of two grey pictures (uint8): `moving` and `still` are masks on the panorama (bool).
 
-    Flow is dense optical flow (DIS) from one to the other, px; MAD is the mean absolute grey difference.
+    Measures are those of `PanoramaScores`. Flow is dense optical flow (DIS) from one to the other, px; MAD is
+    the mean absolute grey difference.
     """
     overlap = registration.overlap
     a = registration.warp(first, 0)
@@ -56,13 +47,14 @@ def measure_misfit(
     difference = np.abs(a.astype(np.float32) - b)
     length = np.linalg.norm(dense_flow(a, np.where(overlap, b, a)), axis=2)
     on_movers, on_still = overlap & moving, overlap & still
-    enough = bool(on_movers.sum() >= 50)
-    return OverlapMisfit(
-        overlap_flow_p95_px=float(np.percentile(length[overlap], 95)),
-        mover_flow_p95_px=float(np.percentile(length[on_movers], 95)) if enough else None,
-        static_overlap_mad=float(difference[on_still].mean()) if on_still.any() else 0.0,
-        mover_overlap_mad=float(difference[on_movers].mean()) if enough else None,
-    )
+    measured = {
+        "overlap_flow_p95_px": float(np.percentile(length[overlap], 95)),
+        "static_overlap_mad": float(difference[on_still].mean()) if on_still.any() else 0.0,
+    }
+    if on_movers.sum() >= 50:
+        measured["mover_flow_p95_px"] = float(np.percentile(length[on_movers], 95))
+        measured["mover_overlap_mad"] = float(difference[on_movers].mean())
+    return Measurements(means={name: np.array([value]) for name, value in measured.items()})
 
 
 def panorama_masks(

@@ -34,6 +34,11 @@ class Measurements:
     medians: dict[str, Array] = field(default_factory=dict)
     means: dict[str, Array] = field(default_factory=dict)
 
+    def minus(self, other: "Measurements") -> "Measurements":
+        """The difference in every mean that both have."""
+        both = self.means.keys() & other.means.keys()
+        return Measurements(means={name: self.means[name] - other.means[name] for name in both})
+
     def update(self, other: "Measurements", prefix: str = "") -> None:
         """Take over another's measurements, their names with a prefix, such as `mover_`."""
         self.shares.update({prefix + name: share for name, share in other.shares.items()})
@@ -79,10 +84,8 @@ class Tally:
     def value(self, measure: str) -> float | None:
         """A measure over all instants; None where there is nothing to measure."""
         if measure.endswith(F_SCORE):
-            recall = self.value(_recall(measure))
-            if recall is None:
-                return None
-            return float(_harmonic_mean(self.value(_precision(measure)) or 0.0, recall))
+            precision, recall = (self.value(name) for name in _precision_and_recall(measure))
+            return None if recall is None else float(_harmonic_mean(precision or 0.0, recall))
         if self._is_share(measure):
             parts, wholes = self._shares(measure)
             return float(parts.sum() / wholes.sum()) if wholes.sum() else None
@@ -94,8 +97,8 @@ class Tally:
         if self.instants < MIN_FOR_INTERVAL:
             return np.zeros(0)
         if measure.endswith(F_SCORE):
-            precision, recall = self.samples(_precision(measure)), self.samples(_recall(measure))
-            return np.asarray(_harmonic_mean(np.nan_to_num(precision), recall))
+            drawn, recalls = (self.samples(name) for name in _precision_and_recall(measure))
+            return np.asarray(_harmonic_mean(np.nan_to_num(drawn), recalls))
         if self._is_share(measure):
             return share_samples(*self._shares(measure))
         thinned = [v[:: max(1, len(v) // MAX_DRAWN_VALUES)] for v in self._values(measure)]
@@ -146,12 +149,9 @@ def differences(synced: Tally, other: Tally, form: type[Struct]) -> dict[str, In
     return found
 
 
-def _precision(measure: str) -> str:
-    return measure.removesuffix(F_SCORE) + "precision"
-
-
-def _recall(measure: str) -> str:
-    return measure.removesuffix(F_SCORE) + "recall"
+def _precision_and_recall(measure: str) -> tuple[str, str]:
+    prefix = measure.removesuffix(F_SCORE)
+    return prefix + "precision", prefix + "recall"
 
 
 def _harmonic_mean(precision: Array | float, recall: Array | float) -> Array:

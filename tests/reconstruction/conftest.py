@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.session.format.calibration import Calibration, CameraCalibration
+from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import BurstRecord, CameraRecord
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
@@ -125,22 +125,6 @@ def make_view(
     return View(WIDTH, HEIGHT, matrix, np.array(distortion, float), rotation, -rotation @ np.array(at) * unit)
 
 
-def as_calibration(view: View) -> CameraCalibration:
-    """The view as a session's calibration keeps it."""
-    m = view.matrix
-    return CameraCalibration(
-        width=view.width,
-        height=view.height,
-        fx=float(m[0, 0]),
-        fy=float(m[1, 1]),
-        cx=float(m[0, 2]),
-        cy=float(m[1, 2]),
-        rotation=tuple(tuple(float(v) for v in row) for row in view.rotation),
-        translation=tuple(float(v) for v in view.translation),
-        distortion=tuple(float(v) for v in view.distortion),
-    )
-
-
 def write_session(
     root: Path,
     scene: Scene,
@@ -167,7 +151,7 @@ def write_session(
                 writer.add_ground_truth(name, k, packed.getvalue(), k * PERIOD_NS)
     if calibrated:
         writer.set_calibration(
-            Calibration(cameras={name: as_calibration(v) for name, v in views.items()}, source="boards")
+            Calibration(cameras={name: v.to_calibration() for name, v in views.items()}, source="boards")
         )
     cameras = [
         CameraRecord(name=name, facts=make_facts(width=WIDTH, height=HEIGHT, period_ns=PERIOD_NS))

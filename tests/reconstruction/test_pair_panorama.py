@@ -8,6 +8,8 @@ from reconstruction.calibration.homography import Homography, fit_homography
 from reconstruction.calibration.pair_choice import choose_panorama_pair, choose_stereo_pair
 from reconstruction.panorama.pair_panorama import blend_pair, measure_misfit, panorama_masks
 from reconstruction.panorama.pair_registration import register_pair, undistort_pixels
+from reconstruction.scores.panorama_results import PanoramaScores
+from reconstruction.scores.tally import Tally
 from tests.reconstruction.conftest import HEIGHT, VIEWS, WIDTH, Scene, make_view
 
 SIZE = (WIDTH, HEIGHT)
@@ -26,7 +28,8 @@ def test_the_overlap_fits_when_synchronized_and_not_when_offset(scene: Scene) ->
     misfit = {}
     for time, (image, _, mask) in b.items():
         masks = panorama_masks(registration, (moving, mask), changing)
-        misfit[time] = measure_misfit(registration, a, image, *masks)
+        measured = measure_misfit(registration, a, image, *masks)
+        misfit[time] = Tally([measured]).scores(PanoramaScores)
     assert misfit[2].overlap_flow_p95_px < 3
     assert misfit[4].overlap_flow_p95_px > 2 * misfit[2].overlap_flow_p95_px
     assert misfit[4].mover_flow_p95_px is not None

@@ -17,7 +17,6 @@ from tests.reconstruction.conftest import (
     VIEWS,
     Board,
     Scene,
-    as_calibration,
     jump,
     make_view,
     texture,
@@ -62,14 +61,14 @@ def test_colmap_places_the_cameras_from_what_stands_still(tmp_path: Path) -> Non
 
 def test_a_calibration_is_scaled_to_the_images() -> None:
     small = make_view((0, 0, 0))
-    large = View.from_calibration(as_calibration(small), small.width * 2, small.height * 2)
+    large = View.from_calibration(small.to_calibration(), small.width * 2, small.height * 2)
     corner = np.array([[-0.5, -0.5], [small.width - 0.5, small.height - 0.5]])
     assert np.allclose(large.rays((corner + 0.5) * 2 - 0.5), small.rays(corner))
 
 
 def test_a_calibration_of_another_shape_is_refused(scene: Scene, tmp_path: Path) -> None:
     session = write_session(tmp_path, scene, {"left": VIEWS["left"]}, instants=1, truth=False)
-    narrow = as_calibration(make_view((0, 0, 0)))
+    narrow = make_view((0, 0, 0)).to_calibration()
     narrow = msgspec.structs.replace(narrow, width=100)
     with pytest.raises(BadInputError, match="calibrated for 100x240, but its images are 320x240"):
         calibrated_views(Dataset(session), Calibration(cameras={"left": narrow}))
@@ -77,6 +76,6 @@ def test_a_calibration_of_another_shape_is_refused(scene: Scene, tmp_path: Path)
 
 def test_a_calibration_of_other_cameras_is_refused(scene: Scene, tmp_path: Path) -> None:
     session = write_session(tmp_path, scene, {"left": VIEWS["left"]}, instants=1, truth=False)
-    other = Calibration(cameras={"cam0": as_calibration(VIEWS["left"])})
+    other = Calibration(cameras={"cam0": VIEWS["left"].to_calibration()})
     with pytest.raises(BadInputError, match=r"of other cameras \(cam0\) \(the session has left\)"):
         calibrated_views(Dataset(session), other)

@@ -1,4 +1,4 @@
-"""The one rule for the names of cameras, nodes, rigs and sessions: each can be that of a folder."""
+"""Names of cameras, nodes, rigs and sessions: the one rule for them, as names of folders, and their order."""
 
 import re
 from typing import Annotated
@@ -33,3 +33,9 @@ def check_name(text: str, what: str) -> str:
 def name_like(text: str, otherwise: str) -> str:
     """Return the valid name that is nearest to a text, or `otherwise` where nothing of it can be used."""
     return _FORBIDDEN.sub("-", text).lstrip("_.-")[:_MOST] or otherwise
+
+
+def natural_order(text: str) -> list[tuple[int, str]]:
+    """Sort key that puts cam2 before cam10."""
+    parts = re.split(r"(\d+)", text)
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts if part]

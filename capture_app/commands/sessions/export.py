@@ -45,7 +45,7 @@ def export(
 
     docs/exports.md describes how each format stores the times and what happens to missing images.
     """
-    from capture_app.session.exporters.common.burst import ExportOptions
+    from capture_app.session.exporters.common.exported_burst import ExportOptions
     from capture_app.session.exporters.export_session import export_session
 
     options = ExportOptions(link=hard_link, near=near, far=far)

@@ -3,7 +3,7 @@
 import re
 from pathlib import Path
 
-from capture_app.session.exporters.common.burst import Burst, ExportOptions
+from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
 from capture_app.session.exporters.common.poses import (
     METRES,
     distortion_of,
@@ -16,7 +16,7 @@ from capture_app.session.exporters.common.videos import write_timeline
 from capture_app.session.format.calibration import Calibration
 
 
-def write(burst: Burst, folder: Path, options: ExportOptions) -> list[str]:
+def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[str]:
     """Write recordings/<session>/cam_N.mp4 and timestamps.csv, and camera_array.toml where calibrated.
 
     Cameras keep the numbers of names such as cam_3, else they are numbered in the session's order from 0;
@@ -30,7 +30,7 @@ def write(burst: Burst, folder: Path, options: ExportOptions) -> list[str]:
     for camera, number in numbers.items():
         file = f"recordings/{burst.name}/cam_{number}.mp4"
         frames += write_timeline(burst, camera, folder / file, file)
-        for image in burst.timeline(camera):
+        for image in burst.images_of(camera):
             seconds, nanos = divmod(image.leader_ns - burst.origin_ns, 10**9)
             rows.append(f"{image.instant},{number},{seconds}.{nanos:09d}\n")
     (recording / "timestamps.csv").write_text("".join(rows), encoding="utf-8")

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from capture_app.session.exporters.common.burst import Burst, ExportOptions
+from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
 from capture_app.session.exporters.common.files import place, suffix_for
 from capture_app.session.exporters.common.poses import (
     Array,
@@ -22,7 +22,7 @@ _HALF_PIXEL = 0.5  # COLMAP's first pixel has its centre at (0.5, 0.5)
 _SPARSE = "sparse/0"
 
 
-def write(burst: Burst, folder: Path, options: ExportOptions) -> list[str]:
+def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[str]:
     """Write images/rig1/<camera>/<instant>, rig_config.json, and sparse/0 where the session is calibrated.
 
     The first camera is the rig's reference sensor; the model's world is the calibration's rig. An image that
@@ -32,7 +32,7 @@ def write(burst: Burst, folder: Path, options: ExportOptions) -> list[str]:
         image
         for instant in range(len(burst.instants_ns))
         for camera in burst.cameras
-        if (image := burst.together(camera, instant)) is not None
+        if (image := burst.image_at(camera, instant)) is not None
     ]
     suffix = suffix_for(burst, kept)
     names = {(image.camera, image.instant): _name(image, suffix) for image in kept}
@@ -75,7 +75,7 @@ def _rig_config(cameras: tuple[str, ...], calibration: Calibration | None) -> li
 
 
 def _write_model(
-    burst: Burst,
+    burst: ExportedBurst,
     calibration: Calibration,
     images: list[ImageRecord],
     names: dict[tuple[str, int], str],

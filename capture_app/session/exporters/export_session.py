@@ -7,12 +7,12 @@ from pathlib import Path
 import msgspec
 
 from capture_app.errors import BadInputError, SimulshotError
-from capture_app.session.exporters.common.burst import Burst, ExportOptions, Progress
+from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions, Progress
 from capture_app.session.exporters.formats import FORMATS
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
 from capture_app.session.reading.reader import Session
 
-Write = Callable[[Burst, Path, ExportOptions], list[str]]
+Write = Callable[[ExportedBurst, Path, ExportOptions], list[str]]
 
 
 class ExportReport(msgspec.Struct, frozen=True, kw_only=True):
@@ -44,7 +44,7 @@ def export_session(
         raise BadInputError(f"{out} lies inside the session", hint="choose a folder outside it")
     output = OutputFolder(out, replaces_nothing)
     write: Write = importlib.import_module(f"{__package__}.{name}").write
-    burst = Burst(session, progress)
+    burst = ExportedBurst(session, progress)
     try:
         with output:
             notes = write(burst, output.folder, options or ExportOptions())

@@ -2,14 +2,14 @@
 
 from pathlib import Path
 
-from capture_app.session.exporters.common.burst import Burst, ExportOptions
+from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
 from capture_app.session.exporters.common.tables import camera_tables, paired_names, unit_note, write_frames
 from capture_app.session.exporters.common.videos import grid_notes, write_instants
 
 _VIDEOS = "synchronized_videos"
 
 
-def write(burst: Burst, folder: Path, options: ExportOptions) -> list[str]:
+def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[str]:
     """Write synchronized_videos/<camera>.mp4, as many frames each, and NAME_camera_calibration.toml.
 
     FreeMoCap pairs videos and cameras by the order of their names and counts in millimetres.

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import Any
 
-from capture_app.session.exporters.common.burst import Burst, ExportOptions
+from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
 from capture_app.session.exporters.common.optional_packages import load_package
 from capture_app.session.exporters.common.poses import (
     METRES,
@@ -22,7 +22,7 @@ _CHUNK = 1 << 62  # a chunk ends where a set of frames does, never by its size
 _FORMATS = {".jpg": "jpeg", ".jpeg": "jpeg", ".png": "png"}
 
 
-def write(burst: Burst, folder: Path, options: ExportOptions) -> list[str]:
+def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[str]:
     """Write <session>.mcap with the topics /<camera>/image, and /<camera>/calibration and /tf if calibrated.
 
     log_time and publish_time are an image's leader_ns. Images are the session's own bytes, others than JPEG
@@ -39,7 +39,7 @@ def write(burst: Burst, folder: Path, options: ExportOptions) -> list[str]:
         writer.start(library="simulshot")
         recording = _Recording(writer, min(0, burst.origin_ns))
         for instant in range(len(burst.instants_ns)):
-            images = [i for c in burst.cameras for i in burst.timeline(c) if i.instant == instant]
+            images = [i for c in burst.cameras for i in burst.images_of(c) if i.instant == instant]
             for image in sorted(images, key=lambda image: image.leader_ns):
                 if calibration is not None:
                     recording.add_camera(image, calibration)
@@ -66,9 +66,8 @@ class _Recording:
         self._schemas: dict[str, int] = {}
         self._channels: dict[str, int] = {}
 
-    def add_image(self, burst: Burst, image: ImageRecord) -> None:
-        data = burst.read(image)
-        pixels = burst.decode(image, data)
+    def add_image(self, burst: ExportedBurst, image: ImageRecord) -> None:
+        data, pixels = burst.load(image)
         known = _FORMATS.get(burst.session.image_file(image).suffix.lower())
         if known is None:
             import cv2

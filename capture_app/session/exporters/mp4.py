@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
-from capture_app.session.exporters.common.burst import Burst, ExportOptions
+from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
 from capture_app.session.exporters.common.tables import write_frames
 from capture_app.session.exporters.common.videos import write_timeline
 
 
-def write(burst: Burst, folder: Path, options: ExportOptions) -> list[str]:
+def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[str]:
     """Write <camera>.mp4 for each camera; all count from the burst's earliest image."""
     frames = []
     for camera in burst.cameras:

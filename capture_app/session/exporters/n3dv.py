@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.errors import BadInputError
-from capture_app.session.exporters.common.burst import Burst, ExportOptions, Picture
+from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions, Picture
 from capture_app.session.exporters.common.poses import Array, centre_of, distortion_of, matrix_of, rotation_of
 from capture_app.session.exporters.common.tables import Frame, write_frames
 from capture_app.session.exporters.common.videos import spacing_notes, write_video
@@ -16,7 +16,7 @@ _NEAR, _FAR = 0.2, 5.0
 """Guessed bounds as shares of the distance at which the cameras' axes meet."""
 
 
-def write(burst: Burst, folder: Path, options: ExportOptions) -> list[str]:
+def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[str]:
     """Write the videos of the instants that every camera has, and a row of 17 numbers a camera.
 
     The format knows one focal length, no distortion, and a principal point in the middle: the images are
@@ -27,7 +27,7 @@ def write(burst: Burst, folder: Path, options: ExportOptions) -> list[str]:
     together = [
         instant
         for instant in range(len(burst.instants_ns))
-        if all(burst.together(camera, instant) for camera in burst.cameras)
+        if all(burst.image_at(camera, instant) for camera in burst.cameras)
     ]
     if not together:
         raise BadInputError(f"{burst.session.folder}: no instant has an image of every camera, as N3DV needs")
@@ -90,13 +90,11 @@ class _Remap:
 
 
 def _video(
-    burst: Burst, camera: str, instants: list[int], remap: _Remap, folder: Path, file: str
+    burst: ExportedBurst, camera: str, instants: list[int], remap: _Remap, folder: Path, file: str
 ) -> list[Frame]:
     images = [burst.images[camera, instant] for instant in instants]
     start_ns = burst.instants_ns[instants[0]]
-    pictures = (
-        (burst.instants_ns[image.instant] - start_ns, remap(burst.picture(image))) for image in images
-    )
+    pictures = ((burst.instants_ns[image.instant] - start_ns, remap(burst.pixels(image))) for image in images)
     write_video(folder / file, pictures, burst.size(camera), burst.period_ns)
     return [Frame(camera, image.instant, file, number, image) for number, image in enumerate(images)]
 
@@ -115,11 +113,11 @@ def _pose(camera: CameraCalibration, size: tuple[int, int], focal: float) -> Arr
     return np.stack([down, right, -forward, centre_of(camera), intrinsics], axis=1)
 
 
-def _cameras(burst: Burst, calibration: Calibration) -> dict[str, CameraCalibration]:
+def _cameras(burst: ExportedBurst, calibration: Calibration) -> dict[str, CameraCalibration]:
     return {name: calibration.cameras[name] for name in burst.cameras}
 
 
-def _one_size(burst: Burst) -> tuple[int, int]:
+def _one_size(burst: ExportedBurst) -> tuple[int, int]:
     sizes = {burst.size(camera) for camera in burst.cameras}
     if len(sizes) > 1:
         found = ", ".join(f"{name} {burst.size(name)[0]}x{burst.size(name)[1]}" for name in burst.cameras)
@@ -127,7 +125,7 @@ def _one_size(burst: Burst) -> tuple[int, int]:
     return sizes.pop()
 
 
-def _notes(burst: Burst, together: list[int], options: ExportOptions) -> list[str]:
+def _notes(burst: ExportedBurst, together: list[int], options: ExportOptions) -> list[str]:
     notes = [f"cam{number:02d} is {camera}" for number, camera in enumerate(burst.cameras)]
     left_out = len(burst.instants_ns) - len(together)
     if left_out:

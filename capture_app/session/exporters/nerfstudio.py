@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from capture_app.session.exporters.common.burst import Burst, ExportOptions
+from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
 from capture_app.session.exporters.common.files import place, suffix_for
 from capture_app.session.exporters.common.poses import centre_of, distortion_of, rotation_of
 from capture_app.session.exporters.common.tables import Frame, write_frames
@@ -15,14 +15,14 @@ from capture_app.session.format.manifest import ImageRecord
 _HALF_PIXEL = 0.5  # nerfstudio's first pixel has its centre at (0.5, 0.5)
 
 
-def write(burst: Burst, folder: Path, options: ExportOptions) -> list[str]:
+def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[str]:
     """Write images/<camera>/<instant> and transforms.json.
 
     `time` runs from 0 at the burst's first image to 1 at its last, each image at its own; `leader_ns` beside
     it is exact. Without a second instant every `time` is 0.
     """
     calibration = burst.calibration("nerfstudio")
-    images = [image for camera in burst.cameras for image in burst.timeline(camera)]
+    images = [image for camera in burst.cameras for image in burst.images_of(camera)]
     suffix = suffix_for(burst, images)
     span_ns = max(image.leader_ns for image in images) - burst.origin_ns
     several = len({image.instant for image in images}) > 1

@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
-from capture_app.session.exporters.common.burst import Burst, ExportOptions
+from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
 from capture_app.session.exporters.common.tables import camera_tables, paired_names, unit_note, write_frames
 from capture_app.session.exporters.common.videos import grid_notes, write_instants
 
 
-def write(burst: Burst, folder: Path, options: ExportOptions) -> list[str]:
+def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[str]:
     """Write videos/<camera>.mp4, as many frames each, and calibration/Calib.toml in metres.
 
     Pose2Sim pairs videos and cameras by the order of their names.

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from capture_app.session.exporters.common.burst import Burst, ExportOptions
+from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
 from capture_app.session.exporters.common.optional_packages import load_package
 from capture_app.session.exporters.common.poses import centre_of, matrix_of, rotation_of
 from capture_app.session.exporters.common.tables import Frame, write_frames
@@ -13,7 +13,7 @@ _HALF_PIXEL = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])  # Rerun's first p
 _MEDIA = {".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".png": "image/png"}
 
 
-def write(burst: Burst, folder: Path, options: ExportOptions) -> list[str]:
+def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[str]:
     """Write <session>.rrd: entities rig/<camera>, timelines `leader` (exact to the ns) and `instant`.
 
     A camera's distortion has no place in it. Raises NotAvailableError without rerun-sdk.
@@ -32,10 +32,9 @@ def write(burst: Burst, folder: Path, options: ExportOptions) -> list[str]:
             )
             stream.log(f"rig/{name}", pose, pinhole, static=True)
     frames: list[Frame] = []
-    images = [image for camera in burst.cameras for image in burst.timeline(camera)]
+    images = [image for camera in burst.cameras for image in burst.images_of(camera)]
     for image in sorted(images, key=lambda image: (image.leader_ns, image.camera)):
-        data = burst.read(image)
-        pixels = burst.decode(image, data)
+        data, pixels = burst.load(image)
         media = _MEDIA.get(burst.session.image_file(image).suffix.lower())
         if media is None:
             import cv2

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from capture_app.errors import BadInputError
-from capture_app.names import check_name, is_name
+from capture_app.names import check_name, is_name, natural_order
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
 from capture_app.session.importers.phones import PhoneVideo, has_table, is_phone, phone
 from capture_app.session.importers.sources import (
@@ -13,7 +13,6 @@ from capture_app.session.importers.sources import (
     Source,
     Video,
     images_in,
-    natural,
 )
 
 
@@ -41,7 +40,7 @@ def open_sources(paths: Sequence[str], *, png: bool = False) -> list[Source]:
             raise BadInputError(f"two cameras are named {name}", hint="name them: NAME=PATH")
     if not sources:
         raise BadInputError("nothing to import", hint="give a folder, or NAME=PATH for each camera")
-    return sorted(sources, key=lambda source: natural(Path(source.name)))
+    return sorted(sources, key=lambda source: natural_order(source.name))
 
 
 def split_name(text: str) -> tuple[str, Path]:

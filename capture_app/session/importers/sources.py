@@ -7,10 +7,11 @@ from pathlib import Path
 from typing import Any
 
 from capture_app.errors import BadInputError
+from capture_app.names import natural_order
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
 from capture_app.session.importers.embedded_times import video_pictures, video_times_ns
 from capture_app.session.importers.frame_matching import TimedFrame
-from capture_app.session.reading.verify import image_size
+from capture_app.session.reading.decoding import image_size
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".mjpg", ".mjpeg", ".mpg", ".mpeg")
 JPEG_QUALITY = 95
@@ -56,7 +57,9 @@ class ImageFolder(Source):
 
     def __init__(self, name: str, path: Path) -> None:
         self.name, self.path = name, path
-        self._files = [path] if path.is_file() else sorted(images_in(path), key=natural)
+        self._files = (
+            [path] if path.is_file() else sorted(images_in(path), key=lambda file: natural_order(file.name))
+        )
         if not self._files:
             raise BadInputError(f"no images in {path}", hint=f"looked for {', '.join(IMAGE_SUFFIXES)}")
         suffixes = {file.suffix.lower() for file in self._files}
@@ -197,8 +200,3 @@ def images_in(folder: Path) -> list[Path]:
         for path in folder.iterdir()
         if path.suffix.lower() in IMAGE_SUFFIXES and path.is_file() and not path.name.startswith(".")
     ]
-
-
-def natural(path: Path) -> list[tuple[int, str]]:
-    """Sort key that puts 9 before 10."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"(\d+)", path.name)]

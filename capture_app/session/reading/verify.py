@@ -22,6 +22,7 @@ from capture_app.session.format.manifest import (
     ImageRecord,
 )
 from capture_app.session.reading.checksums import changed_files
+from capture_app.session.reading.decoding import image_size
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.synchronization import sync_record
 
@@ -140,21 +141,6 @@ def _picture(path: str, data: bytes, camera: CameraRecord) -> Iterator[Problem]:
     elif size != (camera.facts.width, camera.facts.height):
         what = f"{size[0]}x{size[1]} pixels; {camera.name} takes {camera.facts.width}x{camera.facts.height}"
         yield Problem(ProblemKind.CONTRADICTORY, path, what)
-
-
-def image_size(data: bytes) -> tuple[int, int] | None:
-    """Width and height in pixels of an image file's bytes, decoded in full; None where they are no image."""
-    import cv2  # heavy: only where images are looked at
-    import numpy as np
-
-    if not data:
-        return None
-    try:
-        flags = cv2.IMREAD_UNCHANGED  # the pixels as they are stored: no turning by EXIF
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-    except cv2.error:
-        return None
-    return None if image is None else (image.shape[1], image.shape[0])
 
 
 def _times(session: Session, record: ImageRecord) -> Iterator[Problem]:

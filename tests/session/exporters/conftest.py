@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.session.exporters.common.burst import ExportOptions
+from capture_app.session.exporters.common.exported_burst import ExportOptions
 from capture_app.session.exporters.export_session import ExportReport, export_session
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage

@@ -4,25 +4,24 @@ import os
 from pathlib import Path
 
 from capture_app.errors import BadInputError
-from capture_app.session.exporters.common.burst import Burst, ExportOptions
+from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
 from capture_app.session.format.manifest import ImageRecord
 
 _SAME = {".jpeg": ".jpg", ".tif": ".tiff"}
 
 
-def suffix_for(burst: Burst, images: list[ImageRecord]) -> str:
+def suffix_for(burst: ExportedBurst, images: list[ImageRecord]) -> str:
     """The one file name ending for all of these images: their own, or .png where they differ."""
     endings = {_ending(burst, image) for image in images}
     return endings.pop() if len(endings) == 1 else ".png"
 
 
-def place(burst: Burst, image: ImageRecord, target: Path, options: ExportOptions) -> None:
+def place(burst: ExportedBurst, image: ImageRecord, target: Path, options: ExportOptions) -> None:
     """Put an image at `target`: its own bytes, or the same pixels as PNG where the ending says so.
 
-    Raises as `Burst.picture` does, for a file that is not the image that was saved.
+    Raises as `ExportedBurst.load` does, for a file that is not the image that was saved.
     """
-    data = burst.read(image)
-    pixels = burst.decode(image, data)
+    data, pixels = burst.load(image)
     target.parent.mkdir(parents=True, exist_ok=True)
     if _ending(burst, image) != target.suffix:
         import cv2
@@ -37,6 +36,6 @@ def place(burst: Burst, image: ImageRecord, target: Path, options: ExportOptions
         target.write_bytes(data)
 
 
-def _ending(burst: Burst, image: ImageRecord) -> str:
+def _ending(burst: ExportedBurst, image: ImageRecord) -> str:
     ending = burst.session.image_file(image).suffix.lower()
     return _SAME.get(ending, ending)

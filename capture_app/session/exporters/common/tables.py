@@ -8,7 +8,8 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from capture_app.session.exporters.common.burst import Burst
+from capture_app.names import natural_order
+from capture_app.session.exporters.common.exported_burst import ExportedBurst
 from capture_app.session.exporters.common.poses import (
     METRES,
     distortion_of,
@@ -53,7 +54,7 @@ class Frame:
     image: ImageRecord | None = None
 
 
-def write_frames(burst: Burst, folder: Path, frames: Iterable[Frame]) -> None:
+def write_frames(burst: ExportedBurst, folder: Path, frames: Iterable[Frame]) -> None:
     """Write `frames.csv`: a row for every camera and instant of the session, exported or not."""
     by_place = {(frame.camera, frame.instant): frame for frame in frames}
     text = io.StringIO()
@@ -75,7 +76,7 @@ def paired_names(cameras: Iterable[str]) -> dict[str, str]:
     It is the camera's own, unless sorting by letters and by numbers disagree or a name means something else.
     """
     by_letters = sorted(cameras)
-    by_numbers = sorted(by_letters, key=_natural)
+    by_numbers = sorted(by_letters, key=natural_order)
     if by_letters == by_numbers and not set(by_letters) & set(_RESERVED):
         return {name: name for name in by_letters}
     return {name: f"cam_{number:03d}_{name}" for number, name in enumerate(by_numbers)}
@@ -115,11 +116,6 @@ def unit_note(calibration: Calibration, expected: str) -> list[str]:
     if calibration.unit in METRES:
         return []
     return [f"the calibration is in {calibration.unit!r}; it is written as if that were {expected}"]
-
-
-def _natural(name: str) -> list[tuple[int, str]]:
-    """Sort key in natural order: cam2 before cam10."""
-    return [(int(part), "") if part.isdigit() else (-1, part) for part in re.split(r"([0-9]+)", name) if part]
 
 
 def _bounds(image: ImageRecord) -> list[object]:

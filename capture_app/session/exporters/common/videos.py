@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.errors import BadInputError, SimulshotError
-from capture_app.session.exporters.common.burst import Burst, Picture
+from capture_app.session.exporters.common.exported_burst import ExportedBurst, Picture
 from capture_app.session.exporters.common.optional_packages import load_package
 from capture_app.session.exporters.common.tables import Frame
 
@@ -61,32 +61,32 @@ def write_video(
         raise SimulshotError(f"cannot encode {path.name} ({width}x{height}): {error}") from error
 
 
-def write_timeline(burst: Burst, camera: str, path: Path, file: str) -> list[Frame]:
+def write_timeline(burst: ExportedBurst, camera: str, path: Path, file: str) -> list[Frame]:
     """A camera's video at the images' own times, with no frame where one is missing; `file` names it."""
-    images = burst.timeline(camera)
-    frames = ((image.leader_ns - burst.origin_ns, burst.picture(image)) for image in images)
+    images = burst.images_of(camera)
+    frames = ((image.leader_ns - burst.origin_ns, burst.pixels(image)) for image in images)
     write_video(path, frames, burst.size(camera), burst.period_ns)
     return [Frame(camera, image.instant, file, number, image) for number, image in enumerate(images)]
 
 
-def write_instants(burst: Burst, camera: str, path: Path, file: str) -> list[Frame]:
+def write_instants(burst: ExportedBurst, camera: str, path: Path, file: str) -> list[Frame]:
     """A camera's video with one frame for each instant, at the instant's time; black where it has none.
 
     For programs that take frame n of all videos for one moment.
     """
     size = burst.size(camera)
     black = np.zeros((size[1], size[0], 3), np.uint8)
-    shown = [burst.together(camera, instant) for instant in range(len(burst.instants_ns))]
+    shown = [burst.image_at(camera, instant) for instant in range(len(burst.instants_ns))]
     start_ns = burst.instants_ns[0]
     frames = (
-        (instant_ns - start_ns, black if image is None else burst.picture(image))
+        (instant_ns - start_ns, black if image is None else burst.pixels(image))
         for instant_ns, image in zip(burst.instants_ns, shown, strict=True)
     )
     write_video(path, frames, size, burst.period_ns)
     return [Frame(camera, instant, file, instant, image) for instant, image in enumerate(shown)]
 
 
-def grid_notes(burst: Burst, frames: Iterable[Frame]) -> list[str]:
+def grid_notes(burst: ExportedBurst, frames: Iterable[Frame]) -> list[str]:
     """Notes for the user of `write_instants` on black frames and unevenly spaced instants."""
     blank = sum(frame.image is None for frame in frames)
     notes = [f"{blank} frames are black: their images are missing or of another moment"] if blank else []

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from capture_app.errors import BadInputError, IncompleteError
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.manifest import CALIBRATION, MANIFEST, ImageRecord
+from capture_app.session.reading.decoding import decode_image
 from capture_app.session.reading.reader import Session
 
 Picture = NDArray[np.uint8]
@@ -30,7 +31,7 @@ class ExportOptions:
     far: float | None = None
 
 
-class Burst:
+class ExportedBurst:
     """The images of a session, by camera and instant. Cameras without any image are left out.
 
     Raises BadInputError where the manifest contradicts itself: images doubled, or times that go backwards.
@@ -42,7 +43,7 @@ class Burst:
         self.name = session.name
         self.instants_ns = manifest.burst.instants_ns
         self.period_ns = manifest.burst.period_ns
-        self.images = _by_place(session)
+        self.images = _images_by_place(session)
         filmed = {camera for camera, _ in self.images}
         self.cameras = tuple(camera.name for camera in manifest.cameras if camera.name in filmed)
         if not self.cameras:
@@ -53,17 +54,17 @@ class Burst:
         """Leader time of the earliest image: the zero of every time that an export counts from its start."""
         self._progress, self._done = progress, 0
 
-    def timeline(self, camera: str) -> list[ImageRecord]:
+    def images_of(self, camera: str) -> list[ImageRecord]:
         """A camera's images in order, each frame once: not again as a substitute for a dropped one."""
         kept: list[ImageRecord] = []
-        for image in self._of(camera):
+        for image in self._in_order(camera):
             if not kept or image.leader_ns > kept[-1].leader_ns:
                 kept.append(image)
             elif kept[-1].substitute:
                 kept[-1] = image
         return kept
 
-    def together(self, camera: str, instant: int) -> ImageRecord | None:
+    def image_at(self, camera: str, instant: int) -> ImageRecord | None:
         """The image that belongs to an instant, or None: a dropped frame's substitute is of another."""
         image = self.images.get((camera, instant))
         return None if image is None or image.substitute else image
@@ -73,10 +74,15 @@ class Burst:
         facts = self.session.camera(camera).facts
         return facts.width, facts.height
 
-    def read(self, image: ImageRecord) -> bytes:
-        """The bytes of an image's file, as they were saved.
+    def pixels(self, image: ImageRecord) -> Picture:
+        """An image's pixels; see `load`."""
+        return self.load(image)[1]
 
-        Raises IncompleteError where the file is missing, BadInputError where it is not what was saved.
+    def load(self, image: ImageRecord) -> tuple[bytes, Picture]:
+        """An image's file bytes and its pixels, height x width x BGR of 8 bits, not turned by EXIF.
+
+        Raises IncompleteError where the file is missing, BadInputError where it is not what was saved, cannot
+        be decoded, or is not of its camera's size.
         """
         path = self.session.image_file(image)
         try:
@@ -89,32 +95,14 @@ class Burst:
             raise BadInputError(f"{path} is not the image that was saved", hint=_VERIFY)
         self._done += 1
         self._progress(min(self._done, len(self.images)), len(self.images))
-        return data
-
-    def picture(self, image: ImageRecord) -> Picture:
-        """An image's pixels, height x width x BGR of 8 bits, as stored (not turned by EXIF).
-
-        Raises BadInputError where it cannot be decoded or is not of its camera's size.
-        """
-        return self.decode(image, self.read(image))
-
-    def decode(self, image: ImageRecord, data: bytes) -> Picture:
-        """Decode what `read` gave. Raises as `picture` does."""
-        import cv2  # heavy: only where images are looked at
-
-        path = self.session.image_file(image)
-        flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION
-        try:
-            pixels = cv2.imdecode(np.frombuffer(data, np.uint8), flags)
-        except cv2.error:
-            pixels = None
+        pixels = decode_image(data, colour=True)
         if pixels is None:
             raise BadInputError(f"{path} is not an image that can be decoded", hint=_VERIFY)
         width, height = self.size(image.camera)
         if pixels.shape[:2] != (height, width):
             found = f"{pixels.shape[1]}x{pixels.shape[0]}"
             raise BadInputError(f"{path} is {found} pixels; {image.camera} takes {width}x{height}")
-        return np.asarray(pixels, np.uint8)
+        return data, pixels
 
     def calibration(self, needed_by: str) -> Calibration:
         """The calibration of all cameras.
@@ -135,13 +123,13 @@ class Burst:
             _check_camera(where, calibration.cameras[camera], self.size(camera))
         return calibration
 
-    def _of(self, camera: str) -> Iterator[ImageRecord]:
+    def _in_order(self, camera: str) -> Iterator[ImageRecord]:
         for instant in range(len(self.instants_ns)):
             if (camera, instant) in self.images:
                 yield self.images[camera, instant]
 
 
-def _by_place(session: Session) -> dict[tuple[str, int], ImageRecord]:
+def _images_by_place(session: Session) -> dict[tuple[str, int], ImageRecord]:
     where = session.folder / MANIFEST
     images: dict[tuple[str, int], ImageRecord] = {}
     paths: set[Path] = set()
@@ -153,14 +141,14 @@ def _by_place(session: Session) -> dict[tuple[str, int], ImageRecord]:
     return images
 
 
-def _check_times(burst: Burst) -> None:
+def _check_times(burst: ExportedBurst) -> None:
     where = burst.session.folder / MANIFEST
     for index in range(1, len(burst.instants_ns)):
         if burst.instants_ns[index] <= burst.instants_ns[index - 1]:
             raise BadInputError(f"{where}: instant {index} is not after instant {index - 1}", hint=_VERIFY)
     for camera in burst.cameras:
         last: ImageRecord | None = None
-        for image in burst._of(camera):
+        for image in burst._in_order(camera):
             backwards = last is not None and image.leader_ns < last.leader_ns
             same = last is not None and image.leader_ns == last.leader_ns
             if backwards or (same and not (image.substitute or (last and last.substitute))):

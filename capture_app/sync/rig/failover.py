@@ -4,7 +4,7 @@ from typing import Generic, TypeVar
 
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.poll_schedule import NEVER_NS
-from capture_app.sync.rig.time_client import HELLOS
+from capture_app.sync.rig.time_client import HELLOS, TimeClient
 from capture_app.sync.wire.codec import decode, encode
 from capture_app.sync.wire.messages import PROBE_NUMBER, Heartbeat, NodeState, Report, UnknownMember
 from capture_app.sync.wire.time_messages import WireError
@@ -78,6 +78,53 @@ class Failback:
         self._probed.clear()
 
 
+class LeaderChoice:
+    """Which of several leaders a node follows, or asks to join; `now_ns` is the node's own clock."""
+
+    def __init__(
+        self, leaders: tuple[Address, ...], time: TimeClient, probe_every_ns: int = PROBE_EVERY_NS
+    ) -> None:
+        """`leaders`, preferred first, must lead to the same root; `time` is the node's membership."""
+        self.failback = Failback(leaders, probe_every_ns)
+        self._leaders, self._time = leaders, time
+        self._turn = 0
+        self._was_member = False
+        self._found_by_probes = False
+        """Whether the present leader was found by probes, not asked in turn."""
+
+    @property
+    def leader(self) -> Address:
+        """The leader that is followed, or asked to join at present."""
+        return self._leaders[self._turn]
+
+    def update(self, now_ns: int) -> None:
+        """Note whether the leader is there, and turn to the next one when hellos stay unanswered."""
+        if self._time.is_member is not self._was_member:
+            self._was_member = self._time.is_member
+            if self._was_member:
+                self.failback.leader_joined(now_ns, back=self._found_by_probes)
+            else:
+                self.failback.leader_lost(self.leader, now_ns)
+        if self._time.hellos > HELLOS:
+            self._turn = (self._turn + 1) % len(self._leaders)
+            self._time.hellos = 1
+            self._found_by_probes = False
+
+    def probe_if_due(self, now_ns: int) -> Address | None:
+        """Probe better leaders when that is due; return one that has answered often enough."""
+        terms = self._time.terms
+        if now_ns < self.failback.due_ns or terms is None or not self._time.is_member:
+            return None
+        return self.failback.probe(self.leader, now_ns, in_holdover=terms.in_holdover)
+
+    def change_to(self, leader: Address, now_ns: int) -> None:
+        """Follow another leader, which was found by probes."""
+        self._turn = self._leaders.index(leader)
+        self._found_by_probes = True
+        if self._time.is_member:
+            self.failback.leader_joined(now_ns, back=True)
+
+
 F = TypeVar("F")
 
 
@@ -92,62 +139,39 @@ class Failover(Generic[F]):
     ) -> None:
         """`leaders`, preferred first, must lead to the same root."""
         self._client = client
-        self._leaders = leaders
-        self._turn = 0
-        self._was_member = False
-        self._back = False
-        """Whether the present leader was found by probes, not asked in turn."""
-        self._failback = Failback(leaders, probe_every_ns)
+        self._choice = LeaderChoice(leaders, client.time, probe_every_ns)
 
     @property
     def leader(self) -> Address:
         """The leader that the client follows, or asks to join at present."""
-        return self._leaders[self._turn]
+        return self._choice.leader
 
     def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
         """Take in a datagram that arrived at `now_ns`."""
         if address == self.leader:
             self._client.receive_datagram(data, now_ns)
-            self._note_membership(now_ns)
+            self._choice.update(now_ns)
         elif _answers_probe(data):
-            self._failback.note_answer(address)
+            self._choice.failback.note_answer(address)
 
     def handle_timer(self, now_ns: int) -> None:
         """Do what is due; call it at `next_timer`, or any time."""
         self._client.handle_timer(now_ns)
-        self._note_membership(now_ns)
-        if self._client.time.hellos > HELLOS:
-            self._turn = (self._turn + 1) % len(self._leaders)
-            self._client.time.hellos = 1
-            self._back = False
-        if self._client.time.is_member and now_ns >= self._failback.due_ns:
-            better = self._failback.probe(self.leader, now_ns, in_holdover=self._client.leader_in_holdover)
-            if better is not None and self._client.can_change_leader:
-                self._change(better, now_ns)
+        self._choice.update(now_ns)
+        better = self._choice.probe_if_due(now_ns)
+        if better is not None and self._client.can_change_leader:
+            self._client.change_leader("a better leader is there", now_ns)
+            self._choice.update(now_ns)
+            self._choice.change_to(better, now_ns)
 
     def next_timer(self) -> int:
         """Local time in ns at which `handle_timer` wants to be called."""
-        return min(self._client.next_timer(), self._failback.due_ns)
+        return min(self._client.next_timer(), self._choice.failback.due_ns)
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
         """Return datagrams and where to; a time request carries `now_ns`, so send them at once."""
         datagrams = [(data, self.leader) for data in self._client.datagrams_to_send(now_ns)]
-        return datagrams + self._failback.datagrams_to_send()
-
-    def _change(self, leader: Address, now_ns: int) -> None:
-        self._turn = self._leaders.index(leader)
-        self._back = True
-        self._client.change_leader("a better leader is there", now_ns)
-        self._note_membership(now_ns)
-
-    def _note_membership(self, now_ns: int) -> None:
-        if self._client.time.is_member is self._was_member:
-            return
-        self._was_member = self._client.time.is_member
-        if self._was_member:
-            self._failback.leader_joined(now_ns, back=self._back)
-        else:
-            self._failback.leader_lost(self.leader, now_ns)
+        return datagrams + self._choice.failback.datagrams_to_send()
 
 
 def _answers_probe(data: bytes) -> bool:

@@ -8,10 +8,10 @@ from capture_app.camera_facts import CameraFacts
 from capture_app.sync.clock.clock_filter import ClockFilter
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.clock.upstream_map import MAX_DEPTH
-from capture_app.sync.rig.failover import Failback
+from capture_app.sync.rig.failover import LeaderChoice
 from capture_app.sync.rig.poll_schedule import RoundSchedule
 from capture_app.sync.rig.terms import LeaderTerms
-from capture_app.sync.rig.time_client import CLOCK, HELLOS, TimeClient, TimeClientEvent
+from capture_app.sync.rig.time_client import CLOCK, TimeClient, TimeClientEvent
 from capture_app.sync.rig.timekeeper import Timekeeper
 from capture_app.sync.wire.codec import Message, encode
 from capture_app.sync.wire.messages import (
@@ -64,9 +64,7 @@ class Follower:
             objection=self._objection,
         )
         """Its membership and its clock."""
-        self._turn = 0
-        self._was_member = False
-        self._failback = Failback(config.parents)
+        self._choice = LeaderChoice(config.parents, self.time)
         self._better: Address | None = None
         """A preferred parent that was asked to join while the present one is still followed."""
         self._outbox: deque[tuple[ControlMessage, Address]] = deque()
@@ -74,7 +72,7 @@ class Follower:
     @property
     def parent(self) -> Address:
         """The parent that is followed, or asked to join at present."""
-        return self.config.parents[self._turn]
+        return self._choice.leader
 
     @property
     def state(self) -> NodeState:
@@ -107,11 +105,11 @@ class Follower:
         """
         if address == self.parent:
             self.time.receive_message(message, now_ns)
-            self._note_membership(now_ns)
+            self._choice.update(now_ns)
             return
         match message:
             case UnknownMember() if message.client == PROBE_NUMBER:
-                self._failback.note_answer(address)
+                self._choice.failback.note_answer(address)
             case Welcome() if address == self._better and message.instance == self.config.instance:
                 self._go_back(address, message, now_ns)
             case _:
@@ -119,22 +117,18 @@ class Follower:
 
     def handle_timer(self, now_ns: int) -> None:
         """Do what is due; call it at `next_timer`, or any time."""
-        time = self.time
-        time.handle_timer(now_ns)
-        self._note_membership(now_ns)
-        if time.hellos > HELLOS:
-            self._turn = (self._turn + 1) % len(self.config.parents)
-            time.hellos = 1
-        if now_ns >= self._failback.due_ns and time.terms is not None and time.is_member:
-            self._better = self._failback.probe(self.parent, now_ns, in_holdover=time.terms.in_holdover)
-            if self._better is not None:
-                self._outbox.append((time.hello(), self._better))
+        self.time.handle_timer(now_ns)
+        self._choice.update(now_ns)
+        better = self._choice.probe_if_due(now_ns)
+        if better is not None:
+            self._better = better
+            self._outbox.append((self.time.hello(), better))
 
     # Out
 
     def next_timer(self) -> int:
         """Local time in ns at which `handle_timer` wants to be called."""
-        return min(self.time.next_timer(), self._failback.due_ns)
+        return min(self.time.next_timer(), self._choice.failback.due_ns)
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
         """Return datagrams and where to; a time request carries `now_ns`, so send them at once."""
@@ -142,7 +136,7 @@ class Follower:
         while self._outbox:
             message, address = self._outbox.popleft()
             datagrams.append((encode(message), address))
-        return datagrams + self._failback.datagrams_to_send()
+        return datagrams + self._choice.failback.datagrams_to_send()
 
     def leave(self) -> None:
         """Say goodbye and drop the time map: this node is about to stop."""
@@ -166,15 +160,4 @@ class Follower:
         self._better = None
         if number is not None and self.time.follow(welcome, now_ns):
             self._outbox.append((Goodbye(number), former))
-            self._turn = self.config.parents.index(address)
-            self._failback.leader_joined(now_ns, back=True)
-
-    def _note_membership(self, now_ns: int) -> None:
-        if self.time.is_member is self._was_member:
-            return
-        self._was_member = self.time.is_member
-        if self._was_member:
-            self._failback.leader_joined(now_ns)
-        else:
-            self._failback.leader_lost(self.parent, now_ns)
-            self._better = None
+            self._choice.change_to(address, now_ns)

@@ -5,7 +5,7 @@ import random
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from capture_app.simulation.devices.sensor import SensorProfile
+from capture_app.simulation.devices.sensor_profile import SensorProfile
 
 S = 1_000_000_000
 PAPERS_SLEEP_NS = S

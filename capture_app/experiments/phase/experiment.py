@@ -27,7 +27,7 @@ from capture_app.experiments.phase.trials import (
     unknown_phone,
 )
 from capture_app.simulation.devices.profiles import PROFILES
-from capture_app.simulation.devices.sensor import SensorProfile
+from capture_app.simulation.devices.sensor_profile import SensorProfile
 from capture_app.simulation.rig.bench import Bench
 
 TRIALS = 100

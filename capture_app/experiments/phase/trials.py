@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from capture_app.experiments.phase.baselines import Attempt, S, uniform_ppm
 from capture_app.simulation.devices.profiles import PROFILES
-from capture_app.simulation.devices.sensor import SensorProfile
+from capture_app.simulation.devices.sensor_profile import SensorProfile
 from capture_app.simulation.rig.bench import Bench
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.goal import Goal

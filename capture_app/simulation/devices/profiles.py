@@ -5,7 +5,7 @@ All run at 33.333 ms, made of different whole rows, as the mixed devices of a re
 
 from capture_app.camera_facts import SIMULATED, CameraFacts, PhaseControl, TimestampSource
 from capture_app.errors import BadInputError
-from capture_app.simulation.devices.sensor import SensorProfile
+from capture_app.simulation.devices.sensor_profile import SensorProfile
 
 _MODELS = (
     SensorProfile(

@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 
 from capture_app.clock import SimulatedClock
 from capture_app.simulation.devices.profiles import facts_of
-from capture_app.simulation.devices.sensor import DELIVERY_NS, Sensor, SensorFrame, SensorProfile
+from capture_app.simulation.devices.sensor import DELIVERY_NS, Sensor, SensorFrame
+from capture_app.simulation.devices.sensor_profile import SensorProfile
 from capture_app.simulation.network.link import Channel, Link
 from capture_app.simulation.network.paper_link import PAPER_LINK
 from capture_app.simulation.network.radio_cell import RadioCell, Receiver, deliver_broadcast

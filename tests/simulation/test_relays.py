@@ -9,7 +9,7 @@ from msgspec import structs
 
 from capture_app.simulation.network.wandering_clock import WanderingClock
 from capture_app.simulation.rig.tree import ROOT, Tree, TreeSpec
-from capture_app.sync.phase.estimator import FrameStamp
+from capture_app.sync.phase.frame_stamp import FrameStamp
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.events import (
     BurstAccepted,

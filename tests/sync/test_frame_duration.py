@@ -59,19 +59,19 @@ def test_a_camera_without_room_is_a_problem() -> None:
 def test_each_frame_tells_by_its_time_which_shifts_it_felt() -> None:
     shifts = PendingShifts()
     shifts.expect(100, ROW)
-    assert shifts.felt_by(101, 19_000.0) == 0, "no device is so quick"
-    assert shifts.felt_by(103, 1_000.0) == 0
-    assert shifts.felt_by(104, 17_000.0) == ROW
-    assert shifts.felt_by(105, 3_000.0) == 0, "each frame by itself"
+    assert shifts.effective_at(101, 19_000.0) == 0, "no device is so quick"
+    assert shifts.effective_at(103, 1_000.0) == 0
+    assert shifts.effective_at(104, 17_000.0) == ROW
+    assert shifts.effective_at(105, 3_000.0) == 0, "each frame by itself"
     assert shifts.total_ns == ROW
     latest = 100 + LATENCY_FRAMES[1]
-    assert shifts.due_by(latest) == ROW
-    assert shifts.felt_by(latest, 0.0) == ROW, "by now it counts"
+    assert shifts.certain_at(latest) == ROW
+    assert shifts.effective_at(latest, 0.0) == ROW, "by now it counts"
 
 
 def test_shifts_count_in_their_order() -> None:
     shifts = PendingShifts()
     shifts.expect(100, 3 * ROW)
     shifts.expect(101, -ROW)
-    assert shifts.felt_by(104, 2.9 * ROW) == 3 * ROW
-    assert shifts.felt_by(105, 2.1 * ROW) == 2 * ROW
+    assert shifts.effective_at(104, 2.9 * ROW) == 3 * ROW
+    assert shifts.effective_at(105, 2.1 * ROW) == 2 * ROW

@@ -15,7 +15,7 @@ from capture_app.simulation.devices.sensor import DELIVERY_NS, Sensor, SensorFra
 from capture_app.simulation.devices.sensor_profile import SensorProfile
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.aligner import Aligner
-from capture_app.sync.phase.estimator import FrameStamp
+from capture_app.sync.phase.frame_stamp import FrameStamp
 from capture_app.sync.phase.goal import Goal
 from capture_app.sync.phase.injection import InjectionProfile
 from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, RestartStream, SetFrameDuration

@@ -8,7 +8,8 @@ from capture_app.sync.phase.actuator import Move, MoveEffect, PhaseActuator
 from capture_app.sync.phase.actuators import choose_actuator
 from capture_app.sync.phase.aim import Aim, Course
 from capture_app.sync.phase.command_tracker import CommandTracker
-from capture_app.sync.phase.estimator import FrameStamp, PhaseEstimate, PhaseEstimator
+from capture_app.sync.phase.estimator import PhaseEstimator
+from capture_app.sync.phase.frame_stamp import FrameStamp, PhaseEstimate
 from capture_app.sync.phase.goal import Goal
 from capture_app.sync.phase.injection import InjectionActuator, InjectionProfile
 from capture_app.sync.phase.reset import ResetActuator
@@ -130,7 +131,7 @@ class Aligner:
         phase = self._phase
         if phase.run_frames < self._least_frames or not phase.known:
             return None
-        frame_local_ns = phase.nearest(time_map.local_from_leader(at_leader_ns))
+        frame_local_ns = phase.nearest_frame_ns(time_map.local_from_leader(at_leader_ns))
         period_ns = phase.period_ns * (1.0 + time_map.skew)
         return PhaseEstimate(
             error_ns=goal.phase_error(time_map.leader_from_local(frame_local_ns)),

@@ -3,8 +3,9 @@
 from dataclasses import dataclass
 
 from capture_app.sync.phase.actuator import MoveEffect, PhaseActuator
-from capture_app.sync.phase.estimator import FrameStamp, PhaseEstimator
+from capture_app.sync.phase.estimator import PhaseEstimator
 from capture_app.sync.phase.frame_duration import FrameDurationActuator
+from capture_app.sync.phase.frame_stamp import FrameStamp
 from capture_app.sync.phase.injection import InjectionActuator
 from capture_app.sync.phase.reset import ResetActuator
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
@@ -81,7 +82,7 @@ class CommandTracker:
                 self._learn(self._phase.last_ns, self._phase.last_shift_ns)
         if isinstance(self._actuator, ResetActuator) and not self._start_learned and run_settled:
             self._start_learned = True
-            self._learn(self._phase.nearest(self._first_frame_ns), None)
+            self._learn(self._phase.nearest_frame_ns(self._first_frame_ns), None)
 
     def _learn(self, frame_local_ns: int, shift_ns: int | None) -> None:
         assert self._actuator is not None

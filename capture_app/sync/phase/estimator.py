@@ -1,49 +1,20 @@
-"""When the frames of a stream start: period and phase from many timestamps, and the drops among them.
+"""Period and phase of a stream of frames from many timestamps, and the frames that were dropped.
 
 Frames are counted along one line time = height + period * index. A restart or an injected frame gives the
 line a new height (a new run) but keeps the period, which belongs to the camera's crystal.
 """
 
 from collections import deque
-from dataclasses import dataclass
 from math import sqrt
 from statistics import median
 
 from capture_app.sync.phase.frame_line import MEDIAN_FACTOR, PHASE_FRAMES, FrameLine, PendingShifts, Point
+from capture_app.sync.phase.frame_stamp import FrameStamp
 
-FIRST_LOOK = 8
+FIRST_INTERVALS = 8
 """Intervals whose median gives the first period."""
 RATE_FRAMES = 15
 CALM_FRAMES = 5
-
-
-@dataclass(frozen=True, slots=True)
-class FrameStamp:
-    """The driver's number and timestamp of one frame; the time in ns of the node's local clock.
-
-    `stream` counts the stream's starts: sequence numbers compare only within one stream.
-    """
-
-    sequence: int
-    stream: int
-    timestamp_ns: int
-
-
-@dataclass(frozen=True, slots=True)
-class PhaseEstimate:
-    """How far a stream is off its goal at one instant of leader time."""
-
-    error_ns: int
-    """Signed distance of the nearest frame from the nearest goal instant, in [-period/2, period/2)."""
-    period_ns: int
-    """Of the camera, in leader time; the drift says it more finely."""
-    drift_ppm: float
-    """Change of the error, in us per second."""
-    sigma_ns: float
-    """One standard deviation of the error from the timestamps' noise; the clock's comes on top."""
-    frames: int
-    """Frames since the phase last moved."""
-    at_leader_ns: int
 
 
 class PhaseEstimator:
@@ -54,10 +25,10 @@ class PhaseEstimator:
         self.frames = 0
         self.drops = 0
         self.last_shift_ns: int | None = None
-        """How far the last disturbance moved the phase, unwrapped, in ns; None if nobody can tell."""
+        """How far the last disturbance moved the phase, unwrapped, in ns; None if it is not known."""
         self._stream: int | None = None
         self._sequence = self._time_ns = self._origin_ns = self._index = 0
-        self._first_look: list[float] | None = []
+        self._first_intervals: list[float] | None = []
         self._intervals: deque[float] = deque(maxlen=RATE_FRAMES)
         self.shifts = PendingShifts()
         self._disturbed = False
@@ -102,9 +73,9 @@ class PhaseEstimator:
         return self._disturbed
 
     def add(self, stamp: FrameStamp) -> int:
-        """Take a frame in and return how many were dropped just before it.
+        """Add a frame and return how many were dropped just before it.
 
-        Frames of older streams, repeated ones and ones that go back in time are passed over.
+        Frames of older streams, repeated ones and ones that go back in time are ignored.
         """
         if self._stream is None or stamp.stream > self._stream:
             self._start_stream(stamp)
@@ -116,25 +87,25 @@ class PhaseEstimator:
             return 0
         by_time = max(1, round(interval / self._line.period_ns))
         # Only a disturbance explains a long interval without a jump in the numbers.
-        advance = steps if self._disturbed or self._first_look is not None else by_time
+        advance = steps if self._disturbed or self._first_intervals is not None else by_time
         dropped = steps - 1 if steps > 1 or self._disturbed else advance - 1
         self._sequence, self._time_ns = stamp.sequence, stamp.timestamp_ns
         self._index += advance
         self.frames += 1
         self.drops += dropped
         self._intervals.append(interval / steps)
-        if self._first_look is not None:
-            self._look(interval / steps)
+        if self._first_intervals is not None:
+            self._measure_first_period(interval / steps)
         elif self._runs_at_another_rate():
             return dropped
-        self._file()
+        self._add_point()
         return dropped
 
     def time_of(self, sequence: int) -> int:
         """Local time in ns of the frame of that number in the current stream, past or to come."""
         return round(self._time_at(self._index + sequence - self._sequence))
 
-    def nearest(self, local_ns: int) -> int:
+    def nearest_frame_ns(self, local_ns: int) -> int:
         """Local time in ns of the frame nearest to a local time."""
         return round(self._time_at(self.index_near(local_ns)))
 
@@ -152,7 +123,7 @@ class PhaseEstimator:
             return 0
         if stamp_ns < self._origin_ns + run[0][1]:
             return 0
-        off_ns = stamp_ns - self.nearest(stamp_ns)
+        off_ns = stamp_ns - self.nearest_frame_ns(stamp_ns)
         return off_ns if abs(off_ns) > self._line.tolerance_ns + 3.0 * self.sigma_at(stamp_ns) else 0
 
     def sigma_at(self, local_ns: int) -> float:
@@ -168,8 +139,8 @@ class PhaseEstimator:
         return abs(first_ns - self._line.period_ns * index - self._line.height_ns)
 
     def shift_to_come(self, local_ns: int) -> int:
-        """Expected shifts in ns that the frame near a local time may not have felt yet."""
-        return self.shifts.total_ns - self.shifts.due_by(self.index_near(local_ns))
+        """Expected shifts in ns that may not be in effect yet at the frame near a local time."""
+        return self.shifts.total_ns - self.shifts.certain_at(self.index_near(local_ns))
 
     def expect_shift(self, shift_ns: int) -> None:
         """Expect the coming frames to be later by exactly so much, from one of the next few on."""
@@ -192,16 +163,16 @@ class PhaseEstimator:
         self._line.begin_run()
         self.shifts.clear()
         self._index, self._origin_ns = 0, stamp.timestamp_ns
-        self._file()
+        self._add_point()
 
-    def _look(self, period: float) -> None:
-        """Learn the first period: the camera's may differ from the one it was asked for."""
-        assert self._first_look is not None
-        self._first_look.append(period)
-        if len(self._first_look) < FIRST_LOOK:
+    def _measure_first_period(self, period: float) -> None:
+        """Measure the first period: the camera's may differ from the one it was asked for."""
+        assert self._first_intervals is not None
+        self._first_intervals.append(period)
+        if len(self._first_intervals) < FIRST_INTERVALS:
             return
-        self._line.period_ns = median(self._first_look)
-        self._first_look = None
+        self._line.period_ns = median(self._first_intervals)
+        self._first_intervals = None
         # Now that a period is known, drops that the numbers did not tell show in the times.
         for run in self._line.runs:
             index = 0
@@ -214,7 +185,7 @@ class PhaseEstimator:
         )
 
     def _runs_at_another_rate(self) -> bool:
-        """Learn the period anew where all frames come at another one (a webcam in the dark halves it)."""
+        """Measure the period anew where all frames come at another rate (a webcam in the dark halves it)."""
         if self._disturbed or len(self._intervals) < RATE_FRAMES:
             return False
         period = median(self._intervals)
@@ -225,24 +196,24 @@ class PhaseEstimator:
         self.shifts.clear()
         return True
 
-    def _file(self) -> None:
+    def _add_point(self) -> None:
         elapsed_ns = self._time_ns - self._origin_ns
         seen_ns = elapsed_ns - self._line.height_ns - self._line.period_ns * self._index
-        point = (self._index, elapsed_ns - self.shifts.felt_by(self._index, seen_ns))
+        point = (self._index, elapsed_ns - self.shifts.effective_at(self._index, seen_ns))
         if self._disturbed:
             self._pending.append(point)
-            self._settle()
+            self._end_disturbance()
             return
-        self._line.add(point, fit=self._first_look is None)
-        if self._first_look is None:
+        self._line.add(point, fit=self._first_intervals is None)
+        if self._first_intervals is None:
             self._notice_jump()
 
     def _time_at(self, index: int) -> float:
         line = self._line
-        return self._origin_ns + line.height_ns + line.period_ns * index + self.shifts.due_by(index)
+        return self._origin_ns + line.height_ns + line.period_ns * index + self.shifts.certain_at(index)
 
-    def _settle(self) -> None:
-        """End a disturbance once the last few frames lie on a line again, moved or too long the same."""
+    def _end_disturbance(self) -> None:
+        """End a disturbance once the last few frames lie on a line again, moved, or unmoved for too long."""
         last = self._pending[-CALM_FRAMES:]
         if len(last) < CALM_FRAMES:
             return
@@ -267,5 +238,5 @@ class PhaseEstimator:
         off = [height - before for height in self._line.heights_of(run[-CALM_FRAMES:])]
         limit = max(8.0 * self.noise_ns, 20_000.0)
         if min(off) > limit or max(off) < -limit:
-            self._line.cut(CALM_FRAMES)
+            self._line.split_off(CALM_FRAMES)
             self.last_shift_ns = None

@@ -16,7 +16,7 @@ LATENCY_FRAMES = (2, 9)
 
 
 class PendingShifts:
-    """The sum of the shifts that count, and those on their way; times in ns, frames by their index."""
+    """Shifts of the phase that are in effect, and those still to come; times in ns, frames by their index."""
 
     def __init__(self) -> None:
         self.done_ns = 0
@@ -36,8 +36,8 @@ class PendingShifts:
         """A shift was commanded when `index` was the newest frame."""
         self._waiting.append((index, shift_ns))
 
-    def felt_by(self, index: int, seen_ns: float) -> int:
-        """Sum of the shifts that a frame has felt which comes `seen_ns` later than without any of them."""
+    def effective_at(self, index: int, seen_ns: float) -> int:
+        """Sum of the shifts in effect at a frame that comes `seen_ns` later than without any of them."""
         earliest, latest = LATENCY_FRAMES
         while self._waiting and index >= self._waiting[0][0] + latest:
             self.done_ns += self._waiting.popleft()[1]
@@ -50,8 +50,8 @@ class PendingShifts:
                 best_ns = sum_ns
         return best_ns
 
-    def due_by(self, index: int) -> int:
-        """Sum of the shifts that the frame of a future index will have felt for certain."""
+    def certain_at(self, index: int) -> int:
+        """Sum of the shifts that are in effect for certain at the frame of a future index."""
         due = (shift_ns for commanded, shift_ns in self._waiting if index >= commanded + LATENCY_FRAMES[1])
         return self.done_ns + sum(due)
 
@@ -108,11 +108,11 @@ class FrameLine:
         return max(8.0 * self.noise_ns, 2_000.0)
 
     def heights_of(self, points: Iterable[Point]) -> list[float]:
-        """How high each of some points lies."""
+        """The height of the line through each point, in ns."""
         return [time_ns - self.period_ns * index for index, time_ns in points]
 
-    def take_height(self) -> None:
-        """Let the newest frames say how high the line is."""
+    def update_height(self) -> None:
+        """Set the height of the line from the newest frames."""
         self.height_ns = median(self.heights_of(self.run[-self.phase_frames :]))
 
     def begin_run(self, points: Sequence[Point] = ()) -> None:
@@ -124,31 +124,31 @@ class FrameLine:
         self._since_fit = 0
         self.height_ns = 0.0
         if points:
-            self.take_height()
+            self.update_height()
 
     def begin_at_rate(self, period_ns: float) -> None:
         """Forget all: the stream has another period from here on."""
         self.period_ns, self.period_sigma_ns = period_ns, float("inf")
         self.runs = deque([[(0, 0)]])
         self._frames, self._since_fit = 1, 0
-        self.take_height()
+        self.update_height()
 
     def add(self, point: Point, *, fit: bool) -> None:
-        """Take in a point of the run under way, and fit the period anew where that is worth it."""
+        """Add a point to the run under way, and fit the period anew once enough points have come."""
         self.run.append(point)
         self._frames += 1
         self._since_fit += 1
         self._trim()
         if fit and (not self.known or self._since_fit >= max(REFIT_FRAMES, REFIT_SHARE * self._frames)):
             self._fit()
-        self.take_height()
+        self.update_height()
 
-    def cut(self, count: int) -> None:
-        """Let the newest points be a run of their own."""
+    def split_off(self, count: int) -> None:
+        """Make the newest points a run of their own."""
         points = self.run[-count:]
         del self.run[-count:]
         self.runs.append(points)
-        self.take_height()
+        self.update_height()
 
     def _trim(self) -> None:
         while self._frames > self._window:

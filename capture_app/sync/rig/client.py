@@ -5,7 +5,7 @@ from collections import deque
 from typing import Generic, TypeVar
 
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.phase.estimator import FrameStamp, PhaseEstimate
+from capture_app.sync.phase.frame_stamp import FrameStamp, PhaseEstimate
 from capture_app.sync.rig.events import ClientEvent, FramesDropped, Joined
 from capture_app.sync.rig.frame_picks import RingBuffer, is_possible_burst
 from capture_app.sync.rig.pending_bursts import PendingBursts

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Generic, TypeVar
 
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.phase.estimator import PhaseEstimate
+from capture_app.sync.phase.frame_stamp import PhaseEstimate
 from capture_app.sync.rig.events import BurstPicked
 from capture_app.sync.rig.frame_picks import RingBuffer, pick_frames
 from capture_app.sync.rig.phase_loop import CameraGrid

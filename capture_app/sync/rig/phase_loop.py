@@ -9,7 +9,7 @@ from msgspec.structs import replace
 from capture_app.camera_facts import CameraFacts
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.aligner import Aligner
-from capture_app.sync.phase.estimator import PhaseEstimate
+from capture_app.sync.phase.frame_stamp import PhaseEstimate
 from capture_app.sync.phase.goal import Goal
 from capture_app.sync.phase.injection import InjectionProfile
 from capture_app.sync.rig.events import AlignmentFailed, PhaseCorrected

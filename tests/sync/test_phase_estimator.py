@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture_app.sync.phase.estimator import FrameStamp, PhaseEstimator
+from capture_app.sync.phase.estimator import PhaseEstimator
+from capture_app.sync.phase.frame_stamp import FrameStamp
 
 NOMINAL_NS = 33_333_333
 PERIOD_NS = 33_334_000
@@ -41,7 +42,7 @@ def test_period_and_phase_come_within_microseconds() -> None:
     assert phase.period_ns == pytest.approx(PERIOD_NS, abs=60)
     assert phase.time_of(95) == pytest.approx(10**9 + 95 * PERIOD_NS, abs=4000)
     assert phase.noise_ns == pytest.approx(3000, rel=0.4)
-    assert phase.nearest(10**9 + 95 * PERIOD_NS + 10**7) == phase.time_of(95)
+    assert phase.nearest_frame_ns(10**9 + 95 * PERIOD_NS + 10**7) == phase.time_of(95)
 
 
 def test_a_noisy_virtual_machine_still_gives_a_phase() -> None:
@@ -65,7 +66,7 @@ def test_drops_show_in_the_times_where_the_numbers_do_not_tell(lost: set[int]) -
     kept = [s for s in stream(100) if s.sequence not in lost]
     for n, stamp in enumerate(kept):
         phase.add(FrameStamp(n, 0, stamp.timestamp_ns))
-    assert phase.nearest(10**9 + 99 * PERIOD_NS) == pytest.approx(10**9 + 99 * PERIOD_NS, abs=5000)
+    assert phase.nearest_frame_ns(10**9 + 99 * PERIOD_NS) == pytest.approx(10**9 + 99 * PERIOD_NS, abs=5000)
     if min(lost) > 10:
         assert phase.drops == len(lost)
 
@@ -152,7 +153,7 @@ def test_no_frames_whatsoever_raise(frames: list[FrameStamp | str], in_order: bo
             phase.mark_disturbance()
         else:
             assert phase.add(frame) >= 0
-            phase.nearest(frame.timestamp_ns)
+            phase.nearest_frame_ns(frame.timestamp_ns)
             phase.sigma_at(frame.timestamp_ns)
 
 

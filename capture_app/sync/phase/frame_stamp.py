@@ -1,0 +1,32 @@
+"""What goes into a phase estimate, and what comes out: frame stamps, and a stream's error."""
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True, slots=True)
+class FrameStamp:
+    """The driver's number and timestamp of one frame; the time in ns of the node's local clock.
+
+    `stream` counts the stream's starts: sequence numbers compare only within one stream.
+    """
+
+    sequence: int
+    stream: int
+    timestamp_ns: int
+
+
+@dataclass(frozen=True, slots=True)
+class PhaseEstimate:
+    """The error of a stream against its goal at one instant of leader time."""
+
+    error_ns: int
+    """Signed distance of the nearest frame from the nearest goal instant, in [-period/2, period/2)."""
+    period_ns: int
+    """Of the camera, in leader time; the drift says it more finely."""
+    drift_ppm: float
+    """Change of the error, in us per second."""
+    sigma_ns: float
+    """One standard deviation of the error from the timestamps' noise; the clock's comes on top."""
+    frames: int
+    """Frames since the phase last moved."""
+    at_leader_ns: int

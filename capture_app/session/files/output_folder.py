@@ -33,6 +33,8 @@ from capture_app.session.files.durable import (
 from capture_app.session.files.locks import lock_file
 
 _LOCK, _NEW, _EARLIER = "lock", "new", "earlier"
+_INNER = f".{_NEW}{PART}"
+"""Workplace of an output whose target is another's working folder: in a batch's unit, that of multiview."""
 _log = logging.getLogger(__name__)
 
 Check = Callable[[Path], None]
@@ -146,7 +148,9 @@ class OutputFolder:
     def _check_workplace(self) -> None:
         foreign: list[str] = []
         with suppress(FileNotFoundError):
-            foreign = sorted({path.name for path in self._workplace.iterdir()} - {_LOCK, _NEW, _EARLIER})
+            foreign = sorted(
+                {path.name for path in self._workplace.iterdir()} - {_LOCK, _NEW, _EARLIER, _INNER}
+            )
         if foreign:
             what = f"{self._workplace} is not of this program (it holds {foreign[0]})"
             raise BadInputError(what, hint="move it away, or choose another --out")
@@ -158,8 +162,9 @@ class OutputFolder:
         """Restore or remove what a killed run left, and warn of it."""
         left = self.folder.exists() or self._earlier.exists()
         self._restore()
-        if self.folder.exists():
-            shutil.rmtree(self.folder)
+        for unfinished in (self.folder, self._workplace / _INNER):
+            if unfinished.exists():
+                shutil.rmtree(unfinished)
         if left:
             _log.warning("removed what a run that was killed had left in %s", self._workplace)
 

@@ -2,7 +2,6 @@
 
 import json
 import os
-import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
@@ -10,12 +9,9 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
-import cv2
-import numpy as np
 import pytest
 
-from capture_app.cli import run
-from capture_app.errors import BadInputError, DiskFullError, ExitCode, SimulshotError, TryAgainError
+from capture_app.errors import BadInputError, DiskFullError, SimulshotError, TryAgainError
 from capture_app.session.files import output_folder
 from capture_app.session.files.output_folder import (
     OutputFolder,
@@ -23,7 +19,6 @@ from capture_app.session.files.output_folder import (
     replaces_nothing,
     replaces_only,
 )
-from capture_app.session.reading.reader import Session
 
 ROOT = Path(__file__).parents[3]
 
@@ -142,6 +137,20 @@ def test_killed_at_every_step_and_again_in_the_next_run(tmp_path: Path) -> None:
     killed(tmp_path, 2, 2)
 
 
+def test_a_run_killed_within_another_is_mended(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
+    make(tmp_path / "out", "first")
+    inner = tmp_path / ".out.part" / ".new.part"
+    (inner / "new").mkdir(parents=True)
+    (inner / "lock").touch()
+    (tmp_path / ".out.part" / "lock").touch()
+    (tmp_path / ".out.part" / "new").mkdir()
+    with opened(tmp_path / "out") as output:
+        make(output.folder, "second")
+    assert (tmp_path / "out" / "result").read_text() == "second"
+    assert names(tmp_path) == ["out"]
+    assert "removed what a run that was killed had left" in caplog.text
+
+
 def test_leftovers_of_all_targets_in_a_folder(tmp_path: Path, caplog: pytest.LogCaptureFixture) -> None:
     for name in ("one", "two"):
         place = tmp_path / f".{name}.part"
@@ -153,22 +162,6 @@ def test_leftovers_of_all_targets_in_a_folder(tmp_path: Path, caplog: pytest.Log
     assert names(tmp_path) == ["one"]
     assert (tmp_path / "one" / "result").read_text() == "first"
     assert [word in caplog.text for word in (".one.part", ".two.part", "restored")] == [True] * 3
-
-
-def test_sessions_list_mentions_leftovers_and_repair_removes_them(
-    session: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str], caplog: pytest.LogCaptureFixture
-) -> None:
-    hidden = tmp_path / ".rendered.part"
-    shutil.copytree(session.folder, hidden / "earlier")
-    (hidden / "new").mkdir()
-    (hidden / "lock").touch()
-    assert run(["sessions", "list", str(tmp_path)]) == ExitCode.OK
-    assert f"{tmp_path / 'rendered'} is being written, or" in capsys.readouterr().err
-    assert run(["sessions", "repair", str(tmp_path), "--wait-s", "0"]) == ExitCode.OK
-    assert f"restored the earlier result in {tmp_path / 'rendered'}" in caplog.text
-    assert names(tmp_path) == ["rendered", "small"]
-    assert run(["sessions", "list", str(tmp_path)]) == ExitCode.OK
-    assert capsys.readouterr().err == ""
 
 
 @pytest.mark.parametrize("exchanges", [True, False])
@@ -262,36 +255,3 @@ def test_a_rename_that_is_refused_keeps_the_earlier_result(
 def test_a_mount_point_is_refused_before_any_work(small_disk: Callable[[int], Path]) -> None:
     with pytest.raises(BadInputError, match="is a mount point"):
         opened(small_disk(30))
-
-
-def recipe(folder: Path) -> list[str]:
-    file = folder / "recipe.json"
-    cameras = [{"name": "cam00"}]
-    told = {"name": "out", "scene": "bars", "cameras": cameras, "frames": 2, "scale": 0.1, "at_s": 0.0,
-            "created": "2026-01-01T00:00:00.000Z"}  # fmt: skip
-    file.write_text(json.dumps(told))
-    return ["render", str(file), "--out", str(folder), "--replace"]
-
-
-def recording(folder: Path) -> list[str]:
-    (folder / "camera").mkdir()
-    cv2.imwrite(str(folder / "camera" / "1.png"), np.zeros((8, 8, 3), np.uint8))
-    return ["import", f"a={folder / 'camera'}", "--fps", "9", "--name", "out", "--out", str(folder)]
-
-
-def export(folder: Path) -> list[str]:
-    return ["export", str(folder / "small"), "--to", "colmap", "--out", str(folder / "out")]
-
-
-@pytest.mark.parametrize("command", [recipe, recording, export])
-def test_each_command_writes_its_folder_so(
-    session: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str], command: Callable[[Path], list[str]]
-) -> None:
-    arguments = ["sessions", *command(tmp_path)]
-    with opened(tmp_path / "out") as output:
-        output.discard()
-        assert run(arguments) == ExitCode.BAD_INPUT
-        assert "another run is writing to" in capsys.readouterr().err
-    assert run(arguments) == ExitCode.OK
-    assert (tmp_path / "out").is_dir()
-    assert not list(tmp_path.glob(".*"))

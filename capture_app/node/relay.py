@@ -26,7 +26,7 @@ from capture_app.sync.tree.follower import FollowerConfig
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
 from capture_app.text import duration
 
-WAY_UP_TIMEOUT_S = 2.0
+UPSTREAM_TIMEOUT_S = 2.0
 
 
 class RelayNode:
@@ -59,8 +59,8 @@ class RelayNode:
         self._clock: NodeClock = clock or HostClock()
         self._beacons = beacons
         self._talk = talk or (lambda _: None)
-        self._way_up: Address | None = None
-        self._ways_up: set[Channel[Any]] = set()
+        self._upstream: Address | None = None
+        self._upstream_channels: set[Channel[Any]] = set()
         self._lost_ns: int | None = None
         self.instance = secrets.randbits(32)
         """This run of the relay, by which its nodes tell it from the next."""
@@ -127,7 +127,7 @@ class RelayNode:
         return RigStatus(
             leader=str(self.address),
             relay=self.name,
-            message=self._holding(now_ns),
+            message=self._holdover_message(now_ns),
             now_ns=now_ns if time_map is None else time_map.leader_from_local(now_ns),
             period_ns=None if leader.goal is None else leader.goal.period_ns,
             nodes=node_statuses(leader.clients(now_ns)),
@@ -137,24 +137,24 @@ class RelayNode:
 
     async def _serve(self, below: Channel[ToLeader]) -> None:
         try:
-            async with self._going_up() as above:
+            async with self._open_upstream() as above:
                 await below.relay(above)
         except NetworkError as error:
-            await self._answer_alone(below, error)
+            await self._answer_without_leader(below, error)
 
     @asynccontextmanager
-    async def _going_up(self) -> AsyncIterator[Channel[Any]]:
+    async def _open_upstream(self) -> AsyncIterator[Channel[Any]]:
         """Open a stream to the parent. Raises NetworkError."""
-        if self._way_up is None:
-            raise NetworkError(self._holding(self._clock.now_ns()))
-        async with await connect(self._way_up, FromLeader, timeout_s=WAY_UP_TIMEOUT_S) as above:
-            self._ways_up.add(above)
+        if self._upstream is None:
+            raise NetworkError(self._holdover_message(self._clock.now_ns()))
+        async with await connect(self._upstream, FromLeader, timeout_s=UPSTREAM_TIMEOUT_S) as above:
+            self._upstream_channels.add(above)
             try:
                 yield above
             finally:
-                self._ways_up.discard(above)
+                self._upstream_channels.discard(above)
 
-    async def _answer_alone(self, below: Channel[ToLeader], why: NetworkError) -> None:
+    async def _answer_without_leader(self, below: Channel[ToLeader], why: NetworkError) -> None:
         """Say what can be said without a leader: who is here; all else has to wait."""
         while (message := await below.receive_header()) is not None:
             if isinstance(message, StatusRequest):
@@ -169,7 +169,7 @@ class RelayNode:
         send_due_beacon(self._beacons, self._engine.leader, self._clock.now_ns())
         while (event := self._engine.next_event()) is not None:
             if isinstance(event, Joined | LeaderLost):
-                self._change_way_up(event)
+                self._change_upstream(event)
             if isinstance(event, TimeClientEvent):
                 line = follower_line(event, Address(*self._engine.follower.parent))
             else:
@@ -177,18 +177,18 @@ class RelayNode:
             if line:
                 self._talk(line)
 
-    def _change_way_up(self, event: Joined | LeaderLost) -> None:
+    def _change_upstream(self, event: Joined | LeaderLost) -> None:
         """Another parent, or none: break streams to the one before off, for nodes to take up again."""
         if isinstance(event, Joined):
-            self._way_up = Address(self._engine.follower.parent[0], event.transfer_port)
+            self._upstream = Address(self._engine.follower.parent[0], event.transfer_port)
             self._lost_ns = None
         else:
-            self._way_up = None
+            self._upstream = None
             self._lost_ns = self._clock.now_ns()
-        for above in self._ways_up:
+        for above in self._upstream_channels:
             above.abort()
 
-    def _holding(self, now_ns: int) -> str:
+    def _holdover_message(self, now_ns: int) -> str:
         """Say how this relay stands without a leader; empty while it has one."""
         if self._engine.follower.time.is_member:
             return ""

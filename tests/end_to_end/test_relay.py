@@ -117,7 +117,7 @@ async def test_a_relay_without_a_leader_holds_the_time_and_says_so(start: "Start
     node = await join(start, "far", between)
     await node.says("ready")
     await leader.kill()
-    await relaying.says(f"lost {root} (the parent is silent): in holdover")
+    await relaying.says(f"lost {root} (the leader is silent): in holdover")
     alone = await ask_status(parse_address(between))
     assert (alone.relay, [node.name for node in alone.nodes]) == ("hall", ["far"])
     assert "lost its leader" in alone.message

@@ -10,10 +10,11 @@ from capture_app.camera_facts import CameraFacts
 from capture_app.errors import BadInputError, DiskFullError, SimulshotError, TryAgainError
 from capture_app.node.burst.camera_progress import CameraProgress
 from capture_app.node.burst.interrupted_burst import InterruptedBurst
-from capture_app.node.burst.plans import add_report, burst_record, first_plan, write_manifest
+from capture_app.node.burst.plans import add_report, burst_record, camera_plan, first_plan, write_manifest
 from capture_app.node.transfer.disk_threads import DiskThreads
 from capture_app.node.wire.messages import CameraReport, ImageReceipt, ImageUpload
 from capture_app.node.wire.status import BurstStatus
+from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_picks import Burst
@@ -131,8 +132,9 @@ class BurstSession:
             if camera.report is None and report.events:
                 events = ({"camera": report.camera.name, **event} for event in report.events)
                 await self._disk.call(self._writer.add_event, *events)
-            await self._disk.call(self._plan_report, report)
-            camera.report, camera.given_up, camera.silent = report, "", False
+            planned = camera_plan(report)
+            await self._disk.call(self._plan_report, planned)
+            camera.report, camera.given_up, camera.silent = planned, "", False
             camera.note_heard(now_ns)
             receipts = await self._disk.call(camera.receipts, self._writer)
         await self.finish_if_complete()
@@ -238,7 +240,7 @@ class BurstSession:
                 await stack.enter_async_context(camera.writing)
             yield
 
-    def _plan_report(self, report: CameraReport) -> None:
+    def _plan_report(self, report: CameraPlan) -> None:
         with self._planning:
             plan = self._writer.plan
             if plan is not None and (changed := add_report(plan, report)) != plan:

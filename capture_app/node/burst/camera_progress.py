@@ -6,7 +6,8 @@ from dataclasses import dataclass, field
 
 from capture_app.node.transfer.disk_threads import DiskThreads
 from capture_app.node.transfer.partial_image import PartialImage, partial_receipts
-from capture_app.node.wire.messages import CameraReport, ImageReceipt, ImageUpload
+from capture_app.node.wire.messages import ImageReceipt, ImageUpload
+from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord, MissingImage
 from capture_app.session.writing.session_writer import SessionWriter
 
@@ -23,7 +24,7 @@ class CameraProgress:
     camera: CameraRecord
     heard_ns: int
     streams: int = 0
-    report: CameraReport | None = None
+    report: CameraPlan | None = None
     instants: set[int] = field(default_factory=set)
     """Those whose images are in the session."""
     given_up: str = ""

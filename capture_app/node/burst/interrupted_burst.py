@@ -6,7 +6,6 @@ from typing import Self
 
 from capture_app.errors import SimulshotError
 from capture_app.node.burst.camera_progress import CameraProgress
-from capture_app.node.burst.plans import planned_report
 from capture_app.session.format.manifest import MissingImage
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
@@ -45,7 +44,7 @@ class InterruptedBurst:
             name = told.camera.name
             has = (writer.image(name, instant) is not None for instant in range(len(instants_ns)))
             there = {instant for instant, is_there in enumerate(has) if is_there}
-            report = planned_report(plan, told)
+            report = told if told.reported else None
             cameras[name] = CameraProgress(told.camera, heard_ns, report=report, instants=there)
         reason = "its file was damaged or lost after it came"
         lost = {

@@ -1,4 +1,4 @@
-"""A node's report in the form that a session keeps it in, to be finished after a crash, and back."""
+"""What a session keeps of a burst under way, to be finished after a crash, and its manifest in the end."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
@@ -52,23 +52,19 @@ def first_plan(
         leader=leader,
         number=number,
         burst=burst,
-        cameras=tuple(camera_plan(camera, None) for camera in cameras),
+        cameras=tuple(CameraPlan(camera=camera) for camera in cameras),
     )
 
 
-def add_report(plan: BurstPlan, report: CameraReport) -> BurstPlan:
+def add_report(plan: BurstPlan, report: CameraPlan) -> BurstPlan:
     """A plan to which one of its cameras has reported."""
-    cameras = tuple(
-        camera_plan(report.camera, report) if told.camera.name == report.camera.name else told
-        for told in plan.cameras
-    )
+    name = report.camera.name
+    cameras = tuple(report if camera.camera.name == name else camera for camera in plan.cameras)
     return msgspec.structs.replace(plan, cameras=cameras)
 
 
-def camera_plan(camera: CameraRecord, report: CameraReport | None) -> CameraPlan:
-    """A camera's share of a plan, before or after it has reported."""
-    if report is None:
-        return CameraPlan(camera=camera)
+def camera_plan(report: CameraReport) -> CameraPlan:
+    """What a session keeps of a camera's report: all but its events."""
     return CameraPlan(
         camera=report.camera,
         reported=True,
@@ -76,19 +72,4 @@ def camera_plan(camera: CameraRecord, report: CameraReport | None) -> CameraPlan
         missing=report.missing,
         calibration=report.calibration,
         true_clock=report.true_clock,
-    )
-
-
-def planned_report(plan: BurstPlan, told: CameraPlan) -> CameraReport | None:
-    """What a camera had reported, without its events; None where it had not."""
-    if not told.reported:
-        return None
-    return CameraReport(
-        leader=plan.leader,
-        burst=plan.number,
-        camera=told.camera,
-        instants=told.instants,
-        missing=told.missing,
-        calibration=told.calibration,
-        true_clock=told.true_clock,
     )

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from reconstruction.report import wording
+from reconstruction.report.verdict import DEPTH_MEASURES, MISFIT_MEASURES, first_known
 from reconstruction.scores.compare_results import CompareResult
 
 
@@ -13,7 +14,7 @@ class Claim:
 
     tone: str
     value: str
-    share: float | None
+    share: float
     what: str
     when: str
 
@@ -21,24 +22,21 @@ class Claim:
 def claims(result: CompareResult, sides: wording.Sides) -> tuple[Sequence[Claim], str]:
     """Both numbers and a note on them; none where nothing was measured."""
     stereo, stitch = result.stereo, result.stitch
+    depth = first_known(stereo.synced, stereo.offset, *DEPTH_MEASURES) if stereo else None
+    misfit = first_known(stitch.synced, stitch.offset, *MISFIT_MEASURES) if stitch else None
     note = ""
-    if stereo and None not in (stereo.synced.mover_within_2pct, stereo.offset.mover_within_2pct):
+    if depth:
+        measure, *shares = depth
         what = "of the moving surface measured correctly"
-        values = shares = [stereo.synced.mover_within_2pct, stereo.offset.mover_within_2pct]
-        shown = [wording.share(value, decimals=0) for value in values]
-    elif stereo and None not in (stereo.synced.mover_coverage, stereo.offset.mover_coverage):
-        what = "of the moving surface given a distance"
-        note = "The true distances are not known here, so this counts pixels where both pictures agree."
-        values = shares = [stereo.synced.mover_coverage, stereo.offset.mover_coverage]
-        shown = [wording.share(value, decimals=0) for value in values]
-    elif stitch:
-        what = "of misfit of moving things where the pictures of the panorama overlap"
-        values = [stitch.synced.mover_flow_p95_px, stitch.offset.mover_flow_p95_px]
-        if None in values:
-            what = "of misfit where the pictures of the panorama overlap"
-            values = [stitch.synced.overlap_flow_p95_px, stitch.offset.overlap_flow_p95_px]
-        most = max(1e-9, *(value for value in values if value is not None))
-        shares = [None if value is None else value / most for value in values]
+        if measure != DEPTH_MEASURES[0]:
+            what = "of the moving surface given a distance"
+            note = "The true distances are not known here, so this counts pixels where both pictures agree."
+        shown = [wording.share(value, decimals=0) for value in shares]
+    elif misfit:
+        measure, *values = misfit
+        moving = "of moving things " if measure == MISFIT_MEASURES[0] else ""
+        what = f"of misfit {moving}where the pictures of the panorama overlap"
+        shares = [value / max(1e-9, *values) for value in values]
         shown = [wording.quantity(value, "px") for value in values]
     else:
         return (), ""

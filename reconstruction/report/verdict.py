@@ -1,9 +1,13 @@
 """What a comparison found, in one or two sentences for somebody who has never heard of synchronization."""
 
 from reconstruction.scores.depth_results import DepthScores, MultiviewComparison, StereoComparison
-from reconstruction.scores.panorama_results import PanoramaComparison
+from reconstruction.scores.panorama_results import PanoramaComparison, PanoramaScores
 from reconstruction.scores.pose_results import PoseComparison
 
+DEPTH_MEASURES = ("mover_within_2pct", "mover_coverage")
+"""What depth is judged by: correct distances where the truth is known, else any distance."""
+MISFIT_MEASURES = ("mover_flow_p95_px", "overlap_flow_p95_px")
+"""What a panorama is judged by: the misfit of what moves where that is known, else of the whole overlap."""
 CLEAR_SHARE = 0.15
 """A loss of this share of the moving pixels is reported as clear."""
 CLEAR_RATIO = 1.5
@@ -25,7 +29,11 @@ def verdict(
     late = f"{offset_ms:.0f} ms late"
     if stereo is not None and not plausibly_synchronized(stereo.synced):
         return _not_synchronized(stereo, late)
-    depth = _stereo_sentence(stereo, late) if stereo is not None else _multiview_sentence(multiview)
+    depth = None
+    if stereo is not None:
+        depth = _stereo_sentence(stereo, late)
+    elif multiview is not None:
+        depth = _multiview_sentence(multiview)
     panorama = _panorama_sentence(stitch, late) if stitch is not None else None
     places = _pose_sentence(poses) if poses is not None else None
     clear = [text for text in (depth, panorama, places) if text is not None]
@@ -78,47 +86,50 @@ def _found_shares(scores: DepthScores) -> tuple[float | None, float | None]:
     return scores.mover_coverage, scores.static_coverage
 
 
+def first_known(
+    synced: DepthScores | PanoramaScores, offset: DepthScores | PanoramaScores, *measures: str
+) -> tuple[str, float, float] | None:
+    """The first of these measures that both scores have, and its values; None if there is none."""
+    for measure in measures:
+        before, after = getattr(synced, measure), getattr(offset, measure)
+        if before is not None and after is not None:
+            return measure, before, after
+    return None
+
+
 def _stereo_sentence(result: StereoComparison, late: str) -> str | None:
-    true = result.synced.mover_within_2pct is not None
-    synced = result.synced.mover_within_2pct if true else result.synced.mover_coverage
-    offset = result.offset.mover_within_2pct if true else result.offset.mover_coverage
-    if synced is None or offset is None or synced - offset < CLEAR_SHARE:
-        return None
-    what = "the right distance is found" if true else "a distance is found that both pictures agree on"
-    first = (
-        f"When both pictures show the same instant, {what} for {_percent(synced)} of what moves; "
-        f"with one picture {late}, for {_percent(offset)}."
-    )
+    when = ("both pictures show the same instant", f"one picture {late}")
+    first = _depth_sentence(result, *when, "both pictures agree on")
     still, other = result.synced.static_coverage, result.offset.static_coverage
-    if still is None or other is None or abs(still - other) > 0.02:
+    if first is None or still is None or other is None or abs(still - other) > 0.02:
         return first
     return (
         f"{first} What stands still is found equally well both times, so timing alone makes the difference."
     )
 
 
-def _multiview_sentence(result: MultiviewComparison | None) -> str | None:
-    """Depth from all cameras, reported where no pair gives depth."""
-    if result is None:
+def _multiview_sentence(result: MultiviewComparison) -> str | None:
+    when = f"all {len(result.cameras)} cameras show the same instant"
+    return _depth_sentence(result, when, "each camera off by a different delay", "several cameras agree on")
+
+
+def _depth_sentence(
+    result: StereoComparison | MultiviewComparison, when: str, late: str, agreed: str
+) -> str | None:
+    """How much of what moves is found in both conditions; None where that is not clearly less when late."""
+    known = first_known(result.synced, result.offset, *DEPTH_MEASURES)
+    if known is None or known[1] - known[2] < CLEAR_SHARE:
         return None
-    true = result.synced.mover_within_2pct is not None
-    synced, _ = _found_shares(result.synced)
-    offset, _ = _found_shares(result.offset)
-    if synced is None or offset is None or synced - offset < CLEAR_SHARE:
-        return None
-    what = "the right distance is found" if true else "a distance is found that several cameras agree on"
-    return (
-        f"When all {len(result.cameras)} cameras show the same instant, {what} for {_percent(synced)} of "
-        f"what moves; with each camera off by a different delay, for {_percent(offset)}."
-    )
+    measure, synced, offset = known
+    correct = measure == DEPTH_MEASURES[0]
+    what = "the right distance is found" if correct else f"a distance is found that {agreed}"
+    return f"When {when}, {what} for {_percent(synced)} of what moves; with {late}, for {_percent(offset)}."
 
 
 def _panorama_sentence(result: PanoramaComparison, late: str) -> str | None:
-    synced, offset = (
-        (result.synced.mover_flow_p95_px, result.offset.mover_flow_p95_px)
-        if result.synced.mover_flow_p95_px is not None and result.offset.mover_flow_p95_px is not None
-        else (result.synced.overlap_flow_p95_px, result.offset.overlap_flow_p95_px)
-    )
+    known = first_known(result.synced, result.offset, *MISFIT_MEASURES)
+    assert known is not None
+    _, synced, offset = known
     if offset < CLEAR_RATIO * synced or offset - synced < 1.0:
         return None
     return (

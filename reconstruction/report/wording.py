@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 from capture_app.text import duration
-from reconstruction.report.verdict import CLEAR_SHARE, plausibly_synchronized
+from reconstruction.report.verdict import CLEAR_SHARE, DEPTH_MEASURES, first_known, plausibly_synchronized
 from reconstruction.scores.compare_results import CompareResult
 from reconstruction.scores.depth_results import DepthScores
 
@@ -151,21 +151,17 @@ def control(result: CompareResult) -> str:
     if result.stereo is None:
         return ""
     synced, offset = result.stereo.synced, result.stereo.offset
-    pair = (synced.static_within_2pct, offset.static_within_2pct)
-    if None in pair:
-        pair = (synced.static_coverage, offset.static_coverage)
-    if pair[0] is None or pair[1] is None:
+    still = first_known(synced, offset, "static_within_2pct", "static_coverage")
+    if still is None:
         return ""
-    values = f"({share(pair[0])} and {share(pair[1])})"
-    if abs(pair[0] - pair[1]) >= 0.02:
+    values = f"({share(still[1])} and {share(still[2])})"
+    if abs(still[1] - still[2]) >= 0.02:
         return (
             f"Things at rest are the control, and here they differ too {values}: not all of the difference "
             "comes from timing."
         )
-    moving = (synced.mover_within_2pct, offset.mover_within_2pct)
-    if None in moving:
-        moving = (synced.mover_coverage, offset.mover_coverage)
-    if moving[0] is None or moving[1] is None or moving[0] - moving[1] < CLEAR_SHARE:
+    moving = first_known(synced, offset, *DEPTH_MEASURES)
+    if moving is None or moving[1] - moving[2] < CLEAR_SHARE:
         return f"Things at rest are the control: they are measured equally well in both {values}."
     return (
         f"Things at rest are the control: they are measured equally well in both {values}, so the difference "

@@ -135,18 +135,8 @@ def test_so_it_is_in_every_instant_with_the_ball_in_both_views(throw: Throw) -> 
 @pytest.mark.slow
 @pytest.mark.timeout(1800)
 def test_the_dose_curve_on_it_falls(throw: Throw, tmp_path: Path) -> None:
-    main(
-        [
-            "dose",
-            str(throw.session.folder),
-            "--stereo-pair",
-            "L,R",
-            "--max-instants",
-            "8",
-            "--out",
-            str(tmp_path / "out"),
-        ]
-    )
+    options = ("--pair", "L,R", "--max-instants", "8", "--out", str(tmp_path / "out"))
+    main(["dose", str(throw.session.folder), *options])
     dose = json.loads((tmp_path / "out" / "metrics.json").read_text())
     assert dose["decreasing"]
     values = [point["scores"]["mover_coverage"] for point in dose["points"]]

@@ -36,14 +36,14 @@ def reserve(path: Path, size: int) -> None:
                 raise
 
 
-def is_full(error: OSError, folder: Path | None = None) -> bool:
+def is_full(error: OSError, folder: Path | None = None, little_bytes: int = LITTLE_BYTES) -> bool:
     """Whether an error means that there is no room left, on the disk or in the user's share of it.
 
     With the `folder` that was written to, also if its disk has next to no room: some errors give no reason.
     """
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         return True
-    return folder is not None and folder.is_dir() and shutil.disk_usage(folder).free < LITTLE_BYTES
+    return folder is not None and folder.is_dir() and shutil.disk_usage(folder).free < little_bytes
 
 
 def disk_error(error: OSError, folder: Path) -> SimulshotError:

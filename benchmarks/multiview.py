@@ -33,7 +33,12 @@ from reconstruction.depth.colmap_workspace import write_workspace
 from reconstruction.depth.depth_range import find_depth_range
 from reconstruction.depth.sweep_matcher import match_all_views
 from reconstruction.multiview.input_images import undistort_image
-from reconstruction.multiview.source_views import choose_reference_view, choose_source_views, guess_depths
+from reconstruction.multiview.source_views import (
+    choose_reference_view,
+    choose_source_views,
+    guess_depths,
+    sample_depths,
+)
 from reconstruction.scores.depth_truth import depth_shares
 
 Result = dict[str, Any]
@@ -45,7 +50,7 @@ def ours(views: dict[str, View], condition: Condition, reference: str, scratch: 
     images = {name: undistort_image(name, 0, condition.pictures[name], view) for name, view in views.items()}
     calibrated = {name: image.calibrated for name, image in images.items()}
     nearest, farthest = find_depth_range(calibrated, choose_source_views(views, guess_depths(views)))
-    sources = choose_source_views(views, (nearest, 2 / (1 / nearest + 1 / farthest), farthest))
+    sources = choose_source_views(views, sample_depths(nearest, farthest))
     found = match_all_views(calibrated, sources, nearest, farthest)
     matched, matched_cpu = time.perf_counter() - begun, time.process_time() - cpu
     colours = {name: image.colours for name, image in images.items()}

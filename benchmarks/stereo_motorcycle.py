@@ -60,7 +60,7 @@ def ours(*, checked: bool) -> Callable[[Array, Array], Array]:
             View(width, height, matrix, np.zeros(5), np.eye(3), np.array([-x, 0.0, 0.0])) for x in (0.0, 1.0)
         ]
         pair = StereoPair(views[0], views[1], (0, DISPARITIES - 2))
-        found = pair.depth(*(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) for image in (left, right)))
+        found = pair.compute_depth(*(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY) for image in (left, right)))
         depth = found.depth if checked else found.raw
         return np.where(depth > 0, FOCAL / np.maximum(depth, 1e-9), -1.0)
 

@@ -5,7 +5,12 @@ from dataclasses import dataclass, field
 
 from capture_app.errors import BadInputError
 from reconstruction.depth.depth_range import find_depth_range
-from reconstruction.multiview.source_views import choose_reference_view, choose_source_views, guess_depths
+from reconstruction.multiview.source_views import (
+    choose_reference_view,
+    choose_source_views,
+    guess_depths,
+    sample_depths,
+)
 from reconstruction.multiview.undistorted_session import UndistortedSession
 
 MIN_CAMERAS = 3
@@ -28,7 +33,7 @@ class CameraGroup:
     @property
     def sample_depths(self) -> tuple[float, float, float]:
         """The nearest, a middle and the farthest depth."""
-        return _sample_depths(self.depth_range)
+        return sample_depths(*self.depth_range)
 
 
 def choose_camera_group(shots: UndistortedSession, middle: int) -> CameraGroup:
@@ -50,7 +55,7 @@ def choose_camera_group(shots: UndistortedSession, middle: int) -> CameraGroup:
         depth_range = find_depth_range(images, choose_source_views(views, guess_depths(views)))
     except BadInputError as error:
         raise ValueError(error.what) from error
-    depths = _sample_depths(depth_range)
+    depths = sample_depths(*depth_range)
     sources = choose_source_views(views, depths)
     for camera in images:
         if len(sources[camera]) < 2:
@@ -65,11 +70,6 @@ def choose_camera_group(shots: UndistortedSession, middle: int) -> CameraGroup:
             left_out[camera] = f"{MAX_CAMERAS} cameras are enough to compare conditions"
     _require_cameras(len(cameras), left_out)
     return CameraGroup(reference, cameras, depth_range, left_out)
-
-
-def _sample_depths(depth_range: tuple[float, float]) -> tuple[float, float, float]:
-    nearest, farthest = depth_range
-    return nearest, 2 / (1 / nearest + 1 / farthest), farthest
 
 
 def _require_cameras(count: int, left_out: Mapping[str, str]) -> None:

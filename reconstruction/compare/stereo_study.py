@@ -105,7 +105,9 @@ class StereoStudy(PairStudy):
         rig, (reference, other) = self.rig, self.cameras
         made = rig.stages.arrays(
             "depth",
-            lambda: vars(matcher.depth(self.dataset.grey(reference, now), self.dataset.grey(other, shown))),
+            lambda: vars(
+                matcher.compute_depth(self.dataset.grey(reference, now), self.dataset.grey(other, shown))
+            ),
             reference,
             other,
             repr((rig.views[reference], rig.views[other])),

@@ -24,7 +24,12 @@ from reconstruction.depth.patchmatch import CudaGpu, find_gpu, run_patch_match
 from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
 from reconstruction.multiview.input_images import InputImage, load_input_images
 from reconstruction.multiview.result import MultiviewResult
-from reconstruction.multiview.source_views import choose_reference_view, choose_source_views, guess_depths
+from reconstruction.multiview.source_views import (
+    choose_reference_view,
+    choose_source_views,
+    guess_depths,
+    sample_depths,
+)
 from reconstruction.multiview.view_files import write_view
 from reconstruction.session.dataset import Dataset
 
@@ -93,7 +98,7 @@ def multiview(
     announce("how near and how far the scene is")
     calibrated = {camera: image.calibrated for camera, image in images.items()}
     nearest, farthest = find_depth_range(calibrated, _source_views(images, guess_depths(_views(images))))
-    depths = (nearest, 2 / (1 / nearest + 1 / farthest), farthest)
+    depths = sample_depths(nearest, farthest)
     sources = _source_views(images, depths)
     left_out |= {camera: "no other camera sees what it sees" for camera in images if not sources[camera]}
     images = {camera: image for camera, image in images.items() if sources[camera]}

@@ -69,6 +69,11 @@ def _visible_grid(view: View, other: View, depth: float) -> tuple[Array, Array]:
     return ahead & (x >= 0) & (y >= 0) & (x < other.width) & (y < other.height), points
 
 
+def sample_depths(nearest: float, farthest: float) -> tuple[float, float, float]:
+    """The two ends of a depth range, and the depth that is in their middle in a picture."""
+    return nearest, 2 / (1 / nearest + 1 / farthest), farthest
+
+
 def guess_depths(views: Mapping[str, View]) -> tuple[float, ...]:
     """Depths to try before the scene is known: multiples of the distance between neighbouring cameras."""
     centres = np.array([view.centre for view in views.values()])

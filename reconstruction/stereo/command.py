@@ -108,7 +108,7 @@ def _match_pair(rig: Rig, cameras: tuple[str, str], instant: int, later: int) ->
     moving = rig.motion.detected_movers(cameras[0], instant) if len(rig.dataset.instants_ns) > 1 else None
     still = np.zeros(images[0].shape, bool) if moving is None else moving
     pair = StereoPair(*views, find_disparity_range(views, [(images[0], images[1], still)]))
-    return pair.depth(images[0], rig.dataset.grey(cameras[1], later))
+    return pair.compute_depth(images[0], rig.dataset.grey(cameras[1], later))
 
 
 def _save_result(

@@ -45,7 +45,7 @@ class StereoPair:
         self.rectification: Rectification = rectify(reference, other, (self.min_disparity, end))
         self.checks = checks or MatchChecks()
 
-    def depth(self, reference: Array, other: Array) -> DepthMap:
+    def compute_depth(self, reference: Array, other: Array) -> DepthMap:
         """Depth from two grey images (uint8) of the pair, checked from left to right and back."""
         a, seen_a = self.rectification.remap(reference)
         b, seen_b = self.rectification.remap(other, other=True)

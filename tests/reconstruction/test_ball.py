@@ -97,7 +97,9 @@ class Throw:
 
     def covered(self, instant: int, late: int) -> float:
         """The share of the ball's pixels with a distance, the right camera's picture `late` frames on."""
-        found = self.pair.depth(self.dataset.grey("L", instant), self.dataset.grey("R", instant + late))
+        found = self.pair.compute_depth(
+            self.dataset.grey("L", instant), self.dataset.grey("R", instant + late)
+        )
         ball = self.pair.rectification.to_reference(self.left[instant].pixels.astype(np.uint8)) > 0
         return float((found.depth[ball] > 0).mean())
 

@@ -33,14 +33,14 @@ def test_a_moving_board_has_depth_only_when_synchronized(
     disparities = find_disparity_range((reference, other), [(image, same, movers)])
     pair = StereoPair(reference, other, disparities)
 
-    synced = pair.depth(image, same).depth
+    synced = pair.compute_depth(image, same).depth
     right = np.abs(synced - truth) < 0.02 * truth
     assert right[movers].mean() > 0.93
     assert right[~movers].mean() > 0.75
     believed = synced > 0
     assert right[believed].mean() > 0.95
 
-    offset = pair.depth(image, later).depth
+    offset = pair.compute_depth(image, later).depth
     assert (np.abs(offset - truth) < 0.02 * truth)[movers].mean() < 0.05
     assert (offset > 0)[movers].mean() < 0.25
 

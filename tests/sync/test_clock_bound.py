@@ -105,11 +105,7 @@ def test_it_holds_for_skew_and_wander_up_to_their_limits(
     pause_ns=st.sampled_from((MS, 300 * MS, 1100 * MS)),
 )
 def test_a_step_is_noticed_at_once_and_the_bound_is_that_of_the_new_clock(
-    before: list[tuple[int, int]],
-    after: list[tuple[int, int]],
-    skew: float,
-    step_ns: int,
-    pause_ns: int,
+    before: list[tuple[int, int]], after: list[tuple[int, int]], skew: float, step_ns: int, pause_ns: int
 ) -> None:
     link = WarmingClock(10**12, skew * 0.999, [0.0] * 16)
     clock, t_ns = ClockFilter(), START_NS

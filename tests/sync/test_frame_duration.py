@@ -12,10 +12,7 @@ PERIOD = 1667 * ROW
 
 def controller(least_rows: int = 800, most_rows: int = 6000) -> FrameDurationActuator:
     return FrameDurationActuator(
-        period_ns=PERIOD,
-        row_time_ns=ROW,
-        min_duration_ns=least_rows * ROW,
-        max_duration_ns=most_rows * ROW,
+        period_ns=PERIOD, row_time_ns=ROW, min_duration_ns=least_rows * ROW, max_duration_ns=most_rows * ROW
     )
 
 

@@ -112,9 +112,7 @@ def test_a_description_that_would_not_fit_with_the_relays_name_is_refused() -> N
     assert uplink.refusal(Hello("cam", 7, CAMERA)) == ""
 
 
-def test_names_that_are_made_up_fill_no_memory(
-    roster: Roster,
-) -> None:
+def test_names_that_are_made_up_fill_no_memory(roster: Roster) -> None:
     uplink = Uplink("hall", most_members=3)
     uplink.restart(has_parent=True)
     for instance in range(20):

@@ -87,11 +87,7 @@ async def measure(options: LinkOptions, count: int, seed: int, talk: Callable[[s
     for i in range(count):
         link = LinkClient(rng, options.messages, options.pace_ns)
         reached = await synchronize(
-            options.address,
-            options.clock,
-            link,
-            timeout_s=timeout_s,
-            join_timeout_s=options.join_timeout_s,
+            options.address, options.clock, link, timeout_s=timeout_s, join_timeout_s=options.join_timeout_s
         )
         trials.append(judge(options, reached))
         if (i + 1) % 10 == 0 or options.messages > 1000:

@@ -144,14 +144,9 @@ def crate() -> list[Mesh]:
 def pouf() -> list[Mesh]:
     """A round stool of cloth at the right."""
     profile = [
-        (0.001, -0.34),
-        (0.18, -0.335),
-        (0.25, -0.30),
-        (0.285, -0.20),
-        (0.28, -0.10),
-        (0.24, -0.01),
+        (0.001, -0.34), (0.18, -0.335), (0.25, -0.30), (0.285, -0.20), (0.28, -0.10), (0.24, -0.01),
         (0.2, 0.0),
-    ]
+    ]  # fmt: skip
     return [lathe(profile, "pouf", around=48).moved((1.32, FLOOR, 3.05))]
 
 

@@ -9,15 +9,12 @@ import numpy as np
 from capture_app.simulation.scenes.poses import (
     ANKLE_M,
     FLOOR_Y,
-    HIP_HALF_M,
-    NECK_Y,
     SHIN_M,
-    SHOULDER,
     THIGH_M,
-    UPPER_ARM_M,
+    LimbTurns,
     Poses,
     Series,
-    joint,
+    child_poses,
     turn,
 )
 
@@ -63,32 +60,21 @@ def jumping_child(time_s: Series) -> dict[str, Poses]:
         ),
     )
     lean = 0.10 + 0.10 * np.cos(2 * np.pi * (time_s - CONTACT_S / 2) / HOP_S)
-    torso = joint(hips, (0.0, 0.02, 0.0), turn(0, lean))
-    parts = {
-        "hips": hips,
-        "torso": torso,
-        "head": joint(torso, (0.0, NECK_Y, -0.005), turn(1, -0.45 * yaw) @ turn(0, -0.9 * lean + 0.05)),
-    }
-    for side, name in ((-1.0, "left"), (1.0, "right")):
-        spread = side * (0.06 + 0.42 * airborne)
-        knee = np.arccos(np.clip(leg / (THIGH_M + SHIN_M), -1, 1))
-        thigh = joint(hips, (side * HIP_HALF_M, 0.045, 0.0), turn(2, -spread) @ turn(0, -knee))
-        shin = joint(thigh, (0.0, THIGH_M, 0.0), turn(0, 2 * knee))
-        level = turn(1, np.full_like(yaw, -side * 0.22)) @ turn(0, 0.55 * airborne)
-        parts[f"{name}_thigh"] = thigh
-        parts[f"{name}_shin"] = shin
-        parts[f"{name}_shoe"] = Poses(hips.rotation @ level, shin.point(0.0, SHIN_M, 0.0))
+    knee = np.arccos(np.clip(leg / (THIGH_M + SHIN_M), -1, 1))
 
+    def limbs(side: float) -> LimbTurns:
+        spread = side * (0.06 + 0.42 * airborne)
+        level = turn(1, np.full_like(yaw, -side * 0.22)) @ turn(0, 0.55 * airborne)
         beat = np.cos(2 * np.pi * (time_s - CONTACT_S / 2 + side * 0.02) / HOP_S)
         raised = 1.28 - 0.72 * beat + side * 0.16 * np.sin(2 * np.pi * time_s / TURN_S)
         bent = 0.55 - 0.30 * beat
-        upper = joint(
-            torso,
-            (side * SHOULDER[0], SHOULDER[1], 0.0),
-            turn(2, -side * raised) @ turn(0, np.full_like(beat, -0.25)),
+        return LimbTurns(
+            thigh=turn(2, -spread) @ turn(0, -knee),
+            shin=turn(0, 2 * knee),
+            shoe=hips.rotation @ level,
+            arm=turn(2, -side * raised) @ turn(0, np.full_like(beat, -0.25)),
+            forearm=turn(2, -side * bent) @ turn(0, -0.3 * bent),
         )
-        parts[f"{name}_arm"] = upper
-        parts[f"{name}_forearm"] = joint(
-            upper, (0.0, UPPER_ARM_M, 0.0), turn(2, -side * bent) @ turn(0, -0.3 * bent)
-        )
-    return parts
+
+    head = turn(1, -0.45 * yaw) @ turn(0, -0.9 * lean + 0.05)
+    return child_poses(hips, turn(0, lean), head, limbs(-1.0), limbs(1.0))

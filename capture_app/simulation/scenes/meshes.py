@@ -94,12 +94,7 @@ def panel(
 
 
 def box(
-    centre: ArrayLike,
-    size: ArrayLike,
-    texture: str,
-    *,
-    tile: float | None = None,
-    window: Window = WHOLE,
+    centre: ArrayLike, size: ArrayLike, texture: str, *, tile: float | None = None, window: Window = WHOLE
 ) -> list[Mesh]:
     """The six faces of a box; `tile`: metres that the texture spans, else each face shows the window."""
     half = np.asarray(size, np.float64) / 2

@@ -44,21 +44,11 @@ def parts() -> dict[str, Part]:
     """All moving parts, by the names that `jumping` and `poses` give their poses."""
     child = {"hips": _hips(), "torso": _torso(), "head": _head()}
     for side in ("left", "right"):
-        child[f"{side}_thigh"] = [
-            lathe(
-                [
-                    (0.001, -0.055),
-                    (0.05, -0.045),
-                    (0.073, 0.0),
-                    (0.070, 0.08),
-                    (0.060, 0.18),
-                    (0.054, 0.26),
-                    (0.03, 0.29),
-                ],
-                "jeans",
-                depth=1.05,
-            )
-        ]
+        thigh = [
+            (0.001, -0.055), (0.05, -0.045), (0.073, 0.0), (0.070, 0.08), (0.060, 0.18),
+            (0.054, 0.26), (0.03, 0.29),
+        ]  # fmt: skip
+        child[f"{side}_thigh"] = [lathe(thigh, "jeans", depth=1.05)]
         child[f"{side}_shin"] = [
             lathe(
                 [(0.03, -0.04), (0.052, -0.02), (0.054, 0.05), (0.052, 0.14), (0.049, 0.215), (0.050, 0.235)],

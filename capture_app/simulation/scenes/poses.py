@@ -20,6 +20,7 @@ FLOOR_Y = 1.0
 THIGH_M = SHIN_M = 0.26
 ANKLE_M = 0.065
 HIP_HALF_M = 0.064
+HIP_Y = 0.045
 SHOULDER = (0.132, -0.335)
 UPPER_ARM_M = 0.19
 NECK_Y = -0.395
@@ -50,6 +51,34 @@ def turn(axis: int, angle: Series) -> Series:
 def joint(parent: Poses, at: tuple[float, float, float], rotation: Series) -> Poses:
     """Poses of a part whose origin is at a point of its parent, rotated against it by (n, 3, 3)."""
     return Poses(parent.rotation @ rotation, parent.point(*at))
+
+
+class LimbTurns(NamedTuple):
+    """Rotations (n, 3, 3) of one side's limbs against their parents; the shoe's is against the world."""
+
+    thigh: Series
+    shin: Series
+    shoe: Series
+    arm: Series
+    forearm: Series
+
+
+def child_poses(
+    hips: Poses, torso_turn: Series, head_turn: Series, left: LimbTurns, right: LimbTurns
+) -> dict[str, Poses]:
+    """Poses of all parts of a child by name, from the pose of its hips and the rotations of its joints."""
+    torso = joint(hips, (0.0, 0.02, 0.0), torso_turn)
+    parts = {"hips": hips, "torso": torso, "head": joint(torso, (0.0, NECK_Y, -0.005), head_turn)}
+    for side, name, turns in ((-1.0, "left", left), (1.0, "right", right)):
+        thigh = joint(hips, (side * HIP_HALF_M, HIP_Y, 0.0), turns.thigh)
+        shin = joint(thigh, (0.0, THIGH_M, 0.0), turns.shin)
+        arm = joint(torso, (side * SHOULDER[0], SHOULDER[1], 0.0), turns.arm)
+        parts[f"{name}_thigh"] = thigh
+        parts[f"{name}_shin"] = shin
+        parts[f"{name}_shoe"] = Poses(turns.shoe, shin.point(0.0, SHIN_M, 0.0))
+        parts[f"{name}_arm"] = arm
+        parts[f"{name}_forearm"] = joint(arm, (0.0, UPPER_ARM_M, 0.0), turns.forearm)
+    return parts
 
 
 def cycle_seconds(times_ns: NDArray[np.int64]) -> Series:

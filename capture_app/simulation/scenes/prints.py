@@ -78,22 +78,12 @@ def face(rng: np.random.Generator, skin: Colour, hair_colour: Colour) -> Picture
 def blade(rng: np.random.Generator, number: int) -> Picture:
     """Printed paper of one pinwheel blade (160 x 160): dots, stripes, stars, checks, waves or letters."""
     size = 160
-    paper: Colour = (
-        (226, 72, 58),
-        (250, 196, 66),
-        (52, 136, 190),
-        (246, 236, 216),
-        (92, 168, 98),
-        (232, 128, 160),
-    )[number % 6]
-    ink: Colour = (
-        (252, 236, 206),
-        (196, 60, 48),
-        (250, 240, 220),
-        (44, 62, 110),
-        (250, 232, 150),
-        (120, 40, 88),
-    )[number % 6]
+    paper: Colour
+    ink: Colour
+    paper, ink = (
+        ((226, 72, 58), (252, 236, 206)), ((250, 196, 66), (196, 60, 48)), ((52, 136, 190), (250, 240, 220)),
+        ((246, 236, 216), (44, 62, 110)), ((92, 168, 98), (250, 232, 150)), ((232, 128, 160), (120, 40, 88)),
+    )[number % 6]  # fmt: skip
     sheet = np.ones((size, size, 3), np.float32) * bgr(paper)
     y, x = np.mgrid[:size, :size].astype(np.float32)
     kind = number % 6
@@ -131,19 +121,8 @@ def ball(rng: np.random.Generator) -> Picture:
     """A beach ball unrolled (160 x 320)."""
     height, width = 160, 320
     x = np.arange(width)[None] * np.ones((height, 1))
-    panels = np.stack(
-        [
-            bgr(c)
-            for c in (
-                (224, 70, 56),
-                (246, 238, 224),
-                (244, 186, 60),
-                (246, 238, 224),
-                (48, 112, 176),
-                (246, 238, 224),
-            )
-        ]
-    )
-    picture = panels[(x // (width / 6)).astype(int) % 6]
-    picture[:12] = bgr((246, 238, 224))
+    white: Colour = (246, 238, 224)
+    colours: tuple[Colour, ...] = ((224, 70, 56), white, (244, 186, 60), white, (48, 112, 176), white)
+    picture = np.stack([bgr(colour) for colour in colours])[(x // (width / 6)).astype(int) % 6]
+    picture[:12] = bgr(white)
     return on_paper(rng, picture.astype(np.float32), 0.05)

@@ -14,11 +14,7 @@ from capture_app.simulation.scenes import (
 )
 from capture_app.simulation.scenes.definition import Fixture, SceneDefinition
 from capture_app.simulation.scenes.furniture import BACK, FLOOR, FRONT, LEFT, RIGHT, TOP
-from capture_app.simulation.scenes.meshes import (
-    Mesh,
-    box,
-    panel,
-)
+from capture_app.simulation.scenes.meshes import Mesh, box, panel
 from capture_app.simulation.scenes.poses import Poses, Series
 from capture_app.simulation.scenes.textures import Picture
 

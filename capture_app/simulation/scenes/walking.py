@@ -5,15 +5,13 @@ import numpy as np
 from capture_app.simulation.scenes.poses import (
     ANKLE_M,
     FLOOR_Y,
-    HIP_HALF_M,
-    NECK_Y,
+    HIP_Y,
     SHIN_M,
-    SHOULDER,
     THIGH_M,
-    UPPER_ARM_M,
+    LimbTurns,
     Poses,
     Series,
-    joint,
+    child_poses,
     turn,
 )
 
@@ -24,7 +22,6 @@ CENTRE = (0.0, 2.75)
 """x and z in m of the middle of the path."""
 REACH_M = (1.55, 0.42)
 """Half axes of the path along x and z: 1.5 m/s where they pass each other, in the middle."""
-_HIP_Y = 0.045
 
 
 def walking_child(time_s: Series, *, ahead: float, prefix: str) -> dict[str, Poses]:
@@ -42,32 +39,26 @@ def walking_child(time_s: Series, *, ahead: float, prefix: str) -> dict[str, Pos
         np.stack(
             [
                 CENTRE[0] + REACH_M[0] * np.cos(round_),
-                FLOOR_Y - ANKLE_M - _HIP_Y - leg,
+                FLOOR_Y - ANKLE_M - HIP_Y - leg,
                 CENTRE[1] + REACH_M[1] * np.sin(round_),
             ],
             axis=1,
         ),
     )
-    torso = joint(hips, (0.0, 0.02, 0.0), turn(1, -0.10 * np.sin(gait)) @ turn(0, np.full_like(yaw, 0.09)))
-    parts = {
-        "hips": hips,
-        "torso": torso,
-        "head": joint(torso, (0.0, NECK_Y, -0.005), turn(0, 0.03 * np.cos(2 * gait) - 0.05)),
-    }
-    for side, name in ((-1.0, "left"), (1.0, "right")):
-        thigh = joint(hips, (side * HIP_HALF_M, _HIP_Y, 0.0), turn(0, -swing[side]))
-        shin = joint(thigh, (0.0, THIGH_M, 0.0), turn(0, knee[side]))
-        parts[f"{name}_thigh"] = thigh
-        parts[f"{name}_shin"] = shin
+
+    def limbs(side: float) -> LimbTurns:
         pitch = turn(0, 0.6 * (knee[side] - swing[side]) - 0.12)
-        parts[f"{name}_shoe"] = Poses(hips.rotation @ pitch, shin.point(0.0, SHIN_M, 0.0))
-        upper = joint(
-            torso,
-            (side * SHOULDER[0], SHOULDER[1], 0.0),
-            turn(2, np.full_like(yaw, -side * 0.16)) @ turn(0, 0.75 * swing[side]),
+        return LimbTurns(
+            thigh=turn(0, -swing[side]),
+            shin=turn(0, knee[side]),
+            shoe=hips.rotation @ pitch,
+            arm=turn(2, np.full_like(yaw, -side * 0.16)) @ turn(0, 0.75 * swing[side]),
+            forearm=turn(0, -0.45 - 0.3 * swing[side]),
         )
-        parts[f"{name}_arm"] = upper
-        parts[f"{name}_forearm"] = joint(upper, (0.0, UPPER_ARM_M, 0.0), turn(0, -0.45 - 0.3 * swing[side]))
+
+    torso = turn(1, -0.10 * np.sin(gait)) @ turn(0, np.full_like(yaw, 0.09))
+    head = turn(0, 0.03 * np.cos(2 * gait) - 0.05)
+    parts = child_poses(hips, torso, head, limbs(-1.0), limbs(1.0))
     return {prefix + name: poses for name, poses in parts.items()}
 
 

@@ -34,12 +34,7 @@ class FeasibleLines:
     __slots__ = ("_corners", "_highest", "_lowest", "_steepest")
 
     def __init__(self, *, lowest: float, highest: float, steepest: float) -> None:
-        self.corners = [
-            (lowest, -steepest),
-            (highest, -steepest),
-            (highest, steepest),
-            (lowest, steepest),
-        ]
+        self.corners = [(lowest, -steepest), (highest, -steepest), (highest, steepest), (lowest, steepest)]
 
     @property
     def corners(self) -> list[Line]:

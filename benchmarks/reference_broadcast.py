@@ -77,8 +77,8 @@ def _measure(
     hub = network.multicast_hub()
     links = [
         EmulatedLink(
-            network.tap(leader),
-            network.tap(node),
+            network.link_end(leader),
+            network.link_end(node),
             *(Delays(least, least + tail) for least, tail in zip(both, TAILS_US, strict=True)),
         )
         for node, both in zip(nodes, least_us, strict=True)

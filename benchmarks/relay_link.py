@@ -45,8 +45,8 @@ def _measure(network: Network, options: argparse.Namespace) -> dict[str, Any]:
     top, middle, bottom = (network.namespace(name) for name in ("top", "middle", "bottom"))
     places = {"top": top, "middle": middle, "bottom": bottom}
     links = [
-        EmulatedLink(network.tap(top, "10.77.0.1/24"), network.tap(middle, "10.77.0.2/24")),
-        EmulatedLink(network.tap(middle, "10.79.0.1/24"), network.tap(bottom, "10.79.0.2/24")),
+        EmulatedLink(network.link_end(top, "10.77.0.1/24"), network.link_end(middle, "10.77.0.2/24")),
+        EmulatedLink(network.link_end(middle, "10.79.0.1/24"), network.link_end(bottom, "10.79.0.2/24")),
     ]
     state = {"XDG_STATE_HOME": str(network.scratch), "XDG_DATA_HOME": str(network.scratch)}
     sessions = network.scratch / "sessions"

@@ -94,7 +94,7 @@ def _measure_cases(
     """Return each case's result, and what the link did in each."""
     leader, client = network.namespace("leader"), network.namespace("client")
     network.cable(leader, f"{CABLE}/24", client, "10.78.0.2/24")
-    link = EmulatedLink(network.tap(leader, f"{WIRELESS}/24"), network.tap(client, "10.77.0.2/24"))
+    link = EmulatedLink(network.link_end(leader, f"{WIRELESS}/24"), network.link_end(client, "10.77.0.2/24"))
     serve = (*CAPTURE_APP, "experiment", "link", "--serve", "--port", str(PORT))
 
     def measure(case: str, host: str, trials: int, *more: str) -> None:

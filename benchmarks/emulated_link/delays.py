@@ -29,7 +29,7 @@ TO_LEADER, TO_CLIENT = Delays(479.0, 1878.0), Delays(517.0, 1133.0)
 
 @dataclass(frozen=True, slots=True)
 class EmulatedLink:
-    """A link between two TAP devices, `NAMESPACE/DEVICE`, with the delays of its two directions."""
+    """A link between two ends, `NAMESPACE/DEVICE`, with the delays of its two directions."""
 
     OUTLIERS: ClassVar[tuple[str, ...]] = ("-o", "0.0064", "-u", "20000")
     """The share of frames that come up to 20 ms later still (the paper: 0.64 % over 10 ms)."""

@@ -1,9 +1,10 @@
-/* A wireless link in user space: passes Ethernet frames between pairs of TAP devices, late and with losses.
+/* A wireless link in user space: passes Ethernet frames between pairs of nodes, late and with losses.
 
-   usage: emulator [-s SEED] [-l LOSS] [-o OUTLIERS] [-u OUTLIER_US] LINK...
+   usage: emulator [-s SEED] [-l LOSS] [-o OUTLIERS] [-u OUTLIER_US] NAMESPACE LINK...
 
-   LINK is four words: the TAP of one end, the TAP of the other, each as NAMESPACE/DEVICE, and the delays of
-   frames that the first and that the second end receives: LAW,MINIMUM_US[,MEAN_US,SHAPE].
+   LINK is four words: the device of one end, that of the other, each as NODE/DEVICE, and the delays of frames
+   that the first and that the second end receives: LAW,MINIMUM_US[,MEAN_US,SHAPE]. A device is a virtual cable
+   from the node's network namespace to NAMESPACE, of the same name there.
 
      constant   the minimum
      gamma      minimum + Gamma(SHAPE), of that mean in all
@@ -18,34 +19,25 @@
 
 #define _GNU_SOURCE
 #include <errno.h>
-#include <fcntl.h>
-#include <linux/if.h>
-#include <linux/if_tun.h>
 #include <poll.h>
 #include <sched.h>
 #include <signal.h>
 #include <stdlib.h>
-#include <sys/ioctl.h>
 #include <sys/mman.h>
 #include <sys/prctl.h>
 #include <time.h>
 #include <unistd.h>
 
 #include "delay_laws.h"
+#include "link_ends.h"
 
-enum { MAX_LINKS = 16, QUEUE_FRAMES = 1024, FRAME_BYTES = 1600, FRAMES_A_TURN = 64, WORDS_A_LINK = 4 };
+enum { MAX_LINKS = 16, QUEUE_FRAMES = 1024, FRAMES_A_TURN = 64, WORDS_A_LINK = 4 };
 enum { PRIORITY = 50 };
 /* A process wakes up tens of microseconds late, so the last part of each wait is spent awake. */
 enum { AWAKE_NS = 60000, LATE_NS = 100000 };
 
-struct frame {
-    int64_t due_ns;
-    ssize_t bytes;
-    uint8_t data[FRAME_BYTES];
-};
-
 struct direction {
-    int from, to; /* TAP file descriptors */
+    int from, to; /* packet sockets */
     struct law law;
     struct frame *queue;
     unsigned first, waiting;
@@ -58,50 +50,16 @@ struct direction {
 static double loss, outlier_share, outlier_us = 20000.0;
 static volatile sig_atomic_t stopped;
 
-static void fail(const char *what, const char *which)
-{
-    fprintf(stderr, "emulator: %s %s: %s\n", what, which, errno ? strerror(errno) : "not understood");
-    exit(1);
-}
-
-static int64_t now_ns(void)
-{
-    struct timespec now;
-    clock_gettime(CLOCK_MONOTONIC, &now);
-    return now.tv_sec * INT64_C(1000000000) + now.tv_nsec;
-}
-
 /* Frames */
-
-/* Attach to a TAP device, which the set-up made, in its network namespace: NAMESPACE/DEVICE. */
-static int open_tap(const char *where)
-{
-    char path[300];
-    const char *device = strrchr(where, '/');
-    errno = 0;
-    if (!device || strlen(device + 1) >= IFNAMSIZ)
-        fail("TAP", where);
-    snprintf(path, sizeof path, "/run/netns/%.*s", (int)(device - where), where);
-    int space = open(path, O_RDONLY | O_CLOEXEC);
-    if (space < 0 || setns(space, CLONE_NEWNET) < 0)
-        fail("namespace of", where);
-    close(space);
-    int tap = open("/dev/net/tun", O_RDWR | O_NONBLOCK | O_CLOEXEC);
-    struct ifreq request = {.ifr_flags = IFF_TAP | IFF_NO_PI};
-    strcpy(request.ifr_name, device + 1);
-    if (tap < 0 || ioctl(tap, TUNSETIFF, &request) < 0)
-        fail("TAP", where);
-    return tap;
-}
 
 static void send_frame(struct direction *d, const struct frame *frame)
 {
-    if (write(d->to, frame->data, (size_t)frame->bytes) != frame->bytes)
+    if (send(d->to, frame->data, (size_t)frame->bytes, 0) != frame->bytes)
         d->unsent++;
 }
 
 /* Let a frame that was just read wait for its time, at the end of the queue. */
-static void take_frame(struct direction *d, struct frame *frame, int64_t read_ns)
+static void take_frame(struct direction *d, struct frame *frame, int64_t arrived_ns)
 {
     d->frames++;
     if (uniform(&d->law) < loss) {
@@ -115,7 +73,7 @@ static void take_frame(struct direction *d, struct frame *frame, int64_t read_ns
         d->outliers++;
         delay_us += outlier_us * uniform(&d->law);
     }
-    frame->due_ns = read_ns + llround(delay_us * 1000.0);
+    frame->due_ns = arrived_ns + llround(delay_us * 1000.0);
     if (d->waiting && frame->due_ns < d->last_due_ns) {
         d->held_back++;
         frame->due_ns = d->last_due_ns;
@@ -131,13 +89,13 @@ static void read_frames(struct direction *d)
     for (int i = 0; i < FRAMES_A_TURN; i++) {
         bool full = d->waiting == QUEUE_FRAMES;
         struct frame *frame = full ? &spare : &d->queue[(d->first + d->waiting) % QUEUE_FRAMES];
-        frame->bytes = read(d->from, frame->data, FRAME_BYTES);
+        int64_t arrived_ns = read_frame(d->from, frame);
         if (frame->bytes <= 0)
             return;
         if (full)
             d->overflowed++;
         else
-            take_frame(d, frame, now_ns());
+            take_frame(d, frame, arrived_ns);
     }
 }
 
@@ -223,17 +181,18 @@ int main(int argc, char **argv)
             default: return 2;
         }
     }
-    int words = argc - optind, links = words / WORDS_A_LINK;
-    if (words == 0 || words % WORDS_A_LINK || links > MAX_LINKS) {
-        fprintf(stderr, "emulator: 1 to %d links of %d words each\n", MAX_LINKS, WORDS_A_LINK);
+    int words = argc - optind - 1, links = words / WORDS_A_LINK;
+    if (words <= 0 || words % WORDS_A_LINK || links > MAX_LINKS) {
+        fprintf(stderr, "emulator: a namespace, and 1 to %d links of %d words each\n", MAX_LINKS, WORDS_A_LINK);
         return 2;
     }
+    const char *namespace = argv[optind];
     prctl(PR_SET_PDEATHSIG, SIGTERM);
     for (int link = 0; link < links; link++) {
-        char **word = argv + optind + WORDS_A_LINK * link;
+        char **word = argv + optind + 1 + WORDS_A_LINK * link;
         struct direction *to_first = &directions[2 * link], *to_second = to_first + 1;
-        to_first->to = to_second->from = open_tap(word[0]);
-        to_second->to = to_first->from = open_tap(word[1]);
+        to_first->to = to_second->from = open_end(namespace, word[0]);
+        to_second->to = to_first->from = open_end(namespace, word[1]);
         errno = 0;
         if (!read_law(&to_first->law, word[2]) || !read_law(&to_second->law, word[3]))
             fail("delays of link", word[0]);

@@ -22,22 +22,19 @@ from .delays import EmulatedLink
 ROOT = Path(__file__).resolve().parents[2]
 CAPTURE_APP = (sys.executable, "-m", "capture_app.cli")
 SEARCH_PATH = os.environ.get("PATH", os.defpath) + ":/usr/sbin:/sbin"
-TUN = Path("/dev/net/tun")
 _NAMESPACES = Path("/run/netns")
 _PREFIX = "simulshot"
 _PACKAGES = {"ip": "iproute2", "cc": "gcc libc6-dev"}
 _END_S = 20.0
 
 
-def what_is_missing(*, is_root: bool, search_path: str = SEARCH_PATH, tun: Path = TUN) -> str:
+def what_is_missing(*, is_root: bool, search_path: str = SEARCH_PATH) -> str:
     """Say what an emulated network needs and this machine lacks, and what to type; empty if nothing."""
     if not sys.platform.startswith("linux"):
         return "an emulated network needs Linux"
     for tool, packages in _PACKAGES.items():
         if shutil.which(tool, path=search_path) is None:
             return f"{tool} is missing; type: sudo apt-get install {packages}"
-    if not tun.exists():
-        return f"{tun} is missing; type: sudo modprobe tun (for a container: --device {tun})"
     if not is_root:
         return "network namespaces need root; type: sudo make TARGET, with the target you have just typed"
     return ""
@@ -46,7 +43,7 @@ def what_is_missing(*, is_root: bool, search_path: str = SEARCH_PATH, tun: Path 
 class Network:
     """Namespaces and what joins them, within a `with` block; raises SystemExit where that cannot be.
 
-    `scratch` is a folder that goes with it.
+    `scratch` is a folder that goes with it, `air` the namespace in which emulated links are passed.
     """
 
     def __init__(self) -> None:
@@ -62,6 +59,7 @@ class Network:
         self.scratch = Path(self._stack.enter_context(tempfile.TemporaryDirectory()))
         source = Path(__file__).with_name("emulator.c")
         _call("cc", "-O2", "-o", str(self.scratch / "emulator"), str(source), "-lm")
+        self.air = self.namespace("air")
         return self
 
     def __exit__(self, *_: object) -> None:
@@ -82,10 +80,11 @@ class Network:
         _set_up(one, one_end, one_address)
         _set_up(other, other_end, other_address)
 
-    def tap(self, namespace: str, address: str = "") -> str:
+    def link_end(self, namespace: str, address: str = "") -> str:
         """Make one end of an emulated link; return it as `EmulatedLink` wants it."""
         device = self._new_device("wifi")
-        _ip_in(namespace, "tuntap", "add", device, "mode", "tap")
+        _ip_in(namespace, "link", "add", device, "type", "veth", "peer", "name", device, "netns", self.air)
+        _ip_in(self.air, "link", "set", device, "addrgenmode", "none", "up")
         _set_up(namespace, device, address)
         return f"{namespace}/{device}"
 
@@ -95,11 +94,11 @@ class Network:
         _add_bridge(hub, "")
         return hub
 
-    def join_hub(self, namespace: str, address: str, taps: Sequence[str], hub: str) -> None:
+    def join_hub(self, namespace: str, address: str, ends: Sequence[str], hub: str) -> None:
         """Give a namespace one address on its emulated links and the hub: multicast goes by the hub alone."""
         _add_bridge(namespace, address)
-        for tap in taps:
-            _add_port(namespace, tap.rpartition("/")[2], "mcast_flood", "off")
+        for end in ends:
+            _add_port(namespace, end.rpartition("/")[2], "mcast_flood", "off")
         here, there = self._add_veth(namespace, hub)
         _add_port(namespace, here, "learning", "off", "flood", "off", "bcast_flood", "off")
         _add_port(hub, there)
@@ -111,7 +110,7 @@ class Network:
         """Pass frames over the links within the block; afterwards the list holds each direction's report."""
         options = ["-s", str(seed), "-l", str(loss), *EmulatedLink.OUTLIERS]
         words = [word for link in links for word in link.words()]
-        command = [str(self.scratch / "emulator"), *options, *words]
+        command = [str(self.scratch / "emulator"), *options, self.air, *words]
         reports: list[dict[str, Any]] = []
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
             assert process.stdout is not None

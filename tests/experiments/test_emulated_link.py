@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.emulated_link.delays import Delays
-from benchmarks.emulated_link.network import TUN, what_is_missing
+from benchmarks.emulated_link.network import what_is_missing
 
 
 def make_tools(folder: Path, *names: str) -> str:
@@ -18,21 +18,18 @@ def make_tools(folder: Path, *names: str) -> str:
 
 
 @pytest.mark.parametrize(
-    ("tools", "tun", "is_root", "said"),
+    ("tools", "is_root", "said"),
     [
-        ((), True, True, "apt-get install iproute2"),
-        (("ip",), True, True, "apt-get install gcc"),
-        (("ip", "cc"), False, True, "modprobe tun"),
-        (("ip", "cc"), True, False, "sudo make"),
-        (("ip", "cc"), True, True, ""),
+        ((), True, "apt-get install iproute2"),
+        (("ip",), True, "apt-get install gcc"),
+        (("ip", "cc"), False, "sudo make"),
+        (("ip", "cc"), True, ""),
     ],
 )
 def test_it_says_what_is_missing_and_what_to_type(
-    tmp_path: Path, tools: tuple[str, ...], tun: bool, is_root: bool, said: str
+    tmp_path: Path, tools: tuple[str, ...], is_root: bool, said: str
 ) -> None:
-    search_path = make_tools(tmp_path, *tools)
-    there = tmp_path if tun else tmp_path / TUN.name
-    told = what_is_missing(is_root=is_root, search_path=search_path, tun=there)
+    told = what_is_missing(is_root=is_root, search_path=make_tools(tmp_path, *tools))
     assert said in told
     assert bool(told) == bool(said)
     assert "\n" not in told

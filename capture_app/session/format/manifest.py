@@ -40,6 +40,10 @@ class ClockRecord(_Record, frozen=True, kw_only=True, omit_defaults=True):
     relative_uncertainty_ns: Count | None = None
     """95 % error against the clocks of those cameras."""
 
+    def leader_from_local(self, local_ns: int) -> int:
+        """Leader time in ns of a local time in ns."""
+        return local_ns + self.offset_ns + round(self.skew_ppm * 1e-6 * (local_ns - self.epoch_local_ns))
+
 
 class PhaseRecord(_Record, frozen=True, kw_only=True):
     """How a camera's stream was moved onto the rig's grid of instants."""

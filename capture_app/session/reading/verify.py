@@ -18,7 +18,6 @@ from capture_app.session.format.manifest import (
     JOURNAL,
     MANIFEST,
     CameraRecord,
-    ClockRecord,
     ImageRecord,
 )
 from capture_app.session.reading.checksums import changed_files
@@ -63,11 +62,6 @@ def verify(session: Session) -> list[Problem]:
         *_ground_truth(session),
         *_unexpected(session),
     ]
-
-
-def leader_from_local(clock: ClockRecord, local_ns: int) -> int:
-    """Leader time in ns of a camera's local time in ns, by its clock record."""
-    return local_ns + clock.offset_ns + round(clock.skew_ppm * 1e-6 * (local_ns - clock.epoch_local_ns))
 
 
 def _burst(session: Session) -> Iterator[Problem]:
@@ -162,7 +156,7 @@ def _times(session: Session, record: ImageRecord) -> Iterator[Problem]:
     clock = camera.clock
     if clock is None or record.local_ns is None:
         return
-    error_ns = record.leader_ns - leader_from_local(clock, record.local_ns)
+    error_ns = record.leader_ns - clock.leader_from_local(record.local_ns)
     uncertainty_ns = clock.uncertainty_ns if record.uncertainty_ns is None else record.uncertainty_ns
     if abs(error_ns) > uncertainty_ns + _ROUNDING_NS:
         what = f"leader_ns differs by {error_ns} ns from local_ns converted by the clock record"

@@ -39,25 +39,18 @@ def distortion_of(camera: CameraCalibration) -> Array:
 
 
 def quaternion(rotation: Array) -> tuple[float, float, float, float]:
-    """Unit quaternion (w, x, y, z), w >= 0, of a rotation matrix (Shepperd 1978)."""
-    trace = float(np.trace(rotation))
-    squares = [trace, *(float(rotation[i, i]) for i in range(3))]
-    largest = int(np.argmax(squares))
-    if largest == 0:
-        w = math.sqrt(1 + trace) / 2
-        x, y, z = (float(rotation[j, i] - rotation[i, j]) / (4 * w) for i, j in ((1, 2), (2, 0), (0, 1)))
-        q = np.array([w, x, y, z])
-    else:
-        i = largest - 1
-        j, k = (i + 1) % 3, (i + 2) % 3
-        side = math.sqrt(max(0.0, 1 + 2 * float(rotation[i, i]) - trace)) / 2
-        q = np.empty(4)
-        q[0] = (rotation[k, j] - rotation[j, k]) / (4 * side)
-        q[1 + i] = side
-        q[1 + j] = (rotation[j, i] + rotation[i, j]) / (4 * side)
-        q[1 + k] = (rotation[k, i] + rotation[i, k]) / (4 * side)
-    q = q / np.linalg.norm(q) * (-1 if q[0] < 0 else 1)
-    return float(q[0]), float(q[1]), float(q[2]), float(q[3])
+    """Unit quaternion (w, x, y, z), w >= 0, of a rotation matrix (Horn 1987, section 4)."""
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation
+    symmetric = np.array(
+        [
+            [xx + yy + zz, zy - yz, xz - zx, yx - xy],
+            [zy - yz, xx - yy - zz, xy + yx, xz + zx],
+            [xz - zx, xy + yx, yy - xx - zz, yz + zy],
+            [yx - xy, xz + zx, yz + zy, zz - xx - yy],
+        ]
+    )
+    w, x, y, z = map(float, np.linalg.eigh(symmetric).eigenvectors[:, -1])
+    return (w, x, y, z) if w >= 0 else (-w, -x, -y, -z)
 
 
 def rodrigues(rotation: Array) -> tuple[float, float, float]:

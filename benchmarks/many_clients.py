@@ -22,7 +22,7 @@ from typing import cast
 
 from report import new_parser, print_report, print_table, talk
 
-from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
+from capture_app.camera_facts import SIMULATED, CameraFacts, PhaseControl, TimestampSource
 from capture_app.net.address import Address
 from capture_app.net.udp import Pump, SinglePeerEngine, client_socket
 from capture_app.sync.rig.events import Joined
@@ -39,7 +39,7 @@ FIRST_S = 180.0
 LOOK_EVERY_S = 0.05
 TARGET_CORES = 0.5
 CAMERA = CameraFacts(
-    kind="simulated",
+    kind=SIMULATED,
     model="none",
     width=0,
     height=0,

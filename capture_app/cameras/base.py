@@ -19,7 +19,7 @@ class FramePicture(Protocol):
 
 
 class GroundTruth(Protocol):
-    """What a simulated frame knows about itself that a real one does not."""
+    """The ground truth of a simulated frame."""
 
     @property
     def true_ns(self) -> int:

@@ -11,7 +11,7 @@ from capture_app.net.interfaces import own_hosts, source_address
 
 DEFAULT_PORT = 47010
 ANY_HOST = ("", "0.0.0.0", "::")  # noqa: S104 - cameras are other machines
-"""How to say: listen on all interfaces."""
+"""The hosts that mean all interfaces."""
 
 _BRACKETED = re.compile(r"\[(?P<host>[^\[\]]+)\](?::(?P<port>\d+))?")
 _PLAIN = re.compile(r"(?P<host>[^:\[\]\s]+)(?::(?P<port>\d+))?")

@@ -46,7 +46,7 @@ class Channel(Generic[M]):
 
     @property
     def peer(self) -> Address:
-        """Where the other end is."""
+        """Address of the other end."""
         where = self._writer.get_extra_info("peername") or ("?", 0)
         return Address(str(where[0]), int(where[1]))
 
@@ -136,7 +136,7 @@ class Channel(Generic[M]):
             await asyncio.gather(*ways, return_exceptions=True)
 
     def abort(self) -> None:
-        """Break the stream off, so that whoever waits for it goes on at once."""
+        """Break the stream off: all who wait for it get a NetworkError at once."""
         self._writer.transport.abort()
 
     async def close(self) -> None:

@@ -17,7 +17,7 @@ _IF_INET6 = Path("/proc/net/if_inet6")
 
 
 def own_hosts(family: socket.AddressFamily) -> list[str]:
-    """Return the addresses of the interfaces that are up, loopback aside; none where nobody tells."""
+    """Return the addresses of the interfaces that are up, without loopback; empty if not known."""
     return _hosts_v4() if family == socket.AF_INET else _hosts_v6()
 
 

@@ -1,6 +1,6 @@
 """Beacons over IPv4 multicast: sent on every interface that clients are reached by, heard on the leader's.
 
-Whatever does not work here is silence: clients then keep the time by their own exchanges, as ever.
+Failures here are not reported: without beacons clients estimate the time from their own exchanges alone.
 """
 
 import contextlib
@@ -14,7 +14,7 @@ from capture_app.sync.wire.beacon import Group
 BEACONS = Group("239.255.47.10", 47011)
 """The same for all rigs: a beacon says which leader sent it."""
 HOPS = 1
-"""No router passes it on: who hears it is on the same network."""
+"""Time to live: no router passes it on, so that all who hear it are on the same network."""
 
 # Linux's number, which the socket module does not have: hear no groups that others on this host have joined.
 _IP_MULTICAST_ALL = 49
@@ -33,7 +33,7 @@ class BeaconSender:
         # Nodes on this machine would hear it before the others do.
         self._socket.setsockopt(socket.IPPROTO_IP, socket.IP_MULTICAST_LOOP, 0)
 
-    def reach(self, hosts: Iterable[str]) -> None:
+    def set_destinations(self, hosts: Iterable[str]) -> None:
         """Send on the interfaces that lead to these hosts from now on, those of this machine left out."""
         wanted = frozenset(hosts)
         if wanted == self._hosts:
@@ -44,7 +44,7 @@ class BeaconSender:
         self._interfaces = tuple(sorted(found))
 
     def send(self, data: bytes) -> None:
-        """Send a beacon; where it cannot leave, nobody hears it."""
+        """Send a beacon on each interface; where one cannot send, it is left out."""
         for address in self._interfaces:
             try:
                 interface = socket.inet_aton(address)
@@ -107,7 +107,7 @@ def open_group_socket(group: Group, leader_host: str) -> socket.socket | None:
 
 
 class _ReceivingEngine:
-    """An engine that only hears."""
+    """An engine that receives and never sends."""
 
     def __init__(self, take: Callable[[bytes, int], None], after_turn: Callable[[], None]) -> None:
         self._take = take
@@ -119,11 +119,11 @@ class _ReceivingEngine:
         self._after_turn()
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, tuple[str, int]]]:
-        """Send nothing."""
+        """Return no datagrams."""
         return []
 
     def next_timer(self) -> None:
-        """Want nothing."""
+        """Return None: there is no timer."""
 
     def handle_timer(self, now_ns: int) -> None:
-        """Do nothing."""
+        """Do nothing: there is no timer."""

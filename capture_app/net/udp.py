@@ -59,7 +59,7 @@ class PeerEngine(TimedEngine, Protocol):
 
 
 class SinglePeerEngine:
-    """Gives a client's engine its leader's address: all goes there, nobody else is listened to."""
+    """An engine that talks to one peer, at that peer's address; datagrams of others are ignored."""
 
     def __init__(self, engine: PeerEngine, peer: Address) -> None:
         self._engine = engine
@@ -142,7 +142,7 @@ class Pump:
             except BlockingIOError:
                 return
             except OSError:
-                # The echo of something that we sent to a port where nobody listens.
+                # An ICMP error: something was sent to a port that is closed.
                 continue
             # The age first: whatever comes between makes the stamp late, which a filter for the least
             # delay forgives, and never early, which would break the hard bound.

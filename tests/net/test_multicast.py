@@ -52,9 +52,9 @@ async def test_all_who_listen_hear_a_beacon_and_when(group: Group) -> None:
         for notes in both:
             notes.ear.follow(group, "127.0.0.1")
         sender.send(b"nobody is reached yet")
-        sender.reach(["127.0.0.1"])
+        sender.set_destinations(["127.0.0.1"])
         sender.send(b"not to this machine itself")
-        sender.reach([ELSEWHERE, ELSEWHERE, "::1"])
+        sender.set_destinations([ELSEWHERE, ELSEWHERE, "::1"])
         before_ns = time.monotonic_ns()
         sender.send(b"one")
         after_ns = time.monotonic_ns()
@@ -75,7 +75,7 @@ async def test_an_ear_follows_one_leader_at_a_time(group: Group) -> None:
         notes.ear.follow(group, "127.0.0.1")
         notes.ear.follow(other, "127.0.0.1")
         for sender, data in zip(senders, (b"old", b"new"), strict=True):
-            sender.reach([ELSEWHERE])
+            sender.set_destinations([ELSEWHERE])
             sender.send(data)
         assert (await notes.next())[0] == b"new"
         assert notes.heard.empty()
@@ -94,7 +94,7 @@ def test_what_cannot_be_heard_is_silence() -> None:
     assert open_group_socket(group, "::1") is None
     assert source_address("127.0.0.1") == "127.0.0.1"
     sender = BeaconSender(group)
-    sender.reach(["::1"])
+    sender.set_destinations(["::1"])
     sender.send(b"to nobody")
     sender.close()
     sender.close()

@@ -22,8 +22,8 @@ from capture_app.sync.wire.codec import decode
 class NearSender(BeaconSender):
     """Nodes of this machine, which a leader leaves out, count as others here."""
 
-    def reach(self, hosts: object) -> None:
-        super().reach(["127.0.0.2"])
+    def set_destinations(self, hosts: object) -> None:
+        super().set_destinations(["127.0.0.2"])
 
 
 BeaconArrivals = asyncio.Queue[tuple[Client, Beacon]]

@@ -175,7 +175,7 @@ class BurstSession:
                 await self.give_up_camera(name, reason, silent=True)
 
     async def finish_now(self, reason: str) -> None:
-        """Finish with what is there; `reason` is told of what is not."""
+        """Finish with what has come; `reason` is recorded with the images that are missing."""
         for name in self._cameras:
             await self.give_up_camera(name, reason, silent=True)
         await self.finish_if_complete()

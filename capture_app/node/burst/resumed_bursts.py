@@ -106,7 +106,7 @@ class ResumedBursts:
 
 
 def interrupted_folders(root: Path) -> Iterator[Path]:
-    """Yield the folders of bursts that nobody writes and that were never finished, oldest first."""
+    """Yield the folders of unfinished bursts that no process writes, oldest first."""
     for plan in sorted(root.glob(f"*/{PLAN}")):
         if not (plan.parent / MANIFEST).exists() and not is_being_written(plan.parent):
             yield plan.parent

@@ -194,4 +194,4 @@ class CameraNode:
 
 
 def _silent(_: str) -> None:
-    """Nobody listens."""
+    """Drop a line."""

@@ -1,4 +1,4 @@
-"""A node's facts in the forms that the wire, the manifest and the event log want them in."""
+"""A node's clock, phase and events as the manifest, the report and the event log record them."""
 
 from typing import Any
 

@@ -11,5 +11,5 @@ def send_due_beacon(sender: BeaconSender | None, engine: Leader, now_ns: int) ->
     if beacon is None or sender is None:
         return
     own = [view for view in engine.clients(now_ns) if view.via is None]
-    sender.reach(view.address[0] for view in own if view.report.state is not NodeState.LOST)
+    sender.set_destinations(view.address[0] for view in own if view.report.state is not NodeState.LOST)
     sender.send(beacon)

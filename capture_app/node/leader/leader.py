@@ -189,7 +189,7 @@ class LeaderNode:
         self._bursts.note_spool_space(space)
 
     def tell_progress(self, session: BurstSession) -> None:
-        """Tell how far a burst is; its end is told apart."""
+        """Report how far a burst is, unless it is finished: that is reported once."""
         if not session.finished.is_set():
             self._on_news(session.status)
 

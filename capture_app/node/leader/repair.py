@@ -34,7 +34,7 @@ async def repair(
 ) -> list[RepairResult]:
     """Finish the session at `path`, or all in that folder, and return what became of each.
 
-    For `wait_s` a leader listens on host and port for nodes that bring what they hold; 0 asks nobody.
+    For `wait_s` a leader listens on host and port for nodes that bring what they hold; with 0 it does not.
     Raises BadInputError where there is no session, NetworkError where the port is taken.
     """
     folders = _sessions(path)

@@ -18,11 +18,11 @@ def node_statuses(views: tuple[ClientView, ...]) -> tuple[NodeStatus, ...]:
 
 
 def in_tree_order(nodes: tuple[NodeStatus, ...]) -> Iterator[NodeStatus]:
-    """Yield nodes in the order of a tree: each relay, then what is below it; nobody is left out."""
+    """Yield nodes in the order of a tree: each relay, then what is below it; every node once."""
     names = {node.name for node in nodes}
     below: dict[str | None, list[NodeStatus]] = {}
     for node in nodes:
-        # A relay that nobody knows any more may have left cameras behind.
+        # Cameras may be left of a relay that is not known any more.
         below.setdefault(node.parent if node.parent in names else None, []).append(node)
     shown: set[str] = set()
     stack = below.get(None, [])[::-1]

@@ -22,7 +22,7 @@ from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, Se
 DELIVERY_NS = (2_000_000, 4_000_000)
 """Least and most time from the end of a frame's readout to its callback."""
 STALL_NS = 500_000_000
-"""A driver has few buffers: frames that nobody fetched for this long are dropped."""
+"""A driver has few buffers: frames that are not fetched for this long are dropped."""
 
 
 class SimulatedCamera(Camera):

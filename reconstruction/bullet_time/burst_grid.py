@@ -15,7 +15,7 @@ MAX_INSTANTS = 8
 WIDTH_PX = 160
 
 
-def burst_grid(dataset: Dataset, out: Path) -> BurstGrid:
+def render_burst_grid(dataset: Dataset, out: Path) -> BurstGrid:
     """Write the thumbnails into out/pictures; of a long burst, instants spread evenly over it."""
     count = len(dataset.instants_ns)
     instants = evenly_spread(range(count), MAX_INSTANTS)

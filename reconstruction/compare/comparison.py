@@ -6,7 +6,7 @@ from pathlib import Path
 
 from capture_app.errors import NotAvailableError
 from capture_app.terminal import Progress
-from reconstruction.bullet_time.burst_grid import burst_grid
+from reconstruction.bullet_time.burst_grid import render_burst_grid
 from reconstruction.bullet_time.camera_sweep import render_camera_sweep
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.native_libraries import library_versions
@@ -125,7 +125,7 @@ class Comparison:
             sync_bound_us=self.dataset.worst_hard_bound_us(),
             conditions=conditions,
             dose=self.dose,
-            burst=burst_grid(self.dataset, self.folder),
+            burst=render_burst_grid(self.dataset, self.folder),
             bullet_time=render_camera_sweep(self.dataset, self.rig.motion, self.rig.views, self.folder),
             versions=library_versions(),
         )

@@ -13,8 +13,8 @@ from reconstruction.calibration.rig import Rig
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.compare.camera_group import MIN_CAMERAS, CameraGroup, choose_camera_group
 from reconstruction.compare.study import ALL_APART, SIDES, ComparisonTally
-from reconstruction.multiview.comparison_pictures import multiview_pictures
-from reconstruction.multiview.instant_depth import InstantDepth, instant_depth
+from reconstruction.multiview.comparison_pictures import write_multiview_pictures
+from reconstruction.multiview.instant_depth import InstantDepth, compute_instant_depth
 from reconstruction.multiview.instant_scoring import InstantScorer
 from reconstruction.multiview.source_views import choose_source_views
 from reconstruction.multiview.undistorted_session import UndistortedSession
@@ -56,11 +56,11 @@ class MultiviewStudy:
         max_instants: int,
         width: int,
         reference: str = "",
-        match: Callable[..., InstantDepth] = instant_depth,
+        match: Callable[..., InstantDepth] = compute_instant_depth,
     ) -> None:
         """Pictures wider than `width` px are made smaller; `reference`: refuse any other middle camera.
 
-        `match` makes the depth of an instant, as `instant_depth` does.
+        `match` makes the depth of an instant, as `compute_instant_depth` does.
         """
         self.rig = rig
         self.dataset = rig.dataset
@@ -213,7 +213,7 @@ class MultiviewStudy:
         best = int(np.argmax(seen))
         instant = instants[best].instant
         photo = self.shots.image(self.group.reference, instant).colours
-        return multiview_pictures(photo, found[best], moving[best], scorer.true_depth(instant), folder)
+        return write_multiview_pictures(photo, found[best], moving[best], scorer.true_depth(instant), folder)
 
     def _late(self, condition: Condition) -> dict[str, float]:
         late_ms = fixed_offsets_ms(condition, self.dataset)

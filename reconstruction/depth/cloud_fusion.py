@@ -2,7 +2,10 @@
 
 from pathlib import Path
 
+import numpy as np
+
 from capture_app.errors import BadInputError
+from reconstruction.common.geometry import Array
 from reconstruction.common.native_libraries import load_pycolmap
 
 MIN_VIEWS = 3
@@ -40,3 +43,19 @@ def fuse_depth_maps(folder: Path, cloud: Path, views: int) -> int:
             "and their calibration must be this rig's",
         )
     return count
+
+
+def read_fused_cloud(path: Path, views: int) -> tuple[Array, Array]:
+    """Points (n, 3) of a fused PLY, and by its `.vis` file from which views' maps each was fused."""
+    data = path.read_bytes()
+    start = data.index(b"end_header\n") + len(b"end_header\n")
+    vertex = np.dtype([("at", "<f4", 3), ("normal", "<f4", 3), ("colour", "u1", 3)])
+    points = np.frombuffer(data, vertex, offset=start)["at"]
+    lists = np.frombuffer(path.with_name(path.name + ".vis").read_bytes(), "<u4", offset=8)
+    seen = np.zeros((len(points), views), bool)
+    at = 0
+    for row in seen:
+        count = int(lists[at])
+        row[lists[at + 1 : at + 1 + count]] = True
+        at += 1 + count
+    return np.array(points), seen

@@ -11,7 +11,7 @@ from reconstruction.scores.depth_truth import TOLERANCE_TEXT, right_depth
 from reconstruction.scores.results import Picture
 
 
-def multiview_pictures(
+def write_multiview_pictures(
     photo: Array, maps: Mapping[str, InstantDepth], moving: Array, truth: Array | None, out: Path
 ) -> tuple[Picture, ...]:
     """Distance and what moves (bool) of one instant in both conditions, in out/pictures.

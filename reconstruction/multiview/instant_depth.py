@@ -10,7 +10,7 @@ import numpy as np
 from capture_app.errors import BadInputError, NotAvailableError
 from reconstruction.common.brightness import match_brightness
 from reconstruction.common.geometry import Array
-from reconstruction.depth.cloud_fusion import fuse_depth_maps
+from reconstruction.depth.cloud_fusion import fuse_depth_maps, read_fused_cloud
 from reconstruction.depth.colmap_workspace import write_workspace
 from reconstruction.depth.geometric_consistency import ConsistencyLimits, count_coinciding_views
 from reconstruction.depth.source_view import SourceView
@@ -40,7 +40,7 @@ class InstantDepth:
     no_cloud: Array
 
 
-def instant_depth(
+def compute_instant_depth(
     images: Mapping[str, InputImage],
     sources: Mapping[str, Sequence[str]],
     reach: tuple[float, float],
@@ -88,7 +88,7 @@ def _fuse_cloud(images: Mapping[str, InputImage], found: Mapping[str, ViewDepth]
             colours = {camera: images[camera].colours for camera in fused}
             write_workspace(Path(scratch), views, colours, {camera: found[camera] for camera in fused})
             fuse_depth_maps(Path(scratch), cloud, len(fused))
-            points, seen = _read_cloud(cloud, len(fused))
+            points, seen = read_fused_cloud(cloud, len(fused))
         except NotAvailableError as error:
             reason = str(error)
         except BadInputError:
@@ -97,19 +97,3 @@ def _fuse_cloud(images: Mapping[str, InputImage], found: Mapping[str, ViewDepth]
     whole = np.zeros((len(points), len(images)), bool)
     whole[:, [list(images).index(camera) for camera in fused]] = seen
     return {"points": points, "seen": whole, "no_cloud": np.array(reason)}
-
-
-def _read_cloud(path: Path, views: int) -> tuple[Array, Array]:
-    """Points (n, 3) of a fused PLY, and by its `.vis` file from which views' maps each was fused."""
-    data = path.read_bytes()
-    start = data.index(b"end_header\n") + len(b"end_header\n")
-    vertex = np.dtype([("at", "<f4", 3), ("normal", "<f4", 3), ("colour", "u1", 3)])
-    points = np.frombuffer(data, vertex, offset=start)["at"]
-    lists = np.frombuffer(path.with_name(path.name + ".vis").read_bytes(), "<u4", offset=8)
-    seen = np.zeros((len(points), views), bool)
-    at = 0
-    for row in seen:
-        count = int(lists[at])
-        row[lists[at + 1 : at + 1 + count]] = True
-        at += 1 + count
-    return np.array(points), seen

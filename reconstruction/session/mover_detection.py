@@ -31,7 +31,7 @@ def detect_movers(image: Array, neighbours: Sequence[Array], still: Array) -> Ar
     """
     differences = [_grey_difference(image, other) for other in (*neighbours, still)]
     change = np.minimum.reduce(differences)
-    spread = max(_noise_level(image, other) for other in (*neighbours, still))
+    spread = max(_noise_sigma(image, other) for other in (*neighbours, still))
     mask = (change > max(MIN_GREY_STEP, 4.0 * spread) + SHAKE_PX * _gradient(still)).astype(np.uint8)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
     mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, disc)
@@ -59,7 +59,7 @@ def _gradient(image: Array) -> Array:
     return np.asarray(cv2.magnitude(across, down) / 8)
 
 
-def _noise_level(a: Array, b: Array) -> float:
+def _noise_sigma(a: Array, b: Array) -> float:
     """How far grey levels differ where nothing moves (one standard deviation, robust)."""
     difference = _grey_difference(a, b)
     return float(np.median(difference)) * 1.4826

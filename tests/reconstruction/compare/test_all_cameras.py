@@ -20,7 +20,7 @@ from reconstruction.multiview.cloud_accuracy import (
     points_on_movers,
     true_surfaces,
 )
-from reconstruction.multiview.instant_depth import InstantDepth, instant_depth
+from reconstruction.multiview.instant_depth import InstantDepth, compute_instant_depth
 from reconstruction.session.conditions import DISTINCT, Condition
 from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import HEIGHT, WIDTH, Scene, make_view, write_session
@@ -45,7 +45,7 @@ def study(
     *,
     instants: int = 1,
     width: int = 640,
-    match: Callable[..., InstantDepth] = instant_depth,
+    match: Callable[..., InstantDepth] = compute_instant_depth,
 ) -> MultiviewStudy:
     """A study of a calibrated session."""
     dataset = Dataset(session)

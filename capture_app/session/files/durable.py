@@ -1,4 +1,4 @@
-"""Files that are whole or not there: write aside, sync, rename, sync the folder."""
+"""Atomic and durable files: written to a temporary name, synced, renamed, and their folder synced."""
 
 import ctypes
 import errno

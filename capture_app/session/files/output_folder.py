@@ -169,7 +169,7 @@ class OutputFolder:
             _log.warning("removed what a run that was killed had left in %s", self._workplace)
 
     def _restore(self) -> None:
-        """Bring an earlier result back that was set aside; remove it where the new one took its place."""
+        """Restore an earlier result that was set aside; remove it where the new one took its place."""
         if not self._earlier.exists():
             return
         if not self.target.exists():
@@ -199,7 +199,7 @@ class OutputFolder:
         sync_folder(self._workplace)
 
     def _release(self) -> None:
-        """Remove the workplace and give the lock back; what cannot be removed is told."""
+        """Remove the workplace and give the lock back; warn of what cannot be removed."""
         try:
             self._restore()
             shutil.rmtree(self.folder, ignore_errors=True)

@@ -24,7 +24,7 @@ class CameraPlan(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     instants: tuple[Count, ...] = ()
     """The images that it has announced."""
     missing: tuple[MissingImage, ...] = ()
-    """The images that it has said it cannot give."""
+    """The images that it has reported missing."""
     calibration: CameraCalibration | None = None
     true_clock: SimulatedClock | None = None
     """A simulated camera's clock as it really is."""

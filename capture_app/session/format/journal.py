@@ -36,7 +36,7 @@ class Journal:
         with self._arriving:
             self._waiting.append(mine)
         with self._syncing:
-            # While this thread waited, the one before it may have noted this image with its own.
+            # While this thread waited, the one before it may have added the line of this image with its own.
             if not mine.done:
                 self._note_all()
         if mine.error is not None:

@@ -20,10 +20,10 @@ from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 
 Progress = Callable[[int, int], None]
-"""Told after each frame: how many are done, and of how many."""
+"""Called after each frame with the number of frames done and of all."""
 
 Talk = Callable[[str], None]
-"""Told, in a line each, what was assumed."""
+"""Called with a line for each assumption."""
 
 _NO_FRAME = "the recording has no frame of it"
 

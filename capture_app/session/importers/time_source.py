@@ -29,7 +29,7 @@ class TimeOptions:
 
 
 def make_timeline(sources: Sequence[Source], options: TimeOptions, talk: Callable[[str], None]) -> Timeline:
-    """Find when every frame was taken and which are of one instant; assumptions are told to `talk`.
+    """Find when every frame was taken and which are of one instant; assumptions are passed to `talk`.
 
     Raises BadInputError where nothing tells, or more than one thing does.
     """
@@ -72,10 +72,10 @@ def _by_videos(sources: Sequence[Source], options: TimeOptions, talk: Callable[[
 
 
 def _no_times(sources: Sequence[Source]) -> BadInputError:
-    said = next((f"{s.path.name} says --fps {s.fps:g}; " for s in sources if isinstance(s, Video)), "")
+    suggestion = next((f"{s.path.name} says --fps {s.fps:g}; " for s in sources if isinstance(s, Video)), "")
     return BadInputError(
         "give either the rate, --fps, or a table of times, --timestamps",
-        hint=f"{said}--times video, name or exif takes the frames' own",
+        hint=f"{suggestion}--times video, name or exif takes the frames' own",
     )
 
 

@@ -28,23 +28,23 @@ def write_checksums(folder: Path, manifest: bytes) -> None:
 def changed_files(folder: Path) -> Iterator[tuple[str, str]]:
     """Yield the path and what is wrong for each file that is not as it was when the session was finished."""
     try:
-        told = (folder / CHECKSUMS).read_bytes()
+        stored = (folder / CHECKSUMS).read_bytes()
     except OSError:
         yield CHECKSUMS, "the checksums are missing"
         return
     known = set()
-    for line in told.split(b"\n")[:-1]:
+    for line in stored.split(b"\n")[:-1]:
         sha256, _, name = line.decode("ascii", errors="replace").partition("  ")
         known.add(name)
         if name not in COVERED or len(sha256) != 64:
             yield CHECKSUMS, f"has an unknown line: {line!r}"
             continue
         try:
-            is_so = hashlib.sha256((folder / name).read_bytes()).hexdigest()
+            actual = hashlib.sha256((folder / name).read_bytes()).hexdigest()
         except OSError as error:
             yield name, f"cannot be read: {error.strerror}"
             continue
-        if is_so != sha256:
+        if actual != sha256:
             yield name, "its bytes have changed: another sha256"
-    if MANIFEST not in known or JOURNAL not in known or not told.endswith(b"\n"):
-        yield CHECKSUMS, "is not whole"
+    if MANIFEST not in known or JOURNAL not in known or not stored.endswith(b"\n"):
+        yield CHECKSUMS, "is incomplete"

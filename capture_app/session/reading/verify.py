@@ -102,11 +102,11 @@ def _sync(session: Session) -> Iterator[Problem]:
     manifest = session.manifest
     if manifest.sync is None:
         return
-    told = sync_record(manifest.cameras, manifest.burst, manifest.images, manifest.missing)
+    computed = sync_record(manifest.cameras, manifest.burst, manifest.images, manifest.missing)
     for name in manifest.sync.__struct_fields__:
-        said, is_so = getattr(manifest.sync, name), getattr(told, name)
-        if said != is_so:
-            what = f"sync.{name} is {said}; it follows from the images that it is {is_so}"
+        stored, expected = getattr(manifest.sync, name), getattr(computed, name)
+        if stored != expected:
+            what = f"sync.{name} is {stored}; computed from the images it is {expected}"
             yield Problem(ProblemKind.CONTRADICTORY, MANIFEST, what)
 
 
@@ -180,13 +180,13 @@ def _journal(session: Session) -> Iterator[Problem]:
             yield Problem(ProblemKind.CONTRADICTORY, JOURNAL, what)
         saved[record.camera, record.instant] = record
     for image in session.manifest.images:
-        noted = saved.pop((image.camera, image.instant), None)
-        if noted is None:
+        listed = saved.pop((image.camera, image.instant), None)
+        if listed is None:
             yield Problem(ProblemKind.CONTRADICTORY, JOURNAL, f"has no entry for {image.path}")
-        elif noted != image:
+        elif listed != image:
             yield Problem(ProblemKind.CONTRADICTORY, JOURNAL, f"differs from the manifest in {image.path}")
-    for noted in saved.values():
-        yield Problem(ProblemKind.CONTRADICTORY, MANIFEST, f"lacks {noted.path}, which the journal has")
+    for listed in saved.values():
+        yield Problem(ProblemKind.CONTRADICTORY, MANIFEST, f"lacks {listed.path}, which the journal has")
 
 
 def _checksums(session: Session) -> Iterator[Problem]:

@@ -145,7 +145,7 @@ class Comparison:
             self.dose = measure_curve(self.rig, pair, steps, most, Progress(0, silent=True))
 
     def _run_poses(self, moving: float) -> None:
-        """Find poses where that is asked for or much moves; `moving` is the share of pixels that do."""
+        """Estimate poses if asked for or if much moves; `moving` is the share of moving pixels."""
         asked, share = self.options.poses, wording.share(moving, decimals=0)
         if asked is None and moving < LARGE_MOVING_SHARE:
             self.poses.skipped = (

@@ -27,7 +27,7 @@ LOSS = 0.1
 
 
 def whole_frame_offsets(dataset: Dataset, most_ms: float) -> list[FrameOffset]:
-    """The whole frames up to `most_ms` (or what the burst holds), at most `MAX_STEPS` of them.
+    """The whole-frame offsets up to `most_ms`, or as far as the burst reaches; at most `MAX_STEPS`.
 
     Raises:
         BadInputError: there is one instant only.
@@ -53,10 +53,10 @@ def measure_curve(
     max_instants: int,
     progress: Progress,
 ) -> DoseResult:
-    """The curve of a pair over these offsets, every point on the same instants and moving pixels.
+    """Measure the curve of a pair at these offsets, every point on the same instants and moving pixels.
 
     Raises:
-        ValueError: the pair sees too little in common, or no instant has all its frames.
+        ValueError: the two views overlap too little, or no instant has all its frames.
     """
     later = [dict(pairs_with_images(rig.dataset, step, *cameras)) for step in steps]
     common = [now for now in later[0] if all(now in partners for partners in later)]
@@ -92,7 +92,7 @@ def measure_curve(
 
 
 def value_of(scores: DepthScores, measure: str) -> Interval | None:
-    """A measure with its interval (of no width where there are too few instants for one)."""
+    """A measure with its interval, which has no width if there are too few instants."""
     value: float | None = getattr(scores, measure)
     if value is None:
         return None

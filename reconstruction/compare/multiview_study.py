@@ -33,7 +33,7 @@ PER_INSTANT = (
 
 @dataclass(frozen=True)
 class ShownInstant:
-    """What each camera shows at one instant of the reference: in the condition, and all of one instant."""
+    """The instant that each camera shows while the reference shows `instant`."""
 
     instant: int
     shown: dict[str, int]
@@ -72,7 +72,7 @@ class MultiviewStudy:
 
     @property
     def steps(self) -> int:
-        """A line to begin with, and one for each instant and condition."""
+        """One for choosing the cameras, and one for each instant and condition."""
         return 1 + 2 * min(self.max_instants, len(self.dataset.instants_ns))
 
     def for_session(self, rig: Rig) -> Self:
@@ -102,7 +102,7 @@ class MultiviewStudy:
     ) -> MultiviewComparison:
         """A condition against the synchronized one, on the same instants, pixels and cameras.
 
-        Pictures of the instant with most to see are made where there is a folder.
+        Pictures of the instant with most moving pixels found go into the folder.
 
         Raises:
             ValueError: the burst does not hold this condition.
@@ -169,7 +169,7 @@ class MultiviewStudy:
         return useful
 
     def _kept(self, instant: int, shown: dict[str, int], good: Callable[[str, int], bool]) -> dict[str, int]:
-        """The cameras whose pictures are good in both conditions, and what they show."""
+        """What the cameras show whose pictures are usable in both conditions."""
         return {
             c: shown[c] for c in self.group.cameras if c in shown and good(c, instant) and good(c, shown[c])
         }
@@ -179,7 +179,7 @@ class MultiviewStudy:
         views = {camera: shot.calibrated.view for camera, shot in shots.items()}
         sources = choose_source_views(views, self.group.sample_depths)
         if not sources[self.group.reference]:
-            raise ValueError(f"no camera with a picture sees what {self.group.reference} sees")
+            raise ValueError(f"no camera with a picture overlaps with {self.group.reference}")
         made = self.rig.stages.arrays(
             "multiview",
             lambda: vars(self.match(shots, sources, self.group.depth_range, self.group.reference)),

@@ -13,7 +13,7 @@ Pair = tuple[str, str]
 
 
 class PairStudy:
-    """A study of two cameras, of which the second is late."""
+    """A study of two cameras whose second is late."""
 
     def __init__(self, rig: Rig, offset: FrameOffset | None, asked: Pair | None, max_instants: int) -> None:
         """`offset`: how late, None = not at all; `asked`: the cameras, None = chosen from the images."""
@@ -28,7 +28,7 @@ class PairStudy:
 
     @property
     def steps(self) -> int:
-        """A line to begin with, and one for each instant."""
+        """One for choosing the cameras, and one for each instant."""
         return 1 + min(len(self.offset.pairs) if self.offset else 0, self.max_instants)
 
     @property
@@ -44,17 +44,17 @@ class PairStudy:
         theirs.reason = self.reason
         return theirs
 
-    def set_pair(self, choice: PairChoice) -> None:
-        """Take this pair.
+    def use_pair(self, choice: PairChoice) -> None:
+        """Use the chosen pair.
 
         Raises:
-            ValueError: there is none.
+            ValueError: no pair could be chosen.
         """
         if choice.cameras is None:
             raise ValueError(choice.why)
         self.cameras, self.reason = choice.cameras, self.reason or choice.why
 
-    def pairs(self, condition: Condition) -> tuple[list[tuple[int, int]], float | None]:
+    def instant_pairs(self, condition: Condition) -> tuple[list[tuple[int, int]], float | None]:
         """The instants that the two cameras show, spread over the burst, and how late the second is, ms.
 
         None for the latter where both are of one instant, or where every instant is drawn for itself.

@@ -1,4 +1,4 @@
-"""The panorama half of a comparison: registered once, composed and measured for both conditions."""
+"""The panorama study of a comparison: registered once, then measured in both conditions."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -32,7 +32,7 @@ REGISTRATION_INSTANTS = 3
 
 
 class PanoramaStudy(PairStudy):
-    """A panorama of two cameras, synchronized and offset; those without a view are taken as they are."""
+    """A panorama of two cameras, synchronized and offset; images of uncalibrated cameras stay distorted."""
 
     subject = "panorama"
 
@@ -46,9 +46,9 @@ class PanoramaStudy(PairStudy):
         Raises:
             ValueError: no two cameras suit, or their pictures make no panorama.
         """
-        self.set_pair(self.rig.choose_panorama_pair(self.asked, middle))
+        self.use_pair(self.rig.choose_panorama_pair(self.asked, middle))
         progress.step(f"registering {self.cameras[0]} and {self.cameras[1]}")
-        self.registration = self._register([now for now, _ in self.pairs(self.condition)[0]])
+        self.registration = self._register([now for now, _ in self.instant_pairs(self.condition)[0]])
 
     def _register(self, instants: Sequence[int]) -> PairRegistration:
         """Fix the geometry from what stands still.
@@ -76,7 +76,7 @@ class PanoramaStudy(PairStudy):
             self.dataset.size(second),
         )
         if homography is None:
-            raise ValueError(f"the pictures of {first} and {second} cannot be laid over each other")
+            raise ValueError(f"the pictures of {first} and {second} cannot be registered to each other")
         rough = register_pair(views[0], views[1], homography)
         moving = np.zeros(rough.overlap.shape, bool)
         for which, name in enumerate(self.cameras):
@@ -93,10 +93,10 @@ class PanoramaStudy(PairStudy):
     def compare(
         self, condition: Condition, progress: Progress, folder: Path | None = None
     ) -> PanoramaComparison:
-        """As `Study.compare`; the misfit is judged in the overlap."""
+        """As `Study.compare`; the misfit is measured in the overlap."""
         assert self.registration is not None
         first, second = self.cameras
-        pairs, offset_ms = self.pairs(condition)
+        pairs, offset_ms = self.instant_pairs(condition)
         tally = ComparisonTally(PanoramaScores, measures_of(PanoramaScores))
         changes = Tally()
         for now, later in pairs:

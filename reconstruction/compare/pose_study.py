@@ -64,7 +64,7 @@ class PoseStudy:
         max_instants: int = MAX_INSTANTS,
         finder: Callable[[Dataset, Mapping[str, View], Path], PoseFinder] = PoseFinder,
     ) -> None:
-        """`reason` says in words why poses are looked at; `finder` finds them."""
+        """`reason` says why poses are estimated; `finder` estimates them."""
         self.rig = rig
         self.dataset = rig.dataset
         self.reason = reason
@@ -77,7 +77,7 @@ class PoseStudy:
         return type(self)(rig, self.reason, self.max_instants, self.finder)
 
     def prepare(self, middle: int, progress: Progress) -> None:
-        """Refuse cameras that poses cannot be judged with.
+        """Refuse cameras whose poses cannot be compared.
 
         Raises:
             ValueError: fewer than three cameras are calibrated.

@@ -8,9 +8,9 @@ from reconstruction.stereo.stereo_pair import DepthMap, StereoPair
 
 @dataclass(frozen=True)
 class StereoInstant:
-    """Depth by side (`synced`, `offset`), and the pixels to judge it on (bool, reference view).
+    """Depth by side (`synced`, `offset`), and the pixels it is measured on (bool, reference view).
 
-    `truth` is in the calibration's unit, NaN = unknown; None where nothing of it is known.
+    `truth` is in the calibration's unit, NaN = unknown; None where the truth is unknown.
     """
 
     now: int

@@ -1,4 +1,4 @@
-"""The stereo half of a comparison: one pair, every usable instant, both conditions."""
+"""The stereo study of a comparison: depth of one pair at every usable instant, in both conditions."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -35,13 +35,13 @@ class StereoStudy(PairStudy):
         Raises:
             ValueError: no two cameras suit, or one of them has no calibration.
         """
-        self.set_pair(self.rig.choose_stereo_pair(self.asked, middle))
+        self.use_pair(self.rig.choose_stereo_pair(self.asked, middle))
 
     def compare(
         self, condition: Condition, progress: Progress, folder: Path | None = None
     ) -> StereoComparison:
         """As `Study.compare`."""
-        pairs, offset_ms = self.pairs(condition)
+        pairs, offset_ms = self.instant_pairs(condition)
         result, instants = self.compare_instants(pairs, progress)
         pictures = stereo_pictures(self.dataset, self.cameras, instants, folder) if folder else ()
         return msgspec.structs.replace(result, offset_ms=offset_ms, pictures=pictures)
@@ -49,10 +49,10 @@ class StereoStudy(PairStudy):
     def compare_instants(
         self, pairs: Sequence[tuple[int, int]], progress: Progress
     ) -> tuple[StereoComparison, list[StereoInstant]]:
-        """Scores of both conditions, and the depth that they are of; `pairs` are (instant, later instant).
+        """Compute depth and scores of both conditions; `pairs` are (instant, instant of the second camera).
 
         Raises:
-            ValueError: the pair sees too little in common.
+            ValueError: the two views overlap too little.
         """
         rig, (reference, other) = self.rig, self.cameras
         views = rig.views[reference], rig.views[other]
@@ -120,7 +120,7 @@ class StereoStudy(PairStudy):
     def _instants(
         self, pairs: Sequence[tuple[int, int]], maps: Sequence[dict[str, DepthMap]], matcher: StereoPair
     ) -> list[StereoInstant]:
-        """The pixels that every instant is judged on, the same in both conditions."""
+        """The pixels that every instant is measured on, the same in both conditions."""
         (reference, other), dataset, motion = self.cameras, self.dataset, self.motion
         moving = [motion.moving(reference, now) for now, _ in pairs]
         still = median_still_depth([one["synced"].depth for one in maps], moving)

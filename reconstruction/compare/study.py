@@ -1,4 +1,4 @@
-"""What the studies of a comparison have in common: the protocol, how one is run, and how it keeps score."""
+"""What all studies of a comparison share: their protocol, their run, and the tally of both conditions."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -66,7 +66,7 @@ class Study(Protocol[Result_co]):
 
 
 class StudyRun(Generic[Result]):
-    """A study with its result, or the reason why there is none."""
+    """A study and its result, or the reason why it was skipped."""
 
     def __init__(self, study: Study[Result]) -> None:
         self.study = study
@@ -83,7 +83,7 @@ class StudyRun(Generic[Result]):
             self.skipped = str(error)
 
     def compare_condition(self, condition: Condition, skipped: list[str]) -> Result | None:
-        """A further condition; why it cannot be had is added to `skipped`."""
+        """Compare a further condition; if it is impossible, the reason is added to `skipped`."""
         if self.result is None or condition == self.study.condition:
             return self.result
         try:
@@ -93,7 +93,7 @@ class StudyRun(Generic[Result]):
             return None
 
     def compare_session(self, rig: Rig, skipped: list[str]) -> Result | None:
-        """Another session's synchronized pictures beside this session's; not paired by instant."""
+        """Compare with another session's synchronized pictures, not paired by instant; else as above."""
         if self.result is None:
             return None
         theirs = self.study.for_session(rig)

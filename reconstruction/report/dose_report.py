@@ -40,7 +40,7 @@ def dose_view(dose: DoseResult) -> DoseView:
 
 
 def dose_sentence(dose: DoseResult) -> str:
-    """What a user takes away from the curve."""
+    """The result of the curve in a sentence or two."""
     late = dose.points[-1]
     first, last = (getattr(p.scores, dose.measure) for p in (dose.points[0], late))
     what = "the right distance is found" if dose.measure.endswith("2pct") else "a distance is found"

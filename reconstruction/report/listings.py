@@ -30,7 +30,7 @@ INSTANT_COLUMNS: tuple[tuple[str, str, Show], ...] = (
 
 @dataclass(frozen=True)
 class _Condition:
-    """A condition's name, what is to be said of it, and its scores by study."""
+    """A condition: its name, details in words, and its scores by study."""
 
     name: str
     details: str
@@ -77,7 +77,7 @@ def _scores(found: CompareResult | ConditionResult, studies: Sequence[str], side
 
 
 def _drawn(one: ConditionResult) -> bool:
-    """Whether it is the condition that the studies of all cameras have anyway."""
+    """Whether it is the studies of all cameras' own condition."""
     return not one.offsets_ms and not one.session
 
 

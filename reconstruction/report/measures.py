@@ -1,4 +1,4 @@
-"""What the measures of a report are called and how they are to be read; the same in every table."""
+"""Names and explanations of the measures in a report's tables."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ def degrees(value: float | None) -> str:
 
 @dataclass(frozen=True)
 class Measure:
-    """A row of a table: the field of the scores that it shows, its name and how it is to be read.
+    """A row of a table: the field of the scores that it shows, its name and its explanation.
 
     `show` writes a value; shares (`wording.share`) also get a bar.
     """
@@ -147,7 +147,7 @@ def multiview_measures(result: MultiviewComparison) -> tuple[Measure, ...]:
 
 
 def pose_measures(result: PoseComparison) -> tuple[Measure, ...]:
-    """The rows of poses found from single instants."""
+    """The rows of poses estimated from single instants."""
     return (
         Measure(
             "registered",

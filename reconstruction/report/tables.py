@@ -36,7 +36,7 @@ class Column:
 
 @dataclass(frozen=True)
 class Cell:
-    """A value in words; a share (0..1) that is drawn as a bar, and what stands beneath in small print."""
+    """A value in words; a share (0..1) that is drawn as a bar, and small print beneath."""
 
     text: str
     share: float | None = None
@@ -106,7 +106,7 @@ def twin_table(
     sides: wording.Sides,
     kinds: Sequence[tuple[str, str]] = PLAIN,
 ) -> Table:
-    """Both conditions side by side, in each group of columns; measures nobody took are left out."""
+    """Both conditions side by side, in each group of columns; measures without values are left out."""
     heads = ((sides.short, "synced"), (sides.late_short or sides.late_head, "offset"))
     rows = []
     for measure in measures:

@@ -84,7 +84,7 @@ class MultiviewComparison(Struct, frozen=True, kw_only=True):
     width_px: int = 0
     """Of the reference's picture as it was matched: large ones are made smaller for a comparison."""
     per_instant: tuple[dict[str, float | int | None], ...] = ()
-    """Keys as in StereoResult.per_instant, and `synced_mover_points` and `offset_mover_points`."""
+    """Keys as in StereoComparison.per_instant, and `synced_mover_points` and `offset_mover_points`."""
     differences: dict[str, Interval] = {}
     """Offset minus synced by measure, paired by instant."""
     pictures: tuple[Picture, ...] = ()

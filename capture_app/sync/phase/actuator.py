@@ -39,27 +39,19 @@ class PhaseActuator(ABC):
         return ""
 
     @abstractmethod
-    def lead_ns(self, period_ns: float) -> float:
-        """Time in ns from a command until it counts."""
-
-    @abstractmethod
-    def aim(
-        self, course: Course, *, period_ns: float, hold_ns: int, aligned: bool, meeting_ns: int
-    ) -> Aim | None:
+    def aim(self, course: Course, *, hold_ns: int, aligned: bool, meeting_ns: int) -> Aim | None:
         """Where the stream should be moved to stay for `hold_ns`; None if nothing is to be done.
 
         `meeting_ns` is the time until cameras that can only be restarted are to meet the goal, 0 for none.
         """
 
-    def aim_on_hold(self, course: Course, *, period_ns: float) -> Aim | None:
+    def aim_on_hold(self, course: Course) -> Aim | None:
         """Where the stream should be moved while nothing may show in pictures; None for not at all."""
         return None
 
-    def aim_before_burst(
-        self, course: Course, *, period_ns: float, begins_ns: int, lasts_ns: int
-    ) -> Aim | None:
+    def aim_before_burst(self, course: Course, *, begins_ns: int, lasts_ns: int) -> Aim | None:
         """Where the stream should be moved for a burst that begins so much later, and lasts so long."""
-        return self.aim_on_hold(course, period_ns=period_ns)
+        return self.aim_on_hold(course)
 
     @abstractmethod
     def command(self, move: Move) -> CameraCommand | None:

@@ -10,10 +10,11 @@ BURST_SHARE = 0.25
 
 @dataclass(frozen=True, slots=True)
 class Course:
-    """A stream's error now and its drift: ns, and ns per ns."""
+    """A stream's error now in ns, its drift in ns per ns, and its period."""
 
     error_ns: float
     drift: float
+    period_ns: float
     tolerance_ns: int
     grace_ns: float
     """Added to the tolerance, so that noise does not make a phase at its limit flicker in and out."""

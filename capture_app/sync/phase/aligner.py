@@ -4,9 +4,9 @@ import random
 
 from capture_app.camera_facts import CameraFacts
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.phase.actuator import Move, MoveEffect, PhaseActuator
+from capture_app.sync.phase.actuator import Move, MoveEffect
 from capture_app.sync.phase.actuators import choose_actuator
-from capture_app.sync.phase.aim import Aim, Course
+from capture_app.sync.phase.aim import Course
 from capture_app.sync.phase.command_tracker import CommandTracker
 from capture_app.sync.phase.estimator import PhaseEstimator
 from capture_app.sync.phase.frame_stamp import FrameStamp, PhaseEstimate
@@ -174,10 +174,21 @@ class Aligner:
         course = Course(
             now.error_ns + self._phase.shift_to_come(now_local_ns),
             now.drift_ppm * 1e-6,
+            self._phase.period_ns,
             self._tolerance_ns,
             grace_ns,
         )
-        aim = self._aim(self._actuator, course, now_leader_ns, hold, burst_leader_ns, meeting_leader_ns)
+        if burst_leader_ns is not None:
+            first_ns, last_ns = burst_leader_ns
+            begins_ns, lasts_ns = first_ns - now_leader_ns, last_ns - first_ns
+            aim = self._actuator.aim_before_burst(course, begins_ns=begins_ns, lasts_ns=lasts_ns)
+        elif hold:
+            aim = self._actuator.aim_on_hold(course)
+        else:
+            meeting_ns = 0 if meeting_leader_ns is None else max(0, meeting_leader_ns - now_leader_ns)
+            aim = self._actuator.aim(
+                course, hold_ns=self._hold_ns, aligned=self.aligned, meeting_ns=meeting_ns
+            )
         if aim is None:
             return None
         landing_local_ns = now_local_ns + aim.lead_ns
@@ -194,31 +205,6 @@ class Aligner:
             return None
         self.aligned = self.aligned and not self._commands.under_way
         return command
-
-    def _aim(
-        self,
-        actuator: PhaseActuator,
-        course: Course,
-        now_leader_ns: int,
-        hold: bool,
-        burst_leader_ns: tuple[int, int] | None,
-        meeting_leader_ns: int | None,
-    ) -> Aim | None:
-        period_ns = self._phase.period_ns
-        if burst_leader_ns is not None:
-            first_ns, last_ns = burst_leader_ns
-            return actuator.aim_before_burst(
-                course, period_ns=period_ns, begins_ns=first_ns - now_leader_ns, lasts_ns=last_ns - first_ns
-            )
-        if hold:
-            return actuator.aim_on_hold(course, period_ns=period_ns)
-        return actuator.aim(
-            course,
-            period_ns=period_ns,
-            hold_ns=self._hold_ns,
-            aligned=self.aligned,
-            meeting_ns=0 if meeting_leader_ns is None else max(0, meeting_leader_ns - now_leader_ns),
-        )
 
     @property
     def _run_settled(self) -> bool:

@@ -50,20 +50,14 @@ class FrameDurationActuator(PhaseActuator):
         """Largest shift in ns that is a small step."""
         return FINE_ROWS * self._row_ns
 
-    def lead_ns(self, period_ns: float) -> float:
-        """Time in ns from a command until a frame of another duration counts."""
-        return LEAD_FRAMES * period_ns
-
-    def aim(
-        self, course: Course, *, period_ns: float, hold_ns: int, aligned: bool, meeting_ns: int
-    ) -> Aim | None:
+    def aim(self, course: Course, *, hold_ns: int, aligned: bool, meeting_ns: int) -> Aim | None:
         """Straight at the goal: a step of a row costs nothing."""
-        lead_ns = self.lead_ns(period_ns)
+        lead_ns = LEAD_FRAMES * course.period_ns
         return Aim(lead_ns, course.error_after(lead_ns), 0.0, 0.0)
 
-    def aim_on_hold(self, course: Course, *, period_ns: float) -> Aim | None:
+    def aim_on_hold(self, course: Course) -> Aim | None:
         """At the goal, if it is a few rows away at most: such a step shows in no picture."""
-        lead_ns = self.lead_ns(period_ns)
+        lead_ns = LEAD_FRAMES * course.period_ns
         error_ns = course.error_after(lead_ns)
         return None if abs(error_ns) > self.fine_ns else Aim(lead_ns, error_ns, 0.0, 0.0)
 

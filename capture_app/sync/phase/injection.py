@@ -98,28 +98,19 @@ class InjectionActuator(PhaseActuator):
         rows, shift_rows = self._seen[-1]
         return abs(self.profile.gain * (rows - self.profile.neutral_rows) - shift_rows) < SURE_ROWS
 
-    def lead_ns(self, period_ns: float) -> float:
-        """Time in ns from a command until the phase is known again."""
-        return LEAD_FRAMES * period_ns
-
-    def aim(
-        self, course: Course, *, period_ns: float, hold_ns: int, aligned: bool, meeting_ns: int
-    ) -> Aim | None:
+    def aim(self, course: Course, *, hold_ns: int, aligned: bool, meeting_ns: int) -> Aim | None:
         """Where the stream stays within its tolerance for longest; None if it is going to be within it."""
-        lead_ns = self.lead_ns(period_ns)
+        lead_ns = LEAD_FRAMES * course.period_ns
         return (
             None if course.tolerates(course.error_after(lead_ns)) else aim_to_stay(course, lead_ns, hold_ns)
         )
 
-    def aim_before_burst(
-        self, course: Course, *, period_ns: float, begins_ns: int, lasts_ns: int
-    ) -> Aim | None:
+    def aim_before_burst(self, course: Course, *, begins_ns: int, lasts_ns: int) -> Aim | None:
         """Where the stream meets its goal in the middle of a burst; None where the effect is not sure."""
         if not self.sure:
             return None
-        return aim_at_burst(
-            course, self.lead_ns(period_ns), BURST_LEAD_FRAMES * period_ns, begins_ns, lasts_ns
-        )
+        lead_ns, ready_ns = (frames * course.period_ns for frames in (LEAD_FRAMES, BURST_LEAD_FRAMES))
+        return aim_at_burst(course, lead_ns, ready_ns, begins_ns, lasts_ns)
 
     def command(self, move: Move) -> InjectFrame | None:
         """One long frame; a shift that takes more than the longest exposure is done in part."""

@@ -47,13 +47,7 @@ class ResetActuator(PhaseActuator):
         """The start latencies seen, modulo the period and as shares of it, newest last."""
         return tuple(self._latencies)
 
-    def lead_ns(self, period_ns: float) -> float:
-        """Time in ns from a command until the phase is known again."""
-        return LEAD_NS
-
-    def aim(
-        self, course: Course, *, period_ns: float, hold_ns: int, aligned: bool, meeting_ns: int
-    ) -> Aim | None:
+    def aim(self, course: Course, *, hold_ns: int, aligned: bool, meeting_ns: int) -> Aim | None:
         """Where the stream meets the goal in `meeting_ns`, or stays near it; None if it will anyhow."""
         if meeting_ns > 0:
             return aim_to_meet(course, LEAD_NS, meeting_ns)

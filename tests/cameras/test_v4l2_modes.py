@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from capture_app.cameras.v4l2.driver import list_cameras, open_camera, open_video_node
+from capture_app.cameras.v4l2.driver_errors import driver_error
 from capture_app.cameras.v4l2.layout import (
     CAP_META_CAPTURE,
     CAP_STREAMING,
@@ -17,14 +18,7 @@ from capture_app.cameras.v4l2.layout import (
     FrameInterval,
     PixelFormat,
 )
-from capture_app.cameras.v4l2.modes import (
-    Mode,
-    check_capture,
-    choose_mode,
-    configure,
-    driver_error,
-    parse_options,
-)
+from capture_app.cameras.v4l2.modes import Mode, check_capture, choose_mode, configure, parse_options
 from capture_app.clock import HostClock
 from capture_app.errors import BadInputError, CameraError
 from tests.cameras.fake_device import MJPG, FickleDevice

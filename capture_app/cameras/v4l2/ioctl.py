@@ -1,6 +1,6 @@
 """Video4Linux2 as the kernel speaks it: one method for each ioctl that a camera needs.
 
-Every method raises OSError with the kernel's errno; `modes.driver_error` turns that into words for a user.
+Every method raises OSError with the kernel's errno; `driver_error` turns that into words for a user.
 """
 
 import errno

@@ -1,7 +1,5 @@
-"""Which mode of a V4L2 camera to use, what it offers, and its errors in a user's words."""
+"""Which modes a V4L2 camera offers, and which of them to use."""
 
-import errno
-import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
@@ -183,30 +181,6 @@ def no_such_mode(path: str, wanted: ModeRequest, offered: tuple[Mode, ...]) -> C
     return CameraError(
         f"{path} has no mode {' '.join(filter(None, asked))}".rstrip(), hint=f"it offers {listed}{more}"
     )
-
-
-def driver_error(path: str, error: OSError) -> CameraError:
-    """The driver's error in words that say what to do."""
-    match error.errno:
-        case errno.ENOENT:
-            what, hint = f"there is no camera {path}", "`capture-app cameras` lists the cameras"
-        case errno.EACCES | errno.EPERM:
-            what = f"no permission to use {path}"
-            hint = "add yourself to the group `video`: sudo usermod -aG video $USER, then log in again"
-        case errno.EBUSY:
-            what = f"{path} is in use by another program"
-            hint = f"close it; `fuser -v {path}` names it"
-        case errno.ENOTTY | errno.EISDIR | errno.ENXIO:
-            what, hint = f"{path} is not a camera", "`capture-app cameras` lists the cameras"
-        case errno.ENOSPC:
-            what = f"{path} cannot start: the USB bus has no bandwidth left for it"
-            hint = "choose format=MJPG, a smaller size or rate, or another USB port"
-        case errno.ENODEV | errno.EIO | errno.ESHUTDOWN | errno.EPROTO | errno.ETIMEDOUT:
-            what, hint = f"{path} does not answer any more", "check its plug and cable, then start it again"
-        case _:
-            reason = os.strerror(error.errno) if error.errno else str(error)
-            what, hint = f"{path} failed: {reason}", "the kernel log (`dmesg`) may say more"
-    return CameraError(what, hint=hint)
 
 
 def _pixels(name: str, text: str | None) -> int | None:

@@ -20,6 +20,7 @@ from capture_app.cameras.base import (
     OnFailure,
     OnFrame,
 )
+from capture_app.cameras.v4l2.driver_errors import driver_error
 from capture_app.cameras.v4l2.exposure import (
     exposure_limits_ns,
     keep_rate_constant,
@@ -28,7 +29,6 @@ from capture_app.cameras.v4l2.exposure import (
 )
 from capture_app.cameras.v4l2.ioctl import VideoDevice
 from capture_app.cameras.v4l2.layout import BUF_FLAG_ERROR, Buffer, PixelFormat
-from capture_app.cameras.v4l2.modes import driver_error
 from capture_app.cameras.v4l2.pictures import picture_from_buffer
 from capture_app.cameras.v4l2.timestamps import foreign_clock, is_monotonic, timestamp_source
 from capture_app.errors import CameraError

@@ -8,7 +8,7 @@ from capture_app.node.leader.snapshots import present_cameras
 from capture_app.sync.rig.roster import ClientView
 from capture_app.sync.wire.messages import NodeState
 
-LOOK_EVERY_S = 0.1
+CHECK_EVERY_S = 0.1
 
 
 def why_not_ready(views: Sequence[ClientView], cameras: int) -> str:
@@ -24,12 +24,12 @@ def why_not_ready(views: Sequence[ClientView], cameras: int) -> str:
 
 
 async def reasons_until_ready(
-    look: Callable[[], Sequence[ClientView]], timeout_s: float, cameras: int
+    get_views: Callable[[], Sequence[ClientView]], timeout_s: float, cameras: int
 ) -> AsyncGenerator[str, None]:
     """Yield what keeps the rig from being ready until it is. Raises IncompleteError when the time is over."""
     loop = asyncio.get_running_loop()
     deadline_s = loop.time() + timeout_s
-    while reason := why_not_ready(look(), cameras):
+    while reason := why_not_ready(get_views(), cameras):
         if loop.time() >= deadline_s:
             raise IncompleteError(
                 f"not ready after {timeout_s:g} s: {reason}",
@@ -37,4 +37,4 @@ async def reasons_until_ready(
             )
         yield reason
         # States change with a node's report, which is no event.
-        await asyncio.sleep(LOOK_EVERY_S)
+        await asyncio.sleep(CHECK_EVERY_S)

@@ -22,7 +22,7 @@ class RepairResult(Struct, frozen=True, kw_only=True):
 
     session: str
     ok: bool
-    """It is complete and says the truth now."""
+    """It is complete and verified now."""
     changed: bool
     images: int = 0
     missing: int = 0

@@ -50,7 +50,7 @@ class Network:
         if missing := what_is_missing(is_root=os.geteuid() == 0):
             raise SystemExit(missing)
         self._stack = contextlib.ExitStack()
-        self._interfaces = 0
+        self._cables = 0
 
     def __enter__(self) -> "Network":
         """Remove what killed runs left behind, and compile the emulator."""
@@ -76,14 +76,13 @@ class Network:
 
     def cable(self, one: str, one_address: str, other: str, other_address: str) -> None:
         """Join two namespaces by a bare virtual cable; addresses are IPv4 with a prefix length."""
-        one_end, other_end = self._add_veth(one, other)
-        _set_up(one, one_end, one_address)
-        _set_up(other, other_end, other_address)
+        device = self._add_veth(one, other)
+        _set_up(one, device, one_address)
+        _set_up(other, device, other_address)
 
     def link_end(self, namespace: str, address: str = "") -> str:
         """Make one end of an emulated link; return it as `EmulatedLink` wants it."""
-        device = self._new_device("wifi")
-        _ip_in(namespace, "link", "add", device, "type", "veth", "peer", "name", device, "netns", self.air)
+        device = self._add_veth(namespace, self.air)
         _ip_in(self.air, "link", "set", device, "addrgenmode", "none", "up")
         _set_up(namespace, device, address)
         return f"{namespace}/{device}"
@@ -99,9 +98,9 @@ class Network:
         _add_bridge(namespace, address)
         for end in ends:
             _add_port(namespace, end.rpartition("/")[2], "mcast_flood", "off")
-        here, there = self._add_veth(namespace, hub)
-        _add_port(namespace, here, "learning", "off", "flood", "off", "bcast_flood", "off")
-        _add_port(hub, there)
+        device = self._add_veth(namespace, hub)
+        _add_port(namespace, device, "learning", "off", "flood", "off", "bcast_flood", "off")
+        _add_port(hub, device)
 
     @contextlib.contextmanager
     def emulation(
@@ -124,15 +123,12 @@ class Network:
                 for line, (end, delays) in zip(process.stdout, asked, strict=True):
                     reports.append(json.loads(line) | {"to": end, "asked_mean_us": delays.mean_us})
 
-    def _add_veth(self, one: str, other: str) -> tuple[str, str]:
-        one_end, other_end = self._new_device("veth"), self._new_device("veth")
-        peer = ("type", "veth", "peer", "name", other_end, "netns", other)
-        _ip_in(one, "link", "add", one_end, *peer)
-        return one_end, other_end
-
-    def _new_device(self, kind: str) -> str:
-        self._interfaces += 1
-        return f"{kind}{self._interfaces}"
+    def _add_veth(self, one: str, other: str) -> str:
+        """Lay a virtual cable between two namespaces; return its device's name, the same in both."""
+        self._cables += 1
+        device = f"cable{self._cables}"
+        _ip_in(one, "link", "add", device, "type", "veth", "peer", "name", device, "netns", other)
+        return device
 
 
 def in_namespace(namespace: str, *command: str) -> list[str]:

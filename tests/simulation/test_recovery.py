@@ -113,7 +113,7 @@ def welcome(leader: int, number: int, upstream: UpstreamMap | None = None) -> We
     return Welcome(INSTANCE, number, 0, terms)
 
 
-class Forged(RuleBasedStateMachine):
+class FollowerAmongLiars(RuleBasedStateMachine):
     """A follower among liars; after each sequence an honest leader takes the place of one of its parents."""
 
     node: Follower | Relay
@@ -222,7 +222,7 @@ class Forged(RuleBasedStateMachine):
         return error_ns <= min(2 * ONE_WAY_NS, time_map.hard_bound_ns)
 
 
-class ForgedRelay(Forged):
+class RelayAmongLiars(FollowerAmongLiars):
     """A relay among liars above it and below it; in the end a client of its own has the time, too."""
 
     def build(self, rng: random.Random) -> None:
@@ -281,7 +281,7 @@ MANY = settings(max_examples=150, stateful_step_count=30, suppress_health_check=
 @pytest.mark.parametrize("told_ns", [None, 2**62, -(2**62)])
 def test_a_clock_that_shows_anything_can_be_told_of(offset_ns: int, told_ns: int | None) -> None:
     onward = told_ns if told_ns is None else UpstreamMap((9,), 0, told_ns, 0.01, 1e18, 1e18, 1.0, 1.0, 1e18)
-    machine = Forged()
+    machine = FollowerAmongLiars()
     machine.start(-(2**60), 1)
     machine.turn()
     machine.hear(encode(welcome(2, 3, onward)), machine.follower.parent)
@@ -297,14 +297,14 @@ def test_a_number_that_no_request_can_carry_is_not_taken(number: int) -> None:
 
 
 def test_a_follower_recovers() -> None:
-    run_state_machine_as_test(Forged, settings=FEW)
+    run_state_machine_as_test(FollowerAmongLiars, settings=FEW)
 
 
 def test_a_relay_and_its_client_recover() -> None:
-    run_state_machine_as_test(ForgedRelay, settings=FEW)
+    run_state_machine_as_test(RelayAmongLiars, settings=FEW)
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("machine", [Forged, ForgedRelay])
-def test_they_recover_from_far_more(machine: type[Forged]) -> None:
+@pytest.mark.parametrize("machine", [FollowerAmongLiars, RelayAmongLiars])
+def test_they_recover_from_far_more(machine: type[FollowerAmongLiars]) -> None:
     run_state_machine_as_test(machine, settings=MANY)

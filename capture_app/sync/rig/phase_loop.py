@@ -73,7 +73,7 @@ class PhaseLoop:
         self._tolerance_ns = config.tolerance_ns
         self._can_move = camera.phase_control != "none"
         self._restarts = camera.phase_control == "reset"
-        self._told_problem = ""
+        self._reported_problem = ""
         self._reported = False
         """Whether the leader was told the phase as it is now."""
         self._answered = False
@@ -156,8 +156,8 @@ class PhaseLoop:
         if aligner.corrections > corrections and command is not None:
             self._events.append(PhaseCorrected(command, before))
             news = True
-        if aligner.problem != self._told_problem:
-            self._told_problem = aligner.problem
+        if aligner.problem != self._reported_problem:
+            self._reported_problem = aligner.problem
             if aligner.problem:
                 self._events.append(AlignmentFailed(aligner.problem))
         return news or was_ready is not self.ready

@@ -46,7 +46,7 @@ class Uplink:
     def refusal(self, hello: Hello) -> str:
         """Return why a client cannot join, empty if it can; a parent that refused it is asked again."""
         try:
-            encode(self._passed_on(hello))
+            encode(self._with_relay(hello))
         except WireError:
             return TOO_LONG
         reason = self._refused.get(hello.instance, "")
@@ -108,9 +108,9 @@ class Uplink:
             # No answers, or made-up names: clients that are there say hello again.
             self._introduced.clear()
         self._introduced[hello.instance] = hello
-        self._send(self._passed_on(hello))
+        self._send(self._with_relay(hello))
 
-    def _passed_on(self, hello: Hello) -> Hello:
+    def _with_relay(self, hello: Hello) -> Hello:
         return replace(hello, via=hello.via or self._relay)
 
     def _send(self, message: ControlMessage) -> bool:

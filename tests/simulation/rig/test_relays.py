@@ -1,154 +1,26 @@
 """Cameras below relays in virtual time: bursts, goals and names are the whole tree's, and relays may die."""
 
 import random
-from collections.abc import Callable
-from dataclasses import dataclass, field, replace
 
 import pytest
 from msgspec import structs
 
-from capture_app.simulation.network.wandering_clock import WanderingClock
-from capture_app.simulation.rig.tree import ROOT, Tree, TreeSpec
-from capture_app.sync.phase.frame_stamp import FrameStamp
+from capture_app.simulation.rig.tree import ROOT
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.events import (
     BurstAccepted,
-    BurstPicked,
     JoinRefused,
-    LeaderEvent,
     NodeLost,
     NodeMoved,
 )
-from capture_app.sync.rig.failover import PROBE_EVERY_NS, Failover
-from capture_app.sync.rig.leader import LeaderConfig
 from capture_app.sync.rig.phase_loop import ClientConfig
-from capture_app.sync.rig.roster import ClientView
-from capture_app.sync.tree.follower import Address, FollowerConfig
-from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
 from capture_app.sync.wire.codec import decode
 from capture_app.sync.wire.messages import Hello, NodeState
-from tests.facts import make_facts
-
-S = 1_000_000_000
-PERIOD_NS = 33_333_333
-CAMERA = make_facts(period_ns=PERIOD_NS)
-
-
-@dataclass
-class Camera:
-    """A client whose frames come at whole periods of its own clock; each frame is its own timestamp."""
-
-    client: Client[int]
-    leaders: tuple[Address, ...]
-    probe_every_ns: int = PROBE_EVERY_NS
-    events: list[object] = field(default_factory=list)
-    clock: WanderingClock = field(init=False)
-    failover: Failover[int] = field(init=False)
-    _next_ns: int | None = None
-    _frames: int = 0
-
-    def __post_init__(self) -> None:
-        self.failover = Failover(self.client, self.leaders, self.probe_every_ns)
-        self.receive_datagram = self.failover.receive_datagram
-        self.datagrams_to_send = self.failover.datagrams_to_send
-
-    def next_timer(self) -> int:
-        due_ns = self.failover.next_timer()
-        return due_ns if self._next_ns is None else min(self._next_ns, due_ns)
-
-    def handle_timer(self, now_ns: int) -> None:
-        if self._next_ns is None:
-            self._next_ns = now_ns
-        while now_ns >= self._next_ns:
-            self.client.frame_arrived(FrameStamp(self._frames, 0, self._next_ns), self._next_ns, now_ns)
-            self._frames += 1
-            self._next_ns += PERIOD_NS
-        self.failover.handle_timer(now_ns)
-        while (event := self.client.next_event()) is not None:
-            self.events.append(event)
-
-    @property
-    def ready(self) -> list[BurstPicked[int]]:
-        return [event for event in self.events if isinstance(event, BurstPicked)]
-
-
-class Rig:
-    """A root and whatever a test puts below it, on the paper's link."""
-
-    def __init__(self, seed: int = 7, probe_every_ns: int = PROBE_EVERY_NS) -> None:
-        self.probe_every_ns = probe_every_ns
-        self.tree = Tree(TreeSpec(clients=0, relays=0, join_within_s=0.0), seed=seed)
-        self.tree.root.config = replace(self.tree.root.config, exchanges_per_s=1000.0)
-        self.events: list[LeaderEvent] = []
-        self.cameras: dict[str, Camera] = {}
-        self.relays: dict[str, Relay] = {}
-
-    def relay(self, name: str, *parents: Address) -> Address:
-        rng = random.Random(name)
-        config = FollowerConfig(name, rng.getrandbits(32), parents, OF_CAMERAS, HEARTBEAT_EVERY_NS)
-        relay = self.relays[name] = Relay(config, LeaderConfig(0, 0), rng)
-        self.tree.add(name, relay, rng, parents, relay.follower)
-        return name, 0
-
-    def camera(self, name: str, *leaders: Address, at: str = "", control: str = "none") -> Camera:
-        rng = random.Random(at or name)
-        camera = structs.replace(CAMERA, phase_control=control)
-        client: Client[int] = Client(ClientConfig(name, rng.getrandbits(32), camera, 60_000, 90), rng)
-        node = self.cameras[at or name] = Camera(client, leaders, self.probe_every_ns)
-        node.clock = self.tree.add(at or name, node, rng, leaders)
-        return node
-
-    def run(self, seconds: float) -> None:
-        end_ns = self.tree.now_true_ns + round(seconds * S)
-        while self.tree.now_true_ns < end_ns:
-            self.tree.run_until(min(end_ns, self.tree.now_true_ns + S // 20))
-            while (event := self.tree.root.next_event()) is not None:
-                self.events.append(event)
-
-    def run_until(self, condition: Callable[[], bool], limit_s: float = 60.0) -> None:
-        for _ in range(round(limit_s * 20)):
-            if condition():
-                return
-            self.run(0.05)
-        raise AssertionError([event for camera in self.cameras.values() for event in camera.events])
-
-    def kill(self, name: str) -> None:
-        self.tree.kill(name)
-
-    def views(self) -> dict[str, ClientView]:
-        return {view.name: view for view in self.tree.root.clients(self.tree.now_true_ns)}
-
-    def all_ready(self) -> bool:
-        views = self.views()
-        return all(
-            name in views and views[name].report.state is NodeState.READY
-            for name in (*self.cameras, *self.relays)
-            if self.tree.nodes[name, 0].alive
-        )
-
-    def check_burst(self, frames: int = 3) -> None:
-        """Order a burst of all, and hold what they picked against the truth."""
-        had = {name: len(camera.ready) for name, camera in self.cameras.items()}
-        burst = self.tree.root.trigger(self.tree.now_true_ns, frames=frames)
-        self.tree.act("root")
-        self.run(2.0)
-        assert set(burst.clients) == set(self.cameras)
-        accepted = {e.name for e in self.events if isinstance(e, BurstAccepted) and e.burst == burst.number}
-        assert accepted == set(self.cameras)
-        for name, camera in self.cameras.items():
-            assert len(camera.ready) == had[name] + 1, name
-            ready = camera.ready[-1]
-            assert (ready.leader, ready.burst) == (self.tree.root.config.instance, burst.number)
-            assert [pick.instant for pick in ready.picks] == list(range(frames))
-            for pick in ready.picks:
-                true_ns = camera.clock.true_from_local(pick.frame)
-                assert abs(pick.leader_ns - true_ns) <= pick.hard_bound_ns
-                assert abs(pick.leader_ns - true_ns) < 300_000
-                assert abs(pick.residual_ns) <= PERIOD_NS // 2
+from tests.simulation.rig.relay_rig import CAMERA, Camera, RelayRig, S
 
 
 def test_a_burst_reaches_cameras_below_relays_of_relays_in_the_roots_time() -> None:
-    rig = Rig()
+    rig = RelayRig()
     upper = rig.relay("upper", ROOT)
     lower = rig.relay("lower", upper)
     rig.camera("near", ROOT)
@@ -171,7 +43,7 @@ def test_a_burst_reaches_cameras_below_relays_of_relays_in_the_roots_time() -> N
 
 
 def test_a_camera_that_can_only_restart_is_weighed_by_the_root_wherever_it_is() -> None:
-    rig = Rig()
+    rig = RelayRig()
     relay = rig.relay("relay", ROOT)
     rig.camera("near", ROOT)
     far = rig.camera("far", relay, control="reset")
@@ -182,7 +54,7 @@ def test_a_camera_that_can_only_restart_is_weighed_by_the_root_wherever_it_is() 
 
 
 def test_two_cameras_of_one_name_are_told_apart_anywhere_in_the_tree() -> None:
-    rig = Rig()
+    rig = RelayRig()
     one, two = rig.relay("one", ROOT), rig.relay("two", ROOT)
     first = rig.camera("cam", one, at="cam")
     rig.run_until(lambda: first.client.state is NodeState.READY)
@@ -198,7 +70,7 @@ def test_two_cameras_of_one_name_are_told_apart_anywhere_in_the_tree() -> None:
 
 @pytest.mark.parametrize("next_parent", ["root", "relay"])
 def test_the_clients_of_a_dead_relay_go_on_below_the_next_parent(next_parent: str) -> None:
-    rig = Rig()
+    rig = RelayRig()
     dying, other = rig.relay("dying", ROOT), rig.relay("other", ROOT)
     below = rig.relay("below", dying, ROOT if next_parent == "root" else other)
     rig.camera("a", dying, ROOT if next_parent == "root" else other)
@@ -215,7 +87,7 @@ def test_the_clients_of_a_dead_relay_go_on_below_the_next_parent(next_parent: st
 
 
 def test_a_relay_that_stops_in_order_sends_its_clients_on_at_once() -> None:
-    rig = Rig()
+    rig = RelayRig()
     relay = rig.relay("relay", ROOT)
     camera = rig.camera("cam", relay, ROOT)
     rig.run_until(rig.all_ready)
@@ -229,7 +101,7 @@ def test_a_relay_that_stops_in_order_sends_its_clients_on_at_once() -> None:
 
 
 def test_a_promised_burst_survives_the_relay_that_brought_it() -> None:
-    rig = Rig()
+    rig = RelayRig()
     relay = rig.relay("relay", ROOT)
     camera = rig.camera("cam", relay, ROOT)
     rig.run_until(rig.all_ready)
@@ -247,7 +119,7 @@ def test_a_promised_burst_survives_the_relay_that_brought_it() -> None:
 
 
 def test_a_relay_without_its_root_holds_the_time_over_even_for_new_clients() -> None:
-    rig = Rig()
+    rig = RelayRig()
     relay = rig.relay("relay", ROOT)
     old = rig.camera("old", relay)
     rig.run_until(rig.all_ready)
@@ -269,7 +141,7 @@ def test_a_relay_without_its_root_holds_the_time_over_even_for_new_clients() -> 
 
 
 def test_a_camera_that_moves_without_having_been_lost_is_not_there_twice() -> None:
-    rig = Rig()
+    rig = RelayRig()
     relay = rig.relay("relay", ROOT)
     camera = rig.camera("cam", relay, ROOT)
     rig.run_until(rig.all_ready)
@@ -285,7 +157,7 @@ def test_a_camera_that_moves_without_having_been_lost_is_not_there_twice() -> No
 
 
 def test_a_burst_is_taken_while_the_new_leaders_clock_is_still_being_learned() -> None:
-    rig = Rig()
+    rig = RelayRig()
     relay = rig.relay("relay", ROOT)
     camera = rig.camera("cam", relay, ROOT)
     rig.run_until(rig.all_ready)
@@ -297,7 +169,7 @@ def test_a_burst_is_taken_while_the_new_leaders_clock_is_still_being_learned() -
 
 
 def test_clients_go_back_to_their_relay_once_it_is_there_again_but_not_before_a_burst() -> None:
-    rig = Rig(probe_every_ns=S)
+    rig = RelayRig(probe_every_ns=S)
     relay = rig.relay("relay", ROOT)
     camera = rig.camera("cam", relay, ROOT)
     rig.run_until(rig.all_ready)
@@ -316,7 +188,7 @@ def test_clients_go_back_to_their_relay_once_it_is_there_again_but_not_before_a_
 
 
 def test_clients_leave_a_relay_that_has_lost_its_leader_for_one_that_has_not() -> None:
-    rig = Rig(probe_every_ns=S)
+    rig = RelayRig(probe_every_ns=S)
     gate, other = rig.relay("gate", ROOT), rig.relay("other", ROOT)
     middle = rig.relay("middle", gate)
     relay = rig.relay("relay", middle)
@@ -335,7 +207,7 @@ def test_clients_leave_a_relay_that_has_lost_its_leader_for_one_that_has_not() -
 
 
 def test_the_first_camera_sets_the_rate_though_a_relay_joined_before() -> None:
-    rig = Rig()
+    rig = RelayRig()
     rig.tree.root.terms.period_ns = None
     relay = rig.relay("relay", ROOT)
     rig.run(3.0)

@@ -1,6 +1,5 @@
 """Whatever a follower or a relay was told, and whenever: with an honest leader it soon knows the time."""
 
-import math
 import random
 from collections.abc import Callable
 from heapq import heappop, heappush
@@ -17,7 +16,6 @@ from hypothesis.stateful import (
 )
 from msgspec import structs
 
-from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.sync.clock.upstream_map import UpstreamMap
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.time_client import MOST_EVENTS
@@ -26,91 +24,28 @@ from capture_app.sync.tree.follower import Address, Follower, FollowerConfig
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
 from capture_app.sync.wire.codec import Message, encode
 from capture_app.sync.wire.messages import (
-    Goodbye,
-    Heartbeat,
     HeartbeatAck,
-    Hello,
-    JoinRefusal,
     NodeState,
-    Report,
-    Terms,
     Trigger,
-    TriggerAck,
     UnknownMember,
-    Welcome,
 )
-from capture_app.sync.wire.time_messages import TimeReply, TimeRequest
-
-S = 1_000_000_000
-INSTANCE, HONEST = 77, 99
-PARENTS: tuple[Address, ...] = (("a", 1), ("b", 1), ("c", 1))
-STRANGER: Address = ("stranger", 1)
-OFFSET_NS = 123_456_789_012
-ONE_WAY_NS = 700_000
-RECOVERED_NS = 400 * S
-"""Of virtual time: a pace of a minute that was forged, all parents asked in turn, and the first exchanges."""
-
-i64 = st.integers(-(2**63), 2**63 - 1)
-u32 = st.integers(0, 2**32 - 1)
-numbers = st.sampled_from([0, 1, INSTANCE, HONEST, 2**32 - 1]) | i64
-periods = st.sampled_from([33_333_333] * 8 + [0, 1, -1, 2**63 - 1])
-errors = st.floats(0.0, 1e18)
-slopes = st.floats(0.0, 1.0) | st.just(1e18)
-paces = st.integers(0, 60 * S)
-upstreams = st.none() | st.builds(
-    UpstreamMap,
-    st.lists(numbers, min_size=1, max_size=8).map(tuple),
+from capture_app.sync.wire.time_messages import TimeReply
+from tests.simulation.rig.forged_messages import (
+    HONEST,
+    INSTANCE,
+    OFFSET_NS,
+    ONE_WAY_NS,
+    PARENTS,
+    RECOVERED_NS,
+    STRANGER,
+    S,
+    addresses,
+    from_clients,
+    from_parents,
     i64,
-    i64,
-    st.floats(-0.01, 0.01),
-    errors,
-    errors,
-    slopes,
-    slopes,
-    errors,
+    u32,
+    welcome,
 )
-terms = st.builds(
-    Terms,
-    leader=numbers,
-    anchor_leader_ns=i64,
-    period_ns=periods,
-    pace_ns=paces,
-    upstream=upstreams,
-    in_holdover=st.booleans(),
-)
-slots = st.floats(0.0, 1.0, exclude_max=True) | st.just(math.nan)
-cameras = st.builds(
-    CameraFacts,
-    kind=st.sampled_from(["clock", "relay", "sim"]),
-    model=st.just(""),
-    width=st.integers(0, 2**63 - 1),
-    height=st.integers(0, 2**63 - 1),
-    period_ns=periods,
-    phase_control=st.sampled_from(PhaseControl),
-    timestamp_source=st.sampled_from(TimestampSource),
-)
-reports = st.builds(Report, state=st.sampled_from(list(NodeState)), frame_leader_ns=st.none() | i64)
-from_parents: st.SearchStrategy[Message] = st.one_of(
-    st.builds(Welcome, st.just(INSTANCE), u32 | i64, i64, terms, slots),
-    st.builds(HeartbeatAck, numbers, terms),
-    st.builds(JoinRefusal, st.just(INSTANCE) | i64, st.sampled_from(["no", "never"]), st.booleans()),
-    st.builds(UnknownMember, numbers),
-    st.builds(Trigger, numbers, numbers, i64, i64, i64, i64),
-    st.builds(TimeReply, u32, u32, i64, i64, i64),
-)
-from_clients: st.SearchStrategy[Message] = st.one_of(
-    st.builds(Hello, st.sampled_from(["x", "y", "relay"]), numbers, cameras),
-    st.builds(Heartbeat, numbers, reports),
-    st.builds(TimeRequest, u32, u32, i64),
-    st.builds(TriggerAck, numbers, numbers, i64),
-    st.builds(Goodbye, numbers),
-)
-addresses = st.sampled_from([*PARENTS, STRANGER])
-
-
-def welcome(leader: int, number: int, upstream: UpstreamMap | None = None) -> Welcome:
-    terms = Terms(leader=leader, anchor_leader_ns=0, period_ns=33_333_333, upstream=upstream)
-    return Welcome(INSTANCE, number, 0, terms)
 
 
 class FollowerAmongLiars(RuleBasedStateMachine):

@@ -39,7 +39,7 @@ def load(name: str) -> click.Command:
     table=COMMANDS,
     load=load,
     invoke_without_command=True,
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100},
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True},
 )
 @click.version_option(__version__, prog_name="capture-app")
 @click.pass_context

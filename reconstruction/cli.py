@@ -17,7 +17,9 @@ from reconstruction.commands.stereo import stereo
 from reconstruction.commands.stitch import stitch
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.group(
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True}
+)
 @click.version_option(__version__, prog_name="reconstruct")
 def app() -> None:
     """Compute depth and panoramas from a session, and measure what synchronization does for them."""

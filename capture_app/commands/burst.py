@@ -21,16 +21,10 @@ if TYPE_CHECKING:
     type=click.IntRange(1, 1000),
     metavar="N",
     default=5,
-    show_default=True,
     help="Number of frames from each camera.",
 )
 @click.option(
-    "--spacing",
-    type=click.IntRange(1, 10_000),
-    metavar="N",
-    default=1,
-    show_default=True,
-    help="Take every Nth frame.",
+    "--spacing", type=click.IntRange(1, 10_000), metavar="N", default=1, help="Take every Nth frame."
 )
 @click.option(
     "--at-ns",
@@ -43,7 +37,6 @@ if TYPE_CHECKING:
     "--wait-s",
     type=FiniteRange(0.0, 3600.0),
     default=0.0,
-    show_default=True,
     metavar="S",
     help="Wait up to this long until all nodes are ready.",
 )
@@ -52,7 +45,6 @@ if TYPE_CHECKING:
     type=click.IntRange(1),
     metavar="N",
     default=1,
-    show_default=True,
     help="With --wait-s: wait until at least this many nodes are ready.",
 )
 @json_option

@@ -15,19 +15,11 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.option(
-    "--cameras",
-    type=click.IntRange(2, 7),
-    default=5,
-    show_default=True,
-    metavar="N",
-    help="Simulated cameras.",
-)
+@click.option("--cameras", type=click.IntRange(2, 7), default=5, metavar="N", help="Simulated cameras.")
 @click.option(
     "--out",
     type=click.Path(path_type=Path, file_okay=False),
     default=Path("demo"),
-    show_default=True,
     metavar="DIR",
     help="Folder for the session and the comparison.",
 )

@@ -35,7 +35,6 @@ class EngineOptions(TypedDict):
     "--sessions",
     type=click.Path(path_type=Path, file_okay=False),
     default=Path("sessions"),
-    show_default=True,
     metavar="DIR",
     help="Folder for the sessions.",
 )
@@ -57,7 +56,6 @@ class EngineOptions(TypedDict):
     "--align",
     type=click.Choice(["first-row", "mid-exposure"]),
     default="first-row",
-    show_default=True,
     help="Alignment point within a frame: start of the first row, or mid-exposure of the row --align-row.",
 )
 @click.option(
@@ -65,7 +63,6 @@ class EngineOptions(TypedDict):
     type=FiniteRange(0.0, 1.0),
     metavar="FRACTION",
     default=0.5,
-    show_default=True,
     help="With --align mid-exposure: the row, as a fraction of the image height from the top.",
 )
 @click.option(
@@ -73,7 +70,6 @@ class EngineOptions(TypedDict):
     type=FiniteRange(0.0, 60_000.0),
     metavar="MS",
     default=0.0,
-    show_default=True,
     help="Allow the burst to be delayed by up to this much to reach the best predicted alignment.",
 )
 @beacons_option

@@ -34,7 +34,6 @@ leader_option = click.option(
     "--leader",
     type=AddressType(),
     default=str(Address("127.0.0.1", DEFAULT_PORT)),
-    show_default=True,
     metavar="HOST:PORT",
     help="Address of the leader or a relay.",
 )
@@ -45,7 +44,6 @@ leaders_option = click.option(
     type=AddressType(),
     multiple=True,
     default=(str(Address("127.0.0.1", DEFAULT_PORT)),),
-    show_default=True,
     metavar="HOST:PORT",
     help="Address of the leader or a relay. Repeat for failover, preferred first.",
 )
@@ -62,14 +60,12 @@ spool_option = click.option(
 host_option = click.option(
     "--host",
     default="0.0.0.0",  # noqa: S104 - cameras are other machines
-    show_default=True,
     help="Address to listen on; 127.0.0.1 accepts this machine only.",
 )
 port_option = click.option(
     "--port",
     type=click.IntRange(0, 65535),
     default=DEFAULT_PORT,
-    show_default=True,
     metavar="PORT",
     help="UDP and TCP port; 0 chooses a free one.",
 )
@@ -77,14 +73,12 @@ clock_option = click.option(
     "--clock",
     "clock_text",
     default="host",
-    show_default=True,
     metavar="CLOCK",
     help="host, or sim[:offset_s=…,skew_ppm=…] for a simulated clock that is hours off.",
 )
 beacons_option = click.option(
     "--reference-broadcast/--no-reference-broadcast",
     default=False,
-    show_default=True,
     help="Send multicast beacons, which reduce the clock differences between nodes of one access point.",
 )
 

@@ -42,7 +42,6 @@ class _Instants(click.ParamType[tuple[int, ...]]):
     type=ConditionType(),
     multiple=True,
     default=(SYNCED,),
-    show_default=True,
     help=f"{CONDITION_HELP} Repeat for several.",
 )
 @click.option("--instants", type=_Instants(), show_default="all", help="Instants to process, as in 0,4-8.")
@@ -50,14 +49,12 @@ class _Instants(click.ParamType[tuple[int, ...]]):
     "--matcher",
     type=click.Choice(["sweep", "patchmatch"]),
     default="sweep",
-    show_default=True,
     help="sweep runs on the CPU; patchmatch is COLMAP's and needs an NVIDIA GPU.",
 )
 @click.option(
     "--executor",
     type=click.Choice(["local", "slurm"]),
     default="local",
-    show_default=True,
     help="local starts processes on this machine, slurm submits jobs to its cluster.",
 )
 @click.option(

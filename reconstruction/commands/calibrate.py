@@ -16,7 +16,6 @@ from reconstruction.commands.options import session_argument
     "source",
     type=click.Choice(["session", "sfm", "charuco"]),
     default="sfm",
-    show_default=True,
     help="sfm: from static features of the burst. charuco: from a board. session: check the one it has.",
 )
 @click.option(
@@ -25,19 +24,12 @@ from reconstruction.commands.options import session_argument
     metavar="SESSION",
     help="For charuco: session that shows the board.",
 )
-@click.option(
-    "--board",
-    default="7x5",
-    show_default=True,
-    metavar="COLUMNSxROWS",
-    help="For charuco: squares of the board.",
-)
+@click.option("--board", default="7x5", metavar="COLUMNSxROWS", help="For charuco: squares of the board.")
 @click.option(
     "--square-mm",
     type=FiniteRange(min=0, min_open=True),
     metavar="MM",
     default=40.0,
-    show_default=True,
     help="For charuco: side of a square.",
 )
 @click.option(
@@ -45,12 +37,9 @@ from reconstruction.commands.options import session_argument
     type=FiniteRange(min=0, min_open=True),
     metavar="MM",
     default=30.0,
-    show_default=True,
     help="For charuco: side of a marker.",
 )
-@click.option(
-    "--dictionary", default="4X4_50", show_default=True, help="For charuco: ArUco dictionary of the markers."
-)
+@click.option("--dictionary", default="4X4_50", help="For charuco: ArUco dictionary of the markers.")
 @click.option("--replace", is_flag=True, help="Replace an earlier calibration of the session.")
 @json_option
 def calibrate(

@@ -31,7 +31,6 @@ def _refuse_synced(
     type=FiniteRange(min=0, min_open=True, max=MAX_OFFSET_MS),
     metavar="MS",
     default=DEFAULT_OFFSET_MS,
-    show_default=True,
     help="How late the second camera of a pair is, rounded to whole frames.",
 )
 @pair_option("--stereo-pair", "depth")
@@ -42,7 +41,6 @@ def _refuse_synced(
     type=click.IntRange(min=0),
     metavar="N",
     default=3,
-    show_default=True,
     help="Use at most this many of them for depth from all cameras, which takes much longer; 0 for none.",
 )
 @click.option(
@@ -50,7 +48,6 @@ def _refuse_synced(
     type=click.IntRange(min=160),
     metavar="PX",
     default=640,
-    show_default=True,
     help="Reduce wider images to this width for depth from all cameras.",
 )
 @click.option(

@@ -16,7 +16,6 @@ from reconstruction.session.conditions import DEFAULT_OFFSET_MS
     type=FiniteRange(min=0, min_open=True, max=1e4),
     metavar="MS",
     default=DEFAULT_OFFSET_MS,
-    show_default=True,
     help="Largest offset to measure, in steps of one frame, as far as the burst allows.",
 )
 @pair_option("--pair", "depth")

@@ -18,31 +18,18 @@ from reconstruction.session.conditions import SYNCED, Condition
 @click.command()
 @session_argument
 @instant_option
-@click.option(
-    "--condition",
-    type=ConditionType(),
-    default=SYNCED,
-    show_default=True,
-    help=CONDITION_HELP,
-)
+@click.option("--condition", type=ConditionType(), default=SYNCED, help=CONDITION_HELP)
 @click.option(
     "--matcher",
     type=click.Choice(["auto", "sweep", "patchmatch"]),
     default="auto",
-    show_default=True,
     help="sweep runs on the CPU; patchmatch is COLMAP's and needs an NVIDIA GPU; auto uses the GPU if any.",
 )
-@click.option("--mesh/--no-mesh", default=True, show_default=True, help="Also compute a mesh and render it.")
+@click.option("--mesh/--no-mesh", default=True, help="Also compute a mesh and render it.")
 @out_option
 @json_option
 def multiview(
-    session: Path,
-    instant: int,
-    condition: Condition,
-    matcher: str,
-    mesh: bool,
-    out: Path,
-    as_json: bool,
+    session: Path, instant: int, condition: Condition, matcher: str, mesh: bool, out: Path, as_json: bool
 ) -> None:
     """Compute depth maps of all cameras at one instant of SESSION, a point cloud and a mesh."""
 

@@ -62,7 +62,6 @@ instant_option = click.option(
     type=click.IntRange(min=0),
     metavar="K",
     default=0,
-    show_default=True,
     help="Instant of the burst, counted from 0.",
 )
 max_instants_option = click.option(
@@ -70,13 +69,8 @@ max_instants_option = click.option(
     type=click.IntRange(min=1),
     metavar="N",
     default=16,
-    show_default=True,
     help="Use at most this many instants, spread evenly over the burst.",
 )
 out_option = click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    metavar="DIR",
-    required=True,
-    help="Folder for the results.",
+    "--out", type=click.Path(path_type=Path), metavar="DIR", required=True, help="Folder for the results."
 )

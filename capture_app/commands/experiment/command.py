@@ -47,7 +47,6 @@ def experiment_options(command: Callable[..., None]) -> Callable[..., None]:
         type=click.IntRange(0, 2**63 - 1),
         metavar="N",
         default=1,
-        show_default=True,
         help="Seed of the random numbers.",
     )
     plot = click.option(

@@ -15,22 +15,14 @@ from capture_app.terminal import FiniteRange, talk
 @click.option(
     "--host",
     default="0.0.0.0",  # noqa: S104
-    show_default=True,
     help="With --serve: address to listen on.",
 )
-@click.option(
-    "--port",
-    type=click.IntRange(1, 65535),
-    default=DEFAULT_PORT,
-    show_default=True,
-    help="With --serve: UDP port.",
-)
+@click.option("--port", type=click.IntRange(1, 65535), default=DEFAULT_PORT, help="With --serve: UDP port.")
 @click.option("--connect", type=AddressType(), metavar="HOST:PORT", help="Run the client's end, and measure.")
 @click.option(
     "--messages",
     type=click.IntRange(300, 1_000_000),
     default=300,
-    show_default=True,
     help="Messages in each trial; from 300 on the engine's clock counts as synchronized.",
 )
 @click.option(
@@ -44,12 +36,9 @@ from capture_app.terminal import FiniteRange, talk
     "--true-offset-ns",
     type=int,
     default=0,
-    show_default=True,
     help="True difference of the clocks, leader minus this host; 0 on one machine.",
 )
-@click.option(
-    "--clock", default="host", show_default=True, help="Clock of this end, as for `capture-app node`."
-)
+@click.option("--clock", default="host", help="Clock of this end, as for `capture-app node`.")
 @click.option("--emulated", is_flag=True, help="Record in the result that the link is emulated.")
 @experiment_options
 def experiment(

@@ -28,7 +28,6 @@ from capture_app.terminal import FiniteRange, talk
     "--shape",
     type=click.Choice(["both", "one-leader", "tree"]),
     default="both",
-    show_default=True,
     help="One leader for all clients, a tree of relays, or both in turn.",
 )
 @click.option(

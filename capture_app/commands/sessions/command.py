@@ -121,7 +121,6 @@ def schema() -> None:
     "--times",
     type=click.Choice(["auto", "video", "name", "exif"]),
     default="auto",
-    show_default=True,
     help="Source of the frame times: timestamps in the videos, file names of the images, or EXIF.",
 )
 @click.option(
@@ -131,11 +130,9 @@ def schema() -> None:
     multiple=True,
     help="Add this to the times of a camera, as for phones started by hand. Repeat for several.",
 )
-@click.option("--start", type=int, metavar="N", default=0, show_default=True, help="First instant to import.")
+@click.option("--start", type=int, metavar="N", default=0, help="First instant to import.")
 @click.option("--count", type=int, metavar="N", show_default="all", help="Number of instants to import.")
-@click.option(
-    "--every", type=int, metavar="N", default=1, show_default=True, help="Import every Nth instant."
-)
+@click.option("--every", type=int, metavar="N", default=1, help="Import every Nth instant.")
 @click.option(
     "--calibration",
     metavar="[NAME=]PATH",
@@ -144,15 +141,12 @@ def schema() -> None:
     "Qualisys .qca.txt.",
 )
 @click.option(
-    "--unit",
-    show_default="m",
-    help="Unit of lengths in the calibration: m, cm, mm, in, ft or another name.",
+    "--unit", show_default="m", help="Unit of lengths in the calibration: m, cm, mm, in, ft or another name."
 )
 @click.option(
     "--fit",
     type=click.Choice(["exact", "crop", "scale"]),
     default="exact",
-    show_default=True,
     help="How images relate to the calibrated size: the same, cropped at right and bottom, or scaled.",
 )
 @click.option(
@@ -160,15 +154,8 @@ def schema() -> None:
 )
 @click.option("--png", is_flag=True, help="Save video frames as PNG instead of JPEG.")
 @click.option("--name", show_default="that of the recording's folder", help="Name of the session.")
-@click.option("--note", default="", help="A line of text saved with the session.")
-@click.option(
-    "--out",
-    type=_FOLDER,
-    metavar="DIR",
-    default=DEFAULT_ROOT,
-    show_default=True,
-    help="Folder for the session.",
-)
+@click.option("--note", default="", show_default=False, help="A line of text saved with the session.")
+@click.option("--out", type=_FOLDER, metavar="DIR", default=DEFAULT_ROOT, help="Folder for the session.")
 @json_option
 def import_command(
     sources: tuple[str, ...],

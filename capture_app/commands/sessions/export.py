@@ -17,13 +17,7 @@ _FORMATS_TEXT = "\b\n" + "\n".join(f"{name:<11} {what}" for name, what in FORMAT
 
 @click.command("export", epilog=_FORMATS_TEXT)
 @click.argument("session", type=_FOLDER)
-@click.option(
-    "--to",
-    "name",
-    type=click.Choice(list(FORMATS)),
-    required=True,
-    help="Format: see below.",
-)
+@click.option("--to", "name", type=click.Choice(list(FORMATS)), required=True, help="Format: see below.")
 @click.option("--out", type=_FOLDER, metavar="DIR", required=True, help="New or empty folder to write.")
 @click.option(
     "--hard-link", is_flag=True, help="Hard-link image files where possible instead of copying them."

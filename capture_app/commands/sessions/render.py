@@ -16,7 +16,6 @@ from capture_app.terminal import json_option, print_json, print_line, show_count
     "--out",
     type=click.Path(path_type=Path),
     default=Path("sessions"),
-    show_default=True,
     metavar="DIR",
     help="Folder for the sessions.",
 )

@@ -23,7 +23,6 @@ WAIT_S = 20.0
     "--wait-s",
     type=FiniteRange(min=0),
     default=WAIT_S,
-    show_default=True,
     metavar="S",
     help="Time for nodes to connect and send the images they still have; 0 does not wait for nodes.",
 )
@@ -31,7 +30,6 @@ WAIT_S = 20.0
     "--listen",
     type=AddressType(),
     default=str(Address("0.0.0.0", DEFAULT_PORT)),  # noqa: S104 - nodes are other machines
-    show_default=True,
     metavar="HOST:PORT",
     help="Address to listen on: the one that the nodes know as their leader's.",
 )

@@ -96,7 +96,7 @@ class _Trial:
         self._clock = draw_wandering_clock(self._rng)
 
     def feed(self, clock: ClockFilter, sent_ns: list[int], until_ns: list[int]) -> Iterator[int]:
-        """Feed a filter with what arrives, and stop at each of these times; all in ns from the start."""
+        """Add samples to a filter as they arrive, pausing at each of these times; in ns from the start."""
         arrived = iter(exchanges_at(self._link, self._clock, self._rng, (START_TRUE_NS + t for t in sent_ns)))
         waiting = next(arrived, None)
         for stop_ns in until_ns:
@@ -110,7 +110,7 @@ class _Trial:
         return self._clock.local_from_true(START_TRUE_NS + since_start_ns)
 
     def judge(self, clock: ClockFilter, now_ns: int, ahead: Mapping[str, int], found: Coverages) -> None:
-        """Compare what the filter says now of times ahead of now with the truth."""
+        """Compare the filter's time map at now, and at times ahead of it, with the truth."""
         time_map = clock.time_map(self.local_ns(now_ns))
         assert time_map is not None
         for situation, ahead_ns in ahead.items():

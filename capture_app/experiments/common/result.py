@@ -8,7 +8,7 @@ from typing import Any, Literal
 import msgspec
 
 Figures = Mapping[str, Any]
-"""Numbers by name, the unit last in the name (`_us`, `_s`, `_ppm`; none for counts); nested as one likes."""
+"""Numbers by name, the unit last in the name (`_us`, `_s`, `_ppm`; none for counts); nested at will."""
 
 Kind = Literal["simulated", "emulated link", "real"]
 

@@ -119,7 +119,7 @@ NOTES = (
 
 
 def run_trial(rng: random.Random, *, keep: bool = False) -> Trial:
-    """Run one trial from scratch: new clocks, new phases, devices that nobody has seen before.
+    """Run one trial from scratch: new clocks, new phases, devices that are new to the rig.
 
     `keep` keeps its pictures.
     """
@@ -167,7 +167,7 @@ def run_trial(rng: random.Random, *, keep: bool = False) -> Trial:
 
 
 def _draw_phone(rng: random.Random) -> SensorProfile:
-    """A phone with the paper's rows, whose overhead nobody knows, and an exposure of 100 us."""
+    """A phone with the paper's rows, of unknown overhead, and an exposure of 100 us."""
     return replace(PROFILES["phone-a"], exposure_ns=EXPOSURE_NS, margin_rows=rng.randint(2, 60))
 
 

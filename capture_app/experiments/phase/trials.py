@@ -16,7 +16,7 @@ from capture_app.sync.phase.shared_goal import CameraPhase, SharedGoal
 
 EXACT = TimeMap(0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 300, 1000)
 REPORT_NS = 500_000_000
-"""A camera that knows its phase tells it again after so long."""
+"""A camera that knows its phase reports it again after so long."""
 
 
 def unknown_phone(rng: random.Random) -> SensorProfile:
@@ -68,9 +68,9 @@ def restart_together(
     starts_known: int = 0,
     limit_s: float = 600.0,
 ) -> Attempt:
-    """Our way: cameras that can only restart agree on a goal and an instant; until all are within tolerance.
+    """Our way: cameras that can only restart get a shared goal and a meeting instant, until all are aligned.
 
-    The engine's aligners and agreement on simulated sensors; the clocks and the network are perfect. Seconds
+    The engine's aligners and shared goal on simulated sensors, with perfect clocks and network. Seconds
     count from the moment that all cameras know their phase. `starts_known` start latencies were seen before.
     """
     rng = random.Random(seed)

@@ -1,1 +1,1 @@
-"""Clients that hear the same packets, beside the same clients without."""
+"""How far apart clients' clocks are, with the reference broadcast and without."""

@@ -1,4 +1,4 @@
-"""Clients that hear the same packets, beside the same clients without: how far apart their clocks are."""
+"""How far apart the clocks of clients are, with the reference broadcast and without it."""
 
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial

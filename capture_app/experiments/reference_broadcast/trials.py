@@ -18,7 +18,7 @@ from capture_app.sync.clock.time_map import TimeMap
 S, US, HOURS_NS = 1_000_000_000, 1_000, 9 * 3600 * 1_000_000_000
 EVERY_NS = S // 2
 LEAST_US = (300.0, 900.0)
-"""Least delay of each way of a link that is drawn; half the difference of the two is what nobody can see."""
+"""Least delay of each way of a link that is drawn; half the difference of the two cannot be measured."""
 TAILS_US = (1399.0, 616.0)
 """Mean delay beyond the least, to the leader and from it, as on the paper's link."""
 FAR_TOO_LATE = 0.0064
@@ -32,7 +32,7 @@ CAMERA = replace(PROFILES["perfect"], frame_length_rows=10_000)
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """Some clients: where each one hears, and which links and receivers they have."""
+    """Some clients: the radio cell of each, their links and receivers."""
 
     title: str
     cells: tuple[RadioCell, ...]
@@ -41,7 +41,7 @@ class Case:
     """So many, the last ones, have a receiver that is always late."""
 
     def pairs_of_good_receivers(self, *, together: bool) -> list[tuple[int, int]]:
-        """Pairs of clients that hear as they should, of one cell or of two."""
+        """Pairs of clients without late receivers, of one cell or of two."""
         well = range(len(self.cells) - self.late_receivers)
         return [(i, j) for i in well for j in well if i < j and (self.cells[i] == self.cells[j]) is together]
 

@@ -90,9 +90,9 @@ def find_profile(name: str) -> SensorProfile:
 
 
 def facts_of(profile: SensorProfile, *, width: int, height: int) -> CameraFacts:
-    """What a camera of that model tells of itself when its pictures are so many pixels large.
+    """The facts that a camera of that model reports, for pictures of so many pixels.
 
-    Injection's gain and overhead are not for it to know.
+    Gain and overhead of its injections are not among them.
     """
     return CameraFacts(
         kind=SIMULATED,

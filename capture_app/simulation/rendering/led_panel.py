@@ -1,7 +1,7 @@
 """The paper's LED panel (section 6.1) as a rolling-shutter camera sees it, and the time read off its picture.
 
 A panel has 10 x 10 LEDs, of which one column is lit for tau and then the next, and a row of 10 LEDs, each lit
-for 10 tau. Two panels stand side by side: with tau = 200 us a picture tells its time to microseconds within
+for 10 tau. Two panels stand side by side: with tau = 200 us a picture gives its time to microseconds within
 20 ms, with tau = 10 ms to a millisecond within a second.
 """
 

@@ -49,7 +49,7 @@ class PanelView:
 
     @property
     def calibration(self) -> CameraCalibration | None:
-        """None: nobody measures depth on a flat panel."""
+        """None: a flat panel has no depth to measure."""
         return None
 
     def render(self, frame: SensorFrame, *, seed: int) -> NDArray[np.uint8]:

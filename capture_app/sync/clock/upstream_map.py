@@ -19,7 +19,7 @@ class UpstreamMap(Struct, frozen=True, array_like=True):
     """A relay's map from its own clock to the root's, as it goes over the wire; times in ns.
 
     A relay's time replies carry its own clock, which never jumps; its clients add this to what they find.
-    `path` names the instances from the root to the relay, so that nobody follows itself.
+    `path` names the instances from the root to the relay, so that no relay follows itself.
     """
 
     path: Annotated[tuple[int, ...], Meta(min_length=1, max_length=MAX_DEPTH)]

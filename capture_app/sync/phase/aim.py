@@ -30,7 +30,7 @@ class Course:
 
 @dataclass(frozen=True, slots=True)
 class Aim:
-    """A wish for a move that counts `lead_ns` from now; times and errors in ns."""
+    """A wish for a move that takes effect `lead_ns` from now; times and errors in ns."""
 
     lead_ns: float
     error_ns: float
@@ -49,7 +49,7 @@ def aim_to_stay(course: Course, lead_ns: float, hold_ns: int) -> Aim:
 
 
 def aim_to_meet(course: Course, lead_ns: float, ahead_ns: float) -> Aim | None:
-    """Where drift takes a stream to its goal at a moment to come; None if it will be there anyhow."""
+    """Where drift takes a stream to its goal at a moment to come; None if it will be there without a move."""
     if course.tolerates(course.error_after(ahead_ns)):
         return None
     return Aim(lead_ns, course.error_after(lead_ns), -course.drift * (ahead_ns - lead_ns), 0.0)

@@ -107,7 +107,7 @@ class Aligner:
         self._commands.add_frame(stamp)
         restarts = isinstance(self._actuator, ResetActuator)
         if restarts and phase.run_frames == JUDGED_STARTS_FRAMES and phase.known:
-            # Nine of ten restarts fail: where a start's first frame tells as much, none waits for five.
+            # Nine of ten restarts miss: if a start's first frame is as good as five, do not wait for five.
             steady = phase.first_off_ns() < self._tolerance_ns / 4
             self._least_frames = 1 if steady else SETTLED_FRAMES[0]
         return dropped
@@ -127,7 +127,7 @@ class Aligner:
         self._commands.update(now_local_ns, run_settled=self._run_settled)
 
     def estimate(self, time_map: TimeMap, goal: Goal, at_leader_ns: int) -> PhaseEstimate | None:
-        """The stream's error at an instant of leader time; None while nobody can tell."""
+        """The stream's error at an instant of leader time; None while it is not known."""
         phase = self._phase
         if phase.run_frames < self._least_frames or not phase.known:
             return None

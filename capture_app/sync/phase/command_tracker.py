@@ -63,7 +63,7 @@ class CommandTracker:
     def update(self, now_local_ns: int, *, run_settled: bool) -> None:
         """End the command under way once its effect shows or is overdue, and learn from the effect.
 
-        `run_settled` tells whether the phase since its last move is known well.
+        `run_settled`: whether the phase since its last move is known well.
         """
         under_way = self._under_way
         if under_way is not None:

@@ -147,7 +147,7 @@ class PhaseEstimator:
         self.shifts.expect(self._index, shift_ns)
 
     def mark_disturbance(self, *, timeout_frames: int = 12) -> None:
-        """Expect the phase to move within so many frames; `last_shift_ns` tells afterwards how far."""
+        """Expect the phase to move within so many frames; `last_shift_ns` is then how far it did."""
         if self._stream is None:
             return
         self._disturbed = True

@@ -79,4 +79,4 @@ class FrameDurationActuator(PhaseActuator):
         return SetFrameDuration(round((self._base_rows + rows + INSIDE_ROW) * self._row_ns))
 
     def learn(self, effect: MoveEffect) -> None:
-        """Rows are rows: there is nothing to learn."""
+        """Nothing: the effect of a row is known exactly."""

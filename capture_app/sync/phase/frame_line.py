@@ -12,7 +12,7 @@ from statistics import median
 from capture_app.sync.clock.robust_slope import fit_shared_slope
 
 LATENCY_FRAMES = (2, 9)
-"""A command counts at the earliest and at the latest for the frame that comes so many after the newest."""
+"""A command takes effect so many frames after the newest one, at the earliest and at the latest."""
 
 
 class PendingShifts:
@@ -104,7 +104,7 @@ class FrameLine:
 
     @property
     def tolerance_ns(self) -> float:
-        """How far off the line the noise alone may bring a frame."""
+        """Largest distance of a frame from the line that noise explains."""
         return max(8.0 * self.noise_ns, 2_000.0)
 
     def heights_of(self, points: Iterable[Point]) -> list[float]:

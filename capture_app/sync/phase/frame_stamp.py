@@ -1,4 +1,4 @@
-"""What goes into a phase estimate, and what comes out: frame stamps, and a stream's error."""
+"""Input and result of a phase estimate: the stamps of frames, and the error of a stream."""
 
 from dataclasses import dataclass
 

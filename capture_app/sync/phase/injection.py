@@ -34,17 +34,17 @@ TURN_ROWS = 0.1
 INSIDE_TOLERANCE = 0.8
 """Landing beyond this share of the tolerance is avoided where another number of rows allows it."""
 SURE_ROWS = 1.0
-"""An injection that missed what its profile says by less than this confirms it."""
+"""An injection whose shift differs from its profile's by less than this confirms the profile."""
 LOST_COMMANDS = 2
-"""So many injections without effect are given again as they were, where a device is known."""
+"""So many injections without effect are repeated unchanged, where a device is known."""
 FRUITLESS = 8
-"""Injections in a row without any effect after which a camera counts as one that does not obey."""
+"""Injections in a row without any effect after which a camera counts as one that cannot be moved."""
 REMEMBERED = 8
 
 
 @dataclass(frozen=True, slots=True)
 class InjectionProfile:
-    """What a device does with a long frame, worth keeping for its next use."""
+    """How a device responds to a long frame, kept for its next use."""
 
     row_time_ns: int
     gain: int
@@ -53,7 +53,7 @@ class InjectionProfile:
 
 
 class InjectionActuator(PhaseActuator):
-    """Turns wished shifts into exposures; starts with a guess and knows after one or two injections."""
+    """Turns wished shifts into exposures; learns gain and neutral rows in one or two injections."""
 
     def __init__(
         self,
@@ -90,7 +90,7 @@ class InjectionActuator(PhaseActuator):
 
     @property
     def sure(self) -> bool:
-        """Whether the next injection will do what it should, as far as anybody can tell."""
+        """Whether the next injection is expected to move the phase as commanded."""
         if self.profile is None or self._fruitless:
             return False
         if not self._seen:
@@ -133,8 +133,8 @@ class InjectionActuator(PhaseActuator):
         if rows is None or effect.shift_ns is None:
             return
         if effect.shift_ns < max(0.75 * self._row_ns if self._row_known else 0.0, 4.0 * effect.noise_ns):
-            # Too short to stretch a frame at all, it says nothing about longer ones. A device that is known
-            # did not get its command, more likely.
+            # Too short to stretch a frame at all, it teaches nothing about longer ones. With a known
+            # device the command was lost, more likely.
             self._fruitless += 1
             if self.profile is None or self._fruitless > LOST_COMMANDS:
                 self._raised_ns += RAISE_NS

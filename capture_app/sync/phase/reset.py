@@ -1,7 +1,7 @@
 """Reset sampling: restart the stream until its phase is right, aimed with the start latencies seen so far.
 
 A camera's start latency modulo its period is all that counts. Kernel densities of several widths, one wrapped
-normal density and a uniform one predict each next start; those that predicted well have the say (Bayes), so
+normal density and a uniform one predict each next start, weighted by how well they predicted (Bayes), so
 that a camera whose starts cannot be predicted is restarted at random, as in the paper.
 """
 
@@ -20,13 +20,13 @@ REMEMBERED = 24
 WIDTHS = (1 / 200, 1 / 60, 1 / 20)
 """Of the kernels, as shares of a period."""
 FIRST_WIDTH = 0.1
-"""Spread that one latency alone suggests."""
+"""Spread that is assumed after a single latency."""
 FORGETTING = 0.95
 BACKGROUND = 0.05
 """Share of a uniform density in each kernel density: a start latency may always be a new one."""
 AIMS = 256
 UNSURE = 1.05
-"""Aim only if the best window holds this much more than a uniform density puts there."""
+"""Aim only if the best window is so much more likely than under a uniform density."""
 
 
 class ResetActuator(PhaseActuator):
@@ -38,7 +38,7 @@ class ResetActuator(PhaseActuator):
         self._latencies: deque[float] = deque(maxlen=REMEMBERED)
         """As shares of a period, newest last."""
         self._credit = [0.0] * (len(WIDTHS) + 2)
-        """Log-likelihood of what was seen, by kernel width; the normal and the uniform density's are last."""
+        """Log-likelihood of the latencies, by kernel width; the normal and the uniform density's are last."""
         self._start_ns: int | None = None
         self._period_ns = 1.0
 
@@ -48,7 +48,7 @@ class ResetActuator(PhaseActuator):
         return tuple(self._latencies)
 
     def aim(self, course: Course, *, hold_ns: int, aligned: bool, meeting_ns: int) -> Aim | None:
-        """Where the stream meets the goal in `meeting_ns`, or stays near it; None if it will anyhow."""
+        """Where the stream meets the goal in `meeting_ns`, or stays near it; None if no restart is needed."""
         if meeting_ns > 0:
             return aim_to_meet(course, LEAD_NS, meeting_ns)
         return None if aligned else aim_to_stay(course, LEAD_NS, hold_ns)
@@ -56,7 +56,7 @@ class ResetActuator(PhaseActuator):
     def command(self, move: Move) -> RestartStream:
         """Restart after a delay below one period."""
         self._period_ns = move.period_ns
-        latency = self._likeliest(move.tolerance_ns / move.period_ns) if self._aimed else None
+        latency = self._likeliest_latency(move.tolerance_ns / move.period_ns) if self._aimed else None
         if latency is None:
             delay_ns = int(self._rng.random() * move.period_ns)
         else:
@@ -111,7 +111,7 @@ class ResetActuator(PhaseActuator):
         off = (at - middle + 0.5) % 1.0 - 0.5
         return BACKGROUND + (1.0 - BACKGROUND) * exp(-0.5 * (off / width) ** 2) / (width * sqrt(2.0 * pi))
 
-    def _likeliest(self, half_window: float) -> float | None:
+    def _likeliest_latency(self, half_window: float) -> float | None:
         """Middle of the window that most likely holds the next latency; None if all are alike."""
         if not self._latencies:
             return None

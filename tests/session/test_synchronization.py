@@ -86,7 +86,7 @@ def test_the_verdict_is_the_distance_that_things_move_meanwhile() -> None:
     words = verdict(sync_record(cameras, burst, images, []), 2000.0)
     assert "2000 px/s" in words
     assert "0.50 px between cameras at most" in words
-    assert "0.90 px with the clocks' error" in words
+    assert "0.90 px with the clock error included" in words
     assert "4.50 px" in words
     unsure = [replace(one, uncertainty_ns=None) for one in images]
     assert "not known" in verdict(sync_record(cameras, burst, unsure, []))

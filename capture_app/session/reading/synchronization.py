@@ -43,11 +43,13 @@ def sync_record(
 def verdict(sync: SyncRecord, px_per_s: float = PX_PER_S) -> str:
     """Say in one sentence how far something that moves that fast is displaced between the cameras."""
     worst_ns = max(sync.spread_ns, default=0)
-    cost = f"what moves {px_per_s:g} px/s is displaced by {pixels(worst_ns, px_per_s)} between cameras"
+    cost = (
+        f"an object moving at {px_per_s:g} px/s is displaced by {pixels(worst_ns, px_per_s)} between cameras"
+    )
     if sync.uncertainty_ns is None:
         return f"{cost}, if the times are right: their uncertainty is not known"
     sure_ns = worst_ns + 2 * sync.uncertainty_ns
-    text = f"{cost} at most, {pixels(sure_ns, px_per_s)} with the clocks' error"
+    text = f"{cost} at most, {pixels(sure_ns, px_per_s)} with the clock error included"
     if sync.hard_bound_ns is not None:
         text += f" (95 %; never more than {pixels(worst_ns + 2 * sync.hard_bound_ns, px_per_s)})"
     return text

@@ -160,8 +160,7 @@ class RelayNode:
             if isinstance(message, StatusRequest):
                 await below.send(StatusAnswer(rig=self.status()))
             else:
-                error = type(why).__name__
-                await below.send(Refusal(what=why.what, hint=why.hint, error=error, retry=True))
+                await below.send(Refusal.of_error(why, retry=True))
 
     # Events
 

@@ -36,11 +36,7 @@ class Rendering:
 
 
 def render(
-    recipe: Recipe,
-    root: Path,
-    *,
-    replace: bool = False,
-    progress: Progress = lambda done, total: None,
+    recipe: Recipe, root: Path, *, replace: bool = False, progress: Progress = lambda done, total: None
 ) -> Rendering:
     """Render the session root/name of a recipe; its own `recipe.json` then holds the take.
 

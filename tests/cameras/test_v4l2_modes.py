@@ -184,8 +184,7 @@ def test_the_period_is_the_one_the_driver_took():
 
 
 @pytest.mark.parametrize(
-    ("taken", "rate", "options"),
-    [(PixelFormat("MJPG", 320, 240, 0), 30, {}), (MJPG, 15, {"fps": "30"})],
+    ("taken", "rate", "options"), [(PixelFormat("MJPG", 320, 240, 0), 30, {}), (MJPG, 15, {"fps": "30"})]
 )
 def test_a_driver_that_takes_another_mode_is_refused(taken, rate, options):
     with pytest.raises(CameraError, match="it offers MJPG 640x480 at 30, 15 fps"):

@@ -8,12 +8,7 @@ import pytest
 from msgspec.structs import replace
 
 from capture_app.camera_facts import CameraFacts, PhaseControl
-from capture_app.cameras.base import (
-    Camera,
-    CapturedFrame,
-    OnFailure,
-    OnFrame,
-)
+from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
 from capture_app.errors import CameraError
 from capture_app.node.camera.supervisor import CameraSupervisor
 from capture_app.sync.phase.frame_stamp import FrameStamp

@@ -241,19 +241,9 @@ def _buffer_request(index: int) -> bytearray:
 
 
 def _buffer(answer: bytearray) -> Buffer:
-    (
-        index,
-        _type,
-        bytes_used,
-        flags,
-        _field,
-        seconds,
-        microseconds,
-        sequence,
-        _memory,
-        offset,
-        length,
-    ) = BUFFER.unpack(answer)
+    (index, _type, bytes_used, flags, _field, seconds, microseconds, sequence, _memory, offset, length) = (
+        BUFFER.unpack(answer)
+    )
     timestamp_ns = seconds * 1_000_000_000 + microseconds * 1_000
     return Buffer(index, bytes_used, flags, timestamp_ns, sequence, offset, length)
 

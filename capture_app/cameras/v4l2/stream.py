@@ -14,12 +14,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 
 from capture_app.camera_facts import CameraFacts, PhaseControl
-from capture_app.cameras.base import (
-    Camera,
-    CapturedFrame,
-    OnFailure,
-    OnFrame,
-)
+from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
 from capture_app.cameras.v4l2.driver_errors import driver_error
 from capture_app.cameras.v4l2.exposure import (
     exposure_limits_ns,

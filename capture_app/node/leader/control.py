@@ -4,8 +4,7 @@ import asyncio
 from collections.abc import AsyncIterator
 from typing import Any
 
-from capture_app import errors
-from capture_app.errors import NetworkError, SimulshotError
+from capture_app.errors import NetworkError
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect
 from capture_app.node.wire.messages import (
@@ -57,12 +56,5 @@ async def _next(channel: Channel[Any], timeout_s: float) -> FromLeader:
         raise NetworkError(f"the leader at {channel.peer} closed the connection", hint="was it stopped?")
     answer: FromLeader = received[0]
     if isinstance(answer, Refusal):
-        raise _leaders_error(answer)
+        raise answer.as_error()
     return answer
-
-
-def _leaders_error(refusal: Refusal) -> SimulshotError:
-    kind = getattr(errors, refusal.error, SimulshotError)
-    if not (isinstance(kind, type) and issubclass(kind, SimulshotError)):
-        kind = SimulshotError
-    return kind(refusal.what, hint=refusal.hint)

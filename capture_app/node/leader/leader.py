@@ -55,8 +55,6 @@ class LeaderNode:
         """
         self.sessions = sessions
         self.address = Address(host, port)
-        self._host = host
-        self._port = port
         self._period_ns, self._align_row, self._max_delay_ns = period_ns, align_row, max_delay_ns
         self._beacons = beacons
         self._clock: NodeClock = clock or HostClock()
@@ -79,9 +77,9 @@ class LeaderNode:
 
     async def start(self) -> None:
         """Bind and serve. Raises NetworkError where the port is in use or the host is not this machine's."""
-        datagrams, listening = bind_port(self._host, self._port)
+        datagrams, listening = bind_port(self.address.host, self.address.port)
         port = listening.getsockname()[1]
-        self.address = Address(reachable_host(self._host, listening.family), port)
+        self.address = Address(reachable_host(self.address.host, listening.family), port)
         config = LeaderConfig(
             instance=self.instance,
             transfer_port=port,

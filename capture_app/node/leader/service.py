@@ -61,14 +61,8 @@ class LeaderService:
                 except NetworkError:
                     raise
                 except SimulshotError as error:
-                    await channel.send(
-                        Refusal(
-                            what=error.what,
-                            hint=error.hint,
-                            error=type(error).__name__,
-                            retry=isinstance(error, DiskFullError | TryAgainError),
-                        )
-                    )
+                    retry = isinstance(error, DiskFullError | TryAgainError)
+                    await channel.send(Refusal.of_error(error, retry=retry))
         finally:
             for session, camera in working_on.values():
                 session.stream_closed(camera, self._rig.now_ns())

@@ -1,11 +1,13 @@
 """Messages of the transfer stream: images and reports from nodes, requests from the command line."""
 
-from typing import Annotated
+from typing import Annotated, Self
 
 from msgspec import Meta, Struct
 
+from capture_app import errors
 from capture_app.camera_facts import Count
 from capture_app.clock import SimulatedClock
+from capture_app.errors import SimulshotError
 from capture_app.node.wire.status import BurstStatus, RigStatus
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, MissingImage, Sha256
@@ -90,6 +92,18 @@ class Refusal(_Message, frozen=True, kw_only=True, tag="refusal"):
     """The class of the leader's error, one of those in `errors`."""
     retry: bool = False
     """It may be asked for again: a disk is full, or a burst was closed and can be opened again."""
+
+    @classmethod
+    def of_error(cls, error: SimulshotError, *, retry: bool) -> Self:
+        """Tell an error of the leader's."""
+        return cls(what=error.what, hint=error.hint, error=type(error).__name__, retry=retry)
+
+    def as_error(self) -> SimulshotError:
+        """The leader's error, of its own class where this version knows it."""
+        kind = getattr(errors, self.error, SimulshotError)
+        if not (isinstance(kind, type) and issubclass(kind, SimulshotError)):
+            kind = SimulshotError
+        return kind(self.what, hint=self.hint)
 
 
 class StatusRequest(_Message, frozen=True, kw_only=True, tag="status-request"):

@@ -4,12 +4,7 @@ import asyncio
 import random
 
 from capture_app.camera_facts import CameraFacts
-from capture_app.cameras.base import (
-    Camera,
-    CapturedFrame,
-    OnFailure,
-    OnFrame,
-)
+from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
 from capture_app.clock import NodeClock
 from capture_app.errors import CameraError
 from capture_app.session.format.calibration import CameraCalibration

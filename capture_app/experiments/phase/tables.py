@@ -26,28 +26,8 @@ def never_share(attempts: Sequence[Attempt]) -> float:
 def tables(result: Result) -> tuple[Table, ...]:
     """Return the tables to print."""
     ours, old = result.ours, result.baseline
-    injections = [
-        (
-            device,
-            method,
-            f"{mean:.2f}",
-            f"{ours['seconds_mean'][device][method]:.2f}",
-            *_baseline(old, "injections_mean", device, "injection"),
-        )
-        for device, methods in ours["injections_mean"].items()
-        for method, mean in methods.items()
-    ]
-    restarts = [
-        (
-            device,
-            method,
-            f"{mean:.1f}",
-            f"{ours['seconds_mean'][device][method]:.1f}",
-            *_baseline(old, "restarts_mean", device, "restart"),
-        )
-        for device, methods in ours["restarts_mean"].items()
-        for method, mean in methods.items()
-    ]
+    injections = _rows(result, "injections_mean", "injection", 2)
+    restarts = _rows(result, "restarts_mean", "restart", 1)
     servo: list[tuple[str, ...]] = [(name, f"{value:.1f}") for name, value in ours["servo_us"].items()]
     head = ("device", "way", "moves", "s", "baseline: moves", "s", "never")
     return (
@@ -62,6 +42,22 @@ def tables(result: Result) -> tuple[Table, ...]:
         ),
         Table(("held frames", "us"), servo, "Frame durations: rows of 20 us, 20 ppm"),
     )
+
+
+def _rows(result: Result, kind: str, theirs: str, digits: int) -> list[tuple[str, ...]]:
+    """A row for each device and way: mean moves and seconds, ours and those of the baseline `theirs`."""
+    seconds = result.ours["seconds_mean"]
+    return [
+        (
+            device,
+            way,
+            f"{mean:.{digits}f}",
+            f"{seconds[device][way]:.{digits}f}",
+            *_baseline(result.baseline, kind, device, theirs),
+        )
+        for device, ways in result.ours[kind].items()
+        for way, mean in ways.items()
+    ]
 
 
 def _baseline(old: Figures, kind: str, device: str, method: str) -> tuple[str, ...]:

@@ -34,33 +34,16 @@ class UpstreamMap(Struct, frozen=True, array_like=True):
 
     def time_map(self) -> TimeMap | None:
         """The map from the relay's clock to the root's; None where a value is not a number."""
-        errors = (self.uncertainty_ns, self.hard_bound_ns, self.skew_uncertainty, self.skew_bound)
-        if not all(isfinite(number) for number in (self.skew, *errors, self.shared_uncertainty)):
+        fields = {name: getattr(self, name) for name in _SHARED_FIELDS}
+        if not all(isfinite(value) for value in fields.values() if isinstance(value, float)):
             return None
-        return TimeMap(
-            epoch_local_ns=self.epoch_local_ns,
-            offset_ns=self.offset_ns,
-            skew=self.skew,
-            uncertainty_ns=self.uncertainty_ns,
-            hard_bound_ns=self.hard_bound_ns,
-            skew_uncertainty=self.skew_uncertainty,
-            skew_bound=self.skew_bound,
-            samples=0,
-            round_trip_ns=0,
-            shared_uncertainty=self.shared_uncertainty,
-        )
+        return TimeMap(**fields, samples=0, round_trip_ns=0)
+
+
+_SHARED_FIELDS = UpstreamMap.__struct_fields__[1:]
+"""All but the path: fields that a time map has, too."""
 
 
 def upstream_map(path: tuple[int, ...], time_map: TimeMap) -> UpstreamMap:
     """Return the message form of the time map of a relay with that path."""
-    return UpstreamMap(
-        path,
-        time_map.epoch_local_ns,
-        time_map.offset_ns,
-        time_map.skew,
-        time_map.uncertainty_ns,
-        time_map.hard_bound_ns,
-        time_map.skew_uncertainty,
-        time_map.skew_bound,
-        time_map.shared_uncertainty,
-    )
+    return UpstreamMap(path, *(getattr(time_map, name) for name in _SHARED_FIELDS))

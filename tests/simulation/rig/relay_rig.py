@@ -10,11 +10,7 @@ from capture_app.simulation.network.wandering_clock import WanderingClock
 from capture_app.simulation.rig.tree import Tree, TreeSpec
 from capture_app.sync.phase.frame_stamp import FrameStamp
 from capture_app.sync.rig.client import Client
-from capture_app.sync.rig.events import (
-    BurstAccepted,
-    BurstPicked,
-    LeaderEvent,
-)
+from capture_app.sync.rig.events import BurstAccepted, BurstPicked, LeaderEvent
 from capture_app.sync.rig.failover import PROBE_EVERY_NS, Failover
 from capture_app.sync.rig.leader import LeaderConfig
 from capture_app.sync.rig.phase_loop import ClientConfig

@@ -7,12 +7,7 @@ from msgspec import structs
 
 from capture_app.simulation.rig.tree import ROOT
 from capture_app.sync.rig.client import Client
-from capture_app.sync.rig.events import (
-    BurstAccepted,
-    JoinRefused,
-    NodeLost,
-    NodeMoved,
-)
+from capture_app.sync.rig.events import BurstAccepted, JoinRefused, NodeLost, NodeMoved
 from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.wire.codec import decode
 from capture_app.sync.wire.messages import Hello, NodeState

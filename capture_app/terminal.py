@@ -1,5 +1,6 @@
 """What both command lines share: results on stdout, talk and progress on stderr, and how they end."""
 
+import io
 import math
 import os
 import sys
@@ -148,6 +149,10 @@ def _stop_bar() -> None:
 
 def run_command_line(command: click.Command, name: str, arguments: Sequence[str]) -> int:
     """Run a command line and return its exit code; a mistake is one line on stderr, never a traceback."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            # A terminal whose encoding lacks a character shows another one instead.
+            stream.reconfigure(errors="replace")
     try:
         code = command.main(args=list(arguments), prog_name=name, standalone_mode=False)
     except SimulshotError as error:

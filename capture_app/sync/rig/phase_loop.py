@@ -126,12 +126,7 @@ class PhaseLoop:
         return first
 
     def step(
-        self,
-        grid: CameraGrid,
-        time_map: TimeMap,
-        now_ns: int,
-        *,
-        burst_leader_ns: tuple[int, int] | None,
+        self, grid: CameraGrid, time_map: TimeMap, now_ns: int, *, burst_leader_ns: tuple[int, int] | None
     ) -> bool:
         """Command the camera what its stream needs; whether to report to the leader at once.
 

@@ -5,13 +5,7 @@ import struct
 import msgspec
 
 from capture_app.sync.wire.beacon import ArrivalReport
-from capture_app.sync.wire.messages import (
-    ControlMessage,
-    Goodbye,
-    Heartbeat,
-    Hello,
-    TriggerAck,
-)
+from capture_app.sync.wire.messages import ControlMessage, Goodbye, Heartbeat, Hello, TriggerAck
 from capture_app.sync.wire.time_messages import (
     MAGIC,
     VERSION,

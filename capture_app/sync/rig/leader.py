@@ -13,7 +13,7 @@ from capture_app.sync.rig.roster import Address, ClientView, Member, Roster
 from capture_app.sync.rig.terms import RigTerms
 from capture_app.sync.rig.uplink import Uplink
 from capture_app.sync.wire.beacon import ArrivalReport, Group
-from capture_app.sync.wire.codec import FromClient, decode, encode
+from capture_app.sync.wire.codec import FromClient, WireError, decode, encode, reply_at, reply_before_t2
 from capture_app.sync.wire.messages import (
     ControlMessage,
     Goodbye,
@@ -21,11 +21,11 @@ from capture_app.sync.wire.messages import (
     HeartbeatAck,
     Hello,
     JoinRefusal,
+    TimeRequest,
     TriggerAck,
     UnknownMember,
     Welcome,
 )
-from capture_app.sync.wire.time_messages import TimeRequest, WireError, reply_at, reply_before_t2
 
 _MS = 1_000_000
 FREE_PACE_NS, SLOWEST_PACE_NS = 25 * _MS, 60_000 * _MS

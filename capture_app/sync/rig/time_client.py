@@ -12,7 +12,7 @@ from capture_app.sync.rig.poll_schedule import AT_ONCE_NS, NEVER_NS
 from capture_app.sync.rig.terms import LeaderTerms
 from capture_app.sync.rig.timekeeper import ClockEvent, Timekeeper
 from capture_app.sync.wire.beacon import AgreedArrival, Beacon
-from capture_app.sync.wire.codec import Message, decode, encode
+from capture_app.sync.wire.codec import Message, WireError, decode, encode
 from capture_app.sync.wire.messages import (
     CLOCK_ONLY,
     WITHOUT_CAMERA,
@@ -24,11 +24,11 @@ from capture_app.sync.wire.messages import (
     JoinRefusal,
     NodeState,
     Report,
+    TimeReply,
     Trigger,
     UnknownMember,
     Welcome,
 )
-from capture_app.sync.wire.time_messages import TimeReply, WireError
 
 _MS = 1_000_000
 HELLO_EVERY_NS = 500 * _MS

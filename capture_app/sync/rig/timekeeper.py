@@ -18,8 +18,8 @@ from capture_app.sync.rig.events import (
 from capture_app.sync.rig.poll_schedule import PollSchedule, Progress, SteadySchedule
 from capture_app.sync.rig.terms import LeaderTerms
 from capture_app.sync.wire.beacon import ArrivalReport
-from capture_app.sync.wire.messages import NodeState, Report
-from capture_app.sync.wire.time_messages import TimeReply, request_at, request_before_t0
+from capture_app.sync.wire.codec import request_at, request_before_t0
+from capture_app.sync.wire.messages import NodeState, Report, TimeReply
 
 OUTSTANDING = 512
 FURTHEST_NS = 2**62

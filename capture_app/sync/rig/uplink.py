@@ -9,9 +9,8 @@ from collections import deque
 from msgspec.structs import replace
 
 from capture_app.sync.rig.roster import MAX_CLIENTS, Member
-from capture_app.sync.wire.codec import encode
+from capture_app.sync.wire.codec import WireError, encode
 from capture_app.sync.wire.messages import CLOCK_ONLY, ControlMessage, Goodbye, Heartbeat, Hello, TriggerAck
-from capture_app.sync.wire.time_messages import WireError
 
 TOO_LONG = "what it tells of its camera is too long for a relay to pass on"
 

@@ -17,7 +17,7 @@ from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.time_client import TimeClientEvent
 from capture_app.sync.rig.uplink import Uplink
 from capture_app.sync.tree.follower import Address, Follower, FollowerConfig
-from capture_app.sync.wire.codec import FromClient, Message, decode
+from capture_app.sync.wire.codec import FromClient, Message, WireError, decode
 from capture_app.sync.wire.messages import (
     PROBE_NUMBER,
     RELAY,
@@ -29,7 +29,6 @@ from capture_app.sync.wire.messages import (
     UnknownMember,
     Welcome,
 )
-from capture_app.sync.wire.time_messages import WireError
 
 HEARTBEAT_EVERY_NS = 500_000_000
 OF_CAMERAS = CameraFacts(

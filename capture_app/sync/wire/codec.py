@@ -1,25 +1,36 @@
-"""Datagrams of messages: the magic `sS`, the version and the kind, then a fixed layout or tagged msgpack."""
+"""Datagrams of messages: the magic `sS`, the version and the kind, then a fixed layout or tagged msgpack.
+
+Time messages have the fixed layout, and the time of sending goes in last: every microsecond between the
+reading of the clock and the socket would be an error of the estimate. A time reply is never larger than its
+request.
+"""
 
 import struct
 
 import msgspec
 
 from capture_app.sync.wire.beacon import ArrivalReport
-from capture_app.sync.wire.messages import ControlMessage, Goodbye, Heartbeat, Hello, TriggerAck
-from capture_app.sync.wire.time_messages import (
-    MAGIC,
-    VERSION,
+from capture_app.sync.wire.messages import (
+    ControlMessage,
+    Goodbye,
+    Heartbeat,
+    Hello,
     TimeReply,
     TimeRequest,
-    WireError,
-    decode_time,
-    encode_time,
+    TriggerAck,
 )
 
+MAGIC = b"sS"
+VERSION = 1
 MAX_DATAGRAM = 1200
 """In bytes, of a control message; fits every link without fragments."""
-_KIND_CONTROL = 3
+_KIND_TIME_REQUEST, _KIND_TIME_REPLY, _KIND_CONTROL = 1, 2, 3
 _HEADER = struct.Struct(">2sBB")
+_TIME = struct.Struct(">2sBBIIqqq")
+_BEFORE_T0 = struct.Struct(">2sBBII")
+_BEFORE_T2 = struct.Struct(">2sBBIIqq")
+_T0 = struct.Struct(">q16x")
+_T2 = struct.Struct(">q")
 
 Message = TimeRequest | TimeReply | ControlMessage
 FromClient = TimeRequest | Hello | Heartbeat | TriggerAck | Goodbye | ArrivalReport
@@ -28,10 +39,17 @@ _encoder = msgspec.msgpack.Encoder()
 _decoder = msgspec.msgpack.Decoder(ControlMessage)
 
 
+class WireError(ValueError):
+    """A datagram that is not one of ours, cut, or of another version."""
+
+
 def encode(message: Message) -> bytes:
     """Return the datagram of a message. Raises WireError where it would be larger than MAX_DATAGRAM."""
-    if isinstance(message, TimeRequest | TimeReply):
-        return encode_time(message)
+    match message:
+        case TimeRequest(client, sequence, t0_ns):
+            return request_at(request_before_t0(client, sequence), t0_ns)
+        case TimeReply(client, sequence, t0_ns, t1_ns, t2_ns):
+            return reply_at(reply_before_t2(TimeRequest(client, sequence, t0_ns), t1_ns), t2_ns)
     data = _HEADER.pack(MAGIC, VERSION, _KIND_CONTROL) + _encoder.encode(message)
     if len(data) > MAX_DATAGRAM:
         raise WireError(f"a {type(message).__name__} of {len(data)} bytes is over {MAX_DATAGRAM}")
@@ -45,10 +63,36 @@ def decode(data: bytes) -> Message:
     version, kind = data[2], data[3]
     if version != VERSION:
         raise WireError(f"protocol version {version}, this is version {VERSION}")
-    if kind != _KIND_CONTROL:
-        return decode_time(data)
-    try:
-        message: ControlMessage = _decoder.decode(data[_HEADER.size :])
-    except (msgspec.DecodeError, msgspec.ValidationError, UnicodeDecodeError) as error:
-        raise WireError(f"malformed control message: {error}") from error
-    return message
+    if kind == _KIND_CONTROL:
+        try:
+            message: ControlMessage = _decoder.decode(data[_HEADER.size :])
+        except (msgspec.DecodeError, msgspec.ValidationError, UnicodeDecodeError) as error:
+            raise WireError(f"malformed control message: {error}") from error
+        return message
+    if kind not in (_KIND_TIME_REQUEST, _KIND_TIME_REPLY) or len(data) != _TIME.size:
+        raise WireError(f"unknown message kind {kind} of {len(data)} bytes")
+    client, sequence, t0_ns, t1_ns, t2_ns = _TIME.unpack(data)[3:]
+    if kind == _KIND_TIME_REQUEST:
+        return TimeRequest(client, sequence, t0_ns)
+    return TimeReply(client, sequence, t0_ns, t1_ns, t2_ns)
+
+
+def request_before_t0(client: int, sequence: int) -> bytes:
+    """Return a TimeRequest up to its `t0_ns`."""
+    return _BEFORE_T0.pack(MAGIC, VERSION, _KIND_TIME_REQUEST, client, sequence)
+
+
+def request_at(before: bytes, t0_ns: int) -> bytes:
+    """Return the datagram of a TimeRequest."""
+    return before + _T0.pack(t0_ns)
+
+
+def reply_before_t2(request: TimeRequest, t1_ns: int) -> bytes:
+    """Return the TimeReply to a request up to its `t2_ns`."""
+    head = MAGIC, VERSION, _KIND_TIME_REPLY, request.client, request.sequence
+    return _BEFORE_T2.pack(*head, request.t0_ns, t1_ns)
+
+
+def reply_at(before: bytes, t2_ns: int) -> bytes:
+    """Return the datagram of a TimeReply."""
+    return before + _T2.pack(t2_ns)

@@ -1,4 +1,4 @@
-"""Control messages: joining, heartbeats and bursts."""
+"""Messages between nodes: time, joining, heartbeats and bursts."""
 
 from enum import StrEnum
 from typing import Annotated
@@ -34,6 +34,24 @@ WITHOUT_CAMERA = (CLOCK_ONLY, RELAY)
 PROBE_NUMBER = 0
 """The number in a liveness probe, which no client has: a leader that answers that it is unknown is there."""
 HeightShare = Annotated[float, Meta(ge=0.0, le=1.0)]
+
+
+class TimeRequest(Struct, frozen=True):
+    """A client asks for the leader's time; `t0_ns` is its own when it sent this."""
+
+    client: int
+    sequence: int
+    t0_ns: int
+
+
+class TimeReply(Struct, frozen=True):
+    """The leader's answer: request received at `t1_ns` and answered at `t2_ns`, leader time."""
+
+    client: int
+    sequence: int
+    t0_ns: int
+    t1_ns: int
+    t2_ns: int
 
 
 class Hello(Struct, frozen=True, tag="hello"):

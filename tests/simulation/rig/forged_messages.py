@@ -17,12 +17,13 @@ from capture_app.sync.wire.messages import (
     NodeState,
     Report,
     Terms,
+    TimeReply,
+    TimeRequest,
     Trigger,
     TriggerAck,
     UnknownMember,
     Welcome,
 )
-from capture_app.sync.wire.time_messages import TimeReply, TimeRequest
 
 S = 1_000_000_000
 INSTANCE, HONEST = 77, 99

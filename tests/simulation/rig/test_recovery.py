@@ -23,8 +23,7 @@ from capture_app.sync.rig.timekeeper import OUTSTANDING
 from capture_app.sync.tree.follower import Address, Follower, FollowerConfig
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
 from capture_app.sync.wire.codec import Message, encode
-from capture_app.sync.wire.messages import HeartbeatAck, NodeState, Trigger, UnknownMember
-from capture_app.sync.wire.time_messages import TimeReply
+from capture_app.sync.wire.messages import HeartbeatAck, NodeState, TimeReply, Trigger, UnknownMember
 from tests.simulation.rig.forged_messages import (
     HONEST,
     INSTANCE,

@@ -23,11 +23,11 @@ from capture_app.sync.wire.messages import (
     JoinRefusal,
     NodeState,
     Terms,
+    TimeReply,
     Trigger,
     UnknownMember,
     Welcome,
 )
-from capture_app.sync.wire.time_messages import TimeReply
 
 S = 1_000_000_000
 LAN = Link(GammaDelay(60_000, 90_000), GammaDelay(60_000, 90_000))

@@ -12,8 +12,7 @@ from capture_app.sync.rig.poll_schedule import (
 from capture_app.sync.rig.terms import LeaderTerms
 from capture_app.sync.rig.timekeeper import Timekeeper
 from capture_app.sync.wire.codec import decode
-from capture_app.sync.wire.messages import Terms
-from capture_app.sync.wire.time_messages import TimeReply, TimeRequest
+from capture_app.sync.wire.messages import Terms, TimeReply, TimeRequest
 
 S = 1_000_000_000
 DELAY_NS = 1_000_000

@@ -6,9 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture_app.sync.wire.beacon import MOST_ARRIVALS, AgreedArrival, ArrivalReport, Beacon, Group
-from capture_app.sync.wire.codec import MAX_DATAGRAM, decode, encode
+from capture_app.sync.wire.codec import MAGIC, MAX_DATAGRAM, VERSION, WireError, decode, encode
 from capture_app.sync.wire.messages import ControlMessage, Terms, Welcome
-from capture_app.sync.wire.time_messages import MAGIC, VERSION, WireError
 
 u32 = st.integers(0, 2**32 - 1)
 numbers = st.integers(1, 2**32 - 1)

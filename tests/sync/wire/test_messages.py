@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
-from capture_app.sync.wire.codec import MAX_DATAGRAM, Message, decode, encode
+from capture_app.sync.wire.codec import MAGIC, MAX_DATAGRAM, VERSION, Message, WireError, decode, encode
 from capture_app.sync.wire.messages import (
     ControlMessage,
     Heartbeat,
@@ -17,11 +17,12 @@ from capture_app.sync.wire.messages import (
     NodeState,
     Report,
     Terms,
+    TimeReply,
+    TimeRequest,
     Trigger,
     TriggerAck,
     Welcome,
 )
-from capture_app.sync.wire.time_messages import MAGIC, VERSION, TimeReply, TimeRequest, WireError
 from tests.facts import make_facts
 
 u32 = st.integers(0, 2**32 - 1)

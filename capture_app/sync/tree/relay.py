@@ -9,12 +9,11 @@ from dataclasses import replace
 
 import msgspec
 
-from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.sync.clock.upstream_map import upstream_map
 from capture_app.sync.phase.shared_goal import SharedGoal
 from capture_app.sync.rig.events import LeaderEvent
 from capture_app.sync.rig.leader import Leader, LeaderConfig
-from capture_app.sync.rig.time_client import TimeClientEvent
+from capture_app.sync.rig.time_client import CLOCK, TimeClientEvent
 from capture_app.sync.rig.uplink import Uplink
 from capture_app.sync.tree.follower import Address, Follower, FollowerConfig
 from capture_app.sync.wire.codec import FromClient, Message, WireError, decode
@@ -31,15 +30,7 @@ from capture_app.sync.wire.messages import (
 )
 
 HEARTBEAT_EVERY_NS = 500_000_000
-OF_CAMERAS = CameraFacts(
-    kind=RELAY,
-    model="relay",
-    width=0,
-    height=0,
-    period_ns=33_333_333,
-    phase_control=PhaseControl.NONE,
-    timestamp_source=TimestampSource.UNKNOWN,
-)
+OF_CAMERAS = msgspec.structs.replace(CLOCK, kind=RELAY, model="relay")
 """How a relay of cameras describes itself: as a member that must be missed within seconds."""
 
 

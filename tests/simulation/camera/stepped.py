@@ -3,10 +3,14 @@
 import asyncio
 import selectors
 from collections.abc import Callable, Coroutine
-from typing import Any
+from functools import wraps
+from typing import Any, ParamSpec, TypeVar
 
 from capture_app.cameras.base import Camera, CapturedFrame
 from capture_app.cameras.catalog import open_camera
+
+P = ParamSpec("P")
+T = TypeVar("T")
 
 PERIOD_NS = 33_333_000
 HOUR_NS = 3_600_000_000_000
@@ -51,12 +55,15 @@ def true_now_ns() -> int:
     return round(asyncio.get_running_loop().time() * 1e9)
 
 
-def run(scenario: Callable[[], Coroutine[Any, Any, None]]) -> None:
-    loop = SteppedLoop()
-    try:
-        loop.run_until_complete(scenario())
-    finally:
-        loop.close()
+def in_stepped_time(scenario: Callable[P, Coroutine[Any, Any, T]]) -> Callable[P, T]:
+    """Let a coroutine run on a stepped loop of its own."""
+
+    @wraps(scenario)
+    def run(*args: P.args, **kwargs: P.kwargs) -> T:
+        with asyncio.Runner(loop_factory=SteppedLoop) as runner:
+            return runner.run(scenario(*args, **kwargs))
+
+    return run
 
 
 def sim(spec: str, name: str = "cam00") -> Camera:

@@ -11,27 +11,19 @@ import pytest
 from capture_app.cameras.base import CapturedFrame
 from capture_app.errors import BadInputError, NotAvailableError, SimulshotError
 from capture_app.session.format.calibration import Calibration, CameraCalibration
-from tests.simulation.camera.stepped import Recorder, run, sim
+from tests.simulation.camera.stepped import Recorder, in_stepped_time, sim
+
+
+@in_stepped_time
+async def shoot(name: str) -> CapturedFrame:
+    camera = sim("sim:perfect", name)
+    frame = (await Recorder().record(camera, 0.5))[7]
+    await camera.stop()
+    return frame
 
 
 def test_pictures_are_reproducible_jpegs_that_differ_by_camera() -> None:
-    async def shoot(name: str) -> CapturedFrame:
-        camera = sim("sim:perfect", name)
-        frame = (await Recorder().record(camera, 0.5))[7]
-        await camera.stop()
-        return frame
-
-    frames: list[CapturedFrame] = []
-
-    async def scenario() -> None:
-        frames.append(await shoot("left"))
-
-    async def other() -> None:
-        frames.append(await shoot("right"))
-
-    for each in (scenario, scenario, other):
-        run(each)
-    first, again, right = (frame.picture.encode() for frame in frames)
+    first, again, right = (shoot(name).picture.encode() for name in ("left", "left", "right"))
     assert first == again
     assert first != right
     image = cv2.imdecode(np.frombuffer(first, np.uint8), cv2.IMREAD_COLOR)
@@ -40,21 +32,19 @@ def test_pictures_are_reproducible_jpegs_that_differ_by_camera() -> None:
     assert np.asarray(image).std() > 40
 
 
-def test_truth_is_an_npz_of_depth_objects_and_movers() -> None:
-    async def scenario() -> None:
-        camera = sim("sim:perfect")
-        frame = (await Recorder().record(camera, 0.2))[0]
-        await camera.stop()
-        assert frame.truth is not None
-        with np.load(io.BytesIO(frame.truth.encode())) as truth:
-            kinds = {key: (truth[key].dtype.name, truth[key].shape) for key in truth}
-        assert kinds == {
-            "depth_m": ("float32", (480, 640)),
-            "objects": ("uint8", (480, 640)),
-            "movers": ("bool", (480, 640)),
-        }
-
-    run(scenario)
+@in_stepped_time
+async def test_truth_is_an_npz_of_depth_objects_and_movers() -> None:
+    camera = sim("sim:perfect")
+    frame = (await Recorder().record(camera, 0.2))[0]
+    await camera.stop()
+    assert frame.truth is not None
+    with np.load(io.BytesIO(frame.truth.encode())) as truth:
+        kinds = {key: (truth[key].dtype.name, truth[key].shape) for key in truth}
+    assert kinds == {
+        "depth_m": ("float32", (480, 640)),
+        "objects": ("uint8", (480, 640)),
+        "movers": ("bool", (480, 640)),
+    }
 
 
 def test_a_scene_without_open3d_is_refused_in_plain_words(
@@ -103,49 +93,44 @@ def striped(monkeypatch: pytest.MonkeyPatch) -> StripedScene:
     return scene
 
 
-def test_a_scene_is_rendered_at_the_frames_true_start_when_it_is_saved(striped: StripedScene) -> None:
-    async def scenario() -> None:
-        camera = sim("sim:pi,scene=striped,view=right,drops=0")
-        assert (camera.facts.width, camera.facts.height) == (160, 90)
-        recorder = Recorder()
-        frame, later = (await recorder.record(camera, 1.0))[:2]
-        await camera.stop()
-        assert striped.asked == []
-        assert frame.truth is not None
-        frame.picture.encode()
-        frame.truth.encode()
-        frame.picture.encode()
-        later.picture.encode()
-        (view, start_ns, exposure_ns, row_time_ns, seed), truth, again, other = striped.asked
-        assert (view, start_ns, exposure_ns, row_time_ns) == truth
-        assert truth == ("right", frame.truth.true_ns, frame.exposure_ns, 11_111)
-        assert again[-1] == seed != other[-1]
-        # 90 rows are read out in 1 ms.
-        assert frame.exposure_ns is not None
-        late_ns = recorder.arrivals_true_ns[0] - start_ns - frame.exposure_ns
-        assert 2_999_000 <= late_ns <= 5_001_000
-
-    run(scenario)
+@in_stepped_time
+async def test_a_scene_is_rendered_at_the_frames_true_start_when_it_is_saved(striped: StripedScene) -> None:
+    camera = sim("sim:pi,scene=striped,view=right,drops=0")
+    assert (camera.facts.width, camera.facts.height) == (160, 90)
+    recorder = Recorder()
+    frame, later = (await recorder.record(camera, 1.0))[:2]
+    await camera.stop()
+    assert striped.asked == []
+    assert frame.truth is not None
+    frame.picture.encode()
+    frame.truth.encode()
+    frame.picture.encode()
+    later.picture.encode()
+    (view, start_ns, exposure_ns, row_time_ns, seed), truth, again, other = striped.asked
+    assert (view, start_ns, exposure_ns, row_time_ns) == truth
+    assert truth == ("right", frame.truth.true_ns, frame.exposure_ns, 11_111)
+    assert again[-1] == seed != other[-1]
+    # 90 rows are read out in 1 ms.
+    assert frame.exposure_ns is not None
+    late_ns = recorder.arrivals_true_ns[0] - start_ns - frame.exposure_ns
+    assert 2_999_000 <= late_ns <= 5_001_000
 
 
-def test_the_rendered_scene() -> None:
+@in_stepped_time
+async def test_the_rendered_scene() -> None:
     pytest.importorskip("open3d", reason="scenes are rendered by Open3D")
-
-    async def scenario() -> None:
-        camera = sim("sim:phone-a,scene=studio,scale=0.25", "cam02")
-        frame = (await Recorder().record(camera, 1.0))[0]
-        await camera.stop()
-        assert frame.truth is not None
-        image = cv2.imdecode(np.frombuffer(frame.picture.encode(), np.uint8), cv2.IMREAD_COLOR)
-        assert image is not None
-        assert image.shape == (camera.facts.height, camera.facts.width, 3) == (120, 160, 3)
-        assert np.asarray(image).std() > 20
-        with np.load(io.BytesIO(frame.truth.encode())) as truth:
-            assert truth["depth_m"].shape == (120, 160)
-            assert 0.0 < truth["movers"].mean() < 0.5
-            assert (truth["depth_m"][truth["movers"]] > 0.1).all()
-
-    run(scenario)
+    camera = sim("sim:phone-a,scene=studio,scale=0.25", "cam02")
+    frame = (await Recorder().record(camera, 1.0))[0]
+    await camera.stop()
+    assert frame.truth is not None
+    image = cv2.imdecode(np.frombuffer(frame.picture.encode(), np.uint8), cv2.IMREAD_COLOR)
+    assert image is not None
+    assert image.shape == (camera.facts.height, camera.facts.width, 3) == (120, 160, 3)
+    assert np.asarray(image).std() > 20
+    with np.load(io.BytesIO(frame.truth.encode())) as truth:
+        assert truth["depth_m"].shape == (120, 160)
+        assert 0.0 < truth["movers"].mean() < 0.5
+        assert (truth["depth_m"][truth["movers"]] > 0.1).all()
 
 
 def test_a_scene_that_does_not_exist() -> None:

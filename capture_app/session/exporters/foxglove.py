@@ -11,43 +11,29 @@ from capture_app.session.exporters.common.optional_packages import load_package
 
 _DOUBLE, _STRING, _BYTES, _FIXED32 = 1, 9, 12, 7  # google.protobuf.FieldDescriptorProto.Type
 _TIME = ".google.protobuf.Timestamp"
+_REPEATED = ("D", "K", "R", "P")
 
-Field = tuple[int, str, int | str, bool]
-"""Number, name, type (a scalar's, or a message's full name), repeated."""
-
-_MESSAGES: dict[str, tuple[Field, ...]] = {
-    "Vector3": ((1, "x", _DOUBLE, False), (2, "y", _DOUBLE, False), (3, "z", _DOUBLE, False)),
-    "Quaternion": (
-        (1, "x", _DOUBLE, False),
-        (2, "y", _DOUBLE, False),
-        (3, "z", _DOUBLE, False),
-        (4, "w", _DOUBLE, False),
-    ),
-    "CompressedImage": (
-        (1, "timestamp", _TIME, False),
-        (2, "data", _BYTES, False),
-        (3, "format", _STRING, False),
-        (4, "frame_id", _STRING, False),
-    ),
-    "CameraCalibration": (
-        (1, "timestamp", _TIME, False),
-        (2, "width", _FIXED32, False),
-        (3, "height", _FIXED32, False),
-        (4, "distortion_model", _STRING, False),
-        (5, "D", _DOUBLE, True),
-        (6, "K", _DOUBLE, True),
-        (7, "R", _DOUBLE, True),
-        (8, "P", _DOUBLE, True),
-        (9, "frame_id", _STRING, False),
-    ),
-    "FrameTransform": (
-        (1, "timestamp", _TIME, False),
-        (2, "parent_frame_id", _STRING, False),
-        (3, "child_frame_id", _STRING, False),
-        (4, "translation", ".foxglove.Vector3", False),
-        (5, "rotation", ".foxglove.Quaternion", False),
-    ),
+_MESSAGES: dict[str, dict[str, int | str]] = {
+    "Vector3": {"x": _DOUBLE, "y": _DOUBLE, "z": _DOUBLE},
+    "Quaternion": {"x": _DOUBLE, "y": _DOUBLE, "z": _DOUBLE, "w": _DOUBLE},
+    "CompressedImage": {"timestamp": _TIME, "data": _BYTES, "format": _STRING, "frame_id": _STRING},
+    "CameraCalibration": {
+        "timestamp": _TIME,
+        "width": _FIXED32,
+        "height": _FIXED32,
+        "distortion_model": _STRING,
+        **dict.fromkeys(_REPEATED, _DOUBLE),
+        "frame_id": _STRING,
+    },
+    "FrameTransform": {
+        "timestamp": _TIME,
+        "parent_frame_id": _STRING,
+        "child_frame_id": _STRING,
+        "translation": ".foxglove.Vector3",
+        "rotation": ".foxglove.Quaternion",
+    },
 }
+"""By message, its fields in the order of their numbers, from 1: a scalar's type, or a message's full name."""
 _USES = {"FrameTransform": ("Vector3", "Quaternion")}
 
 
@@ -76,12 +62,13 @@ def _file(name: str) -> Any:
     file = load_package("google.protobuf.descriptor_pb2", "MCAP").FileDescriptorProto(
         name=f"foxglove/{name}.proto", package="foxglove", syntax="proto3"
     )
-    if any(kind == _TIME for _, _, kind, _ in _MESSAGES[name]):
+    if _TIME in _MESSAGES[name].values():
         file.dependency.append("google/protobuf/timestamp.proto")
     file.dependency.extend(f"foxglove/{used}.proto" for used in _USES.get(name, ()))
     message = file.message_type.add(name=name)
-    for number, field_name, kind, repeated in _MESSAGES[name]:
-        field = message.field.add(name=field_name, number=number, label=3 if repeated else 1)
+    for number, (field_name, kind) in enumerate(_MESSAGES[name].items(), 1):
+        label = 3 if field_name in _REPEATED else 1
+        field = message.field.add(name=field_name, number=number, label=label)
         if isinstance(kind, str):
             field.type, field.type_name = 11, kind
         else:

@@ -5,7 +5,6 @@ from pathlib import Path
 
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
 from capture_app.session.exporters.common.poses import (
-    METRES,
     distortion_of,
     matrix_of,
     rodrigues,
@@ -13,7 +12,7 @@ from capture_app.session.exporters.common.poses import (
 )
 from capture_app.session.exporters.common.tables import toml_table, unit_note, write_frames
 from capture_app.session.exporters.common.videos import write_timeline
-from capture_app.session.format.calibration import Calibration
+from capture_app.session.format.calibration import METRES, Calibration
 
 
 def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[str]:

@@ -6,7 +6,6 @@ from typing import Any
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
 from capture_app.session.exporters.common.optional_packages import load_package
 from capture_app.session.exporters.common.poses import (
-    METRES,
     centre_of,
     distortion_of,
     matrix_of,
@@ -15,7 +14,7 @@ from capture_app.session.exporters.common.poses import (
 )
 from capture_app.session.exporters.common.tables import Frame, unit_note, write_frames
 from capture_app.session.exporters.foxglove import descriptor_set, message_class
-from capture_app.session.format.calibration import Calibration, CameraCalibration
+from capture_app.session.format.calibration import METRES, Calibration, CameraCalibration
 from capture_app.session.format.manifest import MANIFEST, ImageRecord
 
 _CHUNK = 1 << 62  # a chunk ends where a set of frames does, never by its size

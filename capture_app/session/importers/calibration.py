@@ -7,11 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.errors import BadInputError
-from capture_app.session.format.calibration import Calibration, CameraCalibration, Matrix3, Vector3
+from capture_app.session.format.calibration import METRES, Calibration, CameraCalibration, Matrix3, Vector3
 from capture_app.session.importers.camera_views import Array, View, Views
 from capture_app.session.importers.rate_or_table import match_name
-
-METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 
 
 class Fit(StrEnum):

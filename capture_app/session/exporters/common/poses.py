@@ -9,8 +9,6 @@ from capture_app.session.format.calibration import CameraCalibration
 
 Array = NDArray[np.float64]
 
-METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
-
 
 def rotation_of(camera: CameraCalibration) -> Array:
     """Rotation of `cam_from_rig`, 3x3."""

@@ -1,6 +1,6 @@
 """Recordings of other programs become sessions: frames matched in time, bytes kept as they are."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -29,14 +29,9 @@ _NO_FRAME = "the recording has no frame of it"
 
 
 @dataclass(frozen=True, kw_only=True)
-class ImportOptions:
+class ImportOptions(TimeOptions):
     """How a recording is read: its rate or its table of times, which instants, and its calibration."""
 
-    fps: float | None = None
-    timestamps: Path | None = None
-    times: TimeSource = TimeSource.AUTO
-    offsets_ms: Mapping[str, float] = field(default_factory=dict)
-    """What is added to a camera's own times to get the rig's, by the camera's name."""
     start: int = 0
     """The first instant that is taken, counted from 0."""
     count: int | None = None
@@ -69,9 +64,7 @@ def import_recording(
         talk(f"{layout.videos} is of {layout.program}")
         paths, options = [str(layout.videos)], _with_layout(layout, options)
     sources = open_sources(paths, png=options.png)
-    same_frames = layout is not None and layout.same_frames
-    clocks = TimeOptions(options.fps, options.timestamps, options.times, options.offsets_ms, same_frames)
-    timeline = make_timeline(sources, clocks, talk)
+    timeline = make_timeline(sources, options, talk)
     instants = _chosen(timeline, options)
     names = [source.name for source in sources]
     places = [split_name(text) for text in options.calibration]
@@ -117,6 +110,7 @@ def _with_layout(layout: Layout, options: ImportOptions) -> ImportOptions:
     calibrated = bool(options.calibration) or layout.calibration is None
     return replace(
         options,
+        same_frames=layout.same_frames,
         timestamps=layout.timestamps if said_nothing else options.timestamps,
         calibration=options.calibration if calibrated else (str(layout.calibration),),
         unit=options.unit if calibrated or options.unit else layout.unit,

@@ -16,7 +16,7 @@ from capture_app.session.importers.rate_or_table import timeline_by_rate, timeli
 from capture_app.session.importers.sources import ImageFolder, Source, Video
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, kw_only=True)
 class TimeOptions:
     """The user's options for times: a rate in frames a second, a table, or another source."""
 
@@ -24,6 +24,7 @@ class TimeOptions:
     timestamps: Path | None = None
     times: TimeSource = TimeSource.AUTO
     offsets_ms: Mapping[str, float] = field(default_factory=dict)
+    """What is added to a camera's own times to get the rig's, by the camera's name."""
     same_frames: bool = False
     """Videos whose frames of the same number are of one instant, at their own rate."""
 
@@ -96,14 +97,12 @@ def _own(source: Source, times: TimeSource, talk: Callable[[str], None]) -> list
 
 
 def _by_times(where: str, cameras: Mapping[str, Sequence[TimedFrame]], options: TimeOptions) -> Timeline:
-    return timeline_by_times(
-        where,
-        {name: [_moved(frame, name, options) for frame in frames] for name, frames in cameras.items()},
-    )
-
-
-def _moved(frame: TimedFrame, name: str, options: TimeOptions) -> TimedFrame:
-    return replace(frame, leader_ns=frame.leader_ns + round(options.offsets_ms.get(name, 0.0) * 1e6))
+    offsets_ns = {name: round(options.offsets_ms.get(name, 0.0) * 1e6) for name in cameras}
+    shifted = {
+        name: [replace(frame, leader_ns=frame.leader_ns + offsets_ns[name]) for frame in frames]
+        for name, frames in cameras.items()
+    }
+    return timeline_by_times(where, shifted)
 
 
 def _shifted(timeline: Timeline, options: TimeOptions, where: str) -> Timeline:

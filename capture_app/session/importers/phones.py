@@ -32,6 +32,8 @@ class PhoneShots(Source):
 
     kind = "libsoftwaresync"
     suffix = ".jpg"
+    numbered = False
+    """Shots have times; their numbers are just the order."""
 
     def __init__(self, name: str, path: Path) -> None:
         self.name, self.path = name, path
@@ -39,16 +41,7 @@ class PhoneShots(Source):
         if not shots:
             raise BadInputError(f"no image in {path} belongs to its sync_metadata files")
         self._shots = sorted(shots, key=lambda shot: shot.leader_ns)
-
-    @property
-    def numbers(self) -> Sequence[int]:
-        """The order of the shots."""
-        return range(len(self._shots))
-
-    @property
-    def numbered(self) -> bool:
-        """False: shots have times, not numbers."""
-        return False
+        self.numbers = range(len(shots))
 
     def embedded_times(self) -> Sequence[TimedFrame]:
         """When each shot was taken, by the leader's clock and by the phone's."""

@@ -27,16 +27,10 @@ class Source(ABC):
     """A remark for the user on what was assumed."""
     suffix: str
     """Ending of the image files that `frames` gives the bytes of."""
-
-    @property
-    @abstractmethod
-    def numbers(self) -> Sequence[int]:
-        """The recording's own number of each frame: equal numbers of two cameras belong together."""
-
-    @property
-    @abstractmethod
-    def numbered(self) -> bool:
-        """Whether the numbers are the recording's own and not just an order."""
+    numbers: Sequence[int]
+    """The recording's own number of each frame: equal numbers of two cameras belong together."""
+    numbered: bool
+    """Whether the numbers are the recording's own and not just an order."""
 
     def embedded_times(self) -> Sequence[TimedFrame] | None:
         """When its frames were taken by the rig's common clock, where its files tell that; else None."""
@@ -57,41 +51,26 @@ class ImageFolder(Source):
 
     def __init__(self, name: str, path: Path) -> None:
         self.name, self.path = name, path
-        self._files = (
-            [path] if path.is_file() else sorted(images_in(path), key=lambda file: natural_order(file.name))
-        )
-        if not self._files:
+        found = [path] if path.is_file() else images_in(path)
+        self.files = sorted(found, key=lambda file: natural_order(file.name))
+        """In the order of the frames."""
+        if not self.files:
             raise BadInputError(f"no images in {path}", hint=f"looked for {', '.join(IMAGE_SUFFIXES)}")
-        suffixes = {file.suffix.lower() for file in self._files}
+        suffixes = {file.suffix.lower() for file in self.files}
         if len(suffixes) > 1:
             raise BadInputError(
                 f"{path} mixes {' and '.join(sorted(suffixes))}", hint="keep one kind of image"
             )
         self.suffix = suffixes.pop()
-        found = [re.findall(r"\d+", file.stem) for file in self._files]
+        in_names = [re.findall(r"\d+", file.stem) for file in self.files]
         # The number of a single image is its camera's as often as its time's.
-        own = [int(digits[-1]) for digits in found if digits and path.is_dir()]
-        self._numbered = len(set(own)) == len(self._files)
-        self._numbers = own if self._numbered else list(range(len(self._files)))
-
-    @property
-    def files(self) -> Sequence[Path]:
-        """The files in the order of the frames."""
-        return self._files
-
-    @property
-    def numbers(self) -> Sequence[int]:
-        """The last number in each file's name, or the order where the names have none."""
-        return self._numbers
-
-    @property
-    def numbered(self) -> bool:
-        """Whether every file name has a number of its own."""
-        return self._numbered
+        last = [int(digits[-1]) for digits in in_names if digits and path.is_dir()]
+        self.numbered = len(set(last)) == len(self.files)
+        self.numbers = last if self.numbered else range(len(self.files))
 
     def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
         """See `Source.frames`."""
-        return read_images(self._files, indices)
+        return read_images(self.files, indices)
 
 
 def read_images(
@@ -117,6 +96,8 @@ class Video(Source):
     """A video file, decoded frame by frame into JPEG (quality 95) or PNG."""
 
     kind = "video"
+    numbered = True
+    """The first frames of all videos belong together unless a table says otherwise."""
 
     def __init__(self, name: str, path: Path, *, png: bool = False) -> None:
         self.name, self.path = name, path
@@ -125,10 +106,10 @@ class Video(Source):
         import cv2
 
         self._times_ns: Sequence[int] = ()
-        self._count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+        self.numbers = range(int(capture.get(cv2.CAP_PROP_FRAME_COUNT)))
         self.fps = float(capture.get(cv2.CAP_PROP_FPS))
         capture.release()
-        if self._count <= 0:
+        if not self.numbers:
             raise BadInputError(
                 f"{path} does not say how many frames it has", hint="re-mux it, or use images"
             )
@@ -136,27 +117,24 @@ class Video(Source):
     def use_embedded_times(self) -> Sequence[int]:
         """Read when each frame is shown, in ns, and take frames by that; see `video_times_ns`."""
         self._times_ns = video_times_ns(self.path)
-        self._count = len(self._times_ns)
+        self.numbers = range(len(self._times_ns))
         return self._times_ns
-
-    @property
-    def numbers(self) -> Sequence[int]:
-        """0, 1, 2, ...: a video's frames have no other number."""
-        return range(self._count)
-
-    @property
-    def numbered(self) -> bool:
-        """True: the first frames of all videos belong together unless a table says otherwise."""
-        return True
 
     def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
         """See `Source.frames`."""
         import cv2
 
-        if self._times_ns:
-            yield from self._frames_at(indices)
-            return
         options = [] if self.suffix == ".png" else [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
+        for index, image in self._read_by_time(indices) if self._times_ns else self._read(indices):
+            yield index, cv2.imencode(self.suffix, image, options)[1].tobytes(), image.shape[1::-1]
+
+    def _read_by_time(self, indices: Sequence[int]) -> Iterator[tuple[int, Any]]:
+        """The frames (BGR) that are shown at the times of these indices; what does not decode is left out."""
+        wanted = {self._times_ns[index]: index for index in indices}
+        return ((wanted[at_ns], image) for at_ns, image in video_pictures(self.path, wanted))
+
+    def _read(self, indices: Sequence[int]) -> Iterator[tuple[int, Any]]:
+        """The frames (BGR) of these indices by their order, up to the first that does not decode."""
         capture = self._open()
         try:
             position = 0
@@ -167,18 +145,9 @@ class Video(Source):
                 position += 1
                 if not good:
                     return
-                yield index, cv2.imencode(self.suffix, image, options)[1].tobytes(), image.shape[1::-1]
+                yield index, image
         finally:
             capture.release()
-
-    def _frames_at(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
-        """The frames that are shown at the times of these indices; what does not decode is left out."""
-        import cv2
-
-        options = [] if self.suffix == ".png" else [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY]
-        wanted = {self._times_ns[index]: index for index in indices}
-        for at_ns, image in video_pictures(self.path, wanted):
-            yield wanted[at_ns], cv2.imencode(self.suffix, image, options)[1].tobytes(), image.shape[1::-1]
 
     def _open(self) -> Any:
         import cv2

@@ -21,15 +21,7 @@ class Numbers(Source):
     """A camera that is nothing but frame numbers."""
 
     def __init__(self, name: str, numbers: Sequence[int], numbered: bool = True) -> None:
-        self.name, self._numbers, self._numbered = name, numbers, numbered
-
-    @property
-    def numbers(self) -> Sequence[int]:
-        return self._numbers
-
-    @property
-    def numbered(self) -> bool:
-        return self._numbered
+        self.name, self.numbers, self.numbered = name, numbers, numbered
 
     def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
         raise NotImplementedError

@@ -91,8 +91,8 @@ def compare(
     Writes metrics.json, pictures and a self-explanatory report.html to the --out folder.
     """
 
+    from reconstruction.compare.command import CompareOptions
     from reconstruction.compare.command import compare as run
-    from reconstruction.compare.comparison import CompareOptions
 
     options = CompareOptions(
         offset_ms=offset_ms,

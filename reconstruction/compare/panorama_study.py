@@ -1,6 +1,6 @@
 """The panorama study of a comparison: registered once, then measured in both conditions."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +9,12 @@ from capture_app.terminal import Progress
 from reconstruction.calibration.features import detect_features, match_features
 from reconstruction.calibration.homography import fit_homography
 from reconstruction.calibration.rig import Rig
+from reconstruction.common.drawing import box_with_most, enlarge_crop, trim_empty_sides
 from reconstruction.common.geometry import Array
+from reconstruction.common.image_files import save_picture
 from reconstruction.compare.pair_study import Pair, PairStudy
-from reconstruction.compare.panorama_pictures import panorama_pictures
 from reconstruction.compare.study import SIDES, ComparisonTally
-from reconstruction.panorama.pair_panorama import measure_misfit, panorama_masks
+from reconstruction.panorama.pair_panorama import blend_pair, measure_misfit, panorama_masks
 from reconstruction.panorama.pair_registration import (
     PairRegistration,
     correct_parallax,
@@ -29,6 +30,15 @@ from reconstruction.session.frame_offset import FrameOffset
 from reconstruction.session.mover_detection import dilate
 
 REGISTRATION_INSTANTS = 3
+FEWEST_GREY_LEVELS = 12
+"""A difference between the conditions smaller than this is noise."""
+TEXTS = {
+    "panorama": ("Panorama", "Two pictures laid side by side and cross-faded where they overlap."),
+    "panorama_closeup": (
+        "Where they overlap, close up",
+        "A thing that moved between the two pictures is there twice, half transparent.",
+    ),
+}
 
 
 class PanoramaStudy(PairStudy):
@@ -70,10 +80,7 @@ class PanoramaStudy(PairStudy):
             for kept, view, pixels in zip(at, views, found, strict=True):
                 kept.append(undistort_pixels(view, pixels) if len(pixels) else pixels)
         homography = fit_homography(
-            np.concatenate(at[0]),
-            np.concatenate(at[1]),
-            self.dataset.size(first),
-            self.dataset.size(second),
+            np.concatenate(at[0]), np.concatenate(at[1]), self.dataset.size(first), self.dataset.size(second)
         )
         if homography is None:
             raise ValueError(f"the pictures of {first} and {second} cannot be registered to each other")
@@ -133,7 +140,7 @@ class PanoramaStudy(PairStudy):
             side: (self.dataset.image(first, now), self.dataset.image(second, shown))
             for side, shown in zip(SIDES, (now, later), strict=True)
         }
-        return panorama_pictures(self.registration, photos, out)
+        return _draw_panorama(self.registration, photos, out)
 
     def _masks(self, now: int, later: int, shown: int) -> tuple[Array, Array]:
         """Moving and still pixels on the panorama when the second camera shows the instant `shown`."""
@@ -147,3 +154,21 @@ class PanoramaStudy(PairStudy):
                 [self.motion.changing(second, k) for k in (now, later)],
             ),
         )
+
+
+def _draw_panorama(
+    registration: PairRegistration, photos: Mapping[str, tuple[Array, Array]], out: Path
+) -> tuple[Picture, ...]:
+    """Blend both cameras' photos (BGR) of each side into pictures in out/pictures."""
+    part = trim_empty_sides(registration.seen[0] | registration.seen[1])
+    wholes = {side: blend_pair(registration, *pair)[part] for side, pair in photos.items()}
+    changed = np.abs(wholes["synced"].astype(np.float32) - wholes["offset"]).mean(2)
+    box = box_with_most(changed * (changed > FEWEST_GREY_LEVELS), 0.5)
+    paths: dict[str, dict[str, str]] = {key: {} for key in TEXTS}
+    for side, whole in wholes.items():
+        for key, picture in (("panorama", whole), ("panorama_closeup", enlarge_crop(whole, box))):
+            paths[key][side] = save_picture(out, f"{key}_{side}.jpg", picture)
+    return tuple(
+        Picture(key=key, title=title, caption=text, synced=paths[key]["synced"], offset=paths[key]["offset"])
+        for key, (title, text) in TEXTS.items()
+    )

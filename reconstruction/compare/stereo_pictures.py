@@ -1,6 +1,7 @@
 """The pictures of a pair's depth, synchronized and offset, of the instant that shows it most clearly."""
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,16 +18,36 @@ from reconstruction.common.drawing import (
 )
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import save_picture
-from reconstruction.compare.stereo_instant import StereoInstant
 from reconstruction.compare.study import SIDES
 from reconstruction.scores.depth_truth import TOLERANCE_TEXT, right_depth
 from reconstruction.scores.results import Picture
 from reconstruction.session.dataset import Dataset
+from reconstruction.stereo.stereo_pair import DepthMap, StereoPair
 
 PANELS = {"pair": 2, "closeup": 2}
 """Panels side by side in a picture; the others have one."""
 PLAIN = ("depth",)
 """Flat colours with hard edges, kept as PNG; the others are JPEG."""
+
+
+@dataclass(frozen=True)
+class StereoInstant:
+    """Depth by side (`synced`, `offset`), and the pixels it is measured on (bool, reference view).
+
+    `truth` is in the calibration's unit, NaN = unknown; None where the truth is unknown.
+    """
+
+    now: int
+    later: int
+    maps: dict[str, DepthMap]
+    moving: Array
+    static: Array
+    truth: Array | None
+    matcher: StereoPair
+
+    def shown(self, side: str) -> int:
+        """The instant that the second camera shows."""
+        return self.now if side == "synced" else self.later
 
 
 def stereo_pictures(

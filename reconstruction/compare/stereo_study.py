@@ -8,8 +8,7 @@ import numpy as np
 
 from capture_app.terminal import Progress
 from reconstruction.compare.pair_study import PairStudy
-from reconstruction.compare.stereo_instant import StereoInstant
-from reconstruction.compare.stereo_pictures import stereo_pictures
+from reconstruction.compare.stereo_pictures import StereoInstant, stereo_pictures
 from reconstruction.compare.study import SIDES, ComparisonTally
 from reconstruction.scores.depth_results import DepthScores, StereoComparison
 from reconstruction.scores.depth_truth import true_depth_in_unit

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from reconstruction.report import wording
 from reconstruction.scores.dose_results import DoseResult
 from reconstruction.scores.pose_results import PoseComparison
-from reconstruction.scores.results import Interval
 
 
 @dataclass(frozen=True)
@@ -79,9 +78,7 @@ def dose_chart(dose: DoseResult) -> DoseChart:
     for control, name in ((True, dose.measure.replace("mover_", "static_")), (False, dose.measure)):
         points = []
         for point in dose.points:
-            value: float | None = getattr(point.scores, name)
-            if value is not None:
-                one = point.scores.intervals.get(name) or Interval(value=value, low=value, high=value)
+            if (one := point.scores.interval_of(name)) is not None:
                 points.append(
                     CurvePoint(x(point.offset_ms), *map(DOSE_AXES.y, (one.value, one.low, one.high)))
                 )

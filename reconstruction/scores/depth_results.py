@@ -29,6 +29,13 @@ class DepthScores(Struct, frozen=True, kw_only=True):
     """By measure, where there are enough instants."""
     instants: int = 0
 
+    def interval_of(self, measure: str) -> Interval | None:
+        """A measure with its interval, which has no width if there are too few instants."""
+        value: float | None = getattr(self, measure)
+        if value is None:
+            return None
+        return self.intervals.get(measure) or Interval(value=value, low=value, high=value)
+
 
 class StereoComparison(Struct, frozen=True, kw_only=True):
     """Depth from a rectified pair, synchronized and offset."""

@@ -10,7 +10,7 @@ import pytest
 
 from capture_app.session.reading.reader import Session
 from reconstruction.cli import main
-from reconstruction.compare.dose_curve import is_decreasing, tolerable_offset_ms
+from reconstruction.compare.dose import is_decreasing, tolerable_offset_ms
 from reconstruction.report.dose_report import write_dose_report
 from reconstruction.scores.depth_results import DepthScores
 from reconstruction.scores.dose_results import DosePoint, DoseResult

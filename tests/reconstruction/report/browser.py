@@ -76,7 +76,7 @@ class Browser:
         self._loaded |= message.get("method") == "Page.loadEventFired"
         return message
 
-    def open(self, path: Path, *, width: int) -> None:
+    def open(self, path: Path, *, width: int = 1280) -> None:
         self.do(
             "Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False
         )
@@ -100,13 +100,13 @@ class Browser:
         }})"""
         self.ask(look, wait=True)
 
-    def box(self, selector: str) -> list[float]:
-        """Left, top, width and height of an element on the screen, px."""
-        found: list[float] = self.ask(
+    def point(self, selector: str, *shares: float) -> list[tuple[float, float]]:
+        """Points on the screen, px, at these shares of an element's width and half its height."""
+        left, top, wide, high = self.ask(
             "(r => [r.left, r.top, r.width, r.height])"
             f"(document.querySelector({json.dumps(selector)}).getBoundingClientRect())"
         )
-        return found
+        return [(left + share * wide, top + high / 2) for share in shares]
 
     def prefer(self, **features: str) -> None:
         """Media features such as prefers-color-scheme; those not named are the browser's own."""

@@ -1,14 +1,73 @@
-"""A comparison with pictures."""
+"""A comparison with pictures, and a report as a browser would see it."""
 
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from html.parser import HTMLParser
 from pathlib import Path
 
 import cv2
+import msgspec
 import numpy as np
 import pytest
 
+from reconstruction.report import wording
+from reconstruction.report.comparison_report import write_report
 from reconstruction.scores.compare_results import CompareResult
 from reconstruction.scores.results import Picture
-from tests.reconstruction.report.results import RESULT, with_pictures
+from tests.reconstruction.report.results import RESULT, whole_result, with_pictures
+
+VOID = {"meta", "link", "img", "input", "br", "circle", "path", "rect"}
+
+
+@dataclass
+class Page(HTMLParser):
+    """What a browser would see: elements with their attributes, text, and whether they nest."""
+
+    elements: list[tuple[str, dict[str, str]]] = field(default_factory=list)
+    text: str = ""
+    stack: list[str] = field(default_factory=list)
+
+    @classmethod
+    def read(cls, path: Path) -> "Page":
+        page = cls()
+        HTMLParser.__init__(page)
+        page.feed(path.read_text("utf-8"))
+        page.close()
+        assert page.stack == []
+        return page
+
+    def handle_starttag(self, tag, attrs):
+        self.elements.append((tag, {key: value or "" for key, value in attrs}))
+        if tag not in VOID:
+            self.stack.append(tag)
+
+    def handle_startendtag(self, tag, attrs):
+        self.elements.append((tag, {key: value or "" for key, value in attrs}))
+
+    def handle_endtag(self, tag):
+        if tag not in VOID:
+            assert self.stack.pop() == tag
+
+    def handle_data(self, data):
+        if not {"script", "style"} & set(self.stack):
+            self.text += data.replace(wording.GAP, " ").replace("\n", " ")
+
+    def all(self, tag: str) -> list[dict[str, str]]:
+        return [attributes for name, attributes in self.elements if name == tag]
+
+
+@pytest.fixture
+def read_report(tmp_path: Path) -> Callable[..., Page]:
+    """Write the report of a result, with changes, into the test's folder and read it."""
+    return lambda result=RESULT, **changes: Page.read(
+        write_report(msgspec.structs.replace(result, **changes), tmp_path)
+    )
+
+
+@pytest.fixture
+def whole(tmp_path: Path) -> CompareResult:
+    """A result with everything a report can show, its pictures in the test's folder."""
+    return whole_result(tmp_path)
 
 
 @pytest.fixture

@@ -1,11 +1,22 @@
-"""A comparison with little in it, to be changed by a test."""
+"""Results to report: one with little in it, and one with everything, made of small grey pictures."""
 
+from pathlib import Path
+
+import cv2
 import msgspec
+import numpy as np
 
-from reconstruction.scores.compare_results import CompareResult
-from reconstruction.scores.depth_results import DepthScores, StereoComparison
+from reconstruction.scores.compare_results import BulletTime, BurstGrid, CompareResult, ConditionResult
+from reconstruction.scores.depth_results import (
+    DepthScores,
+    MultiviewComparison,
+    MultiviewScores,
+    StereoComparison,
+)
+from reconstruction.scores.dose_results import DosePoint, DoseResult
 from reconstruction.scores.panorama_results import PanoramaComparison, PanoramaScores
-from reconstruction.scores.results import Picture
+from reconstruction.scores.pose_results import PoseComparison, PoseScores
+from reconstruction.scores.results import Interval, Picture
 
 NASTY = "jump <script>alert('x')</script> & \"pinwheel\" $css {x}"
 
@@ -60,3 +71,149 @@ RESULT = CompareResult(
 def with_pictures(result: CompareResult, *pictures: Picture) -> CompareResult:
     stereo = msgspec.structs.replace(result.stereo, pictures=pictures)
     return msgspec.structs.replace(result, stereo=stereo)
+
+
+CAMERAS = ("cam_left", "cam_middle", "cam_right")
+LATE_MS = (0.0, 66.666, -33.333)
+SHAPES = {"depth": (480, 640), "pano": (200, 2400), "upright": (900, 300)}
+"""Height and width of the pictures with a slider, px."""
+RANGED = {"mover_within_2pct": Interval(value=0.9, low=0.871, high=0.925)}
+
+
+def grey(out: Path, name: str, shape: tuple[int, int], level: int) -> str:
+    """Write a picture of one grey; its path relative to the folder."""
+    path = f"pictures/{name}.png"
+    (out / "pictures").mkdir(exist_ok=True)
+    assert cv2.imwrite(str(out / path), np.full(shape, level, np.uint8))
+    return path
+
+
+def whole_result(out: Path) -> CompareResult:
+    """The result; its pictures lie in `out`."""
+    scores = DepthScores(
+        mover_coverage=0.9, static_coverage=0.7, mover_within_2pct=0.9, instants=5, intervals=RANGED
+    )
+    panorama = PanoramaScores(overlap_flow_p95_px=1.3, static_overlap_mad=4.2, instants=5)
+    pictures = tuple(
+        Picture(
+            key=key,
+            title=f"A picture of {key}",
+            synced=grey(out, f"{key}_synced", shape, 100),
+            offset=grey(out, f"{key}_offset", shape, 180),
+            caption="Bright is near.",
+        )
+        for key, shape in SHAPES.items()
+    )
+    stereo = StereoComparison(
+        reference=CAMERAS[0],
+        other=CAMERAS[1],
+        synced=scores,
+        offset=scores,
+        pictures=pictures,
+        per_instant=(
+            {
+                "instant": 0,
+                "mover_pixels": 2801,
+                "synced_mover_coverage": 0.9,
+                "offset_mover_coverage": 0.1,
+                "synced_mover_epipolar_px": 0.1,
+                "offset_mover_epipolar_px": 9.5,
+            },
+        ),
+    )
+    many = MultiviewScores(
+        mover_coverage=0.98,
+        static_coverage=0.9,
+        mover_within_2pct=0.97,
+        static_within_2pct=0.87,
+        mover_points=12345.6,
+        static_points=98765.0,
+        mover_f_score=0.81,
+        static_f_score=0.7,
+        intervals={"static_points": Interval(value=98765, low=98123, high=99456)},
+        instants=3,
+    )
+    lost = msgspec.structs.replace(many, mover_coverage=0.052, mover_within_2pct=0.012, mover_points=45.0)
+    sweep = {
+        side: tuple(
+            grey(out, f"sweep_{name}_{side}", (96, 128), 60 + 40 * k) for k, name in enumerate(CAMERAS)
+        )
+        for side in ("synced", "offset")
+    }
+    return CompareResult(
+        session="sessions/jump",
+        offset_ms=66,
+        offset_frames=2,
+        actual_offset_ms=66.666,
+        verdict="It matters. A lot.",
+        calibration="given",
+        stereo=stereo,
+        stitch=PanoramaComparison(cameras=CAMERAS[::2], synced=panorama, offset=panorama),
+        multiview=MultiviewComparison(
+            reference=CAMERAS[1],
+            cameras=CAMERAS,
+            synced=many,
+            offset=lost,
+            tolerance_m=0.01,
+            width_px=640,
+            per_instant=({"instant": 2, "synced_mover_points": 12345, "offset_mover_points": 45},),
+            pictures=(
+                Picture(
+                    key="multiview_depth",
+                    title="Distance from all cameras",
+                    synced=grey(out, "multiview_depth_synced", (96, 128), 90),
+                    offset=grey(out, "multiview_depth_offset", (96, 128), 190),
+                ),
+            ),
+            left_out={"cam_dark": "its picture is black"},
+        ),
+        poses=PoseComparison(
+            cameras=CAMERAS,
+            synced=PoseScores(registered=3.0, correct_pairs=1.0, rotation_deg=0.05, direction_deg=0.4),
+            offset=PoseScores(registered=2.5, correct_pairs=0.2, rotation_deg=27.0, direction_deg=40.0),
+            degraded=True,
+            tolerance_deg=2.0,
+            truth_source="the simulated scene",
+            offsets_ms=dict(zip(CAMERAS, LATE_MS, strict=True)),
+            per_instant=(
+                {"instant": 1, "synced_correct_pairs": 1.0, "offset_correct_pairs": 0.4},
+                {"instant": 2, "synced_correct_pairs": 1.0, "offset_correct_pairs": 0.0},
+            ),
+            reason="71 % of the picture moves",
+        ),
+        sync_residual_us=50,
+        sync_bound_us=850,
+        conditions=(ConditionResult(name="naive", session="sessions/naive", stereo=stereo),),
+        dose=DoseResult(
+            reference=CAMERAS[0],
+            other=CAMERAS[1],
+            measure="mover_within_2pct",
+            points=tuple(DosePoint(offset_ms=33.333 * k, offset_frames=k, scores=scores) for k in range(3)),
+            instants=3,
+            decreasing=True,
+            tolerable_offset_ms=3.5,
+            speed_px_per_ms=0.2,
+            sync_residual_us=50,
+            sync_residual_px=0.01,
+        ),
+        burst=BurstGrid(
+            cameras=CAMERAS,
+            instants=tuple(range(8)),
+            times_ms=tuple(33.3 * k for k in range(8)),
+            thumbnails=tuple(
+                tuple(grey(out, f"burst_{name}_{k}", (60, 80), 20 * k) for k in range(8)) for name in CAMERAS
+            ),
+        ),
+        bullet_time=BulletTime(
+            cameras=CAMERAS,
+            instant=2,
+            **sweep,
+            offsets_ms=LATE_MS,
+            stabilized=True,
+            ordered_by_position=True,
+            file="pictures/sweep.gif",
+            synced_step_px=4.7,
+            offset_step_px=18.7,
+        ),
+        versions={"opencv": "5.0.0"},
+    )

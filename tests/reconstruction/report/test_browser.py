@@ -7,7 +7,7 @@ import pytest
 
 from reconstruction.report.comparison_report import write_report
 from tests.reconstruction.report.browser import CHROMIUM, Browser
-from tests.reconstruction.report.sample import CAMERAS, SHAPES, whole_result
+from tests.reconstruction.report.results import CAMERAS, SHAPES, whole_result
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
 
@@ -32,17 +32,15 @@ AT = "getComputedStyle(document.querySelector('.pair')).getPropertyValue('--at')
 
 
 def test_the_slider_moves_by_keys_and_says_where_it_is(browser, report):
-    browser.open(report, width=1280)
+    browser.open(report)
     browser.ask("document.querySelector('.wipe').focus()")
     assert browser.ask(AT) == "50%"
-
     for _ in range(3):
         browser.press("ArrowRight", 39)
     assert browser.ask(AT) == "53%"
     assert (
         browser.ask("document.querySelector('.wipe').getAttribute('aria-valuetext')") == "53 % synchronized"
     )
-
     browser.press("Home", 36)
     assert browser.ask(AT) == "0%"
     assert (
@@ -53,12 +51,10 @@ def test_the_slider_moves_by_keys_and_says_where_it_is(browser, report):
 
 @pytest.mark.parametrize("share", [0.01, 0.25, 0.9])
 def test_the_slider_follows_the_pointer(browser, report, share):
-    browser.open(report, width=1280)
+    browser.open(report)
     browser.ask("document.querySelector('.pair').scrollIntoView()")
-    left, top, wide, high = browser.box(".pair img")
-
-    browser.click(left + share * wide, top + high / 2)
-
+    (at,) = browser.point(".pair img", share)
+    browser.click(*at)
     assert browser.ask(AT) == f"{100 * share:.0f}%"
 
 
@@ -68,7 +64,6 @@ def test_nothing_sticks_out_at_any_width(browser, report, width, view):
     browser.open(report, width=width)
     browser.ask(f"document.querySelector('input[value={view}]').click()")
     browser.ask("document.querySelectorAll('details').forEach(part => part.open = true)")
-
     root = "document.documentElement"
     assert browser.ask(f"{root}.scrollWidth <= {root}.clientWidth")
     shapes = browser.ask(
@@ -87,12 +82,9 @@ def test_nothing_sticks_out_at_any_width(browser, report, width, view):
 
 
 def test_the_slider_is_dragged(browser, report):
-    browser.open(report, width=1280)
+    browser.open(report)
     browser.ask("document.querySelector('.pair').scrollIntoView()")
-    left, top, wide, high = browser.box(".pair img")
-
-    browser.drag((left + wide / 2, top + high / 2), (left + 0.2 * wide, top + high / 2))
-
+    browser.drag(*browser.point(".pair img", 0.5, 0.2))
     assert browser.ask(AT) == "20%"
 
 
@@ -105,17 +97,16 @@ SPOKEN = "document.querySelector('.sweep .at').getAttribute('aria-valuetext')"
 def still(browser, report):
     """The report as somebody sees it who asked for less motion."""
     browser.prefer(**{"prefers-reduced-motion": "reduce"})
-    browser.open(report, width=1280)
+    browser.open(report)
     yield
     browser.prefer()
 
 
 def test_the_sweep_plays_and_is_paused_by_a_key(browser, report):
-    browser.open(report, width=1280)
+    browser.open(report)
     browser.ask("document.querySelector('.sweep').scrollIntoView()")
     assert browser.ask(PLAYING) == "Pause"
     browser.wait_until(f"{SHOWN}[0] !== '{CAMERAS[0]}'")
-
     browser.ask("document.querySelector('.play').focus()")
     browser.press(" ", 32, text=" ")
     assert browser.ask(PLAYING) == "Play"
@@ -141,7 +132,6 @@ def test_the_sweep_goes_camera_by_camera_by_keys(browser):
         browser.press("ArrowRight", 39)
         assert browser.ask(SHOWN) == [camera, camera]
     assert browser.ask(SPOKEN).replace("\u202f", " ") == f"{CAMERAS[-1]}; unsynchronized: 33 ms early"
-
     browser.press("Home", 36)
     assert browser.ask(SHOWN) == [CAMERAS[0]] * 2
     tag = browser.ask("document.querySelector('.sweep .offset > .tag').textContent")
@@ -151,12 +141,10 @@ def test_the_sweep_goes_camera_by_camera_by_keys(browser):
 @pytest.mark.usefixtures("still")
 def test_the_sweep_goes_camera_by_camera_by_pointer(browser):
     browser.ask("document.querySelector('.sweep').scrollIntoView()")
-    left, top, wide, high = browser.box(".sweep [data-step='1']")
-    browser.click(left + wide / 2, top + high / 2)
+    (step,) = browser.point(".sweep [data-step='1']", 0.5)
+    browser.click(*step)
     assert browser.ask(SHOWN) == [CAMERAS[1]] * 2
-
-    left, top, wide, high = browser.box(".reel")
-    browser.drag((left + 0.5 * wide, top + high / 2), (left + 0.95 * wide, top + high / 2))
+    browser.drag(*browser.point(".reel", 0.5, 0.95))
     assert browser.ask(SHOWN) == [CAMERAS[2]] * 2
 
 
@@ -191,9 +179,8 @@ faint"""
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_every_word_stands_out_from_its_ground(browser, report, scheme):
     browser.prefer(**{"prefers-color-scheme": scheme})
-    browser.open(report, width=1280)
+    browser.open(report)
     browser.ask("document.querySelectorAll('details').forEach(part => part.open = true)")
-
     dark = browser.ask("getComputedStyle(document.documentElement).backgroundColor") == "rgb(20, 22, 26)"
     assert dark == (scheme == "dark")
     assert browser.ask(FAINT) == []
@@ -201,7 +188,7 @@ def test_every_word_stands_out_from_its_ground(browser, report, scheme):
 
 
 def test_print_shows_both_pictures_whole(browser, report):
-    browser.open(report, width=1280)
+    browser.open(report)
     browser.do("Emulation.setEmulatedMedia", media="print")
     try:
         assert browser.ask("getComputedStyle(document.querySelector('.side.synced')).clipPath") == "none"
@@ -213,8 +200,7 @@ def test_print_shows_both_pictures_whole(browser, report):
 
 
 def test_the_browser_has_nothing_to_complain_about(browser, report):
-    browser.open(report, width=1280)
-
+    browser.open(report)
     assert browser.complaints == []
     assert (
         browser.ask(

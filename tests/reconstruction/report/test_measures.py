@@ -4,16 +4,13 @@ import re
 
 import msgspec
 
-from reconstruction.report.comparison_report import write_report
+from reconstruction.report import wording
 from reconstruction.scores.compare_results import ConditionResult
-from tests.reconstruction.report.page import Page
-from tests.reconstruction.report.results import RESULT, STEREO, STITCH, depth
-from tests.reconstruction.report.sample import whole_result
+from tests.reconstruction.report.results import STEREO, STITCH, depth
 
 
-def test_movers_stand_beside_the_static_control(tmp_path):
-    page = Page.read(write_report(RESULT, tmp_path))
-
+def test_movers_stand_beside_the_static_control(read_report):
+    page = read_report()
     row = page.text[page.text.index("Given a distance") :]
     assert re.match(r".*?99\.9 %\D*40\.5 %\D*74\.5 %\D*73\.3 %", row)
     assert "comes from timing alone" in page.text
@@ -23,28 +20,24 @@ def test_movers_stand_beside_the_static_control(tmp_path):
     assert "more strictly" not in page.text
 
 
-def test_stricter_and_laxer_shares_are_told_where_they_were_taken(tmp_path):
+def test_stricter_and_laxer_shares_are_told_where_they_were_taken(read_report):
     both = {"mover_within_1pct": 0.905, "mover_within_5pct": 0.993}
     stereo = msgspec.structs.replace(STEREO, synced=depth(**both))
-    page = Page.read(write_report(msgspec.structs.replace(RESULT, stereo=stereo), tmp_path))
-
+    page = read_report(stereo=stereo)
     assert re.match(r".*more strictly.*?90\.5 %\s*n/a.*less strictly.*?99\.3 %\s*n/a", page.text)
 
 
-def test_a_control_that_moves_is_admitted(tmp_path):
+def test_a_control_that_moves_is_admitted(read_report):
     shaky = msgspec.structs.replace(STEREO, offset=depth(static_within_2pct=0.6))
-    page = Page.read(write_report(msgspec.structs.replace(RESULT, stereo=shaky), tmp_path))
-
+    page = read_report(stereo=shaky)
     assert "comes from timing alone" not in page.text
     assert "not all of the difference comes from timing" in page.text
 
 
-def test_pictures_that_are_not_of_one_instant_are_not_called_synchronized(tmp_path):
+def test_pictures_that_are_not_of_one_instant_are_not_called_synchronized(read_report, whole):
     lost = depth(mover_within_2pct=0.005, mover_epipolar_px=9.8, static_epipolar_px=0.05)
     stereo = msgspec.structs.replace(STEREO, synced=lost, offset=lost)
-    result = msgspec.structs.replace(whole_result(tmp_path), stereo=stereo, verdict="They were not.")
-    page = Page.read(write_report(result, tmp_path))
-
+    page = read_report(whole, stereo=stereo, verdict="They were not.")
     assert "As recorded against offset" in page.text
     assert "Synced" not in page.text
     assert "fire together; these did not" in page.text
@@ -53,56 +46,46 @@ def test_pictures_that_are_not_of_one_instant_are_not_called_synchronized(tmp_pa
     assert "they are measured equally well in both (67.3 % and 67.3 %)." in page.text
 
 
-def test_without_ground_truth_nothing_is_called_correct(tmp_path):
+def test_without_ground_truth_nothing_is_called_correct(read_report):
     blind = {"mover_within_2pct": None, "static_within_2pct": None}
     stereo = msgspec.structs.replace(
         STEREO, synced=depth(**blind), offset=depth(**blind, mover_coverage=0.118, static_coverage=0.744)
     )
-    page = Page.read(write_report(msgspec.structs.replace(RESULT, stereo=stereo), tmp_path))
-
+    page = read_report(stereo=stereo)
     assert "orrectly" not in page.text
     assert "12 % of the moving surface given a distance" in page.text
     assert "The true distances are not known" in page.text
 
 
-def test_a_panorama_alone_speaks_of_its_overlap(tmp_path):
-    only = msgspec.structs.replace(RESULT, stereo=None, stereo_skipped="only one camera <looks> that way")
-    page = Page.read(write_report(only, tmp_path))
-
+def test_a_panorama_alone_speaks_of_its_overlap(read_report):
+    page = read_report(stereo=None, stereo_skipped="only one camera <looks> that way")
     assert "1.31 px of misfit" in page.text
     assert "23.4 px of misfit" in page.text
     assert "Depth was not measured: only one camera <looks> that way" in page.text
     assert not page.all("svg")
 
 
-def test_a_panorama_is_judged_by_what_moves_where_that_is_known(tmp_path):
+def test_a_panorama_is_judged_by_what_moves_where_that_is_known(read_report):
     stitch = msgspec.structs.replace(
         STITCH,
         synced=msgspec.structs.replace(STITCH.synced, mover_flow_p95_px=2.5),
         offset=msgspec.structs.replace(STITCH.offset, mover_flow_p95_px=31.4),
         reason="52 % overlap",
     )
-    page = Page.read(write_report(msgspec.structs.replace(RESULT, stereo=None, stitch=stitch), tmp_path))
-
+    page = read_report(stereo=None, stitch=stitch)
     assert page.text.index("2.50 px of misfit of moving things") < page.text.index("31.4 px of misfit")
     assert "Misfit of moving things" in page.text
     assert "5 instants (selection: 52 % overlap)" in page.text
 
 
-def test_depth_alone_says_why_there_is_no_panorama(tmp_path):
-    only = msgspec.structs.replace(RESULT, stitch=None, stitch_skipped="the pictures do not overlap")
-    page = Page.read(write_report(only, tmp_path))
-
+def test_depth_alone_says_why_there_is_no_panorama(read_report):
+    page = read_report(stitch=None, stitch_skipped="the pictures do not overlap")
     assert "No panorama was made: the pictures do not overlap" in page.text
     assert len(page.all("table")) == 1
 
 
-def test_with_nothing_measured_the_page_says_so_and_claims_nothing(tmp_path):
-    nothing = msgspec.structs.replace(
-        RESULT, stereo=None, stitch=None, sync_residual_us=None, sync_bound_us=None, versions={}
-    )
-    page = Page.read(write_report(nothing, tmp_path))
-
+def test_with_nothing_measured_the_page_says_so_and_claims_nothing(read_report):
+    page = read_report(stereo=None, stitch=None, sync_residual_us=None, sync_bound_us=None, versions={})
     assert "Depth was not measured" in page.text
     assert "No panorama was made" in page.text
     assert not page.all("table")
@@ -110,9 +93,8 @@ def test_with_nothing_measured_the_page_says_so_and_claims_nothing(tmp_path):
     assert "None" not in page.text
 
 
-def test_a_measure_has_one_name_and_an_interval_one_decimal(tmp_path):
-    page = Page.read(write_report(whole_result(tmp_path), tmp_path))
-
+def test_a_measure_has_one_name_and_an_interval_one_decimal(read_report, whole):
+    page = read_report(whole)
     assert page.text.count("Measured correctly") == 4
     assert "87.1 to 92.5" in page.text
     assert "Brightness mismatch" not in page.text
@@ -121,11 +103,42 @@ def test_a_measure_has_one_name_and_an_interval_one_decimal(tmp_path):
     assert conditions.count("each camera off by a different delay") == 1
 
 
-def test_the_drawn_condition_is_listed_once(tmp_path):
-    result = whole_result(tmp_path)
-    drawn = ConditionResult(name="distinct", stereo=STEREO, multiview=result.multiview)
-    page = Page.read(write_report(msgspec.structs.replace(result, conditions=(drawn,)), tmp_path))
-
+def test_the_drawn_condition_is_listed_once(read_report, whole):
+    drawn = ConditionResult(name="distinct", stereo=STEREO, multiview=whole.multiview)
+    page = read_report(whole, conditions=(drawn,))
     conditions = page.text[page.text.index("All conditions") : page.text.index("Every instant by itself")]
     assert conditions.count("unsynchronized") == 1
     assert "drawn at random for each instant" in conditions
+
+
+def test_depth_from_all_cameras_stands_beside_its_control(read_report, whole):
+    page = read_report(whole)
+    part = page.text[
+        page.text.rindex("With all cameras at once") : page.text.rindex("Where the cameras stand")
+    ]
+    assert re.match(r".*Measured correctly.*?97\.0 %\D*1\.2 %\D*87\.0 %\D*87\.0 %", part)
+    assert re.match(r".*Points in space.*?12 346\s*45\s*98 765", part)
+    assert re.match(r".*Reconstructed surface.*? to within 1 cm .F-score.:.*?81\.0 %", part)
+    assert "each camera off by a different delay of up to 66 ms, drawn at random for each instant" in part
+    assert "No depth of cam_dark: its picture is black." in part
+    assert "Confirmed by other cameras" not in part
+    assert "Distance from all cameras, synchronized" in [image["alt"] for image in page.all("img")]
+
+
+def test_poses_of_single_instants_are_told_and_drawn(read_report, whole):
+    page = read_report(whole)
+    part = page.text[page.text.rindex("Where the cameras stand") :]
+    assert "delays put the cameras in wrong places" in part
+    assert re.match(r".*?Camera pairs placed correctly.*?100\.0 %\s*20\.0 %", part)
+    assert re.match(r".*Angle error.*?0\.05°\s*27°", part)
+    assert "cam_left on time, cam_middle 67 ms late, cam_right 33 ms early" in part
+    drawn = [svg["aria-label"] for svg in page.all("svg") if "placed correctly" in svg.get("aria-label", "")]
+    assert "instant 2: synchronized 100 %, unsynchronized 0 %" in drawn[0].replace(wording.GAP, " ")
+    assert len(page.all("rect")) == 4
+
+
+def test_what_was_not_looked_at_says_why_and_draws_nothing(read_report):
+    page = read_report(multiview_skipped="it takes three <cameras>", poses_skipped="what moves is small")
+    assert "With all cameras at once" not in page.text
+    assert "not measured: it takes three <cameras>" in page.text
+    assert "not measured: what moves is small" in page.text

@@ -9,14 +9,12 @@ import pytest
 from capture_app.errors import BadInputError
 from reconstruction.report.comparison_report import write_report
 from reconstruction.scores.compare_results import ConditionResult
-from tests.reconstruction.report.page import Page
-from tests.reconstruction.report.results import NASTY, RESULT
-from tests.reconstruction.report.sample import CAMERAS, whole_result
+from tests.reconstruction.report.conftest import Page
+from tests.reconstruction.report.results import CAMERAS, NASTY, RESULT
 
 
-def test_the_page_starts_with_the_verdict_and_its_two_numbers(tmp_path, pictured):
-    page = Page.read(write_report(pictured, tmp_path))
-
+def test_the_page_starts_with_the_verdict_and_its_two_numbers(pictured, read_report):
+    page = read_report(pictured)
     assert len(page.all("h1")) == 1
     start = page.text.index("Synchronized cameras measure moving things.")
     first, second = page.text.index("98 %"), page.text.index("1 %")
@@ -28,7 +26,6 @@ def test_the_page_starts_with_the_verdict_and_its_two_numbers(tmp_path, pictured
 def test_everything_is_in_the_one_file(tmp_path, pictured):
     path = write_report(pictured, tmp_path)
     page = Page.read(path)
-
     assert path == tmp_path / "report.html"
     images = page.all("img")
     assert len(images) == 6
@@ -50,7 +47,6 @@ def test_everything_is_in_the_one_file(tmp_path, pictured):
 def test_words_of_the_user_stay_words(tmp_path, pictured):
     path = write_report(pictured, tmp_path)
     page = Page.read(path)
-
     assert NASTY.rpartition("/")[2] in page.text
     assert NASTY in page.text
     assert len(page.all("script")) == 1
@@ -58,22 +54,21 @@ def test_words_of_the_user_stay_words(tmp_path, pictured):
     assert "<do not>" in page.text
 
 
-def test_no_name_and_no_note_becomes_markup(tmp_path):
+def test_no_name_and_no_note_becomes_markup(read_report, whole):
     nasty = "<script>alert(1)</script>"
-    result = whole_result(tmp_path)
-    sweep, burst, poses = result.bullet_time, result.burst, result.poses
+    sweep, burst, poses = whole.bullet_time, whole.burst, whole.poses
     cameras = tuple(f"{nasty}{camera}" for camera in CAMERAS)
-    picture = msgspec.structs.replace(result.stereo.pictures[0], title=nasty, caption=nasty)
-    changed = msgspec.structs.replace(
-        result,
+    picture = msgspec.structs.replace(whole.stereo.pictures[0], title=nasty, caption=nasty)
+    page = read_report(
+        whole,
         session=nasty,
         verdict=f"{nasty} It matters. {nasty}",
         calibration=nasty,
         stereo=msgspec.structs.replace(
-            result.stereo, reference=nasty, other=nasty, reason=nasty, pictures=(picture,)
+            whole.stereo, reference=nasty, other=nasty, reason=nasty, pictures=(picture,)
         ),
         multiview=msgspec.structs.replace(
-            result.multiview, reference=nasty, cameras=cameras, left_out={nasty: nasty}, cloud_skipped=nasty
+            whole.multiview, reference=nasty, cameras=cameras, left_out={nasty: nasty}, cloud_skipped=nasty
         ),
         stitch=None,
         stitch_skipped=nasty,
@@ -85,32 +80,25 @@ def test_no_name_and_no_note_becomes_markup(tmp_path):
         conditions=(ConditionResult(name=nasty, session=nasty, skipped=(nasty,)),),
         versions={nasty: nasty},
     )
-    page = Page.read(write_report(changed, tmp_path))
-
     assert len(page.all("script")) == 1
     assert page.text.count(nasty) > 30
 
 
-def test_the_contents_lead_to_every_section(tmp_path):
-    page = Page.read(write_report(whole_result(tmp_path), tmp_path))
-
+def test_the_contents_lead_to_every_section(read_report, whole):
+    page = read_report(whole)
     links = [a["href"].removeprefix("#") for a in page.all("a")]
     headings = [h["id"] for h in page.all("h2")]
     assert links == headings
     assert len(links) == 9
 
 
-def test_a_long_verdict_is_set_smaller(tmp_path):
-    pages = [
-        Page.read(write_report(msgspec.structs.replace(RESULT, verdict=verdict), tmp_path))
-        for verdict in ("It matters. A lot.", "word " * 40 + ".")
-    ]
+def test_a_long_verdict_is_set_smaller(read_report):
+    pages = [read_report(verdict=verdict) for verdict in ("It matters. A lot.", "word " * 40 + ".")]
     assert [page.all("h1")[0]["class"] for page in pages] == ["short", "long"]
 
 
-def test_how_it_was_made_names_what_decides_the_numbers(tmp_path):
-    page = Page.read(write_report(RESULT, tmp_path))
-
+def test_how_it_was_made_names_what_decides_the_numbers(read_report):
+    page = read_report()
     for words in (
         "66 ms asked for; 66.6 ms given, which is 2 frames",
         "the session's own (calibration.json)",
@@ -125,8 +113,6 @@ def test_how_it_was_made_names_what_decides_the_numbers(tmp_path):
 
 def test_a_folder_that_cannot_be_written_is_one_clear_error(tmp_path):
     (tmp_path / "report.html").mkdir()
-
     with pytest.raises(BadInputError, match=r"cannot write the report .*--out"):
         write_report(RESULT, tmp_path)
-
     assert [p.name for p in tmp_path.iterdir()] == ["report.html"]

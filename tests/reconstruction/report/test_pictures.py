@@ -6,14 +6,11 @@ import pytest
 from capture_app.errors import BadInputError
 from reconstruction.report import wording
 from reconstruction.report.comparison_report import write_report
-from tests.reconstruction.report.page import Page
-from tests.reconstruction.report.results import RESULT, with_pictures
-from tests.reconstruction.report.sample import CAMERAS, whole_result
+from tests.reconstruction.report.results import CAMERAS, RESULT, with_pictures
 
 
-def test_every_picture_can_be_read_and_wiped_without_a_mouse(tmp_path, pictured):
-    page = Page.read(write_report(pictured, tmp_path))
-
+def test_every_picture_can_be_read_and_wiped_without_a_mouse(pictured, read_report):
+    page = read_report(pictured)
     assert all(len(image["alt"]) > 10 for image in page.all("img"))
     sliders = [i for i in page.all("input") if i["type"] == "range"]
     assert len(sliders) == len(pictured.stereo.pictures)
@@ -25,18 +22,15 @@ def test_every_picture_can_be_read_and_wiped_without_a_mouse(tmp_path, pictured)
         assert attributes.get("aria-labelledby", "why") in ids
 
 
-def test_pictures_of_several_panels_get_no_slider(tmp_path, pictured):
+def test_pictures_of_several_panels_get_no_slider(pictured, read_report):
     pair = msgspec.structs.replace(pictured.stereo.pictures[0], panels=2)
-    page = Page.read(write_report(with_pictures(pictured, pair), tmp_path))
-
+    page = read_report(with_pictures(pictured, pair))
     assert len(page.all("img")) == 2
     assert not [i for i in page.all("input") if i["type"] == "range"]
 
 
-def test_the_sweep_shows_each_camera_twice_and_says_how_late_it_is(tmp_path):
-    result = whole_result(tmp_path)
-    page = Page.read(write_report(result, tmp_path))
-
+def test_the_sweep_shows_each_camera_twice_and_says_how_late_it_is(read_report, whole):
+    page = read_report(whole)
     frames = [a for a in page.all("span") if a.get("class") == "frame"]
     assert [a["data-camera"] for a in frames] == [*CAMERAS, *CAMERAS]
     assert [a["data-time"].replace(wording.GAP, " ") for a in frames[3:]] == [
@@ -48,20 +42,17 @@ def test_the_sweep_shows_each_camera_twice_and_says_how_late_it_is(tmp_path):
         "shifts by at most 4.70 px from one picture to the next; without synchronization, 18.7 px"
         in page.text
     )
-
     loose = msgspec.structs.replace(
-        result.bullet_time, stabilized=False, ordered_by_position=False, offset_step_px=5.0
+        whole.bullet_time, stabilized=False, ordered_by_position=False, offset_step_px=5.0
     )
-    page = Page.read(write_report(msgspec.structs.replace(result, bullet_time=loose), tmp_path))
+    page = read_report(whole, bullet_time=loose)
     assert "invented" not in page.text
     assert "4.70 px" not in page.text
     assert "from camera to camera, by name" in page.text
 
 
-def test_every_file_beside_the_page_is_named(tmp_path):
-    result = whole_result(tmp_path)
-    page = Page.read(write_report(result, tmp_path))
-
+def test_every_file_beside_the_page_is_named(tmp_path, read_report, whole):
+    page = read_report(whole)
     shown = page.text[page.text.index("Every file beside this page") :]
     made = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.png")}
     assert len(made) > 30
@@ -78,9 +69,7 @@ def test_a_picture_that_cannot_be_shown_leaves_the_old_report_alone(tmp_path, pi
         victim.unlink()
     else:
         victim.write_bytes(b"not a picture" if broken == "text" else victim.read_bytes()[:12])
-
     with pytest.raises(BadInputError, match=r"depth_offset\.png"):
         write_report(pictured, tmp_path)
-
     assert (tmp_path / "report.html").read_bytes() == before
     assert sorted(p.name for p in tmp_path.iterdir()) == ["pictures", "report.html"]

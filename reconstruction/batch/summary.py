@@ -11,19 +11,29 @@ from pathlib import Path
 import msgspec
 
 from capture_app.session.files.durable import write_atomic
-from capture_app.text import pretty_json
-from reconstruction.batch.page import summary_page
-from reconstruction.batch.rows import BatchResult, Row
+from capture_app.text import count, pretty_json
+from reconstruction.batch.rows import BatchResult, Group, Row
+from reconstruction.batch.units import RESULT
+from reconstruction.report import tables as report
+from reconstruction.report import wording
+from reconstruction.report.page import Section, render_page
 
 CSV, JSON, HTML = "summary.csv", "summary.json", "summary.html"
 NAMES = (CSV, JSON, HTML)
+SHARES = {
+    "coverage": "Given a distance",
+    "within_2pct": "Measured correctly",
+    "mover_within_2pct": "Moving: measured correctly",
+    "static_within_2pct": "At rest: measured correctly",
+}
+FIRST = "Session and condition"
 
 
 def write_summary(root: Path, result: BatchResult) -> None:
     """Write the three files into the batch's folder."""
     write_atomic(root / JSON, pretty_json({"groups": result.groups, "units": result.units}) + b"\n")
     write_atomic(root / CSV, _csv(result.units).encode())
-    write_atomic(root / HTML, summary_page(result).encode())
+    write_atomic(root / HTML, _html(result).encode())
 
 
 def _csv(rows: Sequence[Row]) -> str:
@@ -33,3 +43,49 @@ def _csv(rows: Sequence[Row]) -> str:
     for row in rows:
         writer.writerow("" if value is None else value for value in msgspec.structs.astuple(row))
     return text.getvalue()
+
+
+def _html(result: BatchResult) -> str:
+    """The whole page. Holds no times and no durations."""
+    failures = [row for row in result.units if row.error]
+    failed = f", {result.failed} failed" if result.failed else ""
+    verdict = f"{count(len(result.units) - result.failed, 'unit')} computed{failed}"
+    sections = [Section("problems.html", title="What failed")] if failures else []
+    return render_page(
+        title=f"Batch: {verdict}",
+        kicker="Batch of reconstructions",
+        name="",
+        verdict=f"{verdict}. A unit is depth from all cameras of one instant of a session in one condition.",
+        sections=[*sections, Section("figures.html")],
+        numbers_in=(CSV, JSON),
+        package="reconstruction.batch",
+        view={
+            "failures": failures,
+            "groups": _table("Medians over the instants", "Instants", list(map(_group, result.groups))),
+            "units": _table("Every unit", "Instant", [_unit(row) for row in result.units if not row.error]),
+        },
+    )
+
+
+def _table(caption: str, counted: str, rows: list[report.Row]) -> report.Table:
+    heads = (counted, *SHARES.values(), "Median error", "Points in space")
+    return report.Table(caption, [report.Column(head) for head in heads], rows, first=FIRST)
+
+
+def _group(group: Group) -> report.Row:
+    note = f"{group.failed} failed" if group.failed else ""
+    cells = [report.Cell(f"{group.instants}", note=note), *_figures(group)]
+    return report.Row(group.session, cells, details=group.condition)
+
+
+def _unit(row: Row) -> report.Row:
+    cells = [report.Cell(f"{row.instant}"), *_figures(row)]
+    return report.Row(row.session, cells, details=row.condition, link=f"{row.folder}/{RESULT}")
+
+
+def _figures(row: Row | Group) -> list[report.Cell]:
+    error = row.median_error_pct
+    words = [wording.share(getattr(row, name)) for name in SHARES]
+    words.append(wording.NOT_AVAILABLE if error is None else f"{error:.2f}{wording.GAP}%")
+    words.append(wording.number(row.fused_points))
+    return [report.Cell(text) for text in words]

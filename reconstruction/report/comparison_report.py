@@ -1,25 +1,26 @@
 """The report of a comparison: one self-contained HTML page for somebody who knows nothing of cameras."""
 
-from collections.abc import Mapping
-from contextlib import suppress
+import base64
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
+import cv2
+import numpy as np
+
 from capture_app.errors import BadInputError
-from capture_app.session.files.durable import PART, write_atomic
 from capture_app.text import count
 from reconstruction.report import wording
 from reconstruction.report.charts import pose_chart
-from reconstruction.report.claims import claims
 from reconstruction.report.dose_report import dose_view
-from reconstruction.report.listings import conditions_table, instants_table
 from reconstruction.report.measures import DEPTH, PANORAMA, multiview_measures, pose_measures
-from reconstruction.report.page import Section, render_page
-from reconstruction.report.pictures import embed
+from reconstruction.report.page import Claim, Section, render_page, write_page
 from reconstruction.report.provenance import files_beside, pair_pictures, provenance_entries
-from reconstruction.report.tables import WITH_CONTROL, Table, twin_table
+from reconstruction.report.tables import WITH_CONTROL, Table, conditions_table, instants_table, twin_table
+from reconstruction.report.verdict import DEPTH_MEASURES, MISFIT_MEASURES, first_known
 from reconstruction.scores.compare_results import CompareResult
 
-REPORT = "report.html"
+KINDS = {b"\x89PNG\r\n\x1a\n": "image/png", b"\xff\xd8\xff": "image/jpeg"}
 
 
 def write_report(result: CompareResult, out: Path) -> Path:
@@ -30,26 +31,14 @@ def write_report(result: CompareResult, out: Path) -> Path:
     Raises:
         BadInputError: a picture is missing or is no PNG or JPEG, or the page cannot be written.
     """
-    page = _page(result, out)
-    target = out / REPORT
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        write_atomic(target, page.encode("utf-8", "replace"))
-    except OSError as error:
-        with suppress(OSError):
-            target.with_name(target.name + PART).unlink()
-        raise BadInputError(
-            f"cannot write the report {target}: {error.strerror or error}",
-            hint="choose another folder with --out",
-        ) from error
-    return target
+    return write_page(_page(result, out), out)
 
 
 def _page(result: CompareResult, out: Path) -> str:
     name = Path(result.session).name or result.session
     sides = wording.name_sides(result.stereo.synced if result.stereo else None, result.actual_offset_ms)
     pictures = pair_pictures(result)
-    two_claims, claims_note = claims(result, sides)
+    two_claims, claims_note = _claims(result, sides)
     return render_page(
         title=f"{name}: {sides.first.lower()} against {sides.late}",
         kicker=f"{sides.first} against offset",
@@ -63,7 +52,7 @@ def _page(result: CompareResult, out: Path) -> str:
             "pictures": pictures,
             "sides": sides,
             "unsynchronized": sides.for_all_cameras(),
-            "image": lambda path: embed(out / path),
+            "image": lambda path: _embed(out / path),
             "dose": dose_view(result.dose) if result.dose else None,
             "control": wording.control(result),
             "provenance": provenance_entries(result),
@@ -126,3 +115,61 @@ def _all_cameras(result: CompareResult, sides: wording.Sides) -> Mapping[str, ob
         view["pose_chart"] = pose_chart(poses, sides)
         view["pose_delays"] = wording.describe_delays(poses.offsets_ms, poses.cameras[0])
     return view
+
+
+def _claims(result: CompareResult, sides: wording.Sides) -> tuple[Sequence[Claim], str]:
+    """Both numbers and a note on them; none where nothing was measured."""
+    stereo, stitch = result.stereo, result.stitch
+    depth = first_known(stereo.synced, stereo.offset, *DEPTH_MEASURES) if stereo else None
+    misfit = first_known(stitch.synced, stitch.offset, *MISFIT_MEASURES) if stitch else None
+    note = ""
+    if depth:
+        measure, *shares = depth
+        what = "of the moving surface measured correctly"
+        if measure != DEPTH_MEASURES[0]:
+            what = "of the moving surface given a distance"
+            note = "The true distances are not known here, so this counts pixels where both pictures agree."
+        shown = [wording.share(value, decimals=0) for value in shares]
+    elif misfit:
+        measure, *values = misfit
+        moving = "of moving things " if measure == MISFIT_MEASURES[0] else ""
+        what = f"of misfit {moving}where the pictures of the panorama overlap"
+        shares = [value / max(1e-9, *values) for value in values]
+        shown = [wording.quantity(value, "px") for value in values]
+    else:
+        return (), ""
+    whens = (sides.when, f"when one picture is {sides.late}")
+    both = zip(("synced", "offset"), shown, shares, whens, strict=True)
+    return [Claim(tone, value, share, what, when) for tone, value, share, when in both], note
+
+
+@dataclass(frozen=True)
+class _EmbeddedImage:
+    """A picture as a `data:` address, and its size, px."""
+
+    address: str
+    width: int
+    height: int
+
+
+def _embed(path: Path) -> _EmbeddedImage:
+    """Read a PNG or JPEG to be embedded unchanged.
+
+    Raises:
+        BadInputError: the file is missing, or is no PNG or JPEG.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise BadInputError(
+            f"the report lacks the picture {path}: {error.strerror or error}",
+            hint="compare the session again",
+        ) from error
+    kind = next((kind for magic, kind in KINDS.items() if data.startswith(magic)), None)
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if kind else None
+    if image is None:
+        raise BadInputError(
+            f"the picture {path} is not a readable PNG or JPEG", hint="compare the session again"
+        )
+    address = f"data:{kind};base64,{base64.b64encode(data).decode()}"
+    return _EmbeddedImage(address, width=image.shape[1], height=image.shape[0])

@@ -4,18 +4,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from capture_app.session.files.durable import write_atomic
 from capture_app.text import count
 from reconstruction.report import wording
 from reconstruction.report.charts import DoseChart, dose_chart
 from reconstruction.report.measures import COVERAGE, EPIPOLAR, STILL_COVERAGE, WITHIN, pixels
-from reconstruction.report.page import Section, render_page
+from reconstruction.report.page import Section, render_page, write_page
 from reconstruction.report.provenance import Entry
 from reconstruction.report.tables import Column, Row, Table, score_cell
 from reconstruction.report.verdict import plausibly_synchronized
 from reconstruction.scores.dose_results import DoseResult
 
-REPORT = "report.html"
 COLUMNS = (
     ("mover_within_2pct", WITHIN, wording.share),
     ("mover_coverage", COVERAGE, wording.share),
@@ -104,7 +102,7 @@ def _table(dose: DoseResult) -> Table:
 
 
 def write_dose_report(result: DoseResult, out: Path) -> Path:
-    """Write the page of the curve alone into the folder `out`."""
+    """Write the page of the curve alone into the folder `out`, as `write_page` does."""
     name = Path(result.session).name or result.session
     cameras = f"cameras {result.reference} and {result.other}"
     instants = count(result.instants, "instant")
@@ -125,9 +123,7 @@ def write_dose_report(result: DoseResult, out: Path) -> Path:
             "files": [],
         },
     )
-    target = out / REPORT
-    write_atomic(target, page.encode("utf-8", "replace"))
-    return target
+    return write_page(page, out)
 
 
 def _time(value_ms: float) -> str:

@@ -1,17 +1,21 @@
 """Render a page from the templates: one HTML file with its style, script and pictures inside."""
 
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
+from pathlib import Path
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
+from capture_app.errors import BadInputError
+from capture_app.session.files.durable import PART, write_atomic
 from capture_app.text import count
 from reconstruction.report import wording
-from reconstruction.report.claims import Claim
 
 TEMPLATES = "template"
 METRICS = "metrics.json"
+REPORT = "report.html"
 FILTERS = (
     count, wording.lateness, wording.microseconds, wording.milliseconds, wording.number,
     wording.quantity, wording.share, wording.keep_units, wording.timeliness, wording.walking_distance,
@@ -25,6 +29,17 @@ class Section:
     template: str
     anchor: str = ""
     title: str = ""
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One condition's number: in words, as a share 0..1 to draw, of what, and in which pictures."""
+
+    tone: str
+    value: str
+    share: float
+    what: str
+    when: str
 
 
 def render_page(
@@ -58,6 +73,26 @@ def render_page(
         "numbers_in": numbers_in,
     }
     return _environment(package).get_template("page.html").render({**view, **frame})
+
+
+def write_page(page: str, out: Path) -> Path:
+    """Write `report.html` into the folder `out`, whole or not at all, and return its path.
+
+    Raises:
+        BadInputError: it cannot be written.
+    """
+    target = out / REPORT
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        write_atomic(target, page.encode("utf-8", "replace"))
+    except OSError as error:
+        with suppress(OSError):
+            target.with_name(target.name + PART).unlink()
+        raise BadInputError(
+            f"cannot write the report {target}: {error.strerror or error}",
+            hint="choose another folder with --out",
+        ) from error
+    return target
 
 
 @cache

@@ -6,24 +6,12 @@ import threading
 import time
 from fractions import Fraction
 
+from capture_app.cameras.v4l2 import layout as v4l2
 from capture_app.cameras.v4l2.ioctl import VideoDevice
-from capture_app.cameras.v4l2.layout import (
-    BUF_FLAG_SOURCE_START_OF_EXPOSURE,
-    BUF_FLAG_TIMESTAMP_MONOTONIC,
-    CAP_STREAMING,
-    CAP_VIDEO_CAPTURE,
-    CID_EXPOSURE_ABSOLUTE,
-    CID_GAIN,
-    Buffer,
-    Capability,
-    FrameInterval,
-    FrameSize,
-    PixelFormat,
-)
 
-MJPG = PixelFormat("MJPG", 640, 480, 0)
+MJPG = v4l2.PixelFormat("MJPG", 640, 480, 0)
 PERIOD_NS = 33_333_333
-START_OF_EXPOSURE = BUF_FLAG_TIMESTAMP_MONOTONIC | BUF_FLAG_SOURCE_START_OF_EXPOSURE
+START_OF_EXPOSURE = v4l2.BUF_FLAG_TIMESTAMP_MONOTONIC | v4l2.BUF_FLAG_SOURCE_START_OF_EXPOSURE
 JPEG = b"\xff\xd8 any bytes a camera calls a JPEG"
 
 
@@ -35,11 +23,11 @@ class FakeDevice(VideoDevice):
         self.fd = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self.flags = flags
         self.asked_buffers = 0
-        self.controls = {CID_EXPOSURE_ABSOLUTE: 157, CID_GAIN: 4}
+        self.controls = {v4l2.CID_EXPOSURE_ABSOLUTE: 157, v4l2.CID_GAIN: 4}
         self.calls: list[str] = []
         self.on_times_ns: list[int] = []
         self.queued: list[int] = []
-        self.filled: list[Buffer] = []
+        self.filled: list[v4l2.Buffer] = []
         self.dequeue_error: int | None = None
         self.stream_on_error: int | None = None
         self.may_start = threading.Event()
@@ -51,7 +39,7 @@ class FakeDevice(VideoDevice):
         index = self.queued.pop(0)
         self._memory[index][: len(data)] = data
         timestamp_ns = time.monotonic_ns() - age_ns
-        self.filled.append(Buffer(index, len(data), self.flags | flags, timestamp_ns, sequence, 0, 4096))
+        self.filled.append(v4l2.Buffer(index, len(data), self.flags | flags, timestamp_ns, sequence, 0, 4096))
         os.eventfd_write(self.fd, 1)
         return timestamp_ns
 
@@ -64,8 +52,8 @@ class FakeDevice(VideoDevice):
         os.close(self.fd)
         self.fd = -1
 
-    def capability(self) -> Capability:
-        return Capability("fake", "Fake camera", "usb-1", CAP_VIDEO_CAPTURE | CAP_STREAMING)
+    def capability(self) -> v4l2.Capability:
+        return v4l2.Capability("fake", "Fake camera", "usb-1", v4l2.CAP_VIDEO_CAPTURE | v4l2.CAP_STREAMING)
 
     def control(self, control: int) -> int | None:
         return self.controls.get(control)
@@ -80,17 +68,17 @@ class FakeDevice(VideoDevice):
         self.asked_buffers = count
         return min(count, len(self._memory))
 
-    def query_buffer(self, index: int) -> Buffer:
-        return Buffer(index, 0, self.flags, 0, 0, index * 4096, 4096)
+    def query_buffer(self, index: int) -> v4l2.Buffer:
+        return v4l2.Buffer(index, 0, self.flags, 0, 0, index * 4096, 4096)
 
-    def map(self, buffer: Buffer) -> mmap.mmap:
+    def map(self, buffer: v4l2.Buffer) -> mmap.mmap:
         return self._memory[buffer.index]
 
     def queue(self, index: int) -> None:
         assert index not in self.queued, "the kernel answers EINVAL to a buffer that is queued already"
         self.queued.append(index)
 
-    def dequeue(self) -> Buffer:
+    def dequeue(self) -> v4l2.Buffer:
         if self.dequeue_error is not None:
             raise OSError(self.dequeue_error, "unplugged")
         if not self.filled:
@@ -113,20 +101,20 @@ class FakeDevice(VideoDevice):
 class FickleDevice(FakeDevice):
     """A driver that offers one mode and takes another."""
 
-    def __init__(self, taken: PixelFormat, rate: int) -> None:
+    def __init__(self, taken: v4l2.PixelFormat, rate: int) -> None:
         super().__init__()
         self._taken, self._rate = taken, rate
 
     def formats(self) -> tuple[str, ...]:
         return ("MJPG", "H264")
 
-    def sizes(self, fourcc: str) -> tuple[FrameSize, ...]:
-        return (FrameSize(640, 640, 0, 480, 480, 0),)
+    def sizes(self, fourcc: str) -> tuple[v4l2.FrameSize, ...]:
+        return (v4l2.FrameSize(640, 640, 0, 480, 480, 0),)
 
-    def intervals(self, fourcc: str, width: int, height: int) -> tuple[FrameInterval, ...]:
-        return tuple(FrameInterval(Fraction(1, rate), Fraction(1, rate)) for rate in (30, 15))
+    def intervals(self, fourcc: str, width: int, height: int) -> tuple[v4l2.FrameInterval, ...]:
+        return tuple(v4l2.FrameInterval(Fraction(1, rate), Fraction(1, rate)) for rate in (30, 15))
 
-    def set_format(self, fourcc: str, width: int, height: int) -> PixelFormat:
+    def set_format(self, fourcc: str, width: int, height: int) -> v4l2.PixelFormat:
         return self._taken
 
     def set_period(self, period: Fraction) -> Fraction:

@@ -7,25 +7,17 @@ from pathlib import Path
 
 import pytest
 
+from capture_app.cameras.v4l2 import layout as v4l2
 from capture_app.cameras.v4l2.driver import list_cameras, open_camera, open_video_node
 from capture_app.cameras.v4l2.driver_errors import driver_error
-from capture_app.cameras.v4l2.layout import (
-    CAP_META_CAPTURE,
-    CAP_STREAMING,
-    CAP_VIDEO_CAPTURE,
-    CAP_VIDEO_CAPTURE_MPLANE,
-    Capability,
-    FrameInterval,
-    PixelFormat,
-)
 from capture_app.cameras.v4l2.modes import Mode, check_capture, choose_mode, configure, parse_options
 from capture_app.clock import HostClock
 from capture_app.errors import BadInputError, CameraError
 from tests.cameras.fake_device import MJPG, FickleDevice
 
 
-def rates(*fps: int) -> tuple[FrameInterval, ...]:
-    return tuple(FrameInterval(Fraction(1, rate), Fraction(1, rate)) for rate in fps)
+def rates(*fps: int) -> tuple[v4l2.FrameInterval, ...]:
+    return tuple(v4l2.FrameInterval(Fraction(1, rate), Fraction(1, rate)) for rate in fps)
 
 
 WEBCAM = (
@@ -60,7 +52,7 @@ def test_the_best_mode_with_all_wishes_is_chosen(modes, options, expected):
 
 
 def test_a_range_of_rates_is_clamped_only_without_a_wish():
-    modes = (Mode("YUYV", 640, 480, (FrameInterval(Fraction(1, 25), Fraction(1, 5)),)),)
+    modes = (Mode("YUYV", 640, 480, (v4l2.FrameInterval(Fraction(1, 25), Fraction(1, 5)),)),)
     assert chosen(modes) == ("YUYV", 640, 480, 25)
     assert chosen(modes, fps="12") == ("YUYV", 640, 480, 12)
     with pytest.raises(CameraError, match=r"no mode at 30 fps \(it offers YUYV 640x480 at 5 to 25 fps\)"):
@@ -95,15 +87,15 @@ def test_an_unreadable_option_is_named(options):
 @pytest.mark.parametrize(
     ("flags", "word"),
     [
-        (CAP_META_CAPTURE | CAP_STREAMING, "metadata"),
-        (CAP_VIDEO_CAPTURE_MPLANE | CAP_STREAMING, "planes"),
-        (CAP_STREAMING, "not a capture device"),
-        (CAP_VIDEO_CAPTURE, "not a capture device"),
+        (v4l2.CAP_META_CAPTURE | v4l2.CAP_STREAMING, "metadata"),
+        (v4l2.CAP_VIDEO_CAPTURE_MPLANE | v4l2.CAP_STREAMING, "planes"),
+        (v4l2.CAP_STREAMING, "not a capture device"),
+        (v4l2.CAP_VIDEO_CAPTURE, "not a capture device"),
     ],
 )
 def test_nodes_without_pictures_are_refused(flags, word):
     with pytest.raises(CameraError, match=word):
-        check_capture("/dev/video1", Capability("uvcvideo", "Webcam", "usb-1", flags))
+        check_capture("/dev/video1", v4l2.Capability("uvcvideo", "Webcam", "usb-1", flags))
 
 
 @pytest.mark.parametrize(
@@ -184,7 +176,7 @@ def test_the_period_is_the_one_the_driver_took():
 
 
 @pytest.mark.parametrize(
-    ("taken", "rate", "options"), [(PixelFormat("MJPG", 320, 240, 0), 30, {}), (MJPG, 15, {"fps": "30"})]
+    ("taken", "rate", "options"), [(v4l2.PixelFormat("MJPG", 320, 240, 0), 30, {}), (MJPG, 15, {"fps": "30"})]
 )
 def test_a_driver_that_takes_another_mode_is_refused(taken, rate, options):
     with pytest.raises(CameraError, match="it offers MJPG 640x480 at 30, 15 fps"):

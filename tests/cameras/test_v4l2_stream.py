@@ -11,13 +11,7 @@ import pytest
 
 from capture_app.camera_facts import PhaseControl, TimestampSource
 from capture_app.cameras.base import CapturedFrame
-from capture_app.cameras.v4l2.layout import (
-    BUF_FLAG_ERROR,
-    BUF_FLAG_TIMESTAMP_MONOTONIC,
-    CID_EXPOSURE_AUTO,
-    CID_EXPOSURE_AUTO_PRIORITY,
-    PixelFormat,
-)
+from capture_app.cameras.v4l2 import layout as v4l2
 from capture_app.cameras.v4l2.pictures import RawPicture
 from capture_app.cameras.v4l2.stream import V4L2Camera
 from capture_app.errors import CameraError
@@ -45,7 +39,7 @@ async def until(condition: Callable[[], bool]) -> None:
         await asyncio.sleep(0.001)
 
 
-async def started(device: FakeDevice, layout: PixelFormat = MJPG) -> tuple[V4L2Camera, Sink]:
+async def started(device: FakeDevice, layout: v4l2.PixelFormat = MJPG) -> tuple[V4L2Camera, Sink]:
     camera, sink = V4L2Camera(device, layout, PERIOD_NS), Sink()
     await camera.start(sink.frames.put_nowait, sink.failures.put_nowait)
     return camera, sink
@@ -83,12 +77,12 @@ async def test_info_says_what_the_device_can_do():
 )
 def test_half_a_second_is_buffered_where_memory_allows(frame_bytes, period_ns, count):
     device = FakeDevice()
-    V4L2Camera(device, PixelFormat("MJPG", 640, 480, 0, frame_bytes), period_ns)
+    V4L2Camera(device, v4l2.PixelFormat("MJPG", 640, 480, 0, frame_bytes), period_ns)
     assert device.asked_buffers == count
 
 
 async def test_stamps_at_the_end_of_a_frame_are_called_so():
-    camera = V4L2Camera(FakeDevice(BUF_FLAG_TIMESTAMP_MONOTONIC), MJPG, PERIOD_NS)
+    camera = V4L2Camera(FakeDevice(v4l2.BUF_FLAG_TIMESTAMP_MONOTONIC), MJPG, PERIOD_NS)
     assert camera.facts.timestamp_source is TimestampSource.END_OF_FRAME
     await camera.stop()
 
@@ -111,7 +105,7 @@ async def test_damaged_frames_are_gaps_and_their_buffers_go_back():
     device = FakeDevice()
     camera, sink = await started(device)
     device.deliver(0)
-    device.deliver(1, flags=BUF_FLAG_ERROR)
+    device.deliver(1, flags=v4l2.BUF_FLAG_ERROR)
     device.deliver(2, data=b"not a JPEG")
     assert (await sink.frame()).sequence == 0
     await until(lambda: len(device.queued) == 3)
@@ -122,7 +116,7 @@ async def test_damaged_frames_are_gaps_and_their_buffers_go_back():
 
 async def test_automatic_exposure_is_not_claimed_to_be_known():
     device = FakeDevice()
-    device.controls[CID_EXPOSURE_AUTO] = 3
+    device.controls[v4l2.CID_EXPOSURE_AUTO] = 3
     camera, sink = await started(device)
     device.deliver(0)
     frame = await sink.frame()
@@ -217,26 +211,26 @@ async def test_a_longer_frame_is_refused():
 
 async def test_the_rate_is_held_in_the_dark_and_the_setting_given_back():
     device = FakeDevice()
-    device.controls[CID_EXPOSURE_AUTO_PRIORITY] = 1
+    device.controls[v4l2.CID_EXPOSURE_AUTO_PRIORITY] = 1
     camera, _sink = await started(device)
-    assert device.controls[CID_EXPOSURE_AUTO_PRIORITY] == 0
+    assert device.controls[v4l2.CID_EXPOSURE_AUTO_PRIORITY] == 0
     await camera.stop()
-    assert device.controls[CID_EXPOSURE_AUTO_PRIORITY] == 1
+    assert device.controls[v4l2.CID_EXPOSURE_AUTO_PRIORITY] == 1
 
 
 def test_raw_frames_become_jpegs_without_the_padding_of_their_lines():
     red = np.array([[76, 85, 76, 255] * 8] * 16, np.uint8)
     padded = np.pad(red, ((0, 0), (0, 6)), constant_values=200)
-    picture = decoded(RawPicture(padded.tobytes(), PixelFormat("YUYV", 16, 16, 38)))
+    picture = decoded(RawPicture(padded.tobytes(), v4l2.PixelFormat("YUYV", 16, 16, 38)))
     assert picture.shape == (16, 16, 3)
     assert np.abs(picture.astype(int) - [0, 0, 255]).max() < 12
 
     grey = np.tile(np.arange(0, 64, 4, dtype=np.uint8), (16, 1))
-    picture = decoded(RawPicture(grey.tobytes(), PixelFormat("GREY", 16, 16, 16)))
+    picture = decoded(RawPicture(grey.tobytes(), v4l2.PixelFormat("GREY", 16, 16, 16)))
     assert np.abs(picture.astype(int) - grey).max() < 8
 
     nv12 = np.concatenate([np.full((16, 16), 76), np.tile([85, 255], (8, 8))]).astype(np.uint8)
-    picture = decoded(RawPicture(nv12.tobytes(), PixelFormat("NV12", 16, 16, 16)))
+    picture = decoded(RawPicture(nv12.tobytes(), v4l2.PixelFormat("NV12", 16, 16, 16)))
     assert np.abs(picture.astype(int) - [0, 0, 255]).max() < 12
 
 

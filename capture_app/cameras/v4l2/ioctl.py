@@ -9,51 +9,11 @@ import mmap
 import os
 import struct
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from fractions import Fraction
 from typing import Any
 
-from capture_app.cameras.v4l2.layout import (
-    BUF_TYPE_VIDEO_CAPTURE,
-    BUFFER,
-    CAP_DEVICE_CAPS,
-    CAP_TIME_PER_FRAME,
-    CAPABILITY,
-    CONTROL,
-    CTRL_FLAG_DISABLED,
-    DISCRETE,
-    FIELD_ANY,
-    FORMAT,
-    FORMAT_DESCRIPTION,
-    FRAME_INTERVAL,
-    FRAME_SIZE,
-    MEMORY_MMAP,
-    QUERY_CONTROL,
-    REQUEST_BUFFERS,
-    STREAM_PARAMETERS,
-    STREAM_TYPE,
-    VIDIOC_DQBUF,
-    VIDIOC_ENUM_FMT,
-    VIDIOC_ENUM_FRAMEINTERVALS,
-    VIDIOC_ENUM_FRAMESIZES,
-    VIDIOC_G_CTRL,
-    VIDIOC_G_PARM,
-    VIDIOC_QBUF,
-    VIDIOC_QUERYBUF,
-    VIDIOC_QUERYCAP,
-    VIDIOC_QUERYCTRL,
-    VIDIOC_REQBUFS,
-    VIDIOC_S_CTRL,
-    VIDIOC_S_FMT,
-    VIDIOC_S_PARM,
-    VIDIOC_STREAMOFF,
-    VIDIOC_STREAMON,
-    Buffer,
-    Capability,
-    FrameInterval,
-    FrameSize,
-    PixelFormat,
-)
+from capture_app.cameras.v4l2 import layout as v4l2
 from capture_app.errors import NotAvailableError
 
 _MAX_ENTRIES = 512
@@ -84,80 +44,69 @@ class VideoDevice:
             os.close(self.fd)
             self.fd = -1
 
-    def capability(self) -> Capability:
+    def capability(self) -> v4l2.Capability:
         """Who and what this node is."""
-        answer = self._ioctl(VIDIOC_QUERYCAP, bytearray(CAPABILITY.size))
-        driver, card, bus, _version, capabilities, device_caps = CAPABILITY.unpack(answer)
-        flags = device_caps if capabilities & CAP_DEVICE_CAPS else capabilities
-        return Capability(_text(driver), _text(card), _text(bus), flags)
+        answer = self._ioctl(v4l2.VIDIOC_QUERYCAP, bytearray(v4l2.CAPABILITY.size))
+        driver, card, bus, _version, capabilities, device_caps = v4l2.CAPABILITY.unpack(answer)
+        flags = device_caps if capabilities & v4l2.CAP_DEVICE_CAPS else capabilities
+        return v4l2.Capability(_text(driver), _text(card), _text(bus), flags)
 
     def formats(self) -> tuple[str, ...]:
         """The pixel formats as four-character codes, in the driver's order."""
-        request = FORMAT_DESCRIPTION
         answers = self._enumerate(
-            VIDIOC_ENUM_FMT, request, lambda index: (index, BUF_TYPE_VIDEO_CAPTURE, 0, b"", b"")
+            v4l2.VIDIOC_ENUM_FMT, v4l2.FORMAT_DESCRIPTION, v4l2.BUF_TYPE_VIDEO_CAPTURE, 0, b"", b""
         )
         return tuple(fields[4].decode("latin-1") for fields in answers)
 
-    def sizes(self, fourcc: str) -> tuple[FrameSize, ...]:
+    def sizes(self, fourcc: str) -> tuple[v4l2.FrameSize, ...]:
         """The sizes of a pixel format; empty where the driver does not say."""
-        code = fourcc.encode("latin-1")
+        asked = fourcc.encode("latin-1"), 0, 0, 0, 0, 0, 0, 0
         found = []
-        for fields in self._enumerate(
-            VIDIOC_ENUM_FRAMESIZES, FRAME_SIZE, lambda index: (index, code, 0, 0, 0, 0, 0, 0, 0)
-        ):
+        for fields in self._enumerate(v4l2.VIDIOC_ENUM_FRAMESIZES, v4l2.FRAME_SIZE, *asked):
             kind, numbers = fields[2], fields[3:]
-            if kind == DISCRETE:
-                width, height = numbers[:2]
-                found.append(FrameSize(width, width, 0, height, height, 0))
-            else:
-                return (FrameSize(*numbers),)
+            if kind != v4l2.DISCRETE:
+                return (v4l2.FrameSize(*numbers),)
+            width, height = numbers[:2]
+            found.append(v4l2.FrameSize(width, width, 0, height, height, 0))
         return tuple(found)
 
-    def intervals(self, fourcc: str, width: int, height: int) -> tuple[FrameInterval, ...]:
+    def intervals(self, fourcc: str, width: int, height: int) -> tuple[v4l2.FrameInterval, ...]:
         """The frame periods of a format and size; empty where the driver does not say."""
-        code = fourcc.encode("latin-1")
+        asked = fourcc.encode("latin-1"), width, height, 0, 0, 0, 0, 0, 0, 0
         found = []
-        for fields in self._enumerate(
-            VIDIOC_ENUM_FRAMEINTERVALS,
-            FRAME_INTERVAL,
-            lambda index: (index, code, width, height, 0, 0, 0, 0, 0, 0, 0),
-        ):
+        for fields in self._enumerate(v4l2.VIDIOC_ENUM_FRAMEINTERVALS, v4l2.FRAME_INTERVAL, *asked):
             kind, numbers = fields[4], fields[5:]
             shortest = Fraction(numbers[0], numbers[1] or 1)
-            if kind == DISCRETE:
-                found.append(FrameInterval(shortest, shortest))
-            else:
-                return (FrameInterval(shortest, Fraction(numbers[2], numbers[3] or 1)),)
+            if kind != v4l2.DISCRETE:
+                return (v4l2.FrameInterval(shortest, Fraction(numbers[2], numbers[3] or 1)),)
+            found.append(v4l2.FrameInterval(shortest, shortest))
         return tuple(found)
 
-    def set_format(self, fourcc: str, width: int, height: int) -> PixelFormat:
+    def set_format(self, fourcc: str, width: int, height: int) -> v4l2.PixelFormat:
         """Ask for a format; the driver answers with the one it took, which may differ."""
-        asked = FORMAT.pack(BUF_TYPE_VIDEO_CAPTURE, width, height, fourcc.encode("latin-1"), FIELD_ANY, 0, 0)
-        answer = self._ioctl(VIDIOC_S_FMT, bytearray(asked))
-        _type, width, height, code, _field, bytes_per_line, buffer_bytes = FORMAT.unpack(answer)
-        return PixelFormat(code.decode("latin-1"), width, height, bytes_per_line, buffer_bytes)
+        code = fourcc.encode("latin-1")
+        asked = v4l2.BUF_TYPE_VIDEO_CAPTURE, width, height, code, v4l2.FIELD_ANY, 0, 0
+        answer = self._exchange(v4l2.VIDIOC_S_FMT, v4l2.FORMAT, *asked)
+        _type, width, height, code, _field, bytes_per_line, buffer_bytes = answer
+        return v4l2.PixelFormat(code.decode("latin-1"), width, height, bytes_per_line, buffer_bytes)
 
     def period(self) -> Fraction | None:
         """The frame period in seconds; None where the driver cannot say."""
+        asked = v4l2.BUF_TYPE_VIDEO_CAPTURE, 0, 0, 0, 0
         try:
-            answer = self._ioctl(
-                VIDIOC_G_PARM, bytearray(STREAM_PARAMETERS.pack(BUF_TYPE_VIDEO_CAPTURE, 0, 0, 0, 0))
-            )
+            answer = self._exchange(v4l2.VIDIOC_G_PARM, v4l2.STREAM_PARAMETERS, *asked)
         except OSError as error:
             if error.errno in _NOT_OFFERED:
                 return None
             raise
-        _type, _capability, _mode, numerator, denominator = STREAM_PARAMETERS.unpack(answer)
+        _type, _capability, _mode, numerator, denominator = answer
         return Fraction(numerator, denominator) if numerator and denominator else None
 
     def set_period(self, period: Fraction) -> Fraction | None:
         """Ask for a frame period in seconds; returns the one the driver took, None where it cannot say."""
-        asked = STREAM_PARAMETERS.pack(
-            BUF_TYPE_VIDEO_CAPTURE, CAP_TIME_PER_FRAME, 0, period.numerator, period.denominator
-        )
+        asked = v4l2.CAP_TIME_PER_FRAME, 0, period.numerator, period.denominator
         try:
-            self._ioctl(VIDIOC_S_PARM, bytearray(asked))
+            self._exchange(v4l2.VIDIOC_S_PARM, v4l2.STREAM_PARAMETERS, v4l2.BUF_TYPE_VIDEO_CAPTURE, *asked)
         except OSError as error:
             if error.errno not in _NOT_OFFERED:
                 raise
@@ -165,67 +114,73 @@ class VideoDevice:
 
     def control_range(self, control: int) -> tuple[int, int] | None:
         """Least and greatest value of a control, in the control's unit; None where there is no such one."""
-        asked = QUERY_CONTROL.pack(control, 0, b"", 0, 0, 0, 0, 0)
+        asked = control, 0, b"", 0, 0, 0, 0, 0
         try:
-            answer = self._ioctl(VIDIOC_QUERYCTRL, bytearray(asked))
+            answer = self._exchange(v4l2.VIDIOC_QUERYCTRL, v4l2.QUERY_CONTROL, *asked)
         except OSError:
             return None
-        _id, _type, _name, least, most, _step, _default, flags = QUERY_CONTROL.unpack(answer)
-        return None if flags & CTRL_FLAG_DISABLED else (least, most)
+        _id, _type, _name, least, most, _step, _default, flags = answer
+        return None if flags & v4l2.CTRL_FLAG_DISABLED else (least, most)
 
     def control(self, control: int) -> int | None:
         """Value of a control in the control's unit; None where it does not exist or cannot be read."""
         try:
-            answer = self._ioctl(VIDIOC_G_CTRL, bytearray(CONTROL.pack(control, 0)))
+            return int(self._exchange(v4l2.VIDIOC_G_CTRL, v4l2.CONTROL, control, 0)[1])
         except OSError:
             return None
-        return int(CONTROL.unpack(answer)[1])
 
     def set_control(self, control: int, value: int) -> None:
         """Set a control, in the control's unit."""
-        self._ioctl(VIDIOC_S_CTRL, bytearray(CONTROL.pack(control, value)))
+        self._exchange(v4l2.VIDIOC_S_CTRL, v4l2.CONTROL, control, value)
 
     def request_buffers(self, count: int) -> int:
         """Have the driver allocate mappable buffers; returns how many it gave. 0 frees them."""
-        asked = REQUEST_BUFFERS.pack(count, BUF_TYPE_VIDEO_CAPTURE, MEMORY_MMAP)
-        answer = self._ioctl(VIDIOC_REQBUFS, bytearray(asked))
-        return int(REQUEST_BUFFERS.unpack(answer)[0])
+        asked = count, v4l2.BUF_TYPE_VIDEO_CAPTURE, v4l2.MEMORY_MMAP
+        return int(self._exchange(v4l2.VIDIOC_REQBUFS, v4l2.REQUEST_BUFFERS, *asked)[0])
 
-    def query_buffer(self, index: int) -> Buffer:
+    def query_buffer(self, index: int) -> v4l2.Buffer:
         """Where a buffer lies, and the timestamp flags that its frames will carry."""
-        return _buffer(self._ioctl(VIDIOC_QUERYBUF, _buffer_request(index)))
+        return self._exchange_buffer(v4l2.VIDIOC_QUERYBUF, index)
 
-    def map(self, buffer: Buffer) -> mmap.mmap:
+    def map(self, buffer: v4l2.Buffer) -> mmap.mmap:
         """Map a buffer's memory."""
         return mmap.mmap(self.fd, buffer.length, mmap.MAP_SHARED, mmap.PROT_READ, offset=buffer.offset)
 
     def queue(self, index: int) -> None:
         """Give a buffer to the driver to be filled."""
-        self._ioctl(VIDIOC_QBUF, _buffer_request(index))
+        self._exchange_buffer(v4l2.VIDIOC_QBUF, index)
 
-    def dequeue(self) -> Buffer:
+    def dequeue(self) -> v4l2.Buffer:
         """Take the oldest filled buffer. Raises BlockingIOError when there is none yet."""
-        return _buffer(self._ioctl(VIDIOC_DQBUF, _buffer_request(0)))
+        return self._exchange_buffer(v4l2.VIDIOC_DQBUF, 0)
 
     def stream_on(self) -> None:
         """Start streaming; may take as long as the device needs."""
-        self._ioctl(VIDIOC_STREAMON, bytearray(STREAM_TYPE.pack(BUF_TYPE_VIDEO_CAPTURE)))
+        self._exchange(v4l2.VIDIOC_STREAMON, v4l2.STREAM_TYPE, v4l2.BUF_TYPE_VIDEO_CAPTURE)
 
     def stream_off(self) -> None:
         """Stop streaming; every buffer, filled or not, is ours again."""
-        self._ioctl(VIDIOC_STREAMOFF, bytearray(STREAM_TYPE.pack(BUF_TYPE_VIDEO_CAPTURE)))
+        self._exchange(v4l2.VIDIOC_STREAMOFF, v4l2.STREAM_TYPE, v4l2.BUF_TYPE_VIDEO_CAPTURE)
 
-    def _enumerate(
-        self, request: int, layout: struct.Struct, fields_of: Callable[[int], tuple[Any, ...]]
-    ) -> Iterator[tuple[Any, ...]]:
+    def _enumerate(self, request: int, layout: struct.Struct, *fields: Any) -> Iterator[tuple[Any, ...]]:
+        """Yield the answers for index 0, 1 and so on, the first field; `fields` are those after it."""
         for index in range(_MAX_ENTRIES):
             try:
-                answer = self._ioctl(request, bytearray(layout.pack(*fields_of(index))))
+                yield self._exchange(request, layout, index, *fields)
             except OSError as error:
                 if error.errno in _NOT_OFFERED:
                     return
                 raise
-            yield layout.unpack(answer)
+
+    def _exchange(self, request: int, layout: struct.Struct, *fields: Any) -> tuple[Any, ...]:
+        return layout.unpack(self._ioctl(request, bytearray(layout.pack(*fields))))
+
+    def _exchange_buffer(self, request: int, index: int) -> v4l2.Buffer:
+        asked = index, v4l2.BUF_TYPE_VIDEO_CAPTURE, 0, 0, 0, 0, 0, 0, v4l2.MEMORY_MMAP, 0, 0
+        answer = self._exchange(request, v4l2.BUFFER, *asked)
+        index, _type, bytes_used, flags, _field, seconds, microseconds, sequence, _memory, *where = answer
+        timestamp_ns = seconds * 1_000_000_000 + microseconds * 1_000
+        return v4l2.Buffer(index, bytes_used, flags, timestamp_ns, sequence, *where)
 
     def _ioctl(self, request: int, argument: bytearray) -> bytearray:
         while True:
@@ -234,18 +189,6 @@ class VideoDevice:
             except InterruptedError:
                 continue
             return argument
-
-
-def _buffer_request(index: int) -> bytearray:
-    return bytearray(BUFFER.pack(index, BUF_TYPE_VIDEO_CAPTURE, 0, 0, 0, 0, 0, 0, MEMORY_MMAP, 0, 0))
-
-
-def _buffer(answer: bytearray) -> Buffer:
-    (index, _type, bytes_used, flags, _field, seconds, microseconds, sequence, _memory, offset, length) = (
-        BUFFER.unpack(answer)
-    )
-    timestamp_ns = seconds * 1_000_000_000 + microseconds * 1_000
-    return Buffer(index, bytes_used, flags, timestamp_ns, sequence, offset, length)
 
 
 def _text(field: bytes) -> str:

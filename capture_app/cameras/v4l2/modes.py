@@ -4,16 +4,8 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 
+from capture_app.cameras.v4l2 import layout as v4l2
 from capture_app.cameras.v4l2.ioctl import VideoDevice
-from capture_app.cameras.v4l2.layout import (
-    CAP_META_CAPTURE,
-    CAP_STREAMING,
-    CAP_VIDEO_CAPTURE,
-    CAP_VIDEO_CAPTURE_MPLANE,
-    Capability,
-    FrameInterval,
-    PixelFormat,
-)
 from capture_app.errors import BadInputError, CameraError
 
 USABLE_FORMATS = ("MJPG", "JPEG", "YUYV", "NV12", "GREY")
@@ -52,7 +44,7 @@ class Mode:
     fourcc: str
     width: int
     height: int
-    intervals: tuple[FrameInterval, ...] = ()
+    intervals: tuple[v4l2.FrameInterval, ...] = ()
 
     def nearest_period(self, wanted: Fraction) -> Fraction:
         """The offered frame period in seconds nearest to the one wanted."""
@@ -80,14 +72,14 @@ def parse_options(options: Mapping[str, str]) -> ModeRequest:
     )
 
 
-def check_capture(path: str, capability: Capability) -> None:
+def check_capture(path: str, capability: v4l2.Capability) -> None:
     """Raise CameraError where a device node does not deliver pictures that can be used."""
     flags = capability.flags
-    if flags & CAP_VIDEO_CAPTURE and flags & CAP_STREAMING:
+    if flags & v4l2.CAP_VIDEO_CAPTURE and flags & v4l2.CAP_STREAMING:
         return
-    if flags & CAP_META_CAPTURE:
+    if flags & v4l2.CAP_META_CAPTURE:
         why = "carries metadata, not pictures"
-    elif flags & CAP_VIDEO_CAPTURE_MPLANE:
+    elif flags & v4l2.CAP_VIDEO_CAPTURE_MPLANE:
         why = "delivers pictures in several planes, which is not supported"
     else:
         why = "is not a capture device"
@@ -141,7 +133,7 @@ def choose_mode(path: str, modes: Iterable[Mode], wanted: ModeRequest) -> tuple[
     return best, best.nearest_period(period)
 
 
-def configure(device: VideoDevice, wanted: ModeRequest) -> tuple[PixelFormat, Fraction]:
+def configure(device: VideoDevice, wanted: ModeRequest) -> tuple[v4l2.PixelFormat, Fraction]:
     """Set a camera to the best mode that was asked for; returns it and its frame period in seconds.
 
     Raises CameraError where the camera does not offer it or takes another, OSError from the driver.
@@ -201,7 +193,7 @@ def _rate(text: str) -> Fraction:
     return rate.limit_denominator(1001)
 
 
-def _rates(interval: FrameInterval) -> str:
+def _rates(interval: v4l2.FrameInterval) -> str:
     if interval.shortest == interval.longest:
         return _fps(interval.shortest)
     return f"{_fps(interval.longest)} to {_fps(interval.shortest)}"

@@ -3,20 +3,14 @@
 import time
 
 from capture_app.camera_facts import TimestampSource
-from capture_app.cameras.v4l2.layout import (
-    BUF_FLAG_SOURCE_END_OF_FRAME,
-    BUF_FLAG_SOURCE_MASK,
-    BUF_FLAG_SOURCE_START_OF_EXPOSURE,
-    BUF_FLAG_TIMESTAMP_MASK,
-    BUF_FLAG_TIMESTAMP_MONOTONIC,
-)
+from capture_app.cameras.v4l2 import layout as v4l2
 from capture_app.errors import CameraError
 
 _FOREIGN_CLOCK_NS = 60_000_000_000
 """A stamp this far from now is not of this process's monotonic clock."""
 _SOURCES = {
-    BUF_FLAG_SOURCE_START_OF_EXPOSURE: TimestampSource.START_OF_EXPOSURE,
-    BUF_FLAG_SOURCE_END_OF_FRAME: TimestampSource.END_OF_FRAME,
+    v4l2.BUF_FLAG_SOURCE_START_OF_EXPOSURE: TimestampSource.START_OF_EXPOSURE,
+    v4l2.BUF_FLAG_SOURCE_END_OF_FRAME: TimestampSource.END_OF_FRAME,
 }
 
 
@@ -27,9 +21,9 @@ def is_monotonic(timestamp_ns: int) -> bool:
 
 def timestamp_source(path: str, flags: int) -> TimestampSource:
     """The moment that a driver's buffers are stamped at. Raises CameraError for another clock."""
-    if flags & BUF_FLAG_TIMESTAMP_MASK != BUF_FLAG_TIMESTAMP_MONOTONIC:
+    if flags & v4l2.BUF_FLAG_TIMESTAMP_MASK != v4l2.BUF_FLAG_TIMESTAMP_MONOTONIC:
         raise foreign_clock(path)
-    return _SOURCES.get(flags & BUF_FLAG_SOURCE_MASK, TimestampSource.UNKNOWN)
+    return _SOURCES.get(flags & v4l2.BUF_FLAG_SOURCE_MASK, TimestampSource.UNKNOWN)
 
 
 def foreign_clock(path: str) -> CameraError:

@@ -22,15 +22,8 @@ from capture_app.node.transfer.burst_upload import BurstUpload
 from capture_app.node.transfer.spool import Spool
 from capture_app.node.transfer.uploader import Uploader
 from capture_app.node.wire.messages import JsonValue
+from capture_app.sync.rig import events
 from capture_app.sync.rig.client import Client
-from capture_app.sync.rig.events import (
-    AlignmentFailed,
-    BurstPicked,
-    ClientEvent,
-    Joined,
-    JoinRefused,
-    LeaderLost,
-)
 from capture_app.sync.rig.failover import Failover
 from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.wire.messages import NodeState
@@ -161,12 +154,12 @@ class CameraNode:
         if self._profiles is not None and aligner.start_latencies_ns:
             self._profiles.save_start_latencies(self._camera.facts, aligner.start_latencies_ns)
 
-    def _handle_event(self, event: ClientEvent[CapturedFrame]) -> None:
+    def _handle_event(self, event: events.ClientEvent[CapturedFrame]) -> None:
         now_ns = self._clock.now_ns()
-        if isinstance(event, BurstPicked):
+        if isinstance(event, events.BurstPicked):
             self._uploader.add_burst(self._upload_of(event))
             return
-        if isinstance(event, Joined):
+        if isinstance(event, events.Joined):
             leader = Address(self._failover.leader[0], event.transfer_port)
             self._uploader.set_leader(leader)
             self._beacons.follow(event.beacons, leader.host)
@@ -174,10 +167,10 @@ class CameraNode:
                 self._talk(f"joined {leader}")
         line = {"local_ns": now_ns, **event_line(event)}
         self._events.append(line)
-        if isinstance(event, LeaderLost | JoinRefused | AlignmentFailed):
+        if isinstance(event, events.LeaderLost | events.JoinRefused | events.AlignmentFailed):
             self._talk(f"{line['event']}: {event.reason}")
 
-    def _upload_of(self, ready: BurstPicked[CapturedFrame]) -> BurstUpload:
+    def _upload_of(self, ready: events.BurstPicked[CapturedFrame]) -> BurstUpload:
         assert self._tolerance_ns is not None
         record = camera_record(
             self.name, self._camera.facts, ready, self._engine.aligner.corrections, self._tolerance_ns

@@ -9,25 +9,12 @@ from capture_app.clock import NodeClock, SimulatedClock
 from capture_app.node.wire.messages import CameraReport, JsonValue
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.manifest import CameraRecord, ClockRecord, MissingImage, PhaseRecord
-from capture_app.sync.rig.events import (
-    AlignmentFailed,
-    BurstPicked,
-    ClientEvent,
-    ClockStepped,
-    ClockSynced,
-    FramesDropped,
-    Joined,
-    JoinRefused,
-    LeaderLost,
-    PhaseCorrected,
-    ReferenceCorrectionEnded,
-    ReferenceCorrectionStarted,
-)
+from capture_app.sync.rig import events
 from capture_app.sync.rig.frame_picks import DROPPED
 
 
 def camera_record(
-    name: str, facts: CameraFacts, ready: BurstPicked[Any], corrections: int, tolerance_ns: int
+    name: str, facts: CameraFacts, ready: events.BurstPicked[Any], corrections: int, tolerance_ns: int
 ) -> CameraRecord:
     """The manifest's record of a camera at a burst; `corrections` counts those of the phase until then.
 
@@ -64,7 +51,7 @@ def camera_record(
 
 def camera_report(
     camera: CameraRecord,
-    ready: BurstPicked[Any],
+    ready: events.BurstPicked[Any],
     *,
     calibration: CameraCalibration | None,
     true_clock: SimulatedClock | None,
@@ -95,33 +82,33 @@ def true_clock(clock: NodeClock, facts: CameraFacts) -> SimulatedClock | None:
     return SimulatedClock(0) if facts.kind == SIMULATED else None
 
 
-def event_line(event: ClientEvent[Any]) -> dict[str, JsonValue]:
+def event_line(event: events.ClientEvent[Any]) -> dict[str, JsonValue]:
     """An event as a flat line of JSON."""
     match event:
-        case Joined():
+        case events.Joined():
             return {"event": "joined", "leader": event.leader}
-        case JoinRefused():
+        case events.JoinRefused():
             return {"event": "join-refused", "reason": event.reason}
-        case LeaderLost():
+        case events.LeaderLost():
             return {"event": "leader-lost", "reason": event.reason}
-        case ClockSynced():
+        case events.ClockSynced():
             return {
                 "event": "clock-synced",
                 "offset_ns": event.time_map.offset_ns,
                 "hard_bound_ns": round(event.time_map.hard_bound_ns),
             }
-        case ClockStepped():
+        case events.ClockStepped():
             return {"event": "clock-stepped"}
-        case ReferenceCorrectionStarted():
+        case events.ReferenceCorrectionStarted():
             return {
                 "event": "reference-correction-started",
                 "relative_uncertainty_ns": event.relative_uncertainty_ns,
             }
-        case ReferenceCorrectionEnded():
+        case events.ReferenceCorrectionEnded():
             return {"event": "reference-correction-ended"}
-        case FramesDropped():
+        case events.FramesDropped():
             return {"event": "frames-dropped", "count": event.count, "sequence": event.sequence}
-        case PhaseCorrected():
+        case events.PhaseCorrected():
             before = event.before
             return {
                 "event": "phase-corrected",
@@ -129,6 +116,6 @@ def event_line(event: ClientEvent[Any]) -> dict[str, JsonValue]:
                 **msgspec.to_builtins(event.command),
                 "phase_error_ns": None if before is None else before.error_ns,
             }
-        case AlignmentFailed():
+        case events.AlignmentFailed():
             return {"event": "alignment-failed", "reason": event.reason}
     return {"event": type(event).__name__}

@@ -7,19 +7,7 @@ from typing import Protocol
 from capture_app.errors import DiskFullError, NetworkError, SimulshotError, TryAgainError
 from capture_app.net.channel import Channel
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.wire.messages import (
-    BurstAnswer,
-    BurstRequest,
-    CameraReport,
-    ImageAck,
-    ImageUpload,
-    Refusal,
-    ReportAck,
-    SpoolSpace,
-    StatusAnswer,
-    StatusRequest,
-    ToLeader,
-)
+from capture_app.node.wire import messages
 from capture_app.node.wire.status import BurstStatus, RigStatus
 
 
@@ -32,13 +20,13 @@ class ServedRig(Protocol):
     def status(self) -> RigStatus:
         """Return the rig at this moment."""
 
-    def take_burst(self, request: BurstRequest) -> AsyncGenerator[BurstStatus, None]:
+    def take_burst(self, request: messages.BurstRequest) -> AsyncGenerator[BurstStatus, None]:
         """Take a burst and yield its progress."""
 
-    async def find_session(self, message: CameraReport | ImageUpload) -> BurstSession:
+    async def find_session(self, message: messages.CameraReport | messages.ImageUpload) -> BurstSession:
         """Return the burst of an upload."""
 
-    def note_spool_space(self, space: SpoolSpace) -> None:
+    def note_spool_space(self, space: messages.SpoolSpace) -> None:
         """Note how much room a node has."""
 
     def tell_progress(self, session: BurstSession) -> None:
@@ -51,7 +39,7 @@ class LeaderService:
     def __init__(self, rig: ServedRig) -> None:
         self._rig = rig
 
-    async def serve(self, channel: Channel[ToLeader]) -> None:
+    async def serve(self, channel: Channel[messages.ToLeader]) -> None:
         """Answer a stream until its peer closes it; the user's mistakes are told, not raised."""
         working_on: dict[tuple[int, int], tuple[BurstSession, str]] = {}
         try:
@@ -62,25 +50,25 @@ class LeaderService:
                     raise
                 except SimulshotError as error:
                     retry = isinstance(error, DiskFullError | TryAgainError)
-                    await channel.send(Refusal.of_error(error, retry=retry))
+                    await channel.send(messages.Refusal.of_error(error, retry=retry))
         finally:
             for session, camera in working_on.values():
                 session.stream_closed(camera, self._rig.now_ns())
 
     async def _answer(
         self,
-        channel: Channel[ToLeader],
-        message: ToLeader,
+        channel: Channel[messages.ToLeader],
+        message: messages.ToLeader,
         working_on: dict[tuple[int, int], tuple[BurstSession, str]],
     ) -> None:
         match message:
-            case StatusRequest():
-                await channel.send(StatusAnswer(rig=self._rig.status()))
-            case BurstRequest():
+            case messages.StatusRequest():
+                await channel.send(messages.StatusAnswer(rig=self._rig.status()))
+            case messages.BurstRequest():
                 async with contextlib.aclosing(self._rig.take_burst(message)) as progress:
                     async for status in progress:
-                        await channel.send(BurstAnswer(burst=status))
-            case CameraReport():
+                        await channel.send(messages.BurstAnswer(burst=status))
+            case messages.CameraReport():
                 session = await self._rig.find_session(message)
                 key, camera = (message.leader, message.burst), message.camera.name
                 if key not in working_on or working_on[key][0] is not session:
@@ -89,12 +77,12 @@ class LeaderService:
                         working_on[key][0].stream_closed(camera, self._rig.now_ns())
                     working_on[key] = session, camera
                 receipts = await session.accept_report(message, self._rig.now_ns())
-                await channel.send(ReportAck(receipts=receipts))
-            case SpoolSpace():
+                await channel.send(messages.ReportAck(receipts=receipts))
+            case messages.SpoolSpace():
                 self._rig.note_spool_space(message)
-                await channel.send(ReportAck())
-            case ImageUpload():
+                await channel.send(messages.ReportAck())
+            case messages.ImageUpload():
                 session = await self._rig.find_session(message)
                 sha256 = await session.receive_image(message, channel.payload(), self._rig.now_ns())
                 self._rig.tell_progress(session)
-                await channel.send(ImageAck(sha256=sha256))
+                await channel.send(messages.ImageAck(sha256=sha256))

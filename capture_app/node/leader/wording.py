@@ -2,38 +2,26 @@
 
 from capture_app.net.address import Address
 from capture_app.node.wire.status import BurstStatus
-from capture_app.sync.rig.events import (
-    BurstRefused,
-    ClockStepped,
-    ClockSynced,
-    Joined,
-    JoinRefused,
-    LeaderEvent,
-    LeaderLost,
-    NodeJoined,
-    NodeLost,
-    NodeMoved,
-    NodeReturned,
-)
+from capture_app.sync.rig import events
 from capture_app.sync.rig.time_client import TimeClientEvent
 from capture_app.text import duration
 
-News = LeaderEvent | BurstStatus
+News = events.LeaderEvent | BurstStatus
 """What a leader tells about: nodes that come and go, and bursts that make progress."""
 
 
 def news_line(news: News) -> str:
     """A line about what happened, for a person; empty where it is nothing to tell."""
     match news:
-        case NodeJoined():
+        case events.NodeJoined():
             return f"{news.name} joined"
-        case NodeReturned():
+        case events.NodeReturned():
             return f"{news.name} is back"
-        case NodeMoved():
+        case events.NodeMoved():
             return f"{news.name} is now connected to {news.relay or 'this leader'}"
-        case NodeLost():
+        case events.NodeLost():
             return f"lost {news.name}: {news.reason}"
-        case BurstRefused():
+        case events.BurstRefused():
             return f"burst {news.burst}: without {news.name}: {news.reason}"
         case BurstStatus():
             return burst_line(news)
@@ -43,15 +31,15 @@ def news_line(news: News) -> str:
 def follower_line(event: TimeClientEvent, parent: Address) -> str:
     """A line about how a relay stands with its own leader, empty where there is nothing to say."""
     match event:
-        case Joined():
+        case events.Joined():
             return f"joined {parent}"
-        case LeaderLost():
+        case events.LeaderLost():
             return f"lost {parent} ({event.reason}): in holdover"
-        case JoinRefused():
+        case events.JoinRefused():
             return f"{parent} refused this relay: {event.reason}"
-        case ClockSynced():
+        case events.ClockSynced():
             return f"ready: clock error at most {duration(event.time_map.hard_bound_ns)}"
-        case ClockStepped():
+        case events.ClockStepped():
             return "a clock was changed: synchronizing again"
     return ""
 

@@ -17,7 +17,7 @@ from reconstruction.report import wording
 from reconstruction.scores.compare_results import BulletTime
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import evenly_spread
-from reconstruction.session.scene_motion import SceneMotion
+from reconstruction.session.mover_detection import SceneMotion
 
 MAX_CAMERAS = 20
 LATE_MS = (0.0, 66.0, -33.0, 33.0, -66.0)

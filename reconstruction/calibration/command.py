@@ -13,9 +13,12 @@ from capture_app.session.files.durable import write_atomic
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION
 from capture_app.text import pretty_json
-from reconstruction.calibration.calibrated_views import calibrated_views
-from reconstruction.calibration.charuco_board import CharucoBoard, detect_board, shared_corners
-from reconstruction.calibration.charuco_calibration import calibrate_from_board
+from reconstruction.calibration.charuco import (
+    CharucoBoard,
+    calibrate_from_board,
+    detect_board,
+    shared_corners,
+)
 from reconstruction.calibration.features import match_features
 from reconstruction.calibration.quality import (
     CalibrationQuality,
@@ -23,7 +26,7 @@ from reconstruction.calibration.quality import (
     judge_calibration,
     refuse_bad_calibration,
 )
-from reconstruction.calibration.rig import Rig
+from reconstruction.calibration.rig import Rig, calibrated_views
 from reconstruction.calibration.structure_from_motion import calibrate_from_images
 from reconstruction.common.geometry import View, angle_deg
 from reconstruction.session.dataset import Dataset

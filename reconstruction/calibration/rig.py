@@ -7,14 +7,13 @@ import numpy as np
 
 from capture_app.errors import BadInputError, NotAvailableError
 from capture_app.session.format.calibration import Calibration
-from reconstruction.calibration.calibrated_views import calibrated_views
 from reconstruction.calibration.features import Features, detect_features
 from reconstruction.calibration.pair_choice import PairChoice, choose_panorama_pair, choose_stereo_pair
 from reconstruction.calibration.structure_from_motion import calibrate_from_images
 from reconstruction.common.geometry import View
 from reconstruction.common.stage_cache import StageCache
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.scene_motion import SceneMotion
+from reconstruction.session.mover_detection import SceneMotion
 
 
 class Rig:
@@ -114,3 +113,30 @@ class Rig:
                 image, movers = self.dataset.grey(name, nearest), self.motion.widened_movers(name, nearest)
                 found[name] = detect_features(image, movers)
         return found
+
+
+def calibrated_views(dataset: Dataset, calibration: Calibration) -> dict[str, View]:
+    """The calibrated cameras among the session's, at the size of their images.
+
+    Raises:
+        BadInputError: a calibration was made for images of another shape, or by other cameras.
+    """
+    if not calibration.cameras.keys() & set(dataset.cameras):
+        raise BadInputError(
+            f"{dataset.name}'s calibration is of other cameras ({', '.join(calibration.cameras)})",
+            hint=f"the session has {', '.join(dataset.cameras)}",
+        )
+    views = {}
+    for name in dataset.cameras:
+        known = calibration.cameras.get(name)
+        if known is None:
+            continue
+        width, height = dataset.size(name)
+        if abs(known.width / known.height - width / height) > 0.01 * width / height:
+            raise BadInputError(
+                f"camera {name} is calibrated for {known.width}x{known.height}, "
+                f"but its images are {width}x{height}",
+                hint="calibrate at the shape of the images",
+            )
+        views[name] = View.from_calibration(known, width, height)
+    return views

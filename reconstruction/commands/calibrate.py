@@ -55,7 +55,7 @@ def calibrate(
 ) -> None:
     """Calibrate the cameras of SESSION, check the result and save it in the session."""
 
-    from reconstruction.calibration.charuco_board import CharucoBoard
+    from reconstruction.calibration.charuco import CharucoBoard
     from reconstruction.calibration.command import CalibrateOptions, CalibrationSource
     from reconstruction.calibration.command import calibrate as run
 

@@ -15,9 +15,8 @@ from reconstruction.scores.depth_truth import true_depth_in_unit
 from reconstruction.scores.still_control import median_still_depth, project_into_other, still_pixels
 from reconstruction.scores.tally import Measurements, measure_depth
 from reconstruction.session.conditions import Condition
-from reconstruction.stereo.disparity_range import find_disparity_range
 from reconstruction.stereo.epipolar_error import epipolar_errors
-from reconstruction.stereo.stereo_pair import DepthMap, StereoPair
+from reconstruction.stereo.stereo_pair import DepthMap, StereoPair, find_disparity_range
 
 RANGE_INSTANTS = 8
 PER_INSTANT = ("mover_coverage", "static_coverage", "mover_within_2pct", "mover_epipolar_px")

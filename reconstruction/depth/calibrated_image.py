@@ -1,12 +1,13 @@
-"""A grey picture with its view, and the statistics of the windows it is matched by."""
+"""A grey picture with its view, and source pictures warped onto it and compared window by window."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import cv2
 import numpy as np
 
-from reconstruction.common.geometry import Array, View, resize_view
+from reconstruction.common.geometry import Array, View, other_from_reference, resize_view
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,3 +53,97 @@ class CalibratedImage:
 def box_filter(image: Array, window: int) -> Array:
     """Mean over a square window, mirrored at the borders."""
     return np.asarray(cv2.boxFilter(image, -1, (window, window), borderType=cv2.BORDER_REFLECT_101))
+
+
+OUTSIDE = -1000.0
+"""Grey level of what a view does not show; a window that touches it has a mean below zero."""
+
+
+class SourceView:
+    """A source view seen from a reference view: through planes of constant depth, or through a depth map."""
+
+    def __init__(self, reference: CalibratedImage, source: CalibratedImage) -> None:
+        self.reference = reference
+        self.source = source
+        rotation, translation = other_from_reference(reference.view, source.view)
+        self.rotation, self.translation = rotation, translation
+        self._turn = source.view.matrix @ rotation
+        self._shift = source.view.matrix @ translation
+
+    def warp_by_plane(self, inverse_depth: float) -> Array:
+        """The source's grey levels through a plane that faces the reference, 1 / inverse_depth away."""
+        matrix = (self._turn + np.outer(self._shift, [0, 0, inverse_depth])) @ np.linalg.inv(
+            self.reference.view.matrix
+        )
+        size = (self.reference.view.width, self.reference.view.height)
+        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        seen = cv2.warpPerspective(
+            self.source.grey, matrix, size, flags=flags, borderMode=cv2.BORDER_CONSTANT, borderValue=OUTSIDE
+        )
+        return np.asarray(seen)
+
+    def project(self, inverse_depth: Array) -> tuple[Array, Array, Array]:
+        """Source pixels x, y of the reference's pixels at these inverse depths, and z times inverse depth."""
+        xs, ys, zs = self._turned
+        shift = self._shift.astype(np.float32)
+        z = zs + shift[2] * inverse_depth
+        far = 1.0 / np.where(z > 1e-6, z, np.float32(np.nan))
+        return (xs + shift[0] * inverse_depth) * far, (ys + shift[1] * inverse_depth) * far, z
+
+    def warp_by_depth(self, inverse_depth: Array) -> Array:
+        """The source's grey levels seen through a map of inverse depths."""
+        x, y, _ = self.project(inverse_depth)
+        np.nan_to_num(x, copy=False, nan=-1e4)
+        seen = cv2.remap(
+            self.source.grey, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=OUTSIDE
+        )
+        return np.asarray(seen)
+
+    def pixels_per_inverse_depth(self, x: Array, y: Array) -> Array:
+        """How many px of the reference a change of the source's inverse depth by 1 moves its pixel x, y."""
+        back = -self.rotation.T @ self.translation
+        inverse = np.linalg.inv(self.source.view.matrix)
+        ray = np.stack([inverse[0, 0] * x + inverse[0, 2], inverse[1, 1] * y + inverse[1, 2]])
+        turn = self.rotation.T.astype(np.float32)
+        direction = [turn[i, 0] * ray[0] + turn[i, 1] * ray[1] + turn[i, 2] for i in range(3)]
+        far = np.maximum(np.abs(direction[2]), 1e-3)
+        right = back[0] - direction[0] / far * back[2]
+        down = back[1] - direction[1] / far * back[2]
+        return np.asarray(self.reference.view.focal * np.hypot(right, down) / far, np.float32)
+
+    @cached_property
+    def _turned(self) -> Array:
+        turn = self._turn.astype(np.float32)
+        return np.asarray(np.einsum("ij,jhw->ihw", turn, self.reference.rays))
+
+    def matching_cost(self, warped: Array) -> Array:
+        """1 - correlation in each pixel's window, 0 (the same) to 1; 1 where the source does not reach."""
+        window, reference = self.reference.window, self.reference
+        mean = box_filter(warped, window)
+        variance = box_filter(warped * warped, window)
+        variance -= mean * mean
+        np.maximum(variance, 0, out=variance)
+        variance += self.source.noise
+        np.sqrt(variance, out=variance)
+        variance *= reference.deviation
+        both = box_filter(warped * reference.grey, window)
+        both -= mean * reference.mean
+        both /= variance
+        np.subtract(1.0, both, out=both)
+        both[mean < 0] = 1.0
+        return np.asarray(np.minimum(both, 1.0, out=both))
+
+
+def mean_of_lowest(costs: Sequence[Array], best: int) -> Array:
+    """Mean of the `best` (1, 2 or 3) lowest of several cost maps, pixel by pixel."""
+    lowest = [np.array(costs[0], copy=True)]
+    for cost in costs[1:]:
+        carried = cost
+        for i, low in enumerate(lowest):
+            lowest[i], carried = np.minimum(low, carried), np.maximum(low, carried)
+        if len(lowest) < best:
+            lowest.append(carried)
+    total = lowest[0]
+    for low in lowest[1:best]:
+        total = total + low
+    return np.asarray(total / min(best, len(lowest)))

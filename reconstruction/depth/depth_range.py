@@ -6,10 +6,9 @@ import numpy as np
 
 from capture_app.errors import BadInputError
 from reconstruction.common.geometry import Array
-from reconstruction.depth.calibrated_image import CalibratedImage
+from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.geometric_consistency import ConsistencyLimits, consistent_and_visible_views
 from reconstruction.depth.plane_sweep import Surface, SweepOptions, sweep_planes
-from reconstruction.depth.source_view import SourceView
 
 WIDTH_PX = 176
 MAX_PARALLAX_SHARE = 0.35

@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 
 from reconstruction.common.geometry import Array
+from reconstruction.depth.calibrated_image import SourceView
 from reconstruction.depth.plane_sweep import Surface
-from reconstruction.depth.source_view import SourceView
 
 USUAL_WIDTH = 640
 SUPPORT_SHARE = 0.7

@@ -6,10 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from reconstruction.common.geometry import Array
-from reconstruction.depth.calibrated_image import CalibratedImage
+from reconstruction.depth.calibrated_image import CalibratedImage, SourceView, mean_of_lowest
 from reconstruction.depth.plane_fitting import fit_planes
 from reconstruction.depth.semiglobal_aggregation import aggregate_costs, cheapest_depths
-from reconstruction.depth.source_view import SourceView, mean_of_lowest
 
 WORST_COST = 255
 """Matching cost where the pictures have nothing in common."""

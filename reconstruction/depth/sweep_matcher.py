@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 
 from reconstruction.common.geometry import Array
-from reconstruction.depth.calibrated_image import CalibratedImage
+from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.geometric_consistency import (
     ConsistencyLimits,
     consistent_and_visible_views,
@@ -18,7 +18,6 @@ from reconstruction.depth.geometric_consistency import (
 )
 from reconstruction.depth.plane_fitting import fit_planes, surface_normals
 from reconstruction.depth.plane_sweep import Surface, SweepOptions, sweep_view
-from reconstruction.depth.source_view import SourceView
 
 MAX_WORKERS = 8
 """Each takes some hundred MB for its sweep."""

@@ -13,24 +13,25 @@ from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import OutputFolder, replaces_only
 from capture_app.terminal import Progress
 from capture_app.text import pretty_json
+from reconstruction.common.drawing import colour_depth, display_range
 from reconstruction.common.geometry import View
+from reconstruction.common.image_files import write_image
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.depth.cloud_fusion import fuse_depth_maps
-from reconstruction.depth.colmap_maps import read_maps
-from reconstruction.depth.colmap_workspace import write_workspace
+from reconstruction.depth.colmap_workspace import read_maps, write_workspace
 from reconstruction.depth.depth_range import find_depth_range
 from reconstruction.depth.mesh import MeshModel, build_mesh, up_direction
 from reconstruction.depth.patchmatch import CudaGpu, find_gpu, run_patch_match
 from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
 from reconstruction.multiview.input_images import InputImage, load_input_images
-from reconstruction.multiview.result import MultiviewResult
+from reconstruction.multiview.result import MultiviewResult, ViewResult
 from reconstruction.multiview.source_views import (
     choose_reference_view,
     choose_source_views,
     guess_depths,
     sample_depths,
 )
-from reconstruction.multiview.view_files import write_view
+from reconstruction.scores.depth_truth import depth_shares
 from reconstruction.session.dataset import Dataset
 
 RESULT = "multiview.json"
@@ -203,3 +204,26 @@ def _build_model(part: Path, images: Mapping[str, InputImage]) -> MeshModel:
     views = _views(images).values()
     centre = np.mean([view.centre for view in views], axis=0)
     return build_mesh(part / "fused.ply", part, centre, up_direction([view.rotation for view in views]))
+
+
+def write_view(
+    dataset: Dataset, image: InputImage, found: ViewDepth, sources: Sequence[str], part: Path
+) -> ViewResult:
+    """Write a camera's depth, normals and picture into `part`/depth, and judge them."""
+    name = f"depth/{image.camera}"
+    np.savez(part / f"{name}.npz", depth=found.depth, normals=found.normals.astype(np.float16))
+    write_image(part / f"{name}.png", colour_depth(found.depth, *display_range(found.depth)))
+    shares: dict[str, float | None] = {}
+    truth = dataset.ground_truth(image.camera, image.instant)
+    if truth is not None:
+        movers = image.undistort_nearest(truth[1].astype(np.uint8)) > 0
+        shares = depth_shares(found.depth, image.undistort_nearest(truth[0]), movers)
+    return ViewResult(
+        camera=image.camera,
+        instant=image.instant,
+        sources=tuple(sources),
+        coverage=round(float(np.mean(found.depth > 0)), 4),
+        depth=f"{name}.npz",
+        picture=f"{name}.png",
+        **shares,
+    )

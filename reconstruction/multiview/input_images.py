@@ -7,13 +7,13 @@ import numpy as np
 
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
-from reconstruction.calibration.calibrated_views import calibrated_views
+from reconstruction.calibration.rig import calibrated_views
 from reconstruction.calibration.structure_from_motion import calibrate_from_images
 from reconstruction.common.brightness import noise_level
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth.calibrated_image import CalibratedImage
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.scene_motion import SceneMotion
+from reconstruction.session.mover_detection import SceneMotion
 
 MIN_CONTRAST = 2.0
 """Standard deviation of grey levels (of 255) below which a picture is empty."""

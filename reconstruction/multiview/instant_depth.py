@@ -10,10 +10,10 @@ import numpy as np
 from capture_app.errors import BadInputError, NotAvailableError
 from reconstruction.common.brightness import match_brightness
 from reconstruction.common.geometry import Array
+from reconstruction.depth.calibrated_image import SourceView
 from reconstruction.depth.cloud_fusion import fuse_depth_maps, read_fused_cloud
 from reconstruction.depth.colmap_workspace import write_workspace
 from reconstruction.depth.geometric_consistency import ConsistencyLimits, count_coinciding_views
-from reconstruction.depth.source_view import SourceView
 from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
 from reconstruction.multiview.input_images import InputImage
 

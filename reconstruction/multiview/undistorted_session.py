@@ -10,8 +10,7 @@ from capture_app.errors import BadInputError
 from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.multiview.input_images import InputImage, undistort_image, undistort_nearest
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.mover_detection import dilate
-from reconstruction.session.scene_motion import SceneMotion
+from reconstruction.session.mover_detection import SceneMotion, dilate
 
 KEPT_IMAGES = 32
 

@@ -10,7 +10,7 @@ from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import read_image
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import nearest_frame_offset
-from reconstruction.session.scene_motion import SceneMotion
+from reconstruction.session.mover_detection import SceneMotion
 
 SUFFIXES = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp"}
 

@@ -16,8 +16,7 @@ from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.output_folder import STAGES, comparison_folder, write_metrics
 from reconstruction.scores.depth_truth import share_right
 from reconstruction.session.dataset import Dataset
-from reconstruction.stereo.disparity_range import find_disparity_range
-from reconstruction.stereo.stereo_pair import DepthMap, StereoPair
+from reconstruction.stereo.stereo_pair import DepthMap, StereoPair, find_disparity_range
 
 DEPTH = "depth.tiff"
 

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from capture_app.session.importers.recording import ImportOptions, import_recording
-from reconstruction.calibration.calibrated_views import calibrated_views
+from reconstruction.calibration.rig import calibrated_views
 from reconstruction.cli import main
 from reconstruction.common.geometry import Array
 from reconstruction.session.dataset import Dataset

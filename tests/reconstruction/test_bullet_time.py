@@ -14,11 +14,11 @@ from reconstruction.bullet_time.stabilization import (
     stabilize_views,
     triangulate_subject,
 )
-from reconstruction.calibration.calibrated_views import calibrated_views
 from reconstruction.calibration.camera_order import order_by_place
+from reconstruction.calibration.rig import calibrated_views
 from reconstruction.common.geometry import View
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.scene_motion import SceneMotion
+from reconstruction.session.mover_detection import SceneMotion
 
 from .conftest import HEIGHT, WIDTH, jump, make_view
 

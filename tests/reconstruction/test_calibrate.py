@@ -15,7 +15,7 @@ from capture_app.session.format.manifest import BurstRecord, CameraRecord
 from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
-from reconstruction.calibration.charuco_board import CharucoBoard, detect_board, is_flat_board
+from reconstruction.calibration.charuco import CharucoBoard, detect_board, is_flat_board
 from reconstruction.calibration.quality import CalibrationQuality, refuse_bad_calibration
 from reconstruction.cli import main
 from reconstruction.common.geometry import View, other_from_reference

@@ -8,7 +8,7 @@ import pytest
 
 from capture_app.errors import BadInputError
 from reconstruction.common.geometry import Array, View, resize_view
-from reconstruction.depth.calibrated_image import CalibratedImage
+from reconstruction.depth.calibrated_image import CalibratedImage, SourceView, mean_of_lowest
 from reconstruction.depth.depth_range import find_depth_range
 from reconstruction.depth.geometric_consistency import (
     ConsistencyLimits,
@@ -19,7 +19,6 @@ from reconstruction.depth.geometric_consistency import (
 from reconstruction.depth.plane_fitting import fit_planes, surface_normals
 from reconstruction.depth.plane_sweep import Surface, SweepOptions, sweep_view
 from reconstruction.depth.semiglobal_aggregation import aggregate_costs, cheapest_depths
-from reconstruction.depth.source_view import SourceView, mean_of_lowest
 from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
 from reconstruction.multiview.source_views import (
     choose_reference_view,

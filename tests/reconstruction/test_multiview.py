@@ -14,8 +14,7 @@ from capture_app.errors import BadInputError, NotAvailableError, SimulshotError
 from capture_app.session.reading.reader import Session
 from reconstruction.cli import main
 from reconstruction.depth import patchmatch
-from reconstruction.depth.colmap_maps import read_array, read_maps
-from reconstruction.depth.colmap_workspace import write_workspace
+from reconstruction.depth.colmap_workspace import read_array, read_maps, write_workspace
 from reconstruction.depth.patchmatch import ENVIRONMENT, PROGRAM, CudaGpu, find_gpu, run_patch_match
 from reconstruction.depth.sweep_matcher import ViewDepth
 from reconstruction.multiview.input_images import undistort_image

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from reconstruction.common.geometry import View
-from reconstruction.stereo.disparity_range import find_disparity_range
-from reconstruction.stereo.stereo_pair import StereoPair
+from reconstruction.stereo.stereo_pair import StereoPair, find_disparity_range
 from tests.reconstruction.conftest import Scene, make_view
 
 PAIRS = {

@@ -8,11 +8,11 @@ import pytest
 
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
-from reconstruction.calibration.calibrated_views import calibrated_views
+from reconstruction.calibration.rig import calibrated_views
 from reconstruction.calibration.structure_from_motion import calibrate_from_images
 from reconstruction.common.geometry import View, angle_deg, other_from_reference
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.scene_motion import SceneMotion
+from reconstruction.session.mover_detection import SceneMotion
 from tests.reconstruction.conftest import (
     VIEWS,
     Board,

@@ -1,4 +1,7 @@
-"""Detection of a ChArUco board in pictures: printed light or dark, seen from its front or its back."""
+"""Calibration by a ChArUco board: detected in pictures, then each camera's intrinsics, then the rig.
+
+The board may be printed light or dark, and seen from its front or its back.
+"""
 
 from dataclasses import dataclass
 from itertools import combinations
@@ -7,8 +10,10 @@ import cv2
 import numpy as np
 
 from capture_app.errors import BadInputError
-from reconstruction.common.geometry import Array
+from capture_app.session.format.calibration import Calibration
+from reconstruction.common.geometry import Array, View
 from reconstruction.session.dataset import Dataset
+from reconstruction.session.frame_offset import evenly_spread
 
 MIN_CORNERS = 6
 MAX_BEND_SHARE = 0.03
@@ -128,3 +133,85 @@ def shared_corners(corners: BoardCorners) -> dict[tuple[str, str], tuple[Array, 
         kept[0].extend(first[i] for i in both)
         kept[1].extend(second[i] for i in both)
     return {pair: (np.array(x), np.array(y)) for pair, (x, y) in shared.items() if x}
+
+
+MIN_BOARDS = 4
+MAX_BOARDS = 40
+
+
+def calibrate_from_board(dataset: Dataset, board: CharucoBoard, corners: BoardCorners) -> Calibration:
+    """Intrinsics of every camera (Zhang 2000), then each camera's place from boards it shares with another.
+
+    Raises:
+        BadInputError: the board was seen too rarely, or a camera shares no boards with the others.
+    """
+    places = np.asarray(board.to_opencv().getChessboardCorners(), np.float32)
+    lenses: dict[str, tuple[Array, Array]] = {}
+    for camera in dataset.cameras:
+        seen = [k for name, k in sorted(corners) if name == camera]
+        if len(seen) < MIN_BOARDS:
+            raise BadInputError(
+                f"{camera} shows the board in {len(seen)} images; {MIN_BOARDS} are needed",
+                hint="record the board from more places; check --board, --square-mm and --dictionary",
+            )
+        seen = evenly_spread(seen, MAX_BOARDS)
+        points = [places[sorted(corners[camera, k])] for k in seen]
+        pixels = [_pixels(corners[camera, k], sorted(corners[camera, k])) for k in seen]
+        # Few boards, or boards at one angle, do not determine the higher terms of distortion.
+        flags = cv2.CALIB_FIX_K3 | cv2.CALIB_ZERO_TANGENT_DIST
+        _, matrix, distortion, _, _ = cv2.calibrateCamera(
+            points, pixels, dataset.size(camera), np.eye(3), np.zeros(5), flags=flags
+        )
+        lenses[camera] = np.asarray(matrix), np.asarray(distortion).ravel()[:5]
+    poses = _rig_poses(dataset, places, corners, lenses)
+    views = {name: View(*dataset.size(name), *lenses[name], *poses[name]) for name in dataset.cameras}
+    return Calibration(
+        cameras={name: view.to_calibration() for name, view in views.items()},
+        unit="m",
+        source=f"ChArUco board in {len(corners)} images of {dataset.name}",
+    )
+
+
+def _pixels(seen: dict[int, Array], ids: list[int]) -> Array:
+    return np.array([seen[i] for i in ids], np.float32)
+
+
+def _rig_poses(
+    dataset: Dataset, places: Array, corners: BoardCorners, lenses: dict[str, tuple[Array, Array]]
+) -> dict[str, tuple[Array, Array]]:
+    """`cam_from_rig`: the first camera is the rig; each other is joined to the one it shares most with."""
+    shared: dict[frozenset[str], list[tuple[int, list[int]]]] = {}
+    for a, b in combinations(dataset.cameras, 2):
+        for k in range(len(dataset.instants_ns)):
+            ids = sorted(corners.get((a, k), {}).keys() & corners.get((b, k), {}).keys())
+            if len(ids) >= MIN_CORNERS:
+                shared.setdefault(frozenset((a, b)), []).append((k, ids))
+    first = dataset.cameras[0]
+    poses = {first: (np.eye(3), np.zeros(3))}
+    while len(poses) < len(dataset.cameras):
+        links = [
+            (len(shared.get(frozenset((a, b)), ())), a, b)
+            for a in poses
+            for b in dataset.cameras
+            if b not in poses
+        ]
+        count, a, b = max(links, key=lambda link: link[0])
+        if count < MIN_BOARDS:
+            raise BadInputError(
+                f"{b} and {a} show the board together at {count} instants; {MIN_BOARDS} are needed",
+                hint="hold the board where neighbouring cameras both see it",
+            )
+        together = shared[frozenset((a, b))][:MAX_BOARDS]
+        in_a, in_b = ([_pixels(corners[name, k], ids) for k, ids in together] for name in (a, b))
+        found = cv2.stereoCalibrate(
+            [places[ids] for _, ids in together],
+            in_a,
+            in_b,
+            *lenses[a],
+            *lenses[b],
+            dataset.size(a),
+            flags=cv2.CALIB_FIX_INTRINSIC,
+        )
+        rotation, translation = np.asarray(found[5]), np.asarray(found[6]).ravel()
+        poses[b] = rotation @ poses[a][0], rotation @ poses[a][1] + translation
+    return poses

@@ -5,34 +5,33 @@ import struct
 
 import pytest
 
-from capture_app.cameras.v4l2 import layout as layout
+from capture_app.cameras.v4l2 import layout
 from capture_app.cameras.v4l2.ioctl import check_layout
 from capture_app.errors import NotAvailableError
 
 U32, S32 = c.c_uint32, c.c_int32
 
 
+def fields(names: str, kind: type = U32) -> list[tuple[str, type]]:
+    return [(name, kind) for name in names.split()]
+
+
 class Fract(c.Structure):
-    _fields_ = [("numerator", U32), ("denominator", U32)]
+    _fields_ = fields("numerator denominator")
 
 
 class Capability(c.Structure):
     _fields_ = [
         ("driver", c.c_char * 16),
-        ("card", c.c_char * 32),
-        ("bus_info", c.c_char * 32),
-        ("version", U32),
-        ("capabilities", U32),
-        ("device_caps", U32),
+        *fields("card bus_info", c.c_char * 32),
+        *fields("version capabilities device_caps"),
         ("reserved", U32 * 3),
     ]
 
 
 class FormatDescription(c.Structure):
     _fields_ = [
-        ("index", U32),
-        ("type", U32),
-        ("flags", U32),
+        *fields("index type flags"),
         ("description", c.c_char * 32),
         ("pixelformat", c.c_char * 4),
         ("mbus_code", U32),
@@ -54,9 +53,7 @@ class FrameInterval(c.Structure):
     _fields_ = [
         ("index", U32),
         ("pixel_format", c.c_char * 4),
-        ("width", U32),
-        ("height", U32),
-        ("type", U32),
+        *fields("width height type"),
         ("stepwise", Fract * 3),
         ("reserved", U32 * 2),
     ]
@@ -71,7 +68,7 @@ class Format(c.Structure):
 
 
 class CaptureParameters(c.Structure):
-    _fields_ = [("capability", U32), ("capturemode", U32), ("timeperframe", Fract), ("rest", U32 * 6)]
+    _fields_ = [*fields("capability capturemode"), ("timeperframe", Fract), ("rest", U32 * 6)]
 
 
 class StreamParameters(c.Structure):
@@ -83,10 +80,7 @@ class StreamParameters(c.Structure):
 
 class RequestBuffers(c.Structure):
     _fields_ = [
-        ("count", U32),
-        ("type", U32),
-        ("memory", U32),
-        ("capabilities", U32),
+        *fields("count type memory capabilities"),
         ("flags", c.c_uint8),
         ("reserved", c.c_uint8 * 3),
     ]
@@ -94,40 +88,30 @@ class RequestBuffers(c.Structure):
 
 class Buffer(c.Structure):
     class Timeval(c.Structure):
-        _fields_ = [("tv_sec", c.c_long), ("tv_usec", c.c_long)]
+        _fields_ = fields("tv_sec tv_usec", c.c_long)
 
     class Timecode(c.Structure):
-        _fields_ = [("type", U32), ("flags", U32), ("digits", c.c_uint8 * 8)]
+        _fields_ = [*fields("type flags"), ("digits", c.c_uint8 * 8)]
 
     class M(c.Union):
         _fields_ = [("offset", U32), ("userptr", c.c_ulong), ("planes", c.c_void_p), ("fd", S32)]
 
     _fields_ = [
-        ("index", U32),
-        ("type", U32),
-        ("bytesused", U32),
-        ("flags", U32),
-        ("field", U32),
+        *fields("index type bytesused flags field"),
         ("timestamp", Timeval),
         ("timecode", Timecode),
-        ("sequence", U32),
-        ("memory", U32),
+        *fields("sequence memory"),
         ("m", M),
-        ("length", U32),
-        ("reserved2", U32),
+        *fields("length reserved2"),
         ("request_fd", S32),
     ]
 
 
 class QueryControl(c.Structure):
     _fields_ = [
-        ("id", U32),
-        ("type", U32),
+        *fields("id type"),
         ("name", c.c_char * 32),
-        ("minimum", S32),
-        ("maximum", S32),
-        ("step", S32),
-        ("default_value", S32),
+        *fields("minimum maximum step default_value", S32),
         ("flags", U32),
         ("reserved", U32 * 2),
     ]

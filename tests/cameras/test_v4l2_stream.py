@@ -3,7 +3,7 @@
 import asyncio
 import errno
 import time
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 
 import cv2
 import numpy as np
@@ -19,10 +19,12 @@ from capture_app.sync.wire.camera_commands import InjectFrame, RestartStream
 from tests.cameras.fake_device import JPEG, MJPG, PERIOD_NS, FakeDevice
 
 
-class Sink:
-    """What a node would do with a camera's frames and failures."""
+class Bench:
+    """A camera on a device of the test's, and what a node would do with its frames and failures."""
 
-    def __init__(self) -> None:
+    def __init__(self, device: FakeDevice) -> None:
+        self.device = device
+        self.camera = V4L2Camera(device, MJPG, PERIOD_NS)
         self.frames: asyncio.Queue[CapturedFrame] = asyncio.Queue()
         self.failures: asyncio.Queue[Exception] = asyncio.Queue()
 
@@ -39,36 +41,36 @@ async def until(condition: Callable[[], bool]) -> None:
         await asyncio.sleep(0.001)
 
 
-async def started(device: FakeDevice, layout: v4l2.PixelFormat = MJPG) -> tuple[V4L2Camera, Sink]:
-    camera, sink = V4L2Camera(device, layout, PERIOD_NS), Sink()
-    await camera.start(sink.frames.put_nowait, sink.failures.put_nowait)
-    return camera, sink
+async def started(device: FakeDevice) -> Bench:
+    bench = Bench(device)
+    await bench.camera.start(bench.frames.put_nowait, bench.failures.put_nowait)
+    return bench
 
 
-async def test_frames_carry_the_drivers_stamp_number_and_bytes():
-    device = FakeDevice()
-    camera, sink = await started(device)
-    stamps = [device.deliver(sequence) for sequence in (0, 1)]
-    frames = [await sink.frame(), await sink.frame()]
+@pytest.fixture
+async def bench() -> AsyncIterator[Bench]:
+    """A camera that streams; stopped in the end, where the test has not done so."""
+    bench = await started(FakeDevice())
+    yield bench
+    await bench.camera.stop()
+
+
+async def test_frames_carry_the_drivers_stamp_number_and_bytes(bench):
+    stamps = [bench.device.deliver(sequence) for sequence in (0, 1)]
+    frames = [await bench.frame(), await bench.frame()]
     assert [frame.timestamp_ns for frame in frames] == stamps
     assert [(frame.stream, frame.sequence) for frame in frames] == [(1, 0), (1, 1)]
     assert frames[0].picture.encode() == JPEG
     assert (frames[0].exposure_ns, frames[0].gain) == (15_700_000, 4.0)
-    await camera.stop()
 
 
-async def test_info_says_what_the_device_can_do():
-    camera = V4L2Camera(FakeDevice(), MJPG, PERIOD_NS)
-    facts = camera.facts
+async def test_info_says_what_the_device_can_do(bench):
+    facts = bench.camera.facts
     assert (facts.kind, facts.model, facts.pixel_format) == ("v4l2", "Fake camera", "MJPG")
     assert facts.timestamp_source is TimestampSource.START_OF_EXPOSURE
     assert facts.phase_control is PhaseControl.RESET
-    assert (facts.min_exposure_ns, facts.exposure_ns, facts.max_exposure_ns) == (
-        100_000,
-        15_700_000,
-        500_000_000,
-    )
-    await camera.stop()
+    exposures_ns = facts.min_exposure_ns, facts.exposure_ns, facts.max_exposure_ns
+    assert exposures_ns == (100_000, 15_700_000, 500_000_000)
 
 
 @pytest.mark.parametrize(
@@ -82,9 +84,9 @@ def test_half_a_second_is_buffered_where_memory_allows(frame_bytes, period_ns, c
 
 
 async def test_stamps_at_the_end_of_a_frame_are_called_so():
-    camera = V4L2Camera(FakeDevice(v4l2.BUF_FLAG_TIMESTAMP_MONOTONIC), MJPG, PERIOD_NS)
-    assert camera.facts.timestamp_source is TimestampSource.END_OF_FRAME
-    await camera.stop()
+    bench = await started(FakeDevice(v4l2.BUF_FLAG_TIMESTAMP_MONOTONIC))
+    assert bench.camera.facts.timestamp_source is TimestampSource.END_OF_FRAME
+    await bench.camera.stop()
 
 
 def test_stamps_of_an_unknown_clock_are_refused():
@@ -92,106 +94,88 @@ def test_stamps_of_an_unknown_clock_are_refused():
         V4L2Camera(FakeDevice(flags=0), MJPG, PERIOD_NS)
 
 
-async def test_stamps_of_another_clock_fail_the_camera_whatever_the_flags_say():
-    device = FakeDevice()
-    camera, sink = await started(device)
-    device.deliver(0, age_ns=3_600_000_000_000)
-    assert "monotonic clock" in str(await sink.failure())
-    assert sink.frames.empty()
-    await camera.stop()
+async def test_stamps_of_another_clock_fail_the_camera_whatever_the_flags_say(bench):
+    bench.device.deliver(0, age_ns=3_600_000_000_000)
+    assert "monotonic clock" in str(await bench.failure())
+    assert bench.frames.empty()
 
 
-async def test_damaged_frames_are_gaps_and_their_buffers_go_back():
-    device = FakeDevice()
-    camera, sink = await started(device)
-    device.deliver(0)
-    device.deliver(1, flags=v4l2.BUF_FLAG_ERROR)
-    device.deliver(2, data=b"not a JPEG")
-    assert (await sink.frame()).sequence == 0
-    await until(lambda: len(device.queued) == 3)
-    device.deliver(3)
-    assert (await sink.frame()).sequence == 3
-    await camera.stop()
+async def test_damaged_frames_are_gaps_and_their_buffers_go_back(bench):
+    bench.device.deliver(0)
+    bench.device.deliver(1, flags=v4l2.BUF_FLAG_ERROR)
+    bench.device.deliver(2, data=b"not a JPEG")
+    assert (await bench.frame()).sequence == 0
+    await until(lambda: len(bench.device.queued) == 3)
+    bench.device.deliver(3)
+    assert (await bench.frame()).sequence == 3
 
 
 async def test_automatic_exposure_is_not_claimed_to_be_known():
     device = FakeDevice()
     device.controls[v4l2.CID_EXPOSURE_AUTO] = 3
-    camera, sink = await started(device)
+    bench = await started(device)
     device.deliver(0)
-    frame = await sink.frame()
+    frame = await bench.frame()
     assert (frame.exposure_ns, frame.gain) == (None, None)
-    await camera.stop()
+    await bench.camera.stop()
 
 
-async def test_a_restart_begins_a_new_stream_without_frames_of_the_old():
-    device = FakeDevice()
-    camera, sink = await started(device)
-    device.deliver(0)
-    assert (await sink.frame()).stream == 1
-    device.deliver(1)
-    restart = asyncio.ensure_future(camera.apply(RestartStream(0)))
+async def test_a_restart_begins_a_new_stream_without_frames_of_the_old(bench):
+    bench.device.deliver(0)
+    assert (await bench.frame()).stream == 1
+    bench.device.deliver(1)
+    restart = asyncio.ensure_future(bench.camera.apply(RestartStream(0)))
     asked_ns = time.monotonic_ns()
     await restart
-    while not sink.frames.empty():
-        assert sink.frames.get_nowait().stream == 1
-    device.deliver(0)
-    frame = await sink.frame()
+    while not bench.frames.empty():
+        assert bench.frames.get_nowait().stream == 1
+    bench.device.deliver(0)
+    frame = await bench.frame()
     assert (frame.stream, frame.sequence) == (2, 0)
-    assert device.calls == ["on", "off", "on"]
+    assert bench.device.calls == ["on", "off", "on"]
     # Late by the time of stopping: the start waits for its place in the next period.
-    assert device.on_times_ns[1] - asked_ns >= PERIOD_NS - 1_000_000
-    await camera.stop()
+    assert bench.device.on_times_ns[1] - asked_ns >= PERIOD_NS - 1_000_000
 
 
-async def test_the_loop_runs_on_while_the_device_starts():
-    device = FakeDevice()
-    camera, _sink = await started(device)
-    device.may_start.clear()
-    restart = asyncio.ensure_future(camera.apply(RestartStream(0)))
-    await until(lambda: "off" in device.calls)
+async def test_the_loop_runs_on_while_the_device_starts(bench):
+    bench.device.may_start.clear()
+    restart = asyncio.ensure_future(bench.camera.apply(RestartStream(0)))
+    await until(lambda: "off" in bench.device.calls)
     assert not restart.done()
-    device.may_start.set()
+    bench.device.may_start.set()
     await restart
-    await camera.stop()
 
 
-async def test_stopping_cuts_a_restart_short():
-    device = FakeDevice()
-    camera, sink = await started(device)
-    restart = asyncio.ensure_future(camera.apply(RestartStream(3_600_000_000_000)))
-    await until(lambda: "off" in device.calls)
-    await camera.stop()
+async def test_stopping_cuts_a_restart_short(bench):
+    restart = asyncio.ensure_future(bench.camera.apply(RestartStream(3_600_000_000_000)))
+    await until(lambda: "off" in bench.device.calls)
+    await bench.camera.stop()
     await restart
-    await camera.stop()
-    assert device.calls == ["on", "off", "off", "close"]
-    assert sink.failures.empty()
+    await bench.camera.stop()
+    assert bench.device.calls == ["on", "off", "off", "close"]
+    assert bench.failures.empty()
 
 
 @pytest.mark.parametrize("code", [errno.ENODEV, errno.EIO])
-async def test_unplugging_is_reported_once(code):
-    device = FakeDevice()
-    camera, sink = await started(device)
-    device.unplug(code)
-    failure = await sink.failure()
+async def test_unplugging_is_reported_once(bench, code):
+    bench.device.unplug(code)
+    failure = await bench.failure()
     assert isinstance(failure, CameraError)
     assert "does not answer" in str(failure)
     with pytest.raises(CameraError, match="does not stream"):
-        await camera.apply(RestartStream(0))
-    await camera.stop()
-    await camera.stop()
-    assert sink.failures.empty()
-    assert device.calls.count("close") == 1
+        await bench.camera.apply(RestartStream(0))
+    await bench.camera.stop()
+    await bench.camera.stop()
+    assert bench.failures.empty()
+    assert bench.device.calls.count("close") == 1
 
 
-async def test_unplugging_during_a_restart_is_reported_once():
-    device = FakeDevice()
-    camera, sink = await started(device)
-    device.stream_on_error = errno.ENODEV
-    await camera.apply(RestartStream(0))
-    assert isinstance(await sink.failure(), CameraError)
-    await camera.stop()
-    assert sink.failures.empty()
+async def test_unplugging_during_a_restart_is_reported_once(bench):
+    bench.device.stream_on_error = errno.ENODEV
+    await bench.camera.apply(RestartStream(0))
+    assert isinstance(await bench.failure(), CameraError)
+    await bench.camera.stop()
+    assert bench.failures.empty()
 
 
 @pytest.mark.parametrize(("code", "words"), [(errno.ENOSPC, "USB"), (errno.EBUSY, "in use")])
@@ -202,19 +186,17 @@ async def test_a_device_that_cannot_start_says_why(code, words):
         await started(device)
 
 
-async def test_a_longer_frame_is_refused():
-    camera, _sink = await started(FakeDevice())
+async def test_a_longer_frame_is_refused(bench):
     with pytest.raises(CameraError, match="restart"):
-        await camera.apply(InjectFrame(40_000_000))
-    await camera.stop()
+        await bench.camera.apply(InjectFrame(40_000_000))
 
 
 async def test_the_rate_is_held_in_the_dark_and_the_setting_given_back():
     device = FakeDevice()
     device.controls[v4l2.CID_EXPOSURE_AUTO_PRIORITY] = 1
-    camera, _sink = await started(device)
+    bench = await started(device)
     assert device.controls[v4l2.CID_EXPOSURE_AUTO_PRIORITY] == 0
-    await camera.stop()
+    await bench.camera.stop()
     assert device.controls[v4l2.CID_EXPOSURE_AUTO_PRIORITY] == 1
 
 

@@ -8,56 +8,28 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from capture_app.camera_facts import PhaseControl
 from capture_app.errors import BadInputError, DiskFullError, NetworkError, TryAgainError
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.resumed_bursts import ResumedBursts, interrupted_folders
 from capture_app.node.leader.repair import repair
 from capture_app.node.leader.space import check_room
 from capture_app.node.transfer.spool import Spool
-from capture_app.node.wire.messages import CameraReport, ImageUpload, SpoolSpace
-from capture_app.session.format.manifest import CameraRecord, ImageRecord, image_path
+from capture_app.node.wire.messages import SpoolSpace
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import ProblemKind, verify
-from capture_app.session.writing.session_writer import SessionWriter
-from capture_app.sync.rig.frame_picks import Burst
-from tests.facts import make_facts
-
-PERIOD_NS = 33_333_333
-INSTANTS_NS = (1_000_000_000, 1_033_333_333)
-LEADER = 77
-CAMERA = make_facts(kind="v4l2", model="Webcam", period_ns=PERIOD_NS, phase_control=PhaseControl.RESET)
-IMAGE = b"a picture of some length"
-
-
-def report(name: str) -> CameraReport:
-    return CameraReport(leader=LEADER, burst=1, camera=CameraRecord(name=name, facts=CAMERA), instants=(0, 1))
-
-
-def upload(name: str, instant: int, offset: int = 0) -> ImageUpload:
-    record = ImageRecord(
-        camera=name,
-        instant=instant,
-        path=image_path(name, instant),
-        leader_ns=INSTANTS_NS[instant],
-        bytes=len(IMAGE),
-        sha256=hashlib.sha256(IMAGE).hexdigest(),
-    )
-    return ImageUpload(leader=LEADER, burst=1, record=record, offset=offset)
-
-
-async def pieces(data: bytes, *, broken: bool = False) -> AsyncIterator[bytes]:
-    for begin in range(0, len(data), 5):
-        yield data[begin : begin + 5]
-    if broken:
-        raise NetworkError("the transfer broke off")
+from tests.node.bursts import IMAGE, LEADER, burst_session, pieces, report, upload
 
 
 async def begun_session(root: Path, *names: str) -> BurstSession:
-    burst = Burst(1, INSTANTS_NS, PERIOD_NS, INSTANTS_NS[0], names)
-    session = BurstSession(burst, dict.fromkeys(names, CAMERA), SessionWriter.create(root, "burst-001"))
+    session = burst_session(root, *names)
     await session.write_plan(LEADER)
     return session
+
+
+async def breaking_off(data: bytes) -> AsyncIterator[bytes]:
+    async for piece in pieces(data):
+        yield piece
+    raise NetworkError("the transfer broke off")
 
 
 def lies(session: Session) -> list[str]:
@@ -66,16 +38,16 @@ def lies(session: Session) -> list[str]:
 
 async def test_a_broken_stream_goes_on_at_the_byte(tmp_path: Path) -> None:
     session = await begun_session(tmp_path, "a")
-    assert await session.accept_report(report("a"), 0) == ()
+    assert await session.accept_report(report("a", 0, 1), 0) == ()
     with pytest.raises(NetworkError):
-        await session.receive_image(upload("a", 0), pieces(IMAGE[:10], broken=True), 0)
+        await session.receive_image(upload("a", 0), breaking_off(IMAGE[:10]), 0)
     # The leader is killed too; what had come is still there.
     await session.suspend()
     session = await asyncio.to_thread(BurstSession.resume, session.folder, 0)
-    (receipt,) = await session.accept_report(report("a"), 0)
+    (receipt,) = await session.accept_report(report("a", 0, 1), 0)
     assert (receipt.instant, receipt.bytes, receipt.stored) == (0, 10, False)
     await session.receive_image(upload("a", 0, offset=10), pieces(IMAGE[10:]), 0)
-    (receipt,) = await session.accept_report(report("a"), 0)
+    (receipt,) = await session.accept_report(report("a", 0, 1), 0)
     assert (receipt.stored, receipt.sha256) == (True, hashlib.sha256(IMAGE).hexdigest())
     await session.receive_image(upload("a", 1), pieces(IMAGE), 0)
     assert session.session is not None
@@ -87,18 +59,18 @@ async def test_a_broken_stream_goes_on_at_the_byte(tmp_path: Path) -> None:
 
 async def test_a_stream_that_skips_or_changes_bytes_is_told_to_try_again(tmp_path: Path) -> None:
     session = await begun_session(tmp_path, "a")
-    await session.accept_report(report("a"), 0)
+    await session.accept_report(report("a", 0, 1), 0)
     with pytest.raises(TryAgainError, match="have arrived"):
         await session.receive_image(upload("a", 0, offset=7), pieces(IMAGE[7:]), 0)
     with pytest.raises(TryAgainError, match="damaged"):
         await session.receive_image(upload("a", 0), pieces(IMAGE[:-1] + b"?"), 0)
-    assert await session.accept_report(report("a"), 0) == (), "nothing of it is kept"
+    assert await session.accept_report(report("a", 0, 1), 0) == (), "nothing of it is kept"
     await session.suspend()
 
 
 async def test_the_next_run_takes_up_what_was_interrupted_and_what_comes_late(tmp_path: Path) -> None:
     session = await begun_session(tmp_path, "a", "b")
-    await session.accept_report(report("a"), 0)
+    await session.accept_report(report("a", 0, 1), 0)
     await session.receive_image(upload("a", 0), pieces(IMAGE), 0)
     await session.suspend()
     assert list(interrupted_folders(tmp_path)) == [session.folder]
@@ -115,22 +87,22 @@ async def test_the_next_run_takes_up_what_was_interrupted_and_what_comes_late(tm
 
     # A week later the other node is found, with its spool.
     other = ResumedBursts(tmp_path, taken_up.append)
-    late = await other.reopen(report("b"), 0)
-    await late.accept_report(report("b"), 0)
+    late = await other.reopen(report("b", 0, 1), 0)
+    await late.accept_report(report("b", 0, 1), 0)
     for instant in (0, 1):
         await late.receive_image(upload("b", instant), pieces(IMAGE), 0)
     whole = Session.open(session.folder)
     assert lies(whole) == []
     assert (len(whole.manifest.images), whole.manifest.missing) == (4, ())
     assert {path: path.read_bytes() for path in before} == before
-    stranger = msgspec.structs.replace(report("b"), leader=1)
+    stranger = msgspec.structs.replace(report("b", 0, 1), leader=1)
     with pytest.raises(BadInputError, match="no session"):
         await other.reopen(stranger, 0)
 
 
 async def test_repair_without_nodes_finishes_with_what_is_there(tmp_path: Path) -> None:
     session = await begun_session(tmp_path, "a", "b")
-    await session.accept_report(report("a"), 0)
+    await session.accept_report(report("a", 0, 1), 0)
     await session.receive_image(upload("a", 0), pieces(IMAGE), 0)
     busy = await repair(tmp_path, wait_s=0, host="127.0.0.1", port=0, on_news=lambda _: None)
     assert "being written" in busy[0].what
@@ -156,12 +128,12 @@ def test_two_nodes_never_share_a_spool_and_a_torn_journal_line_is_left_out(tmp_p
     assert spool.open() == []
     with pytest.raises(TryAgainError, match="another node uses"):
         Spool(tmp_path, "a").open()
-    burst = spool.create_burst(report("a"))
+    burst = spool.create_burst(report("a", 0, 1))
     for instant in (0, 1):
         burst.add_image(upload("a", instant), IMAGE)
     journal = burst.folder / "journal.ndjson"
     journal.write_bytes(journal.read_bytes()[:-3])
     spool.close()
     (found,) = Spool(tmp_path, "a").open()
-    assert found.read_report() == report("a")
+    assert found.read_report() == report("a", 0, 1)
     assert [image.record.instant for image in found.read_images()] == [0]

@@ -1,0 +1,47 @@
+"""A burst of two instants, and what its cameras tell and send of it."""
+
+import hashlib
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+from capture_app.camera_facts import PhaseControl
+from capture_app.node.burst.burst_session import BurstSession
+from capture_app.node.wire.messages import CameraReport, ImageUpload
+from capture_app.session.format.manifest import CameraRecord, ImageRecord, MissingImage, image_path
+from capture_app.session.writing.session_writer import SessionWriter
+from capture_app.sync.rig.frame_picks import Burst
+from tests.facts import make_facts
+
+PERIOD_NS = 33_333_333
+INSTANTS_NS = (1_000_000_000, 1_033_333_333)
+LEADER = 77
+CAMERA = make_facts(kind="v4l2", model="Webcam", period_ns=PERIOD_NS, phase_control=PhaseControl.RESET)
+IMAGE = b"a picture of some length"
+
+
+def burst_session(folder: Path, *names: str) -> BurstSession:
+    burst = Burst(1, INSTANTS_NS, PERIOD_NS, INSTANTS_NS[0], names)
+    return BurstSession(burst, dict.fromkeys(names, CAMERA), SessionWriter.create(folder, "burst-001"))
+
+
+def report(name: str, *instants: int, missing: tuple[MissingImage, ...] = ()) -> CameraReport:
+    record = CameraRecord(name=name, facts=CAMERA)
+    return CameraReport(leader=LEADER, burst=1, camera=record, instants=instants, missing=missing)
+
+
+def upload(name: str, instant: int, offset: int = 0) -> ImageUpload:
+    record = ImageRecord(
+        camera=name,
+        instant=instant,
+        path=image_path(name, instant),
+        leader_ns=INSTANTS_NS[instant] + 5,
+        residual_ns=5,
+        bytes=len(IMAGE),
+        sha256=hashlib.sha256(IMAGE).hexdigest(),
+    )
+    return ImageUpload(leader=LEADER, burst=1, record=record, offset=offset)
+
+
+async def pieces(data: bytes) -> AsyncIterator[bytes]:
+    for begin in range(0, len(data), 5):
+        yield data[begin : begin + 5]

@@ -7,7 +7,7 @@ import pytest
 
 from capture_app.errors import BadInputError
 from capture_app.simulation.rendering.scene import Scene, load
-from capture_app.simulation.scenes import jumping, poses, walking
+from capture_app.simulation.scenes import poses
 
 SCALE = 0.25
 START_NS = 1_000_000_000_000_000
@@ -189,7 +189,7 @@ def test_all_is_far_enough_for_a_panorama(scene):
 @pytest.mark.parametrize("time_ns", [0, -1, 2**63 - 10**9, -(2**63), poses.CYCLE_NS - 1])
 def test_motion_goes_on_for_ever(time_ns):
     seconds = poses.cycle_seconds(np.array([time_ns, time_ns + 1], np.int64))
-    for pose in (jumping.jumping_child(seconds) | poses.turning_wheel(seconds)).values():
+    for pose in (poses.jumping_child(seconds) | poses.turning_wheel(seconds)).values():
         assert np.allclose(np.linalg.det(pose.rotation), 1)
         # Nothing moves faster than 10 m/s or turns faster than 40 rad/s: no jump where the cycle ends.
         assert np.ptp(pose.translation, axis=0).max() < 1e-8
@@ -197,8 +197,8 @@ def test_motion_goes_on_for_ever(time_ns):
 
 
 def test_no_part_stands_still_for_66_ms():
-    start = np.arange(0, jumping.HOP_S * 6, 0.013)
-    now, later = jumping.jumping_child(start), jumping.jumping_child(start + 0.066)
+    start = np.arange(0, poses.HOP_S * 6, 0.013)
+    now, later = poses.jumping_child(start), poses.jumping_child(start + 0.066)
     torso = np.linalg.norm((later["torso"].translation - now["torso"].translation)[:, :2], axis=1)
     # 3 mm sideways look like 2 % of the depth to the stereo pair, 0.16 m apart.
     assert torso.min() > 0.015
@@ -239,9 +239,9 @@ def test_the_other_scenes_show_their_movers_in_every_view(name):
 
 
 def test_walkers_keep_their_feet_on_the_floor_and_repeat_themselves():
-    seconds = np.arange(0, walking.LAP_S, 0.01)
-    walked = walking.walking_child(seconds, ahead=0.25, prefix="")
-    again = walking.walking_child(seconds + walking.LAP_S, ahead=0.25, prefix="")
+    seconds = np.arange(0, poses.LAP_S, 0.01)
+    walked = poses.walking_child(seconds, ahead=0.25, prefix="")
+    again = poses.walking_child(seconds + poses.LAP_S, ahead=0.25, prefix="")
     ankles = np.stack([walked[f"{side}_shin"].point(0, poses.SHIN_M, 0) for side in ("left", "right")])
     height = poses.FLOOR_Y - poses.ANKLE_M - ankles[:, :, 1]
     assert np.abs(height.min(axis=0)).max() < 0.01  # one foot always stands

@@ -5,11 +5,16 @@ for 10 tau. Two panels stand side by side: with tau = 200 us a picture gives its
 20 ms, with tau = 10 ms to a millisecond within a second.
 """
 
-from dataclasses import dataclass
+import functools
+from dataclasses import dataclass, field
 from typing import Any
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
+
+from capture_app.simulation.devices.sensor import SensorFrame
+from capture_app.simulation.rendering.picture_source import FlatPicture
 
 WIDTH, HEIGHT = 640, 480
 COUNT = 10
@@ -29,6 +34,10 @@ UNEVEN = 0.05
 """LEDs differ in brightness by this (standard deviation)."""
 _CORNERS = ((40.0, 80.0), (350.0, 80.0))
 _ROW_BELOW = 11.2
+_SHARES = (0.42, 0.55)
+"""Blue and green of the LEDs' light, which is orange; red is the light as the panel's reader wants it."""
+_WALL, _BACK, _LENS = (38.0, 34.0), (18.0, 16.0), (27.0, 25.0)
+"""Blue and green of the wall, the panel and LEDs that are not lit."""
 
 Image = NDArray[np.uint8]
 Floats = NDArray[np.float64]
@@ -151,3 +160,35 @@ def _profiles(picture: Image) -> tuple[NDArray[np.int64], Floats]:
         all_rows.append(rows)
         all_light.append((light * spot).sum(axis=1) / (LIGHT * (spot**2).sum(axis=1)))
     return np.array(all_rows), np.array(all_light)
+
+
+@functools.cache
+def _board() -> NDArray[np.float32]:
+    """Blue and green (H, W, 2) of everything that does not shine."""
+    picture = np.full((HEIGHT, WIDTH, 2), _WALL, np.float32)
+    x, y = np.array([[led.x, led.y] for led in LEDS]).T
+    edge = PITCH
+    corners = [round(v) for v in (x.min() - edge, y.min() - edge, x.max() + edge, y.max() + edge)]
+    cv2.rectangle(picture, corners[:2], corners[2:], _BACK, -1)
+    for led in LEDS:
+        cv2.circle(picture, (round(led.x), round(led.y)), 7, _LENS, -1, cv2.LINE_AA)
+    return picture
+
+
+@dataclass(frozen=True, slots=True)
+class PanelView(FlatPicture):
+    """A simulated camera's view of the panel from straight before it, read out row by row."""
+
+    width: int = WIDTH
+    height: int = HEIGHT
+    row_time_ns: int = field(kw_only=True)
+
+    def render(self, frame: SensorFrame, *, seed: int) -> Image:
+        """Return the picture, BGR uint8 of height x width x 3; its red is what `read_time` reads."""
+        rng = np.random.default_rng([seed % 2**64, frame.start_true_ns % 2**64])
+        red = render(
+            frame.start_true_ns, exposure_ns=frame.exposure_ns, row_time_ns=self.row_time_ns, rng=rng
+        )
+        board = _board()
+        blue, green = (np.clip(board[..., n] + _SHARES[n] * red, 0, 255) for n in (0, 1))
+        return np.stack([blue.astype(np.uint8), green.astype(np.uint8), red], axis=-1)

@@ -43,26 +43,31 @@ class PictureSource(Protocol):
         """Return depth in m (0 = none), object numbers and moving pixels, each of height x width."""
 
 
-def no_ground_truth(height: int, width: int) -> GroundTruthArrays:
-    """Return the ground truth of a flat picture: no depth, no objects and nothing that moves."""
-    import numpy as np
-
-    shape = (height, width)
-    return np.zeros(shape, np.float32), np.zeros(shape, np.uint8), np.zeros(shape, np.bool_)
-
-
 @dataclass(frozen=True, slots=True)
-class ColourBars:
-    """Colour bars, with the camera's name, the frame's number and time, and a hand that turns in a second."""
+class FlatPicture:
+    """A picture source without depth: nothing to measure, no objects and nothing that moves."""
 
-    camera: str
     width: int
     height: int
 
     @property
     def calibration(self) -> CameraCalibration | None:
-        """None: a card has no depth."""
+        """None: a flat picture has no depth to measure."""
         return None
+
+    def ground_truth(self, frame: SensorFrame) -> GroundTruthArrays:
+        """Return arrays of zeros."""
+        import numpy as np
+
+        shape = (self.height, self.width)
+        return np.zeros(shape, np.float32), np.zeros(shape, np.uint8), np.zeros(shape, np.bool_)
+
+
+@dataclass(frozen=True, slots=True)
+class ColourBars(FlatPicture):
+    """Colour bars, with the camera's name, the frame's number and time, and a hand that turns in a second."""
+
+    camera: str
 
     def render(self, frame: SensorFrame, *, seed: int) -> NDArray[np.uint8]:
         """Return the card, BGR uint8 of height x width x 3; `seed` moves its faint grain."""
@@ -100,10 +105,6 @@ class ColourBars:
                     image, text, at, cv2.FONT_HERSHEY_SIMPLEX, size * unit, colour, width, cv2.LINE_AA
                 )
         return image
-
-    def ground_truth(self, frame: SensorFrame) -> GroundTruthArrays:
-        """Return arrays of zeros: a card has no depth, no objects and nothing that moves."""
-        return no_ground_truth(self.height, self.width)
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,9 +145,15 @@ def open_picture_source(
     if scene == TEST_CARD:
         if view:
             raise BadInputError(f"the test card {TEST_CARD!r} has no view {view!r}", hint="leave view= out")
-        return ColourBars(camera, round(width * scale), round(height * scale))
+        return ColourBars(round(width * scale), round(height * scale), camera)
     if scene == LED_PANEL:
-        return _led_panel(view, row_time_ns, scale)
+        from capture_app.simulation.rendering.led_panel import PanelView
+
+        if view:
+            raise BadInputError(f"the panel {LED_PANEL!r} has no view {view!r}", hint="leave view= out")
+        if scale != 1:
+            raise BadInputError(f"the panel {LED_PANEL!r} is of one size", hint="leave scale= out")
+        return PanelView(row_time_ns=row_time_ns)
     from capture_app.simulation.rendering.scene import load
 
     loaded = load(scene, scale=scale)
@@ -157,13 +164,3 @@ def open_picture_source(
         )
     calibration = loaded.calibration().cameras[view]
     return SceneView(loaded, view, calibration.width, calibration.height, row_time_ns)
-
-
-def _led_panel(view: str, row_time_ns: int, scale: float) -> PictureSource:
-    from capture_app.simulation.rendering.led_view import PanelView
-
-    if view:
-        raise BadInputError(f"the panel {LED_PANEL!r} has no view {view!r}", hint="leave view= out")
-    if scale != 1:
-        raise BadInputError(f"the panel {LED_PANEL!r} is of one size", hint="leave scale= out")
-    return PanelView(row_time_ns)

@@ -4,10 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from capture_app.simulation.scenes import moving_bodies, studio, textures, walking
+from capture_app.simulation.scenes import moving_bodies, studio, textures
 from capture_app.simulation.scenes.definition import Fixture, Point, SceneDefinition
 from capture_app.simulation.scenes.moving_bodies import Part
-from capture_app.simulation.scenes.poses import Poses, Series
+from capture_app.simulation.scenes.poses import Poses, Series, walking_child
 from capture_app.simulation.scenes.textures import Colour, Picture
 
 _FIRST, _SECOND = "first ", "second "
@@ -49,7 +49,7 @@ def _parts() -> dict[str, Part]:
 
 
 def _poses(seconds: Series) -> dict[str, Poses]:
-    return walking.walking_child(seconds, ahead=0.0, prefix=_FIRST) | walking.walking_child(
+    return walking_child(seconds, ahead=0.0, prefix=_FIRST) | walking_child(
         seconds, ahead=0.5, prefix=_SECOND
     )
 

@@ -41,7 +41,7 @@ def pictures(rng: np.random.Generator) -> dict[str, Picture]:
 
 
 def parts() -> dict[str, Part]:
-    """All moving parts, by the names that `jumping` and `poses` give their poses."""
+    """All moving parts, by the names that `poses` gives their poses."""
     child = {"hips": _hips(), "torso": _torso(), "head": _head()}
     for side in ("left", "right"):
         thigh = [

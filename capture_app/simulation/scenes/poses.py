@@ -1,4 +1,4 @@
-"""Poses of rigid parts over time, and the sizes of the child and the pinwheel.
+"""Poses of rigid parts over time: a child that jumps or walks, and a pinwheel that turns.
 
 All motion is a smooth periodic function of time, for ever.
 """
@@ -24,6 +24,26 @@ HIP_Y = 0.045
 SHOULDER = (0.132, -0.335)
 UPPER_ARM_M = 0.19
 NECK_Y = -0.395
+
+HOP_S = 0.65
+"""One hop of the jumping child."""
+CONTACT_S = 0.12
+TAKE_OFF_M_S = 9.81 * (HOP_S - CONTACT_S) / 2
+"""2.6 m/s: what gravity turns round within the flight."""
+SWAY_M = 0.13
+TURN_S = 3.9
+FIGURE_AT = (-0.30, 2.44)
+"""x and z in m of the middle of the sway."""
+LEG_M = 0.505
+"""Hip to ankle when the feet leave the floor: knees a little bent."""
+
+LAP_S = 6.5
+"""One round of the walking child; a whole part of CYCLE_NS."""
+GAIT_S = 0.65
+WALK_CENTRE = (0.0, 2.75)
+"""x and z in m of the middle of the path."""
+WALK_REACH_M = (1.55, 0.42)
+"""Half axes of the path along x and z: 1.5 m/s where they pass each other, in the middle."""
 
 
 class Poses(NamedTuple):
@@ -91,3 +111,100 @@ def turning_wheel(time_s: Series) -> dict[str, Poses]:
     slant = turn(1, np.full_like(time_s, 0.16)) @ turn(0, np.full_like(time_s, 0.07))
     turning = turn(2, 2 * np.pi * WHEEL_TURNS_PER_S * time_s)
     return {"wheel": Poses(slant @ turning, np.broadcast_to(np.array(WHEEL_HUB), (len(time_s), 3)))}
+
+
+def hop_height(time_s: Series) -> Series:
+    """Height in m of the hips over their place at take-off: a flight, then a springy landing."""
+    phase = time_s % HOP_S
+    flight = phase - CONTACT_S
+    landing = -TAKE_OFF_M_S * phase * (1 - phase / CONTACT_S)
+    return np.where(flight < 0, landing, TAKE_OFF_M_S * flight - 9.81 / 2 * flight**2)
+
+
+def jumping_child(time_s: Series) -> dict[str, Poses]:
+    """Poses of the jumping child's parts at the times (n), by the part's name.
+
+    Where the hop stands still, at its top and at its lowest point, the sideways sway runs at 0.7 of its
+    full speed: two pictures some tens of ms apart always show the child in two places.
+    """
+    height = hop_height(time_s)
+    airborne = np.sin(np.pi * np.clip((time_s % HOP_S - CONTACT_S) / (HOP_S - CONTACT_S), 0, 1)) ** 2
+    # Still only midway between the lowest point and the top, where the hop is fast.
+    sway = np.pi * (time_s - CONTACT_S / 2) / HOP_S + np.pi / 4
+    yaw = 0.42 * np.sin(2 * np.pi * time_s / TURN_S)
+    roll = 0.09 * np.cos(sway)
+
+    leg = LEG_M + np.minimum(height, 0.0) - 0.085 * airborne
+    hips = Poses(
+        turn(1, yaw) @ turn(2, roll),
+        np.stack(
+            [
+                FIGURE_AT[0] + SWAY_M * np.sin(sway),
+                FLOOR_Y - ANKLE_M - LEG_M - height,
+                FIGURE_AT[1] + 0.05 * np.cos(sway),
+            ],
+            axis=1,
+        ),
+    )
+    lean = 0.10 + 0.10 * np.cos(2 * np.pi * (time_s - CONTACT_S / 2) / HOP_S)
+    knee = np.arccos(np.clip(leg / (THIGH_M + SHIN_M), -1, 1))
+
+    def limbs(side: float) -> LimbTurns:
+        spread = side * (0.06 + 0.42 * airborne)
+        level = turn(1, np.full_like(yaw, -side * 0.22)) @ turn(0, 0.55 * airborne)
+        beat = np.cos(2 * np.pi * (time_s - CONTACT_S / 2 + side * 0.02) / HOP_S)
+        raised = 1.28 - 0.72 * beat + side * 0.16 * np.sin(2 * np.pi * time_s / TURN_S)
+        bent = 0.55 - 0.30 * beat
+        return LimbTurns(
+            thigh=turn(2, -spread) @ turn(0, -knee),
+            shin=turn(0, 2 * knee),
+            shoe=hips.rotation @ level,
+            arm=turn(2, -side * raised) @ turn(0, np.full_like(beat, -0.25)),
+            forearm=turn(2, -side * bent) @ turn(0, -0.3 * bent),
+        )
+
+    head = turn(1, -0.45 * yaw) @ turn(0, -0.9 * lean + 0.05)
+    return child_poses(hips, turn(0, lean), head, limbs(-1.0), limbs(1.0))
+
+
+def walking_child(time_s: Series, *, ahead: float, prefix: str) -> dict[str, Poses]:
+    """Poses by the part's name of a child that is `ahead` laps further on; names begin with `prefix`."""
+    round_ = 2 * np.pi * (time_s / LAP_S + ahead)
+    gait = 2 * np.pi * (time_s / GAIT_S + 2 * ahead)
+    speed = np.stack([-WALK_REACH_M[0] * np.sin(round_), WALK_REACH_M[1] * np.cos(round_)])
+    yaw = np.arctan2(-speed[0], -speed[1])
+
+    swing = {side: 0.52 * np.sin(gait + (np.pi if side > 0 else 0.0)) for side in (-1.0, 1.0)}
+    knee = {side: 0.16 + 0.38 * (1 + np.cos(gait + (np.pi if side > 0 else 0.0))) for side in (-1.0, 1.0)}
+    leg = np.maximum(*(_height(swing[side], knee[side]) for side in (-1.0, 1.0)))
+    hips = Poses(
+        turn(1, yaw) @ turn(2, 0.04 * np.sin(gait)),
+        np.stack(
+            [
+                WALK_CENTRE[0] + WALK_REACH_M[0] * np.cos(round_),
+                FLOOR_Y - ANKLE_M - HIP_Y - leg,
+                WALK_CENTRE[1] + WALK_REACH_M[1] * np.sin(round_),
+            ],
+            axis=1,
+        ),
+    )
+
+    def limbs(side: float) -> LimbTurns:
+        pitch = turn(0, 0.6 * (knee[side] - swing[side]) - 0.12)
+        return LimbTurns(
+            thigh=turn(0, -swing[side]),
+            shin=turn(0, knee[side]),
+            shoe=hips.rotation @ pitch,
+            arm=turn(2, np.full_like(yaw, -side * 0.16)) @ turn(0, 0.75 * swing[side]),
+            forearm=turn(0, -0.45 - 0.3 * swing[side]),
+        )
+
+    torso = turn(1, -0.10 * np.sin(gait)) @ turn(0, np.full_like(yaw, 0.09))
+    head = turn(0, 0.03 * np.cos(2 * gait) - 0.05)
+    parts = child_poses(hips, torso, head, limbs(-1.0), limbs(1.0))
+    return {prefix + name: poses for name, poses in parts.items()}
+
+
+def _height(swing: Series, knee: Series) -> Series:
+    """From hip to ankle, downwards in m."""
+    return np.asarray(THIGH_M * np.cos(swing) + SHIN_M * np.cos(knee - swing))

@@ -3,7 +3,7 @@
 import cv2
 import numpy as np
 
-from capture_app.simulation.scenes.drawing import WARM, letters, on_paper, pigment, polygon
+from capture_app.simulation.scenes.prints import WARM, letters, on_paper, pigment, polygon
 from capture_app.simulation.scenes.textures import Picture, bgr, noise
 
 

@@ -2,16 +2,7 @@
 
 import numpy as np
 
-from capture_app.simulation.scenes import (
-    drawing,
-    furniture,
-    jumping,
-    moving_bodies,
-    poses,
-    posters,
-    prints,
-    textures,
-)
+from capture_app.simulation.scenes import furniture, moving_bodies, poses, posters, prints, textures
 from capture_app.simulation.scenes.definition import Fixture, SceneDefinition
 from capture_app.simulation.scenes.furniture import BACK, FLOOR, FRONT, LEFT, RIGHT, TOP
 from capture_app.simulation.scenes.meshes import Mesh, box, panel
@@ -61,7 +52,7 @@ def pictures(rng: np.random.Generator) -> dict[str, Picture]:
     }
     for number in range(24):
         found[f"book{number}"] = prints.spine(rng)
-    for number, colour in enumerate(drawing.WARM):
+    for number, colour in enumerate(prints.WARM):
         found[f"flag{number}"] = textures.cloth(rng, (72, 72), [colour])
     return found
 
@@ -103,7 +94,7 @@ def _walls() -> list[Mesh]:
 
 
 def _poses(seconds: Series) -> dict[str, Poses]:
-    return jumping.jumping_child(seconds) | poses.turning_wheel(seconds)
+    return poses.jumping_child(seconds) | poses.turning_wheel(seconds)
 
 
 DEFINITION = SceneDefinition(

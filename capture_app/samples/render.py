@@ -15,6 +15,7 @@ from capture_app.samples.recipe import CameraRecipe, Recipe, RecipeFrame, Take, 
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
 from capture_app.session.format.calibration import Calibration
+from capture_app.session.format.checks import indented
 from capture_app.session.format.manifest import RECIPE
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
@@ -90,7 +91,7 @@ def _write(recipe: Recipe, folder: Path, progress: Progress) -> None:
             source = f"the simulated scene {recipe.scene}"
             writer.set_calibration(Calibration(cameras=calibrated, source=source))
         data = msgspec.json.encode(msgspec.structs.replace(recipe, take=take))
-        write_atomic(writer.folder / RECIPE, msgspec.json.format(data, indent=1) + b"\n")
+        write_atomic(writer.folder / RECIPE, indented(data))
         writer.finish(take.cameras, take.burst, take.missing, "simulated", recipe.note)
 
 

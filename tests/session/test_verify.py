@@ -12,8 +12,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture_app.session.format.manifest import CALIBRATION, JOURNAL, MANIFEST, ImageRecord, Manifest
-from capture_app.session.format.schema import session_schema, session_schema_text
+from capture_app.session.format.manifest import (
+    CALIBRATION,
+    JOURNAL,
+    MANIFEST,
+    ImageRecord,
+    Manifest,
+    session_schema,
+    session_schema_text,
+)
 from capture_app.session.reading.checksums import CHECKSUMS, write_checksums
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import ProblemKind, verify

@@ -11,7 +11,7 @@ from capture_app.commands.sessions.repair import repair
 from capture_app.commands.sessions.text import find_sync_record, print_session, print_sessions
 from capture_app.errors import BadInputError, IncompleteError, SimulshotError
 from capture_app.session.files.output_folder import unfinished_outputs
-from capture_app.session.format.schema import session_schema_text
+from capture_app.session.format.manifest import session_schema_text
 from capture_app.session.reading.reader import Session, list_sessions
 from capture_app.session.reading.synchronization import verdict
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line, show_count, talk

@@ -1,4 +1,4 @@
-"""Checks of paths, JSON files and manifests that may come from anywhere."""
+"""Checks of paths, JSON files and manifests that may come from anywhere, and of what is written."""
 
 import re
 from contextlib import suppress
@@ -60,6 +60,21 @@ def read_struct(path: Path, kind: type[_T], newest: int | None = None) -> _T:
         raise BadInputError(f"{path} does not fit its schema: {error}") from error
     except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
         raise BadInputError(f"{path} is not valid JSON: {error}{_line_of(data, str(error))}") from error
+
+
+def encode_checked(value: msgspec.Struct, kind: type[msgspec.Struct]) -> bytes:
+    """Encode a struct. Raises BadInputError where its values break its schema: constructors check nothing."""
+    data = msgspec.json.encode(value)
+    try:
+        msgspec.json.decode(data, type=kind)
+    except msgspec.ValidationError as error:
+        raise BadInputError(f"a {kind.__name__} that breaks its schema: {error}") from error
+    return data
+
+
+def indented(data: bytes) -> bytes:
+    """Indent JSON, one value a line."""
+    return msgspec.json.format(data, indent=1) + b"\n"
 
 
 def check_references(path: Path, manifest: Manifest) -> None:

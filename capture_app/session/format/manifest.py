@@ -1,11 +1,13 @@
 """The manifest of a session, `session.json`: one burst of one rig, with the error bar of every image."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
+import msgspec
 from msgspec import Meta, Struct
 
 from capture_app.camera_facts import CameraFacts, Count, Positive
 from capture_app.names import Name
+from capture_app.text import pretty_json
 
 SCHEMA_VERSION = 1
 MANIFEST = "session.json"
@@ -164,3 +166,17 @@ class Manifest(_Record, frozen=True, kw_only=True):
 def image_path(camera: str, instant: int, suffix: str = ".jpg") -> str:
     """Path of an image inside its session: the same file name is the same instant (COLMAP's rigs)."""
     return f"{IMAGES}/{RIG}/{camera}/{instant:06d}{suffix}"
+
+
+def session_schema() -> dict[str, Any]:
+    """The JSON schema (draft 2020-12) of a session's manifest."""
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "simulshot session manifest (session.json)",
+        **msgspec.json.schema(Manifest),
+    }
+
+
+def session_schema_text() -> str:
+    """The schema as `docs/session.schema.json` holds it."""
+    return pretty_json(session_schema()).decode() + "\n"

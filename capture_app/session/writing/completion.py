@@ -6,8 +6,7 @@ import msgspec
 
 from capture_app.session.files.disk import reserve
 from capture_app.session.files.durable import write_atomic
-from capture_app.session.format.checks import check_references
-from capture_app.session.format.json_encoding import encode_checked, indented
+from capture_app.session.format.checks import check_references, encode_checked, indented
 from capture_app.session.format.manifest import MANIFEST, Manifest
 from capture_app.session.reading.checksums import write_checksums
 from capture_app.session.reading.synchronization import sync_record

@@ -28,7 +28,7 @@ from capture_app.session.files.durable import (
 from capture_app.session.files.locks import lock_folder
 from capture_app.session.format.burst_plan import PLAN, BurstPlan, read_plan
 from capture_app.session.format.calibration import Calibration
-from capture_app.session.format.json_encoding import encode_checked, indented
+from capture_app.session.format.checks import encode_checked, indented
 from capture_app.session.format.manifest import (
     CALIBRATION,
     EVENTS,

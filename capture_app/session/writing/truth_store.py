@@ -9,6 +9,7 @@ import msgspec
 
 from capture_app.clock import SimulatedClock
 from capture_app.session.files.durable import AppendOnlyFile, make_folders, write_atomic
+from capture_app.session.format.checks import encode_checked, indented
 from capture_app.session.format.ground_truth import (
     TIMES,
     TRUE_TIMES_JOURNAL,
@@ -16,7 +17,6 @@ from capture_app.session.format.ground_truth import (
     TrueTimes,
     ground_truth_path,
 )
-from capture_app.session.format.json_encoding import encode_checked, indented
 from capture_app.session.format.manifest import ImageRecord
 from capture_app.session.writing.recovery import recover_true_times
 

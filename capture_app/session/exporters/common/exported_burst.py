@@ -2,8 +2,9 @@
 
 import hashlib
 import math
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -123,10 +124,9 @@ class ExportedBurst:
             _check_camera(where, calibration.cameras[camera], self.size(camera))
         return calibration
 
-    def _in_order(self, camera: str) -> Iterator[ImageRecord]:
-        for instant in range(len(self.instants_ns)):
-            if (camera, instant) in self.images:
-                yield self.images[camera, instant]
+    def _in_order(self, camera: str) -> list[ImageRecord]:
+        places = ((camera, instant) for instant in range(len(self.instants_ns)))
+        return [self.images[place] for place in places if place in self.images]
 
 
 def _images_by_place(session: Session) -> dict[tuple[str, int], ImageRecord]:
@@ -143,18 +143,15 @@ def _images_by_place(session: Session) -> dict[tuple[str, int], ImageRecord]:
 
 def _check_times(burst: ExportedBurst) -> None:
     where = burst.session.folder / MANIFEST
-    for index in range(1, len(burst.instants_ns)):
-        if burst.instants_ns[index] <= burst.instants_ns[index - 1]:
+    for index, (before_ns, after_ns) in enumerate(pairwise(burst.instants_ns), 1):
+        if after_ns <= before_ns:
             raise BadInputError(f"{where}: instant {index} is not after instant {index - 1}", hint=_VERIFY)
     for camera in burst.cameras:
-        last: ImageRecord | None = None
-        for image in burst._in_order(camera):
-            backwards = last is not None and image.leader_ns < last.leader_ns
-            same = last is not None and image.leader_ns == last.leader_ns
-            if backwards or (same and not (image.substitute or (last and last.substitute))):
+        for last, image in pairwise(burst._in_order(camera)):
+            same = image.leader_ns == last.leader_ns
+            if image.leader_ns < last.leader_ns or (same and not (image.substitute or last.substitute)):
                 what = f"{where}: the times of {camera} go backwards at instant {image.instant}"
                 raise BadInputError(what, hint=_VERIFY)
-            last = image
 
 
 def _check_camera(where: str, camera: CameraCalibration, size: tuple[int, int]) -> None:

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
+from capture_app.session.exporters.common.files import jpeg_or_png
 from capture_app.session.exporters.common.optional_packages import load_package
 from capture_app.session.exporters.common.poses import (
     centre_of,
@@ -18,7 +19,6 @@ from capture_app.session.format.calibration import METRES, Calibration, CameraCa
 from capture_app.session.format.manifest import MANIFEST, ImageRecord
 
 _CHUNK = 1 << 62  # a chunk ends where a set of frames does, never by its size
-_FORMATS = {".jpg": "jpeg", ".jpeg": "jpeg", ".png": "png"}
 
 
 def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[str]:
@@ -66,14 +66,9 @@ class _Recording:
         self._channels: dict[str, int] = {}
 
     def add_image(self, burst: ExportedBurst, image: ImageRecord) -> None:
-        data, pixels = burst.load(image)
-        known = _FORMATS.get(burst.session.image_file(image).suffix.lower())
-        if known is None:
-            import cv2
-
-            data = cv2.imencode(".png", pixels)[1].tobytes()
+        data, kind = jpeg_or_png(burst, image)
         message = message_class("CompressedImage")(
-            timestamp=_time(image.leader_ns), frame_id=image.camera, data=data, format=known or "png"
+            timestamp=_time(image.leader_ns), frame_id=image.camera, data=data, format=kind
         )
         self._add(f"/{image.camera}/image", "CompressedImage", message, image)
 

@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
+from capture_app.session.exporters.common.files import jpeg_or_png
 from capture_app.session.exporters.common.optional_packages import load_package
 from capture_app.session.exporters.common.poses import centre_of, matrix_of, rotation_of
 from capture_app.session.exporters.common.tables import Frame, write_frames
 
 _HALF_PIXEL = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])  # Rerun's first pixel begins at (0, 0)
-_MEDIA = {".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".png": "image/png"}
 
 
 def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[str]:
@@ -34,15 +34,10 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
     frames: list[Frame] = []
     images = [image for camera in burst.cameras for image in burst.images_of(camera)]
     for image in sorted(images, key=lambda image: (image.leader_ns, image.camera)):
-        data, pixels = burst.load(image)
-        media = _MEDIA.get(burst.session.image_file(image).suffix.lower())
-        if media is None:
-            import cv2
-
-            data, media = cv2.imencode(".png", pixels)[1].tobytes(), "image/png"
+        data, kind = jpeg_or_png(burst, image)
         stream.set_time("leader", duration=np.timedelta64(image.leader_ns, "ns"))
         stream.set_time("instant", sequence=image.instant)
-        stream.log(f"rig/{image.camera}", rerun.EncodedImage(contents=data, media_type=media))
+        stream.log(f"rig/{image.camera}", rerun.EncodedImage(contents=data, media_type=f"image/{kind}"))
         frames.append(Frame(image.camera, image.instant, file, len(frames), image))
     stream.flush()
     stream.disconnect()

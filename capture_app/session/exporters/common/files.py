@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 from capture_app.errors import BadInputError
-from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
+from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions, Picture
 from capture_app.session.format.manifest import ImageRecord
 
 _SAME = {".jpeg": ".jpg", ".tif": ".tiff"}
@@ -24,16 +24,30 @@ def place(burst: ExportedBurst, image: ImageRecord, target: Path, options: Expor
     data, pixels = burst.load(image)
     target.parent.mkdir(parents=True, exist_ok=True)
     if _ending(burst, image) != target.suffix:
-        import cv2
-
-        done, png = cv2.imencode(".png", pixels)
-        if not done:
-            raise BadInputError(f"{image.path} cannot be written as PNG")
-        target.write_bytes(png.tobytes())
+        target.write_bytes(_png(image, pixels))
     elif options.link:
         os.link(burst.session.image_file(image).resolve(), target)
     else:
         target.write_bytes(data)
+
+
+def jpeg_or_png(burst: ExportedBurst, image: ImageRecord) -> tuple[bytes, str]:
+    """An image's own bytes if they are JPEG or PNG, else its pixels as PNG; and `jpeg` or `png`.
+
+    Raises as `ExportedBurst.load` does.
+    """
+    data, pixels = burst.load(image)
+    kind = {".jpg": "jpeg", ".png": "png"}.get(_ending(burst, image))
+    return (data, kind) if kind else (_png(image, pixels), "png")
+
+
+def _png(image: ImageRecord, pixels: Picture) -> bytes:
+    import cv2
+
+    done, png = cv2.imencode(".png", pixels)
+    if not done:
+        raise BadInputError(f"{image.path} cannot be written as PNG")
+    return bytes(png.tobytes())
 
 
 def _ending(burst: ExportedBurst, image: ImageRecord) -> str:

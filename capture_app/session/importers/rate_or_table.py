@@ -3,9 +3,9 @@
 import csv
 import re
 import statistics
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from decimal import Decimal, InvalidOperation
+from decimal import Decimal
 from fractions import Fraction
 from itertools import pairwise
 from pathlib import Path
@@ -140,7 +140,11 @@ def _read_table(path: Path, names: Sequence[str]) -> list[_Row]:
     if camera is None or time is None or (frame is None and group is None):
         hint = f"it needs {_CAMERA[0]}, {_FRAME[0]} or {_GROUP[0]}, and one of {', '.join(_TIMES)}"
         raise BadInputError(f"{path} has the columns {', '.join(columns) or '(none)'}", hint=hint)
-    power = _TIMES[time.strip().lower()]
+    ns = 10 ** _TIMES[time.strip().lower()]
+
+    def nanoseconds(text: str) -> int:
+        return int((Decimal(text) * ns).to_integral_value())
+
     rows = []
     for line in reader:
         name = match_name((line[camera] or "").strip(), names)
@@ -150,9 +154,9 @@ def _read_table(path: Path, names: Sequence[str]) -> list[_Row]:
         rows.append(
             _Row(
                 camera=name,
-                frame=_whole(where, line[frame]) if frame else None,
+                frame=_parse(where, line[frame], int, "a frame number") if frame else None,
                 group=(line[group] or "").strip() if group else None,
-                leader_ns=_nanoseconds(where, line[time], power),
+                leader_ns=_parse(where, line[time], nanoseconds, "a time"),
             )
         )
     for name in names:
@@ -165,22 +169,14 @@ def _column(columns: Mapping[str, str], known: Iterable[str]) -> str | None:
     return next((columns[name] for name in known if name in columns), None)
 
 
-def _whole(where: str, text: str | None) -> int | None:
+def _parse(where: str, text: str | None, to_int: Callable[[str], int], what: str) -> int | None:
+    """The number in a cell, None for an empty one. Raises BadInputError where it is not `what`."""
     if not (text or "").strip():
         return None
     try:
-        return int(str(text))
-    except ValueError:
-        raise BadInputError(f"{where}: {text!r} is not a frame number") from None
-
-
-def _nanoseconds(where: str, text: str | None, power: int) -> int | None:
-    if not (text or "").strip():
-        return None
-    try:
-        return int((Decimal(str(text).strip()) * 10**power).to_integral_value())
-    except (InvalidOperation, OverflowError, ValueError):
-        raise BadInputError(f"{where}: {text!r} is not a time") from None
+        return to_int(str(text).strip())
+    except (ArithmeticError, ValueError):
+        raise BadInputError(f"{where}: {text!r} is not {what}") from None
 
 
 def _number_rows(path: Path, name: str, rows: Sequence[_Row], count: int) -> list[tuple[_Row, TimedFrame]]:

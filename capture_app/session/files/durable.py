@@ -12,11 +12,7 @@ PART = ".part"
 
 def sync_folder(folder: Path) -> None:
     """Make the names in a folder survive a power cut."""
-    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)
+    _sync(folder, os.O_DIRECTORY)
 
 
 def sync_tree(folder: Path) -> None:
@@ -24,12 +20,12 @@ def sync_tree(folder: Path) -> None:
     for parent, _, files in os.walk(folder):
         for path in (Path(parent) / file for file in files):
             if not path.is_symlink():
-                _sync_file(path)
+                _sync(path)
         sync_folder(Path(parent))
 
 
-def _sync_file(path: Path) -> None:
-    handle = os.open(path, os.O_RDONLY)
+def _sync(path: Path, kind: int = 0) -> None:
+    handle = os.open(path, os.O_RDONLY | kind)
     try:
         os.fsync(handle)
     finally:
@@ -88,7 +84,7 @@ def write_atomic_unsynced(path: Path, data: bytes) -> None:
 
 def move_into_place(aside: Path, path: Path) -> None:
     """Sync a file that was written aside and give it its name; its folder is not synced."""
-    _sync_file(aside)
+    _sync(aside)
     aside.replace(path)
 
 

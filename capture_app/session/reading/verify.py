@@ -4,6 +4,7 @@ import hashlib
 from collections import Counter
 from collections.abc import Iterator
 from enum import StrEnum
+from functools import partial
 from itertools import pairwise
 
 import msgspec
@@ -49,6 +50,9 @@ class Problem(msgspec.Struct, frozen=True):
         return f"{self.where}: {self.what}"
 
 
+_contradiction = partial(Problem, ProblemKind.CONTRADICTORY)
+
+
 def verify(session: Session) -> list[Problem]:
     """Check every file and every number of a session; an empty list means that all agree."""
     return [
@@ -68,8 +72,7 @@ def _burst(session: Session) -> Iterator[Problem]:
     manifest = session.manifest
     for index, (before, after) in enumerate(pairwise(manifest.burst.instants_ns)):
         if after <= before:
-            what = f"instant {index + 1} is not after instant {index}"
-            yield Problem(ProblemKind.CONTRADICTORY, MANIFEST, what)
+            yield _contradiction(MANIFEST, f"instant {index + 1} is not after instant {index}")
     images = Counter((image.camera, image.instant) for image in manifest.images)
     missing = {(gone.camera, gone.instant) for gone in manifest.missing}
     for camera in manifest.cameras:
@@ -77,11 +80,11 @@ def _burst(session: Session) -> Iterator[Problem]:
             place = (camera.name, instant)
             of = f"of {camera.name} at instant {instant}"
             if images[place] > 1:
-                yield Problem(ProblemKind.CONTRADICTORY, MANIFEST, f"{images[place]} images {of}")
+                yield _contradiction(MANIFEST, f"{images[place]} images {of}")
             if place in missing and images[place]:
-                yield Problem(ProblemKind.CONTRADICTORY, MANIFEST, f"the image {of} is there and missing")
+                yield _contradiction(MANIFEST, f"the image {of} is there and missing")
             if place not in missing and not images[place]:
-                yield Problem(ProblemKind.CONTRADICTORY, MANIFEST, f"no image {of}, nor why it is missing")
+                yield _contradiction(MANIFEST, f"no image {of}, nor why it is missing")
 
 
 def _order(session: Session) -> Iterator[Problem]:
@@ -94,7 +97,7 @@ def _order(session: Session) -> Iterator[Problem]:
             if last.local_ns is not None and record.local_ns is not None:
                 backwards = backwards or record.local_ns <= last.local_ns
             if backwards:
-                yield Problem(ProblemKind.CONTRADICTORY, record.path, f"was not taken after {last.path}")
+                yield _contradiction(record.path, f"was not taken after {last.path}")
         before[record.camera] = record
 
 
@@ -107,7 +110,7 @@ def _sync(session: Session) -> Iterator[Problem]:
         stored, expected = getattr(manifest.sync, name), getattr(computed, name)
         if stored != expected:
             what = f"sync.{name} is {stored}; computed from the images it is {expected}"
-            yield Problem(ProblemKind.CONTRADICTORY, MANIFEST, what)
+            yield _contradiction(MANIFEST, what)
 
 
 def _image(session: Session, record: ImageRecord) -> Iterator[Problem]:
@@ -121,8 +124,7 @@ def _image(session: Session, record: ImageRecord) -> Iterator[Problem]:
         yield Problem(ProblemKind.UNREADABLE, record.path, f"cannot be read: {error.strerror}")
         return
     if len(data) != record.bytes:
-        what = f"{len(data)} bytes long, not {record.bytes}"
-        yield Problem(ProblemKind.CHANGED, record.path, what)
+        yield Problem(ProblemKind.CHANGED, record.path, f"{len(data)} bytes long, not {record.bytes}")
     elif hashlib.sha256(data).hexdigest() != record.sha256:
         yield Problem(ProblemKind.CHANGED, record.path, "its bytes have changed: the sha256 differs")
     yield from _picture(record.path, data, session.camera(record.camera))
@@ -134,25 +136,25 @@ def _picture(path: str, data: bytes, camera: CameraRecord) -> Iterator[Problem]:
         yield Problem(ProblemKind.UNREADABLE, path, "not an image that can be decoded")
     elif size != (camera.facts.width, camera.facts.height):
         what = f"{size[0]}x{size[1]} pixels; {camera.name} takes {camera.facts.width}x{camera.facts.height}"
-        yield Problem(ProblemKind.CONTRADICTORY, path, what)
+        yield _contradiction(path, what)
 
 
 def _times(session: Session, record: ImageRecord) -> Iterator[Problem]:
     instant_ns = session.manifest.burst.instants_ns[record.instant]
     if record.residual_ns != record.leader_ns - instant_ns:
         what = f"residual_ns is {record.residual_ns}; by leader_ns it is {record.leader_ns - instant_ns}"
-        yield Problem(ProblemKind.CONTRADICTORY, record.path, what)
+        yield _contradiction(record.path, what)
     camera = session.camera(record.camera)
     stamp_ns = record.leader_ns - record.alignment_offset_ns
     start_ns = camera.facts.exposure_start_ns(stamp_ns, record.exposure_ns)
     if record.exposure_start_ns not in (None, start_ns):
         what = f"exposure_start_ns is {record.exposure_start_ns}; by leader_ns it is {start_ns}"
-        yield Problem(ProblemKind.CONTRADICTORY, record.path, what)
+        yield _contradiction(record.path, what)
     tolerance_ns = camera.phase.tolerance_ns if camera.phase else None
     if tolerance_ns is not None and record.late != camera.is_late(record.residual_ns):
         said = "late" if record.late else "not late"
         what = f"is marked {said}, {record.residual_ns} ns from its instant with {tolerance_ns} ns allowed"
-        yield Problem(ProblemKind.CONTRADICTORY, record.path, what)
+        yield _contradiction(record.path, what)
     clock = camera.clock
     if clock is None or record.local_ns is None:
         return
@@ -160,7 +162,7 @@ def _times(session: Session, record: ImageRecord) -> Iterator[Problem]:
     uncertainty_ns = clock.uncertainty_ns if record.uncertainty_ns is None else record.uncertainty_ns
     if abs(error_ns) > uncertainty_ns + _ROUNDING_NS:
         what = f"leader_ns differs by {error_ns} ns from local_ns converted by the clock record"
-        yield Problem(ProblemKind.CONTRADICTORY, record.path, what)
+        yield _contradiction(record.path, what)
 
 
 def _journal(session: Session) -> Iterator[Problem]:
@@ -177,16 +179,16 @@ def _journal(session: Session) -> Iterator[Problem]:
             continue
         if (record.camera, record.instant) in saved:
             what = f"line {number} repeats {record.camera} at instant {record.instant}"
-            yield Problem(ProblemKind.CONTRADICTORY, JOURNAL, what)
+            yield _contradiction(JOURNAL, what)
         saved[record.camera, record.instant] = record
     for image in session.manifest.images:
         listed = saved.pop((image.camera, image.instant), None)
         if listed is None:
-            yield Problem(ProblemKind.CONTRADICTORY, JOURNAL, f"has no entry for {image.path}")
+            yield _contradiction(JOURNAL, f"has no entry for {image.path}")
         elif listed != image:
-            yield Problem(ProblemKind.CONTRADICTORY, JOURNAL, f"differs from the manifest in {image.path}")
+            yield _contradiction(JOURNAL, f"differs from the manifest in {image.path}")
     for listed in saved.values():
-        yield Problem(ProblemKind.CONTRADICTORY, MANIFEST, f"lacks {listed.path}, which the journal has")
+        yield _contradiction(MANIFEST, f"lacks {listed.path}, which the journal has")
 
 
 def _checksums(session: Session) -> Iterator[Problem]:
@@ -203,14 +205,10 @@ def _calibration(session: Session) -> Iterator[Problem]:
     known = {camera.name: camera for camera in session.manifest.cameras}
     for name, of in (calibration.cameras if calibration else {}).items():
         if name not in known:
-            yield Problem(
-                ProblemKind.CONTRADICTORY,
-                CALIBRATION,
-                f"calibrates a camera {name} that the session does not have",
-            )
+            yield _contradiction(CALIBRATION, f"calibrates a camera {name} that the session does not have")
         elif (of.width, of.height) != (known[name].facts.width, known[name].facts.height):
             what = f"{name} is calibrated for {of.width}x{of.height} pixels, not its own size"
-            yield Problem(ProblemKind.CONTRADICTORY, CALIBRATION, what)
+            yield _contradiction(CALIBRATION, what)
 
 
 def _ground_truth(session: Session) -> Iterator[Problem]:

@@ -1,12 +1,12 @@
 """What is known about each device model and mode from before, kept as JSON in the user's data folder."""
 
-import os
 from pathlib import Path
 
 import msgspec
 from platformdirs import user_data_path
 
 from capture_app.camera_facts import CameraFacts
+from capture_app.session.files.durable import write_atomic
 from capture_app.sync.phase.injection import InjectionProfile
 
 FILE = "device-profiles.json"
@@ -62,11 +62,9 @@ class DeviceProfiles:
         if entries.get(_key(facts)) == entry:
             return True
         entries[_key(facts)] = entry
-        part = self._path.with_name(f"{FILE}.{os.getpid()}.part")
         try:
             self._path.parent.mkdir(parents=True, exist_ok=True)
-            part.write_bytes(msgspec.json.format(msgspec.json.encode(entries, order="sorted")))
-            part.replace(self._path)
+            write_atomic(self._path, msgspec.json.format(msgspec.json.encode(entries, order="sorted")))
         except OSError:
             return False
         return True

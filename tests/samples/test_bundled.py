@@ -23,6 +23,13 @@ NAMES = sorted(path.parent.name for path in SAMPLES.glob(f"*/{RECIPE}"))
 SYNCHRONIZED = [name for name in NAMES if name != "naive"]
 
 
+def truth_of(session: Session) -> dict[tuple[str, int], int]:
+    """By camera and instant, the true start of an image's first row, in ns."""
+    true_times = session.true_times()
+    assert true_times is not None
+    return {(true.camera, true.instant): true.true_ns for true in true_times.images}
+
+
 def test_all_samples_are_there_and_small() -> None:
     assert set(SHAPES) == set(NAMES)
     assert sum(path.stat().st_size for path in SAMPLES.rglob("*")) < 30_000_000
@@ -45,9 +52,7 @@ def test_every_camera_has_an_image_of_every_instant(name: str) -> None:
 @pytest.mark.parametrize("name", SYNCHRONIZED)
 def test_the_truth_lies_within_what_the_record_allows(name: str) -> None:
     session = Session.open(SAMPLES / name)
-    true_times = session.true_times()
-    assert true_times is not None
-    truth = {(true.camera, true.instant): true.true_ns for true in true_times.images}
+    truth = truth_of(session)
     assert session.manifest.sync is not None
     for record in session.manifest.images:
         assert record.hard_bound_ns is not None
@@ -66,9 +71,8 @@ def test_the_truth_lies_within_what_the_record_allows(name: str) -> None:
 
 
 def test_naive_is_as_far_apart_as_the_paper_found(capsys: pytest.CaptureFixture[str]) -> None:
-    true_times = Session.open(SAMPLES / "naive").true_times()
-    assert true_times is not None
-    times = [true.true_ns for true in true_times.images if true.instant == 0]
+    truth = truth_of(Session.open(SAMPLES / "naive"))
+    times = [true_ns for (_, instant), true_ns in truth.items() if instant == 0]
     assert 60e6 < np.ptp(times) < 677e6
     assert run(["sessions", "show", str(SAMPLES / "naive")]) == ExitCode.OK
     out = capsys.readouterr().out
@@ -114,9 +118,7 @@ def test_a_sample_rendered_again_has_the_same_bytes(name: str, tmp_path: Path) -
 
 def test_the_time_can_be_read_off_the_panel_of_leds() -> None:
     session = Session.open(SAMPLES / "led_panel")
-    true_times = session.true_times()
-    assert true_times is not None
-    truth = {(true.camera, true.instant): true.true_ns for true in true_times.images}
+    truth = truth_of(session)
     for record in session.manifest.images[:4]:
         picture = cv2.imread(str(session.image_file(record)))
         row_time_ns = session.camera(record.camera).facts.row_time_ns

@@ -22,13 +22,13 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.node.leader.repair import repair
 from capture_app.session.format.burst_plan import PLAN, BurstPlan, CameraPlan
 from capture_app.session.format.manifest import MANIFEST, BurstRecord, CameraRecord
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import Problem, ProblemKind, verify
 from capture_app.session.writing.session_writer import SessionWriter
+from tests.facts import make_facts
 
 CAMERAS, INSTANTS, PERIOD_NS = 2, 4, 33_000_000
 NAME = "killed"
@@ -45,7 +45,8 @@ def picture(camera: int, instant: int) -> bytes:
 def write(root: Path, confirmed: int, threads: int = 1) -> None:
     """Write a session, and tell on a pipe which images are promised to be safe."""
     writer = SessionWriter.create(root, NAME)
-    cameras = tuple(camera_record(number) for number in range(CAMERAS))
+    facts = make_facts(width=8, height=8, period_ns=PERIOD_NS)
+    cameras = tuple(CameraRecord(name=f"cam{number}", facts=facts) for number in range(CAMERAS))
     burst = BurstRecord(instants_ns=tuple(PERIOD_NS * n for n in range(INSTANTS)), period_ns=PERIOD_NS)
     plan = BurstPlan(
         name=NAME, created=writer.created, software=writer.software, leader=1, number=1, burst=burst,
@@ -71,14 +72,6 @@ def write(root: Path, confirmed: int, threads: int = 1) -> None:
     writer.add_event({"event": "done"})
     writer.finish(cameras, burst, origin="simulated")
     REAL["write"](confirmed, b"\xff\xff")
-
-
-def camera_record(number: int) -> CameraRecord:
-    facts = CameraFacts(
-        kind="sim", model="m", width=8, height=8, period_ns=PERIOD_NS,
-        timestamp_source=TimestampSource.START_OF_EXPOSURE, phase_control=PhaseControl.NONE,
-    )  # fmt: skip
-    return CameraRecord(name=f"cam{number}", facts=facts)
 
 
 REAL: dict[str, Any] = {name: getattr(os, name) for name in CHANGING}

@@ -7,11 +7,12 @@ from dataclasses import dataclass, field, replace
 from msgspec import structs
 
 from capture_app.simulation.network.wandering_clock import WanderingClock
-from capture_app.simulation.rig.tree import Tree, TreeSpec
+from capture_app.simulation.rig.tree import ROOT, Tree, TreeSpec
 from capture_app.sync.phase.frame_stamp import FrameStamp
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.events import BurstAccepted, BurstPicked, LeaderEvent
 from capture_app.sync.rig.failover import PROBE_EVERY_NS, Failover
+from capture_app.sync.rig.frame_picks import Burst
 from capture_app.sync.rig.leader import LeaderConfig
 from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.rig.roster import ClientView
@@ -117,11 +118,17 @@ class RelayRig:
             if self.tree.nodes[name, 0].alive
         )
 
+    def trigger(self, frames: int, *, after_s: int | None = None) -> Burst:
+        now_ns = self.tree.now_true_ns
+        at_ns = None if after_s is None else now_ns + after_s * S
+        burst = self.tree.root.trigger(now_ns, frames=frames, at_leader_ns=at_ns)
+        self.tree.act("root")
+        return burst
+
     def check_burst(self, frames: int = 3) -> None:
         """Order a burst of all, and hold what they picked against the truth."""
         had = {name: len(camera.ready) for name, camera in self.cameras.items()}
-        burst = self.tree.root.trigger(self.tree.now_true_ns, frames=frames)
-        self.tree.act("root")
+        burst = self.trigger(frames)
         self.run(2.0)
         assert set(burst.clients) == set(self.cameras)
         accepted = {e.name for e in self.events if isinstance(e, BurstAccepted) and e.burst == burst.number}
@@ -136,3 +143,11 @@ class RelayRig:
                 assert abs(pick.leader_ns - true_ns) <= pick.hard_bound_ns
                 assert abs(pick.leader_ns - true_ns) < 300_000
                 assert abs(pick.residual_ns) <= PERIOD_NS // 2
+
+
+def camera_below_a_relay(**options: int) -> tuple[RelayRig, Camera]:
+    """A camera that is ready below a relay, and would follow the root without it."""
+    rig = RelayRig(**options)
+    camera = rig.camera("cam", rig.relay("relay", ROOT), ROOT)
+    rig.run_until(rig.all_ready)
+    return rig, camera

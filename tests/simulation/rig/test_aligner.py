@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
+from capture_app.camera_facts import PhaseControl
 from capture_app.experiments.phase.trials import unknown_phone
 from capture_app.simulation.devices.profiles import PROFILES
 from capture_app.simulation.rig.bench import Bench, FrameObservation
@@ -15,22 +15,12 @@ from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.frame_stamp import FrameStamp
 from capture_app.sync.phase.goal import Goal
+from capture_app.sync.rig.phase_loop import ClientConfig, PhaseLoop
 from capture_app.sync.wire.camera_commands import CameraCommand
+from tests.facts import make_facts
 
 S = 1_000_000_000
 SAME_CLOCK = TimeMap(0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 300, 1000)
-
-
-def camera_of(control: str) -> CameraFacts:
-    return CameraFacts(
-        kind="sim",
-        model="m",
-        width=640,
-        height=480,
-        period_ns=33_333_333,
-        timestamp_source=TimestampSource.START_OF_EXPOSURE,
-        phase_control=PhaseControl(control),
-    )
 
 
 def until_aligned(bench: Bench) -> FrameObservation:
@@ -140,7 +130,7 @@ def test_a_command_that_was_lost_is_given_again() -> None:
 
 
 def test_without_a_way_to_move_it_a_camera_still_tells_its_phase() -> None:
-    aligner = Aligner(camera_of("none"), tolerance_ns=50_000, rng=random.Random(1))
+    aligner = Aligner(make_facts(phase_control=PhaseControl.NONE), tolerance_ns=50_000, rng=random.Random(1))
     goal = Goal(0, 33_333_333)
     for n in range(100):
         local_ns = n * 33_333_333 + 9_000_000
@@ -167,7 +157,8 @@ def test_no_stream_whatsoever_raises(
     control: str, frames: list[tuple[int, int, int, bool]], goal_period_ns: int
 ) -> None:
     """Any numbers, streams and times, and goals that make no sense."""
-    aligner = Aligner(camera_of(control), tolerance_ns=60_000, rng=random.Random(1))
+    camera = make_facts(phase_control=PhaseControl(control))
+    aligner = Aligner(camera, tolerance_ns=60_000, rng=random.Random(1))
     sequence, stream, now_ns = 0, 0, 0
     for steps, streams, interval_ns, started in frames:
         sequence, stream, now_ns = sequence + steps, stream + streams, now_ns + interval_ns
@@ -175,3 +166,24 @@ def test_no_stream_whatsoever_raises(
             aligner.note_stream_start(now_ns)
         aligner.add_frame(FrameStamp(sequence, stream, now_ns))
         aligner.next_command(SAME_CLOCK, Goal(0, goal_period_ns), now_ns)
+
+
+def test_start_latencies_of_one_use_save_restarts_on_the_next() -> None:
+    steady = replace(PROFILES["webcam"], start_latency_ns=(275_000_000, 1_000_000))
+
+    def aligned(seed: int, starts_seen: tuple[int, ...] = ()) -> Bench:
+        bench = Bench(steady, seed, 1_000_000, start_latencies_ns=starts_seen)
+        until_aligned(bench)
+        return bench
+
+    first = [aligned(seed) for seed in range(24)]
+    again = [aligned(seed, first[seed - 1].aligner.start_latencies_ns) for seed in range(24)]
+    restarts = [sum(bench.aligner.corrections for bench in benches) for benches in (first, again)]
+    assert restarts[1] <= 0.9 * restarts[0]
+
+
+@pytest.mark.parametrize(("control", "known"), [("reset", (5_000_000, 6_000_000)), ("none", ())])
+def test_a_client_is_told_what_its_camera_did_before(control: str, known: tuple[int, ...]) -> None:
+    camera = make_facts(phase_control=PhaseControl(control))
+    config = ClientConfig("cam", 1, camera, 2_000_000, 90, start_latencies_ns=(5_000_000, 6_000_000))
+    assert PhaseLoop(config, random.Random(1)).aligner.start_latencies_ns == known

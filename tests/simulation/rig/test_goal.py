@@ -12,8 +12,8 @@ from capture_app.simulation.rig.rig import NodeSpec, VirtualRig
 from capture_app.sync.rig.events import PhaseCorrected
 from capture_app.sync.rig.frame_picks import Pick
 from capture_app.sync.wire.camera_commands import RestartStream
+from tests.simulation.rig.rigs import S, ready_rig
 
-S = 1_000_000_000
 WIRED = Link(GammaDelay(50_000, 70_000), GammaDelay(50_000, 70_000))
 
 
@@ -32,8 +32,7 @@ def restarts(rig: VirtualRig, name: str) -> int:
 
 
 def test_a_phone_follows_a_webcam_that_is_never_restarted() -> None:
-    rig = VirtualRig([node("phone", "phone-a", 60_000), node("webcam", "webcam", 1_000_000)], seed=5)
-    assert rig.run_until(rig.all_ready, limit_ns=30 * S)
+    rig = ready_rig([node("phone", "phone-a", 60_000), node("webcam", "webcam", 1_000_000)], seed=5)
     assert restarts(rig, "webcam") == 0
     burst = rig.trigger(frames=2)
     rig.run_for(3 * S)
@@ -44,8 +43,7 @@ def test_a_phone_follows_a_webcam_that_is_never_restarted() -> None:
 
 
 def test_webcams_agree_and_a_burst_finds_them_together() -> None:
-    rig = VirtualRig([node(f"webcam{n}", "webcam", 1_000_000) for n in range(3)], seed=7)
-    assert rig.run_until(rig.all_ready, limit_ns=90 * S)
+    rig = ready_rig([node(f"webcam{n}", "webcam", 1_000_000) for n in range(3)], seed=7, limit_s=90)
     burst = rig.trigger(frames=1)
     rig.run_for(3 * S)
     starts = [n.bursts[burst.number].picks[0].frame.start_true_ns for n in rig.nodes.values()]
@@ -63,8 +61,7 @@ def test_exposure_centres_meet_where_it_is_asked_for() -> None:
         node("short", "phone-b", 40_000, exposure_ns=1_000_000),
         node("long", "phone-a", 40_000, exposure_ns=9_000_000),
     ]
-    rig = VirtualRig(specs, seed=9, align_row=0.5, max_delay_ns=S)
-    assert rig.run_until(rig.all_ready, limit_ns=30 * S)
+    rig = ready_rig(specs, seed=9, align_row=0.5, max_delay_ns=S)
     rig.run_for(5 * S)
     burst = rig.trigger(frames=1)
     rig.run_for(4 * S)
@@ -80,8 +77,7 @@ def test_exposure_centres_meet_where_it_is_asked_for() -> None:
 
 
 def test_a_known_device_is_moved_once_and_a_realigned_one_moves_no_other() -> None:
-    rig = VirtualRig([node("one", "pi", 60_000), node("other", "pi", 60_000)], seed=3)
-    assert rig.run_until(rig.all_ready, limit_ns=30 * S)
+    rig = ready_rig([node("one", "pi", 60_000), node("other", "pi", 60_000)], seed=3)
     before = {name: n.client.aligner.corrections for name, n in rig.nodes.items()}
     hurt = rig.nodes["one"]
     hurt.sensor.set_frame_duration(40_000_000, rig.now_true_ns)

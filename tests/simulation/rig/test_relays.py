@@ -11,7 +11,8 @@ from capture_app.sync.rig.events import BurstAccepted, JoinRefused, NodeLost, No
 from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.wire.codec import decode
 from capture_app.sync.wire.messages import Hello, NodeState
-from tests.simulation.rig.relay_rig import CAMERA, Camera, RelayRig, S
+from tests.simulation.rig.relay_rig import CAMERA, Camera, RelayRig, S, camera_below_a_relay
+from tests.simulation.rig.rigs import checked_error_ns
 
 
 def test_a_burst_reaches_cameras_below_relays_of_relays_in_the_roots_time() -> None:
@@ -82,10 +83,7 @@ def test_the_clients_of_a_dead_relay_go_on_below_the_next_parent(next_parent: st
 
 
 def test_a_relay_that_stops_in_order_sends_its_clients_on_at_once() -> None:
-    rig = RelayRig()
-    relay = rig.relay("relay", ROOT)
-    camera = rig.camera("cam", relay, ROOT)
-    rig.run_until(rig.all_ready)
+    rig, camera = camera_below_a_relay()
     rig.relays.pop("relay").leave()
     rig.tree.act("relay")
     rig.run(0.2)
@@ -96,13 +94,8 @@ def test_a_relay_that_stops_in_order_sends_its_clients_on_at_once() -> None:
 
 
 def test_a_promised_burst_survives_the_relay_that_brought_it() -> None:
-    rig = RelayRig()
-    relay = rig.relay("relay", ROOT)
-    camera = rig.camera("cam", relay, ROOT)
-    rig.run_until(rig.all_ready)
-    at_ns = rig.tree.now_true_ns + 8 * S
-    burst = rig.tree.root.trigger(rig.tree.now_true_ns, frames=2, at_leader_ns=at_ns)
-    rig.tree.act("root")
+    rig, camera = camera_below_a_relay()
+    burst = rig.trigger(2, after_s=8)
     rig.run(0.5)
     rig.kill("relay")
     rig.run(9.0)
@@ -124,22 +117,15 @@ def test_a_relay_without_its_root_holds_the_time_over_even_for_new_clients() -> 
     new = rig.camera("new", relay)
     rig.run_until(lambda: new.client.state is NodeState.READY)
     for camera in (old, new):
-        time_map = camera.client.time_map
-        assert time_map is not None
-        local_ns = camera.clock.local_from_true(rig.tree.now_true_ns)
-        error_ns = time_map.leader_from_local(local_ns) - rig.tree.now_true_ns
-        assert abs(error_ns) <= time_map.hard_bound_at(local_ns)
+        error_ns = checked_error_ns(camera.client.time_map, camera.clock, rig.tree.now_true_ns)
         assert abs(error_ns) < 1_000_000
     rig.tree.revive("root")
-    rig.run_until(lambda: rig.all_ready())
+    rig.run_until(rig.all_ready)
     rig.check_burst()
 
 
 def test_a_camera_that_moves_without_having_been_lost_is_not_there_twice() -> None:
-    rig = RelayRig()
-    relay = rig.relay("relay", ROOT)
-    camera = rig.camera("cam", relay, ROOT)
-    rig.run_until(rig.all_ready)
+    rig, camera = camera_below_a_relay()
     assert rig.views()["cam"].via == "relay", "it had the patience to wait until the relay knew the time"
     camera.client.time.hellos = 10
     camera.client.time.lose("it was told to", camera.clock.local_from_true(rig.tree.now_true_ns))
@@ -152,10 +138,7 @@ def test_a_camera_that_moves_without_having_been_lost_is_not_there_twice() -> No
 
 
 def test_a_burst_is_taken_while_the_new_leaders_clock_is_still_being_learned() -> None:
-    rig = RelayRig()
-    relay = rig.relay("relay", ROOT)
-    camera = rig.camera("cam", relay, ROOT)
-    rig.run_until(rig.all_ready)
+    rig, camera = camera_below_a_relay()
     rig.kill("relay")
     rig.run_until(lambda: rig.views()["cam"].via is None)
     rig.run(0.2)
@@ -164,16 +147,12 @@ def test_a_burst_is_taken_while_the_new_leaders_clock_is_still_being_learned() -
 
 
 def test_clients_go_back_to_their_relay_once_it_is_there_again_but_not_before_a_burst() -> None:
-    rig = RelayRig(probe_every_ns=S)
-    relay = rig.relay("relay", ROOT)
-    camera = rig.camera("cam", relay, ROOT)
-    rig.run_until(rig.all_ready)
+    rig, camera = camera_below_a_relay(probe_every_ns=S)
     rig.kill("relay")
     rig.run_until(lambda: rig.views()["cam"].via is None)
     rig.relay("relay", ROOT)
     rig.run_until(rig.all_ready)
-    rig.tree.root.trigger(rig.tree.now_true_ns, frames=2, at_leader_ns=rig.tree.now_true_ns + 8 * S)
-    rig.tree.act("root")
+    rig.trigger(2, after_s=8)
     rig.run(7.0)
     assert rig.views()["cam"].via is None
     rig.run_until(lambda: rig.views()["cam"].via == "relay")

@@ -15,6 +15,7 @@ from capture_app.simulation.network.link import Link
 from capture_app.simulation.network.paper_link import PAPER_LINK
 from capture_app.simulation.rig.rig import NodeSpec, VirtualRig
 from capture_app.sync.rig.events import BurstRefused, LeaderLost, NodeLost, NodeReturned
+from capture_app.sync.rig.frame_picks import Burst
 from capture_app.sync.wire.codec import encode
 from capture_app.sync.wire.messages import (
     Goodbye,
@@ -28,9 +29,7 @@ from capture_app.sync.wire.messages import (
     UnknownMember,
     Welcome,
 )
-
-S = 1_000_000_000
-LAN = Link(GammaDelay(60_000, 90_000), GammaDelay(60_000, 90_000))
+from tests.simulation.rig.rigs import LAN, S, ready_rig
 
 
 def specs(
@@ -48,28 +47,30 @@ def specs(
     ]
 
 
-def errors_ns(rig: VirtualRig, number: int, instants_ns: tuple[int, ...]) -> list[int]:
+def errors_ns(rig: VirtualRig, burst: Burst) -> list[int]:
     """True start of each picked frame minus its instant; the leader's clock is the true time."""
     return [
-        pick.frame.start_true_ns - instants_ns[pick.instant]
+        pick.frame.start_true_ns - burst.instants_ns[pick.instant]
         for node in rig.nodes.values()
-        for pick in node.bursts[number].picks
+        for pick in node.bursts[burst.number].picks
     ]
 
 
-def test_five_phones_take_pictures_of_the_same_instant() -> None:
-    rig = VirtualRig(specs(5, "phone-a", "phone-b"), seed=3)
-    assert rig.run_until(rig.all_ready, limit_ns=30 * S)
-    burst = rig.trigger(frames=5)
+def errors_of_burst(rig: VirtualRig, frames: int) -> list[int]:
+    burst = rig.trigger(frames=frames)
     rig.run_for(3 * S)
-    errors = errors_ns(rig, burst.number, burst.instants_ns)
+    return errors_ns(rig, burst)
+
+
+def test_five_phones_take_pictures_of_the_same_instant() -> None:
+    rig = ready_rig(specs(5, "phone-a", "phone-b"), seed=3)
+    errors = errors_of_burst(rig, frames=5)
     assert len(errors) == 25
     assert max(map(abs, errors)) < 150_000
 
 
 def test_the_hard_bound_holds_for_every_frame_on_the_papers_link() -> None:
-    rig = VirtualRig(specs(4, "phone-a", link=PAPER_LINK, seed=5), seed=6)
-    assert rig.run_until(rig.all_ready, limit_ns=30 * S)
+    rig = ready_rig(specs(4, "phone-a", link=PAPER_LINK, seed=5), seed=6)
     burst = rig.trigger(frames=10)
     rig.run_for(3 * S)
     for node in rig.nodes.values():
@@ -81,31 +82,26 @@ def test_the_hard_bound_holds_for_every_frame_on_the_papers_link() -> None:
 
 def test_webcams_align_by_restarts() -> None:
     camera_specs = [replace(spec, tolerance_ns=2_000_000) for spec in specs(2, "webcam", seed=2)]
-    rig = VirtualRig(camera_specs, seed=4)
-    assert rig.run_until(rig.all_ready, limit_ns=120 * S)
-    burst = rig.trigger(frames=3)
-    rig.run_for(3 * S)
-    errors = errors_ns(rig, burst.number, burst.instants_ns)
+    rig = ready_rig(camera_specs, seed=4, limit_s=120)
+    errors = errors_of_burst(rig, frames=3)
     assert len(errors) == 6
     assert max(map(abs, errors)) < 2_500_000
 
 
 def test_a_trigger_may_lie_in_the_past() -> None:
-    rig = VirtualRig(specs(2, "perfect"), seed=1)
-    assert rig.run_until(rig.all_ready, limit_ns=30 * S)
+    rig = ready_rig(specs(2, "perfect"), seed=1)
     rig.run_for(2 * S)
     before = rig.now_true_ns
     burst = rig.trigger(frames=5, at_leader_ns=before - S)
     assert all(instant < before for instant in burst.instants_ns)
     rig.run_for(S // 2)
-    errors = errors_ns(rig, burst.number, burst.instants_ns)
+    errors = errors_ns(rig, burst)
     assert len(errors) == 10
     assert max(map(abs, errors)) < 200_000
 
 
 def test_a_node_that_dies_is_lost_within_3_s_and_comes_back_by_itself() -> None:
-    rig = VirtualRig(specs(2, "perfect"), seed=1)
-    assert rig.run_until(rig.all_ready, limit_ns=30 * S)
+    rig = ready_rig(specs(2, "perfect"), seed=1)
     rig.kill("cam01")
     assert rig.run_until(lambda: any(isinstance(e, NodeLost) for e in rig.leader_events), limit_ns=3 * S)
     rig.start(rig.nodes["cam01"].spec)
@@ -114,8 +110,7 @@ def test_a_node_that_dies_is_lost_within_3_s_and_comes_back_by_itself() -> None:
 
 
 def test_a_restarted_node_waits_until_its_old_self_is_given_up() -> None:
-    rig = VirtualRig(specs(1, "perfect"), seed=1)
-    assert rig.run_until(rig.all_ready, limit_ns=30 * S)
+    rig = ready_rig(specs(1, "perfect"), seed=1)
     rig.kill("cam00")
     again = rig.start(rig.nodes["cam00"].spec)
     rig.run_for(S)
@@ -124,8 +119,7 @@ def test_a_restarted_node_waits_until_its_old_self_is_given_up() -> None:
 
 
 def test_clients_find_a_restarted_leader_and_serve_its_first_burst() -> None:
-    rig = VirtualRig(specs(2, "perfect"), seed=1)
-    assert rig.run_until(rig.all_ready, limit_ns=30 * S)
+    rig = ready_rig(specs(2, "perfect"), seed=1)
     rig.trigger(frames=2)
     rig.run_for(2 * S)
     rig.restart_leader()
@@ -135,18 +129,17 @@ def test_clients_find_a_restarted_leader_and_serve_its_first_burst() -> None:
         node.bursts.clear()
     burst = rig.trigger(frames=2)
     rig.run_for(2 * S)
-    assert len(errors_ns(rig, burst.number, burst.instants_ns)) == 4
+    assert len(errors_ns(rig, burst)) == 4
 
 
 def test_a_burst_is_finished_although_its_leader_is_gone() -> None:
-    rig = VirtualRig(specs(2, "perfect"), seed=1)
-    assert rig.run_until(rig.all_ready, limit_ns=30 * S)
+    rig = ready_rig(specs(2, "perfect"), seed=1)
     burst = rig.trigger(frames=3, at_leader_ns=rig.now_true_ns + S)
     rig.run_for(S // 10)
     rig.leader.receive_datagram = lambda *_: None  # type: ignore[method-assign]
     rig.run_for(5 * S)
     assert all(node.client.state is NodeState.JOINING for node in rig.nodes.values())
-    assert len(errors_ns(rig, burst.number, burst.instants_ns)) == 6
+    assert len(errors_ns(rig, burst)) == 6
 
 
 def test_a_burst_that_nobody_can_take_is_refused() -> None:
@@ -164,8 +157,7 @@ def test_a_burst_that_nobody_can_take_is_refused() -> None:
 
 
 def test_dropped_frames_leave_gaps_that_say_so() -> None:
-    rig = VirtualRig(specs(3, "phone-a", drop_share=0.1), seed=8)
-    assert rig.run_until(rig.all_ready, limit_ns=60 * S)
+    rig = ready_rig(specs(3, "phone-a", drop_share=0.1), seed=8, limit_s=60)
     burst = rig.trigger(frames=30)
     rig.run_for(5 * S)
     for node in rig.nodes.values():
@@ -173,7 +165,7 @@ def test_dropped_frames_leave_gaps_that_say_so() -> None:
         assert sorted([p.instant for p in ready.picks] + [g.instant for g in ready.gaps]) == list(range(30))
         assert all(gap.reason == "the camera dropped the frame" for gap in ready.gaps)
         assert len({pick.frame.sequence for pick in ready.picks}) == len(ready.picks)
-    assert max(map(abs, errors_ns(rig, burst.number, burst.instants_ns))) < 500_000
+    assert max(map(abs, errors_ns(rig, burst))) < 500_000
     assert sum(len(node.bursts[burst.number].gaps) for node in rig.nodes.values()) > 0
 
 
@@ -182,8 +174,7 @@ def test_one_late_stamp_is_not_a_late_picture() -> None:
         replace(spec, profile=replace(spec.profile, outlier_share=0.15))
         for spec in specs(2, "phone-a", seed=9)
     ]
-    rig = VirtualRig(camera_specs, seed=5)
-    assert rig.run_until(rig.all_ready, limit_ns=60 * S)
+    rig = ready_rig(camera_specs, seed=5, limit_s=60)
     burst = rig.trigger(frames=30)
     rig.run_for(5 * S)
     picks = [pick for node in rig.nodes.values() for pick in node.bursts[burst.number].picks]

@@ -1,20 +1,20 @@
-"""Clients send their time requests in slots that the leader hands out, not all at once."""
+"""Clients send their time requests in slots, not all at once; a clock that jumps is noticed by the next."""
 
 import random
+from dataclasses import replace
 from functools import partial
 
 import pytest
 
 from capture_app.clock import SimulatedClock
 from capture_app.simulation.devices.profiles import PROFILES
-from capture_app.simulation.network.delay_laws import GammaDelay
 from capture_app.simulation.network.link import Channel, Direction, Link
+from capture_app.simulation.network.paper_link import PAPER_LINK
 from capture_app.simulation.rig.rig import NodeSpec, VirtualRig
+from capture_app.sync.rig.events import ClockStepped, ClockSynced
 from capture_app.sync.rig.poll_schedule import FIRST_PACE_NS, PACE_NS, SteadySchedule
 from capture_app.sync.rig.roster import van_der_corput
-
-S = 1_000_000_000
-LAN = Link(GammaDelay(60_000, 90_000), GammaDelay(60_000, 90_000))
+from tests.simulation.rig.rigs import LAN, MS, S, checked_error_ns
 
 
 class Recorder(Channel):
@@ -66,3 +66,24 @@ def test_clients_that_join_together_do_not_send_together(pace_ns: int, reached_s
     phases.sort()
     gaps = [b - a for a, b in zip(phases, [*phases[1:], phases[0] + 1.0], strict=True)]
     assert min(gaps) > 0.06, phases
+
+
+@pytest.mark.parametrize(("link", "step_ns"), [(LAN, MS), (LAN, -MS), (PAPER_LINK, 50 * MS), (LAN, 3600 * S)])
+def test_a_jump_is_noticed_by_the_next_exchange_and_learned(link: Link, step_ns: int) -> None:
+    clock = SimulatedClock(5 * 3600 * S, 20.0)
+    rig = VirtualRig([NodeSpec("cam", PROFILES["phone-a"], clock, link)], seed=2)
+    rig.run_for(5 * S)
+    (node,) = rig.nodes.values()
+    assert not any(isinstance(event, ClockStepped) for event in node.events)
+    node.spec = replace(node.spec, clock=SimulatedClock(clock.offset_ns + step_ns, 20.0))
+    stepped_true_ns = rig.now_true_ns
+    assert rig.run_until(
+        lambda: any(isinstance(event, ClockStepped) for event in node.events), limit_ns=2 * S
+    )
+    # A request may just have left, and the next is a pace away; then one round trip.
+    assert rig.now_true_ns - stepped_true_ns < 2 * PACE_NS + 30 * MS
+    events = len(node.events)
+    assert rig.run_until(
+        lambda: any(isinstance(event, ClockSynced) for event in node.events[events:]), limit_ns=5 * S
+    )
+    checked_error_ns(node.client.time_map, node.spec.clock, rig.now_true_ns)

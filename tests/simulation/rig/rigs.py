@@ -1,0 +1,29 @@
+"""Virtual rigs of cameras below one leader, as several tests put them together."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from capture_app.clock import SimulatedClock
+from capture_app.simulation.network.delay_laws import GammaDelay
+from capture_app.simulation.network.link import Link
+from capture_app.simulation.network.wandering_clock import WanderingClock
+from capture_app.simulation.rig.rig import NodeSpec, VirtualRig
+from capture_app.sync.clock.time_map import TimeMap
+
+MS, S = 1_000_000, 1_000_000_000
+LAN = Link(GammaDelay(60_000, 90_000), GammaDelay(60_000, 90_000))
+
+
+def ready_rig(specs: Sequence[NodeSpec], *, seed: int, limit_s: int = 30, **options: Any) -> VirtualRig:
+    rig = VirtualRig(specs, seed=seed, **options)
+    assert rig.run_until(rig.all_ready, limit_ns=limit_s * S)
+    return rig
+
+
+def checked_error_ns(time_map: TimeMap | None, clock: SimulatedClock | WanderingClock, true_ns: int) -> int:
+    """How far an estimate of the true time is off; its hard bound must hold."""
+    assert time_map is not None
+    local_ns = clock.local_from_true(true_ns)
+    error_ns = time_map.leader_from_local(local_ns) - true_ns
+    assert abs(error_ns) <= time_map.hard_bound_at(local_ns)
+    return error_ns

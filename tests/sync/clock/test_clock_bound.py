@@ -1,4 +1,4 @@
-"""The hard bound, whatever the network and the clocks do within their limits; and what happens beyond."""
+"""The hard bound, whatever network and clocks do within their limits and beyond, and its polygon of lines."""
 
 from bisect import bisect_right
 
@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 
 from capture_app.sync.clock.clock_filter import ClockFilter
 from capture_app.sync.clock.clock_sample import ClockSample
+from capture_app.sync.clock.feasible_lines import FeasibleLines
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.tree.follower import WINDOW_NS
 
@@ -172,3 +173,41 @@ def test_errors_of_two_links_add_in_squares_ahead_too(
     at_ns = since_ns + ahead_ns
     apart = (own.uncertainty_at(at_ns) ** 2 + onward.uncertainty_at(at_ns) ** 2) ** 0.5
     assert own.chained_to(onward).uncertainty_at(at_ns) == pytest.approx(apart, rel=1e-6)
+
+
+def box() -> FeasibleLines:
+    return FeasibleLines(lowest=-10.0, highest=10.0, steepest=1.0)
+
+
+def test_bounds_at_two_times_leave_a_range_in_between_and_a_wider_one_outside() -> None:
+    lines = box()
+    for t in (-4.0, 4.0):
+        assert lines.bound_below(t, -1.0)
+        assert lines.bound_above(t, 1.0)
+    assert lines.value_range_at(0.0) == (-1.0, 1.0)
+    assert lines.value_range_at(8.0) == (-2.0, 2.0)
+    assert lines.slope_range() == (-0.25, 0.25)
+
+
+def test_bounds_that_contradict_each_other_leave_nothing() -> None:
+    lines = box()
+    assert lines.bound_below(0.0, 2.0)
+    assert not lines.bound_above(0.0, 1.0)
+    assert lines.empty
+    assert not lines.bound_above(0.0, 5.0)
+
+
+coordinate = st.floats(-100, 100)
+
+
+@given(st.floats(-9, 9), st.floats(-1, 1), st.lists(st.tuples(coordinate, st.floats(0, 50), st.booleans())))
+def test_a_line_that_respects_every_bound_stays_inside(
+    value: float, slope: float, bounds: list[tuple[float, float, bool]]
+) -> None:
+    lines = box()
+    for t, room, above in bounds:
+        at = value + slope * t
+        assert lines.bound_above(t, at + room + 1e-6) if above else lines.bound_below(t, at - room - 1e-6)
+    for t in (-50.0, 0.0, 50.0):
+        low, high = lines.value_range_at(t)
+        assert low - 1e-3 <= value + slope * t <= high + 1e-3

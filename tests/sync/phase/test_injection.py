@@ -1,6 +1,7 @@
 """The exposures an injection controller asks for, and what it learns from the shifts."""
 
 from math import floor
+from typing import Any
 
 import pytest
 
@@ -21,10 +22,20 @@ def shift_of(exposure_ns: int, gain: int, overhead_ns: int) -> int:
     return gain * ROW_NS * max(0, floor(exposure_ns / ROW_NS) - neutral)
 
 
-def controller(*, row_known: bool = True, max_exposure_ns: int | None = None) -> InjectionActuator:
-    return InjectionActuator(
-        period_ns=PERIOD_NS, row_time_ns=ROW_NS if row_known else None, max_exposure_ns=max_exposure_ns
-    )
+def controller(*, row_known: bool = True, **known: Any) -> InjectionActuator:
+    return InjectionActuator(period_ns=PERIOD_NS, row_time_ns=ROW_NS if row_known else None, **known)
+
+
+def known_device(row_ns: int, frame_rows: int, gain: int, neutral_rows: float) -> InjectionActuator:
+    profile = InjectionProfile(row_ns, gain, neutral_rows)
+    return InjectionActuator(period_ns=frame_rows * row_ns, row_time_ns=row_ns, profile=profile)
+
+
+def exposure_for(inject: InjectionActuator, wanted: Move) -> int:
+    """The exposure in ns that is commanded for a move."""
+    command = inject.command(wanted)
+    assert command is not None
+    return command.exposure_ns
 
 
 @pytest.mark.parametrize("row_known", [True, False])
@@ -33,9 +44,7 @@ def controller(*, row_known: bool = True, max_exposure_ns: int | None = None) ->
 @pytest.mark.parametrize("wanted_ns", [300_000, 9_000_000, 33_000_000])
 def test_the_second_injection_hits(row_known: bool, gain: int, overhead_ns: int, wanted_ns: int) -> None:
     inject = controller(row_known=row_known)
-    first = inject.command(move(wanted_ns))
-    assert first is not None
-    done_ns = shift_of(first.exposure_ns, gain, overhead_ns)
+    done_ns = shift_of(exposure_for(inject, move(wanted_ns)), gain, overhead_ns)
     assert done_ns > 0
     inject.learn(MoveEffect(0, done_ns, 3000.0))
     assert inject.profile is not None
@@ -50,32 +59,23 @@ def test_the_second_injection_hits(row_known: bool, gain: int, overhead_ns: int,
 
 
 def test_the_first_shot_stretches_by_two_milliseconds_at_least() -> None:
-    command = controller().command(move(100_000))
-    assert command is not None
-    assert command.exposure_ns > PERIOD_NS - 250_000 + 2_000_000 - ROW_NS
+    assert exposure_for(controller(), move(100_000)) > PERIOD_NS - 250_000 + 2_000_000 - ROW_NS
 
 
 def test_exposures_lie_inside_a_row() -> None:
-    command = controller().command(move(9_000_000))
-    assert command is not None
-    assert command.exposure_ns % ROW_NS == pytest.approx(ROW_NS / 4, abs=1)
+    assert exposure_for(controller(), move(9_000_000)) % ROW_NS == pytest.approx(ROW_NS / 4, abs=1)
 
 
 def test_no_shift_at_all_asks_for_more_and_learns_nothing() -> None:
     inject = controller()
-    first = inject.command(move(100_000))
+    first_ns = exposure_for(inject, move(100_000))
     inject.learn(MoveEffect(0, 400, 3000.0))
     assert inject.profile is None
-    second = inject.command(move(100_000))
-    assert first is not None
-    assert second is not None
-    assert second.exposure_ns - first.exposure_ns == pytest.approx(1_000_000, abs=2 * ROW_NS)
+    assert exposure_for(inject, move(100_000)) - first_ns == pytest.approx(1_000_000, abs=2 * ROW_NS)
 
 
 def test_a_command_that_a_known_device_did_not_get_is_given_again_as_it_was() -> None:
-    inject = InjectionActuator(
-        period_ns=PERIOD_NS, row_time_ns=ROW_NS, profile=InjectionProfile(ROW_NS, 2, 3050.0)
-    )
+    inject = controller(profile=InjectionProfile(ROW_NS, 2, 3050.0))
     assert inject.sure
     first = inject.command(move(9_000_000))
     inject.learn(MoveEffect(0, 400, 3000.0))
@@ -100,67 +100,47 @@ def test_a_longest_exposure_below_the_period_is_a_problem() -> None:
 
 
 def test_a_shift_out_of_reach_is_done_in_part() -> None:
-    inject = InjectionActuator(
-        period_ns=PERIOD_NS,
-        row_time_ns=ROW_NS,
-        max_exposure_ns=40_000_000,
-        profile=InjectionProfile(ROW_NS, 1, 3050.0),
-    )
-    command = inject.command(move(30_000_000))
-    assert command is not None
-    assert 39_900_000 < command.exposure_ns <= 40_000_000
+    inject = controller(max_exposure_ns=40_000_000, profile=InjectionProfile(ROW_NS, 1, 3050.0))
+    assert 39_900_000 < exposure_for(inject, move(30_000_000)) <= 40_000_000
 
 
 def test_an_error_below_what_rows_can_do_is_left_to_drift() -> None:
-    period_ns = 370 * 90_000
-    inject = InjectionActuator(
-        period_ns=period_ns, row_time_ns=30_000, profile=InjectionProfile(30_000, 3, 1100.0)
-    )
-    assert inject.command(Move(0, 25_000, 25_000, period_ns, 20_000)) is None
+    inject = known_device(30_000, 1110, 3, 1100.0)
+    assert inject.command(Move(0, 25_000, 25_000, 1110 * 30_000, 20_000)) is None
 
 
 @pytest.mark.parametrize("frame_rows", [2222, 2221])
 @pytest.mark.parametrize("wanted_rows", [1, 2, 301, 302])
 def test_whole_periods_bring_the_rows_between_two_steps_into_reach(frame_rows: int, wanted_rows: int) -> None:
     row_ns, neutral = 15_000, 2200
-    period_ns = frame_rows * row_ns
-    inject = InjectionActuator(
-        period_ns=period_ns, row_time_ns=row_ns, profile=InjectionProfile(row_ns, 3, neutral)
-    )
-    command = inject.command(Move(0, 0, wanted_rows * row_ns, period_ns, 20_000))
-    assert command is not None
-    shift_rows = 3 * (command.exposure_ns // row_ns - neutral)
+    inject = known_device(row_ns, frame_rows, 3, neutral)
+    exposure_ns = exposure_for(inject, Move(0, 0, wanted_rows * row_ns, frame_rows * row_ns, 20_000))
+    shift_rows = 3 * (exposure_ns // row_ns - neutral)
     assert (shift_rows - wanted_rows) % frame_rows == 0
 
 
 def test_a_small_error_that_no_rows_can_mend_is_not_made_a_large_one() -> None:
     period_ns = 1110 * 30_000
-    inject = InjectionActuator(
-        period_ns=period_ns, row_time_ns=30_000, profile=InjectionProfile(30_000, 1, 1090.0)
-    )
+    inject = known_device(30_000, 1110, 1, 1090.0)
     assert inject.command(Move(0, 0, period_ns - 16_000, period_ns, 15_000)) is None
 
 
 def test_no_aim_at_drift_takes_a_phase_out_of_its_tolerance() -> None:
     row_ns, neutral, frame_rows = 15_000, 2200, 2222
     period_ns = frame_rows * row_ns
-    inject = InjectionActuator(
-        period_ns=period_ns, row_time_ns=row_ns, profile=InjectionProfile(row_ns, 2, neutral)
-    )
+    inject = known_device(row_ns, frame_rows, 2, neutral)
     # 12 us early would be best, by 101 rows or by 103: 21 us too early or 9 us too late.
     shift_ns = 101 * row_ns + 9_000
-    command = inject.command(Move(0, 0, shift_ns, period_ns, 20_000, aim_ns=-12_000.0))
-    assert command is not None
-    landed_ns = 2 * row_ns * (command.exposure_ns // row_ns - neutral) - shift_ns - 12_000
+    exposure_ns = exposure_for(inject, Move(0, 0, shift_ns, period_ns, 20_000, aim_ns=-12_000.0))
+    landed_ns = 2 * row_ns * (exposure_ns // row_ns - neutral) - shift_ns - 12_000
     assert abs(landed_ns) <= 20_000
 
 
 def test_one_bad_observation_is_outvoted() -> None:
     inject = controller()
     for wanted_ns, wrong_ns in ((9_000_000, 0), (5_000_000, 0), (7_000_000, 900_000), (3_000_000, 0)):
-        command = inject.command(move(wanted_ns))
-        assert command is not None
-        inject.learn(MoveEffect(0, shift_of(command.exposure_ns, 2, 250_000) + wrong_ns, 3000.0))
+        shift_ns = shift_of(exposure_for(inject, move(wanted_ns)), 2, 250_000)
+        inject.learn(MoveEffect(0, shift_ns + wrong_ns, 3000.0))
     assert inject.profile is not None
     assert inject.profile.gain == 2
     assert inject.profile.neutral_rows == (PERIOD_NS - 250_000) // ROW_NS

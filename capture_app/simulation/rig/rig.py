@@ -2,7 +2,7 @@
 
 import random
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 from capture_app.clock import SimulatedClock
 from capture_app.simulation.devices.profiles import facts_of
@@ -81,8 +81,8 @@ class VirtualRig:
         self._time = VirtualTime()
         self._media: dict[SharedMedium, MediumQueue] = {}
         self._leader_timer = Timer(self._time, self._pump_leader)
-        self._period_ns, self._align_row, self._max_delay_ns = period_ns, align_row, max_delay_ns
-        self._beacons = _GROUP if beacons else None
+        group = _GROUP if beacons else None
+        self._config = LeaderConfig(0, 0, period_ns, align_row, max_delay_ns, beacons=group)
         self.leader = self._new_leader()
         for spec in specs:
             self._time.schedule(spec.start_true_ns, self.start, spec)
@@ -93,10 +93,7 @@ class VirtualRig:
         return self._time.now_true_ns
 
     def _new_leader(self) -> Leader:
-        instance = self._rng.getrandbits(32)
-        config = LeaderConfig(
-            instance, 0, self._period_ns, self._align_row, self._max_delay_ns, beacons=self._beacons
-        )
+        config = replace(self._config, instance=self._rng.getrandbits(32))
         return Leader(config, random.Random(self._rng.getrandbits(64)))
 
     # What a test or an experiment does to it
@@ -235,8 +232,7 @@ class VirtualRig:
             self._broadcast(beacon)
         while (event := self.leader.next_event()) is not None:
             self.leader_events.append(event)
-        due_ns = self.leader.next_timer()
-        if due_ns is not None:
+        if (due_ns := self.leader.next_timer()) is not None:
             self._leader_timer.set(due_ns)
 
     def _local(self, node: VirtualNode) -> int:

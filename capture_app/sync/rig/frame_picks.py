@@ -135,19 +135,7 @@ def pick_frames(
             reason = "it had left the ring buffer" if late else DROPPED
             gaps.append(Gap(instant, reason))
             continue
-        uncertainty_ns = round(time_map.uncertainty_at(local_ns))
-        hard_bound_ns = round(time_map.hard_bound_at(local_ns))
-        picks.append(
-            Pick(
-                instant,
-                local_ns,
-                frame_leader_ns,
-                residual_ns,
-                uncertainty_ns,
-                hard_bound_ns,
-                off_ns,
-                frame,
-                offset_ns,
-            )
-        )
+        errors_ns = round(time_map.uncertainty_at(local_ns)), round(time_map.hard_bound_at(local_ns))
+        times_ns = local_ns, frame_leader_ns, residual_ns
+        picks.append(Pick(instant, *times_ns, *errors_ns, off_ns, frame, offset_ns))
     return tuple(picks), tuple(gaps)

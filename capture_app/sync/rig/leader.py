@@ -8,7 +8,7 @@ from capture_app.sync.phase.goal import Goal
 from capture_app.sync.reference_broadcast.broadcaster import Broadcaster
 from capture_app.sync.rig.events import LeaderEvent
 from capture_app.sync.rig.frame_picks import Burst
-from capture_app.sync.rig.orders import BurstOrder, Orders, check_burst
+from capture_app.sync.rig.orders import Orders, check_burst
 from capture_app.sync.rig.roster import Address, ClientView, Member, Roster
 from capture_app.sync.rig.terms import RigTerms
 from capture_app.sync.rig.uplink import Uplink
@@ -192,16 +192,16 @@ class Leader:
         default is the next. Raises BadInputError for an impossible burst, NoCameraHereError where no
         client is there to take it.
         """
-        asked_ns = now_ns + TRIGGER_LEAD_NS
-        max_delay_ns = self.config.max_delay_ns if at_leader_ns is None else 0
         burst = self._orders.place(
             self._roster.cameras(),
-            BurstOrder(
-                frames, spacing, asked_ns if at_leader_ns is None else at_leader_ns, max_delay_ns, number
-            ),
             self.goal,
             self.config.instance,
             now_ns,
+            frames=frames,
+            spacing=spacing,
+            at_leader_ns=now_ns + TRIGGER_LEAD_NS if at_leader_ns is None else at_leader_ns,
+            max_delay_ns=self.config.max_delay_ns if at_leader_ns is None else 0,
+            number=number,
         )
         self._busy_until_ns = max(now_ns, burst.instants_ns[-1]) + AFTER_BURST_NS
         return burst

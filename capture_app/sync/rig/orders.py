@@ -56,21 +56,6 @@ TRIGGER_AGAIN_NS = 50 * _MS
 TRIGGER_GIVE_UP_NS = 5000 * _MS
 
 
-@dataclass(frozen=True, slots=True)
-class BurstOrder:
-    """A burst that is asked for: `frames` instants, every `spacing` periods, from a leader time in ns on.
-
-    It may be delayed by `max_delay_ns` to reach the best predicted alignment; without a number it gets the
-    next one.
-    """
-
-    frames: int
-    spacing: int
-    at_leader_ns: int
-    max_delay_ns: int = 0
-    number: int | None = None
-
-
 def check_burst(cameras: Sequence[Member], goal: Goal | None, frames: int, spacing: int) -> Goal:
     """Return the grid of a burst of these cameras.
 
@@ -104,24 +89,35 @@ class Orders:
         self._bursts = 0
 
     def place(
-        self, cameras: Sequence[Member], order: BurstOrder, goal: Goal | None, leader: int, now_ns: int
+        self,
+        cameras: Sequence[Member],
+        goal: Goal | None,
+        leader: int,
+        now_ns: int,
+        *,
+        frames: int,
+        spacing: int,
+        at_leader_ns: int,
+        max_delay_ns: int = 0,
+        number: int | None = None,
     ) -> Burst:
         """Order a burst of these cameras, on the rig's grid, for the leader of that run.
 
-        Raises what `check_burst` does.
+        It has `frames` instants, every `spacing` periods, from a leader time in ns on, and may be delayed by
+        `max_delay_ns` to reach the best predicted alignment; without a number it gets the next one. Raises
+        what `check_burst` does.
         """
-        goal = check_burst(cameras, goal, order.frames, order.spacing)
-        frames, step_ns = order.frames, order.spacing * goal.period_ns
-        first_ns = order.at_leader_ns
-        if order.max_delay_ns > 0:
-            first_ns = instant_of_least_spread(goal, _forecasts(cameras), first_ns, order.max_delay_ns)
-        instants_ns = burst_instants(goal, first_ns, frames, order.spacing)
-        number = self._bursts = self._bursts + 1 if order.number is None else order.number
+        goal, first_ns = check_burst(cameras, goal, frames, spacing), at_leader_ns
+        if max_delay_ns > 0:
+            first_ns = instant_of_least_spread(goal, _forecasts(cameras), first_ns, max_delay_ns)
+        instants_ns = burst_instants(goal, first_ns, frames, spacing)
+        number = self._bursts = self._bursts + 1 if number is None else number
+        step_ns = spacing * goal.period_ns
         for member in cameras:
             trigger = Trigger(member.number, leader, number, instants_ns[0], step_ns, frames)
             self._orders.append(_OpenOrder(member, trigger, now_ns + TRIGGER_GIVE_UP_NS))
         names = tuple(member.name for member in cameras)
-        return Burst(number, instants_ns, goal.period_ns, order.at_leader_ns, names)
+        return Burst(number, instants_ns, goal.period_ns, at_leader_ns, names)
 
     def take_ack(self, member: Member, ack: TriggerAck) -> BurstAccepted | BurstRefused | None:
         """Note a member's answer; None where it had answered before, or the order has expired."""

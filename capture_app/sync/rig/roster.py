@@ -115,17 +115,9 @@ class Roster:
             self._by_number.pop(known.number, None)
             self._count(known, -1)
         number = self._free_number()
-        report = Report(state=NodeState.JOINING)
+        report, slot = Report(state=NodeState.JOINING), van_der_corput(self._joins)
         member = Member(
-            hello.name,
-            hello.instance,
-            number,
-            address,
-            hello.camera,
-            report,
-            now_ns,
-            van_der_corput(self._joins),
-            hello.via,
+            hello.name, hello.instance, number, address, hello.camera, report, now_ns, slot, hello.via
         )
         self._joins += 1
         self._count(member, 1)

@@ -75,8 +75,23 @@ class BeaconReceiver:
         self.close()
         sock = None if group is None else open_group_socket(group, leader_host)
         if sock is not None:
-            self._pump = Pump(_ReceivingEngine(self._take, self._after_turn), self._clock, lambda: None)
+            self._pump = Pump(self, self._clock, lambda: None)
             self._pump.start(sock)
+
+    def receive_datagram(self, data: bytes, address: tuple[str, int], now_ns: int) -> None:
+        """Take in one datagram, whoever sent it: only beacons of the leader that was joined count."""
+        self._take(data, now_ns)
+        self._after_turn()
+
+    def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, tuple[str, int]]]:
+        """Return no datagrams."""
+        return []
+
+    def next_timer(self) -> None:
+        """Return None: there is no timer."""
+
+    def handle_timer(self, now_ns: int) -> None:
+        """Do nothing: there is no timer."""
 
     def close(self) -> None:
         """Listen no more. Calling it twice is harmless."""
@@ -104,26 +119,3 @@ def open_group_socket(group: Group, leader_host: str) -> socket.socket | None:
         sock.close()
         return None
     return sock
-
-
-class _ReceivingEngine:
-    """An engine that receives and never sends."""
-
-    def __init__(self, take: Callable[[bytes, int], None], after_turn: Callable[[], None]) -> None:
-        self._take = take
-        self._after_turn = after_turn
-
-    def receive_datagram(self, data: bytes, address: tuple[str, int], now_ns: int) -> None:
-        """Take in one datagram, whoever sent it: only beacons of the leader that was joined count."""
-        self._take(data, now_ns)
-        self._after_turn()
-
-    def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, tuple[str, int]]]:
-        """Return no datagrams."""
-        return []
-
-    def next_timer(self) -> None:
-        """Return None: there is no timer."""
-
-    def handle_timer(self, now_ns: int) -> None:
-        """Do nothing: there is no timer."""

@@ -13,8 +13,9 @@ from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 
-from capture_app.camera_facts import CameraFacts, PhaseControl
+from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
+from capture_app.cameras.v4l2 import layout as v4l2
 from capture_app.cameras.v4l2.driver_errors import driver_error
 from capture_app.cameras.v4l2.exposure import (
     exposure_limits_ns,
@@ -23,9 +24,7 @@ from capture_app.cameras.v4l2.exposure import (
     restore_rate,
 )
 from capture_app.cameras.v4l2.ioctl import VideoDevice
-from capture_app.cameras.v4l2.layout import BUF_FLAG_ERROR, Buffer, PixelFormat
 from capture_app.cameras.v4l2.pictures import picture_from_buffer
-from capture_app.cameras.v4l2.timestamps import foreign_clock, is_monotonic, timestamp_source
 from capture_app.errors import CameraError
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 
@@ -35,12 +34,18 @@ _BUFFERED_NS = 500_000_000
 """A process that is held up for this long loses no frame, as long as memory allows."""
 _BUFFER_BYTES = 64 << 20
 _BUFFER_COUNTS = 4, 24
+_FOREIGN_CLOCK_NS = 60_000_000_000
+"""A stamp this far from now is not of this process's monotonic clock."""
+_SOURCES = {
+    v4l2.BUF_FLAG_SOURCE_START_OF_EXPOSURE: TimestampSource.START_OF_EXPOSURE,
+    v4l2.BUF_FLAG_SOURCE_END_OF_FRAME: TimestampSource.END_OF_FRAME,
+}
 
 
 class V4L2Camera(Camera):
     """A V4L2 camera that streams into mapped buffers; `driver.open_camera` makes one."""
 
-    def __init__(self, device: VideoDevice, layout: PixelFormat, period_ns: int) -> None:
+    def __init__(self, device: VideoDevice, layout: v4l2.PixelFormat, period_ns: int) -> None:
         """Take over a configured device. Raises CameraError for an unusable clock, OSError of the driver."""
         self._device = device
         self._layout = layout
@@ -65,7 +70,7 @@ class V4L2Camera(Camera):
             height=layout.height,
             pixel_format=layout.fourcc,
             period_ns=period_ns,
-            timestamp_source=timestamp_source(device.path, buffers[0].flags),
+            timestamp_source=_timestamp_source(device.path, buffers[0].flags),
             phase_control=PhaseControl.RESET,
             exposure_ns=self._exposure_ns,
             min_exposure_ns=shortest_ns,
@@ -137,17 +142,18 @@ class V4L2Camera(Camera):
         self._worker.shutdown(wait=False)
 
     def _begin_stream(self) -> None:
+        self._prepare()
+        self._device.stream_on()
+
+    def _prepare(self) -> None:
         self._exposure_ns, self._gain = read_exposure(self._device)
         for index in range(len(self._memory)):
             self._device.queue(index)
-        self._device.stream_on()
 
     def _restart(self, start_ns: int) -> None:
         """In the worker: stop, wait until `start_ns` of the monotonic clock, start."""
         self._device.stream_off()
-        self._exposure_ns, self._gain = read_exposure(self._device)
-        for index in range(len(self._memory)):
-            self._device.queue(index)
+        self._prepare()
         late_ns = time.monotonic_ns() - start_ns
         if late_ns > 0:
             start_ns += -(-late_ns // self._facts.period_ns) * self._facts.period_ns
@@ -175,15 +181,15 @@ class V4L2Camera(Camera):
             if not self._streaming:
                 return
 
-    def _deliver(self, buffer: Buffer, data: bytes) -> None:
-        picture = None if buffer.flags & BUF_FLAG_ERROR else picture_from_buffer(data, self._layout)
+    def _deliver(self, buffer: v4l2.Buffer, data: bytes) -> None:
+        picture = None if buffer.flags & v4l2.BUF_FLAG_ERROR else picture_from_buffer(data, self._layout)
         if picture is None:
             # Its sequence number is missing from the stream: a dropped frame like any other.
             _log.debug("%s: frame %d came damaged", self._device.path, buffer.sequence)
             return
         if not self._clock_checked:
-            if not is_monotonic(buffer.timestamp_ns):
-                self._fail(foreign_clock(self._device.path))
+            if not _is_monotonic(buffer.timestamp_ns):
+                self._fail(_foreign_clock(self._device.path))
                 return
             self._clock_checked = True
         assert self._on_frame is not None
@@ -210,7 +216,27 @@ class V4L2Camera(Camera):
         return asyncio.get_running_loop().run_in_executor(self._worker, work, *arguments)
 
 
-def _buffer_count(layout: PixelFormat, period_ns: int) -> int:
+def _buffer_count(layout: v4l2.PixelFormat, period_ns: int) -> int:
     affordable = _BUFFER_BYTES // max(1, layout.buffer_bytes)
     least, most = _BUFFER_COUNTS
     return max(least, min(most, affordable, -(-_BUFFERED_NS // period_ns)))
+
+
+def _is_monotonic(timestamp_ns: int) -> bool:
+    """Whether a stamp of a frame that has just come can be of this process's monotonic clock."""
+    return abs(timestamp_ns - time.monotonic_ns()) <= _FOREIGN_CLOCK_NS
+
+
+def _timestamp_source(path: str, flags: int) -> TimestampSource:
+    """The moment that a driver's buffers are stamped at. Raises CameraError for another clock."""
+    if flags & v4l2.BUF_FLAG_TIMESTAMP_MASK != v4l2.BUF_FLAG_TIMESTAMP_MONOTONIC:
+        raise _foreign_clock(path)
+    return _SOURCES.get(flags & v4l2.BUF_FLAG_SOURCE_MASK, TimestampSource.UNKNOWN)
+
+
+def _foreign_clock(path: str) -> CameraError:
+    """The error of a device that stamps its frames in another clock."""
+    return CameraError(
+        f"{path} does not stamp its frames in this machine's monotonic clock",
+        hint="for a USB camera: echo CLOCK_MONOTONIC | sudo tee /sys/module/uvcvideo/parameters/clock",
+    )

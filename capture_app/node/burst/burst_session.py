@@ -8,10 +8,15 @@ from pathlib import Path
 
 from capture_app.camera_facts import CameraFacts
 from capture_app.errors import BadInputError, DiskFullError, SimulshotError, TryAgainError
-from capture_app.node.burst.camera_progress import CameraProgress
-from capture_app.node.burst.interrupted_burst import InterruptedBurst
-from capture_app.node.burst.plans import add_report, burst_record, camera_plan, first_plan, write_manifest
-from capture_app.node.transfer.disk_threads import DiskThreads
+from capture_app.node.burst.camera_progress import CameraProgress, DiskThreads
+from capture_app.node.burst.plans import (
+    InterruptedBurst,
+    add_report,
+    burst_record,
+    camera_plan,
+    first_plan,
+    write_manifest,
+)
 from capture_app.node.wire.messages import CameraReport, ImageReceipt, ImageUpload
 from capture_app.node.wire.status import BurstStatus
 from capture_app.session.format.burst_plan import CameraPlan

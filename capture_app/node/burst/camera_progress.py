@@ -1,10 +1,12 @@
 """What one camera owes to a burst, and how far it is."""
 
 import asyncio
+import functools
 from collections.abc import AsyncIterator, Callable, Mapping
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
+from typing import ParamSpec, TypeVar
 
-from capture_app.node.transfer.disk_threads import DiskThreads
 from capture_app.node.transfer.partial_image import PartialImage, partial_receipts
 from capture_app.node.wire.messages import ImageReceipt, ImageUpload
 from capture_app.session.format.burst_plan import CameraPlan
@@ -15,6 +17,22 @@ PATIENCE_NS = 10_000_000_000
 """A camera that has had no stream open for this long has left its images behind."""
 STALL_NS = 180_000_000_000
 """A camera that has a stream open and sends nothing for this long has too."""
+DISK_THREADS = 24
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+class DiskThreads:
+    """So many that images of many cameras wait together, and share the cost of the disk's syncs."""
+
+    def __init__(self) -> None:
+        self._threads = ThreadPoolExecutor(DISK_THREADS, "disk")
+
+    async def call(self, work: Callable[P, T], *arguments: P.args, **options: P.kwargs) -> T:
+        """Do work that blocks on the disk, and return or raise what it does."""
+        loop = asyncio.get_running_loop()
+        return await loop.run_in_executor(self._threads, functools.partial(work, *arguments, **options))
 
 
 @dataclass(slots=True)

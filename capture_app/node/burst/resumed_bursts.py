@@ -7,8 +7,8 @@ from pathlib import Path
 from capture_app.errors import BadInputError, DiskFullError, SimulshotError, TryAgainError
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.camera_progress import PATIENCE_NS
-from capture_app.node.wire.disk_space import SPARE_BYTES, free_bytes
 from capture_app.node.wire.messages import CameraReport, ImageUpload
+from capture_app.session.files.disk import SPARE_BYTES, free_bytes
 from capture_app.session.format.burst_plan import PLAN, read_plan
 from capture_app.session.format.manifest import MANIFEST
 from capture_app.session.reading.reader import is_being_written

@@ -5,8 +5,8 @@ from pathlib import Path
 
 from capture_app.errors import DiskFullError
 from capture_app.node.leader.snapshots import present_cameras
-from capture_app.node.wire.disk_space import SPARE_BYTES, free_bytes
 from capture_app.node.wire.messages import SpoolSpace
+from capture_app.session.files.disk import SPARE_BYTES, free_bytes
 from capture_app.sync.rig.roster import ClientView
 from capture_app.text import megabytes
 

@@ -13,8 +13,8 @@ from capture_app.node.transfer.burst_sender import BurstSender, PostponedError
 from capture_app.node.transfer.burst_upload import BurstUpload
 from capture_app.node.transfer.encoding import FrameEncoder
 from capture_app.node.transfer.spool import Spool
-from capture_app.node.wire.disk_space import free_bytes
 from capture_app.node.wire.messages import FromLeader, Refusal, SpoolSpace
+from capture_app.session.files.disk import free_bytes
 
 RETRY_S = (0.5, 1.0, 2.0, 4.0)
 SPACE_EVERY_S = 30.0

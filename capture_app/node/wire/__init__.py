@@ -1,4 +1,4 @@
-"""What a node and its leader say over streams, the status they publish, and the disk space that they tell.
+"""What a node and its leader say over streams, and the status they publish.
 
 Imports no other wing of `node`: both ends share it.
 """

@@ -9,6 +9,8 @@ from capture_app.errors import BadInputError, DiskFullError, SimulshotError
 
 LITTLE_BYTES = 1 << 20
 """With less than this on a disk, a write that failed without a reason failed for want of room."""
+SPARE_BYTES = 2 << 20
+"""What is to stay free on a disk beside the images of a burst."""
 
 
 def make_new_folder(folder: Path) -> None:
@@ -34,6 +36,13 @@ def reserve(path: Path, size: int) -> None:
             # Some file systems cannot promise room; then a full disk costs the manifest, which repair writes.
             if is_full(error):
                 raise
+
+
+def free_bytes(folder: Path) -> int:
+    """What is free for this user on the disk of a folder, which need not be there yet, in bytes."""
+    while not folder.exists() and folder != folder.parent:
+        folder = folder.parent
+    return shutil.disk_usage(folder).free
 
 
 def is_full(error: OSError, folder: Path | None = None, little_bytes: int = LITTLE_BYTES) -> bool:

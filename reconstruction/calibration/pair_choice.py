@@ -31,14 +31,12 @@ def choose_stereo_pair(views: Mapping[str, View], points: Mapping[str, Features]
     Scored by the share of the picture with matched still points times a factor that rises with
     parallax (depth needs it) and falls beyond `BEST_PARALLAX_DEG` (matching suffers).
     """
-    best: tuple[float, tuple[str, str], str] | None = None
+    best, choice = -np.inf, PairChoice(None, "no two cameras see the same things with enough parallax")
     for a, b in combinations((name for name in points if name in views), 2):
         scored = _stereo_score(views[a], views[b], points[a], points[b])
-        if scored is not None and (best is None or scored[0] > best[0]):
-            best = (scored[0], (a, b), scored[1])
-    if best is None:
-        return PairChoice(None, "no two cameras see the same things with enough parallax")
-    return PairChoice(best[1], best[2])
+        if scored is not None and scored[0] > best:
+            best, choice = scored[0], PairChoice((a, b), scored[1])
+    return choice
 
 
 def _stereo_score(a: View, b: View, points_a: Features, points_b: Features) -> tuple[float, str] | None:
@@ -73,7 +71,7 @@ def choose_panorama_pair(points: Mapping[str, Features], sizes: Mapping[str, tup
     Scored by what the second adds to the first times the share of still points that one homography
     explains, which falls as the cameras stand further apart.
     """
-    best: tuple[float, tuple[str, str], str] | None = None
+    best, choice = -np.inf, PairChoice(None, "no two cameras' pictures can be laid over each other")
     overlaps = []
     for a, b in combinations(points, 2):
         found = fit_homography(*match_features(points[a], points[b]), sizes[a], sizes[b])
@@ -83,14 +81,10 @@ def choose_panorama_pair(points: Mapping[str, Features], sizes: Mapping[str, tup
         if not OVERLAP_LIMITS[0] <= found.overlap <= OVERLAP_LIMITS[1]:
             continue
         score = (1 - found.overlap) * (found.inliers / found.matches)
-        if best is None or score > best[0]:
-            best = (score, (a, b), f"{100 * found.overlap:.0f} % overlap")
-    if best is not None:
-        return PairChoice(best[1], best[2])
-    if overlaps:
-        return PairChoice(
-            None,
-            f"the cameras show too much of the same ({100 * min(overlaps):.0f} % or more) for a panorama "
-            "to show anything new",
-        )
-    return PairChoice(None, "no two cameras' pictures can be laid over each other")
+        if score > best:
+            best, choice = score, PairChoice((a, b), f"{100 * found.overlap:.0f} % overlap")
+    if overlaps and choice.cameras is None:
+        least = f"{100 * min(overlaps):.0f} % or more"
+        why = f"the cameras show too much of the same ({least}) for a panorama to show anything new"
+        return PairChoice(None, why)
+    return choice

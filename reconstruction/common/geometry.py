@@ -98,14 +98,9 @@ class View:
         """Pixels around the image's edge, in order, (4 * steps, 2)."""
         s = np.linspace(0.0, 1.0, steps, endpoint=False)
         w, h = self.width - 1.0, self.height - 1.0
-        return np.concatenate(
-            [
-                np.column_stack([s * w, 0 * s]),
-                np.column_stack([0 * s + w, s * h]),
-                np.column_stack([(1 - s) * w, 0 * s + h]),
-                np.column_stack([0 * s, (1 - s) * h]),
-            ]
-        )
+        xs = np.concatenate([s * w, 0 * s + w, (1 - s) * w, 0 * s])
+        ys = np.concatenate([0 * s, s * h, 0 * s + h, (1 - s) * h])
+        return np.column_stack([xs, ys])
 
 
 def other_from_reference(reference: View, other: View) -> tuple[Array, Array]:

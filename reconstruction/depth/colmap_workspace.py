@@ -5,7 +5,7 @@ written here because pycolmap 4.2's `NormalMap.from_array` takes the channels fo
 COLMAP's own code then reads wrong normals; fusion silently drops most points.
 """
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -41,15 +41,15 @@ def write_workspace(
         (stereo / part).mkdir(parents=True, exist_ok=True)
     for part in ("images", "sparse"):
         (folder / part).mkdir(exist_ok=True)
-    names = {name: f"{name}.png" for name in views}
-    for name, file in names.items():
-        write_image(folder / "images" / file, pictures[name], FAST_PNG)
+    for name in views:
+        write_image(folder / "images" / f"{name}.png", pictures[name], FAST_PNG)
     points = _spread_points(views, reach) if depth_views is None else _shared_points(views, depth_views)
-    _sparse_model(pycolmap, views, names, points).write(folder / "sparse")
-    (stereo / "fusion.cfg").write_text("".join(f"{file}\n" for file in names.values()))
-    (stereo / "patch-match.cfg").write_text("".join(f"{file}\n__auto__, 20\n" for file in names.values()))
+    _sparse_model(pycolmap, views, points).write(folder / "sparse")
+    (stereo / "fusion.cfg").write_text("".join(f"{name}.png\n" for name in views))
+    (stereo / "patch-match.cfg").write_text("".join(f"{name}.png\n__auto__, 20\n" for name in views))
     for name, found in (depth_views or {}).items():
-        write_maps(folder, names[name], found)
+        write_array(_map_file(folder, "depth", name), found.depth)
+        write_array(_map_file(folder, "normal", name), found.normals)
 
 
 def _shared_points(views: Mapping[str, View], depth_views: Mapping[str, ViewDepth]) -> Array:
@@ -78,7 +78,7 @@ def _spread_points(views: Mapping[str, View], reach: tuple[float, float]) -> Arr
     return np.concatenate(points)
 
 
-def _sparse_model(pycolmap: Any, views: Mapping[str, View], names: Mapping[str, str], points: Array) -> Any:
+def _sparse_model(pycolmap: Any, views: Mapping[str, View], points: Array) -> Any:
     """The sparse model: every point is seen by every view whose picture it falls into."""
     model = pycolmap.Reconstruction()
     seen: list[list[tuple[int, int]]] = [[] for _ in points]
@@ -101,7 +101,7 @@ def _sparse_model(pycolmap: Any, views: Mapping[str, View], names: Mapping[str, 
             inside = ((pixel >= 0) & (pixel < (view.width, view.height))).all(1)
         for place, index in enumerate(np.flatnonzero(inside)):
             seen[index].append((number, place))
-        image = pycolmap.Image(name=names[name], camera_id=number, image_id=number, keypoints=pixel[inside])
+        image = pycolmap.Image(name=f"{name}.png", camera_id=number, image_id=number, keypoints=pixel[inside])
         pose = pycolmap.Rigid3d(pycolmap.Rotation3d(view.rotation), view.translation)
         model.add_image_with_trivial_frame(image, pose)
     grey = np.full(3, 128, np.uint8)
@@ -114,24 +114,21 @@ def _sparse_model(pycolmap: Any, views: Mapping[str, View], names: Mapping[str, 
     return model
 
 
-def write_maps(workspace: Path, file: str, found: ViewDepth) -> None:
-    """Write one picture's depth and normals, as COLMAP's geometric pass would."""
-    write_array(workspace / "stereo" / "depth_maps" / f"{file}.geometric.bin", found.depth)
-    write_array(workspace / "stereo" / "normal_maps" / f"{file}.geometric.bin", found.normals)
-
-
-def read_maps(workspace: Path, names: Mapping[str, str]) -> dict[str, ViewDepth]:
-    """Depth and normals that PatchMatch left in the workspace, by camera; `names` are the picture files.
+def read_maps(workspace: Path, cameras: Iterable[str]) -> dict[str, ViewDepth]:
+    """Depth and normals that PatchMatch left in the workspace, by camera.
 
     Raises:
         SimulshotError: a map is missing or broken.
     """
     found = {}
-    for camera, file in names.items():
-        depth = read_array(workspace / "stereo" / "depth_maps" / f"{file}.geometric.bin")
-        normal = read_array(workspace / "stereo" / "normal_maps" / f"{file}.geometric.bin")
+    for camera in cameras:
+        depth, normal = (read_array(_map_file(workspace, kind, camera)) for kind in ("depth", "normal"))
         found[camera] = ViewDepth(np.maximum(depth, 0), normal * (depth > 0)[..., None])
     return found
+
+
+def _map_file(workspace: Path, kind: str, camera: str) -> Path:
+    return workspace / "stereo" / f"{kind}_maps" / f"{camera}.png.geometric.bin"
 
 
 def read_array(path: Path) -> Array:

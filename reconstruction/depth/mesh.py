@@ -19,6 +19,7 @@ MAX_DISTANCE_SPACINGS = 4.0
 """The mesh is cut off where the cloud is farther away than this many times the distance of its points."""
 MAX_MESH_POINTS = 400_000
 TURNS_DEG = (-50, -30, -10, 10, 30, 50)
+FRAME_PX = (480, 360)
 
 
 @dataclass(frozen=True)
@@ -50,16 +51,35 @@ def build_mesh(fused: Path, folder: Path, centre: Array, up: Array) -> MeshModel
     return MeshModel(len(cloud.points), len(mesh.triangles), ("cloud.ply", "mesh.ply", "turntable.png"))
 
 
-def turntable(o3d: Any, mesh: Any, centre: Array, up: Array, size: tuple[int, int] = (480, 360)) -> Array:
+def turntable(o3d: Any, mesh: Any, centre: Array, up: Array) -> Array:
     """The mesh from six places on an arc about its middle, as one BGR picture of 3 x 2."""
+    width, height = FRAME_PX
     if not len(mesh.triangles):
-        return np.full((2 * size[1], 3 * size[0], 3), 32, np.uint8)
+        return np.full((2 * height, 3 * width, 3), 32, np.uint8)
     points = np.asarray(mesh.vertices)
     middle = np.median(points, axis=0)
     scene = o3d.t.geometry.RaycastingScene()
     scene.add_triangles(o3d.t.geometry.TriangleMesh.from_legacy(mesh))
     colours = np.asarray(mesh.vertex_colors)[np.asarray(mesh.triangles)]
-    frames = [_render_mesh(o3d, scene, colours, middle, centre, up, turn, size) for turn in TURNS_DEG]
+
+    def render(turn_deg: float) -> Array:
+        """The mesh seen from the rig's middle after a turn about the vertical through the scene's middle."""
+        turn, _ = cv2.Rodrigues(up / np.linalg.norm(up) * np.radians(turn_deg))
+        eye = middle + turn @ (centre - middle) * 1.15
+        # Open3D's `up` is where the rows of its picture grow to.
+        rays = scene.create_rays_pinhole(
+            fov_deg=65.0, center=middle, eye=eye, up=-up, width_px=width, height_px=height
+        )
+        hits = scene.cast_rays(rays)
+        there = np.isfinite(hits["t_hit"].numpy())
+        u, v = hits["primitive_uvs"].numpy()[there].T[:, :, None]
+        corners = colours[hits["primitive_ids"].numpy()[there]]
+        rgb = corners[:, 0] * (1 - u - v) + corners[:, 1] * u + corners[:, 2] * v
+        picture = np.full((height, width, 3), 32, np.uint8)
+        picture[there] = np.clip(rgb[:, ::-1] * 255, 0, 255)
+        return picture
+
+    frames = [render(turn_deg) for turn_deg in TURNS_DEG]
     return np.concatenate([np.concatenate(frames[:3], axis=1), np.concatenate(frames[3:], axis=1)])
 
 
@@ -85,34 +105,6 @@ def _poisson_mesh(o3d: Any, cloud: Any) -> Any:
     mesh.remove_vertices_by_mask(away > MAX_DISTANCE_SPACINGS * max(spacing, side / 2**depth))
     mesh.remove_unreferenced_vertices()
     return mesh
-
-
-def _render_mesh(
-    o3d: Any,
-    scene: Any,
-    colours: Array,
-    middle: Array,
-    centre: Array,
-    up: Array,
-    turn_deg: float,
-    size: tuple[int, int],
-) -> Array:
-    """The mesh seen from the rig's middle after a turn about the vertical through the scene's middle."""
-    turn, _ = cv2.Rodrigues(up / np.linalg.norm(up) * np.radians(turn_deg))
-    eye = middle + turn @ (centre - middle) * 1.15
-    # Open3D's `up` is where the rows of its picture grow to.
-    rays = o3d.t.geometry.RaycastingScene.create_rays_pinhole(
-        fov_deg=65.0, center=middle, eye=eye, up=-up, width_px=size[0], height_px=size[1]
-    )
-    hits = scene.cast_rays(rays)
-    triangle = hits["primitive_ids"].numpy()
-    there = np.isfinite(hits["t_hit"].numpy())
-    uv = hits["primitive_uvs"].numpy()[there]
-    corners = colours[triangle[there]]
-    rgb = corners[:, 0] * (1 - uv[:, :1] - uv[:, 1:]) + corners[:, 1] * uv[:, :1] + corners[:, 2] * uv[:, 1:]
-    picture = np.full((size[1], size[0], 3), 32, np.uint8)
-    picture[there] = np.clip(rgb[:, ::-1] * 255, 0, 255)
-    return picture
 
 
 def up_direction(rotations: Sequence[Array]) -> Array:

@@ -44,10 +44,11 @@ def find_gpu(environment: Mapping[str, str] = os.environ) -> CudaGpu:
         NotAvailableError: there is no GPU, or no environment with `pycolmap-cuda12` is named.
     """
     tool = shutil.which("nvidia-smi", path=environment.get("PATH"))
+    no_gpu = NotAvailableError(
+        "PatchMatch needs an NVIDIA GPU, and this machine has none", hint="use --matcher sweep"
+    )
     if tool is None:
-        raise NotAvailableError(
-            "PatchMatch needs an NVIDIA GPU, and this machine has none", hint="use --matcher sweep"
-        )
+        raise no_gpu
     try:
         asked = subprocess.run(  # noqa: S603
             [tool, "--query-gpu=name", "--format=csv,noheader"], capture_output=True, text=True, timeout=30
@@ -56,9 +57,7 @@ def find_gpu(environment: Mapping[str, str] = os.environ) -> CudaGpu:
         raise NotAvailableError(f"the GPU does not answer: {error}", hint="use --matcher sweep") from error
     names = asked.stdout.strip().splitlines()
     if asked.returncode != 0 or not names:
-        raise NotAvailableError(
-            "PatchMatch needs an NVIDIA GPU, and this machine has none", hint="use --matcher sweep"
-        )
+        raise no_gpu
     named = environment.get(ENVIRONMENT, "")
     if not named:
         raise NotAvailableError(f"there is a GPU ({names[0]}), but no pycolmap with CUDA", hint=HINT)

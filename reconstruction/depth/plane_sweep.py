@@ -1,6 +1,6 @@
 """One view's depth on the CPU: plane sweep, semi-global smoothing, then sweeps along the surface found."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -84,15 +84,8 @@ def sweep_planes(
     step = float(levels[1] - levels[0])
     reference = replace(reference, window=options.window)
     source_views = [SourceView(reference, source_view.source) for source_view in source_views]
-    costs = np.empty((reference.view.height, len(levels), reference.view.width), np.uint8)
-    for number, level in enumerate(levels):
-        _store_costs(
-            costs,
-            number,
-            [one.matching_cost(one.warp_by_plane(float(level))) for one in source_views],
-        )
-    total = aggregate_costs(costs, reference.grey, options.small_step, options.large_step)
-    place, cost = cheapest_depths(total, costs)
+    costs = ([one.matching_cost(one.warp_by_plane(float(level))) for one in source_views] for level in levels)
+    place, cost = _find_cheapest(reference, costs, len(levels), options.small_step, options.large_step)
     found = (levels[0] + place * step).astype(np.float32)
     planes = fit_planes(found, 2 * TOLERANCE * step, reach=2, stride=2, rounds=3)
     return Surface(*planes, cost / WORST_COST)
@@ -109,16 +102,10 @@ def _refine_surface(
     """The surface after sweeps along itself: windows bend with it, so that slanted surfaces match."""
     for share, reach in plan:
         offsets = np.arange(-reach, reach + 1) * (step * share)
-        costs = np.empty((reference.view.height, len(offsets), reference.view.width), np.uint8)
-        for number, offset in enumerate(offsets):
-            moved = surface.inverse_depth + np.float32(offset)
-            _store_costs(
-                costs,
-                number,
-                [one.matching_cost(one.warp_by_depth(moved)) for one in source_views],
-            )
-        total = aggregate_costs(costs, reference.grey, options.fine_small_step, options.fine_large_step)
-        place, cost = cheapest_depths(total, costs)
+        moved = (surface.inverse_depth + np.float32(offset) for offset in offsets)
+        costs = ([one.matching_cost(one.warp_by_depth(levels)) for one in source_views] for levels in moved)
+        steps = options.fine_small_step, options.fine_large_step
+        place, cost = _find_cheapest(reference, costs, len(offsets), *steps)
         found = surface.inverse_depth + (place - reach) * np.float32(step * share)
         slopes = surface.slope_x, surface.slope_y
         planes = fit_planes(found, TOLERANCE * step, slopes=slopes, reach=2, stride=2)
@@ -126,10 +113,16 @@ def _refine_surface(
     return surface
 
 
-def _store_costs(costs: Array, number: int, source_costs: Sequence[Array]) -> None:
-    """Store the mean cost of the best three of four sources: one may see something in front."""
-    best = {1: 1, 2: 2, 3: 2}.get(len(source_costs), 3)
-    np.multiply(mean_of_lowest(source_costs, best), WORST_COST, out=costs[:, number, :], casting="unsafe")
+def _find_cheapest(
+    reference: CalibratedImage, source_costs: Iterable[Sequence[Array]], count: int, small: int, large: int
+) -> tuple[Array, Array]:
+    """Number and cost of each pixel's cheapest of `count` depths, by every source's costs of each depth."""
+    volume = np.empty((reference.view.height, count, reference.view.width), np.uint8)
+    for number, costs in enumerate(source_costs):
+        # The best three of four sources: one may see something in front.
+        best = {1: 1, 2: 2, 3: 2}.get(len(costs), 3)
+        np.multiply(mean_of_lowest(costs, best), WORST_COST, out=volume[:, number, :], casting="unsafe")
+    return cheapest_depths(aggregate_costs(volume, reference.grey, small, large), volume)
 
 
 def _plan_first_sweep(

@@ -23,7 +23,7 @@ from reconstruction.depth.depth_range import find_depth_range
 from reconstruction.depth.mesh import MeshModel, build_mesh, up_direction
 from reconstruction.depth.patchmatch import CudaGpu, find_gpu, run_patch_match
 from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
-from reconstruction.multiview.input_images import InputImage, load_input_images
+from reconstruction.multiview.input_images import InputImage, load_input_images, undistort_nearest
 from reconstruction.multiview.result import MultiviewResult, ViewResult
 from reconstruction.multiview.source_views import (
     choose_reference_view,
@@ -197,7 +197,7 @@ def _match_cameras(
     announce(f"PatchMatch on {gpu.name}")
     write_workspace(workspace, views, colours, reach=reach)
     run_patch_match(gpu, workspace, *reach)
-    return read_maps(workspace, {camera: f"{camera}.png" for camera in images})
+    return read_maps(workspace, images)
 
 
 def _build_model(part: Path, images: Mapping[str, InputImage]) -> MeshModel:
@@ -216,8 +216,8 @@ def write_view(
     shares: dict[str, float | None] = {}
     truth = dataset.ground_truth(image.camera, image.instant)
     if truth is not None:
-        movers = image.undistort_nearest(truth[1].astype(np.uint8)) > 0
-        shares = depth_shares(found.depth, image.undistort_nearest(truth[0]), movers)
+        movers = undistort_nearest(image.view, truth[1].astype(np.uint8)) > 0
+        shares = depth_shares(found.depth, undistort_nearest(image.view, truth[0]), movers)
     return ViewResult(
         camera=image.camera,
         instant=image.instant,

@@ -32,10 +32,6 @@ class InputImage:
     view: View
     """With the distortion that the picture had."""
 
-    def undistort_nearest(self, image: Array) -> Array:
-        """An image of the camera's own pixels as if it had no distortion; the nearest pixel's value."""
-        return undistort_nearest(self.view, image)
-
 
 def undistort_nearest(view: View, image: Array) -> Array:
     """An image of a view's pixels as if the view had no distortion; the nearest pixel's value."""

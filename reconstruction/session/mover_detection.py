@@ -63,8 +63,7 @@ def _gradient(image: Array) -> Array:
 
 def _noise_sigma(a: Array, b: Array) -> float:
     """How far grey levels differ where nothing moves (one standard deviation, robust)."""
-    difference = _grey_difference(a, b)
-    return float(np.median(difference)) * 1.4826
+    return float(np.median(_grey_difference(a, b))) * 1.4826
 
 
 def _fill_spots(mask: Array) -> Array:
@@ -87,12 +86,10 @@ class SceneMotion:
         """`step`: an image is compared with those so many instants before and after it."""
         self.dataset = dataset
         self.step = step
-        self._moving = lru_cache(maxsize=None)(self._by_difference)
-        self._still = lru_cache(maxsize=None)(self._background)
-
-    def detected_movers(self, camera: str, instant: int) -> Array:
+        self.detected_movers = lru_cache(maxsize=None)(self._detect_movers)
         """What moves by the images alone; no computation uses other knowledge."""
-        return self._moving(camera, instant)
+        self.background = lru_cache(maxsize=None)(self._background)
+        """The camera's still background, grey uint8."""
 
     def widened_movers(self, camera: str, instant: int) -> Array:
         """What moves, and `MARGIN_PX` around it: what calibration and registration must leave out."""
@@ -101,26 +98,19 @@ class SceneMotion:
     def moving(self, camera: str, instant: int) -> Array:
         """What truly moves where the session knows it, else what is detected: for scores only."""
         truth = self.dataset.ground_truth(camera, instant)
-        return truth[1] if truth is not None else self._moving(camera, instant)
+        return truth[1] if truth is not None else self.detected_movers(camera, instant)
 
     def changing(self, camera: str, instant: int) -> Array:
         """What moves or changes, such as a shadow: pixels that the still control must leave out."""
-        return np.asarray(self.moving(camera, instant) | self._moving(camera, instant))
-
-    def background(self, camera: str) -> Array:
-        """The camera's still background, grey uint8."""
-        return self._still(camera)
+        return np.asarray(self.moving(camera, instant) | self.detected_movers(camera, instant))
 
     def _background(self, camera: str) -> Array:
         return median_background([self.dataset.grey(camera, k) for k in self.dataset.instants(camera)])
 
-    def _by_difference(self, camera: str, instant: int) -> Array:
+    def _detect_movers(self, camera: str, instant: int) -> Array:
         there = self.dataset.instants(camera)
         near = [k for k in (instant - self.step, instant + self.step) if k in there]
         if not near:
             near = [k for k in there if k != instant][:1]
-        return detect_movers(
-            self.dataset.grey(camera, instant),
-            [self.dataset.grey(camera, k) for k in near],
-            self._still(camera),
-        )
+        others = [self.dataset.grey(camera, k) for k in near]
+        return detect_movers(self.dataset.grey(camera, instant), others, self.background(camera))

@@ -48,12 +48,8 @@ class Rectification:
         """Canvas pixels (n, 2) of directions (n, 3) in one of the two camera frames."""
         turned = rays @ (self.other_rotation if other else self.reference_rotation).T
         projection = self._projection()
-        return np.column_stack(
-            [
-                turned[:, 0] / turned[:, 2] * projection[0, 0] + projection[0, 2],
-                turned[:, 1] / turned[:, 2] * projection[1, 1] + projection[1, 2],
-            ]
-        )
+        flat = turned[:, :2] / turned[:, 2:]
+        return np.asarray(flat * np.diagonal(projection)[:2] + projection[:2, 2])
 
     def depth(self, disparity: Array) -> Array:
         """Depth in the reference view's pixels (height x width, 0 = none) from the canvas's disparity."""
@@ -68,12 +64,8 @@ class Rectification:
         """A canvas's values (nearest) in the reference view's pixels; 0 where the canvas does not reach."""
         view = self.reference
         where = self.project(view.rays(view.grid())).astype(np.float32)
-        shape = (view.height, view.width)
-        xs, ys = where[:, 0].reshape(shape), where[:, 1].reshape(shape)
-        found = cv2.remap(
-            canvas, xs, ys, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=(0.0,)
-        )
-        return np.asarray(found)
+        xs, ys = where.T.reshape(2, view.height, view.width)
+        return np.asarray(cv2.remap(canvas, xs, ys, cv2.INTER_NEAREST, borderValue=(0.0,)))
 
     def _projection(self) -> Array:
         sign = -1.0 if self.mirror else 1.0

@@ -35,28 +35,17 @@ def match_rectified(reference: Array, other: Array, low: int, count: int) -> Arr
 def match_rectified_back(reference: Array, other: Array, low: int, count: int) -> Array:
     """Disparity as in `match_rectified`, but on the other view's pixels."""
     # The matcher leaves out the first low + count columns: give it so many more of them.
-    first, second = (
-        np.ascontiguousarray(np.pad(image, ((0, 0), (0, low + count)))[:, ::-1])
-        for image in (other, reference)
-    )
+    padding = (0, 0), (0, low + count)
+    first, second = (np.ascontiguousarray(np.pad(i, padding)[:, ::-1]) for i in (other, reference))
     return match_rectified(first, second, low, count)[:, : low + count - 1 : -1]
 
 
 def warp_by_disparity(image: Array, disparity: Array) -> Array:
     """The other view's image (float32) seen through the disparity, on the reference's canvas."""
-    xs, ys = np.meshgrid(
-        np.arange(disparity.shape[1], dtype=np.float32), np.arange(disparity.shape[0], dtype=np.float32)
-    )
+    xs, ys = np.meshgrid(*(np.arange(size, dtype=np.float32) for size in reversed(disparity.shape)))
     shifted = (xs - np.nan_to_num(disparity, nan=1e6)).astype(np.float32)
-    seen = cv2.remap(
-        np.ascontiguousarray(image, np.float32),
-        shifted,
-        ys,
-        cv2.INTER_LINEAR,
-        borderMode=cv2.BORDER_CONSTANT,
-        borderValue=(float("nan"),),
-    )
-    return np.asarray(seen)
+    source = np.ascontiguousarray(image, np.float32)
+    return np.asarray(cv2.remap(source, shifted, ys, cv2.INTER_LINEAR, borderValue=(float("nan"),)))
 
 
 CHECK_WINDOW = 9

@@ -17,7 +17,7 @@ from reconstruction.depth import patchmatch
 from reconstruction.depth.colmap_workspace import read_array, read_maps, write_workspace
 from reconstruction.depth.patchmatch import ENVIRONMENT, PROGRAM, CudaGpu, find_gpu, run_patch_match
 from reconstruction.depth.sweep_matcher import ViewDepth
-from reconstruction.multiview.input_images import undistort_image
+from reconstruction.multiview.input_images import undistort_image, undistort_nearest
 from reconstruction.scores.depth_truth import depth_shares
 from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import Scene, make_view, write_session
@@ -144,9 +144,9 @@ def test_truth_is_moved_as_the_picture_is(trio: Session) -> None:
     shot = undistort_image("middle", 2, dataset.image("middle", 2), VIEWS["middle"])
     assert not shot.calibrated.view.distortion.any()
     ys, xs = np.mgrid[0:240, 0:320].astype(np.float32)
-    moved = np.hypot(shot.undistort_nearest(xs) - xs, shot.undistort_nearest(ys) - ys)
-    assert 0.5 < moved[5:-5, 5:-5].max() < 8
-    pixel = [float(shot.undistort_nearest(axis)[20, 30]) for axis in (xs, ys)]
+    plain_xs, plain_ys = (undistort_nearest(shot.view, axis) for axis in (xs, ys))
+    assert 0.5 < np.hypot(plain_xs - xs, plain_ys - ys)[5:-5, 5:-5].max() < 8
+    pixel = [float(plain_xs[20, 30]), float(plain_ys[20, 30])]
     ray = VIEWS["middle"].rays(np.array([pixel]))
     assert ray == pytest.approx(shot.calibrated.view.rays(np.array([[30.0, 20.0]])), abs=0.005)
 
@@ -213,7 +213,7 @@ def test_maps_in_the_workspace_are_read_back(tmp_path: Path) -> None:
     facing[50:] = rng.normal(size=(view.height - 50, view.width, 3))
     picture = np.full((view.height, view.width, 3), 77, np.uint8)
     write_workspace(tmp_path, {"left": view}, {"left": picture}, {"left": ViewDepth(depth, facing)})
-    found = read_maps(tmp_path, {"left": "left.png"})["left"]
+    found = read_maps(tmp_path, ["left"])["left"]
     assert np.array_equal(found.depth, depth)
     assert np.array_equal(found.normals, facing)
     assert (tmp_path / "stereo" / "fusion.cfg").read_text() == "left.png\n"
@@ -235,7 +235,7 @@ def test_auto_uses_the_gpu_where_there_is_one(
         images[name] = undistort_image(name, 1, dataset.image(name, 1), view)
         facing = np.zeros((*truth[0].shape, 3), np.float32)
         facing[..., 2] = -1
-        depth_views[name] = ViewDepth(images[name].undistort_nearest(truth[0]), facing)
+        depth_views[name] = ViewDepth(undistort_nearest(view, truth[0]), facing)
     true, asked = tmp_path / "true", tmp_path / "asked"
     views = {name: image.calibrated.view for name, image in images.items()}
     write_workspace(true, views, {name: image.colours for name, image in images.items()}, depth_views)

@@ -15,7 +15,7 @@ from capture_app.experiments.clock_filters.coverage import (
     measure_coverage,
     unequal_links,
 )
-from capture_app.experiments.clock_filters.tables import tables
+from capture_app.experiments.clock_filters.report import draw_study, tables
 from capture_app.experiments.clock_filters.trials import (
     FIRST,
     PACE_NS,
@@ -89,11 +89,6 @@ def run(
     study = Study(laws, messages, errors_us, convergence, coverages)
     result = _result(study, seed, count)
 
-    def draw(folder: Path) -> list[Path]:
-        from capture_app.experiments.clock_filters.plots import draw_study
-
-        return [draw_study(study, folder / "clock-filters.png")]
-
     notes = (
         f"Stated 95 % held in {100 * result.ours['coverage_95']:.1f} % of all trials of the six laws; in "
         f"{100 * result.ours['coverage_95_drawn']:.1f} % where the least delays differ by chance (2.5 % of "
@@ -103,7 +98,9 @@ def run(
         "Paper: the mean filter is 400 us off, the minimum filter 19 us at best. The least delays of its "
         "link differ by 38 us, and half of that is an error that no exchange can see.",
     )
-    return Outcome(result, tables(study), notes, draw)
+    return Outcome(
+        result, tables(study), notes, lambda folder: [draw_study(study, folder / "clock-filters.png")]
+    )
 
 
 def _result(study: Study, seed: int, count: int) -> Result:

@@ -8,7 +8,6 @@ import random
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
@@ -17,6 +16,7 @@ from capture_app.errors import IncompleteError
 from capture_app.experiments.common.figures import error_figures
 from capture_app.experiments.common.result import Outcome, Result, Table
 from capture_app.experiments.common.workers import call_all
+from capture_app.experiments.led_panel.plots import draw_led_panel
 from capture_app.simulation.devices.profiles import PROFILES
 from capture_app.simulation.devices.sensor import SensorFrame
 from capture_app.simulation.devices.sensor_profile import SensorProfile
@@ -103,13 +103,12 @@ def run(*, trials: int | None, seed: int, talk: Callable[[str], None]) -> Outcom
         f"The hard bound held in {100 * result.ours['hard_bound_held_share']:.1f} % of the trials, the "
         f"client's stated 95 % in {100 * result.ours['coverage_95']:.1f} %."
     )
-
-    def draw(folder: Path) -> list[Path]:
-        from capture_app.experiments.led_panel.plots import draw_led_panel
-
-        return draw_led_panel(done, pictures, PAPER, folder)
-
-    return Outcome(result, tables=(_table(result),), notes=(*NOTES, held), draw=draw)
+    return Outcome(
+        result,
+        (_table(result),),
+        (*NOTES, held),
+        lambda folder: draw_led_panel(done, pictures, PAPER, folder),
+    )
 
 
 NOTES = (

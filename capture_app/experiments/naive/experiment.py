@@ -7,7 +7,6 @@ import random
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from pathlib import Path
 
 import numpy as np
 
@@ -15,6 +14,7 @@ from capture_app.experiments.common.figures import error_figures
 from capture_app.experiments.common.result import Outcome, Result, Table
 from capture_app.experiments.common.workers import call_all
 from capture_app.experiments.led_panel.experiment import EXPOSURE_NS, run_trial
+from capture_app.experiments.led_panel.plots import draw_naive
 from capture_app.simulation.devices.profiles import PROFILES
 from capture_app.simulation.rendering.led_panel import CYCLE_NS, read_time, render
 
@@ -72,13 +72,12 @@ def run(
             for name, law in PAPERS.items()
         },
     )
-
-    def draw(folder: Path) -> list[Path]:
-        from capture_app.experiments.led_panel.plots import draw_naive
-
-        return [draw_naive(sizes_ms, chain_us, result.paper, folder)]
-
-    return Outcome(result, tables=(_table(result),), notes=NOTES, draw=draw)
+    return Outcome(
+        result,
+        (_table(result),),
+        NOTES,
+        lambda folder: [draw_naive(sizes_ms, chain_us, result.paper, folder)],
+    )
 
 
 NOTES = (

@@ -3,7 +3,7 @@
 import heapq
 import random
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from capture_app.simulation.devices.sensor_profile import SensorProfile
 
@@ -27,6 +27,14 @@ class Attempt:
     seconds: float | None
 
 
+@dataclass(slots=True)
+class Attempts:
+    """What all trials took, by device and way."""
+
+    injections: dict[str, dict[str, list[Attempt]]] = field(default_factory=dict)
+    restarts: dict[str, dict[str, list[Attempt]]] = field(default_factory=dict)
+
+
 def inject_like_libsoftwaresync(profile: SensorProfile, seed: int, tolerance_ns: int) -> Attempt:
     """The paper's way as its published code has it: exposure = T + d/2 - overhead, again and again."""
     rng = random.Random(seed)
@@ -45,16 +53,6 @@ def inject_like_libsoftwaresync(profile: SensorProfile, seed: int, tolerance_ns:
 def uniform_ppm(rng: random.Random) -> float:
     """Error of a crystal that is at most PPM off."""
     return rng.uniform(-PPM, PPM)
-
-
-def normal_ppm(rng: random.Random) -> float:
-    """Error of a crystal with a standard deviation of PPM."""
-    return rng.gauss(0.0, PPM)
-
-
-def extreme_ppm(rng: random.Random) -> float:
-    """Error of a crystal that is PPM off, one way or the other."""
-    return rng.choice((-PPM, PPM))
 
 
 def restart_like_the_paper(

@@ -2,7 +2,7 @@
 
 import random
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from statistics import quantiles
@@ -12,14 +12,20 @@ from capture_app.experiments.common.workers import call_all
 from capture_app.experiments.phase.baselines import (
     PPM,
     Attempt,
+    Attempts,
     S,
-    extreme_ppm,
     inject_like_libsoftwaresync,
-    normal_ppm,
     restart_like_the_paper,
     uniform_ppm,
 )
-from capture_app.experiments.phase.tables import mean_moves, mean_seconds, never_share, tables
+from capture_app.experiments.phase.report import (
+    draw_injections,
+    draw_restarts,
+    mean_moves,
+    mean_seconds,
+    never_share,
+    tables,
+)
 from capture_app.experiments.phase.trials import (
     align_one_camera,
     known_profile,
@@ -36,7 +42,11 @@ TOLERANCE_NS = 20_000
 WIDE_NS = 1_000_000
 """Of restarts, as in the paper."""
 TEN = 10
-DRIFTS = {"up to 20 ppm": uniform_ppm, "sigma of 20 ppm": normal_ppm, "20 ppm either way": extreme_ppm}
+DRIFTS: dict[str, Callable[[random.Random], float]] = {
+    "up to 20 ppm": uniform_ppm,
+    "sigma of 20 ppm": lambda rng: rng.gauss(0.0, PPM),
+    "20 ppm either way": lambda rng: rng.choice((-PPM, PPM)),
+}
 """Laws that the crystals of the paper's ten phones may have: how long they take hangs on it."""
 GROUPS = {2: 1.0, 5: 1.0, 10: 1.0, 20: 0.1, 50: 0.02}
 """Numbers of cameras that can only restart, and the share of the trials that each gets."""
@@ -132,11 +142,9 @@ def run(
     )
 
     def draw(folder: Path) -> list[Path]:
-        from capture_app.experiments.phase.plots import draw_injections, draw_restarts
-
         return [draw_injections(ours, theirs, folder), draw_restarts(result, folder)]
 
-    return Outcome(result, tables=tables(result), notes=NOTES, draw=draw)
+    return Outcome(result, tables(result), NOTES, draw)
 
 
 NOTES = (
@@ -145,14 +153,6 @@ NOTES = (
     "paper's restarts, U(0, 1 s) of sleep, each camera by itself until all are within 1 ms at one moment.",
     f"Crystals of restarted cameras are off by up to {PPM:g} ppm, drawn uniformly.",
 )
-
-
-@dataclass(slots=True)
-class Attempts:
-    """What all trials took, by device and way."""
-
-    injections: dict[str, dict[str, list[Attempt]]] = field(default_factory=dict)
-    restarts: dict[str, dict[str, list[Attempt]]] = field(default_factory=dict)
 
 
 def _figures(

@@ -1,23 +1,21 @@
 """Many clocks for long: one leader of them all beside a tree of relays, in virtual time."""
 
 import random
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from hashlib import blake2b
 from math import ceil, isqrt, nan
 from pathlib import Path
 from time import perf_counter
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from capture_app.experiments.common.figures import quantile
+from capture_app.experiments.common.plots import new_figure, save
 from capture_app.experiments.common.result import Outcome, Result, Table
 from capture_app.experiments.common.workers import call_all
 from capture_app.simulation.rig.tree import TreeSpec
 from capture_app.simulation.rig.tree_result import TreeResult, run_shard
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 SIZES = (10, 40)
 FULL_SIZES = (10, 100, 1000, 5000)
@@ -56,7 +54,7 @@ class Run:
     shards: int = 1
     seconds: float = 0.0
 
-    def pairs_us(self, seed: int) -> "list[tuple[float, list[float]]]":
+    def pairs_us(self, seed: int) -> list[tuple[float, list[float]]]:
         """Differences between two clients drawn at each instant, in us, smallest first."""
         rng = random.Random(f"{seed} pairs")
         drawn = []
@@ -71,7 +69,7 @@ class Run:
             drawn.append((at_s, sorted(differences)))
         return drawn
 
-    def figures(self, seed: int) -> "Mapping[str, Any]":
+    def figures(self, seed: int) -> Mapping[str, Any]:
         """All figures of this run; the digest is that of every datagram."""
         drawn = self.pairs_us(seed)
         settled = sorted(d for at_s, pairs in drawn if at_s > SETTLED_S for d in pairs)
@@ -126,11 +124,6 @@ def run(
         paper=PAPER,
     )
 
-    def draw(folder: Path) -> list[Path]:
-        from capture_app.experiments.scale.plots import draw_scale
-
-        return [draw_scale(runs, seed, folder / "scale.png")]
-
     every = [f for sizes in figures.values() for f in sizes.values()]
     least = {k: 100.0 * min(f[k] for f in every) for k in ("coverage_hard_bound", "coverage_95")}
     notes = (
@@ -141,7 +134,9 @@ def run(
         f"The hard bound held in {least['coverage_hard_bound']:.2f} % of all judgements at least, the "
         f"stated 95 % in {least['coverage_95']:.1f} % at least.",
     )
-    return Outcome(result, (_table(figures),), notes, draw)
+    return Outcome(
+        result, (_table(figures),), notes, lambda folder: [_draw(runs, seed, folder / "scale.png")]
+    )
 
 
 def _simulate(spec: TreeSpec, seed: int, trials: int, options: ScaleOptions) -> Run:
@@ -159,7 +154,7 @@ def _simulate(spec: TreeSpec, seed: int, trials: int, options: ScaleOptions) -> 
     return done
 
 
-def _table(figures: "Mapping[str, Mapping[str, Any]]") -> Table:
+def _table(figures: Mapping[str, Mapping[str, Any]]) -> Table:
     rows = []
     for shape, sizes in figures.items():
         for f in sizes.values():
@@ -176,3 +171,24 @@ def _table(figures: "Mapping[str, Mapping[str, Any]]") -> Table:
             )
     head = ("clients", "pair, median us", "99 %", "largest", "leader, msg/s", "relay, msg/s")
     return Table((*head, "leader, % of a core", "simulated in s (of processors)"), rows)
+
+
+def _draw(runs: Mapping[str, Mapping[str, Run]], seed: int, path: Path) -> Path:
+    """Draw the 99 % quantile of the differences between two clients over time, for each run."""
+    figure = new_figure(figsize=(9, 5))
+    axes = figure.subplots()
+    for shape, sizes in runs.items():
+        for n, (clients, one) in enumerate(sizes.items()):
+            points = [(at_s / 60.0, quantile(pairs, 0.99)) for at_s, pairs in one.pairs_us(seed)]
+            style = f"C{n}-" if shape == "tree" else f"C{n}:"
+            axes.plot(*zip(*points, strict=True), style, lw=1, label=f"{clients}, {shape.replace('_', ' ')}")
+    axes.set(
+        yscale="log",
+        xlabel="minutes",
+        ylabel="99 % of the differences between two clients, us",
+        title="Clocks on the paper's link",
+    )
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_formatter("{x:g}")
+    axes.legend(ncols=2)
+    return save(figure, path)

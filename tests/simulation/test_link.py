@@ -10,9 +10,15 @@ import pytest
 from capture_app.errors import BadInputError
 from capture_app.simulation.network.delay_laws import GammaDelay, ReplayedDelay
 from capture_app.simulation.network.exchanges import read_trace
-from capture_app.simulation.network.link import Channel, Link, Outage, TroubleSpells
+from capture_app.simulation.network.link import (
+    Channel,
+    Link,
+    MediumQueue,
+    Outage,
+    SharedMedium,
+    TroubleSpells,
+)
 from capture_app.simulation.network.paper_link import LINKS_BY_LAW, PAPER_LINK
-from capture_app.simulation.network.shared_medium import MediumQueue, SharedMedium
 
 MS, S = 1_000_000, 1_000_000_000
 STEADY = GammaDelay(500_000, 500_001, 1.0)

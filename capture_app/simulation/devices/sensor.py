@@ -50,23 +50,15 @@ class Sensor:
         drawn_ppm = rng.uniform(-profile.period_error_ppm, profile.period_error_ppm)
         self.period_error_ppm = drawn_ppm if period_error_ppm is None else period_error_ppm
         self._error_ppb = round(self.period_error_ppm * 1000)
-        self._streaming = False
-        self._stream = -1
+        self.streaming = False
+        """Whether frames come."""
+        self.stream = -1
+        """Number of the stream under way or just ended; -1 before the first."""
         self._stream_start_true_ns = 0
         self._rows = 0
         self._sequence = 0
         self._exposure_rows: dict[int, int] = {}
         self._length_rows: dict[int, int] = {}
-
-    @property
-    def streaming(self) -> bool:
-        """Whether frames come."""
-        return self._streaming
-
-    @property
-    def stream(self) -> int:
-        """Number of the stream under way or just ended; -1 before the first."""
-        return self._stream
 
     @property
     def true_period_ns(self) -> float:
@@ -75,19 +67,19 @@ class Sensor:
 
     def start(self, true_ns: int) -> None:
         """Start a stream; its first frame comes after the start latency. Raises CameraError if it runs."""
-        if self._streaming:
+        if self.streaming:
             raise CameraError("the simulated sensor streams already")
         mean_ns, sd_ns = self.profile.start_latency_ns
         self._stream_start_true_ns = true_ns + max(0, round(self._start_rng.gauss(mean_ns, sd_ns)))
-        self._stream += 1
-        self._streaming = True
+        self.stream += 1
+        self.streaming = True
         self._rows = self._sequence = 0
         self._exposure_rows.clear()
         self._length_rows.clear()
 
     def stop(self) -> None:
         """End the stream and forget the commands under way. Calling it twice is harmless."""
-        self._streaming = False
+        self.streaming = False
 
     def restart(self, true_ns: int) -> None:
         """Stop, and start again at that time: a new stream, sequence numbers from 0."""
@@ -104,7 +96,7 @@ class Sensor:
             raise CameraError(
                 f"a simulated {self.profile.name} cannot inject frames", hint="restart its stream"
             )
-        if not self._streaming:
+        if not self.streaming:
             raise CameraError("the simulated sensor does not stream")
         obeying = self._obeying(true_ns)
         rows = self.profile.whole_rows(exposure_ns)
@@ -123,7 +115,7 @@ class Sensor:
         least_ns, most_ns = self.profile.min_frame_duration_ns, self.profile.max_frame_duration_ns
         if least_ns is None or most_ns is None:
             raise CameraError(f"the frame duration of a simulated {self.profile.name} cannot be set")
-        if not self._streaming:
+        if not self.streaming:
             raise CameraError("the simulated sensor does not stream")
         rows = min(max(duration_ns, least_ns), most_ns) // self.profile.row_time_ns
         exposed = self.profile.exposure_ns // self.profile.row_time_ns + self.profile.margin_rows
@@ -133,18 +125,18 @@ class Sensor:
         """Sequence number of the frame that obeys a command which arrives at a true time in ns."""
         latency = self._command_rng.randint(*self.profile.command_latency_frames)
         after_last = max(self._exposure_rows or self._length_rows, default=-1) + 1
-        return max(self._exposed_at(true_ns) + latency, self._sequence, after_last)
+        since_last_ns = true_ns - self._start_of(self._rows)
+        exposed = self._sequence + since_last_ns // self.profile.period_ns
+        return max(exposed + latency, self._sequence, after_last)
 
     def next_frame(self) -> SensorFrame:
         """The stream's next frame, dropped or not. Raises CameraError if there is no stream."""
-        if not self._streaming:
+        if not self.streaming:
             raise CameraError("the simulated sensor does not stream")
         profile, rng, sequence = self.profile, self._frame_rng, self._sequence
         # The same number of draws for every frame, whatever the shares: one frame's fate moves no other's.
-        noise_ns, late_ns = (
-            rng.gauss(0.0, 1.0) * profile.timestamp_noise_ns,
-            rng.random() * profile.outlier_ns,
-        )
+        noise_ns = rng.gauss(0.0, 1.0) * profile.timestamp_noise_ns
+        late_ns = rng.random() * profile.outlier_ns
         outlier, dropped = rng.random() < profile.outlier_share, rng.random() < profile.drop_share
         start_true_ns = self._start_of(self._rows)
         rows = self._exposure_rows.pop(sequence, profile.exposure_ns // profile.row_time_ns)
@@ -153,7 +145,7 @@ class Sensor:
         exposure_ns = rows * profile.row_time_ns
         return SensorFrame(
             sequence=sequence,
-            stream=self._stream,
+            stream=self.stream,
             start_true_ns=start_true_ns,
             timestamp_true_ns=start_true_ns + round(noise_ns + (late_ns if outlier else 0.0)),
             readout_end_true_ns=start_true_ns + exposure_ns + profile.readout_ns,
@@ -165,8 +157,3 @@ class Sensor:
         """True start in ns of the frame that many rows into the stream; integers, so that nothing adds up."""
         nominal_ns = rows * self.profile.row_time_ns
         return self._stream_start_true_ns + nominal_ns + nominal_ns * self._error_ppb // 10**9
-
-    def _exposed_at(self, true_ns: int) -> int:
-        """Sequence number of the frame under way at a time near the last frame asked for."""
-        next_start_true_ns = self._start_of(self._rows)
-        return self._sequence + (true_ns - next_start_true_ns) // self.profile.period_ns

@@ -88,11 +88,6 @@ class SensorProfile:
         return self.frame_length_rows - self.margin_rows
 
     @property
-    def overhead_ns(self) -> int:
-        """Time that a frame is longer than its exposure."""
-        return self.margin_rows * self.row_time_ns
-
-    @property
     def readout_ns(self) -> int:
         """Time from the first row's readout to the last row's."""
         return self.image_rows * self.row_time_ns

@@ -2,7 +2,7 @@
 
 import csv
 import random
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -80,13 +80,7 @@ def exchanges_at(
     link: Link, clock: LocalClock, rng: random.Random, sent_true_ns: Iterable[int]
 ) -> list[Exchange]:
     """Send a request at each of these true times in ns; return what comes back as `exchanges` does."""
-    return sorted(_sent(link, clock, rng, sent_true_ns), key=lambda e: e.arrived_true_ns)
-
-
-def _sent(
-    link: Link, clock: LocalClock, rng: random.Random, sent_true_ns: Iterable[int]
-) -> Iterator[Exchange]:
-    channel = Channel(link)
+    channel, found = Channel(link), []
     for sent_ns in sent_true_ns:
         there = channel.deliveries("to_leader", sent_ns, rng)
         if not there:
@@ -98,4 +92,5 @@ def _sent(
             t3_ns = t2_ns + min(back)
             local_ns = clock.local_from_true(sent_ns), clock.local_from_true(t3_ns)
             sample = ClockSample(local_ns[0], t1_ns, t2_ns, local_ns[1])
-            yield Exchange(sample, t3_ns, min(there), min(back))
+            found.append(Exchange(sample, t3_ns, min(there), min(back)))
+    return sorted(found, key=lambda e: e.arrived_true_ns)

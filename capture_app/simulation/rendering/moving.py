@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from capture_app.simulation.rendering import lighting
 from capture_app.simulation.rendering.lighting import OpenSky
-from capture_app.simulation.rendering.raycast import Body, Hits
+from capture_app.simulation.rendering.raycast import Body, Hits, bundle_rays
 from capture_app.simulation.rendering.still import StillLayer
 from capture_app.simulation.rendering.view import View
 from capture_app.simulation.scenes.meshes import Floats
@@ -80,10 +80,8 @@ def find_visible(
         if 0 in count:
             continue
         turn = part.rotation[rows]
-        rays = np.empty((*count, 6), np.float32)
-        rays[..., :3] = np.matmul((view.centre - part.translation[rows])[:, None], turn)
-        rays[..., 3:] = np.matmul(directions[rows, columns], turn)
-        rays = rays.reshape(-1, 6)
+        centre = np.matmul((view.centre - part.translation[rows])[:, None], turn)
+        rays = bundle_rays(centre, np.matmul(directions[rows, columns], turn))
         hits = part.body.cast(rays)
         closer = np.flatnonzero(hits.distance < depth[rows, columns].reshape(-1))
         row, column = np.divmod(closer, count[1])
@@ -139,10 +137,8 @@ def _shade(
     facing = np.maximum(normals @ lighting.TO_SUN, 0) * lighting.window_share(points)
     lit = np.flatnonzero(facing > 0)
     start = points[lit] + normals[lit] * 0.004
-    rays = np.empty((len(lit), 6), np.float32)
-    rays[:, :3], rays[:, 3:] = start, to_sun
-    hidden = room.occludes(rays, near=0.0, far=20.0) | in_shadow(start, rows[lit], parts, to_sun)
-    facing[lit[hidden]] = 0
+    hidden = room.occludes(bundle_rays(start, to_sun), near=0.0, far=20.0)
+    facing[lit[hidden | in_shadow(start, rows[lit], parts, to_sun)]] = 0
     return np.asarray(light + facing[:, None] * lighting.SUN, np.float32)
 
 
@@ -156,8 +152,7 @@ def in_shadow(
         middle_across, middle_along, reach = part.shadow
         chosen = np.flatnonzero((across - middle_across) ** 2 + (along - middle_along) ** 2 < reach**2)
         if len(chosen):
-            rays = np.empty((len(chosen), 6), np.float32)
-            rays[:, :3] = part.to_part_frame(points[chosen], rows[chosen])
-            rays[:, 3:] = to_sun @ part.rotation[rows[chosen]]
+            start = part.to_part_frame(points[chosen], rows[chosen])
+            rays = bundle_rays(start, to_sun @ part.rotation[rows[chosen]])
             hidden[chosen] |= part.body.occludes(rays, near=0.008, far=20.0)
     return hidden

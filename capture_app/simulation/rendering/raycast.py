@@ -60,6 +60,14 @@ class Texture:
         return np.asarray(found.reshape(-1, 3)[: len(where)], np.float32)
 
 
+def bundle_rays(origins: Floats, directions: Floats) -> Floats:
+    """Rays (N, 6) from one origin (3) or each its own (N, 3), in one direction or each its own."""
+    shape = np.broadcast_shapes(origins.shape, directions.shape)
+    rays = np.empty((*shape[:-1], 6), np.float32)
+    rays[..., :3], rays[..., 3:] = origins, directions
+    return rays.reshape(-1, 6)
+
+
 @dataclass(frozen=True)
 class Hits:
     """What rays met: distance in ray lengths (inf: nothing), triangle, place in the triangle."""

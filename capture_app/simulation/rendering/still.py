@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_app.simulation.rendering import lighting
-from capture_app.simulation.rendering.raycast import Body
+from capture_app.simulation.rendering.raycast import Body, bundle_rays
 from capture_app.simulation.rendering.view import View
 from capture_app.simulation.scenes.meshes import Floats
 
@@ -39,23 +39,16 @@ def still_layers(view: View, room: Body) -> list[StillLayer]:
 
 def cast_depth(view: View, room: Body, directions: Floats) -> tuple[Floats, NDArray[np.uint8]]:
     """Depth (H, W) in m and thing (H, W) of the room; 0 where there is none."""
-    hits = room.cast(_rays(view, directions))
+    hits = room.cast(bundle_rays(view.centre, directions))
     seen = np.isfinite(hits.distance)
     depth = np.where(seen, hits.distance, 0).astype(np.float32)
     thing = np.where(seen, room.thing[np.where(seen, hits.triangle, 0)], 0).astype(np.uint8)
     return depth.reshape(directions.shape[:2]), thing.reshape(directions.shape[:2])
 
 
-def _rays(view: View, directions: Floats) -> Floats:
-    rays = np.empty((directions.shape[0] * directions.shape[1], 6), np.float32)
-    rays[:, :3] = view.centre
-    rays[:, 3:] = directions.reshape(-1, 3)
-    return rays
-
-
 def _layer(view: View, room: Body, number: int) -> StillLayer:
     directions = view.directions(*SUBPIXELS[number])
-    rays = _rays(view, directions)
+    rays = bundle_rays(view.centre, directions)
     hits = room.cast(rays)
     footprint = hits.distance / (2 * view.focal_px)
     colour, normals = room.surface_at(hits, rays[:, 3:], footprint)
@@ -82,9 +75,7 @@ def _sky_light(room: Body, points: Floats, normals: Floats, number: int) -> Floa
     total = facing.sum(axis=0)
     for direction, share in zip(directions, facing, strict=True):
         lit = np.flatnonzero(share > 0.02)
-        rays = np.empty((len(lit), 6), np.float32)
-        rays[:, :3] = points[lit]
-        rays[:, 3:] = direction
+        rays = bundle_rays(points[lit], direction)
         share[lit[room.occludes(rays, near=0.0, far=_SKY_REACH_M)]] = 0
     # Radiance of the directions that are open, and the bounce from all the others.
     light = facing.T @ (lighting.sky_radiance(directions) - _BOUNCE) + total[:, None] * _BOUNCE
@@ -104,9 +95,7 @@ def _sun_light(room: Body, points: Floats, normals: Floats, number: int) -> Floa
     lit = np.flatnonzero(facing > 0)
     open_share = np.zeros(len(lit), np.float32)
     for half in (0, 1):
-        rays = np.empty((len(lit), 6), np.float32)
-        rays[:, :3] = points[lit]
-        rays[:, 3:] = lighting.sun_direction(2 * number + half, 2 * len(SUBPIXELS))
+        rays = bundle_rays(points[lit], lighting.sun_direction(2 * number + half, 2 * len(SUBPIXELS)))
         open_share += 0.5 * ~room.occludes(rays, near=0.0, far=20.0)
     facing[lit] *= open_share
     return np.asarray(facing[:, None] * lighting.SUN, np.float32)

@@ -8,10 +8,9 @@ from capture_app.clock import SimulatedClock
 from capture_app.simulation.devices.profiles import facts_of
 from capture_app.simulation.devices.sensor import DELIVERY_NS, Sensor, SensorFrame
 from capture_app.simulation.devices.sensor_profile import SensorProfile
-from capture_app.simulation.network.link import Channel, Link
+from capture_app.simulation.network.link import Channel, Link, MediumQueue, SharedMedium
 from capture_app.simulation.network.paper_link import PAPER_LINK
 from capture_app.simulation.network.radio_cell import RadioCell, Receiver, deliver_broadcast
-from capture_app.simulation.network.shared_medium import MediumQueue, SharedMedium
 from capture_app.simulation.rig.virtual_time import Timer, VirtualTime
 from capture_app.sync.phase.frame_stamp import FrameStamp
 from capture_app.sync.phase.injection import InjectionProfile

@@ -25,24 +25,20 @@ def app() -> None:
     """Compute depth and panoramas from a session, and measure what synchronization does for them."""
 
 
-app.add_command(batch)
-app.add_command(calibrate)
-app.add_command(compare)
-app.add_command(dose)
-app.add_command(multiview)
-app.add_command(stereo)
-app.add_command(stitch)
+for command in (batch, calibrate, compare, dose, multiview, stereo, stitch):
+    app.add_command(command)
 
 
-def main(arguments: Sequence[str] | None = None) -> None:
-    """Run the command line; an error is one line on stderr and an exit code."""
-    if arguments is None:
-        # Whoever ends this process means it to tidy up as after Ctrl-C.
-        signal.signal(signal.SIGTERM, signal.default_int_handler)
-        arguments = sys.argv[1:]
-    code = run_command_line(app, "reconstruct", arguments)
-    if code:
-        sys.exit(code)
+def run(arguments: Sequence[str]) -> int:
+    """Run one command line and return its exit code; a mistake is one line on stderr."""
+    return run_command_line(app, "reconstruct", arguments)
+
+
+def main() -> None:
+    """Run the command line of this process."""
+    # Whoever ends this process means it to tidy up as after Ctrl-C.
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    sys.exit(run(sys.argv[1:]))
 
 
 if __name__ == "__main__":

@@ -16,7 +16,7 @@ import pytest
 
 from capture_app.session.importers.recording import ImportOptions, import_recording
 from reconstruction.calibration.rig import calibrated_views
-from reconstruction.cli import main
+from reconstruction.cli import run
 from reconstruction.common.geometry import Array
 from reconstruction.session.dataset import Dataset
 from reconstruction.stereo.stereo_pair import StereoPair
@@ -138,7 +138,7 @@ def test_so_it_is_in_every_instant_with_the_ball_in_both_views(throw: Throw) -> 
 @pytest.mark.timeout(1800)
 def test_the_dose_curve_on_it_falls(throw: Throw, tmp_path: Path) -> None:
     options = ("--pair", "L,R", "--max-instants", "8", "--out", str(tmp_path / "out"))
-    main(["dose", str(throw.session.folder), *options])
+    assert run(["dose", str(throw.session.folder), *options]) == 0
     dose = json.loads((tmp_path / "out" / "metrics.json").read_text())
     assert dose["decreasing"]
     values = [point["scores"]["mover_coverage"] for point in dose["points"]]

@@ -17,7 +17,7 @@ from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 from reconstruction.calibration.charuco import CharucoBoard, detect_board, is_flat_board
 from reconstruction.calibration.quality import CalibrationQuality, refuse_bad_calibration
-from reconstruction.cli import main
+from reconstruction.cli import run
 from reconstruction.common.geometry import View, other_from_reference
 from reconstruction.session.dataset import Dataset
 from tests.facts import make_facts
@@ -71,7 +71,7 @@ def test_a_board_gives_the_rig_and_is_stored_once(tmp_path: Path, capsys: pytest
     session = board_session(tmp_path)
     arguments = ["calibrate", str(session.folder), "--from", "charuco", "--board", "6x5", "--json"]
     arguments += ["--square-mm", "100", "--marker-mm", "75"]
-    main(arguments)
+    assert run(arguments) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["stored"]
     assert result["quality"]["reprojection_error_px"] < 0.5
@@ -83,19 +83,17 @@ def test_a_board_gives_the_rig_and_is_stored_once(tmp_path: Path, capsys: pytest
     assert views[0].focal == pytest.approx(VIEWS["left"].focal, rel=0.05)
 
     stored = (session.folder / "calibration.json").read_bytes()
-    with pytest.raises(SystemExit) as end:
-        main(arguments)
-    assert end.value.code == 3
+    assert run(arguments) == 3
     assert "--replace" in capsys.readouterr().err
     assert (session.folder / "calibration.json").read_bytes() == stored
-    main([*arguments, "--replace"])
+    assert run([*arguments, "--replace"]) == 0
     assert not list(session.folder.glob("*.part"))
 
 
 def test_a_good_calibration_is_reported_and_another_rig_s_is_refused(
     boards: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    main(["calibrate", str(boards.folder), "--from", "session", "--json"])
+    assert run(["calibrate", str(boards.folder), "--from", "session", "--json"]) == 0
     quality = json.loads(capsys.readouterr().out)["quality"]
     # The boards are painted alike in many places, so some points are matched wrongly.
     assert quality["inlier_share"] > 0.5
@@ -113,9 +111,7 @@ def test_a_good_calibration_is_reported_and_another_rig_s_is_refused(
         own, cameras={**own.cameras, "right": wrong, "aside": wrong}
     )
     (folder / "calibration.json").write_bytes(msgspec.json.encode(broken))
-    with pytest.raises(SystemExit) as end:
-        main(["calibrate", str(folder), "--from", "session"])
-    assert end.value.code == 3
+    assert run(["calibrate", str(folder), "--from", "session"]) == 3
     errors = capsys.readouterr().err.strip().splitlines()
     assert len(errors) == 1
     assert "not good enough: only" in errors[0]
@@ -174,7 +170,7 @@ def test_webcams_all_around_a_real_board_are_calibrated_as_their_owner_did(
     assert theirs is not None
     # White on black, on glass; cam_1 sees it from behind.
     board = ["--board", "4x5", "--square-mm", "54", "--marker-mm", "40.5", "--dictionary", "4X4_1000"]
-    main(["calibrate", str(session.folder), "--from", "charuco", *board, "--replace", "--json"])
+    assert run(["calibrate", str(session.folder), "--from", "charuco", *board, "--replace", "--json"]) == 0
     quality = json.loads(capsys.readouterr().out)["quality"]
     assert quality["inlier_share"] > 0.98
     assert quality["reprojection_error_px"] < 0.5
@@ -197,8 +193,6 @@ def test_a_recording_without_the_board_is_refused(
     folder = tmp_path / "bare"
     shutil.copytree(boards.folder, folder)
     (folder / "calibration.json").unlink()
-    with pytest.raises(SystemExit) as end:
-        main(["calibrate", str(folder), "--from", "charuco"])
-    assert end.value.code == 3
+    assert run(["calibrate", str(folder), "--from", "charuco"]) == 3
     assert "shows the board in 0 images" in capsys.readouterr().err
     assert not (folder / "calibration.json").exists()

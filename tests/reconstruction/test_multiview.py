@@ -12,7 +12,7 @@ import pytest
 
 from capture_app.errors import BadInputError, NotAvailableError, SimulshotError
 from capture_app.session.reading.reader import Session
-from reconstruction.cli import main
+from reconstruction.cli import run
 from reconstruction.depth import patchmatch
 from reconstruction.depth.colmap_workspace import read_array, read_maps, write_workspace
 from reconstruction.depth.patchmatch import ENVIRONMENT, PROGRAM, CudaGpu, find_gpu, run_patch_match
@@ -37,18 +37,15 @@ def trio(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Session:
 
 def failing(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
     """Exit code and the only line on stderr."""
-    with pytest.raises(SystemExit) as stop:
-        main(list(arguments))
-    lines = capsys.readouterr().err.strip().splitlines()
-    assert isinstance(stop.value.code, int)
-    return stop.value.code, lines[-1]
+    code = run(arguments)
+    return code, capsys.readouterr().err.strip().splitlines()[-1]
 
 
 def test_depth_cloud_and_mesh_of_an_instant(
     trio: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    main(["multiview", str(trio.folder), "--instant", "2", "--out", str(out), "--json"])
+    assert run(["multiview", str(trio.folder), "--instant", "2", "--out", str(out), "--json"]) == 0
     said = capsys.readouterr()
     result = json.loads(said.out)
     assert "/6] depth of middle" in said.err
@@ -73,8 +70,8 @@ def test_offset_cameras_lose_what_moves_and_keep_the_rest(
 ) -> None:
     results = {}
     for name, extra in (("synced", ()), ("offset", ("--condition", "66,0,-66"))):
-        main(["multiview", str(trio.folder), "--instant", "2", "--no-mesh", "--json",
-              "--out", str(tmp_path / name), *extra])  # fmt: skip
+        out = ("--out", str(tmp_path / name), *extra)
+        assert run(["multiview", str(trio.folder), "--instant", "2", "--no-mesh", "--json", *out]) == 0
         results[name] = json.loads(capsys.readouterr().out)
     offset = {view["camera"]: view for view in results["offset"]["views"]}
     assert [offset[name]["instant"] for name in VIEWS] == [4, 2, 0]
@@ -244,9 +241,8 @@ def test_auto_uses_the_gpu_where_there_is_one(
     fake(tmp_path / "nvidia-smi", "#!/bin/sh\necho Some GPU\n")
     monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
     monkeypatch.setenv(ENVIRONMENT, str(python))
-    main(
-        ["multiview", str(trio.folder), "--instant", "1", "--no-mesh", "--json", "--out", str(tmp_path / "o")]
-    )
+    out = ("--out", str(tmp_path / "o"))
+    assert run(["multiview", str(trio.folder), "--instant", "1", "--no-mesh", "--json", *out]) == 0
     result = json.loads(capfd.readouterr().out)
     assert result["matcher"] == "patchmatch"
     assert result["matcher_note"] == "on Some GPU"

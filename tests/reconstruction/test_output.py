@@ -7,7 +7,7 @@ import pytest
 from capture_app.errors import ExitCode
 from capture_app.session.files.disk import is_full
 from capture_app.session.reading.reader import Session
-from reconstruction.cli import main
+from reconstruction.cli import run
 from reconstruction.common.output_folder import comparison_folder
 
 
@@ -16,9 +16,8 @@ def test_a_second_run_to_one_folder_is_refused(
     boards: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str
 ) -> None:
     out = tmp_path / "out"
-    with comparison_folder(out), pytest.raises(SystemExit) as stop:
-        main([command, str(boards.folder), "--out", str(out)])
-    assert stop.value.code == ExitCode.BAD_INPUT
+    with comparison_folder(out):
+        assert run([command, str(boards.folder), "--out", str(out)]) == ExitCode.BAD_INPUT
     assert f"another run is writing to {out}" in capsys.readouterr().err
 
 

@@ -10,7 +10,7 @@ import pytest
 
 from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.session.reading.reader import Session
-from reconstruction.cli import main
+from reconstruction.cli import run
 from reconstruction.panorama.opencv_stitcher import PanoramaStitcher
 from tests.reconstruction.conftest import VIEWS, Scene, texture, write_session
 
@@ -81,9 +81,7 @@ def test_pictures_that_make_no_panorama_are_refused_and_leave_nothing(
     (tmp_path / "in").mkdir()
     for name in ("p0", "alien")[:count]:
         cv2.imwrite(str(tmp_path / "in" / f"{name}.png"), wall[name])
-    with pytest.raises(SystemExit) as end:
-        main(["stitch", str(tmp_path / "in"), "--out", str(tmp_path / "out")])
-    assert end.value.code == 3
+    assert run(["stitch", str(tmp_path / "in"), "--out", str(tmp_path / "out")]) == 3
     errors = capsys.readouterr().err.strip().splitlines()
     assert len(errors) == 1
     assert errors[0].startswith("reconstruct: error: ")
@@ -95,7 +93,7 @@ def test_stereo_writes_depth_confidence_and_picture(
 ) -> None:
     out = tmp_path / "out"
     arguments = ["stereo", str(boards.folder), "--pair", "left,right", "--out", str(out), "--json"]
-    main([*arguments, "--instant", "2"])
+    assert run([*arguments, "--instant", "2"]) == 0
     result = json.loads(capsys.readouterr().out)
     depth = cv2.imread(str(out / result["depth"]), cv2.IMREAD_UNCHANGED)
     confidence = cv2.imread(str(out / result["confidence"]), cv2.IMREAD_UNCHANGED)
@@ -107,8 +105,7 @@ def test_stereo_writes_depth_confidence_and_picture(
     wrong = (depth > 0) & (np.abs(depth - truth) > 0.02 * truth)
     right = (depth > 0) & ~wrong
     assert confidence[right].mean() > confidence[wrong].mean() + 20
-    with pytest.raises(SystemExit):
-        main([*arguments, "--instant", "9"])
+    assert run([*arguments, "--instant", "9"]) == 3
     assert "no image of left at instant 9" in capsys.readouterr().err
 
 
@@ -118,9 +115,7 @@ def test_a_session_of_one_camera_is_refused_in_one_line(
 ) -> None:
     session = write_session(tmp_path / "in", scene, {"only": VIEWS["left"]}, instants=1)
     out = [] if command == "calibrate" else ["--out", str(tmp_path / "out")]
-    with pytest.raises(SystemExit) as end:
-        main([command, str(session.folder), *out])
-    assert end.value.code == 3
+    assert run([command, str(session.folder), *out]) == 3
     (line,) = capsys.readouterr().err.strip().splitlines()
     assert "two" in line
     assert [path.name for path in tmp_path.iterdir()] == ["in"]
@@ -145,7 +140,7 @@ def test_real_pictures_come_out_whole(
         source = import_recording(cameras, tmp_path, "stills", ImportOptions()).folder
         kept = (source / "images" / "rig1" / "cam1" / "000000.jpg").read_bytes()
         assert kept == (folder / "1.jpg").read_bytes()
-    main(["stitch", str(source), "--out", str(tmp_path / "out"), "--json"])
+    assert run(["stitch", str(source), "--out", str(tmp_path / "out"), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert len(result["used"]) == count
     assert result["left_out"] == {}

@@ -15,12 +15,12 @@ import pytest
 
 from capture_app.errors import BadInputError, DiskFullError, ExitCode, NotAvailableError
 from capture_app.session.reading.reader import Session
+from reconstruction import cli
 from reconstruction.batch.command import BatchOptions, batch, exit_code
 from reconstruction.batch.executors import LocalExecutor
 from reconstruction.batch.plan import DEPTH_TASK, plan
 from reconstruction.batch.slurm import SlurmExecutor
 from reconstruction.batch.units import Outcome, Unit, run_unit
-from reconstruction.cli import main
 from reconstruction.session.conditions import Condition
 from tests.reconstruction.batch.fake_units import FAKE_TASK
 from tests.reconstruction.conftest import VIEWS, Scene, write_session
@@ -53,7 +53,7 @@ def test_real_units_in_processes_and_nothing_twice(
 ) -> None:
     out = tmp_path / "out"
     asked = [str(boards.folder), "--instants", "2", "--condition", "synced", "--condition", "66"]
-    main(["batch", *asked, "--out", str(out), "--json"])
+    assert cli.run(["batch", *asked, "--out", str(out), "--json"]) == 0
     printed = capsys.readouterr()
     result = json.loads(printed.out)
     assert (result["computed"], result["reused"], result["failed"]) == (2, 0, 0)
@@ -65,7 +65,7 @@ def test_real_units_in_processes_and_nothing_twice(
     for row in result["units"]:
         assert (out / row["folder"] / "fused.ply").stat().st_size > 1000
     before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
-    main(["batch", *asked, "--out", str(out)])
+    assert cli.run(["batch", *asked, "--out", str(out)]) == 0
     printed = capsys.readouterr()
     assert printed.out.splitlines()[0] == "0 computed, 2 reused, 0 failed"
     assert before == {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}

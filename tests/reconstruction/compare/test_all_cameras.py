@@ -12,7 +12,7 @@ import pytest
 from capture_app.session.reading.reader import Session
 from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
-from reconstruction.cli import main
+from reconstruction.cli import run
 from reconstruction.compare.multiview_study import MultiviewStudy
 from reconstruction.multiview.cloud_accuracy import (
     PointIndex,
@@ -95,7 +95,7 @@ def test_compare_tells_of_all_cameras_in_every_condition(
     out = tmp_path / "out"
     quick = ("--max-instants", "1", "--max-multiview-instants", "1", "--multiview-width", "160")
     further = ("--condition", "66,0,33", "--condition", "distinct", "--against", str(trio.folder))
-    main(["compare", str(trio.folder), *quick, *further, "--out", str(out), "--json"])
+    assert run(["compare", str(trio.folder), *quick, *further, "--out", str(out), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result["multiview_skipped"] == ""
     whole = result["multiview"]

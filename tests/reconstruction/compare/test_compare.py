@@ -12,7 +12,7 @@ import cv2
 import pytest
 
 from capture_app.session.reading.reader import Session
-from reconstruction.cli import main
+from reconstruction import cli
 from tests.reconstruction.conftest import VIEWS, Scene, write_session
 
 NO_MULTIVIEW = ("--max-multiview-instants", 0)
@@ -32,11 +32,7 @@ def reconstruct(capsys: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
     """Run the command line."""
 
     def run(*arguments: object) -> Outcome:
-        code = 0
-        try:
-            main([str(argument) for argument in arguments])
-        except SystemExit as end:
-            code = int(end.code or 0)
+        code = cli.run([str(argument) for argument in arguments])
         printed = capsys.readouterr()
         return Outcome(code, printed.out, printed.err)
 

@@ -7,7 +7,7 @@ import pytest
 
 from capture_app.errors import BadInputError
 from capture_app.session.reading.reader import Session
-from reconstruction.cli import main
+from reconstruction.cli import run
 from reconstruction.session.conditions import DISTINCT, DISTINCT_MS, SYNCED, Condition
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.shown_instants import instants_shown, pair_instants, refuse_synchronized
@@ -87,14 +87,13 @@ def test_compare_judges_further_conditions_beside_the_synchronized_one(
     boards: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    main(
-        [
-            *("compare", str(boards.folder), "--out", str(out), "--json"),
-            *("--stereo-pair", "left,right", "--stitch-pair", "left,aside"),
-            *("--condition", "left=33,right=0", "--condition", "left=33,right=33"),
-            *("--against", str(boards.folder), "--max-multiview-instants", "0"),
-        ]
+    arguments = (
+        *("compare", str(boards.folder), "--out", str(out), "--json"),
+        *("--stereo-pair", "left,right", "--stitch-pair", "left,aside"),
+        *("--condition", "left=33,right=0", "--condition", "left=33,right=33"),
+        *("--against", str(boards.folder), "--max-multiview-instants", "0"),
     )
+    assert run(arguments) == 0
     result = json.loads(capsys.readouterr().out)
     early, same, itself = result["conditions"]
     assert early["stereo"]["offset_ms"] == pytest.approx(-33.3, abs=0.1)
@@ -122,7 +121,7 @@ def test_a_session_of_other_cameras_is_skipped_with_its_reasons(
     other = write_session(tmp_path / "other", scene, views, instants=2, truth=False)
     few = ("--max-instants", "1", "--max-multiview-instants", "0", "--stitch-pair", "left,aside")
     out = ("--out", str(tmp_path / "out"), "--json")
-    main(["compare", str(boards.folder), *few, "--against", str(other.folder), *out])
+    assert run(["compare", str(boards.folder), *few, "--against", str(other.folder), *out]) == 0
     (condition,) = json.loads(capsys.readouterr().out)["conditions"]
     assert condition["stereo"] is None
     assert condition["stitch"] is None
@@ -144,9 +143,7 @@ def test_a_session_of_other_cameras_is_skipped_with_its_reasons(
 def test_wrong_lists_are_one_line(
     boards: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, code: int, words: str
 ) -> None:
-    with pytest.raises(SystemExit) as end:
-        main(["compare", str(boards.folder), "--condition", text, "--out", str(tmp_path / "out")])
-    assert end.value.code == code
+    assert run(["compare", str(boards.folder), "--condition", text, "--out", str(tmp_path / "out")]) == code
     errors = capsys.readouterr().err.strip().splitlines()
     assert len(errors) == 1
     assert words in errors[0]

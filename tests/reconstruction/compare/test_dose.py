@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from capture_app.session.reading.reader import Session
-from reconstruction.cli import main
+from reconstruction.cli import run
 from reconstruction.compare.dose import is_decreasing, tolerable_offset_ms
 from reconstruction.report.dose_report import write_dose_report
 from reconstruction.scores.depth_results import DepthScores
@@ -89,7 +89,7 @@ def test_dose_falls_on_what_moves_and_not_on_what_stands_still(
     boards: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "out"
-    main(["dose", str(boards.folder), "--pair", "left,right", "--out", str(out), "--json"])
+    assert run(["dose", str(boards.folder), "--pair", "left,right", "--out", str(out), "--json"]) == 0
     result = json.loads(capsys.readouterr().out)
     assert result == json.loads((out / "metrics.json").read_text())
     assert [point["offset_frames"] for point in result["points"]] == [0, 1, 2]
@@ -106,8 +106,6 @@ def test_dose_falls_on_what_moves_and_not_on_what_stands_still(
 def test_an_unknown_camera_is_refused_in_one_line(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], boards: Session
 ) -> None:
-    with pytest.raises(SystemExit) as end:
-        main(["dose", str(boards.folder), "--pair", "left,nobody", "--out", str(tmp_path / "out")])
-    assert end.value.code == 3
+    assert run(["dose", str(boards.folder), "--pair", "left,nobody", "--out", str(tmp_path / "out")]) == 3
     assert "no camera 'nobody'" in capsys.readouterr().err
     assert not (tmp_path / "out").exists()

@@ -3,11 +3,14 @@
 import importlib
 import sys
 from collections.abc import Sequence
+from pathlib import Path
 
 import click
 
 from capture_app import __version__
 from capture_app.commands.lazy_group import LazyGroup
+from capture_app.errors import NotAvailableError
+from capture_app.net.address import DEFAULT_PORT
 from capture_app.terminal import run_command_line
 
 COMMANDS = {
@@ -48,10 +51,15 @@ def app(ctx: click.Context) -> None:
 
     Without a command, the terminal UI opens and runs a leader that nodes can join.
     """
-    if ctx.invoked_subcommand is None:
-        from capture_app.commands.screen import open_screen
+    if ctx.invoked_subcommand is not None:
+        return
+    if not (sys.stdin.isatty() and sys.stdout.isatty()):
+        raise NotAvailableError(
+            "the screen needs a terminal", hint="use `capture-app leader`, or see capture-app --help"
+        )
+    from capture_app.tui.app import run_app
 
-        open_screen()
+    run_app(sessions=Path("sessions"), host="0.0.0.0", port=DEFAULT_PORT)  # noqa: S104 - cameras are other machines
 
 
 def run(arguments: Sequence[str]) -> int:

@@ -31,16 +31,11 @@ def demo(cameras: int, out: Path, as_json: bool) -> None:
     """
     from capture_app.demo import run_demo
 
-    results: list[DemoResult] = []
-
-    async def work() -> None:
-        results.append(await run_demo(out, cameras, _show_line))
-
-    run_until_stopped(work())
+    result = run_until_stopped(run_demo(out, cameras, _show_line))
     if as_json:
-        print_json(results[0])
+        print_json(result)
     else:
-        _print_result(results[0])
+        _print_result(result)
 
 
 def _show_line(line: str) -> None:
@@ -53,21 +48,10 @@ def _show_line(line: str) -> None:
 
 def _print_result(result: "DemoResult") -> None:
     head = ("camera", "clock error µs", "phase error µs", "total error µs", "hard bound µs")
-    rows = [
-        (
-            node.name,
-            *(
-                f"{value / 1000:.1f}"
-                for value in (
-                    node.clock_error_ns,
-                    node.phase_error_ns,
-                    node.total_error_ns,
-                    node.hard_bound_ns,
-                )
-            ),
-        )
-        for node in result.sync.nodes
-    ]
+    rows = []
+    for node in result.sync.nodes:
+        times_ns = (node.clock_error_ns, node.phase_error_ns, node.total_error_ns, node.hard_bound_ns)
+        rows.append((node.name, *(f"{time_ns / 1000:.1f}" for time_ns in times_ns)))
     print_table(head, rows)
     print_line("\n" + textwrap.fill(str(result.compare.get("verdict", "")), 88) + "\n")
     print_line(f"session  {result.session}")

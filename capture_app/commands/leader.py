@@ -1,9 +1,11 @@
 """`capture-app leader`: synchronize nodes, take bursts on request, save sessions."""
 
+import re
 from pathlib import Path
-from typing import TYPE_CHECKING, TypedDict
+from typing import TYPE_CHECKING
 
 import click
+import msgspec
 
 from capture_app.commands.options import (
     beacons_option,
@@ -15,17 +17,8 @@ from capture_app.commands.options import (
 from capture_app.terminal import FiniteRange, json_option, print_json_line, talk
 
 if TYPE_CHECKING:
-    from capture_app.net.multicast import BeaconSender
+    from capture_app.node.leader.leader import LeaderNode
     from capture_app.node.leader.wording import News
-
-
-class EngineOptions(TypedDict):
-    """Settings of the engine: see `LeaderConfig`."""
-
-    period_ns: int | None
-    align_row: float | None
-    max_delay_ns: int
-    beacons: "BeaconSender | None"
 
 
 @click.command()
@@ -93,29 +86,6 @@ def leader(
     Events are logged on stderr, and with --json also on stdout, one JSON object a line.
     """
     from capture_app.net.multicast import BEACONS, BeaconSender
-
-    engine: EngineOptions = {
-        "period_ns": None if fps is None else round(1e9 / fps),
-        "align_row": align_row if align == "mid-exposure" else None,
-        "max_delay_ns": round(max_delay_ms * 1e6),
-        "beacons": BeaconSender(BEACONS) if reference_broadcast else None,
-    }
-    run_until_stopped(_run_leader(host, port, sessions, engine, cameras, spool, as_json))
-
-
-async def _run_leader(
-    host: str,
-    port: int,
-    sessions: Path,
-    engine: "EngineOptions",
-    cameras: tuple[str, ...],
-    spool: Path,
-    as_json: bool,
-) -> None:
-    import asyncio
-
-    from capture_app.clock import HostClock
-    from capture_app.commands.node import camera_node
     from capture_app.node.leader.leader import LeaderNode
     from capture_app.node.leader.wording import news_line
 
@@ -126,13 +96,31 @@ async def _run_leader(
         if as_json:
             print_json_line(_event_record(news))
 
-    node = LeaderNode(host=host, port=port, sessions=sessions, on_news=on_news, **engine)
+    node = LeaderNode(
+        host=host,
+        port=port,
+        sessions=sessions,
+        period_ns=None if fps is None else round(1e9 / fps),
+        align_row=align_row if align == "mid-exposure" else None,
+        max_delay_ns=round(max_delay_ms * 1e6),
+        beacons=BeaconSender(BEACONS) if reference_broadcast else None,
+        on_news=on_news,
+    )
+    run_until_stopped(_run_leader(node, cameras, spool, as_json))
+
+
+async def _run_leader(node: "LeaderNode", cameras: tuple[str, ...], spool: Path, as_json: bool) -> None:
+    import asyncio
+
+    from capture_app.clock import HostClock
+    from capture_app.commands.node import camera_node
+
     async with node, asyncio.TaskGroup() as tasks:
-        talk(f"leader at {node.address}, sessions in {sessions}")
+        talk(f"leader at {node.address}, sessions in {node.sessions}")
         talk(f"join with: capture-app node --leader {node.address} --camera SPEC")
         if as_json:
             address = {"leader": str(node.address), "port": node.address.port}
-            print_json_line({"event": "listening", **address, "sessions": str(sessions)})
+            print_json_line({"event": "listening", **address, "sessions": str(node.sessions)})
         for number, spec in enumerate(cameras, start=1):
             camera = camera_node(f"local{number}", spec, (node.address,), HostClock(), spool)
             tasks.create_task(camera.run())
@@ -140,9 +128,5 @@ async def _run_leader(
 
 
 def _event_record(news: "News") -> dict[str, object]:
-    import re
-
-    import msgspec
-
     name = re.sub(r"(?<!^)(?=[A-Z])", "-", type(news).__name__).lower()
     return {"event": name, **msgspec.to_builtins(news)}

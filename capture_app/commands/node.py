@@ -1,15 +1,18 @@
 """`capture-app node`: one camera, synchronized with the others of its leader."""
 
-import socket
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from capture_app.commands.options import clock_option, leaders_option, run_until_stopped, spool_option
-from capture_app.errors import BadInputError
-from capture_app.names import check_name, name_like
+from capture_app.commands.options import (
+    clock_option,
+    leaders_option,
+    name_option,
+    run_until_stopped,
+    spool_option,
+)
 from capture_app.net.address import Address
 from capture_app.terminal import FiniteRange, talk
 
@@ -18,27 +21,8 @@ if TYPE_CHECKING:
     from capture_app.node.camera.camera_node import CameraNode
 
 
-def host_name() -> str:
-    """Return this host's name as that of a node."""
-    return name_like(socket.gethostname().split(".")[0], "node")
-
-
-def check_node_name(ctx: click.Context, param: click.Parameter, value: str) -> str:
-    """Check a node's name, which becomes that of a folder."""
-    try:
-        return check_name(value, "node")
-    except BadInputError as error:
-        raise click.BadParameter(str(error)) from None
-
-
 @click.command()
-@click.option(
-    "--name",
-    default=host_name,
-    callback=check_node_name,
-    show_default="the host name",
-    help="Name of this node and its camera.",
-)
+@name_option("Name of this node and its camera.")
 @click.option(
     "--camera", "spec", required=True, metavar="SPEC", help="The camera, as listed by `capture-app cameras`."
 )

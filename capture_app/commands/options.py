@@ -4,15 +4,21 @@ import asyncio
 import contextlib
 import os
 import signal
+import socket
 import sys
-from collections.abc import Coroutine
+from collections.abc import Callable, Coroutine
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import click
 from platformdirs import user_state_path
 
+from capture_app.errors import BadInputError
+from capture_app.names import check_name, name_like
 from capture_app.net.address import DEFAULT_PORT, Address, parse_address
+
+F = TypeVar("F", bound=Callable[..., Any])
+T = TypeVar("T")
 
 
 class AddressType(click.ParamType[Address]):
@@ -49,6 +55,24 @@ leaders_option = click.option(
 )
 
 
+def name_option(text: str) -> Callable[[F], F]:
+    """Make the option --name of a node or a relay; `text` is its help."""
+    return click.option(
+        "--name",
+        default=lambda: name_like(socket.gethostname().split(".")[0], "node"),
+        callback=_check_node_name,
+        show_default="the host name",
+        help=text,
+    )
+
+
+def _check_node_name(ctx: click.Context, param: click.Parameter, value: str) -> str:
+    try:
+        return check_name(value, "node")
+    except BadInputError as error:
+        raise click.BadParameter(str(error)) from None
+
+
 spool_option = click.option(
     "--spool",
     type=click.Path(path_type=Path, file_okay=False),
@@ -83,28 +107,28 @@ beacons_option = click.option(
 )
 
 
-def run_until_stopped(work: Coroutine[Any, Any, None], *, until_eof: bool = False) -> None:
-    """Run until it is done or until SIGINT or SIGTERM, then close everything in order.
+def run_until_stopped(work: Coroutine[Any, Any, T], *, until_eof: bool = False) -> T:
+    """Run until it is done, and return its result, or until SIGINT or SIGTERM, then close all in order.
 
     `until_eof` stops it also when stdin, a pipe, closes: whoever started this process has ended.
     """
 
-    async def stoppable() -> None:
+    async def stoppable() -> T:
         task = asyncio.ensure_future(work)
         loop = asyncio.get_running_loop()
         with contextlib.suppress(NotImplementedError):
             loop.add_signal_handler(signal.SIGTERM, task.cancel)
         if until_eof:
             loop.add_reader(sys.stdin.fileno(), _stop_at_eof, loop, task)
-        await task
+        return await task
 
     try:
-        asyncio.run(stoppable())
+        return asyncio.run(stoppable())
     except asyncio.CancelledError:
         raise KeyboardInterrupt from None
 
 
-def _stop_at_eof(loop: asyncio.AbstractEventLoop, task: "asyncio.Future[None]") -> None:
+def _stop_at_eof(loop: asyncio.AbstractEventLoop, task: "asyncio.Future[T]") -> None:
     if not os.read(sys.stdin.fileno(), 4096):
         loop.remove_reader(sys.stdin.fileno())
         task.cancel()

@@ -4,12 +4,12 @@ from typing import TYPE_CHECKING
 
 import click
 
-from capture_app.commands.node import check_node_name, host_name
 from capture_app.commands.options import (
     AddressType,
     beacons_option,
     clock_option,
     host_option,
+    name_option,
     port_option,
     run_until_stopped,
 )
@@ -22,13 +22,7 @@ if TYPE_CHECKING:
 
 @click.command()
 @click.argument("parents", nargs=-1, required=True, type=AddressType(), metavar="LEADER...")
-@click.option(
-    "--name",
-    default=host_name,
-    callback=check_node_name,
-    show_default="the host name",
-    help="Name of this relay.",
-)
+@name_option("Name of this relay.")
 @host_option
 @port_option
 @clock_option

@@ -32,7 +32,8 @@ def status(leader: Address, as_json: bool) -> None:
     from capture_app.node.leader.snapshots import in_tree_order
 
     who = f"leader {rig.leader}" if rig.relay is None else f"relay {rig.relay} at {rig.leader}"
-    print_line(f"{who}, {count(len(rig.nodes), 'node')}, {_describe_frame_rate(rig.period_ns)}")
+    rate = "no frame rate yet" if rig.period_ns is None else f"{1e9 / rig.period_ns:.3f} frames/s"
+    print_line(f"{who}, {count(len(rig.nodes), 'node')}, {rate}")
     if rig.message:
         print_line(rig.message)
     if rig.nodes:
@@ -62,7 +63,3 @@ def _node_row(node: "NodeStatus", *, with_reference: bool) -> tuple[str, ...]:
 
 def _microseconds(time_ns: int | None) -> str:
     return "-" if time_ns is None else f"{time_ns / 1000:.1f}"
-
-
-def _describe_frame_rate(period_ns: int | None) -> str:
-    return "no frame rate yet" if period_ns is None else f"{1e9 / period_ns:.3f} frames/s"

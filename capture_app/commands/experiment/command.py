@@ -16,12 +16,8 @@ if TYPE_CHECKING:
     from capture_app.experiments import Experiment
     from capture_app.experiments.common.result import Outcome
 
-OWN_OPTIONS: dict[str, str] = {
-    "clock-filters": "capture_app.commands.experiment.clock_filters",
-    "link": "capture_app.commands.experiment.link",
-    "scale": "capture_app.commands.experiment.scale",
-}
-"""Experiments with options of their own: the module whose `experiment` is their command."""
+OWN_OPTIONS = ("clock-filters", "link", "scale")
+"""Experiments with options of their own, each the `experiment` of the module of its name."""
 
 
 def _require_plots(ctx: click.Context, param: click.Parameter, value: Path | None) -> Path | None:
@@ -62,7 +58,7 @@ def experiment_options(command: Callable[..., None]) -> Callable[..., None]:
 def load_command(name: str) -> click.Command:
     """Import or make the command of an experiment of the table."""
     if name in OWN_OPTIONS:
-        own = import_module(OWN_OPTIONS[name]).experiment
+        own = import_module(f"capture_app.commands.experiment.{name.replace('-', '_')}").experiment
         assert isinstance(own, click.Command)
         return own
     return plain_command(name, EXPERIMENTS[name], partial(load, name))

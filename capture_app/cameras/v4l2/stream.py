@@ -15,14 +15,9 @@ from contextlib import suppress
 
 from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.cameras.base import Camera, CapturedFrame, OnFailure, OnFrame
+from capture_app.cameras.v4l2 import exposure
 from capture_app.cameras.v4l2 import layout as v4l2
 from capture_app.cameras.v4l2.driver_errors import driver_error
-from capture_app.cameras.v4l2.exposure import (
-    exposure_limits_ns,
-    keep_rate_constant,
-    read_exposure,
-    restore_rate,
-)
 from capture_app.cameras.v4l2.ioctl import VideoDevice
 from capture_app.cameras.v4l2.pictures import picture_from_buffer
 from capture_app.errors import CameraError
@@ -58,11 +53,11 @@ class V4L2Camera(Camera):
         self._clock_checked = False
         self._on_frame: OnFrame | None = None
         self._on_failure: OnFailure | None = None
-        self._exposure_ns, self._gain = read_exposure(device)
+        self._exposure_ns, self._gain = exposure.read_exposure(device)
         count = device.request_buffers(_buffer_count(layout, period_ns))
         buffers = [device.query_buffer(index) for index in range(count)]
         self._memory: list[mmap.mmap] = [device.map(buffer) for buffer in buffers]
-        shortest_ns, longest_ns = exposure_limits_ns(device)
+        shortest_ns, longest_ns = exposure.exposure_limits_ns(device)
         self._facts = CameraFacts(
             kind="v4l2",
             model=device.capability().card,
@@ -76,7 +71,7 @@ class V4L2Camera(Camera):
             min_exposure_ns=shortest_ns,
             max_exposure_ns=longest_ns,
         )
-        self._auto_priority = keep_rate_constant(device)
+        self._auto_priority = exposure.keep_rate_constant(device)
 
     @property
     def facts(self) -> CameraFacts:
@@ -137,7 +132,7 @@ class V4L2Camera(Camera):
         for memory in self._memory:
             memory.close()
         self._memory = []
-        restore_rate(self._device, self._auto_priority)
+        exposure.restore_rate(self._device, self._auto_priority)
         self._device.close()
         self._worker.shutdown(wait=False)
 
@@ -146,7 +141,7 @@ class V4L2Camera(Camera):
         self._device.stream_on()
 
     def _prepare(self) -> None:
-        self._exposure_ns, self._gain = read_exposure(self._device)
+        self._exposure_ns, self._gain = exposure.read_exposure(self._device)
         for index in range(len(self._memory)):
             self._device.queue(index)
 

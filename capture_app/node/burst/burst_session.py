@@ -8,15 +8,8 @@ from pathlib import Path
 
 from capture_app.camera_facts import CameraFacts
 from capture_app.errors import BadInputError, DiskFullError, SimulshotError, TryAgainError
+from capture_app.node.burst import plans
 from capture_app.node.burst.camera_progress import CameraProgress, DiskThreads
-from capture_app.node.burst.plans import (
-    InterruptedBurst,
-    add_report,
-    burst_record,
-    camera_plan,
-    first_plan,
-    write_manifest,
-)
 from capture_app.node.wire.messages import CameraReport, ImageReceipt, ImageUpload
 from capture_app.node.wire.status import BurstStatus
 from capture_app.session.format.burst_plan import CameraPlan
@@ -36,7 +29,7 @@ class BurstSession:
         cameras: Mapping[str, CameraFacts],
         writer: SessionWriter,
         *,
-        interrupted: InterruptedBurst | None = None,
+        interrupted: plans.InterruptedBurst | None = None,
     ) -> None:
         """Begin with these cameras, or go on where an earlier run left off."""
         self.burst = burst
@@ -63,7 +56,7 @@ class BurstSession:
         Blocks on the disk. Raises BadInputError where the session has no plan, TryAgainError where another
         process writes it.
         """
-        before = InterruptedBurst.read(folder, heard_ns)
+        before = plans.InterruptedBurst.read(folder, heard_ns)
         return cls(before.burst, {}, before.writer, interrupted=before)
 
     async def write_plan(self, leader: int) -> None:
@@ -72,7 +65,9 @@ class BurstSession:
         Raises DiskFullError where there is no room for it.
         """
         cameras = [camera.camera for camera in self._cameras.values()]
-        plan = first_plan(self._writer, leader, self.burst.number, burst_record(self.burst), cameras)
+        plan = plans.first_plan(
+            self._writer, leader, self.burst.number, plans.burst_record(self.burst), cameras
+        )
         async with self._no_image_written():
             await self._disk.call(self._writer.set_plan, plan)
 
@@ -137,7 +132,7 @@ class BurstSession:
             if camera.report is None and report.events:
                 events = ({"camera": report.camera.name, **event} for event in report.events)
                 await self._disk.call(self._writer.add_event, *events)
-            planned = camera_plan(report)
+            planned = plans.camera_plan(report)
             await self._disk.call(self._plan_report, planned)
             camera.report, camera.given_up, camera.silent = planned, "", False
             camera.note_heard(now_ns)
@@ -248,7 +243,7 @@ class BurstSession:
     def _plan_report(self, report: CameraPlan) -> None:
         with self._planning:
             plan = self._writer.plan
-            if plan is not None and (changed := add_report(plan, report)) != plan:
+            if plan is not None and (changed := plans.add_report(plan, report)) != plan:
                 self._writer.set_plan(changed)
 
     def _finish(self) -> Path | None:
@@ -262,4 +257,4 @@ class BurstSession:
             self._writer.discard()
             self.message = f"no image came, so no session was made; {self.message}"
             return None
-        return write_manifest(self._writer, self._cameras, burst_record(self.burst), missing)
+        return plans.write_manifest(self._writer, self._cameras, plans.burst_record(self.burst), missing)

@@ -64,7 +64,7 @@ class CameraNode:
         self._tolerance_ns = tolerance_ns
         self._ring_frames = ring_frames
         self._profiles = profiles
-        self._talk = talk or _silent
+        self._talk = talk or (lambda _: None)
         self._camera = CameraSupervisor(open_camera, self._clock, lambda line: self._talk(line))
         self._engine: Client[CapturedFrame]
         self._failover: Failover[CapturedFrame]
@@ -129,7 +129,7 @@ class CameraNode:
         except* SimulshotError as group:
             raise group.exceptions[0] from None
         finally:
-            self._talk = _silent
+            self._talk = lambda _: None
             self._engine.leave()
             self._pump.turn()
             self._pump.close()
@@ -184,7 +184,3 @@ class CameraNode:
         )
         self._events.clear()
         return BurstUpload(report, deque(ready.picks))
-
-
-def _silent(_: str) -> None:
-    """Drop a line."""

@@ -91,31 +91,21 @@ def event_line(event: events.ClientEvent[Any]) -> dict[str, JsonValue]:
             return {"event": "join-refused", "reason": event.reason}
         case events.LeaderLost():
             return {"event": "leader-lost", "reason": event.reason}
-        case events.ClockSynced():
-            return {
-                "event": "clock-synced",
-                "offset_ns": event.time_map.offset_ns,
-                "hard_bound_ns": round(event.time_map.hard_bound_ns),
-            }
+        case events.ClockSynced(time_map):
+            bound_ns = round(time_map.hard_bound_ns)
+            return {"event": "clock-synced", "offset_ns": time_map.offset_ns, "hard_bound_ns": bound_ns}
         case events.ClockStepped():
             return {"event": "clock-stepped"}
-        case events.ReferenceCorrectionStarted():
-            return {
-                "event": "reference-correction-started",
-                "relative_uncertainty_ns": event.relative_uncertainty_ns,
-            }
+        case events.ReferenceCorrectionStarted(uncertainty_ns):
+            return {"event": "reference-correction-started", "relative_uncertainty_ns": uncertainty_ns}
         case events.ReferenceCorrectionEnded():
             return {"event": "reference-correction-ended"}
         case events.FramesDropped():
             return {"event": "frames-dropped", "count": event.count, "sequence": event.sequence}
-        case events.PhaseCorrected():
-            before = event.before
-            return {
-                "event": "phase-corrected",
-                "command": type(event.command).__name__,
-                **msgspec.to_builtins(event.command),
-                "phase_error_ns": None if before is None else before.error_ns,
-            }
+        case events.PhaseCorrected(command, before):
+            error_ns = None if before is None else before.error_ns
+            fields = msgspec.to_builtins(command) | {"phase_error_ns": error_ns}
+            return {"event": "phase-corrected", "command": type(command).__name__, **fields}
         case events.AlignmentFailed():
             return {"event": "alignment-failed", "reason": event.reason}
     return {"event": type(event).__name__}

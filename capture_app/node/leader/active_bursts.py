@@ -8,7 +8,7 @@ from typing import Any
 from capture_app.errors import BadInputError, IncompleteError, SimulshotError
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.resumed_bursts import RETURN_NS, ResumedBursts
-from capture_app.node.leader.space import check_room, expected_image_bytes
+from capture_app.node.leader.readiness import check_room, expected_image_bytes
 from capture_app.node.leader.wording import News
 from capture_app.node.wire.messages import CameraReport, ImageUpload, SpoolSpace
 from capture_app.session.writing.session_writer import SessionWriter

@@ -1,14 +1,21 @@
-"""Whether a rig is ready for a burst, and what keeps it from being so."""
+"""Whether a rig is ready for a burst: the states of its nodes, and room on the disks."""
 
 import asyncio
-from collections.abc import AsyncGenerator, Callable, Sequence
+from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
+from pathlib import Path
 
-from capture_app.errors import IncompleteError
+from capture_app.errors import DiskFullError, IncompleteError
 from capture_app.node.leader.snapshots import present_cameras
+from capture_app.node.wire.messages import SpoolSpace
+from capture_app.session.files.disk import SPARE_BYTES, free_bytes
 from capture_app.sync.rig.roster import ClientView
 from capture_app.sync.wire.messages import NodeState
+from capture_app.text import megabytes
 
 CHECK_EVERY_S = 0.1
+GUESSED_PIXELS_PER_BYTE = 4
+"""Of a camera's JPEG, before any of its images is known."""
+MARGIN = 1.1
 
 
 def why_not_ready(views: Sequence[ClientView], cameras: int) -> str:
@@ -38,3 +45,35 @@ async def reasons_until_ready(
         yield reason
         # States change with a node's report, which is no event.
         await asyncio.sleep(CHECK_EVERY_S)
+
+
+def expected_image_bytes(views: Sequence[ClientView], known: Mapping[str, int]) -> dict[str, int]:
+    """The likely size in bytes of an image of each camera that is here, from those that came before."""
+    return {
+        view.name: known.get(view.name) or view.camera.width * view.camera.height // GUESSED_PIXELS_PER_BYTE
+        for view in present_cameras(views)
+    }
+
+
+def check_room(
+    root: Path, image_bytes: Mapping[str, int], frames: int, spools: Mapping[str, SpoolSpace]
+) -> None:
+    """Check that a burst fits: `image_bytes` by camera, `frames` of each, `spools` as nodes told them.
+
+    Raises DiskFullError that says where there is too little room.
+    """
+    needed = int(MARGIN * frames * sum(image_bytes.values())) + SPARE_BYTES
+    free = free_bytes(root)
+    if needed > free:
+        raise DiskFullError(
+            f"the burst may need {megabytes(needed)} and {root} has {megabytes(free)} free",
+            hint="make room, or take fewer frames",
+        )
+    for name, size in image_bytes.items():
+        spool = spools.get(name)
+        needed = int(MARGIN * frames * size)
+        if spool is not None and needed > spool.free_bytes:
+            raise DiskFullError(
+                f"{name} may need {megabytes(needed)}; {spool.spool} has {megabytes(spool.free_bytes)} free",
+                hint="make room on that node, or take fewer frames",
+            )

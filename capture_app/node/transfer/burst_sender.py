@@ -10,15 +10,7 @@ from msgspec.structs import replace
 from capture_app.errors import NetworkError, SimulshotError
 from capture_app.net.channel import Channel
 from capture_app.node.transfer.burst_upload import BurstUpload
-from capture_app.node.wire.messages import (
-    CameraReport,
-    ImageAck,
-    ImageReceipt,
-    ImageUpload,
-    Refusal,
-    ReportAck,
-    SpoolSpace,
-)
+from capture_app.node.wire import messages
 
 ANSWER_TIMEOUT_S = 30.0
 
@@ -35,20 +27,20 @@ class BurstSender:
         self._news = news
         self._talk = talk
 
-    async def send_burst(self, burst: BurstUpload) -> Refusal | None:
+    async def send_burst(self, burst: BurstUpload) -> messages.Refusal | None:
         """Send a burst as it is encoded; returns when the leader has it all, or its refusal for good.
 
         Raises PostponedError where the leader may want it later, NetworkError where the stream breaks off.
         """
         # A leader that was away has kept what it acknowledged; only the stream's own state is new.
-        told: CameraReport | None = None
-        receipts: dict[int, ImageReceipt] = {}
+        told: messages.CameraReport | None = None
+        receipts: dict[int, messages.ImageReceipt] = {}
         while True:
             self._news.clear()
             if told is not burst.report:
                 told = burst.report
                 answer = await self.ask(told)
-                if isinstance(answer, Refusal):
+                if isinstance(answer, messages.Refusal):
                     return _final(answer)
                 receipts = {receipt.instant: receipt for receipt in answer.receipts}
                 burst.confirmed |= {instant for instant, receipt in receipts.items() if receipt.stored}
@@ -64,8 +56,10 @@ class BurstSender:
                 return None
 
     async def ask(
-        self, message: CameraReport | ImageUpload | SpoolSpace, *payloads: memoryview
-    ) -> ReportAck | Refusal:
+        self,
+        message: messages.CameraReport | messages.ImageUpload | messages.SpoolSpace,
+        *payloads: memoryview,
+    ) -> messages.ReportAck | messages.Refusal:
         """Send a message and wait until the leader has what it tells; an ImageAck counts as a ReportAck.
 
         Raises NetworkError where the stream breaks off or the leader does not answer.
@@ -81,19 +75,19 @@ class BurstSender:
         match received:
             case None:
                 raise NetworkError("the leader closed the stream")
-            case (ReportAck() as noted, _) if not isinstance(message, ImageUpload):
+            case (messages.ReportAck() as noted, _) if not isinstance(message, messages.ImageUpload):
                 return noted
-            case (ImageAck(sha256=sha256), _) if isinstance(message, ImageUpload):
+            case (messages.ImageAck(sha256=sha256), _) if isinstance(message, messages.ImageUpload):
                 if sha256 != message.record.sha256:
                     raise NetworkError("the leader has another checksum than the image sent")
-                return ReportAck()
-            case (Refusal() as refusal, _):
+                return messages.ReportAck()
+            case (messages.Refusal() as refusal, _):
                 return refusal
         raise NetworkError("the leader sent an unexpected answer")
 
     async def _send_image(
-        self, burst: BurstUpload, image: ImageUpload, receipts: dict[int, ImageReceipt]
-    ) -> Refusal | None:
+        self, burst: BurstUpload, image: messages.ImageUpload, receipts: dict[int, messages.ImageReceipt]
+    ) -> messages.Refusal | None:
         record = image.record
         receipt = receipts.pop(record.instant, None)
         if receipt is None or not receipt.stored:
@@ -105,7 +99,7 @@ class BurstSender:
             resumes = receipt is not None and receipt.sha256 == record.sha256 and receipt.bytes <= len(data)
             offset = receipt.bytes if receipt is not None and resumes else 0
             answer = await self.ask(replace(image, offset=offset), memoryview(data)[offset:])
-            if isinstance(answer, Refusal):
+            if isinstance(answer, messages.Refusal):
                 return answer
         burst.images.popleft()
         await asyncio.to_thread(burst.confirm, image)
@@ -120,7 +114,7 @@ class BurstSender:
                 await asyncio.to_thread(burst.spooled.write_report, burst.report)
 
 
-def _final(refusal: Refusal) -> Refusal:
+def _final(refusal: messages.Refusal) -> messages.Refusal:
     """The refusal, if it is for good. Raises PostponedError if it is not."""
     if refusal.retry:
         raise PostponedError(refusal.what, hint=refusal.hint)

@@ -23,13 +23,7 @@ from typing import Self
 
 from capture_app.errors import BadInputError, DiskFullError, SimulshotError, TryAgainError
 from capture_app.session.files.disk import is_full
-from capture_app.session.files.durable import (
-    PART,
-    exchange_folders,
-    free_name,
-    sync_folder,
-    sync_tree,
-)
+from capture_app.session.files.durable import PART, exchange_folders, free_name, sync_folder, sync_tree
 from capture_app.session.files.locks import lock_file
 
 _LOCK, _NEW, _EARLIER = "lock", "new", "earlier"

@@ -7,13 +7,7 @@ from capture_app.errors import BadInputError
 from capture_app.names import check_name, is_name, natural_order
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
 from capture_app.session.importers.phones import PhoneVideo, has_table, is_phone, phone
-from capture_app.session.importers.sources import (
-    VIDEO_SUFFIXES,
-    ImageFolder,
-    Source,
-    Video,
-    images_in,
-)
+from capture_app.session.importers.sources import VIDEO_SUFFIXES, ImageFolder, Source, Video, images_in
 
 
 def open_sources(paths: Sequence[str], *, png: bool = False) -> list[Source]:

@@ -69,10 +69,7 @@ def import_recording(
     names = [source.name for source in sources]
     places = [split_name(text) for text in options.calibration]
     views = read_views(places, names) if places else None
-    with (
-        OutputFolder(root / name, replaces_nothing) as output,
-        SessionWriter(output.folder, name) as writer,
-    ):
+    with OutputFolder(root / name, replaces_nothing) as output, SessionWriter(output.folder, name) as writer:
         sizes = _write_images(writer, sources, instants, options, progress)
         cameras = [
             CameraRecord(

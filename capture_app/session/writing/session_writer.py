@@ -119,14 +119,7 @@ class SessionWriter:
             self._plan = plan
 
     def add_image(
-        self,
-        data: bytes,
-        *,
-        camera: str,
-        instant: int,
-        leader_ns: int,
-        suffix: str = ".jpg",
-        **further: Any,
+        self, data: bytes, *, camera: str, instant: int, leader_ns: int, suffix: str = ".jpg", **further: Any
     ) -> ImageRecord:
         """Save one image's file bytes as they are; once this returns no crash can lose it.
 

@@ -71,9 +71,7 @@ def retrying(take: Take) -> int:
     return errors
 
 
-def test_on_a_disk_that_is_really_full_nothing_confirmed_is_lost(
-    small_disk: Callable[[int], Path],
-) -> None:
+def test_on_a_disk_that_is_really_full_nothing_confirmed_is_lost(small_disk: Callable[[int], Path]) -> None:
     full = finished = 0
     for pages in range(1, 90):
         root = small_disk(pages)

@@ -103,13 +103,7 @@ def test_the_table_has_every_camera_and_instant(make: Make, export: Export, tmp_
     ],
 )
 def test_motion_capture(
-    make: Make,
-    export: Export,
-    tmp_path: Path,
-    name: str,
-    videos: str,
-    calibration: str,
-    per_metre: float,
+    make: Make, export: Export, tmp_path: Path, name: str, videos: str, calibration: str, per_metre: float
 ) -> None:
     report = export(make(), name)
     out = tmp_path / "out"

@@ -93,10 +93,7 @@ def test_nanoseconds_are_exact_and_separators_vary(table: Callable[[str], Path])
     assert frames_of(timeline) == [{"a": 0, "b": 0}, {"a": 1, "b": 1}]
 
 
-@given(
-    st.lists(st.tuples(st.booleans(), st.booleans(), st.booleans()), min_size=4, max_size=30),
-    st.data(),
-)
+@given(st.lists(st.tuples(st.booleans(), st.booleans(), st.booleans()), min_size=4, max_size=30), st.data())
 def test_times_alone_recover_the_instants(
     tmp_path_factory: pytest.TempPathFactory, taken: list[tuple[bool, bool, bool]], data: st.DataObject
 ) -> None:

@@ -10,12 +10,7 @@ from pathlib import Path
 
 from capture_app.names import natural_order
 from capture_app.session.exporters.common.exported_burst import ExportedBurst
-from capture_app.session.exporters.common.poses import (
-    distortion_of,
-    matrix_of,
-    rodrigues,
-    rotation_of,
-)
+from capture_app.session.exporters.common.poses import distortion_of, matrix_of, rodrigues, rotation_of
 from capture_app.session.format.calibration import METRES, Calibration
 from capture_app.session.format.manifest import ImageRecord
 

@@ -60,7 +60,8 @@ class SessionWriter:
         self._mutex = threading.RLock()
         self._images = ImageStore(folder, self._mutex)
         self._truth = TruthStore(folder)
-        self._plan: BurstPlan | None = None
+        self.plan: BurstPlan | None = None
+        """The plan of the burst, where `set_plan` was called or an interrupted session had one."""
         self._open = True
         self._lock = lock_folder(folder)
         try:
@@ -102,11 +103,6 @@ class SessionWriter:
         plan = read_plan(folder)
         return cls(folder, plan.name, plan.created, plan.software)
 
-    @property
-    def plan(self) -> BurstPlan | None:
-        """The plan of the burst, where `set_plan` was called or an interrupted session had one."""
-        return self._plan
-
     def set_plan(self, plan: BurstPlan) -> None:
         """Save the plan of the burst durably; after a crash the session can be resumed from then on.
 
@@ -114,9 +110,9 @@ class SessionWriter:
         """
         with self._writing():
             write_atomic(self.folder / PLAN, indented(encode_checked(plan, BurstPlan)))
-            if self._plan is None:
+            if self.plan is None:
                 reserve_room(self.folder, len(plan.cameras) * len(plan.burst.instants_ns))
-            self._plan = plan
+            self.plan = plan
 
     def add_image(
         self, data: bytes, *, camera: str, instant: int, leader_ns: int, suffix: str = ".jpg", **further: Any
@@ -177,7 +173,7 @@ class SessionWriter:
         """
         check_name(camera, "camera")
         with self._writing():
-            return self._truth.add(camera, instant, true_ns, data=data, crash_safe=self._plan is not None)
+            return self._truth.add(camera, instant, true_ns, data=data, crash_safe=self.plan is not None)
 
     @property
     def knows_true_times(self) -> bool:
@@ -251,8 +247,8 @@ class SessionWriter:
 
     def _recover(self) -> None:
         if (self.folder / PLAN).exists():
-            self._plan = read_plan(self.folder)
-        interrupted = self._plan is not None or (self.folder / JOURNAL).exists()
+            self.plan = read_plan(self.folder)
+        interrupted = self.plan is not None or (self.folder / JOURNAL).exists()
         self._images.open(recover=interrupted)
         if interrupted:
             self._truth.recover(self._images.records)

@@ -65,17 +65,20 @@ def test_one_shot_of_libsoftwaresync_is_a_session(tmp_path: Path) -> None:
     assert [len(images) for images in session.images_by_instant()] == [2]
 
 
+VIDEO, TABLE = "VID_20260131_142530.mp4", "VID_20260131_142530.csv"
+
+
 def recsync(folder: Path, times_us: Sequence[int], start_ns: int = 10**13) -> None:
-    write_video(folder / "VID_20260131_142530.mp4", times_us)
+    write_video(folder / VIDEO, times_us)
     lines = "".join(f"{start_ns + t * US}\n" for t in times_us)
-    (folder / "VID_20260131_142530.csv").write_text(lines)
+    (folder / TABLE).write_text(lines)
 
 
 def test_videos_of_recsync_are_matched_by_the_leaders_time(tmp_path: Path) -> None:
     times_us = [33_333 * n for n in range(6)]
     recsync(tmp_path / "rec" / "leader", times_us)
     recsync(tmp_path / "rec" / "client", times_us, 10**13 + 66_666 * US + 40 * US)
-    table = tmp_path / "rec" / "client" / "VID_20260131_142530.csv"
+    table = tmp_path / "rec" / "client" / TABLE
     table.write_text(table.read_text() + f"{10**13 + 266_706 * US}\n")
     said: list[str] = []
     session = import_recording([str(tmp_path / "rec")], tmp_path, "s", ImportOptions(), talk=said.append)
@@ -88,46 +91,36 @@ def test_videos_of_recsync_are_matched_by_the_leaders_time(tmp_path: Path) -> No
     assert times_of(session, "leader")[0] == 10**13
 
 
-def remake(folder: Path, change: Callable[[Path], Any]) -> None:
-    shutil.rmtree(folder, ignore_errors=True)
-    change(folder)
+def video(table: str) -> Callable[[Path], Any]:
+    """RecSync's recording of three frames with this table of times."""
+    return lambda folder: (recsync(folder, [0, 33_333, 66_666]), (folder / TABLE).write_text(table))
 
 
-def swap_lines(folder: Path) -> None:
-    recsync(folder, [0, 33_333, 66_666])
-    (folder / "VID_20260131_142530.csv").write_text("1000\n3000\n2000\n")
+def spoil(name: str, data: bytes, *, nv21: bool = False) -> Callable[[Path], Any]:
+    """A shot, called x, of which one file is other than it should be."""
+    return lambda folder: (shot(folder, "x", 1, nv21=nv21), (folder / name).write_bytes(data))
+
+
+def second_video(folder: Path) -> None:
+    recsync(folder, [0, 33_333])
+    shutil.copy(folder / VIDEO, folder / "VID_2.mp4")
+    (folder / "VID_2.csv").write_text("1\n2\n")
 
 
 BROKEN: dict[str, tuple[Callable[[Path], Any], str]] = {
-    "backwards": (swap_lines, "times go backwards: frame 2"),
-    "no number": (
-        lambda f: (recsync(f, [0, 33_333]), (f / "VID_20260131_142530.csv").write_text("1\nsoon\n")),
-        "line 2",
-    ),
-    "empty table": (
-        lambda f: (recsync(f, [0, 33_333]), (f / "VID_20260131_142530.csv").write_text("\n")), "no times",
-    ),
-    "two recordings": (
-        lambda f: (
-            recsync(f, [0, 33_333]),
-            shutil.copy(f / "VID_20260131_142530.mp4", f / "VID_2.mp4"),
-            (f / "VID_2.csv").write_text("1\n2\n"),
-        ),
-        "several recordings",
-    ),
+    "backwards": (video("1000\n3000\n2000\n"), "times go backwards: frame 2"),
+    "no number": (video("1\nsoon\n"), "line 2"),
+    "empty table": (video("\n"), "no times"),
+    "two recordings": (second_video, "several recordings"),
     "not a video": (
-        lambda f: (recsync(f, [0, 33_333]), (f / "VID_20260131_142530.mp4").write_bytes(b"no video")),
+        lambda f: (recsync(f, [0, 33_333]), (f / VIDEO).write_bytes(b"no video")),
         "not a video that can be decoded",
     ),
     "no leader time": (
-        lambda f: (shot(f, "x", 1), (f / "sync_metadata_x.txt").write_text("local_sensor_timestamp_ns: 1\n")),
-        "no leader_sensor_timestamp_ns",
+        spoil("sync_metadata_x.txt", b"local_sensor_timestamp_ns: 1\n"), "no leader_sensor_timestamp_ns",
     ),
     "no image": (lambda f: (shot(f, "x", 1), (f / "img_x.jpg").unlink()), "no image"),
-    "cut nv21": (
-        lambda f: (shot(f, "x", 1, nv21=True), (f / "img_x.nv21").write_bytes(b"123")),
-        "16x12 pixels of NV21",
-    ),
+    "cut nv21": (spoil("img_x.nv21", b"123", nv21=True), "16x12 pixels of NV21"),
     "one time twice": (lambda f: (shot(f, "x", 1), shot(f, "y", 1)), "same time"),
 }  # fmt: skip
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from capture_app.clock import SimulatedClock
+from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, ClockRecord, MissingImage
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
@@ -45,6 +46,14 @@ def local_from_leader(leader_ns: int) -> int:
     since_epoch = leader_ns - CLOCK.offset_ns - CLOCK.epoch_local_ns
     skew = CLOCK.skew_ppm * 1e-6
     return CLOCK.epoch_local_ns + round(since_epoch - since_epoch * skew / (1 + skew))
+
+
+def calibration_of(name: str) -> Calibration:
+    """A calibration of one camera, which stands upright beside the rig's origin."""
+    upright = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+    lens = {"width": WIDTH, "height": HEIGHT, "fx": 1.0, "fy": 2.0, "cx": 3.0, "cy": 4.0}
+    camera = CameraCalibration(**lens, rotation=upright, translation=(0.1, 0.2, 0.3))
+    return Calibration(cameras={name: camera}, source="board")
 
 
 def fill(writer: SessionWriter) -> Session:

@@ -13,15 +13,14 @@ from hypothesis import strategies as st
 from capture_app.clock import SimulatedClock
 from capture_app.errors import BadInputError, ExitCode, IncompleteError, SimulshotError
 from capture_app.names import is_name
-from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.checks import inside
 from capture_app.session.format.manifest import JOURNAL, MANIFEST, BurstRecord, ImageRecord
 from capture_app.session.reading.reader import Session, is_being_written, list_sessions
 from capture_app.session.writing.session_writer import SessionWriter
 
-from .conftest import INSTANTS, camera_record, fill, jpeg
+from .conftest import INSTANTS, calibration_of, camera_record, fill, jpeg
 
-IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
+ROOT = Path(__file__).parents[2]
 
 
 def edit(session: Session, **changes: object) -> None:
@@ -56,10 +55,7 @@ def test_what_is_written_is_read(session: Session) -> None:
 
 
 def test_calibration_is_kept(tmp_path: Path) -> None:
-    camera = CameraCalibration(
-        width=16, height=12, fx=1.0, fy=2.0, cx=3.0, cy=4.0, rotation=IDENTITY, translation=(0.1, 0.2, 0.3)
-    )
-    calibration = Calibration(cameras={"left": camera}, source="board")
+    calibration = calibration_of("left")
     writer = SessionWriter.create(tmp_path, "calibrated")
     writer.set_calibration(calibration)
     session = fill(writer)
@@ -153,16 +149,13 @@ def test_a_full_disk_is_said_plainly(tmp_path: Path) -> None:
     writer.abort()
 
 
-@pytest.mark.parametrize(
-    ("path", "code"),
-    [("nowhere", ExitCode.BAD_INPUT), ("empty", ExitCode.BAD_INPUT), ("file", ExitCode.BAD_INPUT)],
-)
-def test_what_is_no_session_is_refused(tmp_path: Path, path: str, code: ExitCode) -> None:
+@pytest.mark.parametrize("path", ["nowhere", "empty", "file"])
+def test_what_is_no_session_is_refused(tmp_path: Path, path: str) -> None:
     (tmp_path / "empty").mkdir()
     (tmp_path / "file").write_text("x")
     with pytest.raises(BadInputError) as caught:
         Session.open(tmp_path / path)
-    assert caught.value.exit_code is code
+    assert caught.value.exit_code is ExitCode.BAD_INPUT
     assert path in str(caught.value)
 
 
@@ -237,21 +230,11 @@ def test_no_path_leads_out(tmp_path_factory: pytest.TempPathFactory, path: str) 
 
 
 KILLED_WRITER = """
-import os, pathlib, signal, sys
+import pathlib, sys
 from capture_app.session.writing.session_writer import SessionWriter
-left = int(sys.argv[2])
-def deadly(name):
-    call = getattr(os, name)
-    def wrapped(*arguments, **options):
-        global left
-        left -= 1
-        if left == 0:
-            os.kill(os.getpid(), signal.SIGKILL)
-        return call(*arguments, **options)
-    setattr(os, name, wrapped)
+from tests.session.crashes.killed_writer import die_at
 writer = SessionWriter.create(pathlib.Path(sys.argv[1]), "killed")
-for name in ("fsync", "replace", "fdatasync", "mkdir", "write"):
-    deadly(name)
+die_at(2 * int(sys.argv[2]) - 1)
 for instant in range(1000):
     writer.add_image(bytes([instant % 256]) * 5000, camera="cam0", instant=instant, leader_ns=instant)
     print(instant, flush=True)
@@ -261,7 +244,7 @@ for instant in range(1000):
 @pytest.mark.parametrize("calls", [1, 3, 8, 9, 10, 11, 12, 13, 27])
 def test_a_killed_writer_loses_nothing_it_promised(tmp_path: Path, calls: int) -> None:
     command = [sys.executable, "-c", KILLED_WRITER, str(tmp_path), str(calls)]
-    child = subprocess.run(command, capture_output=True, text=True, check=False)
+    child = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
     assert child.returncode == -9, child.stderr
     folder = tmp_path / "killed"
     lines = (folder / JOURNAL).read_bytes().splitlines()

@@ -6,15 +6,13 @@ from pathlib import Path
 from capture_app.errors import DiskFullError
 from capture_app.node.leader.repair import repair
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan
-from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.manifest import BurstRecord
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from capture_app.session.writing.session_writer import SessionWriter
-from tests.session.conftest import camera_record, jpeg
+from tests.session.conftest import calibration_of, camera_record, jpeg
 
 PERIOD_NS = 33_000_000
-IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 class Take:
@@ -58,17 +56,7 @@ class Take:
         self.confirmed[name, instant] = data
 
     def end(self, writer: SessionWriter) -> Session:
-        camera = CameraCalibration(
-            width=16,
-            height=12,
-            fx=9.0,
-            fy=9.0,
-            cx=8.0,
-            cy=6.0,
-            rotation=IDENTITY,
-            translation=(0.0, 0.0, 0.0),
-        )
-        writer.set_calibration(Calibration(cameras={"cam0": camera}))
+        writer.set_calibration(calibration_of("cam0"))
         writer.add_event({"event": "joined"}, {"event": "clock-synced", "offset_ns": 12})
         cameras = [camera_record(name) for name in self.names]
         return writer.finish(cameras, self.burst, origin="simulated", note="a note")

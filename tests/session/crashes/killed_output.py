@@ -1,6 +1,6 @@
 """A run that replaces a result and is killed again and again; prints what each kill left as a line of JSON.
 
-    killed_output.py ROOT EVERY EVERY_IN_NEXT
+    -m tests.session.crashes.killed_output ROOT EVERY EVERY_IN_NEXT
 
 Kills a run at every so many steps, and for each of these the next run likewise (0: not at all), with a file
 system that can exchange folders and with one that cannot.

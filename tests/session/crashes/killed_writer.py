@@ -1,8 +1,8 @@
 """A writer that is killed again and again, and repaired; prints what each run left as a line of JSON.
 
-    killed_writer.py ROOT steps FIRST COUNT EVERY
-    killed_writer.py ROOT repairs FIRST COUNT EVERY EVERY_IN_REPAIR
-    killed_writer.py ROOT moments SEED COUNT
+    -m tests.session.crashes.killed_writer ROOT steps FIRST COUNT EVERY
+    -m tests.session.crashes.killed_writer ROOT repairs FIRST COUNT EVERY EVERY_IN_REPAIR
+    -m tests.session.crashes.killed_writer ROOT moments SEED COUNT
 
 `steps` kills before, and in the middle of, each call that changes the disk; `repairs` kills the repair of a
 killed writer so; `moments` sends SIGKILL at random times. Each run is a forked child of this one process.
@@ -15,6 +15,7 @@ import os
 import random
 import shutil
 import signal
+import subprocess
 import sys
 import threading
 import time
@@ -30,6 +31,7 @@ from capture_app.session.reading.verify import Problem, ProblemKind, verify
 from capture_app.session.writing.session_writer import SessionWriter
 from tests.facts import make_facts
 
+ROOT = Path(__file__).parents[3]
 CAMERAS, INSTANTS, PERIOD_NS = 2, 4, 33_000_000
 NAME = "killed"
 CHANGING = (
@@ -161,6 +163,13 @@ def no_picture(lie: Problem) -> bool:
 
 def tell(step: object, result: dict[str, Any]) -> None:
     print(json.dumps({"step": step, **result}), flush=True)
+
+
+def results_of(module: str, *arguments: object) -> list[dict[str, Any]]:
+    """Run a module of this folder in a process of its own, and return what it told."""
+    command = [sys.executable, "-m", f"tests.session.crashes.{module}", *map(str, arguments)]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    return [json.loads(line) for line in done.stdout.splitlines()]
 
 
 def killed_at(step: int, root: Path) -> Callable[[int], None]:

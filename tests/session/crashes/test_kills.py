@@ -1,25 +1,15 @@
 """Pulled plugs: a writer that is killed at any moment loses nothing that was confirmed."""
 
-import json
-import os
 import random
-import subprocess
-import sys
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import pytest
 
-ROOT = Path(__file__).resolve().parents[3]
+from tests.session.crashes.killed_writer import results_of
 
-
-def killed(root: Path, mode: str, *numbers: int) -> list[dict[str, Any]]:
-    script = Path(__file__).with_name("killed_writer.py")
-    command = [sys.executable, str(script), str(root), mode, *map(str, numbers)]
-    done = subprocess.run(
-        command, capture_output=True, text=True, check=True, env={**os.environ, "PYTHONPATH": str(ROOT)}
-    )
-    return [json.loads(line) for line in done.stdout.splitlines()]
+killed = partial(results_of, "killed_writer")
 
 
 def judge(runs: list[dict[str, Any]], least: int) -> None:

@@ -1,6 +1,5 @@
 """The one output folder: killed, refused, out of room or doubled, there is always one whole result."""
 
-import json
 import os
 import subprocess
 import sys
@@ -19,8 +18,7 @@ from capture_app.session.files.output_folder import (
     replaces_nothing,
     replaces_only,
 )
-
-ROOT = Path(__file__).parents[3]
+from tests.session.crashes.killed_writer import ROOT, results_of
 
 
 def opened(target: Path, **options: Any) -> OutputFolder:
@@ -102,9 +100,7 @@ def test_a_second_run_is_refused_at_once_or_waits(tmp_path: Path) -> None:
             make(out, "second")
         clear_leftovers(tmp_path)
         (output.folder / "result").write_text("first")
-        child = subprocess.Popen(
-            [sys.executable, "-c", waiting, str(out)], env={**os.environ, "PYTHONPATH": str(ROOT)}
-        )
+        child = subprocess.Popen([sys.executable, "-c", waiting, str(out)], cwd=ROOT)
         with pytest.raises(subprocess.TimeoutExpired):
             child.wait(1)
     assert child.wait(60) == 0
@@ -113,12 +109,7 @@ def test_a_second_run_is_refused_at_once_or_waits(tmp_path: Path) -> None:
 
 
 def killed(root: Path, every: int, every_in_next: int) -> list[dict[str, Any]]:
-    command = [sys.executable, str(Path(__file__).with_name("killed_output.py")), str(root)]
-    done = subprocess.run(
-        [*command, str(every), str(every_in_next)],
-        capture_output=True, text=True, check=True, env={**os.environ, "PYTHONPATH": str(ROOT)},
-    )  # fmt: skip
-    runs = [json.loads(line) for line in done.stdout.splitlines()]
+    runs = results_of("killed_output", root, every, every_in_next)
     assert any(one["ended"] == -9 for one in runs)
     assert any(one["ended"] == 0 for one in runs)
     assert [one for one in runs if one["wrong"]] == []

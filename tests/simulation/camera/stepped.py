@@ -91,3 +91,10 @@ class Recorder:
 def starts(frames: list[CapturedFrame]) -> list[int]:
     assert all(frame.truth is not None for frame in frames)
     return [frame.truth.true_ns for frame in frames if frame.truth is not None]
+
+
+async def frames_of(camera: Camera, seconds: float) -> list[CapturedFrame]:
+    """Let a camera stream for so long; return what it delivered."""
+    frames = await Recorder().record(camera, seconds)
+    await camera.stop()
+    return frames

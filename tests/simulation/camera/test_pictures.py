@@ -11,15 +11,12 @@ import pytest
 from capture_app.cameras.base import CapturedFrame
 from capture_app.errors import BadInputError, NotAvailableError, SimulshotError
 from capture_app.session.format.calibration import Calibration, CameraCalibration
-from tests.simulation.camera.stepped import Recorder, in_stepped_time, sim
+from tests.simulation.camera.stepped import Recorder, frames_of, in_stepped_time, sim
 
 
 @in_stepped_time
 async def shoot(name: str) -> CapturedFrame:
-    camera = sim("sim:perfect", name)
-    frame = (await Recorder().record(camera, 0.5))[7]
-    await camera.stop()
-    return frame
+    return (await frames_of(sim("sim:perfect", name), 0.5))[7]
 
 
 def test_pictures_are_reproducible_jpegs_that_differ_by_camera() -> None:
@@ -34,9 +31,7 @@ def test_pictures_are_reproducible_jpegs_that_differ_by_camera() -> None:
 
 @in_stepped_time
 async def test_truth_is_an_npz_of_depth_objects_and_movers() -> None:
-    camera = sim("sim:perfect")
-    frame = (await Recorder().record(camera, 0.2))[0]
-    await camera.stop()
+    frame = (await frames_of(sim("sim:perfect"), 0.2))[0]
     assert frame.truth is not None
     with np.load(io.BytesIO(frame.truth.encode())) as truth:
         kinds = {key: (truth[key].dtype.name, truth[key].shape) for key in truth}
@@ -120,8 +115,7 @@ async def test_a_scene_is_rendered_at_the_frames_true_start_when_it_is_saved(str
 async def test_the_rendered_scene() -> None:
     pytest.importorskip("open3d", reason="scenes are rendered by Open3D")
     camera = sim("sim:phone-a,scene=studio,scale=0.25", "cam02")
-    frame = (await Recorder().record(camera, 1.0))[0]
-    await camera.stop()
+    frame = (await frames_of(camera, 1.0))[0]
     assert frame.truth is not None
     image = cv2.imdecode(np.frombuffer(frame.picture.encode(), np.uint8), cv2.IMREAD_COLOR)
     assert image is not None

@@ -14,6 +14,7 @@ from tests.simulation.camera.stepped import (
     PERIOD_NS,
     Recorder,
     SteppedLoop,
+    frames_of,
     in_stepped_time,
     sim,
     starts,
@@ -41,9 +42,7 @@ async def test_frames_arrive_in_order_after_their_readout_in_the_nodes_clock() -
 
 @in_stepped_time
 async def test_a_dropped_frame_is_a_gap_in_the_sequence() -> None:
-    camera = sim("sim:perfect,drops=0.2,seed=3")
-    frames = await Recorder().record(camera, 20.0)
-    await camera.stop()
+    frames = await frames_of(sim("sim:perfect,drops=0.2,seed=3"), 20.0)
     gaps = {b.sequence - a.sequence for a, b in pairwise(frames)}
     assert 1 in gaps
     assert 2 in gaps
@@ -54,9 +53,7 @@ async def test_a_dropped_frame_is_a_gap_in_the_sequence() -> None:
 
 @in_stepped_time
 async def test_all_frames_dropped_is_silence_not_a_busy_loop() -> None:
-    camera = sim("sim:perfect,drops=1")
-    assert await Recorder().record(camera, 1.0) == []
-    await camera.stop()
+    assert await frames_of(sim("sim:perfect,drops=1"), 1.0) == []
 
 
 @in_stepped_time

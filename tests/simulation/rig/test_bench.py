@@ -65,6 +65,13 @@ def test_unknown_phones_take_two_injections_and_known_ones_one() -> None:
     assert sum(way.seconds is None for way in theirs) > len(theirs) / 2
 
 
+def aligned_phone(ppm: float) -> Bench:
+    """A known phone, drifting, that has come to its goal."""
+    bench = Bench(PROFILES["phone-a"], 6, 60_000, ppm=ppm, known=known_profile(PROFILES["phone-a"]))
+    bench.run(30 * S, until=lambda look: look.aligned)
+    return bench
+
+
 def burst_after(bench: Bench, ahead_ns: int) -> int:
     """Let a burst of one frame come, told so long before; return the true error of its frame in ns."""
     at_ns = bench.goal.instant(bench.goal.index_of(bench.now_ns + ahead_ns))
@@ -81,21 +88,17 @@ def burst_after(bench: Bench, ahead_ns: int) -> int:
 @pytest.mark.parametrize("ahead_ns", [450_000_000, 1_900_000_000])
 @pytest.mark.parametrize("ppm", [-30.0, 30.0])
 def test_a_phone_is_brought_to_its_goal_for_a_burst(ppm: float, ahead_ns: int) -> None:
-    phone = PROFILES["phone-a"]
-    bench = Bench(phone, 6, 60_000, ppm=ppm, known=known_profile(phone))
-    bench.run(30 * S, until=lambda look: look.aligned)
+    bench = aligned_phone(ppm)
     errors = []
     for _ in range(5):
         bench.run(3 * S)
         errors.append(burst_after(bench, ahead_ns))
     assert max(map(abs, errors)) < 0.25 * 60_000 + 2_000
-    assert sum(map(abs, errors)) < 5 * phone.row_time_ns
+    assert sum(map(abs, errors)) < 5 * bench.profile.row_time_ns
 
 
 def test_a_burst_that_is_too_near_is_left_in_peace() -> None:
-    phone = PROFILES["phone-a"]
-    bench = Bench(phone, 6, 60_000, ppm=30.0, known=known_profile(phone))
-    bench.run(30 * S, until=lambda look: look.aligned)
+    bench = aligned_phone(30.0)
     bench.run(3 * S)
     commands = len(bench.commands)
     burst_after(bench, 380_000_000)

@@ -19,41 +19,41 @@ MS = 1_000_000
 S = 1_000_000_000
 
 
+@pytest.fixture
+def shared_goal() -> SharedGoal:
+    return SharedGoal(Goal(0, PERIOD))
+
+
 def webcam(name: str, at_ns: int | None, ppm: float = 0.0, control: str = "reset") -> CameraPhase:
     return CameraPhase(name, control, at_ns, ppm, MS)
 
 
-def test_the_goal_moves_to_most_of_the_cameras_and_to_their_middle() -> None:
-    shared_goal = SharedGoal(Goal(0, PERIOD))
+def test_the_goal_moves_to_most_of_the_cameras_and_to_their_middle(shared_goal: SharedGoal) -> None:
     cameras = [webcam("a", 10 * MS), webcam("b", PERIOD + 11 * MS), webcam("c", 25 * MS)]
     assert shared_goal.update(cameras, 0)
     assert shared_goal.goal == Goal(10 * MS + MS // 2, PERIOD)
     assert shared_goal.meeting_leader_ns is not None, "one of them is to be restarted"
 
 
-def test_a_camera_alone_is_never_restarted() -> None:
-    shared_goal = SharedGoal(Goal(0, PERIOD))
+def test_a_camera_alone_is_never_restarted(shared_goal: SharedGoal) -> None:
     assert shared_goal.update([webcam("a", 14 * MS)], 0)
     assert shared_goal.goal.anchor_leader_ns == 14 * MS
     assert not shared_goal.update([webcam("a", 14 * MS)], S)
     assert shared_goal.meeting_leader_ns is None
 
 
-def test_a_camera_that_cannot_move_at_all_outweighs_all_others() -> None:
-    shared_goal = SharedGoal(Goal(0, PERIOD))
+def test_a_camera_that_cannot_move_at_all_outweighs_all_others(shared_goal: SharedGoal) -> None:
     others = [webcam(str(n), 5 * MS) for n in range(20)]
     shared_goal.update([webcam("fixed", 20 * MS, control="none"), *others], 0)
     assert abs(shared_goal.goal.phase_error(20 * MS)) <= MS
 
 
-def test_cameras_that_inject_do_not_move_the_goal() -> None:
-    shared_goal = SharedGoal(Goal(0, PERIOD))
+def test_cameras_that_inject_do_not_move_the_goal(shared_goal: SharedGoal) -> None:
     assert not shared_goal.update([webcam("a", 9 * MS, control="injection")], 0)
     assert shared_goal.goal == Goal(0, PERIOD)
 
 
-def test_nobody_is_restarted_before_all_have_told_their_phase() -> None:
-    shared_goal = SharedGoal(Goal(0, PERIOD))
+def test_nobody_is_restarted_before_all_have_told_their_phase(shared_goal: SharedGoal) -> None:
     cameras = [webcam("a", 5 * MS), webcam("b", 20 * MS), webcam("c", None)]
     assert not shared_goal.update(cameras, 0)
     assert shared_goal.meeting_leader_ns is None
@@ -61,8 +61,7 @@ def test_nobody_is_restarted_before_all_have_told_their_phase() -> None:
     assert shared_goal.meeting_leader_ns is not None, "but not for ever"
 
 
-def test_cameras_that_will_meet_are_not_restarted() -> None:
-    shared_goal = SharedGoal(Goal(0, PERIOD))
+def test_cameras_that_will_meet_are_not_restarted(shared_goal: SharedGoal) -> None:
     cameras = [webcam("a", 0, ppm=100.0), webcam("b", 2500_000, ppm=-100.0)]
     shared_goal.update(cameras, 0)
     assert shared_goal.meeting_leader_ns is not None

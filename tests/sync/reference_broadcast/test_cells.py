@@ -91,9 +91,7 @@ def test_cells_that_hear_apart_are_not_mixed() -> None:
 def test_what_the_bounds_make_unlikely_is_not_one_instant() -> None:
     heard = arrivals_by_client([0, 400_000])
     assert len(group_into_cells(heard)) == 1
-    sure = {
-        client: replace(client_arrivals, hard_bound_ns=380_000.0) for client, client_arrivals in heard.items()
-    }
+    sure = {client: replace(arrivals, hard_bound_ns=380_000.0) for client, arrivals in heard.items()}
     assert group_into_cells(sure) == []
 
 
@@ -107,9 +105,7 @@ def test_copies_sent_one_after_the_other_are_not_one_instant() -> None:
 
 def test_arrivals_that_scatter_more_than_they_would_mend_are_not_used() -> None:
     heard = arrivals_by_client([0, 3000], jitter_ns=5000.0)
-    sure = {
-        client: replace(client_arrivals, uncertainty_ns=1500.0) for client, client_arrivals in heard.items()
-    }
+    sure = {client: replace(arrivals, uncertainty_ns=1500.0) for client, arrivals in heard.items()}
     assert len(group_into_cells(heard)) == 1
     assert group_into_cells(sure) == [], "clocks on a cable agree better than this"
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture_app.sync.clock.time_map import TimeMap
+from capture_app.sync.clock.time_map import Correction, TimeMap
 from capture_app.sync.reference_broadcast.cells import LEAST_COMMON
 from capture_app.sync.reference_broadcast.listener import (
     KEPT_BEACONS,
@@ -46,11 +46,8 @@ def heard_some() -> tuple[Listener, int]:
 
 
 def agree(listener: Listener, heard_ns: int, late_ns: int, relative_uncertainty_ns: int = 5000) -> None:
-    listener.accept(
-        AgreedArrival(
-            1, heard_ns // BEACON_NS, heard_ns + OFFSET_NS - late_ns, 30_000, relative_uncertainty_ns
-        )
-    )
+    agreed_ns = heard_ns + OFFSET_NS - late_ns
+    listener.accept(AgreedArrival(1, heard_ns // BEACON_NS, agreed_ns, 30_000, relative_uncertainty_ns))
 
 
 def test_nothing_is_told_before_enough_was_heard() -> None:
@@ -108,10 +105,7 @@ def test_a_clock_is_moved_slowly_and_says_what_is_left() -> None:
         moved = listener.correct(at(now_ns), now_ns)
         assert 0 < before.offset_ns - moved.offset_ns <= SLEW * 100 * MS
     assert moved.offset_ns == OFFSET_NS - 50_000
-    assert (listener.correction.reference_correction_ns, listener.correction.relative_uncertainty_ns) == (
-        -50_000,
-        5000,
-    )
+    assert listener.correction == Correction(-50_000, 5000)
     assert moved.uncertainty_ns == 30_000.0, "what the cell knows together"
     assert moved.hard_bound_ns == 550_000.0, "the proof is of the estimate, not of where it was moved"
 

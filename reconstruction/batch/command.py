@@ -4,7 +4,6 @@ import os
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
-from dataclasses import dataclass, field
 from pathlib import Path
 
 from capture_app.errors import BadInputError, ExitCode, SimulshotError
@@ -12,24 +11,12 @@ from capture_app.session.files.locks import lock_file
 from capture_app.session.files.output_folder import replaces_only
 from capture_app.text import ProgressStep
 from reconstruction.batch.executors import Executor
-from reconstruction.batch.plan import DEPTH_TASK, plan, program_checksum
+from reconstruction.batch.plan import DEPTH_TASK, BatchOptions, plan
 from reconstruction.batch.rows import BatchResult, Row, completed_row, group_medians
 from reconstruction.batch.summary import NAMES, write_summary
 from reconstruction.batch.units import UNITS, WORK, Outcome, Unit, is_done, remove_leftovers
-from reconstruction.session.conditions import SYNCED, Condition
 
 TIMINGS = "timings.csv"
-
-
-@dataclass(frozen=True, kw_only=True)
-class BatchOptions:
-    """What to compute of every session; instants: None = all that reach far enough into the burst."""
-
-    conditions: tuple[Condition, ...] = (Condition(SYNCED),)
-    instants: tuple[int, ...] | None = None
-    matcher: str = "sweep"
-    program: str = field(default_factory=program_checksum)
-    """Results of another program are computed anew."""
 
 
 def batch(
@@ -48,9 +35,8 @@ def batch(
         BadInputError: `out` cannot be used or is in use.
     """
     began = time.monotonic()
-    conditions = list(dict.fromkeys(options.conditions))
     with _locked_folder(out) as root:
-        units, failures = _plan(sessions, conditions, options)
+        units, failures = _plan(sessions, options)
         missing = [unit for unit in units if not is_done(unit, root)]
         done = len(units) - len(missing)
         for failure in failures:
@@ -88,15 +74,13 @@ def exit_code(result: BatchResult) -> ExitCode:
     return ExitCode.INCOMPLETE
 
 
-def _plan(
-    sessions: Sequence[Path], conditions: Sequence[Condition], options: BatchOptions
-) -> tuple[list[Unit], list[Row]]:
+def _plan(sessions: Sequence[Path], options: BatchOptions) -> tuple[list[Unit], list[Row]]:
     """All units, and rows for what cannot be begun."""
     units: dict[str, Unit] = {}
     failures: list[Row] = []
     for session in sessions:
         try:
-            found, refused = plan(session, conditions, options.instants, options.matcher, options.program)
+            found, refused = plan(session, options)
         except (SimulshotError, OSError) as error:
             code = error.exit_code if isinstance(error, SimulshotError) else ExitCode.FAILURE
             failures.append(Row(session=session.name, error=str(error), exit_code=code))

@@ -2,7 +2,7 @@
 
 import hashlib
 import shutil
-from collections.abc import Sequence
+from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
 
@@ -16,7 +16,7 @@ from reconstruction.batch.units import RESULT, Unit
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.multiview.command import RESULT as MULTIVIEW_RESULT
 from reconstruction.multiview.command import Matcher, MultiviewOptions, multiview
-from reconstruction.session.conditions import Condition
+from reconstruction.session.conditions import SYNCED, Condition
 from reconstruction.session.dataset import Dataset
 
 DEPTH_TASK = "reconstruction.batch.plan:compute_depth"
@@ -24,17 +24,29 @@ TIMES = ("seconds", "seconds_of")
 """Fields that differ from run to run; they are not part of a unit's result."""
 
 
-def plan(
-    session: Path,
-    conditions: Sequence[Condition],
-    instants: Sequence[int] | None,
-    matcher: str,
-    program: str,
-) -> tuple[list[Unit], list[Row]]:
-    """A session's units, and rows for those that the burst does not hold.
+@cache
+def program_checksum() -> str:
+    """A checksum of this package's source and of the libraries' versions, which decide a result too."""
+    digest = hashlib.sha256(repr(sorted(library_versions().items())).encode())
+    here = Path(__file__).parents[1]
+    for path in sorted(here.rglob("*.py")):
+        digest.update(f"{path.relative_to(here)}\n".encode() + path.read_bytes())
+    return digest.hexdigest()
 
-    They are of the instants asked for, or of all that reach far enough into the burst; `program` is the
-    checksum of what computes them.
+
+@dataclass(frozen=True, kw_only=True)
+class BatchOptions:
+    """What to compute of every session; instants: None = all that reach far enough into the burst."""
+
+    conditions: tuple[Condition, ...] = (Condition(SYNCED),)
+    instants: tuple[int, ...] | None = None
+    matcher: str = "sweep"
+    program: str = field(default_factory=program_checksum)
+    """Results of another program are computed anew."""
+
+
+def plan(session: Path, options: BatchOptions) -> tuple[list[Unit], list[Row]]:
+    """A session's units, and rows for those that the burst does not hold.
 
     Raises:
         SimulshotError: the session cannot be used at all.
@@ -49,10 +61,10 @@ def plan(
     source = dataset.fingerprint()
     units: list[Unit] = []
     failures: list[Row] = []
-    for condition in conditions:
+    for condition in dict.fromkeys(options.conditions):
         refused = None
         before = len(units)
-        for instant in range(len(dataset.instants_ns)) if instants is None else instants:
+        for instant in range(len(dataset.instants_ns)) if options.instants is None else options.instants:
             offsets = condition.offsets_ms(dataset.cameras, instant)
             try:
                 condition.check(dataset)
@@ -65,11 +77,12 @@ def plan(
                     error=str(error),
                     exit_code=error.exit_code,
                 )
-                if instants is not None:
+                if options.instants is not None:
                     failures.append(refused)
                 continue
             truth = _truth_checksums(dataset, chosen)
-            inputs = (source, truth, name, instant, condition.name, chosen, matcher, offsets, program)
+            made_by = options.matcher, offsets, options.program
+            inputs = (source, truth, name, instant, condition.name, chosen, *made_by)
             units.append(
                 Unit(
                     session=str(session.resolve()),
@@ -77,23 +90,13 @@ def plan(
                     instant=instant,
                     condition=condition.name,
                     offsets_ms=offsets,
-                    matcher=matcher,
+                    matcher=options.matcher,
                     key=hashlib.sha256(repr(inputs).encode()).hexdigest(),
                 )
             )
-        if refused is not None and instants is None and len(units) == before:
+        if refused is not None and options.instants is None and len(units) == before:
             failures.append(refused)
     return units, failures
-
-
-@cache
-def program_checksum() -> str:
-    """A checksum of this package's source and of the libraries' versions, which decide a result too."""
-    digest = hashlib.sha256(repr(sorted(library_versions().items())).encode())
-    here = Path(__file__).parents[1]
-    for path in sorted(here.rglob("*.py")):
-        digest.update(f"{path.relative_to(here)}\n".encode() + path.read_bytes())
-    return digest.hexdigest()
 
 
 def compute_depth(unit: Unit, folder: Path) -> None:

@@ -1,37 +1,31 @@
 """`reconstruct batch`."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 
 from capture_app.errors import ExitCode, SimulshotError
 from capture_app.terminal import json_option, print_json, print_line, talk
-from reconstruction.commands.options import CONDITION_HELP, ConditionType, out_option
-from reconstruction.session.conditions import SYNCED, Condition
+from reconstruction.commands.options import CONDITION_HELP, out_option, parse_condition
+from reconstruction.session.conditions import SYNCED
 
 MAX_INSTANTS = 100_000
 
 
-class _Instants(click.ParamType[tuple[int, ...]]):
-    """Numbers of instants and ranges of them, with commas between."""
-
-    name = "K,K-L,..."
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[int, ...]:
-        """Split the text."""
-        found: list[int] = []
-        try:
-            for part in str(value).split(","):
-                first, _, last = part.partition("-")
-                span = range(int(first), int(last or first) + 1)
-                if not 0 < len(span) <= MAX_INSTANTS:
-                    raise ValueError
-                found += span
-        except ValueError:
-            self.fail(f"{value!r} is not a list of instants, as in 0,4-8", param, ctx)
-        return tuple(dict.fromkeys(found))
+def _parse_instants(text: str) -> tuple[int, ...]:
+    """Read numbers of instants and ranges of them, with commas between."""
+    found: list[int] = []
+    try:
+        for part in text.split(","):
+            first, _, last = part.partition("-")
+            span = range(int(first), int(last or first) + 1)
+            if not 0 < len(span) <= MAX_INSTANTS:
+                raise ValueError
+            found += span
+    except ValueError:
+        raise click.BadParameter(f"{text!r} is not a list of instants, as in 0,4-8") from None
+    return tuple(dict.fromkeys(found))
 
 
 @click.command()
@@ -39,12 +33,19 @@ class _Instants(click.ParamType[tuple[int, ...]]):
 @click.option(
     "--condition",
     "conditions",
-    type=ConditionType(),
+    type=parse_condition,
+    metavar="CONDITION",
     multiple=True,
     default=(SYNCED,),
     help=f"{CONDITION_HELP} Repeat for several.",
 )
-@click.option("--instants", type=_Instants(), show_default="all", help="Instants to process, as in 0,4-8.")
+@click.option(
+    "--instants",
+    type=_parse_instants,
+    metavar="K,K-L,...",
+    show_default="all",
+    help="Instants to process, as in 0,4-8.",
+)
 @click.option(
     "--matcher",
     type=click.Choice(["sweep", "patchmatch"]),
@@ -76,14 +77,12 @@ class _Instants(click.ParamType[tuple[int, ...]]):
 @json_option
 def batch(
     sessions: tuple[Path, ...],
-    conditions: tuple[Condition, ...],
-    instants: tuple[int, ...] | None,
-    matcher: str,
     executor: str,
     settings: tuple[str, ...],
     jobs: int | None,
     out: Path,
     as_json: bool,
+    **options: Any,
 ) -> None:
     """Compute depth maps and point clouds of many instants of SESSIONS, in one or more conditions.
 
@@ -91,9 +90,10 @@ def batch(
     instants or conditions.
     """
 
-    from reconstruction.batch.command import BatchOptions, exit_code
     from reconstruction.batch.command import batch as run
+    from reconstruction.batch.command import exit_code
     from reconstruction.batch.executors import Executor, LocalExecutor
+    from reconstruction.batch.plan import BatchOptions
 
     chosen: Executor
     if executor == "slurm":
@@ -104,8 +104,7 @@ def batch(
         raise click.UsageError("--slurm is for --executor slurm")
     else:
         chosen = LocalExecutor(jobs)
-    options = BatchOptions(conditions=conditions, instants=instants, matcher=matcher)
-    result = run(sessions, out, options, chosen, talk)
+    result = run(sessions, out, BatchOptions(**options), chosen, talk)
     if as_json:
         print_json(result)
     else:

@@ -1,16 +1,17 @@
 """`reconstruct compare`."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line
 from reconstruction.commands.options import (
     OFFSETS_HELP,
-    ConditionType,
     max_instants_option,
     out_option,
     pair_option,
+    parse_condition,
     session_argument,
 )
 from reconstruction.session.conditions import DEFAULT_OFFSET_MS, MAX_OFFSET_MS, SYNCED, Condition
@@ -33,11 +34,12 @@ def _refuse_synced(
     default=DEFAULT_OFFSET_MS,
     help="How late the second camera of a pair is, rounded to whole frames.",
 )
-@pair_option("--stereo-pair", "depth")
-@pair_option("--stitch-pair", "the panorama")
+@pair_option("--stereo-pair", "stereo", use="depth")
+@pair_option("--stitch-pair", "stitch", use="the panorama")
 @max_instants_option
 @click.option(
     "--max-multiview-instants",
+    "multiview_instants",
     type=click.IntRange(min=0),
     metavar="N",
     default=3,
@@ -59,7 +61,8 @@ def _refuse_synced(
 @click.option(
     "--condition",
     "conditions",
-    type=ConditionType(),
+    type=parse_condition,
+    metavar="CONDITION",
     multiple=True,
     callback=_refuse_synced,
     help=f"Compare with this condition too. Repeat for several. {OFFSETS_HELP}",
@@ -72,20 +75,7 @@ def _refuse_synced(
 )
 @out_option
 @json_option
-def compare(
-    session: Path,
-    offset_ms: float,
-    stereo_pair: tuple[str, str] | None,
-    stitch_pair: tuple[str, str] | None,
-    max_instants: int,
-    max_multiview_instants: int,
-    multiview_width: int,
-    poses: bool | None,
-    conditions: tuple[Condition, ...],
-    against: Path | None,
-    out: Path,
-    as_json: bool,
-) -> None:
+def compare(session: Path, out: Path, as_json: bool, **options: Any) -> None:
     """Compare synchronized images of SESSION with images that are some time apart.
 
     Writes metrics.json, pictures and a self-explanatory report.html to the --out folder.
@@ -94,18 +84,7 @@ def compare(
     from reconstruction.compare.command import CompareOptions
     from reconstruction.compare.command import compare as run
 
-    options = CompareOptions(
-        offset_ms=offset_ms,
-        stereo=stereo_pair,
-        stitch=stitch_pair,
-        max_instants=max_instants,
-        multiview_instants=max_multiview_instants,
-        multiview_width=multiview_width,
-        poses=poses,
-        conditions=conditions,
-        against=against,
-    )
-    result = run(session, out, options)
+    result = run(session, out, CompareOptions(**options))
     if as_json:
         print_json(result)
         return

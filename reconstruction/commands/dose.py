@@ -1,6 +1,7 @@
 """`reconstruct dose`."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -18,7 +19,7 @@ from reconstruction.session.conditions import DEFAULT_OFFSET_MS
     default=DEFAULT_OFFSET_MS,
     help="Largest offset to measure, in steps of one frame, as far as the burst allows.",
 )
-@pair_option("--pair", "depth")
+@pair_option("--pair", "stereo", use="depth")
 @max_instants_option
 @click.option(
     "--out",
@@ -27,23 +28,14 @@ from reconstruction.session.conditions import DEFAULT_OFFSET_MS
     help="Folder for the curve, the numbers and a report.",
 )
 @json_option
-def dose(
-    session: Path,
-    max_offset_ms: float,
-    pair: tuple[str, str] | None,
-    max_instants: int,
-    out: Path | None,
-    as_json: bool,
-) -> None:
+def dose(session: Path, out: Path | None, as_json: bool, **options: Any) -> None:
     """Measure how late one camera may be before the motion in SESSION spoils the depth."""
 
     from reconstruction.compare.dose import DoseOptions
     from reconstruction.compare.dose import dose as run
     from reconstruction.report.dose_report import dose_sentence
 
-    result = run(
-        session, out, DoseOptions(max_offset_ms=max_offset_ms, stereo=pair, max_instants=max_instants)
-    )
+    result = run(session, out, DoseOptions(**options))
     if as_json:
         print_json(result)
         return

@@ -7,9 +7,9 @@ import click
 from capture_app.terminal import Progress, json_option, print_json, print_line, talk
 from reconstruction.commands.options import (
     CONDITION_HELP,
-    ConditionType,
     instant_option,
     out_option,
+    parse_condition,
     session_argument,
 )
 from reconstruction.session.conditions import SYNCED, Condition
@@ -18,7 +18,7 @@ from reconstruction.session.conditions import SYNCED, Condition
 @click.command()
 @session_argument
 @instant_option
-@click.option("--condition", type=ConditionType(), default=SYNCED, help=CONDITION_HELP)
+@click.option("--condition", type=parse_condition, metavar="CONDITION", default=SYNCED, help=CONDITION_HELP)
 @click.option(
     "--matcher",
     type=click.Choice(["auto", "sweep", "patchmatch"]),

@@ -1,4 +1,4 @@
-"""Options that several commands share, and the types of their values."""
+"""Options that several commands share, and how their values are read."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -10,34 +10,20 @@ from capture_app.errors import BadInputError
 from reconstruction.session.conditions import DISTINCT, DISTINCT_MS, SYNCED, Condition
 
 
-class CameraPair(click.ParamType[tuple[str, str]]):
-    """The names of two cameras with a comma between."""
-
-    name = "camera,camera"
-
-    def convert(
-        self, value: object, param: click.Parameter | None, ctx: click.Context | None
-    ) -> tuple[str, str]:
-        """Split the text."""
-        names = [part.strip() for part in str(value).split(",")]
-        if len(names) != 2 or not all(names):
-            self.fail(f"{value!r} is not two cameras with a comma between, as in cam00,cam01", param, ctx)
-        return names[0], names[1]
+def parse_pair(text: str) -> tuple[str, str]:
+    """Read the names of two cameras with a comma between."""
+    names = [part.strip() for part in text.split(",")]
+    if len(names) != 2 or not all(names):
+        raise click.BadParameter(f"{text!r} is not two cameras with a comma between, as in cam00,cam01")
+    return names[0], names[1]
 
 
-class ConditionType(click.ParamType[Condition]):
-    """How late each camera's images are: see `CONDITION_HELP` and `Condition.parse`."""
-
-    name = "condition"
-
-    def convert(self, value: object, param: click.Parameter | None, ctx: click.Context | None) -> Condition:
-        """Read the condition."""
-        if isinstance(value, Condition):
-            return value
-        try:
-            return Condition.parse(str(value))
-        except BadInputError as error:
-            self.fail(str(error), param, ctx)
+def parse_condition(text: str) -> Condition:
+    """Read how late each camera's images are: see `CONDITION_HELP` and `Condition.parse`."""
+    try:
+        return Condition.parse(text)
+    except BadInputError as error:
+        raise click.BadParameter(str(error)) from error
 
 
 OFFSETS_HELP = (
@@ -49,10 +35,14 @@ OFFSETS_HELP = (
 CONDITION_HELP = f"{SYNCED}: images of the same instant. {OFFSETS_HELP}"
 
 
-def pair_option(name: str, use: str) -> Callable[..., Any]:
+def pair_option(*names: str, use: str) -> Callable[..., Any]:
     """Make an option for two cameras and what they are used for."""
     return click.option(
-        name, type=CameraPair(), show_default="chosen automatically", help=f"The two cameras for {use}."
+        *names,
+        type=parse_pair,
+        metavar="CAMERA,CAMERA",
+        show_default="chosen automatically",
+        help=f"The two cameras for {use}.",
     )
 
 

@@ -1,6 +1,7 @@
 """`reconstruct stereo`."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -18,23 +19,16 @@ from reconstruction.commands.options import instant_option, out_option, pair_opt
     show_default="the same",
     help="Take the second camera's image from this instant.",
 )
-@pair_option("--pair", "the depth map")
+@pair_option("--pair", use="the depth map")
 @out_option
 @json_option
-def stereo(
-    session: Path,
-    instant: int,
-    other_instant: int | None,
-    pair: tuple[str, str] | None,
-    out: Path,
-    as_json: bool,
-) -> None:
+def stereo(session: Path, out: Path, as_json: bool, **options: Any) -> None:
     """Compute a depth map from two cameras of SESSION, with its confidence and a picture."""
 
     from reconstruction.stereo.command import StereoOptions
     from reconstruction.stereo.command import stereo as run
 
-    result = run(session, out, StereoOptions(instant=instant, other_instant=other_instant, pair=pair))
+    result = run(session, out, StereoOptions(**options))
     if as_json:
         print_json(result)
         return

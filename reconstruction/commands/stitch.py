@@ -1,6 +1,7 @@
 """`reconstruct stitch`."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -22,9 +23,7 @@ from reconstruction.session.conditions import MAX_OFFSET_MS
 )
 @out_option
 @json_option
-def stitch(
-    sources: tuple[Path, ...], instant: int, offset_ms: float | None, out: Path, as_json: bool
-) -> None:
+def stitch(sources: tuple[Path, ...], out: Path, as_json: bool, **options: Any) -> None:
     """Stitch a panorama from one instant of SESSION, or from image files or a folder of them.
 
     Lists the images that were left out and why, and marks ghosting in the panorama.
@@ -33,7 +32,7 @@ def stitch(
     from reconstruction.panorama.command import StitchOptions
     from reconstruction.panorama.command import stitch as run
 
-    result = run(sources, out, StitchOptions(instant=instant, offset_ms=offset_ms))
+    result = run(sources, out, StitchOptions(**options))
     if as_json:
         print_json(result)
         return

@@ -52,9 +52,9 @@ def _log(line: str) -> None:
 
 def main() -> None:
     """Run a batch of the units, or of real ones where a third argument asks for it."""
-    from reconstruction.batch.command import BatchOptions, batch
+    from reconstruction.batch.command import batch
     from reconstruction.batch.executors import LocalExecutor
-    from reconstruction.batch.plan import DEPTH_TASK
+    from reconstruction.batch.plan import DEPTH_TASK, BatchOptions
 
     out, session, *real = sys.argv[1:]
     conditions = tuple(Condition.parse(text) for text in (("synced",) if real else CONDITIONS))

@@ -16,9 +16,9 @@ import pytest
 from capture_app.errors import BadInputError, DiskFullError, ExitCode, NotAvailableError
 from capture_app.session.reading.reader import Session
 from reconstruction import cli
-from reconstruction.batch.command import BatchOptions, batch, exit_code
+from reconstruction.batch.command import batch, exit_code
 from reconstruction.batch.executors import LocalExecutor
-from reconstruction.batch.plan import DEPTH_TASK, plan
+from reconstruction.batch.plan import DEPTH_TASK, BatchOptions, plan
 from reconstruction.batch.slurm import SlurmExecutor
 from reconstruction.batch.units import Outcome, Unit, run_unit
 from reconstruction.session.conditions import Condition
@@ -133,7 +133,8 @@ def test_a_key_is_of_all_that_the_result_depends_on(boards: Session, tmp_path: P
     def keys(
         folder: Path = boards.folder, condition: str = "synced", matcher: str = "sweep", program: str = "1"
     ) -> Any:
-        units, _ = plan(folder, [Condition.parse(condition)], None, matcher, program)
+        options = BatchOptions(conditions=(Condition.parse(condition),), matcher=matcher, program=program)
+        units, _ = plan(folder, options)
         return [unit.key for unit in units]
 
     first = keys()
@@ -159,8 +160,7 @@ def test_a_damaged_image_is_no_input(boards: Session, tmp_path: Path) -> None:
     data[-20] ^= 1
     image.write_bytes(data)
     outcomes = [
-        run_unit(DEPTH_TASK, unit, tmp_path / "out")
-        for unit in plan(copied, [Condition.parse("synced")], [0], "sweep", "1")[0]
+        run_unit(DEPTH_TASK, unit, tmp_path / "out") for unit in plan(copied, BatchOptions(instants=(0,)))[0]
     ]
     assert [outcome.exit_code for outcome in outcomes] == [ExitCode.INCOMPLETE]
     assert "is damaged" in outcomes[0].error

@@ -24,7 +24,7 @@ from reconstruction.report import wording
 from reconstruction.report.comparison_report import write_report
 from reconstruction.report.verdict import verdict
 from reconstruction.scores.compare_results import CompareResult, ConditionResult
-from reconstruction.scores.dose_results import DoseResult
+from reconstruction.scores.results import DoseResult
 from reconstruction.session.conditions import DEFAULT_OFFSET_MS, Condition
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import FrameOffset, evenly_spread, nearest_frame_offset

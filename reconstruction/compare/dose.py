@@ -17,7 +17,7 @@ from reconstruction.common.output_folder import comparison_folder, write_metrics
 from reconstruction.compare.stereo_study import StereoStudy
 from reconstruction.panorama.optical_flow import dense_flow
 from reconstruction.report.dose_report import write_dose_report
-from reconstruction.scores.dose_results import DosePoint, DoseResult
+from reconstruction.scores.results import DosePoint, DoseResult
 from reconstruction.session.conditions import DEFAULT_OFFSET_MS
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import (

@@ -18,8 +18,7 @@ from reconstruction.multiview.instant_depth import InstantDepth, compute_instant
 from reconstruction.multiview.instant_scoring import InstantScorer
 from reconstruction.multiview.source_views import choose_source_views
 from reconstruction.multiview.undistorted_session import UndistortedSession
-from reconstruction.scores.depth_results import MultiviewComparison, MultiviewScores
-from reconstruction.scores.results import Picture
+from reconstruction.scores.results import MultiviewComparison, MultiviewScores, Picture
 from reconstruction.scores.tally import Measurements
 from reconstruction.session.conditions import Condition
 from reconstruction.session.frame_offset import evenly_spread

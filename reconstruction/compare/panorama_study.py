@@ -12,8 +12,7 @@ from reconstruction.calibration.rig import Rig
 from reconstruction.common.drawing import box_with_most, enlarge_crop, trim_empty_sides
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import save_picture
-from reconstruction.compare.pair_study import Pair, PairStudy
-from reconstruction.compare.study import SIDES, ComparisonTally
+from reconstruction.compare.study import SIDES, ComparisonTally, Pair, PairStudy
 from reconstruction.panorama.pair_panorama import blend_pair, measure_misfit, panorama_masks
 from reconstruction.panorama.pair_registration import (
     PairRegistration,
@@ -22,8 +21,7 @@ from reconstruction.panorama.pair_registration import (
     uncalibrated_view,
     undistort_pixels,
 )
-from reconstruction.scores.panorama_results import PanoramaComparison, PanoramaScores
-from reconstruction.scores.results import Picture
+from reconstruction.scores.results import PanoramaComparison, PanoramaScores, Picture
 from reconstruction.scores.tally import Tally, measures_of
 from reconstruction.session.conditions import Condition
 from reconstruction.session.frame_offset import FrameOffset

@@ -7,11 +7,10 @@ import msgspec
 import numpy as np
 
 from capture_app.terminal import Progress
-from reconstruction.compare.pair_study import PairStudy
 from reconstruction.compare.stereo_pictures import StereoInstant, stereo_pictures
-from reconstruction.compare.study import SIDES, ComparisonTally
-from reconstruction.scores.depth_results import DepthScores, StereoComparison
+from reconstruction.compare.study import SIDES, ComparisonTally, PairStudy
 from reconstruction.scores.depth_truth import true_depth_in_unit
+from reconstruction.scores.results import DepthScores, StereoComparison
 from reconstruction.scores.still_control import median_still_depth, project_into_other, still_pixels
 from reconstruction.scores.tally import Measurements, measure_depth
 from reconstruction.session.conditions import Condition

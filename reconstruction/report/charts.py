@@ -4,8 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from reconstruction.report import wording
-from reconstruction.scores.dose_results import DoseResult
-from reconstruction.scores.pose_results import PoseComparison
+from reconstruction.scores.results import DoseResult, PoseComparison
 
 
 @dataclass(frozen=True)

@@ -12,7 +12,7 @@ from reconstruction.report.page import Section, render_page, write_page
 from reconstruction.report.provenance import Entry
 from reconstruction.report.tables import Column, Row, Table, score_cell
 from reconstruction.report.verdict import plausibly_synchronized
-from reconstruction.scores.dose_results import DoseResult
+from reconstruction.scores.results import DoseResult
 
 COLUMNS = (
     ("mover_within_2pct", WITHIN, wording.share),

@@ -4,8 +4,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from reconstruction.report import wording
-from reconstruction.scores.depth_results import MultiviewComparison
-from reconstruction.scores.pose_results import PoseComparison
+from reconstruction.scores.results import MultiviewComparison, PoseComparison
 
 WITHIN = "Measured correctly"
 COVERAGE = "Given a distance"

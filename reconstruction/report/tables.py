@@ -16,9 +16,7 @@ from reconstruction.report.measures import (
     pixels,
 )
 from reconstruction.scores.compare_results import CompareResult, ConditionResult
-from reconstruction.scores.depth_results import DepthScores
-from reconstruction.scores.panorama_results import PanoramaScores
-from reconstruction.scores.pose_results import PoseScores
+from reconstruction.scores.results import DepthScores, PanoramaScores, PoseScores
 
 Scores = DepthScores | PanoramaScores | PoseScores
 Show = Callable[[float | None], str]

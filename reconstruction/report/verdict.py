@@ -1,8 +1,13 @@
 """What a comparison found, in one or two sentences for somebody who has never heard of synchronization."""
 
-from reconstruction.scores.depth_results import DepthScores, MultiviewComparison, StereoComparison
-from reconstruction.scores.panorama_results import PanoramaComparison, PanoramaScores
-from reconstruction.scores.pose_results import PoseComparison
+from reconstruction.scores.results import (
+    DepthScores,
+    MultiviewComparison,
+    PanoramaComparison,
+    PanoramaScores,
+    PoseComparison,
+    StereoComparison,
+)
 
 DEPTH_MEASURES = ("mover_within_2pct", "mover_coverage")
 """What depth is judged by: correct distances where the truth is known, else any distance."""

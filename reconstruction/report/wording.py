@@ -9,7 +9,7 @@ from typing import Self
 from capture_app.text import duration
 from reconstruction.report.verdict import CLEAR_SHARE, DEPTH_MEASURES, first_known, plausibly_synchronized
 from reconstruction.scores.compare_results import CompareResult
-from reconstruction.scores.depth_results import DepthScores
+from reconstruction.scores.results import DepthScores
 
 NOT_AVAILABLE = "n/a"
 GAP = "\u202f"

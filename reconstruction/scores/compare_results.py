@@ -2,10 +2,13 @@
 
 from msgspec import Struct
 
-from reconstruction.scores.depth_results import MultiviewComparison, StereoComparison
-from reconstruction.scores.dose_results import DoseResult
-from reconstruction.scores.panorama_results import PanoramaComparison
-from reconstruction.scores.pose_results import PoseComparison
+from reconstruction.scores.results import (
+    DoseResult,
+    MultiviewComparison,
+    PanoramaComparison,
+    PoseComparison,
+    StereoComparison,
+)
 
 
 class BurstGrid(Struct, frozen=True, kw_only=True):

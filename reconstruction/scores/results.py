@@ -1,4 +1,4 @@
-"""What all results of a comparison are made of."""
+"""What the studies of a comparison found, as `metrics.json` holds it: depth, panoramas, poses."""
 
 from msgspec import Struct
 
@@ -21,3 +21,206 @@ class Picture(Struct, frozen=True, kw_only=True):
     caption: str = ""
     panels: int = 1
     """Panels side by side within each file; a slider over more than one would mix them."""
+
+
+class DepthScores(Struct, frozen=True, kw_only=True):
+    """Stereo depth in one condition; shares are of all pixels of that kind, empty ones counted as wrong.
+
+    Movers are pixels of moving things, static ones the rest. `*_within_*pct` need ground truth.
+    """
+
+    mover_coverage: float | None
+    static_coverage: float | None
+    mover_within_1pct: float | None = None
+    static_within_1pct: float | None = None
+    mover_within_2pct: float | None = None
+    static_within_2pct: float | None = None
+    mover_within_5pct: float | None = None
+    static_within_5pct: float | None = None
+    mover_epipolar_px: float | None = None
+    """Median vertical disparity of matches on movers, in px of the rectified images."""
+    static_epipolar_px: float | None = None
+    mover_photometric_error: float | None = None
+    """Median absolute grey-level difference after warping one view onto the other by its depth."""
+    static_photometric_error: float | None = None
+    intervals: dict[str, Interval] = {}
+    """By measure, where there are enough instants."""
+    instants: int = 0
+
+    def interval_of(self, measure: str) -> Interval | None:
+        """A measure with its interval, which has no width if there are too few instants."""
+        value: float | None = getattr(self, measure)
+        if value is None:
+            return None
+        return self.intervals.get(measure) or Interval(value=value, low=value, high=value)
+
+
+class StereoComparison(Struct, frozen=True, kw_only=True):
+    """Depth from a rectified pair, synchronized and offset."""
+
+    reference: str
+    other: str
+    synced: DepthScores
+    offset: DepthScores
+    offset_ms: float | None = None
+    """How much later the second camera is in fact; None where that is drawn for each instant."""
+    per_instant: tuple[dict[str, float | int | None], ...] = ()
+    differences: dict[str, Interval] = {}
+    """Offset minus synced by measure, paired by instant."""
+    pictures: tuple[Picture, ...] = ()
+    reason: str = ""
+    """Why this pair was taken."""
+
+
+class MultiviewScores(DepthScores, frozen=True, kw_only=True):
+    """Depth of the reference camera by all of them, in one condition, and the cloud fused from all maps."""
+
+    mover_consistency: float | None = None
+    """Share of pixels whose depth two other cameras found too, each by itself, before any other check."""
+    static_consistency: float | None = None
+    mover_points: float | None = None
+    """Fused points on moving things, of an instant; the mean over the instants."""
+    static_points: float | None = None
+    mover_f_score: float | None = None
+    """Of the fused cloud against the true surfaces of the instant, within the comparison's tolerance."""
+    static_f_score: float | None = None
+    mover_precision: float | None = None
+    """Share of the fused points that lie on a true surface."""
+    static_precision: float | None = None
+    mover_recall: float | None = None
+    """Share of the true surfaces, as far as two cameras see them, that have a fused point."""
+    static_recall: float | None = None
+
+
+class MultiviewComparison(Struct, frozen=True, kw_only=True):
+    """Depth from all cameras, synchronized and with every camera off by another time.
+
+    Judged on the camera in the middle, the reference, whose own picture is the same in both.
+    """
+
+    reference: str
+    cameras: tuple[str, ...]
+    synced: MultiviewScores
+    offset: MultiviewScores
+    offsets_ms: dict[str, float] = {}
+    """How late each camera is against the reference; empty where it is drawn for each instant."""
+    tolerance_m: float | None = None
+    """How near a fused point and a true surface must be for the F-score; None where no truth is known."""
+    width_px: int = 0
+    """Of the reference's picture as it was matched: large ones are made smaller for a comparison."""
+    per_instant: tuple[dict[str, float | int | None], ...] = ()
+    """Keys as in StereoComparison.per_instant, and `synced_mover_points` and `offset_mover_points`."""
+    differences: dict[str, Interval] = {}
+    """Offset minus synced by measure, paired by instant."""
+    pictures: tuple[Picture, ...] = ()
+    """Their offset side is not that of the pair: it is every camera off by another time."""
+    left_out: dict[str, str] = {}
+    """Cameras without depth, and why."""
+    cloud_skipped: str = ""
+    """Why there is no fused cloud, or no F-score of it."""
+
+
+class PanoramaScores(Struct, frozen=True, kw_only=True):
+    """A panorama in one condition, judged in the overlap before blending."""
+
+    overlap_flow_p95_px: float
+    static_overlap_mad: float
+    """Mean absolute grey-level difference on static pixels of the overlap (0-255)."""
+    mover_overlap_mad: float | None = None
+    mover_flow_p95_px: float | None = None
+    """As overlap_flow_p95_px, on moving things only."""
+    intervals: dict[str, Interval] = {}
+    """By measure, where there are enough instants."""
+    instants: int = 0
+
+
+class PanoramaComparison(Struct, frozen=True, kw_only=True):
+    """A panorama registered once and composed for each condition."""
+
+    cameras: tuple[str, ...]
+    synced: PanoramaScores
+    offset: PanoramaScores
+    offset_ms: float | None = None
+    per_instant: tuple[dict[str, float | int | None], ...] = ()
+    """`offset_ms` and `per_instant` as in StereoComparison."""
+    differences: dict[str, Interval] = {}
+    """Offset minus synced by measure, paired by instant."""
+    pictures: tuple[Picture, ...] = ()
+    reason: str = ""
+    """Why this pair was taken."""
+
+
+class PoseScores(Struct, frozen=True, kw_only=True):
+    """Where the cameras stand, found from the pictures of single instants alone, in one condition.
+
+    A pair is placed right where both cameras were placed, and the rotation between them and the direction
+    from one to the other are within `PoseComparison.tolerance_deg` of the true ones.
+    """
+
+    registered: float
+    """Cameras that were placed at an instant; the mean over the instants."""
+    correct_pairs: float
+    """Share of all pairs of cameras that were placed right."""
+    rotation_deg: float | None = None
+    """Error of the rotation between two cameras, the median over the pairs that were placed; degrees."""
+    direction_deg: float | None = None
+    """Error of the direction from one camera to the other, the same; degrees."""
+    intervals: dict[str, Interval] = {}
+    """By measure, where there are enough instants."""
+    instants: int = 0
+
+
+class PoseComparison(Struct, frozen=True, kw_only=True):
+    """Poses found instant by instant, synchronized and with every camera off by another time."""
+
+    cameras: tuple[str, ...]
+    synced: PoseScores
+    offset: PoseScores
+    degraded: bool
+    """Lateness costs more than a tenth of the pairs that are placed right."""
+    tolerance_deg: float
+    truth_source: str
+    """What the poses are compared with."""
+    offsets_ms: dict[str, float] = {}
+    """As in MultiviewComparison."""
+    per_instant: tuple[dict[str, float | int | None], ...] = ()
+    """`instant`, and each measure of PoseScores as `synced_*` and `offset_*`."""
+    differences: dict[str, Interval] = {}
+    reason: str = ""
+    """Why poses were looked at."""
+
+
+class DosePoint(Struct, frozen=True, kw_only=True):
+    """Depth with the second camera so much later; shares as in DepthScores, with intervals."""
+
+    offset_ms: float
+    offset_frames: int
+    scores: DepthScores
+
+
+class DoseResult(Struct, frozen=True, kw_only=True):
+    """A pair's depth against offset, on the same instants and by the same calibration throughout."""
+
+    reference: str
+    other: str
+    measure: str
+    """What the curve shows: mover_within_2pct where truth is known, else mover_coverage."""
+    points: tuple[DosePoint, ...]
+    instants: int
+    decreasing: bool
+    """No point's interval lies wholly above its predecessor's."""
+    tolerable_offset_ms: float | None = None
+    """The offset at which the curve has lost a tenth (linear between its points), or at which half of what
+    moves has moved by one pixel, whichever comes first."""
+    speed_px_per_ms: float | None = None
+    """How fast what moves does so in the reference's picture, the median over its pixels."""
+    sync_residual_us: float | None = None
+    """The session's own largest error of an image's time by its record."""
+    sync_residual_px: float | None = None
+    """By how much what moves does so in that time."""
+    reason: str = ""
+    session: str = ""
+    calibration: str = ""
+    report: str = ""
+    seconds: float = 0.0
+    versions: dict[str, str] = {}

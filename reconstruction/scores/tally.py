@@ -1,6 +1,9 @@
-"""The scores of a condition: measurements of every instant, pooled, with bootstrap intervals over them."""
+"""The scores of a condition: measurements of every instant, pooled, with bootstrap intervals over them.
 
-from collections.abc import Iterable
+All conditions use the same bootstrap draws, and stay paired.
+"""
+
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -8,7 +11,6 @@ import numpy as np
 from msgspec import Struct
 
 from reconstruction.common.geometry import Array
-from reconstruction.scores.bootstrap import bootstrap_interval, pooled_samples, share_samples
 from reconstruction.scores.depth_truth import TOLERANCES, right_depth
 from reconstruction.scores.results import Interval
 
@@ -18,6 +20,8 @@ MAX_DRAWN_VALUES = 1500
 """Values of an instant that its bootstrap draws are made of."""
 MIN_FOR_INTERVAL = 3
 """With fewer instants there are no intervals."""
+RESAMPLES = 500
+LEVEL_PERCENT = 95.0
 
 Form = TypeVar("Form", bound=Struct)
 
@@ -100,14 +104,14 @@ class Tally:
             drawn, recalls = (self.samples(name) for name in _precision_and_recall(measure))
             return np.asarray(_harmonic_mean(np.nan_to_num(drawn), recalls))
         if self._is_share(measure):
-            return share_samples(*self._shares(measure))
+            return _share_samples(*self._shares(measure))
         thinned = [v[:: max(1, len(v) // MAX_DRAWN_VALUES)] for v in self._values(measure)]
-        return pooled_samples(thinned, lambda values: self._middle(measure, values))
+        return _pooled_samples(thinned, lambda values: self._middle(measure, values))
 
     def intervals(self, measures: Iterable[str]) -> dict[str, Interval]:
         """Measures with their intervals over the instants, where there are enough."""
         known = {name: value for name in measures if (value := self.value(name)) is not None}
-        found = {name: bootstrap_interval(value, self.samples(name)) for name, value in known.items()}
+        found = {name: _bootstrap_interval(value, self.samples(name)) for name, value in known.items()}
         return {name: one for name, one in found.items() if one is not None}
 
     def scores(self, form: type[Form]) -> Form:
@@ -143,7 +147,7 @@ def differences(synced: Tally, other: Tally, form: type[Struct]) -> dict[str, In
         before, after = synced.value(name), other.value(name)
         if before is None or after is None or synced.instants != other.instants:
             continue
-        one = bootstrap_interval(after - before, other.samples(name) - synced.samples(name))
+        one = _bootstrap_interval(after - before, other.samples(name) - synced.samples(name))
         if one is not None:
             found[name] = one
     return found
@@ -157,3 +161,35 @@ def _precision_and_recall(measure: str) -> tuple[str, str]:
 def _harmonic_mean(precision: Array | float, recall: Array | float) -> Array:
     total = np.asarray(precision) + recall
     return np.asarray(2 * np.asarray(precision) * recall / np.maximum(total, 1e-12))
+
+
+def _draw_instants(instants: int) -> Array:
+    """Instants drawn with replacement (RESAMPLES, instants); the same number gives the same draws."""
+    return np.random.default_rng(0).integers(0, instants, (RESAMPLES, instants))
+
+
+def _share_samples(parts: Array, wholes: Array) -> Array:
+    """The pooled share, sum of parts over sum of wholes, of every draw (RESAMPLES,); NaN = nothing there."""
+    drawn = _draw_instants(len(parts))
+    total = wholes[drawn].sum(1)
+    return np.asarray(np.where(total > 0, parts[drawn].sum(1) / np.maximum(total, 1), np.nan))
+
+
+def _pooled_samples(values: list[Array], estimate: Callable[[Array], float]) -> Array:
+    """An estimate over the pooled values (one array for each instant) of every draw (RESAMPLES,)."""
+    found = np.full(RESAMPLES, np.nan)
+    for i, drawn in enumerate(_draw_instants(len(values))):
+        pooled = np.concatenate([values[k] for k in drawn])
+        if len(pooled):
+            found[i] = estimate(pooled)
+    return found
+
+
+def _bootstrap_interval(value: float | None, samples: Array) -> Interval | None:
+    """The middle 95 % of the draws around a value; None where there is no value or only one instant."""
+    known = samples[np.isfinite(samples)]
+    if value is None or not len(known):
+        return None
+    rest = (100 - LEVEL_PERCENT) / 2
+    low, high = np.percentile(known, [rest, 100 - rest])
+    return Interval(value=value, low=float(min(low, value)), high=float(max(high, value)))

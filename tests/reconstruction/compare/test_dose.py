@@ -12,9 +12,7 @@ from capture_app.session.reading.reader import Session
 from reconstruction.cli import run
 from reconstruction.compare.dose import is_decreasing, tolerable_offset_ms
 from reconstruction.report.dose_report import write_dose_report
-from reconstruction.scores.depth_results import DepthScores
-from reconstruction.scores.dose_results import DosePoint, DoseResult
-from reconstruction.scores.results import Interval
+from reconstruction.scores.results import DepthScores, DosePoint, DoseResult, Interval
 from reconstruction.scores.tally import Measurements, Tally, differences, measure_depth
 
 

@@ -17,7 +17,7 @@ from reconstruction.common.geometry import View
 from reconstruction.compare.pose_study import PoseStudy
 from reconstruction.poses.pose_errors import Pose, relative_pose_errors
 from reconstruction.poses.pose_finder import PoseFinder
-from reconstruction.scores.pose_results import PoseComparison
+from reconstruction.scores.results import PoseComparison
 from reconstruction.session.conditions import DISTINCT, SYNCED, Condition
 from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import VIEWS, Scene, write_session

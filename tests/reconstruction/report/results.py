@@ -7,16 +7,20 @@ import msgspec
 import numpy as np
 
 from reconstruction.scores.compare_results import BulletTime, BurstGrid, CompareResult, ConditionResult
-from reconstruction.scores.depth_results import (
+from reconstruction.scores.results import (
     DepthScores,
+    DosePoint,
+    DoseResult,
+    Interval,
     MultiviewComparison,
     MultiviewScores,
+    PanoramaComparison,
+    PanoramaScores,
+    Picture,
+    PoseComparison,
+    PoseScores,
     StereoComparison,
 )
-from reconstruction.scores.dose_results import DosePoint, DoseResult
-from reconstruction.scores.panorama_results import PanoramaComparison, PanoramaScores
-from reconstruction.scores.pose_results import PoseComparison, PoseScores
-from reconstruction.scores.results import Interval, Picture
 
 NASTY = "jump <script>alert('x')</script> & \"pinwheel\" $css {x}"
 

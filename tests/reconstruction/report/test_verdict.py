@@ -1,14 +1,16 @@
 """The verdict says what the figures say, also where they say nothing."""
 
 from reconstruction.report.verdict import plausibly_synchronized, verdict
-from reconstruction.scores.depth_results import (
+from reconstruction.scores.results import (
     DepthScores,
     MultiviewComparison,
     MultiviewScores,
+    PanoramaComparison,
+    PanoramaScores,
+    PoseComparison,
+    PoseScores,
     StereoComparison,
 )
-from reconstruction.scores.panorama_results import PanoramaComparison, PanoramaScores
-from reconstruction.scores.pose_results import PoseComparison, PoseScores
 
 
 def stereo(synced: float, offset: float, still: float = 0.8, *, truth: bool = True) -> StereoComparison:

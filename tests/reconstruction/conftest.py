@@ -1,9 +1,11 @@
-"""A small scene with exact truth: textured boards at different depths, one of which moves."""
+"""A small scene with exact truth, textured boards of which one moves; and the command line."""
 
+import json
 from collections.abc import Callable, Container
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -13,6 +15,7 @@ from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import BurstRecord, CameraRecord
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
+from reconstruction import cli
 from reconstruction.common.geometry import Array, View
 from tests.facts import make_facts
 
@@ -172,3 +175,40 @@ VIEWS = {
 def boards(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Session:
     """A calibrated session with truth: a stereo pair, and a camera that looks aside."""
     return write_session(tmp_path_factory.mktemp("sessions"), scene, VIEWS)
+
+
+@dataclass
+class Outcome:
+    """What a run of the command line printed, and how it ended."""
+
+    code: int
+    out: str
+    err: str
+
+    @property
+    def result(self) -> Any:
+        """The JSON that a run without errors printed."""
+        assert self.code == 0, self.err
+        return json.loads(self.out)
+
+    @property
+    def complaint(self) -> str:
+        """The one line on stderr, beside those of progress, that says what is wrong."""
+        (line,) = (line for line in self.err.splitlines() if not line.startswith("["))
+        assert line.startswith("reconstruct: error: ")
+        return line
+
+
+Reconstruct = Callable[..., Outcome]
+
+
+@pytest.fixture
+def reconstruct(capsys: pytest.CaptureFixture[str]) -> Reconstruct:
+    """Run the command line."""
+
+    def run(*arguments: object) -> Outcome:
+        code = cli.run([str(argument) for argument in arguments])
+        printed = capsys.readouterr()
+        return Outcome(code, printed.out, printed.err)
+
+    return run

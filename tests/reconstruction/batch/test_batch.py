@@ -15,7 +15,6 @@ import pytest
 
 from capture_app.errors import BadInputError, DiskFullError, ExitCode, NotAvailableError
 from capture_app.session.reading.reader import Session
-from reconstruction import cli
 from reconstruction.batch.command import batch, exit_code
 from reconstruction.batch.executors import LocalExecutor
 from reconstruction.batch.plan import DEPTH_TASK, BatchOptions, plan
@@ -23,7 +22,7 @@ from reconstruction.batch.slurm import SlurmExecutor
 from reconstruction.batch.units import Outcome, Unit, run_unit
 from reconstruction.session.conditions import Condition
 from tests.reconstruction.batch.fake_units import FAKE_TASK
-from tests.reconstruction.conftest import VIEWS, Scene, write_session
+from tests.reconstruction.conftest import VIEWS, Reconstruct, Scene, write_session
 
 FAILING = "tests.reconstruction.batch.fake_units:compute_or_fail"
 
@@ -49,13 +48,12 @@ def run(boards: Session, tmp_path: Path) -> Callable[..., Any]:
 
 
 def test_real_units_in_processes_and_nothing_twice(
-    boards: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    boards: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
     out = tmp_path / "out"
-    asked = [str(boards.folder), "--instants", "2", "--condition", "synced", "--condition", "66"]
-    assert cli.run(["batch", *asked, "--out", str(out), "--json"]) == 0
-    printed = capsys.readouterr()
-    result = json.loads(printed.out)
+    asked = (boards.folder, "--instants", 2, "--condition", "synced", "--condition", 66, "--out", out)
+    printed = reconstruct("batch", *asked, "--json")
+    result = printed.result
     assert (result["computed"], result["reused"], result["failed"]) == (2, 0, 0)
     assert [line[:5] for line in printed.err.splitlines()] == ["[1/2]", "[2/2]"]
     assert "left" in printed.err.splitlines()[0]
@@ -65,8 +63,7 @@ def test_real_units_in_processes_and_nothing_twice(
     for row in result["units"]:
         assert (out / row["folder"] / "fused.ply").stat().st_size > 1000
     before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
-    assert cli.run(["batch", *asked, "--out", str(out)]) == 0
-    printed = capsys.readouterr()
+    printed = reconstruct("batch", *asked)
     assert printed.out.splitlines()[0] == "0 computed, 2 reused, 0 failed"
     assert before == {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
 

@@ -4,48 +4,23 @@ import json
 import shutil
 import sys
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import cv2
 import pytest
 
 from capture_app.session.reading.reader import Session
-from reconstruction import cli
-from tests.reconstruction.conftest import VIEWS, Scene, write_session
+from tests.reconstruction.conftest import VIEWS, Reconstruct, Scene, write_session
 
 NO_MULTIVIEW = ("--max-multiview-instants", 0)
 
 
-@dataclass
-class Outcome:
-    """What a run printed, and how it ended."""
-
-    code: int
-    out: str
-    err: str
-
-
-@pytest.fixture
-def reconstruct(capsys: pytest.CaptureFixture[str]) -> Callable[..., Outcome]:
-    """Run the command line."""
-
-    def run(*arguments: object) -> Outcome:
-        code = cli.run([str(argument) for argument in arguments])
-        printed = capsys.readouterr()
-        return Outcome(code, printed.out, printed.err)
-
-    return run
-
-
 def test_synchronization_shows_in_depth_and_panorama_but_not_in_what_stands_still(
-    boards: Session, tmp_path: Path, reconstruct: Callable[..., Outcome]
+    boards: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
     out = tmp_path / "out"
     done = reconstruct("compare", boards.folder, "--offset-ms", 66, *NO_MULTIVIEW, "--out", out, "--json")
-    assert done.code == 0, done.err
-    result = json.loads(done.out)
+    result = done.result
     assert result == json.loads((out / "metrics.json").read_text())
     assert result["offset_frames"] == 2
     synced, offset = result["stereo"]["synced"], result["stereo"]["offset"]
@@ -73,7 +48,7 @@ def test_synchronization_shows_in_depth_and_panorama_but_not_in_what_stands_stil
 
 
 def test_stages_are_used_again_only_where_their_inputs_are_the_same(
-    boards: Session, tmp_path: Path, reconstruct: Callable[..., Outcome]
+    boards: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
     out = tmp_path / "out"
 
@@ -89,7 +64,7 @@ def test_stages_are_used_again_only_where_their_inputs_are_the_same(
 
 
 @pytest.mark.parametrize(
-    ("arguments", "code", "words"),
+    ("asked", "code", "words"),
     [
         (("--offset-ms", "900"), 3, "largest offset possible is 133 ms"),
         (("--stereo-pair", "left,nobody"), 3, "no camera 'nobody'"),
@@ -101,87 +76,53 @@ def test_stages_are_used_again_only_where_their_inputs_are_the_same(
     ],
 )
 def test_wrong_options_are_one_line(
-    boards: Session,
-    tmp_path: Path,
-    reconstruct: Callable[..., Outcome],
-    arguments: tuple[str, ...],
-    code: int,
-    words: str,
+    boards: Session, tmp_path: Path, reconstruct: Reconstruct, asked: tuple[str, ...], code: int, words: str
 ) -> None:
-    done = reconstruct("compare", boards.folder, "--out", tmp_path / "out", *arguments)
+    done = reconstruct("compare", boards.folder, "--out", tmp_path / "out", *asked)
     assert done.code == code
-    assert words in done.err
-    assert len(done.err.strip().splitlines()) == 1
-    assert done.err.startswith("reconstruct: error: ")
+    assert words in done.complaint
+    assert done.err.splitlines() == [done.complaint]
     assert done.out == ""
     assert list(tmp_path.iterdir()) == []
 
 
-def _no_session(folder: Path) -> None:
-    shutil.rmtree(folder)
-
-
-def _broken_manifest(folder: Path) -> None:
-    (folder / "session.json").write_text("{")
-
-
-def _missing_image(folder: Path) -> None:
-    next(folder.glob("images/rig1/left/*.png")).unlink()
-
-
-def _cut_image(folder: Path) -> None:
+def cut(folder: Path) -> None:
     image = next(folder.glob("images/rig1/left/*.png"))
     image.write_bytes(image.read_bytes()[:100])
 
 
-def _other_bytes(folder: Path) -> None:
-    for image in folder.glob("images/rig1/left/*.png"):
-        image.write_bytes(b"x" * image.stat().st_size)
-
-
-def _broken_calibration(folder: Path) -> None:
-    (folder / "calibration.json").write_text("[]")
-
-
-def _broken_truth(folder: Path) -> None:
-    for path in folder.glob("ground_truth/left/*.npz"):
-        path.write_bytes(b"PK")
+def overwrite(folder: Path, pattern: str, data: bytes) -> None:
+    """Other bytes, as many as before where `data` is one byte."""
+    for path in folder.glob(pattern):
+        path.write_bytes(data * (path.stat().st_size if len(data) == 1 else 1))
 
 
 @pytest.mark.parametrize(
     ("damage", "code"),
     [
-        (_no_session, 3),
-        (_broken_manifest, 3),
-        (_missing_image, 7),
-        (_cut_image, 7),
-        (_other_bytes, 3),
-        (_broken_calibration, 3),
-        (_broken_truth, 3),
+        (shutil.rmtree, 3),
+        (lambda folder: (folder / "session.json").write_text("{"), 3),
+        (lambda folder: next(folder.glob("images/rig1/left/*.png")).unlink(), 7),
+        (cut, 7),
+        (lambda folder: overwrite(folder, "images/rig1/left/*.png", b"x"), 3),
+        (lambda folder: (folder / "calibration.json").write_text("[]"), 3),
+        (lambda folder: overwrite(folder, "ground_truth/left/*.npz", b"PK"), 3),
     ],
 )
 def test_damaged_sessions_are_one_line_and_leave_nothing(
-    boards: Session,
-    tmp_path: Path,
-    reconstruct: Callable[..., Outcome],
-    damage: Callable[[Path], None],
-    code: int,
+    boards: Session, tmp_path: Path, reconstruct: Reconstruct, damage: Callable[[Path], object], code: int
 ) -> None:
-    session = tmp_path / "session"
-    shutil.copytree(boards.folder, session)
+    session = shutil.copytree(boards.folder, tmp_path / "session")
     damage(session)
     left = sorted(tmp_path.iterdir())
     done = reconstruct("compare", session, "--out", tmp_path / "out")
-    errors = [line for line in done.err.splitlines() if not line.startswith("[")]
     assert done.code == code, done.err
-    assert len(errors) == 1
-    assert errors[0].startswith("reconstruct: error: ")
-    assert str(session) in errors[0]
+    assert str(session) in done.complaint
     assert sorted(tmp_path.iterdir()) == left
 
 
 def test_somebody_elses_folder_is_not_touched(
-    boards: Session, tmp_path: Path, reconstruct: Callable[..., Outcome]
+    boards: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
     (tmp_path / "thesis.tex").write_text("precious")
     done = reconstruct("compare", boards.folder, "--out", tmp_path)
@@ -190,15 +131,11 @@ def test_somebody_elses_folder_is_not_touched(
     assert [path.name for path in tmp_path.iterdir()] == ["thesis.tex"]
 
 
-def test_nothing_moving_is_said_plainly(
-    scene: Scene, tmp_path: Path, reconstruct: Callable[..., Outcome]
-) -> None:
+def test_nothing_moving_is_said_plainly(scene: Scene, tmp_path: Path, reconstruct: Reconstruct) -> None:
     pair = {name: VIEWS[name] for name in ("left", "right")}
     session = write_session(tmp_path, scene, pair, instants=3, truth=False, frozen=True)
     out = tmp_path / "out"
-    done = reconstruct("compare", session.folder, "--out", out, "--json")
-    assert done.code == 0, done.err
-    result: dict[str, Any] = json.loads(done.out)
+    result = reconstruct("compare", session.folder, "--out", out, "--json").result
     assert result["verdict"].startswith("Almost nothing moves")
     assert result["stitch"] is None
     assert "same" in result["stitch_skipped"]
@@ -209,14 +146,12 @@ def test_nothing_moving_is_said_plainly(
 
 
 def test_without_calibration_and_colmap_the_panorama_is_still_made(
-    scene: Scene, tmp_path: Path, reconstruct: Callable[..., Outcome], monkeypatch: pytest.MonkeyPatch
+    scene: Scene, tmp_path: Path, reconstruct: Reconstruct, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setitem(sys.modules, "pycolmap", None)
     apart = {name: VIEWS[name] for name in ("left", "aside")}
     session = write_session(tmp_path / "a", scene, apart, instants=3, calibrated=False, truth=False)
-    done = reconstruct("compare", session.folder, "--out", tmp_path / "out", "--json")
-    assert done.code == 0, done.err
-    result = json.loads(done.out)
+    result = reconstruct("compare", session.folder, "--out", tmp_path / "out", "--json").result
     assert result["stereo"] is None
     assert "pycolmap" in result["stereo_skipped"]
     assert "no calibration" in result["multiview_skipped"]

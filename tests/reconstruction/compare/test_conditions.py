@@ -1,17 +1,15 @@
 """Conditions as data: lists of offsets, drawn ones, another session, each beside the synchronized one."""
 
-import json
 from pathlib import Path
 
 import pytest
 
 from capture_app.errors import BadInputError
 from capture_app.session.reading.reader import Session
-from reconstruction.cli import run
 from reconstruction.session.conditions import DISTINCT, DISTINCT_MS, SYNCED, Condition
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.shown_instants import instants_shown, pair_instants, refuse_synchronized
-from tests.reconstruction.conftest import VIEWS, Scene, write_session
+from tests.reconstruction.conftest import VIEWS, Reconstruct, Scene, write_session
 
 
 def test_conditions_are_read_from_text() -> None:
@@ -84,17 +82,13 @@ def test_a_pair_sees_the_difference_of_its_offsets_in_either_direction(boards: S
 
 
 def test_compare_judges_further_conditions_beside_the_synchronized_one(
-    boards: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    boards: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
     out = tmp_path / "out"
-    arguments = (
-        *("compare", str(boards.folder), "--out", str(out), "--json"),
-        *("--stereo-pair", "left,right", "--stitch-pair", "left,aside"),
-        *("--condition", "left=33,right=0", "--condition", "left=33,right=33"),
-        *("--against", str(boards.folder), "--max-multiview-instants", "0"),
-    )
-    assert run(arguments) == 0
-    result = json.loads(capsys.readouterr().out)
+    pairs = ("--stereo-pair", "left,right", "--stitch-pair", "left,aside", "--max-multiview-instants", 0)
+    listed = ("--condition", "left=33,right=0", "--condition", "left=33,right=33")
+    more = (*listed, "--against", boards.folder, "--out", out, "--json")
+    result = reconstruct("compare", boards.folder, *pairs, *more).result
     early, same, itself = result["conditions"]
     assert early["stereo"]["offset_ms"] == pytest.approx(-33.3, abs=0.1)
     assert early["stereo"]["synced"]["mover_within_2pct"] > 0.9
@@ -115,14 +109,14 @@ def test_compare_judges_further_conditions_beside_the_synchronized_one(
 
 
 def test_a_session_of_other_cameras_is_skipped_with_its_reasons(
-    boards: Session, scene: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    boards: Session, scene: Scene, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
     views = {"left": VIEWS["left"], "other": VIEWS["right"]}
     other = write_session(tmp_path / "other", scene, views, instants=2, truth=False)
-    few = ("--max-instants", "1", "--max-multiview-instants", "0", "--stitch-pair", "left,aside")
-    out = ("--out", str(tmp_path / "out"), "--json")
-    assert run(["compare", str(boards.folder), *few, "--against", str(other.folder), *out]) == 0
-    (condition,) = json.loads(capsys.readouterr().out)["conditions"]
+    few = ("--max-instants", 1, "--max-multiview-instants", 0, "--stitch-pair", "left,aside")
+    out = ("--out", tmp_path / "out", "--json")
+    done = reconstruct("compare", boards.folder, *few, "--against", other.folder, *out)
+    (condition,) = done.result["conditions"]
     assert condition["stereo"] is None
     assert condition["stitch"] is None
     depth, panorama = condition["skipped"]
@@ -141,10 +135,10 @@ def test_a_session_of_other_cameras_is_skipped_with_its_reasons(
     ],
 )
 def test_wrong_lists_are_one_line(
-    boards: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str], text: str, code: int, words: str
+    boards: Session, tmp_path: Path, reconstruct: Reconstruct, text: str, code: int, words: str
 ) -> None:
-    assert run(["compare", str(boards.folder), "--condition", text, "--out", str(tmp_path / "out")]) == code
-    errors = capsys.readouterr().err.strip().splitlines()
-    assert len(errors) == 1
-    assert words in errors[0]
+    done = reconstruct("compare", boards.folder, "--condition", text, "--out", tmp_path / "out")
+    assert done.code == code
+    assert words in done.complaint
+    assert done.err.splitlines() == [done.complaint]
     assert not (tmp_path / "out").exists()

@@ -9,11 +9,11 @@ import numpy as np
 import pytest
 
 from capture_app.session.reading.reader import Session
-from reconstruction.cli import run
 from reconstruction.compare.dose import is_decreasing, tolerable_offset_ms
 from reconstruction.report.dose_report import write_dose_report
 from reconstruction.scores.results import DepthScores, DosePoint, DoseResult, Interval
 from reconstruction.scores.tally import Measurements, Tally, differences, measure_depth
+from tests.reconstruction.conftest import Reconstruct
 
 
 def point(ms: float, value: float, low: float | None = None, high: float | None = None) -> DosePoint:
@@ -84,11 +84,10 @@ def test_intervals_hold_the_value_and_pairs_are_drawn_together() -> None:
 
 
 def test_dose_falls_on_what_moves_and_not_on_what_stands_still(
-    boards: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    boards: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
     out = tmp_path / "out"
-    assert run(["dose", str(boards.folder), "--pair", "left,right", "--out", str(out), "--json"]) == 0
-    result = json.loads(capsys.readouterr().out)
+    result = reconstruct("dose", boards.folder, "--pair", "left,right", "--out", out, "--json").result
     assert result == json.loads((out / "metrics.json").read_text())
     assert [point["offset_frames"] for point in result["points"]] == [0, 1, 2]
     moving = [point["scores"]["mover_within_2pct"] for point in result["points"]]
@@ -102,8 +101,9 @@ def test_dose_falls_on_what_moves_and_not_on_what_stands_still(
 
 
 def test_an_unknown_camera_is_refused_in_one_line(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], boards: Session
+    tmp_path: Path, reconstruct: Reconstruct, boards: Session
 ) -> None:
-    assert run(["dose", str(boards.folder), "--pair", "left,nobody", "--out", str(tmp_path / "out")]) == 3
-    assert "no camera 'nobody'" in capsys.readouterr().err
+    done = reconstruct("dose", boards.folder, "--pair", "left,nobody", "--out", tmp_path / "out")
+    assert done.code == 3
+    assert "no camera 'nobody'" in done.complaint
     assert not (tmp_path / "out").exists()

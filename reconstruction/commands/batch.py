@@ -89,7 +89,6 @@ def batch(
     Results already in --out are reused: repeat the command after an interruption, or with more sessions,
     instants or conditions.
     """
-
     from reconstruction.batch.command import batch as run
     from reconstruction.batch.command import exit_code
     from reconstruction.batch.executors import Executor, LocalExecutor

@@ -54,7 +54,6 @@ def calibrate(
     as_json: bool,
 ) -> None:
     """Calibrate the cameras of SESSION, check the result and save it in the session."""
-
     from reconstruction.calibration.charuco import CharucoBoard
     from reconstruction.calibration.command import CalibrateOptions, CalibrationSource
     from reconstruction.calibration.command import calibrate as run

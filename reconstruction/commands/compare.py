@@ -6,14 +6,7 @@ from typing import Any
 import click
 
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line
-from reconstruction.commands.options import (
-    OFFSETS_HELP,
-    max_instants_option,
-    out_option,
-    pair_option,
-    parse_condition,
-    session_argument,
-)
+from reconstruction.commands import options
 from reconstruction.session.conditions import DEFAULT_OFFSET_MS, MAX_OFFSET_MS, SYNCED, Condition
 
 
@@ -26,7 +19,7 @@ def _refuse_synced(
 
 
 @click.command()
-@session_argument
+@options.session_argument
 @click.option(
     "--offset-ms",
     type=FiniteRange(min=0, min_open=True, max=MAX_OFFSET_MS),
@@ -34,9 +27,9 @@ def _refuse_synced(
     default=DEFAULT_OFFSET_MS,
     help="How late the second camera of a pair is, rounded to whole frames.",
 )
-@pair_option("--stereo-pair", "stereo", use="depth")
-@pair_option("--stitch-pair", "stitch", use="the panorama")
-@max_instants_option
+@options.pair_option("--stereo-pair", "stereo", use="depth")
+@options.pair_option("--stitch-pair", "stitch", use="the panorama")
+@options.max_instants_option
 @click.option(
     "--max-multiview-instants",
     "multiview_instants",
@@ -61,11 +54,11 @@ def _refuse_synced(
 @click.option(
     "--condition",
     "conditions",
-    type=parse_condition,
+    type=options.parse_condition,
     metavar="CONDITION",
     multiple=True,
     callback=_refuse_synced,
-    help=f"Compare with this condition too. Repeat for several. {OFFSETS_HELP}",
+    help=f"Compare with this condition too. Repeat for several. {options.OFFSETS_HELP}",
 )
 @click.option(
     "--against",
@@ -73,18 +66,17 @@ def _refuse_synced(
     metavar="SESSION",
     help="Compare with another session of the same cameras too, such as one without synchronization.",
 )
-@out_option
+@options.out_option
 @json_option
-def compare(session: Path, out: Path, as_json: bool, **options: Any) -> None:
+def compare(session: Path, out: Path, as_json: bool, **chosen: Any) -> None:
     """Compare synchronized images of SESSION with images that are some time apart.
 
     Writes metrics.json, pictures and a self-explanatory report.html to the --out folder.
     """
-
     from reconstruction.compare.command import CompareOptions
     from reconstruction.compare.command import compare as run
 
-    result = run(session, out, CompareOptions(**options))
+    result = run(session, out, CompareOptions(**chosen))
     if as_json:
         print_json(result)
         return

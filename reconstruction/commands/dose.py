@@ -30,7 +30,6 @@ from reconstruction.session.conditions import DEFAULT_OFFSET_MS
 @json_option
 def dose(session: Path, out: Path | None, as_json: bool, **options: Any) -> None:
     """Measure how late one camera may be before the motion in SESSION spoils the depth."""
-
     from reconstruction.compare.dose import DoseOptions
     from reconstruction.compare.dose import dose as run
     from reconstruction.report.dose_report import dose_sentence

@@ -5,20 +5,20 @@ from pathlib import Path
 import click
 
 from capture_app.terminal import Progress, json_option, print_json, print_line, talk
-from reconstruction.commands.options import (
-    CONDITION_HELP,
-    instant_option,
-    out_option,
-    parse_condition,
-    session_argument,
-)
+from reconstruction.commands import options
 from reconstruction.session.conditions import SYNCED, Condition
 
 
 @click.command()
-@session_argument
-@instant_option
-@click.option("--condition", type=parse_condition, metavar="CONDITION", default=SYNCED, help=CONDITION_HELP)
+@options.session_argument
+@options.instant_option
+@click.option(
+    "--condition",
+    type=options.parse_condition,
+    metavar="CONDITION",
+    default=SYNCED,
+    help=options.CONDITION_HELP,
+)
 @click.option(
     "--matcher",
     type=click.Choice(["auto", "sweep", "patchmatch"]),
@@ -26,13 +26,12 @@ from reconstruction.session.conditions import SYNCED, Condition
     help="sweep runs on the CPU; patchmatch is COLMAP's and needs an NVIDIA GPU; auto uses the GPU if any.",
 )
 @click.option("--mesh/--no-mesh", default=True, help="Also compute a mesh and render it.")
-@out_option
+@options.out_option
 @json_option
 def multiview(
     session: Path, instant: int, condition: Condition, matcher: str, mesh: bool, out: Path, as_json: bool
 ) -> None:
     """Compute depth maps of all cameras at one instant of SESSION, a point cloud and a mesh."""
-
     from reconstruction.multiview.command import Matcher, MultiviewOptions
     from reconstruction.multiview.command import multiview as run
     from reconstruction.session.dataset import Dataset
@@ -40,8 +39,8 @@ def multiview(
     dataset = Dataset.open(session)
     condition.check(dataset)
     offsets_ms = condition.offsets_ms(dataset.cameras, instant)
-    options = MultiviewOptions(instant=instant, offsets_ms=offsets_ms, matcher=Matcher(matcher), mesh=mesh)
-    result = run(session, out, options, Progress(1))
+    chosen = MultiviewOptions(instant=instant, offsets_ms=offsets_ms, matcher=Matcher(matcher), mesh=mesh)
+    result = run(session, out, chosen, Progress(1))
     for camera, why in result.left_out.items():
         talk(f"{camera} is left out: {why}")
     if as_json:

@@ -24,7 +24,6 @@ from reconstruction.commands.options import instant_option, out_option, pair_opt
 @json_option
 def stereo(session: Path, out: Path, as_json: bool, **options: Any) -> None:
     """Compute a depth map from two cameras of SESSION, with its confidence and a picture."""
-
     from reconstruction.stereo.command import StereoOptions
     from reconstruction.stereo.command import stereo as run
 

@@ -28,7 +28,6 @@ def stitch(sources: tuple[Path, ...], out: Path, as_json: bool, **options: Any) 
 
     Lists the images that were left out and why, and marks ghosting in the panorama.
     """
-
     from reconstruction.panorama.command import StitchOptions
     from reconstruction.panorama.command import stitch as run
 

@@ -43,6 +43,11 @@ NODE = ("node", "--leader", "127.0.0.1:1")
         ((*NODE, "--camera", "sim:phone-a", "--name", "../x"), USAGE, "../x"),
         ((*NODE, "--camera", "sim:phone-a", "--tolerance-us", "0"), USAGE, "--tolerance-us"),
         (("node", "--camera", "sim:phone-a", "--leader", "nobody.invalid"), NETWORK, "nobody.invalid"),
+        (("relay",), USAGE, "LEADER"),
+        (("relay", "10.0.0.1:port"), USAGE, "not HOST:PORT"),
+        (("relay", "127.0.0.1", "--name", "a b"), USAGE, "is not a valid name for a node"),
+        (("relay", "127.0.0.1", "--clock", "sundial"), BAD_INPUT, "unknown clock"),
+        (("relay", "[::1]:5", "--host", "127.0.0.1", "--port", "0"), NETWORK, "not of one kind"),
         (("demo", "--cameras", "8"), USAGE, "--cameras"),
         (("sessions", "show", "nowhere"), BAD_INPUT, "nowhere"),
     ],
@@ -65,11 +70,12 @@ def test_a_mistake_is_one_line(
     assert list(tmp_path.iterdir()) == [], "nothing half-written"
 
 
-def test_a_port_in_use_is_one_line(capfd: pytest.CaptureFixture[str]) -> None:
+@pytest.mark.parametrize("command", [("leader",), ("relay", "127.0.0.1")])
+def test_a_port_in_use_is_one_line(command: tuple[str, ...], capfd: pytest.CaptureFixture[str]) -> None:
     datagrams, listening = bind_port("127.0.0.1", 0)
     with datagrams, listening:
         port = str(listening.getsockname()[1])
-        assert run(("leader", "--host", "127.0.0.1", "--port", port)) == NETWORK
+        assert run((*command, "--host", "127.0.0.1", "--port", port)) == NETWORK
     printed = capfd.readouterr().err
     assert f"cannot listen on 127.0.0.1:{port}" in printed
     assert "--port" in printed

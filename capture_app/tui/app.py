@@ -1,6 +1,8 @@
 """The terminal UI: one screen that shows the cameras, takes bursts and compares sessions."""
 
 import asyncio
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import ClassVar
 
@@ -17,7 +19,7 @@ from capture_app.node.wire.status import RigStatus
 from capture_app.session.reading.reader import Session
 from capture_app.sync.wire.messages import NodeState
 from capture_app.text import ProgressStep, printable
-from capture_app.tui.source import Comparison, Rig
+from capture_app.tui.live import Comparison, LiveRig, Rig
 from capture_app.tui.widgets.nodes import NodesTable
 from capture_app.tui.widgets.sessions import SessionsTable, describe_manifest
 
@@ -123,43 +125,43 @@ class RigApp(App[None]):
 
     # Doing
 
-    def _set_busy(self, what: str) -> bool:
+    def _is_busy(self) -> bool:
         if self._busy:
             self._show_message(f"please wait: {self._busy}")
-            return False
+        return bool(self._busy)
+
+    @contextmanager
+    def _busy_with(self, what: str) -> Iterator[None]:
+        """Show what is under way, and its error where it fails."""
         self._busy = what
         self._show_message(f"{what} …")
-        return True
+        try:
+            yield
+        except SimulshotError as error:
+            self._show_message(str(error), error=True)
+        finally:
+            self._busy = ""
 
     @work
     async def action_burst(self) -> None:
         """Take a burst with all cameras."""
-        if not self._set_busy(TAKING):
+        if self._is_busy():
             return
-        try:
+        with self._busy_with(TAKING):
             burst = await self._rig.burst(BURST_FRAMES)
-            self._show_message(
-                burst.message or f"saved {burst.name}: {burst.received} of {burst.expected} images"
-            )
-        except SimulshotError as error:
-            self._show_message(str(error), error=True)
-        finally:
-            self._busy = ""
+            saved = f"saved {burst.name}: {burst.received} of {burst.expected} images"
+            self._show_message(burst.message or saved)
 
     @work
     async def action_simulate(self) -> None:
         """Start simulated cameras on this machine."""
-        if not self._set_busy("starting simulated cameras"):
+        if self._is_busy():
             return
-        try:
+        with self._busy_with("starting simulated cameras"):
             await self._rig.add_simulated(SIMULATED_CAMERAS)
             self._show_message(
                 f"started {SIMULATED_CAMERAS} simulated cameras; synchronizing takes some seconds"
             )
-        except SimulshotError as error:
-            self._show_message(str(error), error=True)
-        finally:
-            self._busy = ""
 
     @work
     async def action_compare(self) -> None:
@@ -169,23 +171,22 @@ class RigApp(App[None]):
         if session is None:
             self._show_message("no session yet: press b to take a burst")
             return
-        if not self._set_busy(f"comparing {session.name}"):
+        if self._is_busy():
             return
-        try:
-            async for step in self._rig.compare(session):
-                if isinstance(step, Comparison):
-                    self._reports[session] = step.report
-                    sessions.show_comparison(session, "press o for the report", "green")
-                    self._log_event(step.verdict)
-                    self._show_message(f"report: {step.report}")
-                else:
-                    sessions.show_comparison(session, f"{step.done} of {step.total}", "yellow")
-                    self._show_message(step.text, progress=step)
-        except SimulshotError as error:
-            sessions.show_comparison(session, "failed", "red")
-            self._show_message(str(error), error=True)
-        finally:
-            self._busy = ""
+        with self._busy_with(f"comparing {session.name}"):
+            try:
+                async for step in self._rig.compare(session):
+                    if isinstance(step, Comparison):
+                        self._reports[session] = step.report
+                        sessions.show_comparison(session, "press o for the report", "green")
+                        self._log_event(step.verdict)
+                        self._show_message(f"report: {step.report}")
+                    else:
+                        sessions.show_comparison(session, f"{step.done} of {step.total}", "yellow")
+                        self._show_message(step.text, progress=step)
+            except SimulshotError:
+                sessions.show_comparison(session, "failed", "red")
+                raise
 
     def action_open_report(self) -> None:
         """Open the selected session's report in the browser."""
@@ -227,7 +228,6 @@ def run_app(*, sessions: Path, host: str, port: int) -> None:
 
     Raises NetworkError where the port is in use, before anything is drawn.
     """
-    from capture_app.tui.live import LiveRig
 
     async def opened() -> None:
         async with LiveRig(sessions=sessions, host=host, port=port) as rig:

@@ -1,9 +1,14 @@
-"""The rig behind the screen: a leader in this process, simulated nodes and comparisons as children."""
+"""What the screen needs of a rig, and the rig behind it: a leader in this process.
+
+Simulated nodes and comparisons are its children.
+"""
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
 from contextlib import AsyncExitStack
+from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
 from capture_app.demo import SimulatedNodes, compare, unused_folder
 from capture_app.errors import BadInputError, IncompleteError
@@ -11,7 +16,33 @@ from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.wording import News, news_line
 from capture_app.node.wire.status import BurstStatus, RigStatus
 from capture_app.text import ProgressStep
-from capture_app.tui.source import Comparison
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """A finished comparison: its verdict in words, and the report's file."""
+
+    verdict: str
+    report: Path
+
+
+class Rig(Protocol):
+    """A leader and its cameras, as the screen knows them; errors are SimulshotErrors."""
+
+    def status(self) -> RigStatus:
+        """Return the whole rig at this moment."""
+
+    def on_news(self, tell: Callable[[str], None]) -> None:
+        """Set who is told, in a line each, what happens."""
+
+    async def burst(self, frames: int) -> BurstStatus:
+        """Take a burst of that many instants and return when it is on disk."""
+
+    async def add_simulated(self, cameras: int) -> None:
+        """Start that many simulated cameras on this machine."""
+
+    def compare(self, session: Path) -> AsyncIterator[ProgressStep | Comparison]:
+        """Compare synchronized with offset frames; the last thing it yields is the Comparison."""
 
 
 class LiveRig:

@@ -3,7 +3,7 @@
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture_app.tui.gauge import gauge
+from capture_app.tui.widgets.nodes import gauge
 
 
 def test_the_gauge_shows_milliseconds_and_microseconds_apart() -> None:

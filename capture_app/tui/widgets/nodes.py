@@ -1,12 +1,13 @@
 """The table of cameras: state, clock and phase of each, live."""
 
+import math
+
 from rich.text import Text
 from textual.widgets import DataTable
 
 from capture_app.node.wire.status import NodeStatus
 from capture_app.sync.wire.messages import NodeState
 from capture_app.text import clock_offset, duration, printable
-from capture_app.tui.gauge import gauge
 
 STATE_STYLES = {
     NodeState.JOINING: "dim",
@@ -19,6 +20,9 @@ STATE_STYLES = {
 NARROW = ("camera", "state", "offset", "±bound", "trip", "phase", "drops")
 WIDE = ("camera", "state", "model", "offset", "±bound", "round trip", "phase", "", "drops")
 GAUGE_WIDTH = 15
+GAUGE_FULL_SCALE_NS = 16_666_667
+"""Half a period at 30 fps: the farthest that a stream can be from the grid."""
+_GAUGE_LINEAR_NS = 10_000
 NUMBERS = {"offset", "±bound", "trip", "round trip", "phase", "drops"}
 
 
@@ -64,3 +68,20 @@ def _cells(node: NodeStatus, *, wide: bool) -> list[Text]:
     model = Text(printable(node.camera.model), style="dim")
     mark = Text(gauge(None if gone else node.phase_error_ns, GAUGE_WIDTH), style=phase_style)
     return [name, state, model, offset, bound, trip, phase, mark, drops]
+
+
+def gauge(error_ns: int | None, width: int) -> str:
+    """Return a stream's distance from the grid as a mark on a line, the middle being in step.
+
+    The scale is logarithmic on both sides from 10 µs up to half a period, so that a camera can be seen
+    coming home from milliseconds to microseconds.
+    """
+    middle = width // 2
+    line = ["·"] * width
+    line[middle] = "│"
+    if error_ns is not None:
+        full = math.log1p(GAUGE_FULL_SCALE_NS / _GAUGE_LINEAR_NS)
+        share = math.log1p(abs(error_ns) / _GAUGE_LINEAR_NS) / full
+        steps = round(min(share, 1.0) * ((width - 1) // 2))
+        line[middle + int(math.copysign(steps, error_ns))] = "●"
+    return "".join(line)

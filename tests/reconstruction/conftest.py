@@ -1,7 +1,7 @@
 """A small scene with exact truth, textured boards of which one moves; and the command line."""
 
 import json
-from collections.abc import Callable, Container
+from collections.abc import Callable, Container, Iterable
 from dataclasses import dataclass, field
 from io import BytesIO
 from pathlib import Path
@@ -64,6 +64,7 @@ class Scene:
         image = np.zeros(len(rays), np.float32)
         depth = np.full(len(rays), np.inf)
         movers = np.zeros(len(rays), bool)
+        shape = (view.height, view.width)
         for board in self.boards:
             reach = (board.z - centre[2]) / world[:, 2]
             at = centre[:2] + reach[:, None] * world[:, :2]
@@ -71,18 +72,12 @@ class Scene:
             left, top, right, bottom = board.box
             hit = (reach > 0) & (reach < depth) & (at[:, 0] > left) & (at[:, 0] < right)
             hit &= (at[:, 1] > top) & (at[:, 1] < bottom)
-            where = (at * TEXELS).astype(np.float32)
-            size = board.paint.shape[0]
-            colour = cv2.remap(
-                board.paint,
-                np.mod(where[:, 0], size - 1).reshape(view.height, view.width),
-                np.mod(where[:, 1], size - 1).reshape(view.height, view.width),
-                cv2.INTER_LINEAR,
-            ).ravel()
+            where = np.mod((at * TEXELS).astype(np.float32), board.paint.shape[0] - 1)
+            xs, ys = where.T.reshape(2, *shape)
+            colour = cv2.remap(board.paint, xs, ys, cv2.INTER_LINEAR).ravel()
             image[hit], depth[hit], movers[hit] = colour[hit], reach[hit], board.path is not None
         self.shots += 1
         image += np.random.default_rng(self.shots).normal(0, self.noise, len(rays)).astype(np.float32)
-        shape = (view.height, view.width)
         return (
             np.clip(image, 0, 255).astype(np.uint8).reshape(shape),
             (depth * unit).astype(np.float32).reshape(shape),
@@ -146,8 +141,7 @@ def write_session(
             if (name, k) in missing:
                 continue
             image, depth, movers = scene.look(view, 0.0 if frozen else float(k))
-            data = cv2.imencode(".png", image)[1].tobytes()
-            writer.add_image(data, camera=name, instant=k, leader_ns=k * PERIOD_NS, suffix=".png")
+            add_image(writer, name, k, image)
             if truth:
                 packed = BytesIO()
                 np.savez(packed, depth_m=depth, objects=movers.astype(np.uint8), movers=movers)
@@ -156,12 +150,20 @@ def write_session(
         writer.set_calibration(
             Calibration(cameras={name: v.to_calibration() for name, v in views.items()}, source="boards")
         )
-    cameras = [
-        CameraRecord(name=name, facts=make_facts(width=WIDTH, height=HEIGHT, period_ns=PERIOD_NS))
-        for name in views
-    ]
+    return finish_session(writer, views, instants)
+
+
+def add_image(writer: SessionWriter, name: str, instant: int, image: Array) -> None:
+    """One camera's image (grey, uint8) of an instant."""
+    data = cv2.imencode(".png", image)[1].tobytes()
+    writer.add_image(data, camera=name, instant=instant, leader_ns=instant * PERIOD_NS, suffix=".png")
+
+
+def finish_session(writer: SessionWriter, names: Iterable[str], instants: int) -> Session:
+    """A session of these cameras, whose images are written."""
+    facts = make_facts(width=WIDTH, height=HEIGHT, period_ns=PERIOD_NS)
     burst = BurstRecord(instants_ns=tuple(k * PERIOD_NS for k in range(instants)), period_ns=PERIOD_NS)
-    return writer.finish(cameras, burst, origin="simulated")
+    return writer.finish([CameraRecord(name=name, facts=facts) for name in names], burst, origin="simulated")
 
 
 VIEWS = {

@@ -49,6 +49,7 @@ class Throw:
         assert calibration is not None
         views = calibrated_views(self.dataset, calibration)
         self.pair = StereoPair(views["L"], views["R"], DISPARITIES)
+        self.left, self.right = self.track("L"), self.track("R")
 
     def track(self, name: str) -> dict[int, Seen]:
         """By instant, where one camera sees the ball."""
@@ -71,16 +72,6 @@ class Throw:
                 edge = cv2.erode(sight.astype(np.uint8), np.ones((9, 9), np.uint8)) == 0
                 found[k] = Seen(float(centres[ball][1]), pixels, not (pixels & edge).any())
         return found
-
-    @cached_property
-    def left(self) -> dict[int, Seen]:
-        """In the left camera."""
-        return self.track("L")
-
-    @cached_property
-    def right(self) -> dict[int, Seen]:
-        """In the right camera."""
-        return self.track("R")
 
     @cached_property
     def in_both(self) -> list[int]:

@@ -11,7 +11,6 @@ import pytest
 
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
-from capture_app.session.format.manifest import BurstRecord, CameraRecord
 from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
@@ -20,8 +19,7 @@ from reconstruction.calibration.quality import CalibrationQuality, refuse_bad_ca
 from reconstruction.cli import run
 from reconstruction.common.geometry import View, other_from_reference
 from reconstruction.session.dataset import Dataset
-from tests.facts import make_facts
-from tests.reconstruction.conftest import HEIGHT, PERIOD_NS, VIEWS, WIDTH, make_view
+from tests.reconstruction.conftest import HEIGHT, VIEWS, WIDTH, add_image, finish_session, make_view
 
 BOARD = CharucoBoard(6, 5, 0.10, 0.075, "4X4_50")
 SEEN_BY = {"left": VIEWS["left"], "right": VIEWS["right"]}
@@ -53,14 +51,8 @@ def board_session(root: Path, *, two_sided: bool = False) -> Session:
             image = cv2.resize(large, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
             if two_sided and name == "right":
                 image = np.ascontiguousarray(image[:, ::-1])
-            data = cv2.imencode(".png", image)[1].tobytes()
-            writer.add_image(data, camera=name, instant=k, leader_ns=k * PERIOD_NS, suffix=".png")
-    cameras = [
-        CameraRecord(name=name, facts=make_facts(width=WIDTH, height=HEIGHT, period_ns=PERIOD_NS))
-        for name in SEEN_BY
-    ]
-    burst = BurstRecord(instants_ns=tuple(k * PERIOD_NS for k in range(8)), period_ns=PERIOD_NS)
-    return writer.finish(cameras, burst, origin="simulated")
+            add_image(writer, name, k, image)
+    return finish_session(writer, SEEN_BY, 8)
 
 
 def baseline(first: View, second: View) -> float:

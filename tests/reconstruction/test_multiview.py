@@ -123,9 +123,8 @@ def test_patchmatch_without_a_gpu_says_so(
     trio: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    code, line = failing(
-        capsys, "multiview", str(trio.folder), "--matcher", "patchmatch", "--out", str(tmp_path / "out")
-    )
+    at = "multiview", str(trio.folder), "--out", str(tmp_path / "out")
+    code, line = failing(capsys, *at, "--matcher", "patchmatch")
     assert code == 6
     assert "this machine has none" in line
     assert "--matcher sweep" in line
@@ -159,9 +158,7 @@ def test_shares_count_what_is_empty_as_wrong() -> None:
     depth = np.array([[2.01, 2.1, 0.0, 1.99, 3.0]])
     movers = np.array([[True, True, False, False, False]])
     shares = depth_shares(depth, truth, movers)
-    assert shares["within_2pct"] == 0.5
-    assert shares["mover_within_2pct"] == 0.5
-    assert shares["static_within_2pct"] == 0.5
+    assert all(shares[f"{part}within_2pct"] == 0.5 for part in ("", "mover_", "static_"))
     assert shares["mover_coverage"] == 1.0
     assert depth_shares(depth, np.zeros_like(truth), movers)["within_2pct"] is None
 
@@ -174,31 +171,33 @@ def fake(path: Path, text: str) -> Path:
 
 
 def test_gpu_is_found_by_its_driver_and_the_other_environment_by_its_name(tmp_path: Path) -> None:
+    there = {"PATH": str(tmp_path)}
     with pytest.raises(NotAvailableError, match="this machine has none"):
-        find_gpu({"PATH": str(tmp_path)})
+        find_gpu(there)
     fake(tmp_path / "nvidia-smi", "#!/bin/sh\nexit 9\n")
     with pytest.raises(NotAvailableError, match="this machine has none"):
-        find_gpu({"PATH": str(tmp_path)})
+        find_gpu(there)
     fake(tmp_path / "nvidia-smi", "#!/bin/sh\necho Some GPU\n")
     with pytest.raises(NotAvailableError, match="pycolmap-cuda12"):
-        find_gpu({"PATH": str(tmp_path)})
+        find_gpu(there)
     with pytest.raises(NotAvailableError, match="does not exist"):
-        find_gpu({"PATH": str(tmp_path), ENVIRONMENT: str(tmp_path / "python")})
-    found = find_gpu({"PATH": str(tmp_path), ENVIRONMENT: sys.executable})
+        find_gpu(there | {ENVIRONMENT: str(tmp_path / "python")})
+    found = find_gpu(there | {ENVIRONMENT: sys.executable})
     assert found == CudaGpu("Some GPU", Path(sys.executable))
 
 
 def test_patch_match_runs_in_another_process_and_its_death_is_told(tmp_path: Path) -> None:
     note = tmp_path / "asked"
     python = fake(tmp_path / "python", f'#!/bin/sh\nprintf "%s\\n" "$3" "$4" "$5" > {note}\n')
-    run_patch_match(CudaGpu("Some GPU", python), tmp_path / "workspace", 1.5, 4.0)
+    gpu = CudaGpu("Some GPU", python)
+    run_patch_match(gpu, tmp_path / "workspace", 1.5, 4.0)
     assert note.read_text().split() == [str(tmp_path / "workspace"), "1.5", "4.0"]
     fake(python, "#!/bin/sh\necho no kernel image >&2\nexit 3\n")
     with pytest.raises(SimulshotError, match="exit code 3: no kernel image"):
-        run_patch_match(CudaGpu("Some GPU", python), tmp_path, 1.5, 4.0)
+        run_patch_match(gpu, tmp_path, 1.5, 4.0)
     fake(python, "#!/bin/sh\nkill -6 $$\n")
     with pytest.raises(SimulshotError, match="signal 6"):
-        run_patch_match(CudaGpu("Some GPU", python), tmp_path, 1.5, 4.0)
+        run_patch_match(gpu, tmp_path, 1.5, 4.0)
 
 
 def test_maps_in_the_workspace_are_read_back(tmp_path: Path) -> None:

@@ -31,7 +31,7 @@ def test_a_png_can_be_written_after_colmap_is_loaded(tmp_path: Path) -> None:
 
 
 def test_nothing_else_imports_colmap() -> None:
-    folder = Path(__file__).parent
+    folder = Path(__file__).parents[1]
     importers = [path.name for path in folder.rglob("*.py") if "import pycolmap" in path.read_text()]
     assert importers == []
 

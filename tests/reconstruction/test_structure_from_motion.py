@@ -13,15 +13,7 @@ from reconstruction.calibration.structure_from_motion import calibrate_from_imag
 from reconstruction.common.geometry import View, angle_deg, other_from_reference
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.mover_detection import SceneMotion
-from tests.reconstruction.conftest import (
-    VIEWS,
-    Board,
-    Scene,
-    jump,
-    make_view,
-    texture,
-    write_session,
-)
+from tests.reconstruction.conftest import VIEWS, Board, Scene, jump, make_view, texture, write_session
 
 
 def rubble() -> Scene:
@@ -66,16 +58,17 @@ def test_a_calibration_is_scaled_to_the_images() -> None:
     assert np.allclose(large.rays((corner + 0.5) * 2 - 0.5), small.rays(corner))
 
 
-def test_a_calibration_of_another_shape_is_refused(scene: Scene, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("camera", "width", "problem"),
+    [
+        ("left", 100, "calibrated for 100x240, but its images are 320x240"),
+        ("cam0", 320, r"of other cameras \(cam0\) \(the session has left\)"),
+    ],
+)
+def test_a_calibration_of_another_shape_or_of_other_cameras_is_refused(
+    scene: Scene, tmp_path: Path, camera: str, width: int, problem: str
+) -> None:
     session = write_session(tmp_path, scene, {"left": VIEWS["left"]}, instants=1, truth=False)
-    narrow = make_view((0, 0, 0)).to_calibration()
-    narrow = msgspec.structs.replace(narrow, width=100)
-    with pytest.raises(BadInputError, match="calibrated for 100x240, but its images are 320x240"):
-        calibrated_views(Dataset(session), Calibration(cameras={"left": narrow}))
-
-
-def test_a_calibration_of_other_cameras_is_refused(scene: Scene, tmp_path: Path) -> None:
-    session = write_session(tmp_path, scene, {"left": VIEWS["left"]}, instants=1, truth=False)
-    other = Calibration(cameras={"cam0": VIEWS["left"].to_calibration()})
-    with pytest.raises(BadInputError, match=r"of other cameras \(cam0\) \(the session has left\)"):
-        calibrated_views(Dataset(session), other)
+    known = msgspec.structs.replace(VIEWS["left"].to_calibration(), width=width)
+    with pytest.raises(BadInputError, match=problem):
+        calibrated_views(Dataset(session), Calibration(cameras={camera: known}))

@@ -5,17 +5,13 @@ import json
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from capture_app.session.format.manifest import JOURNAL, MANIFEST
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 
-from .conftest import PATIENCE_S
-from .test_rig import burst, join, lead, output
-
-if TYPE_CHECKING:
-    from tests.end_to_end.conftest import Start
+from .conftest import PATIENCE_S, Start
+from .test_rig import burst, join, join_ready, lead, output
 
 
 async def until(condition: Callable[[], bool]) -> None:
@@ -35,13 +31,9 @@ async def lines_of(path: Path, least: int) -> None:
     await until(lambda: path.exists() and path.read_bytes().count(b"\n") >= least)
 
 
-async def test_a_leader_killed_in_a_burst_finishes_it_at_the_next_start(
-    start: "Start", tmp_path: Path
-) -> None:
+async def test_a_leader_killed_in_a_burst_finishes_it_at_the_next_start(start: Start, tmp_path: Path) -> None:
     leader, address = await lead(start, tmp_path / "sessions")
-    port = int(address.rpartition(":")[2])
-    nodes = await asyncio.gather(join(start, address, "a"), join(start, address, "b"))
-    await asyncio.gather(*(node.says("ready") for node in nodes))
+    await join_ready(start, address, "a", "b")
     asking = await start("burst", "--leader", address, "--wait-s", str(PATIENCE_S), "--frames", "12")
     session = tmp_path / "sessions" / "burst-001"
     await lines_of(session / JOURNAL, 2)
@@ -50,7 +42,7 @@ async def test_a_leader_killed_in_a_burst_finishes_it_at_the_next_start(
     assert not (session / MANIFEST).exists()
     safe = {path: path.read_bytes() for path in session.glob("images/rig1/*/*.jpg")}
 
-    leader, _ = await lead(start, tmp_path / "sessions", port)
+    leader, _ = await lead(start, tmp_path / "sessions", address)
     await leader.says("burst-001 of an earlier run: 24 of 24 images")
     await until((session / MANIFEST).exists)
     opened = Session.open(session)
@@ -63,12 +55,10 @@ async def test_a_leader_killed_in_a_burst_finishes_it_at_the_next_start(
 
 
 async def test_what_a_killed_node_had_spooled_is_fetched_when_it_is_started_again(
-    start: "Start", tmp_path: Path
+    start: Start, tmp_path: Path
 ) -> None:
     leader, address = await lead(start, tmp_path / "sessions")
-    port = int(address.rpartition(":")[2])
-    node = await join(start, address, "a")
-    await node.says("ready")
+    (node,) = await join_ready(start, address, "a")
     asking = await start("burst", "--leader", address, "--wait-s", str(PATIENCE_S), "--frames", "20")
     session = tmp_path / "sessions" / "burst-001"
     await lines_of(session / JOURNAL, 1)
@@ -79,9 +69,9 @@ async def test_what_a_killed_node_had_spooled_is_fetched_when_it_is_started_agai
     await lines_of(spooled / JOURNAL, 20)
     await node.kill()
 
-    options = ("--wait-s", str(PATIENCE_S), "--listen", f"127.0.0.1:{port}", "--json")
+    options = ("--wait-s", str(PATIENCE_S), "--listen", address, "--json")
     command = await start("sessions", "repair", str(session), *options)
-    await join(start, address, "a")
+    await join(start, "a", address)
     repaired = json.loads(await output(command))["sessions"]
     assert (repaired[0]["ok"], repaired[0]["missing"]) == (True, 0), repaired
     opened = Session.open(session)

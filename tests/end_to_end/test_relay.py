@@ -2,7 +2,7 @@
 
 import asyncio
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from capture_app.errors import ExitCode
 from capture_app.net.address import parse_address
@@ -13,12 +13,9 @@ from capture_app.session.format.manifest import JOURNAL
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 
-from .conftest import PATIENCE_S
+from .conftest import PATIENCE_S, Command, Start
 from .test_recovery import lines_of, until
-from .test_rig import lead, output
-
-if TYPE_CHECKING:
-    from tests.end_to_end.conftest import Command, Start
+from .test_rig import join, lead, output
 
 LOST_TIME_NS = 1_000_000_000
 """A synchronized clock is never off by so much, however busy the machine; others here are, by hours."""
@@ -41,16 +38,11 @@ async def nodes_at(address: str) -> dict[str, NodeStatus]:
     return {node.name: node for node in (await ask_status(parse_address(address))).nodes}
 
 
-async def relay(start: "Start", name: str, *parents: str, port: int = 0) -> "tuple[Command, str]":
-    options = ("--name", name, "--host", "127.0.0.1", "--port", str(port), "--clock", "sim", "--json")
+async def relay(start: Start, name: str, *parents: str, at: str = "127.0.0.1:0") -> tuple[Command, str]:
+    host, _, port = at.rpartition(":")
+    options = ("--name", name, "--host", host, "--port", port, "--clock", "sim", "--json")
     command = await start("relay", *parents, *options)
     return command, (await command.next_json())["relay"]
-
-
-async def join(start: "Start", name: str, *leaders: str) -> "Command":
-    camera = "sim:phone-a,drops=0,outliers=0"
-    at = [option for leader in leaders for option in ("--leader", leader)]
-    return await start("node", "--name", name, "--camera", camera, "--clock", "sim", *at)
 
 
 def check(folder: str | None, cameras: int, frames: int) -> None:
@@ -71,7 +63,7 @@ def check(folder: str | None, cameras: int, frames: int) -> None:
 
 
 async def test_nodes_below_a_relay_are_part_of_the_rig_even_when_it_is_killed(
-    start: "Start", tmp_path: Path
+    start: Start, tmp_path: Path
 ) -> None:
     leader, root = await lead(start, tmp_path / "sessions")
     relaying, between = await relay(start, "hall", root)
@@ -104,14 +96,14 @@ async def test_nodes_below_a_relay_are_part_of_the_rig_even_when_it_is_killed(
     check(done.session, cameras=3, frames=8)
     assert (await nodes_at(root))["far1"].parent is None
 
-    _, between = await relay(start, "hall", root, port=int(between.rpartition(":")[2]))
+    _, between = await relay(start, "hall", root, at=between)
     await leader.says("hall is back")
     await join(start, "new", between)
     done = await ask(root, nodes=4, frames=1)
     check(done.session, cameras=4, frames=1)
 
 
-async def test_a_relay_without_a_leader_holds_the_time_and_says_so(start: "Start", tmp_path: Path) -> None:
+async def test_a_relay_without_a_leader_holds_the_time_and_says_so(start: Start, tmp_path: Path) -> None:
     leader, root = await lead(start, tmp_path / "sessions")
     relaying, between = await relay(start, "hall", root)
     node = await join(start, "far", between)
@@ -126,14 +118,14 @@ async def test_a_relay_without_a_leader_holds_the_time_and_says_so(start: "Start
     assert refused.process.returncode == ExitCode.NETWORK
     assert "relay hall lost its leader" in refused.said[-1]
 
-    leader, _ = await lead(start, tmp_path / "sessions", int(root.rpartition(":")[2]))
+    leader, _ = await lead(start, tmp_path / "sessions", root)
     await leader.says("far joined")
     done = await ask(root, frames=2)
     check(done.session, cameras=1, frames=2)
     assert not any("leader-lost: the leader is silent" in line for line in node.said)
 
 
-async def test_a_name_is_unique_in_the_whole_tree(start: "Start", tmp_path: Path) -> None:
+async def test_a_name_is_unique_in_the_whole_tree(start: Start, tmp_path: Path) -> None:
     leader, root = await lead(start, tmp_path / "sessions")
     _, between = await relay(start, "hall", root)
     await join(start, "cam", root)

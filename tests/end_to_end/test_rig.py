@@ -2,8 +2,9 @@
 
 import asyncio
 import json
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pytest
 
@@ -12,23 +13,30 @@ from capture_app.node.camera.device_profiles import FILE
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 
-from .conftest import PATIENCE_S
-
-if TYPE_CHECKING:
-    from tests.end_to_end.conftest import Command, Start
+from .conftest import PATIENCE_S, Command, Start
 
 
-async def lead(start: "Start", sessions: Path, port: int = 0) -> "tuple[Command, str]":
-    leader = await start(
-        "leader", "--host", "127.0.0.1", "--port", str(port), "--sessions", str(sessions), "--json"
-    )
-    listening = await leader.next_json()
-    return leader, listening["leader"]
+async def lead(
+    start: Start, sessions: Path, at: str = "127.0.0.1:0", options: Sequence[str] = ()
+) -> tuple[Command, str]:
+    """Start a leader `at` HOST:PORT, and return where it listens too."""
+    host, _, port = at.rpartition(":")
+    where = ("--host", host, "--port", port, "--sessions", str(sessions))
+    leader = await start("leader", *where, "--json", *options)
+    return leader, (await leader.next_json())["leader"]
 
 
-async def join(start: "Start", leader: str, name: str, model: str = "phone-a") -> "Command":
+async def join(start: Start, name: str, *leaders: str, model: str = "phone-a") -> Command:
     camera = f"sim:{model},drops=0,outliers=0"
-    return await start("node", "--name", name, "--camera", camera, "--leader", leader, "--clock", "sim")
+    at = [option for leader in leaders for option in ("--leader", leader)]
+    return await start("node", "--name", name, "--camera", camera, "--clock", "sim", *at)
+
+
+async def join_ready(start: Start, leader: str, *names: str) -> list[Command]:
+    """Start nodes, and wait until all are ready."""
+    nodes = await asyncio.gather(*(join(start, name, leader) for name in names))
+    await asyncio.gather(*(node.says("ready") for node in nodes))
+    return nodes
 
 
 async def output(command: "Command") -> str:
@@ -37,12 +45,12 @@ async def output(command: "Command") -> str:
     return printed
 
 
-async def status(start: "Start", leader: str) -> dict[str, dict[str, Any]]:
+async def status(start: Start, leader: str) -> dict[str, dict[str, Any]]:
     rig = json.loads(await output(await start("status", "--leader", leader, "--json")))
     return {node["name"]: node for node in rig["nodes"]}
 
 
-async def burst(start: "Start", leader: str, *options: str) -> dict[str, Any]:
+async def burst(start: Start, leader: str, *options: str) -> dict[str, Any]:
     """Take bursts until one is whole: on a starved machine a node falls silent for as long as a lost one."""
     async with asyncio.timeout(PATIENCE_S):
         while True:
@@ -61,11 +69,9 @@ def number(done: dict[str, Any]) -> int:
     return int(Path(done["session"]).name.removeprefix("burst-"))
 
 
-async def test_a_rig_started_by_hand_takes_a_burst_and_survives_a_node(
-    start: "Start", tmp_path: Path
-) -> None:
+async def test_a_rig_started_by_hand_takes_a_burst_and_survives_a_node(start: Start, tmp_path: Path) -> None:
     leader, address = await lead(start, tmp_path / "sessions")
-    nodes = await asyncio.gather(join(start, address, "a"), join(start, address, "b", "phone-b"))
+    nodes = await asyncio.gather(join(start, "a", address), join(start, "b", address, model="phone-b"))
     await asyncio.gather(leader.says("a joined"), leader.says("b joined"))
 
     done = await burst(start, address, "--frames", "3", "--spacing", "2")
@@ -86,7 +92,7 @@ async def test_a_rig_started_by_hand_takes_a_burst_and_survives_a_node(
     await leader.says("lost a: silent")
     assert (await status(start, address))["a"]["state"] == "lost"
 
-    again = await join(start, address, "a")
+    again = await join(start, "a", address)
     await leader.says("a is back")
     await again.says("ready")
     done = await burst(start, address, "--frames", "1")
@@ -99,19 +105,17 @@ async def test_a_rig_started_by_hand_takes_a_burst_and_survives_a_node(
 
 
 async def test_nodes_wait_for_a_leader_and_come_back_to_another_run_of_it(
-    start: "Start", tmp_path: Path
+    start: Start, tmp_path: Path
 ) -> None:
     leader, address = await lead(start, tmp_path / "sessions")
-    port = int(address.rpartition(":")[2])
-    node = await join(start, address, "a")
-    await node.says("ready")
+    (node,) = await join_ready(start, address, "a")
     first = await burst(start, address, "--frames", "1")
     assert first["received"] == 1
 
     await leader.kill()
     await node.says("leader-lost")
     heard = len(node.said)
-    leader, _ = await lead(start, tmp_path / "sessions", port)
+    leader, _ = await lead(start, tmp_path / "sessions", address)
     await leader.says("a joined")
     await node.says("ready", after=heard)
     done = await burst(start, address, "--frames", "2")
@@ -121,11 +125,10 @@ async def test_nodes_wait_for_a_leader_and_come_back_to_another_run_of_it(
 
 
 async def test_a_node_that_dies_in_a_burst_leaves_a_session_that_says_so(
-    start: "Start", tmp_path: Path
+    start: Start, tmp_path: Path
 ) -> None:
     leader, address = await lead(start, tmp_path / "sessions")
-    nodes = await asyncio.gather(join(start, address, "a"), join(start, address, "b"))
-    await asyncio.gather(*(node.says("ready") for node in nodes))
+    nodes = await join_ready(start, address, "a", "b")
     command = await start("burst", "--leader", address, "--frames", "30", "--json")
     await leader.says("burst 1: 0 of 60")
     await nodes[1].kill()
@@ -139,7 +142,7 @@ async def test_a_node_that_dies_in_a_burst_leaves_a_session_that_says_so(
     assert verify(session) == []
 
 
-async def test_a_camera_that_goes_away_is_told_to_the_leader(start: "Start", tmp_path: Path) -> None:
+async def test_a_camera_that_goes_away_is_told_to_the_leader(start: Start, tmp_path: Path) -> None:
     _, address = await lead(start, tmp_path / "sessions")
     camera = "sim:phone-a,fail_after_s=1"
     node = await start("node", "--name", "a", "--camera", camera, "--leader", address)
@@ -150,23 +153,17 @@ async def test_a_camera_that_goes_away_is_told_to_the_leader(start: "Start", tmp
 
 
 async def test_a_leader_with_a_camera_of_its_own(
-    start: "Start", tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    start: Start, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
-    leader = await start(
-        "leader", "--host", "127.0.0.1", "--port", "0", "--sessions", str(tmp_path), "--json",
-        "--camera", "sim:perfect", "--fps", "30",
-    )  # fmt: skip
-    address = (await leader.next_json())["leader"]
+    leader, address = await lead(start, tmp_path, options=("--camera", "sim:perfect", "--fps", "30"))
     await leader.says("local1 joined")
     done = await burst(start, address, "--frames", "1")
     assert done["received"] == 1
     assert (tmp_path / "data/simulshot" / FILE).is_file(), "what its long frames did is known on the next use"
 
 
-async def test_a_burst_that_nobody_can_take_is_one_line_and_no_session(
-    start: "Start", tmp_path: Path
-) -> None:
+async def test_a_burst_that_nobody_can_take_is_one_line_and_no_session(start: Start, tmp_path: Path) -> None:
     leader, address = await lead(start, tmp_path / "sessions")
     for options, says in (
         ((), "no camera is here (start one with: capture-app node --leader"),

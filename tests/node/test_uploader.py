@@ -60,6 +60,21 @@ def burst_upload(*pictures: Picture) -> BurstUpload:
 Serve = Callable[[Channel[ToLeader]], Awaitable[None]]
 
 
+async def images(
+    channel: Channel[ToLeader],
+    answer: Callable[[CameraReport], ReportAck | Refusal] = lambda _: ReportAck(),
+    down: asyncio.Event | None = None,
+) -> AsyncIterator[tuple[ImageUpload, bytes]]:
+    """Answer what a stream tells, and yield its images, each acknowledged when the next one is asked for."""
+    while not (down and down.is_set()) and (received := await channel.receive()) is not None:
+        message, payload = received
+        if isinstance(message, ImageUpload):
+            yield message, payload
+            await channel.send(ImageAck(sha256=message.record.sha256))
+        else:
+            await channel.send(answer(message) if isinstance(message, CameraReport) else ReportAck())
+
+
 @asynccontextmanager
 async def uploading(serve: Serve, said: list[str], spool: Spool | None = None) -> AsyncIterator[Uploader]:
     datagrams, listening = bind_port("127.0.0.1", 0)
@@ -98,18 +113,13 @@ async def test_what_was_not_acknowledged_is_sent_again_and_developed_once() -> N
         nonlocal streams
         streams += 1
         mine = 0
-        while (received := await channel.receive()) is not None:
-            message, payload = received
-            if isinstance(message, CameraReport):
-                await channel.send(ReportAck())
-            elif isinstance(message, ImageUpload):
-                mine += 1
-                if streams < 3 and mine == 2:
-                    return  # The leader dies with this image in its hands.
-                stored.append(payload)
-                await channel.send(ImageAck(sha256=message.record.sha256))
-                if len(stored) == 4:
-                    done.set()
+        async for _, payload in images(channel):
+            mine += 1
+            if streams < 3 and mine == 2:
+                return  # The leader dies with this image in its hands.
+            stored.append(payload)
+            if len(stored) == 4:
+                done.set()
 
     pictures = [Picture(f"picture {n}".encode()) for n in range(4)]
     async with uploading(serve, []) as uploader:
@@ -124,16 +134,14 @@ async def test_a_frame_that_cannot_be_developed_is_reported_missing() -> None:
     reports: list[CameraReport] = []
     done = asyncio.Event()
 
+    def note(report: CameraReport) -> ReportAck:
+        reports.append(report)
+        return ReportAck()
+
     async def serve(channel: Channel[ToLeader]) -> None:
-        while (received := await channel.receive()) is not None:
-            message, _ = received
-            if isinstance(message, CameraReport):
-                reports.append(message)
-                await channel.send(ReportAck())
-            elif isinstance(message, ImageUpload):
-                await channel.send(ImageAck(sha256=message.record.sha256))
-                if message.record.instant == 2:
-                    done.set()
+        async for image, _ in images(channel, note):
+            if image.record.instant == 2:
+                done.set()
 
     said: list[str] = []
     async with uploading(serve, said) as uploader:
@@ -148,16 +156,12 @@ async def test_a_frame_that_cannot_be_developed_is_reported_missing() -> None:
 async def test_a_burst_that_the_leader_does_not_want_is_dropped_and_the_next_one_sent() -> None:
     got: asyncio.Queue[int] = asyncio.Queue()
 
+    def refuse_the_old(report: CameraReport) -> ReportAck | Refusal:
+        return Refusal(what="burst 1 is not of this leader") if len(report.instants) == 1 else ReportAck()
+
     async def serve(channel: Channel[ToLeader]) -> None:
-        while (received := await channel.receive()) is not None:
-            message, _ = received
-            if isinstance(message, CameraReport) and len(message.instants) == 1:
-                await channel.send(Refusal(what="burst 1 is not of this leader"))
-            elif isinstance(message, CameraReport):
-                await channel.send(ReportAck())
-            elif isinstance(message, ImageUpload):
-                got.put_nowait(message.record.instant)
-                await channel.send(ImageAck(sha256=message.record.sha256))
+        async for image, _ in images(channel, refuse_the_old):
+            got.put_nowait(image.record.instant)
 
     said: list[str] = []
     async with uploading(serve, said) as uploader:
@@ -177,22 +181,19 @@ async def test_a_spool_keeps_what_the_leader_has_not_confirmed(tmp_path: Path) -
     stored: dict[int, bytes] = {}
     down, done = asyncio.Event(), asyncio.Event()
 
+    def tell_stored(_: CameraReport) -> ReportAck:
+        sums = {n: hashlib.sha256(data).hexdigest() for n, data in stored.items()}
+        receipts = [
+            ImageReceipt(instant=n, sha256=sums[n], bytes=len(data), stored=True)
+            for n, data in stored.items()
+        ]
+        return ReportAck(receipts=tuple(receipts))
+
     async def serve(channel: Channel[ToLeader]) -> None:
-        while not down.is_set() and (received := await channel.receive()) is not None:
-            message, payload = received
-            if isinstance(message, ImageUpload):
-                stored[message.record.instant] = payload
-                await channel.send(ImageAck(sha256=message.record.sha256))
-                # After the first image it is as if the leader's plug had been pulled.
-                (down if len(stored) == 1 else done).set()
-            else:
-                receipts = tuple(
-                    ImageReceipt(
-                        instant=n, sha256=hashlib.sha256(data).hexdigest(), bytes=len(data), stored=True
-                    )
-                    for n, data in stored.items()
-                )
-                await channel.send(ReportAck(receipts=receipts))
+        async for image, payload in images(channel, tell_stored, down):
+            stored[image.record.instant] = payload
+            # After the first image it is as if the leader's plug had been pulled.
+            (down if len(stored) == 1 else done).set()
 
     pictures = [Picture(f"picture {n}".encode()) for n in range(3)]
     async with uploading(serve, [], Spool(tmp_path, "a")) as uploader:
@@ -222,13 +223,8 @@ async def test_a_full_spool_is_told_and_memory_takes_its_place(tmp_path: Path) -
     stored: asyncio.Queue[bytes] = asyncio.Queue()
 
     async def serve(channel: Channel[ToLeader]) -> None:
-        while (received := await channel.receive()) is not None:
-            message, payload = received
-            if isinstance(message, ImageUpload):
-                await channel.send(ImageAck(sha256=message.record.sha256))
-                stored.put_nowait(payload)
-            else:
-                await channel.send(ReportAck())
+        async for _, payload in images(channel):
+            stored.put_nowait(payload)
 
     said: list[str] = []
     async with uploading(serve, said, FullSpool(tmp_path, "a")) as uploader:

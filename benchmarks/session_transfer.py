@@ -10,9 +10,9 @@ import resource
 import sys
 import time
 from collections import deque
-from collections.abc import AsyncGenerator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NoReturn
 
 from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.cameras.base import CapturedFrame
@@ -22,8 +22,7 @@ from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.leader.service import LeaderService
 from capture_app.node.transfer.burst_upload import BurstUpload
 from capture_app.node.transfer.uploader import Uploader
-from capture_app.node.wire.messages import BurstRequest, CameraReport, ImageUpload, SpoolSpace, ToLeader
-from capture_app.node.wire.status import BurstStatus, RigStatus
+from capture_app.node.wire.messages import CameraReport, ImageUpload, SpoolSpace, ToLeader
 from capture_app.session.format.manifest import CameraRecord
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_picks import Burst, Pick
@@ -51,7 +50,7 @@ def instants_ns(instants: int) -> tuple[int, ...]:
 
 
 class OneBurst:
-    """A leader that has ordered one burst."""
+    """The bursts of a leader that has ordered one."""
 
     def __init__(self, session: BurstSession) -> None:
         self._session = session
@@ -59,14 +58,6 @@ class OneBurst:
     def now_ns(self) -> int:
         """The host's clock."""
         return time.monotonic_ns()
-
-    def status(self) -> RigStatus:
-        """Nobody asks."""
-        raise NotImplementedError
-
-    def take_burst(self, request: BurstRequest) -> AsyncGenerator[BurstStatus, None]:
-        """Nobody asks."""
-        raise NotImplementedError
 
     async def find_session(self, message: CameraReport | ImageUpload) -> BurstSession:
         """The one burst."""
@@ -77,6 +68,11 @@ class OneBurst:
 
     def note_spool_space(self, space: SpoolSpace) -> None:
         """Nobody listens."""
+
+
+def nobody_asks(*_: object) -> NoReturn:
+    """Neither for the status nor for a burst."""
+    raise NotImplementedError
 
 
 async def lead(root: Path, cameras: int, instants: int) -> None:
@@ -90,7 +86,8 @@ async def lead(root: Path, cameras: int, instants: int) -> None:
     await session.write_plan(1)
     datagrams, listening = bind_port("127.0.0.1", 0)
     datagrams.close()
-    server: TransferServer[ToLeader] = TransferServer(ToLeader, LeaderService(OneBurst(session)).serve)
+    service = LeaderService(OneBurst(session), nobody_asks, nobody_asks)
+    server: TransferServer[ToLeader] = TransferServer(ToLeader, service.serve)
     await server.start(listening)
     print(listening.getsockname()[1], flush=True)
     await session.finished.wait()

@@ -2,11 +2,11 @@
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Protocol
 
 from capture_app.camera_facts import CameraFacts
-from capture_app.clock import NodeClock
+from capture_app.clock import HostClock, NodeClock
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.sync.wire.camera_commands import CameraCommand
 
@@ -78,6 +78,45 @@ class Camera(ABC):
     @abstractmethod
     async def stop(self) -> None:
         """Stop streaming and let go of the device. Calling it twice is harmless."""
+
+
+class ReclockedCamera(Camera):
+    """A camera whose driver stamps in the host's monotonic clock, in a node whose clock runs otherwise."""
+
+    def __init__(self, camera: Camera, clock: NodeClock) -> None:
+        self._camera = camera
+        self._clock = clock
+
+    @property
+    def facts(self) -> CameraFacts:
+        """What the camera behind it is and can do."""
+        return self._camera.facts
+
+    @property
+    def calibration(self) -> CameraCalibration | None:
+        """That of the camera behind it."""
+        return self._camera.calibration
+
+    async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
+        """Start the camera behind it. Raises what that camera raises."""
+
+        def deliver(frame: CapturedFrame) -> None:
+            on_frame(replace(frame, timestamp_ns=self._clock.local_from_true(frame.timestamp_ns)))
+
+        await self._camera.start(deliver, on_failure)
+
+    async def apply(self, command: CameraCommand) -> None:
+        """Hand the command on. Raises what the camera behind it raises."""
+        await self._camera.apply(command)
+
+    async def stop(self) -> None:
+        """Stop the camera behind it."""
+        await self._camera.stop()
+
+
+def in_node_clock(camera: Camera, clock: NodeClock) -> Camera:
+    """The camera with its frames stamped in a node's clock; itself where that is the host's."""
+    return camera if isinstance(clock, HostClock) else ReclockedCamera(camera, clock)
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,6 +15,10 @@ START_OF_EXPOSURE = v4l2.BUF_FLAG_TIMESTAMP_MONOTONIC | v4l2.BUF_FLAG_SOURCE_STA
 JPEG = b"\xff\xd8 any bytes a camera calls a JPEG"
 
 
+def rates(*fps: int) -> tuple[v4l2.FrameInterval, ...]:
+    return tuple(v4l2.FrameInterval(Fraction(1, rate), Fraction(1, rate)) for rate in fps)
+
+
 class FakeDevice(VideoDevice):
     """A driver with the kernel's rules for buffers; tests deliver its frames."""
 
@@ -112,7 +116,7 @@ class FickleDevice(FakeDevice):
         return (v4l2.FrameSize(640, 640, 0, 480, 480, 0),)
 
     def intervals(self, fourcc: str, width: int, height: int) -> tuple[v4l2.FrameInterval, ...]:
-        return tuple(v4l2.FrameInterval(Fraction(1, rate), Fraction(1, rate)) for rate in (30, 15))
+        return rates(30, 15)
 
     def set_format(self, fourcc: str, width: int, height: int) -> v4l2.PixelFormat:
         return self._taken

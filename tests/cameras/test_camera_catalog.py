@@ -5,16 +5,7 @@ import types
 import pytest
 
 from capture_app.camera_facts import CameraFacts
-from capture_app.cameras.base import Camera, CameraListing, CapturedFrame, OnFailure, OnFrame
-from capture_app.cameras.catalog import (
-    DRIVERS,
-    CameraSpec,
-    DriverEntry,
-    list_cameras,
-    open_camera,
-    parse_spec,
-)
-from capture_app.cameras.reclocked import in_node_clock
+from capture_app.cameras import base, catalog
 from capture_app.clock import HostClock, NodeClock, SimulatedClock
 from capture_app.errors import BadInputError, CameraError
 from capture_app.simulation.devices.profiles import PROFILES
@@ -22,8 +13,8 @@ from capture_app.sync.wire.camera_commands import CameraCommand
 
 
 def test_parse_spec() -> None:
-    assert parse_spec("sim:pi") == CameraSpec("sim", "pi", {})
-    assert parse_spec("v4l2:/dev/video2, width=640 ,fps=30") == CameraSpec(
+    assert catalog.parse_spec("sim:pi") == catalog.CameraSpec("sim", "pi", {})
+    assert catalog.parse_spec("v4l2:/dev/video2, width=640 ,fps=30") == catalog.CameraSpec(
         "v4l2", "/dev/video2", {"width": "640", "fps": "30"}
     )
 
@@ -45,20 +36,20 @@ def test_parse_spec() -> None:
 )
 def test_bad_specs_say_what_to_write(spec: str, needle: str) -> None:
     with pytest.raises(BadInputError) as error:
-        open_camera(spec, clock=HostClock(), name="a")
+        catalog.open_camera(spec, clock=HostClock(), name="a")
     assert needle in str(error.value)
 
 
 def test_every_simulated_camera_listed_opens() -> None:
-    listed = [listing for listing in list_cameras() if listing.kind == "sim"]
+    listed = [listing for listing in catalog.list_cameras() if listing.kind == "sim"]
     assert [listing.spec for listing in listed] == [f"sim:{name}" for name in PROFILES]
     for listing in listed:
-        camera = open_camera(listing.spec, clock=HostClock(), name="a")
+        camera = catalog.open_camera(listing.spec, clock=HostClock(), name="a")
         assert camera.facts.model == listing.model
         assert "640x480 at 30 frames/s" in listing.detail
 
 
-class OneFrameCamera(Camera):
+class OneFrameCamera(base.Camera):
     def __init__(self) -> None:
         self.commands: list[CameraCommand] = []
 
@@ -66,8 +57,8 @@ class OneFrameCamera(Camera):
     def facts(self) -> CameraFacts:
         raise NotImplementedError
 
-    async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
-        on_frame(CapturedFrame(sequence=0, stream=0, timestamp_ns=10**15, picture=self))
+    async def start(self, on_frame: base.OnFrame, on_failure: base.OnFailure) -> None:
+        on_frame(base.CapturedFrame(sequence=0, stream=0, timestamp_ns=10**15, picture=self))
 
     async def apply(self, command: CameraCommand) -> None:
         self.commands.append(command)
@@ -83,16 +74,18 @@ async def test_a_real_camera_is_translated_into_a_simulated_clock() -> None:
     clock = SimulatedClock(7_200_000_000_000, 12.5)
     timestamps: list[int] = []
     for node_clock in (HostClock(), clock):
-        camera = in_node_clock(OneFrameCamera(), node_clock)
+        camera = base.in_node_clock(OneFrameCamera(), node_clock)
         await camera.start(lambda frame: timestamps.append(frame.timestamp_ns), lambda error: None)
     assert timestamps == [10**15, clock.local_from_true(10**15)]
 
 
-def list_cameras_of_a_driver() -> list[CameraListing]:
-    return [CameraListing("new:1", "new", "One", "not allowed", usable=False)]
+def list_cameras_of_a_driver() -> list[base.CameraListing]:
+    return [base.CameraListing("new:1", "new", "One", "not allowed", usable=False)]
 
 
-def open_camera_of_a_driver(device: str, options: dict[str, str], *, clock: NodeClock, name: str) -> Camera:
+def open_camera_of_a_driver(
+    device: str, options: dict[str, str], *, clock: NodeClock, name: str
+) -> base.Camera:
     raise CameraError(f"{device} {options} for {name}")
 
 
@@ -100,10 +93,10 @@ def test_a_driver_is_added_by_the_name_of_its_module(monkeypatch: pytest.MonkeyP
     driver = types.ModuleType("a_new_driver")
     driver.list_cameras, driver.open_camera = list_cameras_of_a_driver, open_camera_of_a_driver
     monkeypatch.setitem(sys.modules, "a_new_driver", driver)
-    monkeypatch.setitem(DRIVERS, "new", DriverEntry("a_new_driver", "new:NUMBER"))
-    assert list_cameras_of_a_driver()[0] in list_cameras()
+    monkeypatch.setitem(catalog.DRIVERS, "new", catalog.DriverEntry("a_new_driver", "new:NUMBER"))
+    assert list_cameras_of_a_driver()[0] in catalog.list_cameras()
     with pytest.raises(CameraError, match=r"^1 \{'fps': '30'\} for a$"):
-        open_camera("new:1,fps=30", clock=HostClock(), name="a")
+        catalog.open_camera("new:1,fps=30", clock=HostClock(), name="a")
 
 
 def test_opening_a_test_card_loads_no_heavy_library() -> None:

@@ -13,12 +13,7 @@ from capture_app.cameras.v4l2.driver_errors import driver_error
 from capture_app.cameras.v4l2.modes import Mode, check_capture, choose_mode, configure, parse_options
 from capture_app.clock import HostClock
 from capture_app.errors import BadInputError, CameraError
-from tests.cameras.fake_device import MJPG, FickleDevice
-
-
-def rates(*fps: int) -> tuple[v4l2.FrameInterval, ...]:
-    return tuple(v4l2.FrameInterval(Fraction(1, rate), Fraction(1, rate)) for rate in fps)
-
+from tests.cameras.fake_device import MJPG, FickleDevice, rates
 
 WEBCAM = (
     Mode("YUYV", 640, 480, rates(30, 15)),

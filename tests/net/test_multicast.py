@@ -4,6 +4,7 @@ import asyncio
 import random
 import socket
 import time
+from contextlib import closing
 
 import pytest
 
@@ -46,9 +47,8 @@ class Notes:
 
 
 async def test_all_who_listen_hear_a_beacon_and_when(group: Group) -> None:
-    both = Notes(), Notes()
-    sender = BeaconSender(group)
-    try:
+    both, sender = (Notes(), Notes()), BeaconSender(group)
+    with closing(sender), closing(both[0].ear), closing(both[1].ear):
         for notes in both:
             notes.ear.follow(group, "127.0.0.1")
         sender.send(b"nobody is reached yet")
@@ -62,16 +62,12 @@ async def test_all_who_listen_hear_a_beacon_and_when(group: Group) -> None:
             data, at_ns = await notes.next()
             assert data == b"one"
             assert before_ns <= at_ns <= after_ns + 1_000_000_000
-    finally:
-        sender.close()
-        for notes in both:
-            notes.ear.close()
 
 
 async def test_an_ear_follows_one_leader_at_a_time(group: Group) -> None:
     other, notes = free_group(), Notes()
-    senders = [BeaconSender(group), BeaconSender(other)]
-    try:
+    senders = BeaconSender(group), BeaconSender(other)
+    with closing(senders[0]), closing(senders[1]), closing(notes.ear):
         notes.ear.follow(group, "127.0.0.1")
         notes.ear.follow(other, "127.0.0.1")
         for sender, data in zip(senders, (b"old", b"new"), strict=True):
@@ -83,10 +79,6 @@ async def test_an_ear_follows_one_leader_at_a_time(group: Group) -> None:
         senders[1].send(b"unheard")
         await asyncio.sleep(0.05)
         assert notes.heard.empty()
-    finally:
-        for sender in senders:
-            sender.close()
-        notes.ear.close()
 
 
 def test_what_cannot_be_heard_is_silence() -> None:

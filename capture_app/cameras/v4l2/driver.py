@@ -7,8 +7,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
-from capture_app.cameras.base import Camera, CameraListing
-from capture_app.cameras.reclocked import in_node_clock
+from capture_app.cameras.base import Camera, CameraListing, in_node_clock
 from capture_app.cameras.v4l2.driver_errors import driver_error
 from capture_app.cameras.v4l2.ioctl import VideoDevice
 from capture_app.cameras.v4l2.modes import check_capture, configure, offered_modes, parse_options

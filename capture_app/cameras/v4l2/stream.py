@@ -51,8 +51,8 @@ class V4L2Camera(Camera):
         self._streaming = False
         self._stream = 0
         self._clock_checked = False
-        self._on_frame: OnFrame | None = None
-        self._on_failure: OnFailure | None = None
+        self._on_frame: OnFrame
+        self._on_failure: OnFailure
         self._exposure_ns, self._gain = exposure.read_exposure(device)
         count = device.request_buffers(_buffer_count(layout, period_ns))
         buffers = [device.query_buffer(index) for index in range(count)]
@@ -187,7 +187,6 @@ class V4L2Camera(Camera):
                 self._fail(_foreign_clock(self._device.path))
                 return
             self._clock_checked = True
-        assert self._on_frame is not None
         self._on_frame(
             CapturedFrame(
                 sequence=buffer.sequence,
@@ -204,7 +203,6 @@ class V4L2Camera(Camera):
             return
         self._streaming = False
         asyncio.get_running_loop().remove_reader(self._device.fd)
-        assert self._on_failure is not None
         self._on_failure(error)
 
     def _in_worker(self, work: Callable[..., None], *arguments: int) -> asyncio.Future[None]:

@@ -34,14 +34,14 @@ class ActiveBursts:
         return_ns: int = RETURN_NS,
     ) -> None:
         """`resume` are the interrupted sessions to finish, else all; nodes have `return_ns` to come back."""
+        self.now_ns = now_ns
         self.saved: list[str] = []
         """Paths of the sessions of this run, newest last."""
         self.newest: BurstSession | None = None
-        self.resumed = ResumedBursts(root, self._follow_resumed)
+        self.resumed = ResumedBursts(root, lambda session: self._spawn(self._follow(session)))
         """The sessions of earlier runs that are being finished."""
         self._root = root
         self._engine = engine
-        self._now_ns = now_ns
         self._on_news = on_news
         self._bursts: dict[int, BurstSession] = {}
         self._last_number = 0
@@ -74,19 +74,19 @@ class ActiveBursts:
                 f"{MAX_OPEN_BURSTS} bursts are still being saved", hint="wait until they are there"
             )
         self._engine.check_burst(frames=frames, spacing=spacing)
-        image_bytes = expected_image_bytes(self._engine.clients(self._now_ns()), self._image_bytes)
+        image_bytes = expected_image_bytes(self._engine.clients(self.now_ns()), self._image_bytes)
         check_room(self._root, image_bytes, frames, self._spools)
         # A number that was given up is never given again: nodes may still know it.
         writer, number = await asyncio.to_thread(create_numbered, self._root, after=self._last_number)
         self._last_number = max(self._last_number, number)
         try:
             burst = self._engine.trigger(
-                self._now_ns(), frames=frames, spacing=spacing, at_leader_ns=at_leader_ns, number=number
+                self.now_ns(), frames=frames, spacing=spacing, at_leader_ns=at_leader_ns, number=number
             )
         except SimulshotError:
             await asyncio.to_thread(writer.discard)
             raise
-        facts = {view.name: view.camera for view in self._engine.clients(self._now_ns())}
+        facts = {view.name: view.camera for view in self._engine.clients(self.now_ns())}
         session = self._bursts[number] = self.newest = BurstSession(burst, facts, writer)
         self._spawn(self._follow(session))
         # On disk before any node can hear of it, so that whatever is picked can be fetched after a crash.
@@ -112,20 +112,22 @@ class ActiveBursts:
             return session
         if isinstance(message, ImageUpload):
             return self.resumed.open_session_of(message)
-        return await self.resumed.reopen(message, self._now_ns())
+        return await self.resumed.reopen(message, self.now_ns())
 
     def note_spool_space(self, space: SpoolSpace) -> None:
         """Note how much room a node has, for the next burst."""
         self._spools[space.camera] = space
+
+    def tell_progress(self, session: BurstSession) -> None:
+        """Report how far a burst is, unless it is finished: that is reported once."""
+        if not session.finished.is_set():
+            self._on_news(session.status)
 
     def note_refusal(self, refusal: BurstRefused) -> None:
         """A node takes no part in a burst."""
         if refusal.burst in self._bursts:
             session = self._bursts[refusal.burst]
             self._spawn(session.give_up_camera(refusal.name, refusal.reason))
-
-    def _follow_resumed(self, session: BurstSession) -> None:
-        self._spawn(self._follow(session))
 
     async def _follow(self, session: BurstSession) -> None:
         self._on_news(session.status)
@@ -143,7 +145,7 @@ class ActiveBursts:
     async def _watch_silence(self) -> None:
         while True:
             await asyncio.sleep(SILENCE_CHECK_S)
-            now_ns = self._now_ns()
+            now_ns = self.now_ns()
             lost: Mapping[str, str] = {
                 view.name: f"lost: {view.report.message}"
                 for view in self._engine.clients(now_ns)

@@ -17,7 +17,7 @@ async def ask_status(leader: Address) -> RigStatus:
     """Return the status of the rig of a running leader. Raises NetworkError."""
     async with await connect(leader, messages.FromLeader) as channel:
         await channel.send(messages.StatusRequest())
-        answer = await _next(channel, ANSWER_TIMEOUT_S)
+        answer = await _next(channel)
         if not isinstance(answer, messages.StatusAnswer):
             raise NetworkError(f"the leader at {leader} sent no status")
         return answer.rig
@@ -32,16 +32,16 @@ async def ask_burst(leader: Address, request: messages.BurstRequest) -> AsyncIte
         await channel.send(request)
         while True:
             # The leader tells how far it is once a second at least: silence means that it is gone.
-            answer = await _next(channel, ANSWER_TIMEOUT_S)
+            answer = await _next(channel)
             if isinstance(answer, messages.BurstAnswer):
                 yield answer.burst
                 if answer.burst.done:
                     return
 
 
-async def _next(channel: Channel[Any], timeout_s: float) -> messages.FromLeader:
+async def _next(channel: Channel[Any]) -> messages.FromLeader:
     try:
-        async with asyncio.timeout(timeout_s):
+        async with asyncio.timeout(ANSWER_TIMEOUT_S):
             received = await channel.receive()
     except TimeoutError as error:
         raise NetworkError(f"the leader at {channel.peer} does not answer") from error

@@ -13,7 +13,6 @@ from capture_app.net.address import DEFAULT_PORT, Address, reachable_host
 from capture_app.net.multicast import BeaconSender
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
-from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.resumed_bursts import RETURN_NS
 from capture_app.node.leader.active_bursts import ActiveBursts
 from capture_app.node.leader.beacons import send_due_beacon
@@ -21,7 +20,7 @@ from capture_app.node.leader.readiness import reasons_until_ready
 from capture_app.node.leader.service import LeaderService
 from capture_app.node.leader.snapshots import node_statuses
 from capture_app.node.leader.wording import News
-from capture_app.node.wire.messages import BurstRequest, CameraReport, ImageUpload, SpoolSpace, ToLeader
+from capture_app.node.wire.messages import BurstRequest, ToLeader
 from capture_app.node.wire.status import BurstStatus, RigStatus
 from capture_app.sync.rig.events import BurstRefused
 from capture_app.sync.rig.leader import Leader, LeaderConfig
@@ -97,7 +96,8 @@ class LeaderNode:
             resume=self._resume,
             return_ns=self._return_ns,
         )
-        self._server = TransferServer(ToLeader, LeaderService(self).serve)
+        service = LeaderService(self._bursts, self.status, self.take_burst)
+        self._server = TransferServer(ToLeader, service.serve)
         self._pump = Pump(self._engine, self._clock.now_ns, self._drain)
         await self._server.start(listening)
         self._pump.start(datagrams)
@@ -174,26 +174,6 @@ class LeaderNode:
                 async with asyncio.timeout(SNAPSHOT_EVERY_S):
                     await session.finished.wait()
         yield session.status
-
-    async def find_session(self, message: CameraReport | ImageUpload) -> BurstSession:
-        """Return the burst of an upload, of this run or of an earlier one whose session lacks it.
-
-        Raises BadInputError where there is no such burst, TryAgainError where its session is in use.
-        """
-        return await self._bursts.find_session(message)
-
-    def note_spool_space(self, space: SpoolSpace) -> None:
-        """Note how much room a node has, for the next burst."""
-        self._bursts.note_spool_space(space)
-
-    def tell_progress(self, session: BurstSession) -> None:
-        """Report how far a burst is, unless it is finished: that is reported once."""
-        if not session.finished.is_set():
-            self._on_news(session.status)
-
-    def now_ns(self) -> int:
-        """Return the rig's time in ns: this leader's clock."""
-        return self._clock.now_ns()
 
     def _views(self) -> tuple[ClientView, ...]:
         return self._engine.clients(self._clock.now_ns())

@@ -1,7 +1,7 @@
 """What a leader does for the streams that nodes and the command line open to it."""
 
 import contextlib
-from collections.abc import AsyncGenerator
+from collections.abc import AsyncGenerator, Callable
 from typing import Protocol
 
 from capture_app.errors import DiskFullError, NetworkError, SimulshotError, TryAgainError
@@ -11,17 +11,11 @@ from capture_app.node.wire import messages
 from capture_app.node.wire.status import BurstStatus, RigStatus
 
 
-class ServedRig(Protocol):
-    """What the service needs of a leader."""
+class ServedBursts(Protocol):
+    """What the service needs of the bursts that a leader takes."""
 
     def now_ns(self) -> int:
         """Return the rig's time in ns."""
-
-    def status(self) -> RigStatus:
-        """Return the rig at this moment."""
-
-    def take_burst(self, request: messages.BurstRequest) -> AsyncGenerator[BurstStatus, None]:
-        """Take a burst and yield its progress."""
 
     async def find_session(self, message: messages.CameraReport | messages.ImageUpload) -> BurstSession:
         """Return the burst of an upload."""
@@ -36,8 +30,16 @@ class ServedRig(Protocol):
 class LeaderService:
     """Serves one stream after another, or many at a time, for one leader."""
 
-    def __init__(self, rig: ServedRig) -> None:
-        self._rig = rig
+    def __init__(
+        self,
+        bursts: ServedBursts,
+        get_status: Callable[[], RigStatus],
+        take_burst: Callable[[messages.BurstRequest], AsyncGenerator[BurstStatus, None]],
+    ) -> None:
+        """`take_burst` takes a burst and yields its progress."""
+        self._bursts = bursts
+        self._get_status = get_status
+        self._take_burst = take_burst
 
     async def serve(self, channel: Channel[messages.ToLeader]) -> None:
         """Answer a stream until its peer closes it; the user's mistakes are told, not raised."""
@@ -53,7 +55,7 @@ class LeaderService:
                     await channel.send(messages.Refusal.of_error(error, retry=retry))
         finally:
             for session, camera in working_on.values():
-                session.stream_closed(camera, self._rig.now_ns())
+                session.stream_closed(camera, self._bursts.now_ns())
 
     async def _answer(
         self,
@@ -63,26 +65,26 @@ class LeaderService:
     ) -> None:
         match message:
             case messages.StatusRequest():
-                await channel.send(messages.StatusAnswer(rig=self._rig.status()))
+                await channel.send(messages.StatusAnswer(rig=self._get_status()))
             case messages.BurstRequest():
-                async with contextlib.aclosing(self._rig.take_burst(message)) as progress:
+                async with contextlib.aclosing(self._take_burst(message)) as progress:
                     async for status in progress:
                         await channel.send(messages.BurstAnswer(burst=status))
             case messages.CameraReport():
-                session = await self._rig.find_session(message)
+                session = await self._bursts.find_session(message)
                 key, camera = (message.leader, message.burst), message.camera.name
                 if key not in working_on or working_on[key][0] is not session:
                     session.stream_opened(camera)
                     if key in working_on:
-                        working_on[key][0].stream_closed(camera, self._rig.now_ns())
+                        working_on[key][0].stream_closed(camera, self._bursts.now_ns())
                     working_on[key] = session, camera
-                receipts = await session.accept_report(message, self._rig.now_ns())
+                receipts = await session.accept_report(message, self._bursts.now_ns())
                 await channel.send(messages.ReportAck(receipts=receipts))
             case messages.SpoolSpace():
-                self._rig.note_spool_space(message)
+                self._bursts.note_spool_space(message)
                 await channel.send(messages.ReportAck())
             case messages.ImageUpload():
-                session = await self._rig.find_session(message)
-                sha256 = await session.receive_image(message, channel.payload(), self._rig.now_ns())
-                self._rig.tell_progress(session)
+                session = await self._bursts.find_session(message)
+                sha256 = await session.receive_image(message, channel.payload(), self._bursts.now_ns())
+                self._bursts.tell_progress(session)
                 await channel.send(messages.ImageAck(sha256=sha256))

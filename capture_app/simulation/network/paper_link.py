@@ -3,25 +3,20 @@
 from capture_app.simulation.network.delay_laws import DelayLaw, GammaDelay, LognormalDelay
 from capture_app.simulation.network.link import Link
 
-_US = 1_000
-PAPER_LINK = Link(
-    to_leader=GammaDelay(479 * _US, 1878 * _US, outlier_share=0.0064),
-    to_client=GammaDelay(517 * _US, 1133 * _US, outlier_share=0.0064),
-)
-"""WiFi as the paper measured it (section 4); the Gamma shape is an assumption."""
 
-
-def paper_link(shape: float | None = None, sigma: float | None = None, loss: float = 0.0) -> Link:
-    """Return the paper's link with another law of delays: Gamma of a shape, or lognormal of a sigma."""
+def paper_link(shape: float = 2.0, sigma: float | None = None) -> Link:
+    """Return WiFi as the paper measured it (section 4), Gamma of a shape or else lognormal of a sigma."""
 
     def law(minimum_ns: int, mean_ns: int) -> DelayLaw:
         if sigma is not None:
-            return LognormalDelay(minimum_ns, mean_ns, sigma, 0.0064)
-        return GammaDelay(minimum_ns, mean_ns, 2.0 if shape is None else shape, 0.0064)
+            return LognormalDelay(minimum_ns, mean_ns, sigma, outlier_share=0.0064)
+        return GammaDelay(minimum_ns, mean_ns, shape, outlier_share=0.0064)
 
-    return Link(law(479 * _US, 1878 * _US), law(517 * _US, 1133 * _US), loss)
+    return Link(to_leader=law(479_000, 1_878_000), to_client=law(517_000, 1_133_000))
 
 
+PAPER_LINK = paper_link()
+"""The link of the paper; the Gamma shape is an assumption."""
 LINKS_BY_LAW: dict[str, Link] = {
     "gamma 1": paper_link(shape=1.0),
     "gamma 1.5": paper_link(shape=1.5),

@@ -61,11 +61,11 @@ def _inside(values: Floats, start: float, end: float, blur: float = 0.02) -> Flo
     )
 
 
-def cosine_directions(count: int, turn: float) -> Floats:
-    """Directions (count, 3) about +z, dense as the cosine, evenly spread; `turn` gives another set."""
+def cosine_directions(count: int) -> Floats:
+    """Directions (count, 3) about +z, dense as the cosine, evenly spread."""
     number = np.arange(count) + 0.5
     radius = np.sqrt(number / count)
-    angle = 2 * np.pi * (number * 0.618034 + turn)
+    angle = 2 * np.pi * (number * 0.618034)
     return np.stack([radius * np.cos(angle), radius * np.sin(angle), np.sqrt(1 - radius**2)], -1).astype(
         np.float32
     )
@@ -80,7 +80,7 @@ class OpenSky:
         normals = grid / np.maximum(np.linalg.norm(grid, axis=1, keepdims=True), 1e-6)
         total = np.zeros_like(normals)
         tangent, bitangent = tangents(normals)
-        local = cosine_directions(64, 0.0)
+        local = cosine_directions(64)
         for x, y, z in local:
             total += sky_radiance(x * tangent + y * bitangent + z * normals)
         self._table = (total / len(local)).reshape(resolution, resolution, resolution, 3)

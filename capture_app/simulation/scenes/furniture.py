@@ -2,18 +2,7 @@
 
 import numpy as np
 
-from capture_app.simulation.scenes.meshes import (
-    Mesh,
-    about_x,
-    about_y,
-    about_z,
-    box,
-    ellipsoid,
-    lathe,
-    panel,
-    rod,
-    sheet,
-)
+from capture_app.simulation.scenes.meshes import Mesh, box, ellipsoid, lathe, panel, rod, sheet, turn
 
 FLOOR = 1.0
 BACK = 4.3
@@ -43,7 +32,7 @@ def framed_pictures() -> list[Mesh]:
     meshes += _framed("shapes", (0.48, -0.50, BACK), (0.48, 0.64), "dark_wood")
     meshes += _framed("city", (-0.26, -0.12, BACK), (0.50, 0.36), "dark_wood")
     sides = _framed("words", (0, 0, 0), (0.55, 0.77), "pale_wood")
-    meshes += [m.moved((LEFT, -0.45, 3.25), about_y(-np.pi / 2)) for m in sides]
+    meshes += [m.moved((LEFT, -0.45, 3.25), turn(1, -np.pi / 2)) for m in sides]
     return meshes
 
 
@@ -116,9 +105,9 @@ def plant(rng: np.random.Generator) -> list[Mesh]:
         for along in np.linspace(0.28, 1.0, 9):
             at = foot + (tip - foot) * along
             length = rng.uniform(0.20, 0.30)
-            turn = about_y(rng.uniform(0, 2 * np.pi)) @ about_x(rng.uniform(-1.5, -0.3))
+            twist = turn(1, rng.uniform(0, 2 * np.pi)) @ turn(0, rng.uniform(-1.5, -0.3))
             blade = _leaf(length, length * 0.40, rng.choice(["leaf", "leaf", "leaf_light"]))
-            meshes.append(blade.moved(at, turn @ about_z(rng.uniform(-0.3, 0.3))))
+            meshes.append(blade.moved(at, twist @ turn(2, rng.uniform(-0.3, 0.3))))
     return meshes
 
 
@@ -137,8 +126,8 @@ def crate() -> list[Mesh]:
         for z in (-0.18, 0.18):
             meshes += box((x, -0.19, z), (0.06, 0.38, 0.06), "pale_wood")
     meshes += box((0.03, -0.40, 0.02), (0.30, 0.05, 0.24), "book3", window=(0, 0.2, 1, 0.6))
-    meshes += [m.moved(rotation=about_y(0.3)) for m in box((0.02, -0.445, 0.0), (0.26, 0.04, 0.20), "book9")]
-    return [m.moved((0.42, FLOOR, 3.72), about_y(0.25)) for m in meshes]
+    meshes += [m.moved(rotation=turn(1, 0.3)) for m in box((0.02, -0.445, 0.0), (0.26, 0.04, 0.20), "book9")]
+    return [m.moved((0.42, FLOOR, 3.72), turn(1, 0.25)) for m in meshes]
 
 
 def pouf() -> list[Mesh]:
@@ -152,5 +141,5 @@ def pouf() -> list[Mesh]:
 
 def ball() -> list[Mesh]:
     """A beach ball on the floor at the left."""
-    turn = about_z(0.5) @ about_x(0.7)
-    return [ellipsoid((0.15, 0.15, 0.15), "ball", around=36).moved((-0.86, FLOOR - 0.15, 3.62), turn)]
+    twist = turn(2, 0.5) @ turn(0, 0.7)
+    return [ellipsoid((0.15, 0.15, 0.15), "ball", around=36).moved((-0.86, FLOOR - 0.15, 3.62), twist)]

@@ -35,22 +35,18 @@ class Mesh:
         return replace(self, vertices=vertices, normals=self.normals @ turn.T)
 
 
-def about_x(angle: float) -> NDArray[np.float64]:
-    """Rotation by `angle` radians about x; positive takes y to z."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[1.0, 0.0, 0.0], [0.0, c, -s], [0.0, s, c]])
+def turn(axis: int, angle: ArrayLike) -> NDArray[np.float64]:
+    """Rotation matrices (..., 3, 3) by the angles (...), in radians, about x, y or z (0, 1, 2).
 
-
-def about_y(angle: float) -> NDArray[np.float64]:
-    """Rotation by `angle` radians about y; positive takes z to x."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, 0.0, s], [0.0, 1.0, 0.0], [-s, 0.0, c]])
-
-
-def about_z(angle: float) -> NDArray[np.float64]:
-    """Rotation by `angle` radians about z; positive takes x to y."""
-    c, s = np.cos(angle), np.sin(angle)
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    A positive angle takes y to z, z to x, or x to y.
+    """
+    out = np.zeros((*np.shape(angle), 3, 3))
+    a, b = (axis + 1) % 3, (axis + 2) % 3
+    out[..., axis, axis] = 1.0
+    out[..., a, a] = out[..., b, b] = np.cos(angle)
+    out[..., b, a] = np.sin(angle)
+    out[..., a, b] = -out[..., b, a]
+    return out
 
 
 def sheet(points: ArrayLike, texture: str, *, window: Window = WHOLE, closed: bool = False) -> Mesh:
@@ -93,10 +89,8 @@ def panel(
     return sheet([[start, start + u], [start + v, start + u + v]], texture, window=window)
 
 
-def box(
-    centre: ArrayLike, size: ArrayLike, texture: str, *, tile: float | None = None, window: Window = WHOLE
-) -> list[Mesh]:
-    """The six faces of a box; `tile`: metres that the texture spans, else each face shows the window."""
+def box(centre: ArrayLike, size: ArrayLike, texture: str, *, window: Window = WHOLE) -> list[Mesh]:
+    """The six faces of a box; each shows the window of the texture."""
     half = np.asarray(size, np.float64) / 2
     middle = np.asarray(centre, np.float64)
     faces = []
@@ -108,12 +102,7 @@ def box(
             corner[down_axis] -= half[down_axis]
             right[right_axis] = 2 * half[right_axis]
             down[down_axis] = 2 * half[down_axis]
-            shown = window
-            if tile is not None:
-                start = float(corner.sum())
-                width, height = right.max() / tile, down.max() / tile
-                shown = (start, start, start + width, start + height)
-            faces.append(panel(corner, right, down, texture, window=shown))
+            faces.append(panel(corner, right, down, texture, window=window))
     return faces
 
 

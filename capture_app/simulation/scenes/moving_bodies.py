@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from capture_app.simulation.scenes import poses, prints, textures
-from capture_app.simulation.scenes.meshes import Mesh, about_x, about_z, box, ellipsoid, lathe, rod, sheet
+from capture_app.simulation.scenes.meshes import Mesh, box, ellipsoid, lathe, rod, sheet, turn
 from capture_app.simulation.scenes.textures import Colour, Picture
 
 SKIN: Colour = (224, 168, 132)
@@ -71,7 +71,7 @@ def parts() -> dict[str, Part]:
         child[f"{side}_forearm"] = [
             lathe([(0.02, -0.022), (0.031, 0.0), (0.032, 0.04), (0.027, 0.12), (0.023, 0.165)], "skin"),
             ellipsoid((0.031, 0.046, 0.022), "skin").moved((0.0, 0.196, 0.0)),
-            ellipsoid((0.011, 0.028, 0.012), "skin").moved((0.0, 0.186, -0.026), about_x(-0.5)),
+            ellipsoid((0.011, 0.028, 0.012), "skin").moved((0.0, 0.186, -0.026), turn(0, -0.5)),
         ]
     found = {name: Part("figure", meshes) for name, meshes in child.items()}
     found["wheel"] = Part("pinwheel", _wheel())
@@ -104,7 +104,7 @@ def _head() -> list[Mesh]:
     for side in (-1, 1):
         meshes.append(ellipsoid((0.016, 0.026, 0.018), "skin", around=14).moved((side * 0.098, -0.15, 0.004)))
         bunch = ellipsoid((0.040, 0.075, 0.044), "hair", around=20)
-        meshes.append(bunch.moved((side * 0.142, -0.165, 0.03), about_z(-side * 0.45)))
+        meshes.append(bunch.moved((side * 0.142, -0.165, 0.03), turn(2, -side * 0.45)))
         meshes.append(
             ellipsoid((0.020, 0.020, 0.024), "ribbon", around=12).moved((side * 0.110, -0.215, 0.02))
         )
@@ -145,7 +145,7 @@ def _wheel() -> list[Mesh]:
         curl = -0.055 * u**2 * np.sin(np.pi * np.clip(v * 1.05, 0, 1)) + 0.018 * (1 - u) * v
         points = np.stack([radius * np.sin(angle), -radius * np.cos(angle), curl], axis=-1)
         meshes.append(
-            sheet(points, f"blade{number}", window=(0, 1, 1, 0)).moved((0, 0, 0), about_z(number * np.pi / 3))
+            sheet(points, f"blade{number}", window=(0, 1, 1, 0)).moved((0, 0, 0), turn(2, number * np.pi / 3))
         )
     meshes.append(ellipsoid((0.030, 0.030, 0.022), "hub", around=20).moved((0.0, 0.0, -0.03)))
     return meshes

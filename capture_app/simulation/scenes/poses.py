@@ -8,6 +8,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from capture_app.simulation.scenes.meshes import turn
+
 Series = NDArray[np.float64]
 
 CYCLE_NS = 97_500_000_000
@@ -55,17 +57,6 @@ class Poses(NamedTuple):
     def point(self, x: float, y: float, z: float) -> Series:
         """World positions (n, 3) of a point of the part, in m."""
         return np.asarray(self.rotation @ np.array([x, y, z]) + self.translation)
-
-
-def turn(axis: int, angle: Series) -> Series:
-    """Rotation matrices (n, 3, 3) by the angles (n), in radians, about axis 0, 1 or 2."""
-    out = np.zeros((len(angle), 3, 3))
-    a, b = (axis + 1) % 3, (axis + 2) % 3
-    out[:, axis, axis] = 1.0
-    out[:, a, a] = out[:, b, b] = np.cos(angle)
-    out[:, b, a] = np.sin(angle)
-    out[:, a, b] = -out[:, b, a]
-    return out
 
 
 def joint(parent: Poses, at: tuple[float, float, float], rotation: Series) -> Poses:

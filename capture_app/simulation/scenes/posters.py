@@ -3,17 +3,20 @@
 import cv2
 import numpy as np
 
+from capture_app.simulation.scenes.meshes import Floats
 from capture_app.simulation.scenes.prints import WARM, letters, on_paper, pigment, polygon
-from capture_app.simulation.scenes.textures import Picture, bgr, noise
+from capture_app.simulation.scenes.textures import Colour, Picture, bgr, noise
+
+
+def _gradient(shape: tuple[int, int], top: Colour, bottom: Colour) -> Floats:
+    t = np.linspace(0, 1, shape[0], dtype=np.float32)[:, None, None]
+    return np.broadcast_to(bgr(top) * (1 - t) + bgr(bottom) * t, (*shape, 3)).copy()
 
 
 def mountains(rng: np.random.Generator) -> Picture:
     """Travel poster: ranges of hills before an evening sun (420 x 300)."""
     height, width = 420, 300
-    t = np.linspace(0, 1, height, dtype=np.float32)[:, None, None]
-    poster = np.broadcast_to(
-        bgr((250, 196, 120)) * t + bgr((88, 130, 160)) * (1 - t), (height, width, 3)
-    ).copy()
+    poster = _gradient((height, width), (88, 130, 160), (250, 196, 120))
     cv2.circle(poster, (196, 170), 44, pigment((252, 236, 196)), -1, cv2.LINE_AA)
     column = np.arange(width)
     for step, colour in enumerate(
@@ -51,8 +54,7 @@ def shapes(rng: np.random.Generator) -> Picture:
 def harbour(rng: np.random.Generator) -> Picture:
     """Painted sea with sailing boats, landscape format (260 x 380)."""
     height, width = 260, 380
-    t = np.linspace(0, 1, height, dtype=np.float32)[:, None, None]
-    sea = np.broadcast_to(bgr((236, 214, 178)) * (1 - t) + bgr((38, 84, 110)) * t, (height, width, 3)).copy()
+    sea = _gradient((height, width), (236, 214, 178), (38, 84, 110))
     sea[120:] = sea[120:] * 0.4 + bgr((40, 104, 128)) * 0.6
     sea += (
         16 * noise(rng, (height, width), (9, 60))[..., None]
@@ -85,8 +87,7 @@ def words(rng: np.random.Generator) -> Picture:
 def city(rng: np.random.Generator) -> Picture:
     """Night skyline with lit windows (300 x 420)."""
     height, width = 300, 420
-    t = np.linspace(0, 1, height, dtype=np.float32)[:, None, None]
-    night = np.broadcast_to(bgr((28, 34, 66)) * (1 - t) + bgr((178, 96, 96)) * t, (height, width, 3)).copy()
+    night = _gradient((height, width), (28, 34, 66), (178, 96, 96))
     cv2.circle(night, (318, 60), 24, pigment((246, 236, 208)), -1, cv2.LINE_AA)
     left = -10
     while left < width:

@@ -24,8 +24,7 @@ from capture_app.experiments.clock_filters.trials import (
     run_convergence_trial,
     run_law_trials,
 )
-from capture_app.experiments.common.figures import error_figures
-from capture_app.experiments.common.result import Outcome, Result
+from capture_app.experiments.common.result import Outcome, Result, error_figures
 from capture_app.simulation.network.exchanges import exchanges, read_trace
 from capture_app.simulation.network.paper_link import LINKS_BY_LAW, PAPER_LINK
 

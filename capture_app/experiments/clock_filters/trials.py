@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from capture_app.clock import SimulatedClock
 from capture_app.experiments.clock_filters.coverage import Coverages
 from capture_app.experiments.clock_filters.filters import estimator_family
-from capture_app.experiments.common.figures import error_figures
+from capture_app.experiments.common.result import error_figures
 from capture_app.simulation.network.delay_laws import ReplayedDelay
 from capture_app.simulation.network.exchanges import Exchange, exchanges
 from capture_app.simulation.network.link import Link

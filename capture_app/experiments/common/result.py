@@ -1,7 +1,8 @@
-"""What every experiment returns: figures in one shape, a table to print, pictures to draw."""
+"""What every experiment returns: figures that sum up errors, a table to print, pictures to draw."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from math import nan, sqrt
 from pathlib import Path
 from typing import Any, Literal
 
@@ -71,3 +72,21 @@ def _text(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.1f}" if abs(value) >= 10.0 else f"{value:.3g}"
     return str(value)
+
+
+def error_figures(errors: list[float]) -> dict[str, float]:
+    """Return `mean_abs`, `max`, `std` and `bias` of errors, in their unit; raises ValueError for none."""
+    if not errors:
+        raise ValueError("no errors to sum up")
+    bias = sum(errors) / len(errors)
+    return {
+        "mean_abs": sum(abs(e) for e in errors) / len(errors),
+        "max": max(abs(e) for e in errors),
+        "std": sqrt(sum((e - bias) ** 2 for e in errors) / len(errors)),
+        "bias": bias,
+    }
+
+
+def quantile(ascending: Sequence[float], share: float) -> float:
+    """The value below which that share lies; nan for none."""
+    return ascending[min(len(ascending) - 1, int(share * len(ascending)))] if ascending else nan

@@ -13,8 +13,7 @@ import numpy as np
 
 from capture_app.clock import SimulatedClock
 from capture_app.errors import IncompleteError
-from capture_app.experiments.common.figures import error_figures
-from capture_app.experiments.common.result import Outcome, Result, Table
+from capture_app.experiments.common.result import Outcome, Result, Table, error_figures
 from capture_app.experiments.common.workers import call_all
 from capture_app.experiments.led_panel.plots import draw_led_panel
 from capture_app.simulation.devices.profiles import PROFILES
@@ -146,10 +145,11 @@ def run_trial(rng: random.Random, *, keep: bool = False) -> Trial:
     leader, client = (shot for shot in shots if shot is not None)
     pictures, times_ns = [], []
     for node, shot in zip(rig.nodes.values(), (leader, client), strict=True):
-        picture = _render(node, shot.frame, np.random.default_rng(rng.getrandbits(32)))
-        row_ns = node.spec.profile.row_time_ns
-        pictures.append(picture)
-        times_ns.append(read_time(picture, exposure_ns=shot.frame.exposure_ns, row_time_ns=row_ns))
+        rows = {"exposure_ns": shot.frame.exposure_ns, "row_time_ns": node.spec.profile.row_time_ns}
+        noise = np.random.default_rng(rng.getrandbits(32))
+        ppm = node.sensor.period_error_ppm
+        pictures.append(render(shot.frame.start_true_ns, rng=noise, true_ppm=ppm, **rows))
+        times_ns.append(read_time(pictures[-1], **rows))
     true_ns = client.frame.start_true_ns - leader.frame.start_true_ns
     phase_ns = client.phase_error_ns - leader.phase_error_ns
     return Trial(
@@ -184,16 +184,6 @@ def _find_shot(node: VirtualNode, number: int) -> Shot | None:
         phase_error_ns=leader_ns - (pick.leader_ns - pick.residual_ns),
         bounded=error_ns <= pick.hard_bound_ns,
         within_95=error_ns <= pick.uncertainty_ns,
-    )
-
-
-def _render(node: VirtualNode, frame: SensorFrame, noise: np.random.Generator) -> Image:
-    return render(
-        frame.start_true_ns,
-        exposure_ns=frame.exposure_ns,
-        row_time_ns=node.spec.profile.row_time_ns,
-        rng=noise,
-        true_ppm=node.sensor.period_error_ppm,
     )
 
 

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING
 
 from capture_app.clock import HostClock, NodeClock
 from capture_app.experiments.clock_filters.filters import estimator_family
-from capture_app.experiments.common.figures import error_figures
-from capture_app.experiments.common.result import Kind, Outcome, Result, Table
+from capture_app.experiments.common.result import Kind, Outcome, Result, Table, error_figures
 from capture_app.experiments.link.ends import JOIN_TIMEOUT_S, LinkClient, Synchronization, synchronize
 from capture_app.net.address import Address
 from capture_app.sync.rig.poll_schedule import PACE_NS

@@ -10,8 +10,7 @@ from functools import partial
 
 import numpy as np
 
-from capture_app.experiments.common.figures import error_figures
-from capture_app.experiments.common.result import Outcome, Result, Table
+from capture_app.experiments.common.result import Outcome, Result, Table, error_figures
 from capture_app.experiments.common.workers import call_all
 from capture_app.experiments.led_panel.experiment import EXPOSURE_NS, run_trial
 from capture_app.experiments.led_panel.plots import draw_naive

@@ -6,8 +6,8 @@ from math import hypot
 from pathlib import Path
 from typing import Any
 
-from capture_app.experiments.common.figures import quantile
-from capture_app.experiments.common.result import Outcome, Result, Table
+from capture_app.experiments.common.plots import new_figure, save
+from capture_app.experiments.common.result import Outcome, Result, Table, quantile
 from capture_app.experiments.common.workers import call_all
 from capture_app.experiments.reference_broadcast.trials import (
     CASES,
@@ -148,8 +148,6 @@ def _table(result: Result, cases: Mapping[str, Case]) -> Table:
 
 
 def _draw(done: Mapping[str, Trials], cases: Mapping[str, Case], result: Result, folder: Path) -> Path:
-    from capture_app.experiments.common.plots import new_figure, save
-
     figure = new_figure(figsize=(11, 4.5))
     course, sizes = figure.subplots(1, 2)
     name = next(name for name in ("drawn_links", *done) if name in done)

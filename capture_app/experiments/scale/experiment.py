@@ -10,9 +10,8 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
-from capture_app.experiments.common.figures import quantile
 from capture_app.experiments.common.plots import new_figure, save
-from capture_app.experiments.common.result import Outcome, Result, Table
+from capture_app.experiments.common.result import Outcome, Result, Table, quantile
 from capture_app.experiments.common.workers import call_all
 from capture_app.simulation.rig.tree import TreeSpec
 from capture_app.simulation.rig.tree_result import TreeResult, run_shard

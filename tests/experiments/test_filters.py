@@ -7,8 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from capture_app.experiments.clock_filters.filters import estimator_family
-from capture_app.sync.clock.clock_filter import ClockFilter
-from capture_app.sync.clock.clock_sample import ClockSample
+from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
 from capture_app.sync.clock.minimum_delay import estimate_excess, radius_95
 from capture_app.sync.clock.time_map import TimeMap
 

@@ -14,8 +14,7 @@ from capture_app.experiments.link.ends import LinkClient, Synchronization, serve
 from capture_app.experiments.link.experiment import LinkOptions, judge, report
 from capture_app.net.address import Address
 from capture_app.net.server import bind_port
-from capture_app.sync.clock.clock_filter import ClockFilter
-from capture_app.sync.clock.clock_sample import ClockSample
+from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 
 MS = 1_000_000

@@ -7,8 +7,7 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from typing import Protocol
 
-from capture_app.sync.clock.clock_filter import ROUNDING_NS, ClockFilter
-from capture_app.sync.clock.clock_sample import ClockSample
+from capture_app.sync.clock.clock_filter import ROUNDING_NS, ClockFilter, ClockSample
 from capture_app.sync.clock.skew_vote import max_gap_line
 from capture_app.sync.clock.time_map import TimeMap
 

@@ -10,7 +10,7 @@ from capture_app.errors import NetworkError
 from capture_app.net.address import Address, resolve
 from capture_app.net.server import bind_port
 from capture_app.net.udp import Pump, SinglePeerEngine, client_socket
-from capture_app.sync.clock.clock_sample import ClockSample
+from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.events import Joined, JoinRefused, LeaderLost
 from capture_app.sync.rig.leader import Leader, LeaderConfig

@@ -6,7 +6,7 @@ from msgspec.structs import asdict
 
 from capture_app.net.address import Address
 from capture_app.node.wire.status import NodeStatus
-from capture_app.sync.clock.upstream_map import MAX_DEPTH
+from capture_app.sync.clock.time_map import MAX_DEPTH
 from capture_app.sync.rig.roster import ClientView
 from capture_app.sync.wire.messages import WITHOUT_CAMERA, NodeState
 

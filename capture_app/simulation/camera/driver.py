@@ -2,8 +2,9 @@
 
 import math
 import random
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from typing import Any
 
 from capture_app.camera_facts import SIMULATED
 from capture_app.cameras.base import CameraListing
@@ -78,23 +79,22 @@ def open_camera(profile: str, options: Mapping[str, str], *, clock: NodeClock, n
     return SimulatedCamera(sensor, source, clock, seed=camera_seed, fail_after_ns=fail_after_ns)
 
 
+_CHANGES: dict[str, tuple[float, Callable[[float], dict[str, Any]]]] = {
+    "exposure_ms": (1e3, lambda ms: {"exposure_ns": round(ms * 1e6)}),
+    "noise_us": (1e4, lambda us: {"timestamp_noise_ns": round(us * 1e3)}),
+    "outliers": (1, lambda share: {"outlier_share": share}),
+    "drops": (1, lambda share: {"drop_share": share}),
+    "start_ms": (1e4, lambda ms: {"start_latency_ns": (round(ms * 1e6), 0)}),
+}
+"""The largest value of an option from 0 on, and what it changes of the profile."""
+
+
 def _adjusted(profile: SensorProfile, options: Mapping[str, str]) -> SensorProfile:
     """The profile with what the options change of it; the profile judges the exposure."""
-    exposure_ms = _number(options, "exposure_ms", least=0, most=1e3)
-    if exposure_ms is not None:
-        profile = replace(profile, exposure_ns=round(exposure_ms * 1e6))
-    noise_us = _number(options, "noise_us", least=0, most=1e4)
-    if noise_us is not None:
-        profile = replace(profile, timestamp_noise_ns=round(noise_us * 1e3))
-    outliers = _number(options, "outliers", least=0, most=1)
-    if outliers is not None:
-        profile = replace(profile, outlier_share=outliers)
-    drops = _number(options, "drops", least=0, most=1)
-    if drops is not None:
-        profile = replace(profile, drop_share=drops)
-    start_ms = _number(options, "start_ms", least=0, most=1e4)
-    if start_ms is not None:
-        profile = replace(profile, start_latency_ns=(round(start_ms * 1e6), 0))
+    for key, (most, change) in _CHANGES.items():
+        value = _number(options, key, least=0, most=most)
+        if value is not None:
+            profile = replace(profile, **change(value))
     return profile
 
 

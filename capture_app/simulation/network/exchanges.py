@@ -10,7 +10,7 @@ from typing import Protocol
 from capture_app.errors import BadInputError
 from capture_app.simulation.network.delay_laws import ReplayedDelay
 from capture_app.simulation.network.link import Channel, Link
-from capture_app.sync.clock.clock_sample import ClockSample
+from capture_app.sync.clock.clock_filter import ClockSample
 
 COLUMNS = ("t_s", "rtt_ms")
 LEAST_ROWS = 50

@@ -4,9 +4,9 @@ A message cannot arrive before it was sent, so each one bounds the offset from o
 the tightest bounds of the two directions apart; the hard bound is all that the bounds leave possible.
 """
 
+from dataclasses import dataclass
 from math import sqrt
 
-from capture_app.sync.clock.clock_sample import ClockSample
 from capture_app.sync.clock.feasible_lines import FeasibleLines
 from capture_app.sync.clock.minimum_delay import DelayExcess, estimate_excess, radius_95
 from capture_app.sync.clock.skew_vote import Point, VotedLine, vote_on_skews
@@ -26,6 +26,39 @@ REACH_NS = 1e13
 """Largest change of the offset within a window, in ns."""
 EAGER_SAMPLES = 300
 REFRESH_NS = 100_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class ClockSample:
+    """One exchange, in ns: t0 client sends, t1 leader receives, t2 leader sends, t3 client receives.
+
+    t0 and t3 are read off the client's local clock, t1 and t2 off the leader's.
+    """
+
+    t0_ns: int
+    t1_ns: int
+    t2_ns: int
+    t3_ns: int
+
+    @property
+    def round_trip_ns(self) -> int:
+        """Time spent on the way, both directions together, in ns."""
+        return (self.t3_ns - self.t0_ns) - (self.t2_ns - self.t1_ns)
+
+    @property
+    def lower_ns(self) -> int:
+        """Leader minus local time is at least this at t3, in ns."""
+        return self.t2_ns - self.t3_ns
+
+    @property
+    def upper_ns(self) -> int:
+        """Leader minus local time is at most this at t0, in ns."""
+        return self.t1_ns - self.t0_ns
+
+    @property
+    def local_ns(self) -> int:
+        """Middle of the exchange in local time, in ns."""
+        return (self.t0_ns + self.t3_ns) // 2
 
 
 class ClockFilter:

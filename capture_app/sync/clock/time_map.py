@@ -1,7 +1,10 @@
-"""The map from a node's own clock to the leader's, with its error bars."""
+"""The map from a node's own clock to the leader's, with its error bars; a relay's as messages carry it."""
 
 from dataclasses import dataclass, replace
-from math import hypot, sqrt
+from math import hypot, isfinite, sqrt
+from typing import Annotated
+
+from msgspec import Meta, Struct
 
 ROUNDING_NS = 2.0
 
@@ -96,3 +99,45 @@ class TimeMap:
             + upstream.shared_uncertainty
             + upstream.skew_uncertainty**2 * since_ns,
         )
+
+
+MAX_DEPTH = 8
+"""Most clocks between a node's and the root's."""
+Skew = Annotated[float, Meta(ge=-0.01, le=0.01)]
+Error = Annotated[float, Meta(ge=0.0, le=1e18)]
+SkewError = Annotated[float, Meta(ge=0.0, le=1.0)]
+Offset = Annotated[int, Meta(ge=-(2**62), le=2**62)]
+
+
+class UpstreamMap(Struct, frozen=True, array_like=True):
+    """A relay's map from its own clock to the root's, as it goes over the wire; times in ns.
+
+    A relay's time replies carry its own clock, which never jumps; its clients add this to what they find.
+    `path` names the instances from the root to the relay, so that no relay follows itself.
+    """
+
+    path: Annotated[tuple[int, ...], Meta(min_length=1, max_length=MAX_DEPTH)]
+    epoch_local_ns: int
+    offset_ns: Offset
+    skew: Skew
+    uncertainty_ns: Error
+    hard_bound_ns: Error
+    skew_uncertainty: SkewError
+    skew_bound: SkewError
+    shared_uncertainty: Error = 0.0
+
+    def time_map(self) -> TimeMap | None:
+        """The map from the relay's clock to the root's; None where a value is not a number."""
+        fields = {name: getattr(self, name) for name in _SHARED_FIELDS}
+        if not all(isfinite(value) for value in fields.values() if isinstance(value, float)):
+            return None
+        return TimeMap(**fields, samples=0, round_trip_ns=0)
+
+
+_SHARED_FIELDS = UpstreamMap.__struct_fields__[1:]
+"""All but the path: fields that a time map has, too."""
+
+
+def upstream_map(path: tuple[int, ...], time_map: TimeMap) -> UpstreamMap:
+    """Return the message form of the time map of a relay with that path."""
+    return UpstreamMap(path, *(getattr(time_map, name) for name in _SHARED_FIELDS))

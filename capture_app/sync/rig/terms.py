@@ -3,8 +3,7 @@
 from dataclasses import dataclass
 
 from capture_app.camera_facts import CameraFacts
-from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.clock.upstream_map import UpstreamMap
+from capture_app.sync.clock.time_map import TimeMap, UpstreamMap
 from capture_app.sync.phase.goal import MAX_PERIOD_NS, MIN_PERIOD_NS, Goal
 from capture_app.sync.phase.shared_goal import SharedGoal
 from capture_app.sync.wire.messages import WITHOUT_CAMERA, Terms

@@ -5,8 +5,7 @@ from collections.abc import Callable
 
 from msgspec.structs import replace
 
-from capture_app.sync.clock.clock_filter import ClockFilter
-from capture_app.sync.clock.clock_sample import ClockSample
+from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.reference_broadcast.listener import Listener
 from capture_app.sync.rig.events import (

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 from capture_app.camera_facts import CameraFacts
 from capture_app.sync.clock.clock_filter import ClockFilter
-from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.clock.upstream_map import MAX_DEPTH
+from capture_app.sync.clock.time_map import MAX_DEPTH, TimeMap
 from capture_app.sync.rig.failover import LeaderChoice
 from capture_app.sync.rig.poll_schedule import RoundSchedule
 from capture_app.sync.rig.terms import LeaderTerms

@@ -9,7 +9,7 @@ from dataclasses import replace
 
 import msgspec
 
-from capture_app.sync.clock.upstream_map import upstream_map
+from capture_app.sync.clock.time_map import upstream_map
 from capture_app.sync.phase.shared_goal import SharedGoal
 from capture_app.sync.rig.events import LeaderEvent
 from capture_app.sync.rig.leader import Leader, LeaderConfig

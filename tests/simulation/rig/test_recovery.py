@@ -16,7 +16,7 @@ from hypothesis.stateful import (
 )
 from msgspec import structs
 
-from capture_app.sync.clock.upstream_map import UpstreamMap
+from capture_app.sync.clock.time_map import UpstreamMap
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.time_client import MOST_EVENTS
 from capture_app.sync.rig.timekeeper import OUTSTANDING

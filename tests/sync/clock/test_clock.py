@@ -6,8 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture_app.sync.clock.clock_filter import ClockFilter
-from capture_app.sync.clock.clock_sample import ClockSample
+from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
 from capture_app.sync.clock.time_map import TimeMap
 
 MS = 1_000_000

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import pytest
 
-from capture_app.sync.clock.clock_sample import ClockSample
+from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.rig.events import ClockSynced, Joined, LeaderLost
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.poll_schedule import (

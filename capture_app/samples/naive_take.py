@@ -8,7 +8,7 @@ import random
 from collections.abc import Mapping
 
 from capture_app import __version__
-from capture_app.clock import SimulatedClock, seeded_clock
+from capture_app.clock import seeded_clock
 from capture_app.samples.engine_take import profile_of
 from capture_app.samples.recipe import CameraRecipe, Recipe, RecipeFrame, Take
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
@@ -28,17 +28,14 @@ def take_naive(recipe: Recipe, sources: Mapping[str, PictureSource]) -> Take:
     """
     rng = random.Random(recipe.seed)
     requested_ns = round(recipe.at_s * 1e9)
-    cameras: list[CameraRecord] = []
+    cameras = tuple(_record(recipe, camera, sources[camera.name]) for camera in recipe.cameras)
+    clocks = {camera.name: seeded_clock(f"{camera.name} of {recipe.seed}") for camera in cameras}
+    period_ns = cameras[0].facts.period_ns
+    step_ns = recipe.spacing * period_ns
+    instants_ns = tuple(requested_ns + number * step_ns for number in range(recipe.frames))
     frames: list[RecipeFrame] = []
     missing: list[MissingImage] = []
-    clocks: dict[str, SimulatedClock] = {}
-    instants_ns: tuple[int, ...] = ()
     for camera in recipe.cameras:
-        record = _record(recipe, camera, sources[camera.name])
-        if not instants_ns:
-            step_ns = recipe.spacing * record.facts.period_ns
-            instants_ns = tuple(requested_ns + number * step_ns for number in range(recipe.frames))
-        clock = seeded_clock(f"{camera.name} of {recipe.seed}")
         taken = _taken(recipe, camera, sources[camera.name], requested_ns + _delay_ns(rng), rng)
         for instant, frame in enumerate(taken):
             if frame.dropped:
@@ -51,19 +48,15 @@ def take_naive(recipe: Recipe, sources: Mapping[str, PictureSource]) -> Take:
                     instant=instant,
                     sequence=frame.sequence,
                     true_ns=frame.start_true_ns,
-                    local_ns=clock.local_from_true(frame.timestamp_true_ns),
+                    local_ns=clocks[camera.name].local_from_true(frame.timestamp_true_ns),
                     leader_ns=instants_ns[instant],
                     exposure_ns=frame.exposure_ns,
                 )
             )
-        cameras.append(record)
-        clocks[camera.name] = clock
     return Take(
         software=f"simulshot {__version__}",
-        cameras=tuple(cameras),
-        burst=BurstRecord(
-            instants_ns=instants_ns, period_ns=cameras[0].facts.period_ns, requested_ns=requested_ns
-        ),
+        cameras=cameras,
+        burst=BurstRecord(instants_ns=instants_ns, period_ns=period_ns, requested_ns=requested_ns),
         frames=tuple(frames),
         missing=tuple(missing),
         clocks=clocks,

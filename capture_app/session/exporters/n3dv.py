@@ -10,7 +10,7 @@ from capture_app.session.exporters.common.exported_burst import ExportedBurst, E
 from capture_app.session.exporters.common.poses import Array, centre_of, distortion_of, matrix_of, rotation_of
 from capture_app.session.exporters.common.tables import Frame, write_frames
 from capture_app.session.exporters.common.videos import spacing_notes, write_video
-from capture_app.session.format.calibration import Calibration, CameraCalibration
+from capture_app.session.format.calibration import CameraCalibration
 
 _NEAR, _FAR = 0.2, 5.0
 """Guessed bounds as shares of the distance at which the cameras' axes meet."""
@@ -23,6 +23,7 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
     remapped to that. Raises BadInputError where the sizes differ or no instant is complete.
     """
     calibration = burst.calibration("N3DV")
+    cameras = {name: calibration.cameras[name] for name in burst.cameras}
     size = _one_size(burst)
     together = [
         instant
@@ -31,14 +32,13 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
     ]
     if not together:
         raise BadInputError(f"{burst.session.folder}: no instant has an image of every camera, as N3DV needs")
-    focal = float(np.mean([(c.fx + c.fy) / 2 for c in _cameras(burst, calibration).values()]))
+    focal = float(np.mean([(camera.fx + camera.fy) / 2 for camera in cameras.values()]))
     frames, rows = [], []
-    depth = focus_depths(_cameras(burst, calibration))
-    for number, camera in enumerate(burst.cameras):
+    depths = focus_depths(cameras)
+    for number, (name, camera) in enumerate(cameras.items()):
         file = f"cam{number:02d}.mp4"
-        frames += _video(burst, camera, together, _Remap(calibration.cameras[camera], focal), folder, file)
-        bounds = _bounds(options, depth[camera])
-        rows.append([*_pose(calibration.cameras[camera], size, focal).ravel(), *bounds])
+        frames += _video(burst, name, together, _Remap(camera, focal), folder, file)
+        rows.append([*_pose(camera, size, focal).ravel(), *_bounds(options, depths[name])])
     np.save(folder / "poses_bounds.npy", np.array(rows, np.float64))
     write_frames(burst, folder, frames)
     return _notes(burst, together, options)
@@ -111,10 +111,6 @@ def _pose(camera: CameraCalibration, size: tuple[int, int], focal: float) -> Arr
     right, down, forward = rotation_of(camera)
     intrinsics = np.array([size[1], size[0], focal], np.float64)
     return np.stack([down, right, -forward, centre_of(camera), intrinsics], axis=1)
-
-
-def _cameras(burst: ExportedBurst, calibration: Calibration) -> dict[str, CameraCalibration]:
-    return {name: calibration.cameras[name] for name in burst.cameras}
 
 
 def _one_size(burst: ExportedBurst) -> tuple[int, int]:

@@ -44,13 +44,11 @@ def recognize_layout(folder: Path) -> Layout | None:
         inner = [path for path in inner if _has_videos(path)]
         if len(inner) == 1:
             return recognize_layout(inner[0])
-        names = ", ".join(path.name for path in inner) or "none with videos and their timestamps.csv"
-        raise BadInputError(
-            f"{folder} is a Caliscope workspace of several recordings: {names}"
-            if inner
-            else f"{folder} is a Caliscope workspace without a recording: {names}",
-            hint=f"name one: {folder / _RECORDINGS}/NAME",
-        )
+        what = "without a recording: none with videos and their timestamps.csv"
+        if inner:
+            what = f"of several recordings: {', '.join(path.name for path in inner)}"
+        hint = f"name one: {folder / _RECORDINGS}/NAME"
+        raise BadInputError(f"{folder} is a Caliscope workspace {what}", hint=hint)
     return None
 
 

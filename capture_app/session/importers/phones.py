@@ -21,7 +21,6 @@ _LEADER, _LOCAL = "leader_sensor_timestamp_ns", "local_sensor_timestamp_ns"
 
 @dataclass(frozen=True, slots=True)
 class _Shot:
-    metadata: Path
     image: Path
     leader_ns: int
     local_ns: int | None
@@ -117,7 +116,7 @@ def _shot(metadata: Path) -> _Shot | None:
     time = metadata.stem.removeprefix(_METADATA)
     for image in (metadata.with_name(f"img_{time}{suffix}") for suffix in (".jpg", ".nv21")):
         if image.is_file():
-            return _Shot(metadata, image, times[_LEADER], times.get(_LOCAL))
+            return _Shot(image, times[_LEADER], times.get(_LOCAL))
     return None
 
 

@@ -61,7 +61,11 @@ def make_timeline(sources: Sequence[Source], options: TimeOptions, talk: Callabl
         return _by_videos(sources, options, talk)
     if all(isinstance(source, ImageFolder) and len(source.files) == 1 for source in sources):
         return timeline_by_times("the recording", {name: [TimedFrame(0, 0)] for name in names})
-    raise _no_times(sources)
+    suggestion = next((f"{s.path.name} says --fps {s.fps:g}; " for s in sources if isinstance(s, Video)), "")
+    raise BadInputError(
+        "give either the rate, --fps, or a table of times, --timestamps",
+        hint=f"{suggestion}--times video, name or exif takes the frames' own",
+    )
 
 
 def _by_videos(sources: Sequence[Source], options: TimeOptions, talk: Callable[[str], None]) -> Timeline:
@@ -70,14 +74,6 @@ def _by_videos(sources: Sequence[Source], options: TimeOptions, talk: Callable[[
         return timeline_by_rate(sources, max(rates))
     frames = {source.name: _own(source, TimeSource.VIDEO, talk) for source in sources}
     return _by_times("the recording", frames, options)
-
-
-def _no_times(sources: Sequence[Source]) -> BadInputError:
-    suggestion = next((f"{s.path.name} says --fps {s.fps:g}; " for s in sources if isinstance(s, Video)), "")
-    return BadInputError(
-        "give either the rate, --fps, or a table of times, --timestamps",
-        hint=f"{suggestion}--times video, name or exif takes the frames' own",
-    )
 
 
 def _own(source: Source, times: TimeSource, talk: Callable[[str], None]) -> list[TimedFrame]:

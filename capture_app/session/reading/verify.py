@@ -61,7 +61,7 @@ def verify(session: Session) -> list[Problem]:
         *_sync(session),
         *(problem for record in session.manifest.images for problem in _image(session, record)),
         *_journal(session),
-        *_checksums(session),
+        *(Problem(ProblemKind.CHANGED, where, what) for where, what in changed_files(session.folder)),
         *_calibration(session),
         *_ground_truth(session),
         *_unexpected(session),
@@ -189,11 +189,6 @@ def _journal(session: Session) -> Iterator[Problem]:
             yield _contradiction(JOURNAL, f"differs from the manifest in {image.path}")
     for listed in saved.values():
         yield _contradiction(MANIFEST, f"lacks {listed.path}, which the journal has")
-
-
-def _checksums(session: Session) -> Iterator[Problem]:
-    for where, what in changed_files(session.folder):
-        yield Problem(ProblemKind.CHANGED, where, what)
 
 
 def _calibration(session: Session) -> Iterator[Problem]:

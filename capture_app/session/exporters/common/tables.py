@@ -21,17 +21,7 @@ _BARE = re.compile(r"[A-Za-z0-9_-]+")
 _RESERVED = ("metadata", "capture_volume", "charuco", "checkerboard")
 """Tables of these programs' calibrations that are no cameras."""
 
-_COLUMNS = (
-    "file",
-    "frame",
-    "camera",
-    "instant",
-    "content",
-    "leader_ns",
-    "residual_ns",
-    "uncertainty_ns",
-    "hard_bound_ns",
-)
+_HEADER = "file,frame,camera,instant,content,leader_ns,residual_ns,uncertainty_ns,hard_bound_ns\n"
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,8 +42,8 @@ def write_frames(burst: ExportedBurst, folder: Path, frames: Iterable[Frame]) ->
     """Write `frames.csv`: a row for every camera and instant of the session, exported or not."""
     by_place = {(frame.camera, frame.instant): frame for frame in frames}
     text = io.StringIO()
+    text.write(_HEADER)
     rows = csv.writer(text, lineterminator="\n")
-    rows.writerow(_COLUMNS)
     for instant in range(len(burst.instants_ns)):
         for camera in burst.cameras:
             image = burst.images.get((camera, instant))

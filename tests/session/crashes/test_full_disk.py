@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from capture_app.errors import DiskFullError
+from capture_app.session.format.manifest import MissingImage
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from capture_app.session.writing.session_writer import SessionWriter
@@ -102,8 +103,6 @@ def test_on_a_disk_that_is_really_full_nothing_confirmed_is_lost(small_disk: Cal
 
 
 def missing_at_least_one(take: Take, writer: SessionWriter) -> None:
-    from capture_app.session.format.manifest import MissingImage
-
     cameras = [camera_record(name) for name in take.names]
     every = ((name, instant) for name in take.names for instant in range(take.instants))
     gaps = [

@@ -90,10 +90,5 @@ def test_clocks_below_zero_and_other_files(make: Make, export: Export, tmp_path:
 
 
 def _rotation(w: float, x: float, y: float, z: float) -> np.ndarray:  # type: ignore[type-arg]
-    return np.array(
-        [
-            [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
-            [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
-            [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
-        ]
-    )
+    cross = np.cross([x, y, z], np.eye(3)).T
+    return np.eye(3) + 2 * w * cross + 2 * cross @ cross

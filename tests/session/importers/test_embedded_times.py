@@ -48,8 +48,7 @@ def test_a_frame_that_does_not_decode_shifts_no_other(tmp_path: Path) -> None:
     second = data.index(b"\xff\xd8", data.index(b"\xff\xd8") + 2)
     data[second : second + 200] = bytes(200)
     path.write_bytes(data)
-    options = ImportOptions(times=TimeSource.VIDEO)
-    session = import_recording([str(tmp_path / "rec")], tmp_path, "s", options)
+    session = import_recording([str(tmp_path / "rec")], tmp_path, "s", ImportOptions(times=TimeSource.VIDEO))
     assert numbers_of(session) == [{"cam0": 0}, {}, {"cam0": 2}, {"cam0": 3}, {"cam0": 4}]
     assert session.manifest.missing[0].reason == "the frame could not be decoded"
     assert times_of(session, "cam0") == [n * 40 * MS for n in (0, 2, 3, 4)]

@@ -1,6 +1,5 @@
 """`reconstruct calibrate`: judged, refused with a reason, stored once."""
 
-import json
 import shutil
 from pathlib import Path
 
@@ -10,16 +9,22 @@ import numpy as np
 import pytest
 
 from capture_app.errors import BadInputError
-from capture_app.session.format.calibration import Calibration
 from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 from reconstruction.calibration.charuco import CharucoBoard, detect_board, is_flat_board
 from reconstruction.calibration.quality import CalibrationQuality, refuse_bad_calibration
-from reconstruction.cli import run
 from reconstruction.common.geometry import View, other_from_reference
 from reconstruction.session.dataset import Dataset
-from tests.reconstruction.conftest import HEIGHT, VIEWS, WIDTH, add_image, finish_session, make_view
+from tests.reconstruction.conftest import (
+    HEIGHT,
+    VIEWS,
+    WIDTH,
+    Reconstruct,
+    add_image,
+    finish_session,
+    make_view,
+)
 
 BOARD = CharucoBoard(6, 5, 0.10, 0.075, "4X4_50")
 SEEN_BY = {"left": VIEWS["left"], "right": VIEWS["right"]}
@@ -59,12 +64,11 @@ def baseline(first: View, second: View) -> float:
     return float(np.linalg.norm(first.centre - second.centre))
 
 
-def test_a_board_gives_the_rig_and_is_stored_once(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_board_gives_the_rig_and_is_stored_once(tmp_path: Path, reconstruct: Reconstruct) -> None:
     session = board_session(tmp_path)
-    arguments = ["calibrate", str(session.folder), "--from", "charuco", "--board", "6x5", "--json"]
-    arguments += ["--square-mm", "100", "--marker-mm", "75"]
-    assert run(arguments) == 0
-    result = json.loads(capsys.readouterr().out)
+    board = "--board", "6x5", "--square-mm", 100, "--marker-mm", 75
+    arguments = "calibrate", session.folder, "--from", "charuco", *board, "--json"
+    result = reconstruct(*arguments).result
     assert result["stored"]
     assert result["quality"]["reprojection_error_px"] < 0.5
     assert result["quality"]["inlier_share"] > 0.95
@@ -75,18 +79,18 @@ def test_a_board_gives_the_rig_and_is_stored_once(tmp_path: Path, capsys: pytest
     assert views[0].focal == pytest.approx(VIEWS["left"].focal, rel=0.05)
 
     stored = (session.folder / "calibration.json").read_bytes()
-    assert run(arguments) == 3
-    assert "--replace" in capsys.readouterr().err
+    refused = reconstruct(*arguments)
+    assert refused.code == 3
+    assert "--replace" in refused.complaint
     assert (session.folder / "calibration.json").read_bytes() == stored
-    assert run([*arguments, "--replace"]) == 0
+    assert reconstruct(*arguments, "--replace").code == 0
     assert not list(session.folder.glob("*.part"))
 
 
 def test_a_good_calibration_is_reported_and_another_rig_s_is_refused(
-    boards: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    boards: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
-    assert run(["calibrate", str(boards.folder), "--from", "session", "--json"]) == 0
-    quality = json.loads(capsys.readouterr().out)["quality"]
+    quality = reconstruct("calibrate", boards.folder, "--from", "session", "--json").result["quality"]
     # The boards are painted alike in many places, so some points are matched wrongly.
     assert quality["inlier_share"] > 0.5
     assert quality["reprojection_error_px"] < 1
@@ -99,14 +103,12 @@ def test_a_good_calibration_is_reported_and_another_rig_s_is_refused(
     other = make_view((0.1, 0.01, 0.0), yaw=-1.5, pitch=4.0, roll=9.0)
     turned = tuple(tuple(float(v) for v in row) for row in other.rotation)
     wrong = msgspec.structs.replace(own.cameras["right"], rotation=turned)
-    broken: Calibration = msgspec.structs.replace(
-        own, cameras={**own.cameras, "right": wrong, "aside": wrong}
-    )
+    broken = msgspec.structs.replace(own, cameras={**own.cameras, "right": wrong, "aside": wrong})
     (folder / "calibration.json").write_bytes(msgspec.json.encode(broken))
-    assert run(["calibrate", str(folder), "--from", "session"]) == 3
-    errors = capsys.readouterr().err.strip().splitlines()
-    assert len(errors) == 1
-    assert "not good enough: only" in errors[0]
+    refused = reconstruct("calibrate", folder, "--from", "session")
+    assert refused.code == 3
+    assert "not good enough: only" in refused.complaint
+    assert len(refused.err.splitlines()) == 1
 
 
 def test_few_cameras_or_few_points_are_refused() -> None:
@@ -150,7 +152,7 @@ def test_corners_that_make_no_flat_board_are_no_board() -> None:
 
 @pytest.mark.shared
 def test_webcams_all_around_a_real_board_are_calibrated_as_their_owner_did(
-    shared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    shared: Path, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
     folder = shared / "footage" / "caliscope_4cam"
     recording = folder / "calibration" / "extrinsic"
@@ -161,9 +163,9 @@ def test_webcams_all_around_a_real_board_are_calibrated_as_their_owner_did(
     theirs = session.calibration()
     assert theirs is not None
     # White on black, on glass; cam_1 sees it from behind.
-    board = ["--board", "4x5", "--square-mm", "54", "--marker-mm", "40.5", "--dictionary", "4X4_1000"]
-    assert run(["calibrate", str(session.folder), "--from", "charuco", *board, "--replace", "--json"]) == 0
-    quality = json.loads(capsys.readouterr().out)["quality"]
+    board = "--board", "4x5", "--square-mm", 54, "--marker-mm", 40.5, "--dictionary", "4X4_1000"
+    done = reconstruct("calibrate", session.folder, "--from", "charuco", *board, "--replace", "--json")
+    quality = done.result["quality"]
     assert quality["inlier_share"] > 0.98
     assert quality["reprojection_error_px"] < 0.5
     ours = Session.open(session.folder).calibration()
@@ -180,11 +182,12 @@ def test_webcams_all_around_a_real_board_are_calibrated_as_their_owner_did(
 
 
 def test_a_recording_without_the_board_is_refused(
-    boards: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    boards: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
     folder = tmp_path / "bare"
     shutil.copytree(boards.folder, folder)
     (folder / "calibration.json").unlink()
-    assert run(["calibrate", str(folder), "--from", "charuco"]) == 3
-    assert "shows the board in 0 images" in capsys.readouterr().err
+    refused = reconstruct("calibrate", folder, "--from", "charuco")
+    assert refused.code == 3
+    assert "shows the board in 0 images" in refused.complaint
     assert not (folder / "calibration.json").exists()

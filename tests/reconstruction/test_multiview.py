@@ -20,7 +20,7 @@ from reconstruction.depth.sweep_matcher import ViewDepth
 from reconstruction.multiview.input_images import undistort_image, undistort_nearest
 from reconstruction.scores.depth_truth import depth_shares
 from reconstruction.session.dataset import Dataset
-from tests.reconstruction.conftest import Scene, make_view, write_session
+from tests.reconstruction.conftest import Reconstruct, Scene, make_view, write_session
 
 VIEWS = {
     "left": make_view((-0.14, 0.0, 0.0), yaw=1.5),
@@ -35,20 +35,11 @@ def trio(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Session:
     return write_session(tmp_path_factory.mktemp("trio"), scene, VIEWS)
 
 
-def failing(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
-    """Exit code and the only line on stderr."""
-    code = run(arguments)
-    return code, capsys.readouterr().err.strip().splitlines()[-1]
-
-
-def test_depth_cloud_and_mesh_of_an_instant(
-    trio: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
+def test_depth_cloud_and_mesh_of_an_instant(trio: Session, tmp_path: Path, reconstruct: Reconstruct) -> None:
     out = tmp_path / "out"
-    assert run(["multiview", str(trio.folder), "--instant", "2", "--out", str(out), "--json"]) == 0
-    said = capsys.readouterr()
-    result = json.loads(said.out)
-    assert "/6] depth of middle" in said.err
+    done = reconstruct("multiview", trio.folder, "--instant", 2, "--out", out, "--json")
+    result = done.result
+    assert "/6] depth of middle" in done.err
     assert result["reference"] == "middle"
     assert result["matcher"] == "sweep"
     assert result["seconds"] > 0
@@ -66,13 +57,13 @@ def test_depth_cloud_and_mesh_of_an_instant(
 
 
 def test_offset_cameras_lose_what_moves_and_keep_the_rest(
-    trio: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    trio: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
-    results = {}
-    for name, extra in (("synced", ()), ("offset", ("--condition", "66,0,-66"))):
-        out = ("--out", str(tmp_path / name), *extra)
-        assert run(["multiview", str(trio.folder), "--instant", "2", "--no-mesh", "--json", *out]) == 0
-        results[name] = json.loads(capsys.readouterr().out)
+    at = "multiview", trio.folder, "--instant", 2, "--no-mesh", "--json", "--out"
+    results = {
+        "synced": reconstruct(*at, tmp_path / "synced").result,
+        "offset": reconstruct(*at, tmp_path / "offset", "--condition", "66,0,-66").result,
+    }
     offset = {view["camera"]: view for view in results["offset"]["views"]}
     assert [offset[name]["instant"] for name in VIEWS] == [4, 2, 0]
     assert results["offset"]["mover_within_2pct"] < 0.1
@@ -81,53 +72,52 @@ def test_offset_cameras_lose_what_moves_and_keep_the_rest(
 
 
 def test_what_cannot_be_used_is_one_clear_line(
-    trio: Session, scene: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    trio: Session, scene: Scene, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
     out = tmp_path / "out"
-    at = ["multiview", str(trio.folder), "--out", str(out)]
-    code, line = failing(capsys, *at, "--instant", "9")
-    assert code == 3
-    assert "no instant 9" in line
-    assert "0 to 4" in line
-    assert failing(capsys, *at, "--condition", "1,2")[1].count("left, middle, right") == 1
-    assert "reach from 0 to 133 ms" in failing(capsys, *at, "--condition", "-66,0,66")[1]
-    assert failing(capsys, *at, "--condition", "a,b,c")[0] == 2
-    lonely = write_session(tmp_path / "lonely", scene, {"only": VIEWS["left"]}, instants=1)
-    code, line = failing(capsys, "multiview", str(lonely.folder), "--out", str(out))
-    assert code == 3
-    assert "one camera only" in line
+    at = ["multiview", trio.folder, "--out", out]
+    late = reconstruct(*at, "--instant", 9)
+    assert late.code == 3
+    assert "no instant 9" in late.complaint
+    assert "0 to 4" in late.complaint
+    assert reconstruct(*at, "--condition", "1,2").complaint.count("left, middle, right") == 1
+    assert "reach from 0 to 133 ms" in reconstruct(*at, "--condition", "-66,0,66").complaint
+    assert reconstruct(*at, "--condition", "a,b,c").code == 2
     apart = {"left": VIEWS["left"], "away": make_view((0.2, 0, 0), yaw=58)}
-    session = write_session(tmp_path / "apart", scene, apart, instants=1)
-    code, line = failing(capsys, "multiview", str(session.folder), "--out", str(out))
-    assert code == 3
-    assert "no camera sees what another sees" in line
+    for name, views, problem in (
+        ("lonely", {"only": VIEWS["left"]}, "one camera only"),
+        ("apart", apart, "no camera sees what another sees"),
+    ):
+        session = write_session(tmp_path / name, scene, views, instants=1)
+        refused = reconstruct("multiview", session.folder, "--out", out)
+        assert refused.code == 3
+        assert problem in refused.complaint
     (out / "mine").mkdir(parents=True)
-    assert "holds other files (mine)" in failing(capsys, *at)[1]
+    assert "holds other files (mine)" in reconstruct(*at).complaint
     assert sorted(path.name for path in tmp_path.iterdir()) == ["apart", "lonely", "out"]
 
 
 def test_full_disk_leaves_nothing_behind(
-    trio: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    trio: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reconstruct: Reconstruct
 ) -> None:
     def full(path: Path, data: bytes) -> int:
         raise OSError(28, "No space left on device", str(path))
 
     monkeypatch.setattr(Path, "write_bytes", full)
-    code, line = failing(capsys, "multiview", str(trio.folder), "--out", str(tmp_path / "out"))
-    assert code == 1
-    assert f"the disk of {tmp_path / 'out'} is full" in line
+    failed = reconstruct("multiview", trio.folder, "--out", tmp_path / "out")
+    assert failed.code == 1
+    assert f"the disk of {tmp_path / 'out'} is full" in failed.complaint
     assert not list(tmp_path.iterdir())
 
 
 def test_patchmatch_without_a_gpu_says_so(
-    trio: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    trio: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reconstruct: Reconstruct
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    at = "multiview", str(trio.folder), "--out", str(tmp_path / "out")
-    code, line = failing(capsys, *at, "--matcher", "patchmatch")
-    assert code == 6
-    assert "this machine has none" in line
-    assert "--matcher sweep" in line
+    failed = reconstruct("multiview", trio.folder, "--matcher", "patchmatch", "--out", tmp_path / "out")
+    assert failed.code == 6
+    assert "this machine has none" in failed.complaint
+    assert "--matcher sweep" in failed.complaint
 
 
 def test_dark_cameras_are_left_out_by_name() -> None:

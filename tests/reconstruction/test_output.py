@@ -7,18 +7,19 @@ import pytest
 from capture_app.errors import ExitCode
 from capture_app.session.files.disk import is_full
 from capture_app.session.reading.reader import Session
-from reconstruction.cli import run
 from reconstruction.common.output_folder import comparison_folder
+from tests.reconstruction.conftest import Reconstruct
 
 
 @pytest.mark.parametrize("command", ["compare", "dose", "stereo", "stitch", "multiview"])
 def test_a_second_run_to_one_folder_is_refused(
-    boards: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str], command: str
+    boards: Session, tmp_path: Path, reconstruct: Reconstruct, command: str
 ) -> None:
     out = tmp_path / "out"
     with comparison_folder(out):
-        assert run([command, str(boards.folder), "--out", str(out)]) == ExitCode.BAD_INPUT
-    assert f"another run is writing to {out}" in capsys.readouterr().err
+        refused = reconstruct(command, boards.folder, "--out", out)
+    assert refused.code == ExitCode.BAD_INPUT
+    assert f"another run is writing to {out}" in refused.complaint
 
 
 def test_a_writer_that_gives_no_reason_is_asked_how_much_room_there_was(tmp_path: Path) -> None:

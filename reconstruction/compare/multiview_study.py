@@ -1,6 +1,6 @@
 """The multi-view study of a comparison: depth of the middle camera from all, and the cloud fused from all."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -10,14 +10,17 @@ import numpy as np
 
 from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
+from reconstruction.common.drawing import colour_depth, display_range, mark_movers
+from reconstruction.common.geometry import Array
+from reconstruction.common.image_files import save_picture
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.compare.camera_group import MIN_CAMERAS, CameraGroup, choose_camera_group
 from reconstruction.compare.study import ALL_APART, SIDES, ComparisonTally
-from reconstruction.multiview.comparison_pictures import write_multiview_pictures
 from reconstruction.multiview.instant_depth import InstantDepth, compute_instant_depth
 from reconstruction.multiview.instant_scoring import InstantScorer
 from reconstruction.multiview.source_views import choose_source_views
 from reconstruction.multiview.undistorted_session import UndistortedSession
+from reconstruction.scores.depth_truth import TOLERANCE_TEXT, right_depth
 from reconstruction.scores.results import MultiviewComparison, MultiviewScores, Picture
 from reconstruction.scores.tally import Measurements
 from reconstruction.session.conditions import Condition
@@ -212,8 +215,45 @@ class MultiviewStudy:
         best = int(np.argmax(seen))
         instant = instants[best].instant
         photo = self.shots.image(self.group.reference, instant).colours
-        return write_multiview_pictures(photo, found[best], moving[best], scorer.true_depth(instant), folder)
+        return _draw_depth(photo, found[best], moving[best], scorer.true_depth(instant), folder)
 
     def _late(self, condition: Condition) -> dict[str, float]:
         late_ms = fixed_offsets_ms(condition, self.dataset)
         return {c: late_ms[c] - late_ms[self.group.reference] for c in self.group.cameras} if late_ms else {}
+
+
+def _draw_depth(
+    photo: Array, maps: Mapping[str, InstantDepth], moving: Array, truth: Array | None, out: Path
+) -> tuple[Picture, ...]:
+    """Distance and what moves (bool) of one instant in both conditions, in out/pictures.
+
+    `photo` (BGR) is the reference's undistorted picture; `truth` is in the maps' unit, NaN = unknown.
+    """
+    near, far = display_range(maps["synced"].depth, moving)
+    paths: dict[str, dict[str, str]] = {"depth": {}, "movers": {}}
+    for condition, found in maps.items():
+        right = found.depth > 0
+        if truth is not None:
+            right &= right_depth(found.depth, truth)
+        depth = colour_depth(found.depth, near, far)
+        paths["depth"][condition] = save_picture(out, f"multiview_depth_{condition}.png", depth)
+        marked = mark_movers(photo, moving, right)
+        paths["movers"][condition] = save_picture(out, f"multiview_movers_{condition}.jpg", marked)
+    judged = f"it is right {TOLERANCE_TEXT}" if truth is not None else "the other cameras agree"
+    return (
+        Picture(
+            key="multiview_depth",
+            title="Distance from all cameras",
+            caption="Bright is near, blue is far; dark means that no distance was found. On one side all "
+            "cameras show the same instant, on the other each shows another.",
+            synced=paths["depth"]["synced"],
+            offset=paths["depth"]["offset"],
+        ),
+        Picture(
+            key="multiview_movers",
+            title="What moves, by all cameras",
+            caption=f"Teal: a distance was found, and {judged}. Orange: none, or a wrong one.",
+            synced=paths["movers"]["synced"],
+            offset=paths["movers"]["offset"],
+        ),
+    )

@@ -13,10 +13,12 @@ from reconstruction.common.drawing import box_with_most, enlarge_crop, trim_empt
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import save_picture
 from reconstruction.compare.study import SIDES, ComparisonTally, Pair, PairStudy
-from reconstruction.panorama.pair_panorama import blend_pair, measure_misfit, panorama_masks
-from reconstruction.panorama.pair_registration import (
+from reconstruction.panorama.pair_panorama import (
     PairRegistration,
+    blend_pair,
     correct_parallax,
+    measure_misfit,
+    panorama_masks,
     register_pair,
     uncalibrated_view,
     undistort_pixels,

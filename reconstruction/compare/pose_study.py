@@ -14,8 +14,7 @@ from reconstruction.calibration.rig import Rig
 from reconstruction.common.geometry import View
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.compare.study import ALL_APART, SIDES, ComparisonTally
-from reconstruction.poses.pose_errors import relative_pose_errors
-from reconstruction.poses.pose_finder import PoseFinder
+from reconstruction.poses.pose_finder import PoseFinder, relative_pose_errors
 from reconstruction.scores.results import PoseComparison, PoseScores
 from reconstruction.scores.tally import Measurements, measures_of
 from reconstruction.session.conditions import Condition

@@ -1,4 +1,4 @@
-"""Where the cameras stand, found from the pictures of one instant alone: COLMAP's structure from motion."""
+"""Where the cameras stand, from the pictures of one instant alone by COLMAP, and how far off that is."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import combinations
@@ -7,12 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from reconstruction.common.geometry import View
+from reconstruction.common.geometry import Array, View, angle_deg
 from reconstruction.common.image_files import FAST_PNG, write_image
 from reconstruction.common.native_libraries import load_pycolmap
-from reconstruction.poses.pose_errors import Pose
 from reconstruction.session.dataset import Dataset
 
+Pose = tuple[Array, Array]
+"""Rotation 3x3 and translation (3,), camera from world."""
 ImageKey = tuple[str, int]
 """A camera and an instant."""
 
@@ -110,3 +111,20 @@ def _camera(view: View) -> tuple[str, str]:
     if not view.distortion.any():
         return "PINHOLE", ",".join(map(str, numbers))
     return "FULL_OPENCV", ",".join(map(str, [*numbers, *view.distortion, 0, 0, 0]))
+
+
+def relative_pose_errors(found: Mapping[str, Pose], true: Mapping[str, Pose]) -> list[tuple[float, float]]:
+    """Errors of each two cameras that were found: of their rotation against each other, and of the
+    direction from one to the other; degrees. The world's place, turn and scale do not matter."""
+    errors = []
+    for a, b in combinations(sorted(found), 2):
+        (turn, way), (true_turn, true_way) = (_relative(poses[a], poses[b]) for poses in (found, true))
+        cosine = (np.trace(turn @ true_turn.T) - 1) / 2
+        errors.append((float(np.degrees(np.arccos(np.clip(cosine, -1, 1)))), angle_deg(way, true_way)))
+    return errors
+
+
+def _relative(a: Pose, b: Pose) -> Pose:
+    """Rotation from a's frame to b's, and where b stands in a's frame."""
+    turn = b[0] @ a[0].T
+    return turn, a[1] - turn.T @ b[1]

@@ -6,8 +6,13 @@ import pytest
 from reconstruction.calibration.features import detect_features, match_features
 from reconstruction.calibration.homography import Homography, fit_homography
 from reconstruction.calibration.pair_choice import choose_panorama_pair, choose_stereo_pair
-from reconstruction.panorama.pair_panorama import blend_pair, measure_misfit, panorama_masks
-from reconstruction.panorama.pair_registration import register_pair, undistort_pixels
+from reconstruction.panorama.pair_panorama import (
+    blend_pair,
+    measure_misfit,
+    panorama_masks,
+    register_pair,
+    undistort_pixels,
+)
 from reconstruction.scores.results import PanoramaScores
 from reconstruction.scores.tally import Tally
 from tests.reconstruction.conftest import HEIGHT, VIEWS, WIDTH, Scene, make_view

@@ -15,8 +15,7 @@ from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.geometry import View
 from reconstruction.compare.pose_study import PoseStudy
-from reconstruction.poses.pose_errors import Pose, relative_pose_errors
-from reconstruction.poses.pose_finder import PoseFinder
+from reconstruction.poses.pose_finder import Pose, PoseFinder, relative_pose_errors
 from reconstruction.scores.results import PoseComparison
 from reconstruction.session.conditions import DISTINCT, SYNCED, Condition
 from reconstruction.session.dataset import Dataset

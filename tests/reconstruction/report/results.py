@@ -77,6 +77,7 @@ def with_pictures(result: CompareResult, *pictures: Picture) -> CompareResult:
     return msgspec.structs.replace(result, stereo=stereo)
 
 
+SIDES = ("synced", "offset")
 CAMERAS = ("cam_left", "cam_middle", "cam_right")
 LATE_MS = (0.0, 66.666, -33.333)
 SHAPES = {"depth": (480, 640), "pano": (200, 2400), "upright": (900, 300)}
@@ -92,28 +93,25 @@ def grey(out: Path, name: str, shape: tuple[int, int], level: int) -> str:
     return path
 
 
+def greys(out: Path, key: str, title: str, shape: tuple[int, int], *levels: int) -> Picture:
+    """A picture of two greys, synchronized and offset."""
+    paths = [grey(out, f"{key}_{side}", shape, level) for side, level in zip(SIDES, levels, strict=True)]
+    return Picture(key=key, title=title, synced=paths[0], offset=paths[1], caption="Bright is near.")
+
+
 def whole_result(out: Path) -> CompareResult:
     """The result; its pictures lie in `out`."""
     scores = DepthScores(
         mover_coverage=0.9, static_coverage=0.7, mover_within_2pct=0.9, instants=5, intervals=RANGED
     )
     panorama = PanoramaScores(overlap_flow_p95_px=1.3, static_overlap_mad=4.2, instants=5)
-    pictures = tuple(
-        Picture(
-            key=key,
-            title=f"A picture of {key}",
-            synced=grey(out, f"{key}_synced", shape, 100),
-            offset=grey(out, f"{key}_offset", shape, 180),
-            caption="Bright is near.",
-        )
-        for key, shape in SHAPES.items()
-    )
+    pictures = [greys(out, key, f"A picture of {key}", shape, 100, 180) for key, shape in SHAPES.items()]
     stereo = StereoComparison(
         reference=CAMERAS[0],
         other=CAMERAS[1],
         synced=scores,
         offset=scores,
-        pictures=pictures,
+        pictures=tuple(pictures),
         per_instant=(
             {
                 "instant": 0,
@@ -139,10 +137,8 @@ def whole_result(out: Path) -> CompareResult:
     )
     lost = msgspec.structs.replace(many, mover_coverage=0.052, mover_within_2pct=0.012, mover_points=45.0)
     sweep = {
-        side: tuple(
-            grey(out, f"sweep_{name}_{side}", (96, 128), 60 + 40 * k) for k, name in enumerate(CAMERAS)
-        )
-        for side in ("synced", "offset")
+        side: tuple(grey(out, f"sweep_{c}_{side}", (96, 128), 60 + 40 * k) for k, c in enumerate(CAMERAS))
+        for side in SIDES
     }
     return CompareResult(
         session="sessions/jump",
@@ -161,14 +157,7 @@ def whole_result(out: Path) -> CompareResult:
             tolerance_m=0.01,
             width_px=640,
             per_instant=({"instant": 2, "synced_mover_points": 12345, "offset_mover_points": 45},),
-            pictures=(
-                Picture(
-                    key="multiview_depth",
-                    title="Distance from all cameras",
-                    synced=grey(out, "multiview_depth_synced", (96, 128), 90),
-                    offset=grey(out, "multiview_depth_offset", (96, 128), 190),
-                ),
-            ),
+            pictures=(greys(out, "multiview_depth", "Distance from all cameras", (96, 128), 90, 190),),
             left_out={"cam_dark": "its picture is black"},
         ),
         poses=PoseComparison(

@@ -25,13 +25,10 @@ COMMANDS = {
     "demo": "Try everything on this machine: simulated cameras, a burst, a comparison.",
 }
 
-GROUPS = {"sessions": "sessions.command", "experiment": "experiment.command"}
-"""Commands that have subcommands: their module in `capture_app.commands`; others have their own name."""
-
 
 def load(name: str) -> click.Command:
     """Import the module of a command."""
-    module = importlib.import_module(f"capture_app.commands.{GROUPS.get(name, name)}")
+    module = importlib.import_module(f"capture_app.commands.{name}")
     command = getattr(module, name)
     assert isinstance(command, click.Command)
     return command

@@ -33,7 +33,7 @@ def test_one_leader_beside_a_tree(tmp_path: Path) -> None:
 
 
 def test_help_names_the_full_size() -> None:
-    from capture_app.commands.experiment.command import experiment
+    from capture_app.commands.experiment import experiment
 
     shown = CliRunner().invoke(experiment, ["scale", "--help"])
     assert shown.exit_code == 0

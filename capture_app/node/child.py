@@ -22,8 +22,12 @@ class Child:
 
     name: str
     process: asyncio.subprocess.Process
+    on_line: Talk | None = None
     said: deque[str] = field(default_factory=lambda: deque(maxlen=20))
-    listening: asyncio.Task[None] | None = None
+    listening: asyncio.Task[None] = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.listening = asyncio.create_task(self._listen())
 
     @classmethod
     async def start(cls, name: str, arguments: Sequence[str], *, on_line: Talk | None = None) -> Self:
@@ -37,22 +41,19 @@ class Child:
             stderr=asyncio.subprocess.PIPE,
             start_new_session=True,
         )
-        child = cls(name, process)
-        child.listening = asyncio.create_task(child._listen(on_line))
-        return child
+        return cls(name, process, on_line)
 
-    async def _listen(self, on_line: Talk | None) -> None:
+    async def _listen(self) -> None:
         assert self.process.stderr is not None
         async for raw in self.process.stderr:
             line = raw.decode(errors="replace").rstrip()
             self.said.append(line)
-            if on_line is not None:
-                on_line(line)
+            if self.on_line is not None:
+                self.on_line(line)
 
     async def failure(self) -> SimulshotError:
         """The error of a process that has ended when it should not have: its own last words."""
-        if self.listening is not None:
-            await asyncio.wait((self.listening,), timeout=1.0)
+        await asyncio.wait((self.listening,), timeout=1.0)
         last = next((line for line in reversed(self.said) if line), "it said nothing")
         last = last.partition(": error: ")[2] or last
         error = SimulshotError(f"{self.name} ended with code {self.process.returncode}: {last}")
@@ -73,5 +74,4 @@ class Child:
                 continue
             break
         await self.process.wait()
-        if self.listening is not None:
-            self.listening.cancel()
+        self.listening.cancel()

@@ -96,6 +96,9 @@ class Rig:
     def text(self, name: str) -> str:
         return (self.out / name).read_text()
 
+    def session(self, name: str = "burst-001") -> Session:
+        return Session.open(self.out / "sessions" / name)
+
     def json(self, name: str) -> dict:
         return json.loads(self.text(name))
 
@@ -161,7 +164,7 @@ def test_a_burst_of_both_cameras_is_saved_and_verifies(rig: Rig) -> None:
 
 
 def test_the_cameras_were_aligned_by_restarts_to_within_2_ms(rig: Rig) -> None:
-    session = the_session(rig)
+    session = rig.session()
     assert [camera.name for camera in session.manifest.cameras] == ["left", "right"]
     for camera in session.manifest.cameras:
         assert camera.facts.timestamp_source == "start-of-exposure"
@@ -174,13 +177,13 @@ def test_the_cameras_were_aligned_by_restarts_to_within_2_ms(rig: Rig) -> None:
 
 
 def test_the_nodes_clocks_are_one_and_were_found_to_be(rig: Rig) -> None:
-    for camera in the_session(rig).manifest.cameras:
+    for camera in rig.session().manifest.cameras:
         assert camera.clock is not None
         assert abs(camera.clock.offset_ns) <= camera.clock.hard_bound_ns
 
 
 def test_the_cameras_own_jpegs_were_saved_untouched(rig: Rig, camera_vm: Path) -> None:
-    session = the_session(rig)
+    session = rig.session()
     sent = (camera_vm / "frame.jpg").read_bytes()
     assert len(session.manifest.images) == 2 * FRAMES
     for image in session.manifest.images:
@@ -189,7 +192,7 @@ def test_the_cameras_own_jpegs_were_saved_untouched(rig: Rig, camera_vm: Path) -
 
 def test_sequence_numbers_follow_each_other_within_the_burst(rig: Rig) -> None:
     for name in ("left", "right"):
-        numbers = [image.sequence for image in the_session(rig).manifest.images if image.camera == name]
+        numbers = [image.sequence for image in rig.session().manifest.images if image.camera == name]
         assert None not in numbers
         assert [number - numbers[0] for number in numbers] == list(range(FRAMES))
 
@@ -203,7 +206,7 @@ def test_an_unplugged_camera_shows_as_failed_and_the_other_runs_on(rig: Rig) -> 
 
 def test_a_camera_that_is_put_back_is_aligned_again(rig: Rig) -> None:
     assert rig.text("verify2.code").strip() == "0", rig.text("verify2.txt")
-    assert_aligned(Session.open(rig.out / "sessions" / "burst-002"), rig)
+    assert_aligned(rig.session("burst-002"), rig)
 
 
 def assert_aligned(session: Session, rig: Rig) -> None:
@@ -216,7 +219,3 @@ def assert_aligned(session: Session, rig: Rig) -> None:
     for name in ("left", "right"):
         residuals_ns = [image.residual_ns for image in session.manifest.images if image.camera == name]
         assert abs(median(residuals_ns)) <= TOLERANCE_NS, rig.logs
-
-
-def the_session(rig: Rig) -> Session:
-    return Session.open(rig.out / "sessions" / "burst-001")

@@ -6,6 +6,7 @@ import socket
 import time
 from collections import deque
 from collections.abc import AsyncIterator, Iterator
+from types import SimpleNamespace
 
 import pytest
 
@@ -106,26 +107,16 @@ async def test_the_timer_fires_not_before_it_is_due() -> None:
 
 
 async def test_a_client_listens_to_its_leader_only(other: socket.socket) -> None:
-    class Unaddressed:
-        def __init__(self) -> None:
-            self.received: list[bytes] = []
-
-        def receive_datagram(self, data: bytes, now_ns: int) -> None:
-            self.received.append(data)
-
-        def datagrams_to_send(self, now_ns: int) -> list[bytes]:
-            return [b"hello"]
-
-        def next_timer(self) -> int | None:
-            return None
-
-        def handle_timer(self, now_ns: int) -> None:
-            pass
-
-    client = Unaddressed()
+    received: list[bytes] = []
+    client = SimpleNamespace(
+        receive_datagram=lambda data, now_ns: received.append(data),
+        datagrams_to_send=lambda now_ns: [b"hello"],
+        next_timer=lambda: None,
+        handle_timer=lambda now_ns: None,
+    )
     engine = SinglePeerEngine(client, Address("10.0.0.1", 47010))
     engine.receive_datagram(b"stranger", ("10.0.0.2", 47010), 1)
     engine.receive_datagram(b"other port", ("10.0.0.1", 47011), 2)
     engine.receive_datagram(b"leader", ("10.0.0.1", 47010), 3)
-    assert client.received == [b"leader"]
+    assert received == [b"leader"]
     assert engine.datagrams_to_send(4) == [(b"hello", ("10.0.0.1", 47010))]

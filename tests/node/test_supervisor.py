@@ -49,18 +49,28 @@ class FakeCamera(Camera):
         pass
 
 
+class StoppedClock:
+    """The node's clock, moved by the test alone."""
+
+    ns = 1_000_000_000
+    local_from_true = true_from_local = staticmethod(lambda ns: ns)
+
+    def now_ns(self) -> int:
+        return self.ns
+
+
 class Bench:
     """A camera under supervision, with its devices, clock and engine in the test's hands."""
 
     def __init__(self) -> None:
         self.opened: asyncio.Queue[FakeCamera] = asyncio.Queue()
         self.next_facts = FACTS
-        self.now_ns = 1_000_000_000
+        self.clock = StoppedClock()
         self.stamps: list[FrameStamp] = []
         self.starts_ns: list[int] = []
         self.failures: list[str] = []
         self.wanted: list[CameraCommand] = []
-        self.camera = CameraSupervisor(self._open, StoppedClock(self), lambda _: None, retry_s=0.0)
+        self.camera = CameraSupervisor(self._open, self.clock, lambda _: None, retry_s=0.0)
 
     async def next_camera(self) -> FakeCamera:
         return await asyncio.wait_for(self.opened.get(), 30)
@@ -84,24 +94,8 @@ class Bench:
     def next_command(self) -> CameraCommand | None:
         if not self.wanted:
             return None
-        self.now_ns += 8_000_000
+        self.clock.ns += 8_000_000
         return self.wanted.pop()
-
-
-class StoppedClock:
-    """The node's clock, moved by the test alone."""
-
-    def __init__(self, bench: Bench) -> None:
-        self._bench = bench
-
-    def now_ns(self) -> int:
-        return self._bench.now_ns
-
-    def local_from_true(self, true_ns: int) -> int:
-        return true_ns
-
-    def true_from_local(self, local_ns: int) -> int:
-        return local_ns
 
 
 @pytest.fixture
@@ -164,7 +158,7 @@ async def test_another_camera_in_its_place_is_an_error():
 async def test_a_restart_keeps_its_aim_though_the_engine_took_8_ms(bench, delay_ns, given_ns):
     camera = await bench.next_camera()
     await started(camera)
-    frame_ns = bench.now_ns
+    frame_ns = bench.clock.ns
     bench.wanted = [RestartStream(delay_ns)]
     camera.on_frame(frame(1))
     assert await asyncio.wait_for(camera.commands.get(), 30) == RestartStream(given_ns)

@@ -11,9 +11,7 @@ from pathlib import Path
 from capture_app.camera_facts import PhaseControl
 from capture_app.cameras.base import CapturedFrame
 from capture_app.errors import DiskFullError
-from capture_app.net.address import Address
 from capture_app.net.channel import Channel
-from capture_app.net.server import TransferServer, bind_port
 from capture_app.node.transfer.burst_upload import BurstUpload
 from capture_app.node.transfer.encoding import encode_frame
 from capture_app.node.transfer.spool import Spool, SpooledBurst
@@ -30,6 +28,7 @@ from capture_app.node.wire.messages import (
 from capture_app.session.format.manifest import JOURNAL, CameraRecord
 from capture_app.sync.rig.frame_picks import Pick
 from tests.facts import make_facts
+from tests.net.test_channel import serving
 
 CAMERA = make_facts(phase_control=PhaseControl.INJECTION)
 
@@ -77,22 +76,18 @@ async def images(
 
 @asynccontextmanager
 async def uploading(serve: Serve, said: list[str], spool: Spool | None = None) -> AsyncIterator[Uploader]:
-    datagrams, listening = bind_port("127.0.0.1", 0)
-    datagrams.close()
-    server: TransferServer[ToLeader] = TransferServer(ToLeader, serve)
-    await server.start(listening)
-    uploader = Uploader(said.append, spool, retry_s=(0.0,))
-    uploader.load_spool()
-    uploader.set_leader(Address("127.0.0.1", listening.getsockname()[1]))
-    task = asyncio.create_task(uploader.run())
-    try:
-        yield uploader
-    finally:
-        task.cancel()
-        with suppress(asyncio.CancelledError):
-            await task
-        uploader.close()
-        await server.stop()
+    async with serving(serve, ToLeader) as leader:
+        uploader = Uploader(said.append, spool, retry_s=(0.0,))
+        uploader.load_spool()
+        uploader.set_leader(leader)
+        task = asyncio.create_task(uploader.run())
+        try:
+            yield uploader
+        finally:
+            task.cancel()
+            with suppress(asyncio.CancelledError):
+                await task
+            uploader.close()
 
 
 def test_an_exposure_begins_at_the_stamp_whatever_moment_is_aligned() -> None:

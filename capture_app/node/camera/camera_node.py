@@ -1,6 +1,7 @@
 """One camera node: the camera, the engine on a socket, and the way of its images to the leader."""
 
 import asyncio
+import contextlib
 import random
 import secrets
 import socket
@@ -80,26 +81,20 @@ class CameraNode:
         Raises NetworkError where the leader's host has no address, CameraError where the camera cannot be
         opened at the start, BadInputError for a spool that cannot be used; later failures are waited out.
         """
-        self._uploader.load_spool()
-        try:
-            await self._open_and_run()
-        finally:
-            self._uploader.close()
-
-    async def _open_and_run(self) -> None:
-        found = [await resolve(leader) for leader in self._leaders]
-        family = found[0][0]
-        if any(other != family for other, _ in found):
-            raise NetworkError(
-                f"{' and '.join(map(str, self._leaders))} are not of one kind (IPv4 and IPv6)",
-                hint="give all of them as IPv4, or all as IPv6",
-            )
-        peers = tuple(peer for _, peer in found)
-        await self._camera.start()
-        try:
-            await self._run_with_camera(client_socket(family), peers)
-        finally:
-            await self._camera.stop()
+        with contextlib.closing(self._uploader):
+            self._uploader.load_spool()
+            found = [await resolve(leader) for leader in self._leaders]
+            family = found[0][0]
+            if any(other != family for other, _ in found):
+                raise NetworkError(
+                    f"{' and '.join(map(str, self._leaders))} are not of one kind (IPv4 and IPv6)",
+                    hint="give all of them as IPv4, or all as IPv6",
+                )
+            await self._camera.start()
+            try:
+                await self._run_with_camera(client_socket(family), tuple(peer for _, peer in found))
+            finally:
+                await self._camera.stop()
 
     async def _run_with_camera(self, sock: socket.socket, peers: tuple[Address, ...]) -> None:
         facts = self._camera.facts

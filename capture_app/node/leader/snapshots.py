@@ -14,7 +14,18 @@ from capture_app.sync.wire.messages import WITHOUT_CAMERA, NodeState
 def node_statuses(views: tuple[ClientView, ...]) -> tuple[NodeStatus, ...]:
     """All nodes by name, with their place in the tree."""
     by_name = {view.name: view for view in views}
-    return tuple(_node_status(view, _depth(view, by_name)) for view in views)
+    return tuple(
+        NodeStatus(
+            **asdict(view.report),
+            name=view.name,
+            address=str(Address(*view.address)),
+            camera=view.camera,
+            parent=view.via,
+            depth=_depth(view, by_name),
+            last_seen_ns=view.age_ns,
+        )
+        for view in views
+    )
 
 
 def in_tree_order(nodes: tuple[NodeStatus, ...]) -> Iterator[NodeStatus]:
@@ -51,15 +62,3 @@ def _depth(view: ClientView, by_name: Mapping[str, ClientView]) -> int:
             break
         at = by_name[at.via]
     return depth
-
-
-def _node_status(view: ClientView, depth: int) -> NodeStatus:
-    return NodeStatus(
-        **asdict(view.report),
-        name=view.name,
-        address=str(Address(*view.address)),
-        camera=view.camera,
-        parent=view.via,
-        depth=depth,
-        last_seen_ns=view.age_ns,
-    )

@@ -1,4 +1,1 @@
-"""What can be filmed: the scenes by name, their bodies, how they move, what is printed on them.
-
-Geometry, colours and motion alone; knows no camera model.
-"""
+"""Scenes by name: geometry, colours, prints and motion alone; knows no camera model."""

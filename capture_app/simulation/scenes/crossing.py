@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from capture_app.simulation.scenes import moving_bodies, studio, textures
-from capture_app.simulation.scenes.definition import Fixture, Point, SceneDefinition
+from capture_app.simulation.scenes.definition import Point, SceneDefinition
 from capture_app.simulation.scenes.moving_bodies import Part
 from capture_app.simulation.scenes.poses import Poses, Series, walking_child
 from capture_app.simulation.scenes.textures import Colour, Picture
@@ -32,7 +32,7 @@ def _pictures(rng: np.random.Generator) -> dict[str, Picture]:
     return found
 
 
-def _fixtures(rng: np.random.Generator) -> list[Fixture]:
+def _fixtures(rng: np.random.Generator) -> list[Part]:
     return [fixture for fixture in studio.fixtures(rng) if fixture.thing not in _IN_THE_WAY]
 
 

@@ -5,20 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from capture_app.simulation.scenes.meshes import Mesh
 from capture_app.simulation.scenes.moving_bodies import Part
 from capture_app.simulation.scenes.poses import Poses, Series
 from capture_app.simulation.scenes.textures import Picture
 
 Point = tuple[float, float, float]
-
-
-@dataclass(frozen=True)
-class Fixture:
-    """A thing that stands still."""
-
-    thing: str
-    meshes: list[Mesh]
 
 
 @dataclass(frozen=True)
@@ -29,7 +20,8 @@ class SceneDefinition:
     """Where each camera is and the point that it looks at, in m."""
     pictures: Callable[[np.random.Generator], dict[str, Picture]]
     """Textures by name."""
-    fixtures: Callable[[np.random.Generator], list[Fixture]]
+    fixtures: Callable[[np.random.Generator], list[Part]]
+    """Parts that stand still."""
     parts: Callable[[], dict[str, Part]]
     """Rigid moving parts by name."""
     poses: Callable[[Series], dict[str, Poses]]

@@ -14,7 +14,7 @@ HAIR: Colour = (106, 66, 40)
 
 @dataclass(frozen=True)
 class Part:
-    """Meshes of one rigid part about its joint, and the thing it belongs to."""
+    """Meshes of one rigid part, about its joint if it moves, and the thing it belongs to."""
 
     thing: str
     meshes: list[Mesh]

@@ -7,8 +7,9 @@ one gets the cameras' poses wrong.
 import numpy as np
 
 from capture_app.simulation.scenes import moving_bodies, poses, textures
-from capture_app.simulation.scenes.definition import Fixture, Point, SceneDefinition
+from capture_app.simulation.scenes.definition import Point, SceneDefinition
 from capture_app.simulation.scenes.meshes import box, panel
+from capture_app.simulation.scenes.moving_bodies import Part
 from capture_app.simulation.scenes.textures import Picture
 
 _X, _Y, _Z = poses.WHEEL_HUB
@@ -29,12 +30,12 @@ def _pictures(rng: np.random.Generator) -> dict[str, Picture]:
     }
 
 
-def _fixtures(rng: np.random.Generator) -> list[Fixture]:
+def _fixtures(rng: np.random.Generator) -> list[Part]:
     wall = panel((_X - 2.4, _Y - 2.0, _WALL_Z), (4.8, 0, 0), (0, 4.0, 0), "wall")
     return [
-        Fixture("wall", [wall]),
-        Fixture("rail", box((_X, _Y + 0.62, _WALL_Z - 0.01), (4.8, 0.06, 0.02), "board")),
-        Fixture("stand", moving_bodies.stand()),
+        Part("wall", [wall]),
+        Part("rail", box((_X, _Y + 0.62, _WALL_Z - 0.01), (4.8, 0.06, 0.02), "board")),
+        Part("stand", moving_bodies.stand()),
     ]
 
 

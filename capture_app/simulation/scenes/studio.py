@@ -3,9 +3,10 @@
 import numpy as np
 
 from capture_app.simulation.scenes import furniture, moving_bodies, poses, posters, prints, textures
-from capture_app.simulation.scenes.definition import Fixture, SceneDefinition
+from capture_app.simulation.scenes.definition import SceneDefinition
 from capture_app.simulation.scenes.furniture import BACK, FLOOR, FRONT, LEFT, RIGHT, TOP
 from capture_app.simulation.scenes.meshes import Mesh, box, panel
+from capture_app.simulation.scenes.moving_bodies import Part
 from capture_app.simulation.scenes.poses import Poses, Series
 from capture_app.simulation.scenes.textures import Picture
 
@@ -57,21 +58,21 @@ def pictures(rng: np.random.Generator) -> dict[str, Picture]:
     return found
 
 
-def fixtures(rng: np.random.Generator) -> list[Fixture]:
+def fixtures(rng: np.random.Generator) -> list[Part]:
     """Everything that stands still, floor and walls first."""
     return [
-        Fixture("floor", _floor()),
-        Fixture("walls", _walls()),
+        Part("floor", _floor()),
+        Part("walls", _walls()),
         # Its top alone: of two faces in one plane, the processor's rounding would pick the one in sight.
-        Fixture("rug", [panel((-1.075, FLOOR - 0.01, 2.02), (2.15, 0, 0), (0, 0, 1.2), "rug")]),
-        Fixture("pictures", furniture.framed_pictures()),
-        Fixture("bunting", furniture.bunting()),
-        Fixture("shelf", furniture.shelf(rng)),
-        Fixture("plant", furniture.plant(rng)),
-        Fixture("crate", furniture.crate()),
-        Fixture("pouf", furniture.pouf()),
-        Fixture("ball", furniture.ball()),
-        Fixture("stand", moving_bodies.stand()),
+        Part("rug", [panel((-1.075, FLOOR - 0.01, 2.02), (2.15, 0, 0), (0, 0, 1.2), "rug")]),
+        Part("pictures", furniture.framed_pictures()),
+        Part("bunting", furniture.bunting()),
+        Part("shelf", furniture.shelf(rng)),
+        Part("plant", furniture.plant(rng)),
+        Part("crate", furniture.crate()),
+        Part("pouf", furniture.pouf()),
+        Part("ball", furniture.ball()),
+        Part("stand", moving_bodies.stand()),
     ]
 
 

@@ -1,4 +1,1 @@
-"""Sensors, links, scenes and whole rigs that behave as real ones do, in virtual time.
-
-`devices` and `network`, of which `rig` is made; `scenes`, which `rendering` films.
-"""
+"""Sensors, links and rigs in virtual time, made of `devices` and `network`; `rendering` films `scenes`."""

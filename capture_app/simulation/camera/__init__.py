@@ -1,4 +1,1 @@
-"""The driver of simulated cameras: virtual sensors in real time, opened as real cameras are.
-
-Imports `devices` and `rendering`.
-"""
+"""The driver of simulated cameras: virtual sensors in real time, opened as real ones; on `rendering`."""

@@ -1,4 +1,1 @@
-"""Links, radio cells and wandering clocks in virtual time.
-
-Imports no other wing of `simulation`.
-"""
+"""Links, radio cells and wandering clocks in virtual time; imports no other wing of `simulation`."""

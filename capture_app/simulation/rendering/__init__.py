@@ -1,4 +1,1 @@
-"""From a scene to the picture that a rolling-shutter camera takes of it.
-
-Imports `scenes` and `devices`.
-"""
+"""From a scene to the picture a rolling-shutter camera takes of it; imports `scenes` and `devices`."""

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_app.simulation.devices.sensor import SensorFrame
-from capture_app.simulation.rendering.picture_source import FlatPicture
+from capture_app.simulation.rendering.picture_source import PictureSource
 
 WIDTH, HEIGHT = 640, 480
 COUNT = 10
@@ -176,7 +176,7 @@ def _board() -> NDArray[np.float32]:
 
 
 @dataclass(frozen=True, slots=True)
-class PanelView(FlatPicture):
+class PanelView(PictureSource):
     """A simulated camera's view of the panel from straight before it, read out row by row."""
 
     width: int = WIDTH

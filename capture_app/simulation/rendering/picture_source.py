@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import CameraCalibration
@@ -21,42 +22,25 @@ TEST_CARD = "bars"
 LED_PANEL = "led-panel"
 
 
-class PictureSource(Protocol):
-    """Renders frames of one camera; a picture is a pure function of the frame and the seed."""
+@dataclass(frozen=True, slots=True)
+class PictureSource(ABC):
+    """Renders one camera's frames, of flat things by default; each is a pure function of frame and seed."""
 
-    @property
-    def width(self) -> int:
-        """Width in pixels."""
-
-    @property
-    def height(self) -> int:
-        """Height in pixels."""
+    width: int
+    """In pixels, as the height."""
+    height: int
 
     @property
     def calibration(self) -> CameraCalibration | None:
         """Intrinsics and pose of the view; None where there is nothing to measure."""
+        return None
 
+    @abstractmethod
     def render(self, frame: SensorFrame, *, seed: int) -> NDArray[np.uint8]:
         """Return the picture, BGR uint8 of height x width x 3."""
 
     def ground_truth(self, frame: SensorFrame) -> GroundTruthArrays:
         """Return depth in m (0 = none), object numbers and moving pixels, each of height x width."""
-
-
-@dataclass(frozen=True, slots=True)
-class FlatPicture:
-    """A picture source without depth: nothing to measure, no objects and nothing that moves."""
-
-    width: int
-    height: int
-
-    @property
-    def calibration(self) -> CameraCalibration | None:
-        """None: a flat picture has no depth to measure."""
-        return None
-
-    def ground_truth(self, frame: SensorFrame) -> GroundTruthArrays:
-        """Return arrays of zeros."""
         import numpy as np
 
         shape = (self.height, self.width)
@@ -64,7 +48,7 @@ class FlatPicture:
 
 
 @dataclass(frozen=True, slots=True)
-class ColourBars(FlatPicture):
+class ColourBars(PictureSource):
     """Colour bars, with the camera's name, the frame's number and time, and a hand that turns in a second."""
 
     camera: str
@@ -108,13 +92,11 @@ class ColourBars(FlatPicture):
 
 
 @dataclass(frozen=True, slots=True)
-class SceneView:
+class SceneView(PictureSource):
     """One view of a rendered scene, read out row by row."""
 
     scene: Scene
     view: str
-    width: int
-    height: int
     row_time_ns: int
 
     @property
@@ -163,4 +145,4 @@ def open_picture_source(
             f"scene {scene!r} has no view {view!r}", hint=f"view= one of {', '.join(loaded.views)}"
         )
     calibration = loaded.calibration().cameras[view]
-    return SceneView(loaded, view, calibration.width, calibration.height, row_time_ns)
+    return SceneView(calibration.width, calibration.height, loaded, view, row_time_ns)

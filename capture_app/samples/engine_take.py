@@ -11,9 +11,8 @@ from capture_app.node.camera.records import camera_record, event_line
 from capture_app.node.wire.messages import JsonValue
 from capture_app.samples.recipe import CameraRecipe, Recipe, RecipeFrame, Take
 from capture_app.session.format.manifest import CameraRecord, MissingImage
-from capture_app.simulation.devices.profiles import facts_of, find_profile
+from capture_app.simulation.devices.profiles import SensorProfile, facts_of, find_profile
 from capture_app.simulation.devices.sensor import SensorFrame
-from capture_app.simulation.devices.sensor_profile import SensorProfile
 from capture_app.simulation.rendering.picture_source import PictureSource
 from capture_app.simulation.rig.rig import NodeSpec, VirtualNode, VirtualRig
 from capture_app.sync.rig.events import BurstPicked

@@ -8,9 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture_app.errors import BadInputError, CameraError
-from capture_app.simulation.devices.profiles import PROFILES, find_profile
+from capture_app.simulation.devices.profiles import PROFILES, SensorProfile, find_profile
 from capture_app.simulation.devices.sensor import Sensor, SensorFrame
-from capture_app.simulation.devices.sensor_profile import SensorProfile
 
 START_NS = 5_000_000_000_000
 

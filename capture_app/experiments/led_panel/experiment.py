@@ -16,9 +16,8 @@ from capture_app.errors import IncompleteError
 from capture_app.experiments.common.result import Outcome, Result, Table, error_figures
 from capture_app.experiments.common.workers import call_all
 from capture_app.experiments.led_panel.plots import draw_led_panel
-from capture_app.simulation.devices.profiles import PROFILES
+from capture_app.simulation.devices.profiles import PROFILES, SensorProfile
 from capture_app.simulation.devices.sensor import SensorFrame
-from capture_app.simulation.devices.sensor_profile import SensorProfile
 from capture_app.simulation.network.delay_laws import GammaDelay
 from capture_app.simulation.network.link import Link
 from capture_app.simulation.network.paper_link import PAPER_LINK

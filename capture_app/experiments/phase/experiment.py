@@ -32,8 +32,7 @@ from capture_app.experiments.phase.trials import (
     restart_together,
     unknown_phone,
 )
-from capture_app.simulation.devices.profiles import PROFILES
-from capture_app.simulation.devices.sensor_profile import SensorProfile
+from capture_app.simulation.devices.profiles import PROFILES, SensorProfile
 from capture_app.simulation.rig.bench import Bench
 
 TRIALS = 100

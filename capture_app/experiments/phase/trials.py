@@ -2,12 +2,10 @@
 
 import heapq
 import random
-from collections.abc import Sequence
 from dataclasses import replace
 
 from capture_app.experiments.phase.baselines import Attempt, S, uniform_ppm
-from capture_app.simulation.devices.profiles import PROFILES
-from capture_app.simulation.devices.sensor_profile import SensorProfile
+from capture_app.simulation.devices.profiles import PROFILES, SensorProfile
 from capture_app.simulation.rig.bench import Bench
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.goal import Goal
@@ -111,15 +109,12 @@ def restart_together(
             bench.step_aligner(frame, hold=bench.meeting_leader_ns is None)
             if len(bench.commands) > before:
                 camera_phases[number] = _unknown_phase(number, tolerance_ns)
-            if began_ns is not None and _all_aligned(benches, shared_goal.goal, now_ns):
+            if began_ns is not None and all(
+                b.aligner.aligned and b.goal == shared_goal.goal for b in benches
+            ):
                 return Attempt(sum(len(b.commands) for b in benches), (now_ns - began_ns) / S)
         heapq.heappush(heap, (bench.due_ns, number))
     return Attempt(sum(len(b.commands) for b in benches), None)
-
-
-def _all_aligned(benches: Sequence[Bench], goal: Goal, now_ns: int) -> bool:
-    """Whether the engine says that all are within the tolerance of the newest goal now."""
-    return all(bench.aligner.aligned and bench.goal == goal for bench in benches)
 
 
 def _unknown_phase(number: int, tolerance_ns: int) -> CameraPhase:

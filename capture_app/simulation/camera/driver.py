@@ -12,9 +12,8 @@ from capture_app.clock import NodeClock
 from capture_app.errors import BadInputError
 from capture_app.simulation.camera.camera import SimulatedCamera
 from capture_app.simulation.camera.pictures import stable_seed
-from capture_app.simulation.devices.profiles import PROFILES, find_profile
+from capture_app.simulation.devices.profiles import PROFILES, SensorProfile, find_profile
 from capture_app.simulation.devices.sensor import Sensor
-from capture_app.simulation.devices.sensor_profile import SensorProfile
 from capture_app.simulation.rendering.picture_source import LED_PANEL, TEST_CARD, open_picture_source
 
 OPTIONS = {

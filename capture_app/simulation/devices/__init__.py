@@ -1,4 +1,1 @@
-"""A camera's sensor in virtual time, and the models of it by name.
-
-Imports no other wing of `simulation`.
-"""
+"""A camera's sensor in virtual time, and its models by name; imports no other wing of `simulation`."""

@@ -1,11 +1,107 @@
-"""The simulated camera models by name.
+"""Profiles of sensors: rows, exposures, frame lengths, latencies, noise; and the simulated models by name.
 
-All run at 33.333 ms, made of different whole rows, as the mixed devices of a real rig would be set up.
+Frame length = max(frame_length_rows, floor(exposure / row_time) + margin_rows) rows, and the length of a long
+frame is held for `injection_gain` frames, as measured on real sensors.
 """
+
+from dataclasses import dataclass
+from typing import Literal
 
 from capture_app.camera_facts import SIMULATED, CameraFacts, PhaseControl, TimestampSource
 from capture_app.errors import BadInputError
-from capture_app.simulation.devices.sensor_profile import SensorProfile
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SensorProfile:
+    """What all devices of one model share; times in ns, lengths in rows, shares of frames in [0, 1]."""
+
+    name: str
+    model: str
+    phase_control: Literal["frame-duration", "injection", "reset"]
+    row_time_ns: int
+    frame_length_rows: int
+    """Frame length at short exposures, blanking included: the period in rows."""
+    margin_rows: int
+    """Rows that a frame is longer than its exposure; the overhead of an injection."""
+    injection_gain: int = 1
+    """Frames that the length of a long frame is held for."""
+    image_width: int = 640
+    image_rows: int = 480
+    exposure_ns: int = 4_000_000
+    min_exposure_ns: int = 100_000
+    max_exposure_ns: int = 200_000_000
+    min_frame_rows: int | None = None
+    max_frame_rows: int | None = None
+    """Shortest and longest frame that a set duration makes; None for `frame_length_rows` and four of them."""
+    command_latency_frames: tuple[int, int] = (2, 4)
+    """Fewest and most frames from the one exposed when a command comes to the one that obeys it."""
+    start_latency_ns: tuple[int, int] = (0, 0)
+    """Mean and standard deviation of the time from the start command to the first frame."""
+    timestamp_noise_ns: int = 0
+    """Standard deviation of the timestamps."""
+    outlier_share: float = 0.0
+    outlier_ns: int = 1_000_000
+    """An outlier is late by up to this."""
+    drop_share: float = 0.0
+    period_error_ppm: float = 0.0
+    """Crystals of this model are off by up to this, each device by its own."""
+
+    def __post_init__(self) -> None:
+        """Raise BadInputError for values that no sensor can have."""
+        if self.injection_gain not in (1, 2, 3):
+            raise BadInputError(
+                f"injection gain {self.injection_gain} is not supported", hint="choose 1, 2 or 3"
+            )
+        for share in (self.drop_share, self.outlier_share):
+            if not 0.0 <= share <= 1.0:
+                raise BadInputError(f"a share of {share:g} is out of range (0 to 1)")
+        if self.timestamp_noise_ns < 0 or not abs(self.period_error_ppm) <= 10_000:
+            raise BadInputError("timestamp noise is below 0 or the period error above 10000 ppm")
+        longest_ns = (self.frame_length_rows - self.margin_rows) * self.row_time_ns
+        if not self.min_exposure_ns <= self.exposure_ns <= longest_ns:
+            raise BadInputError(
+                f"exposure of {self.exposure_ns / 1e6:g} ms does not fit a frame of camera model {self.name}",
+                hint=f"between {self.min_exposure_ns / 1e6:g} and {longest_ns / 1e6:g} ms",
+            )
+
+    @property
+    def period_ns(self) -> int:
+        """Nominal period of the stream."""
+        return self.frame_length_rows * self.row_time_ns
+
+    @property
+    def min_frame_duration_ns(self) -> int | None:
+        """Shortest time that a frame can be made to last; None where durations cannot be set."""
+        if self.phase_control != "frame-duration":
+            return None
+        return (self.min_frame_rows or self.frame_length_rows) * self.row_time_ns
+
+    @property
+    def max_frame_duration_ns(self) -> int | None:
+        """Longest time that a frame can be made to last; None where durations cannot be set."""
+        if self.phase_control != "frame-duration":
+            return None
+        return (self.max_frame_rows or 4 * self.frame_length_rows) * self.row_time_ns
+
+    @property
+    def neutral_rows(self) -> int:
+        """Longest exposure, in rows, that does not stretch a frame (c in the shift's formula)."""
+        return self.frame_length_rows - self.margin_rows
+
+    @property
+    def readout_ns(self) -> int:
+        """Time from the first row's readout to the last row's."""
+        return self.image_rows * self.row_time_ns
+
+    def whole_rows(self, exposure_ns: int) -> int:
+        """Exposure in rows that the sensor makes of one in ns, inside its limits."""
+        return min(max(exposure_ns, self.min_exposure_ns), self.max_exposure_ns) // self.row_time_ns
+
+    def shift_ns(self, exposure_ns: int) -> int:
+        """Delay of all frames after one injected exposure E: gain * row_time * (floor(E / row_time) - c)."""
+        stretch_rows = max(0, self.whole_rows(exposure_ns) - self.neutral_rows)
+        return self.injection_gain * self.row_time_ns * stretch_rows
+
 
 _MODELS = (
     SensorProfile(
@@ -77,6 +173,7 @@ _MODELS = (
 )
 
 PROFILES: dict[str, SensorProfile] = {profile.name: profile for profile in _MODELS}
+"""All run at 33.333 ms, made of different whole rows, as the mixed devices of a real rig would be set up."""
 
 
 def find_profile(name: str) -> SensorProfile:

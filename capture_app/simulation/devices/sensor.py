@@ -7,7 +7,7 @@ import random
 from dataclasses import dataclass
 
 from capture_app.errors import CameraError
-from capture_app.simulation.devices.sensor_profile import SensorProfile
+from capture_app.simulation.devices.profiles import SensorProfile
 
 DELIVERY_NS = 5_000_000
 """From a frame's last row to the driver's callback, where nothing else is asked for."""

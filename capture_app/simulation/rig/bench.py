@@ -10,9 +10,8 @@ from dataclasses import dataclass
 
 import msgspec
 
-from capture_app.simulation.devices.profiles import facts_of
+from capture_app.simulation.devices.profiles import SensorProfile, facts_of
 from capture_app.simulation.devices.sensor import DELIVERY_NS, Sensor, SensorFrame
-from capture_app.simulation.devices.sensor_profile import SensorProfile
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.frame_stamp import FrameStamp

@@ -5,9 +5,8 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
 from capture_app.clock import SimulatedClock
-from capture_app.simulation.devices.profiles import facts_of
+from capture_app.simulation.devices.profiles import SensorProfile, facts_of
 from capture_app.simulation.devices.sensor import DELIVERY_NS, Sensor, SensorFrame
-from capture_app.simulation.devices.sensor_profile import SensorProfile
 from capture_app.simulation.network.link import Channel, Link, MediumQueue, SharedMedium
 from capture_app.simulation.network.paper_link import PAPER_LINK
 from capture_app.simulation.network.radio_cell import RadioCell, Receiver, deliver_broadcast

@@ -1,41 +1,34 @@
 """Times, counts and progress lines as people and programs read them."""
 
+from collections.abc import Callable
+
 import pytest
 
 from capture_app.text import ProgressStep, clock_offset, count, duration, printable
 
 
 @pytest.mark.parametrize(
-    ("ns", "text"),
+    ("text_of", "ns", "text"),
     [
-        (None, "–"),
-        (0, "0 ns"),
-        (850, "850 ns"),
-        (1_234, "1.2 µs"),
-        (12_400, "12 µs"),
-        (999_499, "999 µs"),
-        (999_600, "1.0 ms"),
-        (-3_400_000, "-3.4 ms"),
-        (2_100_000_000, "2.1 s"),
+        (duration, None, "–"),
+        (duration, 0, "0 ns"),
+        (duration, 850, "850 ns"),
+        (duration, 1_234, "1.2 µs"),
+        (duration, 12_400, "12 µs"),
+        (duration, 999_499, "999 µs"),
+        (duration, 999_600, "1.0 ms"),
+        (duration, -3_400_000, "-3.4 ms"),
+        (duration, 2_100_000_000, "2.1 s"),
+        (clock_offset, None, "–"),
+        (clock_offset, 45_000, "+45 µs"),
+        (clock_offset, -12_300_000_000, "-12.3 s"),
+        (clock_offset, 15_131_204_000_000, "+4 h 12 min"),
+        (clock_offset, -3_599_000_000_000, "-1 h 00 min"),
+        (clock_offset, 200 * 3_600_000_000_000, "+8 d 8 h"),
     ],
 )
-def test_short_times(ns: int | None, text: str) -> None:
-    assert duration(ns) == text
-
-
-@pytest.mark.parametrize(
-    ("ns", "text"),
-    [
-        (None, "–"),
-        (45_000, "+45 µs"),
-        (-12_300_000_000, "-12.3 s"),
-        (15_131_204_000_000, "+4 h 12 min"),
-        (-3_599_000_000_000, "-1 h 00 min"),
-        (200 * 3_600_000_000_000, "+8 d 8 h"),
-    ],
-)
-def test_offsets_of_clocks(ns: int | None, text: str) -> None:
-    assert clock_offset(ns) == text
+def test_times_are_short(text_of: Callable[[int | None], str], ns: int | None, text: str) -> None:
+    assert text_of(ns) == text
 
 
 def test_one_frame_is_no_frames() -> None:

@@ -5,6 +5,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from textual.widgets import Label, RichLog, Static
 
 from capture_app.camera_facts import PhaseControl, TimestampSource
@@ -16,7 +18,7 @@ from capture_app.sync.wire.messages import NodeState
 from capture_app.text import ProgressStep
 from capture_app.tui.app import RigApp
 from capture_app.tui.live import Comparison
-from capture_app.tui.widgets.nodes import NodesTable
+from capture_app.tui.widgets.nodes import NodesTable, gauge
 from capture_app.tui.widgets.sessions import SessionsTable
 from tests.facts import make_facts
 
@@ -210,3 +212,19 @@ def test_the_screen_looks_as_it_did(snap_compare: Any, size: tuple[int, int], se
             rig.tell(line)
 
     assert snap_compare(RigApp(rig), terminal_size=size, run_before=before)
+
+
+def test_the_gauge_shows_milliseconds_and_microseconds_apart() -> None:
+    assert gauge(0, 21) == "··········●··········"
+    assert gauge(None, 21) == "··········│··········"
+    marks = [
+        gauge(ns, 21).index("●") for ns in (-16_000_000, -1_000_000, -50_000, 50_000, 1_000_000, 16_000_000)
+    ]
+    assert marks == sorted(set(marks))
+
+
+@given(st.integers(-(10**9), 10**9), st.integers(3, 40))
+def test_the_gauge_never_leaves_its_line(error_ns: int, width: int) -> None:
+    line = gauge(error_ns, width)
+    assert len(line) == width
+    assert line.count("●") == 1

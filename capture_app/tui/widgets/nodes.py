@@ -36,14 +36,14 @@ class NodesTable(DataTable[Text]):
 
     def show(self, nodes: tuple[NodeStatus, ...], *, wide: bool) -> None:
         """Show these cameras, changing only the cells that differ."""
+        labels = WIDE if wide else NARROW
         if wide is not self._wide or [n.name for n in nodes] != [n.name for n in self._shown]:
             self.clear(columns=True)
-            for label in WIDE if wide else NARROW:
+            for label in labels:
                 self.add_column(Text(label, justify="right" if label in NUMBERS else "left"), key=label)
             for node in nodes:
                 self.add_row(*_cells(node, wide=wide), key=node.name)
         else:
-            labels = WIDE if wide else NARROW
             for node in nodes:
                 for label, cell in zip(labels, _cells(node, wide=wide), strict=True):
                     if self.get_cell(node.name, label) != cell:

@@ -2,6 +2,7 @@
 
 import asyncio
 import time
+from contextlib import AsyncExitStack
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any, Self
@@ -72,39 +73,33 @@ class SimulatedNodes:
         self._scene = scene
         self._tolerance_us = tolerance_us
         self._children: list[Child] = []
-        self._spool: TemporaryDirectory[str] | None = None
+        self._open = AsyncExitStack()
 
     async def __aenter__(self) -> Self:
-        self._spool = TemporaryDirectory(prefix="simulshot-spool-")
-        try:
+        async with self._open:
+            spool = self._open.enter_context(TemporaryDirectory(prefix="simulshot-spool-"))
+            self._open.push_async_callback(self._stop_children)
             for number, view in enumerate(self.views):
-                arguments = self._node_arguments(view, "phone-a" if number < 2 else "phone-b")
+                arguments = self._node_arguments(view, "phone-a" if number < 2 else "phone-b", spool)
                 self._children.append(await Child.start(f"node {view}", arguments))
-        except BaseException:
-            await self.stop()
-            raise
+            self._open = self._open.pop_all()
         return self
 
     async def __aexit__(self, *_: object) -> None:
-        await self.stop()
+        await self._open.aclose()
 
-    async def stop(self) -> None:
-        """End all nodes."""
+    async def _stop_children(self) -> None:
         await asyncio.gather(*(child.stop() for child in self._children))
-        self._children.clear()
-        if self._spool is not None:
-            self._spool.cleanup()
 
-    def _node_arguments(self, view: str, model: str) -> tuple[str, ...]:
-        assert self._spool is not None
+    def _node_arguments(self, view: str, model: str, spool: str) -> tuple[str, ...]:
         # Without drops, so that every run has all pictures to compare.
         camera = f"sim:{model},scene={self._scene},drops=0"
         if not self._scene.startswith("bars"):
             camera += f",view={view}"
         return (
             *("capture_app.cli", "node", "--until-eof", "--name", view, "--camera", camera),
-            *("--spool", self._spool.name),
-            *("--clock", "sim", "--tolerance-us", str(self._tolerance_us), "--leader", str(self._leader)),
+            *("--spool", spool, "--leader", str(self._leader)),
+            *("--clock", "sim", "--tolerance-us", str(self._tolerance_us)),
         )
 
     async def wait_for_failure(self) -> SimulshotError:

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from capture_app.commands.options import run_until_stopped
+from capture_app.commands.options import FOLDER, run_until_stopped
 from capture_app.terminal import json_option, print_json, print_line, print_table, show_progress, talk
 from capture_app.text import ProgressStep
 
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 @click.option("--cameras", type=click.IntRange(2, 7), default=5, metavar="N", help="Simulated cameras.")
 @click.option(
     "--out",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     default=Path("demo"),
     metavar="DIR",
     help="Folder for the session and the comparison.",

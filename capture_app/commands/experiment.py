@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from capture_app.commands.lazy_group import LazyGroup
-from capture_app.commands.options import AddressType, run_until_stopped
+from capture_app.commands.options import FOLDER, AddressType, run_until_stopped
 from capture_app.experiments import EXPERIMENTS, load
 from capture_app.net.address import DEFAULT_PORT, Address
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line, print_table, talk
@@ -45,7 +45,7 @@ def experiment_options(command: Callable[..., None]) -> Callable[..., None]:
     )
     plot = click.option(
         "--plot",
-        type=click.Path(path_type=Path, file_okay=False),
+        type=FOLDER,
         metavar="DIR",
         callback=_require_plots,
         help="Draw figures into this folder (needs simulshot[plots]).",
@@ -130,12 +130,7 @@ def clock_filters(trace: Path | None, **shared: Any) -> None:
 )
 @experiment_options
 def scale(
-    sizes: tuple[int, ...],
-    minutes: float | None,
-    full: bool,
-    shape: str,
-    jobs: int | None,
-    **shared: Any,
+    sizes: tuple[int, ...], minutes: float | None, full: bool, shape: str, jobs: int | None, **shared: Any
 ) -> None:
     """Simulate many clocks for a long time: one leader for all of them, and a tree of relays."""
     from capture_app.experiments.scale import experiment as study

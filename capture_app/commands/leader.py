@@ -8,6 +8,7 @@ import click
 import msgspec
 
 from capture_app.commands.options import (
+    FOLDER,
     beacons_option,
     host_option,
     port_option,
@@ -25,11 +26,7 @@ if TYPE_CHECKING:
 @host_option
 @port_option
 @click.option(
-    "--sessions",
-    type=click.Path(path_type=Path, file_okay=False),
-    default=Path("sessions"),
-    metavar="DIR",
-    help="Folder for the sessions.",
+    "--sessions", type=FOLDER, default=Path("sessions"), metavar="DIR", help="Folder for the sessions."
 )
 @click.option(
     "--fps",

@@ -19,6 +19,8 @@ from capture_app.net.address import DEFAULT_PORT, Address, parse_address
 
 F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
+ANY_PATH = click.Path(path_type=Path)
+FOLDER = click.Path(path_type=Path, file_okay=False)
 
 
 class AddressType(click.ParamType[Address]):
@@ -75,7 +77,7 @@ def _check_node_name(ctx: click.Context, param: click.Parameter, value: str) -> 
 
 spool_option = click.option(
     "--spool",
-    type=click.Path(path_type=Path, file_okay=False),
+    type=FOLDER,
     default=lambda: user_state_path("simulshot") / "spool",
     metavar="DIR",
     show_default="~/.local/state/simulshot/spool",

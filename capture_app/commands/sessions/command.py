@@ -5,6 +5,7 @@ from typing import Any
 
 import click
 
+from capture_app.commands.options import ANY_PATH
 from capture_app.commands.sessions.export import export
 from capture_app.commands.sessions.render import render
 from capture_app.commands.sessions.repair import repair
@@ -17,7 +18,6 @@ from capture_app.session.reading.synchronization import verdict
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line, show_count, talk
 
 DEFAULT_ROOT = Path("sessions")
-_FOLDER = click.Path(path_type=Path)
 
 
 @click.group()
@@ -31,7 +31,7 @@ sessions.add_command(repair)
 
 
 @sessions.command("list")
-@click.argument("root", type=_FOLDER, required=False)
+@click.argument("root", type=ANY_PATH, required=False)
 @json_option
 def list_command(root: Path | None, as_json: bool) -> None:
     """List the sessions in the folder ROOT (default: ./sessions)."""
@@ -49,7 +49,7 @@ def list_command(root: Path | None, as_json: bool) -> None:
 
 
 @sessions.command()
-@click.argument("session", type=_FOLDER)
+@click.argument("session", type=ANY_PATH)
 @json_option
 def show(session: Path, as_json: bool) -> None:
     """Show the cameras of a session and how well they were synchronized."""
@@ -62,17 +62,16 @@ def show(session: Path, as_json: bool) -> None:
 
 
 @sessions.command()
-@click.argument("paths", metavar="SESSION...", type=_FOLDER, nargs=-1, required=True)
+@click.argument("paths", metavar="SESSION...", type=ANY_PATH, nargs=-1, required=True)
 @json_option
 def verify(paths: tuple[Path, ...], as_json: bool) -> None:
     """Verify the integrity and internal consistency of sessions; fails if one has problems."""
-    from capture_app.session.reading.verify import Problem, ProblemKind
+    from capture_app.session.reading.verify import ProblemKind
     from capture_app.session.reading.verify import verify as verify_session
 
     results: list[dict[str, Any]] = []
     failure: SimulshotError | None = None
     for path in paths:
-        problems: list[Problem] = []
         try:
             opened = Session.open(path)
             problems = verify_session(opened)
@@ -113,7 +112,7 @@ def schema() -> None:
 )
 @click.option(
     "--timestamps",
-    type=_FOLDER,
+    type=ANY_PATH,
     metavar="CSV",
     help="Table of frame times with the columns camera, time, and frame or sync_index.",
 )
@@ -155,7 +154,7 @@ def schema() -> None:
 @click.option("--png", is_flag=True, help="Save video frames as PNG instead of JPEG.")
 @click.option("--name", show_default="that of the recording's folder", help="Name of the session.")
 @click.option("--note", default="", show_default=False, help="A line of text saved with the session.")
-@click.option("--out", type=_FOLDER, metavar="DIR", default=DEFAULT_ROOT, help="Folder for the session.")
+@click.option("--out", type=ANY_PATH, metavar="DIR", default=DEFAULT_ROOT, help="Folder for the session.")
 @json_option
 def import_command(
     sources: tuple[str, ...],

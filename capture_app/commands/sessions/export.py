@@ -4,21 +4,19 @@ from pathlib import Path
 
 import click
 
+from capture_app.commands.options import ANY_PATH
 from capture_app.session.exporters.formats import FORMATS
 from capture_app.session.reading.reader import Session
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line, show_count, talk
-
-_FOLDER = click.Path(path_type=Path)
-
 
 # A line that is only \b keeps click from wrapping the paragraph.
 _FORMATS_TEXT = "\b\n" + "\n".join(f"{name:<11} {what}" for name, what in FORMATS.items())
 
 
 @click.command("export", epilog=_FORMATS_TEXT)
-@click.argument("session", type=_FOLDER)
+@click.argument("session", type=ANY_PATH)
 @click.option("--to", "name", type=click.Choice(list(FORMATS)), required=True, help="Format: see below.")
-@click.option("--out", type=_FOLDER, metavar="DIR", required=True, help="New or empty folder to write.")
+@click.option("--out", type=ANY_PATH, metavar="DIR", required=True, help="New or empty folder to write.")
 @click.option(
     "--hard-link", is_flag=True, help="Hard-link image files where possible instead of copying them."
 )

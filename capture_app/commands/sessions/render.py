@@ -5,19 +5,16 @@ from pathlib import Path
 import click
 import msgspec
 
+from capture_app.commands.options import ANY_PATH
 from capture_app.commands.sessions.text import print_session
 from capture_app.errors import BadInputError
 from capture_app.terminal import json_option, print_json, print_line, show_count
 
 
 @click.command()
-@click.argument("recipes", metavar="RECIPE...", type=click.Path(path_type=Path), nargs=-1, required=True)
+@click.argument("recipes", metavar="RECIPE...", type=ANY_PATH, nargs=-1, required=True)
 @click.option(
-    "--out",
-    type=click.Path(path_type=Path),
-    default=Path("sessions"),
-    metavar="DIR",
-    help="Folder for the sessions.",
+    "--out", type=ANY_PATH, default=Path("sessions"), metavar="DIR", help="Folder for the sessions."
 )
 @click.option("--name", show_default="that in the recipe", help="Name of the session.")
 @click.option(

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from capture_app.commands.options import AddressType
+from capture_app.commands.options import ANY_PATH, AddressType
 from capture_app.errors import BadInputError
 from capture_app.net.address import DEFAULT_PORT, Address
 from capture_app.session.files.output_folder import clear_leftovers
@@ -18,7 +18,7 @@ WAIT_S = 20.0
 
 
 @click.command()
-@click.argument("path", metavar="SESSION|ROOT", type=click.Path(path_type=Path))
+@click.argument("path", metavar="SESSION|ROOT", type=ANY_PATH)
 @click.option(
     "--wait-s",
     type=FiniteRange(min=0),

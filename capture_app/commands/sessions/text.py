@@ -1,9 +1,10 @@
 """Sessions in plain words, for people, on stdout."""
 
+from collections import defaultdict
 from collections.abc import Sequence
 from statistics import median
 
-from capture_app.session.format.manifest import CameraRecord, ImageRecord, Manifest, SyncRecord
+from capture_app.session.format.manifest import CameraRecord, Manifest, SyncRecord
 from capture_app.session.reading.reader import Session, SessionSummary
 from capture_app.session.reading.synchronization import PX_PER_S, pixels, sync_record, verdict
 from capture_app.terminal import print_line, print_table
@@ -12,16 +13,10 @@ from capture_app.text import NO_VALUE, count, duration
 
 def print_sessions(found: Sequence[SessionSummary]) -> None:
     """Print one line a session, and what is wrong with those that cannot be used."""
-    rows = [
-        (
-            one.name,
-            _format_date(one.created),
-            *(str(number) for number in (one.cameras, one.instants, one.images, one.missing)),
-            one.origin,
-        )
-        for one in found
-        if not one.problem
-    ]
+    rows = []
+    for one in (one for one in found if not one.problem):
+        numbers = map(str, (one.cameras, one.instants, one.images, one.missing))
+        rows.append((one.name, _format_date(one.created), *numbers, one.origin))
     if rows:
         print_table(("name", "taken (UTC)", "cameras", "instants", "images", "missing", "origin"), rows)
     for one in found:
@@ -94,16 +89,15 @@ def _describe_spreads(spreads_ns: Sequence[int]) -> str:
 
 def _true_spreads(session: Session) -> list[int]:
     """For each instant, how far apart in ns its images truly are; empty where nobody knows."""
-    true_times = session.true_times()
-    times: dict[int, list[int]] = {}
-    for true in true_times.images if true_times else ():
-        times.setdefault(true.instant, []).append(true.true_ns)
-    return [max(of) - min(of) for of in times.values()]
+    truth = session.true_times()
+    times_ns = defaultdict[int, list[int]](list)
+    for image in truth.images if truth else ():
+        times_ns[image.instant].append(image.true_ns)
+    return [max(of) - min(of) for of in times_ns.values()]
 
 
 def _camera_row(manifest: Manifest, camera: CameraRecord) -> tuple[str, ...]:
     images = [image for image in manifest.images if image.camera == camera.name]
-    phase = camera.phase.residual_ns if camera.phase else None
     dropped = sum(gone.dropped for gone in manifest.missing if gone.camera == camera.name)
     return (
         camera.name,
@@ -111,8 +105,8 @@ def _camera_row(manifest: Manifest, camera: CameraRecord) -> tuple[str, ...]:
         str(len(images)),
         _worst([image.uncertainty_ns for image in images]),
         _worst([image.hard_bound_ns for image in images]),
-        _worst_residual(images),
-        duration(phase),
+        duration(max((abs(image.residual_ns) for image in images), default=0)),
+        duration(camera.phase.residual_ns if camera.phase else None),
         str(sum(image.substitute for image in images) + dropped),
     )
 
@@ -120,10 +114,6 @@ def _camera_row(manifest: Manifest, camera: CameraRecord) -> tuple[str, ...]:
 def _worst(values: Sequence[int | None]) -> str:
     known = [value for value in values if value is not None]
     return duration(max(known)) if known else NO_VALUE
-
-
-def _worst_residual(images: Sequence[ImageRecord]) -> str:
-    return duration(max((abs(image.residual_ns) for image in images), default=0))
 
 
 def _format_date(created: str) -> str:

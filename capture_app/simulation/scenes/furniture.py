@@ -79,11 +79,8 @@ def shelf(rng: np.random.Generator) -> list[Mesh]:
                 continue
             height, deep = rng.uniform(0.20, 0.30), rng.uniform(0.15, 0.21)
             back = front + 0.02 + deep / 2 + rng.uniform(0, 0.03)
-            meshes += box(
-                (x + width / 2, y - board / 2 - height / 2, back),
-                (width, height, deep),
-                f"book{rng.integers(0, 24)}",
-            )
+            centre = (x + width / 2, y - board / 2 - height / 2, back)
+            meshes += box(centre, (width, height, deep), f"book{rng.integers(0, 24)}")
             x += width + rng.uniform(0.001, 0.004)
     vase = lathe([(0.03, -0.20), (0.024, -0.16), (0.055, -0.09), (0.06, -0.05), (0.04, 0.0)], "pot")
     meshes.append(vase.moved((left + 0.25, top - board / 2, z)))

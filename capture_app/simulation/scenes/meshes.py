@@ -120,14 +120,8 @@ def lathe(
     """
     radius, y = np.array(profile, np.float64).T
     angle = np.linspace(0.0, 2 * np.pi, around + 1)
-    points = np.stack(
-        [
-            -radius[:, None] * np.sin(angle),
-            np.broadcast_to(y[:, None], (len(y), around + 1)),
-            depth * radius[:, None] * np.cos(angle),
-        ],
-        axis=-1,
-    )
+    x, z = -radius[:, None] * np.sin(angle), depth * radius[:, None] * np.cos(angle)
+    points = np.stack([x, np.broadcast_to(y[:, None], (len(y), around + 1)), z], axis=-1)
     return sheet(points, texture, window=window, closed=True)
 
 
@@ -135,13 +129,8 @@ def ellipsoid(radii: ArrayLike, texture: str, *, around: int = 28, window: Windo
     """Ellipsoid about the origin with radii along x, y and z in m."""
     rx, ry, rz = (float(r) for r in np.asarray(radii, np.float64))
     angle = np.linspace(0.01, np.pi - 0.01, max(around // 2, 6))
-    return lathe(
-        [(rx * float(np.sin(a)), -ry * float(np.cos(a))) for a in angle],
-        texture,
-        depth=rz / rx,
-        around=around,
-        window=window,
-    )
+    profile = [(rx * float(np.sin(a)), -ry * float(np.cos(a))) for a in angle]
+    return lathe(profile, texture, depth=rz / rx, around=around, window=window)
 
 
 def rod(start: ArrayLike, end: ArrayLike, radius: float, texture: str, *, around: int = 12) -> Mesh:

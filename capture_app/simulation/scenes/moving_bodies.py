@@ -79,13 +79,8 @@ def parts() -> dict[str, Part]:
 
 
 def _hips() -> list[Mesh]:
-    return [
-        lathe(
-            [(0.098, -0.075), (0.106, -0.03), (0.112, 0.02), (0.104, 0.065), (0.06, 0.10), (0.001, 0.105)],
-            "jeans",
-            depth=0.74,
-        )
-    ]
+    outline = [(0.098, -0.075), (0.106, -0.03), (0.112, 0.02), (0.104, 0.065), (0.06, 0.10), (0.001, 0.105)]
+    return [lathe(outline, "jeans", depth=0.74)]
 
 
 def _torso() -> list[Mesh]:
@@ -122,15 +117,8 @@ def _hair(radii: np.ndarray) -> Mesh:
     polar = np.linspace(0.02, 1.0, 14)[:, None] * lowest
     swell = 1.0 - 0.06 * (np.linspace(0, 1, 14)[:, None] > 0.95)
     rx, ry, rz = radii
-    points = np.stack(
-        [
-            -rx * swell * np.sin(polar) * np.sin(angle),
-            -ry * swell * np.cos(polar),
-            rz * swell * np.sin(polar) * np.cos(angle),
-        ],
-        axis=-1,
-    )
-    return sheet(points, "hair", closed=True)
+    x, z = -rx * swell * np.sin(polar) * np.sin(angle), rz * swell * np.sin(polar) * np.cos(angle)
+    return sheet(np.stack([x, -ry * swell * np.cos(polar), z], axis=-1), "hair", closed=True)
 
 
 def _wheel() -> list[Mesh]:

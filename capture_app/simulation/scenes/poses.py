@@ -126,17 +126,9 @@ def jumping_child(time_s: Series) -> dict[str, Poses]:
     roll = 0.09 * np.cos(sway)
 
     leg = LEG_M + np.minimum(height, 0.0) - 0.085 * airborne
-    hips = Poses(
-        turn(1, yaw) @ turn(2, roll),
-        np.stack(
-            [
-                FIGURE_AT[0] + SWAY_M * np.sin(sway),
-                FLOOR_Y - ANKLE_M - LEG_M - height,
-                FIGURE_AT[1] + 0.05 * np.cos(sway),
-            ],
-            axis=1,
-        ),
-    )
+    x, z = FIGURE_AT[0] + SWAY_M * np.sin(sway), FIGURE_AT[1] + 0.05 * np.cos(sway)
+    y = FLOOR_Y - ANKLE_M - LEG_M - height
+    hips = Poses(turn(1, yaw) @ turn(2, roll), np.stack([x, y, z], axis=1))
     lean = 0.10 + 0.10 * np.cos(2 * np.pi * (time_s - CONTACT_S / 2) / HOP_S)
     knee = np.arccos(np.clip(leg / (THIGH_M + SHIN_M), -1, 1))
 
@@ -168,17 +160,10 @@ def walking_child(time_s: Series, *, ahead: float, prefix: str) -> dict[str, Pos
     swing = {side: 0.52 * np.sin(gait + (np.pi if side > 0 else 0.0)) for side in (-1.0, 1.0)}
     knee = {side: 0.16 + 0.38 * (1 + np.cos(gait + (np.pi if side > 0 else 0.0))) for side in (-1.0, 1.0)}
     leg = np.maximum(*(_height(swing[side], knee[side]) for side in (-1.0, 1.0)))
-    hips = Poses(
-        turn(1, yaw) @ turn(2, 0.04 * np.sin(gait)),
-        np.stack(
-            [
-                WALK_CENTRE[0] + WALK_REACH_M[0] * np.cos(round_),
-                FLOOR_Y - ANKLE_M - HIP_Y - leg,
-                WALK_CENTRE[1] + WALK_REACH_M[1] * np.sin(round_),
-            ],
-            axis=1,
-        ),
-    )
+    x = WALK_CENTRE[0] + WALK_REACH_M[0] * np.cos(round_)
+    z = WALK_CENTRE[1] + WALK_REACH_M[1] * np.sin(round_)
+    place = np.stack([x, FLOOR_Y - ANKLE_M - HIP_Y - leg, z], axis=1)
+    hips = Poses(turn(1, yaw) @ turn(2, 0.04 * np.sin(gait)), place)
 
     def limbs(side: float) -> LimbTurns:
         pitch = turn(0, 0.6 * (knee[side] - swing[side]) - 0.12)

@@ -60,11 +60,8 @@ def spine(rng: np.random.Generator) -> Picture:
     back = np.ones((48, 256, 3), np.float32) * bgr(colour) * float(rng.uniform(0.65, 1.1))
     pale = sum(colour) > 480
     ink: Colour = (44, 38, 40) if pale else (240, 226, 196)
-    title = " ".join(
-        rng.choice(
-            ["THE", "LOST", "TIME", "OF", "LIGHT", "SEA", "NOTES", "ON", "WINTER", "ATLAS", "HOUSE"], 3
-        )
-    )
+    words = ["THE", "LOST", "TIME", "OF", "LIGHT", "SEA", "NOTES", "ON", "WINTER", "ATLAS", "HOUSE"]
+    title = " ".join(rng.choice(words, 3))
     letters(back, str(title), (138, 24), float(rng.uniform(15, 22)), ink, 1.6)
     for x in (14, 20, 238):
         cv2.line(back, (x, 0), (x, 47), pigment(ink), int(rng.integers(1, 4)))

@@ -2,13 +2,13 @@
 
 import random
 
-from capture_app.camera_facts import CameraFacts
+from capture_app.camera_facts import CameraFacts, PhaseControl
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.phase.actuator import Move, MoveEffect
-from capture_app.sync.phase.actuators import choose_actuator
+from capture_app.sync.phase.actuator import Move, MoveEffect, PhaseActuator
 from capture_app.sync.phase.aim import Course
 from capture_app.sync.phase.command_tracker import CommandTracker
 from capture_app.sync.phase.estimator import PhaseEstimator
+from capture_app.sync.phase.frame_duration import FrameDurationActuator
 from capture_app.sync.phase.frame_stamp import FrameStamp, PhaseEstimate
 from capture_app.sync.phase.goal import Goal
 from capture_app.sync.phase.injection import InjectionActuator, InjectionProfile
@@ -21,12 +21,8 @@ SETTLED_FRAMES = (5, 60)
 JUDGED_STARTS_FRAMES = 10
 """Once so many frames have come after a start, it shows whether the first one could have been believed."""
 HOPELESS_PPM = 1000.0
-DEFAULT_HOLD_NS = {
-    "frame-duration": 0,
-    "injection": 2_000_000_000,
-    "reset": 10_000_000_000,
-    "none": 2_000_000_000,
-}
+_S = 1_000_000_000
+DEFAULT_HOLD_NS = {"frame-duration": 0, "injection": 2 * _S, "reset": 10 * _S, "none": 2 * _S}
 
 
 class Aligner:
@@ -227,3 +223,32 @@ class Aligner:
                 f" {1e9 / goal.period_ns:.3f}, too different to align"
             )
         return self._actuator.problem if self._actuator else ""
+
+
+def choose_actuator(
+    camera: CameraFacts, *, rng: random.Random, profile: InjectionProfile | None, aimed: bool
+) -> PhaseActuator | None:
+    """Return the actuator of a camera, None where its phase cannot be moved.
+
+    `profile` is what is known from before of its injections; `aimed=False` restarts at random times.
+    """
+    match camera.phase_control:
+        case PhaseControl.INJECTION:
+            return InjectionActuator(
+                period_ns=camera.period_ns,
+                row_time_ns=camera.row_time_ns,
+                min_exposure_ns=max(camera.min_exposure_ns or 0, camera.exposure_ns or 0),
+                max_exposure_ns=camera.max_exposure_ns,
+                profile=profile,
+            )
+        case PhaseControl.RESET:
+            return ResetActuator(rng=rng, aimed=aimed)
+        case PhaseControl.FRAME_DURATION:
+            return FrameDurationActuator(
+                period_ns=camera.period_ns,
+                row_time_ns=camera.row_time_ns,
+                min_duration_ns=camera.min_frame_duration_ns,
+                max_duration_ns=camera.max_frame_duration_ns,
+            )
+        case PhaseControl.NONE:
+            return None

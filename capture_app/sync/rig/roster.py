@@ -161,11 +161,8 @@ class Roster:
 
     def cameras(self) -> list[Member]:
         """Return those that are here and have a camera, by name."""
-        return [
-            member
-            for _, member in sorted(self.members.items())
-            if not member.lost and member.camera.kind not in WITHOUT_CAMERA
-        ]
+        present = [member for _, member in sorted(self.members.items()) if not member.lost]
+        return [member for member in present if member.camera.kind not in WITHOUT_CAMERA]
 
     def camera_phases(self) -> list[CameraPhase]:
         """Return the phases of the immovable members, as they have reported them."""

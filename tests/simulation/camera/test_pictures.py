@@ -34,12 +34,9 @@ async def test_truth_is_an_npz_of_depth_objects_and_movers() -> None:
     frame = (await frames_of(sim("sim:perfect"), 0.2))[0]
     assert frame.truth is not None
     with np.load(io.BytesIO(frame.truth.encode())) as truth:
-        kinds = {key: (truth[key].dtype.name, truth[key].shape) for key in truth}
-    assert kinds == {
-        "depth_m": ("float32", (480, 640)),
-        "objects": ("uint8", (480, 640)),
-        "movers": ("bool", (480, 640)),
-    }
+        assert {truth[key].shape for key in truth} == {(480, 640)}
+        kinds = {key: truth[key].dtype.name for key in truth}
+    assert kinds == {"depth_m": "float32", "objects": "uint8", "movers": "bool"}
 
 
 def test_a_scene_without_open3d_is_refused_in_plain_words(

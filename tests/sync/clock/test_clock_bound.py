@@ -57,6 +57,7 @@ DISGUISED_NS = 1_000_000
 """A smaller step may pass for a skew that was not known yet."""
 exchanges = st.lists(st.tuples(st.integers(0, 290 * S), delays, delays), min_size=2, max_size=40)
 skews = st.one_of(st.sampled_from((-MOST_SKEW, 0.0, MOST_SKEW)), st.floats(-MOST_SKEW, MOST_SKEW))
+waits = st.integers(0, 60 * S)
 rates = st.lists(st.one_of(st.sampled_from((-1.0, 0.0, 1.0)), st.floats(-1.0, 1.0)), min_size=16, max_size=16)
 
 
@@ -154,13 +155,7 @@ def test_the_uncertainty_ahead_lies_between_independent_and_shared_errors(
 
 
 @settings(max_examples=40)
-@given(
-    st.floats(1.0, 1e5),
-    st.floats(1e-9, 1e-5),
-    st.floats(0.0, 1.0),
-    st.integers(0, 60 * S),
-    st.integers(0, 60 * S),
-)
+@given(st.floats(1.0, 1e5), st.floats(1e-9, 1e-5), st.floats(0.0, 1.0), waits, waits)
 def test_errors_of_two_links_add_in_squares_ahead_too(
     uncertainty_ns: float, skew_uncertainty: float, share: float, since_ns: int, ahead_ns: int
 ) -> None:

@@ -18,16 +18,11 @@ def stream(
 ) -> list[FrameStamp]:
     """Frames with normal noise, 1 % of them late by up to 1 ms."""
     rng = random.Random(seed)
-    return [
-        FrameStamp(
-            n,
-            number,
-            start_ns
-            + n * PERIOD_NS
-            + round(rng.gauss(0, noise_ns) + (rng.random() < 0.01) * rng.random() * 1e6),
-        )
-        for n in range(count)
-    ]
+
+    def late_ns() -> int:
+        return round(rng.gauss(0, noise_ns) + (rng.random() < 0.01) * rng.random() * 1e6)
+
+    return [FrameStamp(n, number, start_ns + n * PERIOD_NS + late_ns()) for n in range(count)]
 
 
 def fed(stamps: list[FrameStamp]) -> PhaseEstimator:
@@ -133,12 +128,7 @@ def test_repeated_and_older_frames_are_passed_over() -> None:
     assert messy.frames == once.frames
 
 
-stamps = st.builds(
-    FrameStamp,
-    sequence=st.integers(0, 2**32),
-    stream=st.integers(0, 3),
-    timestamp_ns=st.integers(-(2**62), 2**62),
-)
+stamps = st.builds(FrameStamp, st.integers(0, 2**32), st.integers(0, 3), st.integers(-(2**62), 2**62))
 
 
 @settings(max_examples=150, deadline=None)

@@ -167,14 +167,9 @@ def test_values_that_cannot_be_are_refused(message: ControlMessage) -> None:
 
 @pytest.mark.parametrize("value", [float("nan"), 1.5, "5", None])
 def test_times_are_whole_numbers(value: object) -> None:
-    told = {
-        "type": "agreed",
-        "client": 1,
-        "number": 1,
-        "leader_ns": value,
-        "uncertainty_ns": 0,
-        "relative_uncertainty_ns": 0,
-    }
+    told = msgspec.to_builtins(AgreedArrival(1, 1, 0, 0, 0))
+    assert decode(HEADER + msgspec.msgpack.encode(told)) == AgreedArrival(1, 1, 0, 0, 0)
+    told["leader_ns"] = value
     with pytest.raises(WireError, match="malformed"):
         decode(HEADER + msgspec.msgpack.encode(told))
 

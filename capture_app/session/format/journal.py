@@ -3,11 +3,13 @@
 import threading
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import msgspec
 
 from capture_app.session.files.durable import AppendOnlyFile, sync_folder
-from capture_app.session.format.manifest import ImageRecord
+
+_T = TypeVar("_T")
 
 
 @dataclass(slots=True)
@@ -58,10 +60,10 @@ class Journal:
             entry.done = True
 
 
-def record_of_line(line: bytes) -> ImageRecord | None:
+def record_of_line(line: bytes, kind: type[_T]) -> _T | None:
     """Read a line; None for one that a crash has torn or a fault has changed."""
     try:
-        return msgspec.json.decode(line, type=ImageRecord)
+        return msgspec.json.decode(line, type=kind)
     except (msgspec.DecodeError, UnicodeDecodeError):
         return None
 

@@ -173,7 +173,7 @@ def _journal(session: Session) -> Iterator[Problem]:
         return
     saved: dict[tuple[str, int], ImageRecord] = {}
     for number, line in enumerate(lines, 1):
-        record = record_of_line(line)
+        record = record_of_line(line, ImageRecord)
         if record is None:
             yield Problem(ProblemKind.UNREADABLE, JOURNAL, f"line {number} cannot be read as an image record")
             continue

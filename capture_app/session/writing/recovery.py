@@ -38,10 +38,10 @@ def recover_images(folder: Path) -> tuple[list[ImageRecord], list[ImageRecord]]:
     Needs the session's lock. Raises OSError.
     """
     data = (folder / JOURNAL).read_bytes() if (folder / JOURNAL).exists() else b""
-    listed = [record for line in lines_of_file(data) if (record := record_of_line(line)) is not None]
     records: dict[tuple[str, int], ImageRecord] = {}
-    for record in listed:
-        records.setdefault((record.camera, record.instant), record)
+    for line in lines_of_file(data):
+        if (listed := record_of_line(line, ImageRecord)) is not None:
+            records.setdefault((listed.camera, listed.instant), listed)
     # An undamaged manifest is believed before the journal, which may be damaged.
     records |= {(record.camera, record.instant): record for record in _images_of_intact_manifest(folder)}
     safe = [record for record in records.values() if is_intact(folder, record)]
@@ -81,11 +81,8 @@ def recover_true_times(folder: Path, images: Iterable[ImageRecord]) -> dict[tupl
     known: dict[tuple[str, int], TrueTime] = {}
     lines = lines_of_file(path.read_bytes())
     for line in lines:
-        try:
-            true = msgspec.json.decode(line, type=TrueTime)
-        except (msgspec.DecodeError, UnicodeDecodeError):
-            continue
-        known[true.camera, true.instant] = true
+        if (true := record_of_line(line, TrueTime)) is not None:
+            known[true.camera, true.instant] = true
     safe = {(image.camera, image.instant) for image in images}
     kept = {of: true for of, true in known.items() if of in safe and _truth_is_intact(folder, true)}
     if len(kept) != len(lines):

@@ -1,5 +1,6 @@
 """A small session to read, break and verify."""
 
+import json
 import subprocess
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -11,7 +12,7 @@ import pytest
 
 from capture_app.clock import SimulatedClock
 from capture_app.session.format.calibration import Calibration, CameraCalibration
-from capture_app.session.format.manifest import BurstRecord, CameraRecord, ClockRecord, MissingImage
+from capture_app.session.format.manifest import MANIFEST, BurstRecord, CameraRecord, ClockRecord, MissingImage
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 from tests.facts import make_facts
@@ -86,6 +87,15 @@ def fill(writer: SessionWriter) -> Session:
         [MissingImage(camera="right", instant=2, reason="the node left")],
         origin="simulated",
     )
+
+
+def edit_manifest(session: Session, change: Callable[[dict[str, Any]], object]) -> dict[str, Any]:
+    """Change the manifest by hand, and return it."""
+    path = session.folder / MANIFEST
+    content: dict[str, Any] = json.loads(path.read_text())
+    change(content)
+    path.write_text(json.dumps(content))
+    return content
 
 
 @pytest.fixture

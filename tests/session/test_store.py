@@ -1,6 +1,5 @@
 """Sessions are written whole, read back as written, and never believed without a check."""
 
-import json
 import subprocess
 import sys
 from pathlib import Path
@@ -18,19 +17,9 @@ from capture_app.session.format.manifest import JOURNAL, MANIFEST, BurstRecord, 
 from capture_app.session.reading.reader import Session, is_being_written, list_sessions
 from capture_app.session.writing.session_writer import SessionWriter
 
-from .conftest import INSTANTS, calibration_of, camera_record, fill, jpeg
+from .conftest import INSTANTS, calibration_of, camera_record, edit_manifest, fill, jpeg
 
 ROOT = Path(__file__).parents[2]
-
-
-def edit(session: Session, **changes: object) -> None:
-    path = session.folder / MANIFEST
-    path.write_text(json.dumps({**json.loads(path.read_text()), **changes}))
-
-
-def edit_image(session: Session, **changes: object) -> None:
-    images = json.loads((session.folder / MANIFEST).read_text())["images"]
-    edit(session, images=[{**images[0], **changes}, *images[1:]])
 
 
 def test_what_is_written_is_read(session: Session) -> None:
@@ -185,19 +174,19 @@ def test_paths_out_of_the_session_are_refused(session: Session, tmp_path: Path, 
     (tmp_path / "elsewhere").mkdir()
     (session.folder / "out").symlink_to(tmp_path / "elsewhere")
     (session.folder / "loop").symlink_to(session.folder / "loop")
-    edit_image(session, path=path)
+    edit_manifest(session, lambda manifest: manifest["images"][0].update(path=path))
     with pytest.raises(BadInputError, match="outside the session"):
         Session.open(session.folder)
 
 
 def test_a_name_with_a_hidden_newline_is_refused(session: Session) -> None:
-    edit(session, rig="rig1\n")
+    edit_manifest(session, lambda manifest: manifest.update(rig="rig1\n"))
     with pytest.raises(BadInputError, match="is not a valid name"):
         Session.open(session.folder)
 
 
 def test_an_image_of_nobody_is_refused(session: Session) -> None:
-    edit_image(session, camera="nobody")
+    edit_manifest(session, lambda manifest: manifest["images"][0].update(camera="nobody"))
     with pytest.raises(BadInputError, match=r"images\[0\] is of an unknown camera"):
         Session.open(session.folder)
 

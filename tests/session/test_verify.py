@@ -25,7 +25,7 @@ from capture_app.session.reading.checksums import CHECKSUMS, write_checksums
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import ProblemKind, verify
 
-from .conftest import jpeg
+from .conftest import edit_manifest, jpeg
 
 SCHEMA = Path(__file__).resolve().parents[2] / "docs" / "session.schema.json"
 FIRST = "images/rig1/left/000000.jpg"
@@ -33,15 +33,12 @@ FIRST = "images/rig1/left/000000.jpg"
 
 def rewrite(session: Session, change: Callable[[dict[str, Any]], Any], journal: bool = True) -> None:
     """Change the manifest, and journal and checksums with it, so that only the change itself is a lie."""
-    path = session.folder / MANIFEST
-    manifest = json.loads(path.read_text())
-    change(manifest)
-    path.write_text(json.dumps(manifest))
+    manifest = edit_manifest(session, change)
     if journal:
         images = {(image["camera"], image["instant"]): image for image in manifest["images"]}
         lines = [json.dumps(image) for image in images.values()]
         (session.folder / JOURNAL).write_text("".join(line + "\n" for line in lines))
-    write_checksums(session.folder, path.read_bytes())
+    write_checksums(session.folder, (session.folder / MANIFEST).read_bytes())
 
 
 def first(**changes: object) -> Callable[[Session], None]:

@@ -14,7 +14,7 @@ from capture_app.cli import run
 from capture_app.errors import ExitCode
 from capture_app.session.exporters.formats import FORMATS
 from capture_app.session.format.manifest import JOURNAL, MANIFEST, image_path
-from capture_app.session.reading.reader import Session
+from tests.session.conftest import edit_manifest
 from tests.session.exporters.conftest import Make, encode, picture
 
 Capture = pytest.CaptureFixture[str]
@@ -36,15 +36,6 @@ def refuses(tmp_path: Path, capsys: Capture) -> Callable[..., None]:
         assert not out.parent.exists() or list(out.parent.iterdir()) == []
 
     return check
-
-
-def rewrite(session: Session, change: Callable[[dict[str, Any]], object]) -> Path:
-    """Change the manifest by hand."""
-    path = session.folder / MANIFEST
-    content = json.loads(path.read_text())
-    change(content)
-    path.write_text(json.dumps(content))
-    return session.folder
 
 
 def test_paths_on_stdout_talk_on_stderr(make: Make, tmp_path: Path, capsys: Capture) -> None:
@@ -127,7 +118,7 @@ def test_images_that_lie_about_themselves(make: Make, refuses: Callable[..., Non
         for camera in content["cameras"]:
             camera["facts"]["width"] = 96
 
-    rewrite(session, claim)
+    edit_manifest(session, claim)
     calibration = session.folder / "calibration.json"
     calibration.write_text(calibration.read_text().replace('"width": 80', '"width": 96'))
     refuses(session.folder, ExitCode.BAD_INPUT, "is 80x64 pixels; right takes 96x64", name)
@@ -143,7 +134,7 @@ def test_what_does_not_decode(make: Make, refuses: Callable[..., None]) -> None:
         image["sha256"] = hashlib.sha256(writer_bytes).hexdigest()
         (session.folder / image["path"]).write_bytes(writer_bytes)
 
-    rewrite(session, claim)
+    edit_manifest(session, claim)
     for name in ("colmap", "mp4", "mcap"):
         refuses(session.folder, ExitCode.BAD_INPUT, "not an image that can be decoded", name)
 
@@ -168,7 +159,9 @@ CONTRADICTIONS: list[tuple[Callable[[dict[str, Any]], object], str]] = [
 def test_manifests_that_contradict_themselves(
     make: Make, refuses: Callable[..., None], change: Callable[[dict[str, Any]], object], reason: str
 ) -> None:
-    refuses(rewrite(make(), change), ExitCode.BAD_INPUT, reason)
+    session = make()
+    edit_manifest(session, change)
+    refuses(session.folder, ExitCode.BAD_INPUT, reason)
 
 
 def test_an_image_that_is_a_link_out(make: Make, refuses: Callable[..., None], tmp_path: Path) -> None:

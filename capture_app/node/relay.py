@@ -2,8 +2,7 @@
 
 import random
 import secrets
-from collections.abc import AsyncIterator, Callable
-from contextlib import asynccontextmanager
+from collections.abc import Callable
 from typing import Any, Self
 
 from capture_app.clock import HostClock, NodeClock
@@ -137,22 +136,16 @@ class RelayNode:
 
     async def _serve(self, below: Channel[ToLeader]) -> None:
         try:
-            async with self._open_upstream() as above:
-                await below.relay(above)
+            if self._upstream is None:
+                raise NetworkError(self._holdover_message(self._clock.now_ns()))
+            async with await connect(self._upstream, FromLeader, timeout_s=UPSTREAM_TIMEOUT_S) as above:
+                self._upstream_channels.add(above)
+                try:
+                    await below.relay(above)
+                finally:
+                    self._upstream_channels.discard(above)
         except NetworkError as error:
             await self._answer_without_leader(below, error)
-
-    @asynccontextmanager
-    async def _open_upstream(self) -> AsyncIterator[Channel[Any]]:
-        """Open a stream to the parent. Raises NetworkError."""
-        if self._upstream is None:
-            raise NetworkError(self._holdover_message(self._clock.now_ns()))
-        async with await connect(self._upstream, FromLeader, timeout_s=UPSTREAM_TIMEOUT_S) as above:
-            self._upstream_channels.add(above)
-            try:
-                yield above
-            finally:
-                self._upstream_channels.discard(above)
 
     async def _answer_without_leader(self, below: Channel[ToLeader], why: NetworkError) -> None:
         """Say what can be said without a leader: who is here; all else has to wait."""

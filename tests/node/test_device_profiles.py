@@ -11,13 +11,7 @@ PROFILE = InjectionProfile(10_840, 2, 3056.0)
 
 
 def camera(model: str = "Phone", width: int = 640) -> CameraFacts:
-    return make_facts(
-        model=model,
-        width=width,
-        pixel_format="JPEG",
-        period_ns=33_333_000,
-        phase_control=PhaseControl.INJECTION,
-    )
+    return make_facts(model=model, width=width, phase_control=PhaseControl.INJECTION)
 
 
 def test_a_profile_is_found_again_by_model_and_mode(tmp_path: Path) -> None:

@@ -5,20 +5,12 @@ from dataclasses import replace
 import msgspec
 import pytest
 
-from capture_app.camera_facts import PhaseControl
 from capture_app.node.camera.records import camera_record, event_line
 from capture_app.session.format.manifest import ClockRecord
 from capture_app.sync.clock.time_map import Correction, TimeMap
 from capture_app.sync.rig.events import BurstPicked, ReferenceCorrectionEnded, ReferenceCorrectionStarted
 from tests.facts import make_facts
 
-FACTS = make_facts(
-    kind="fake",
-    model="Fake camera",
-    pixel_format="MJPG",
-    phase_control=PhaseControl.RESET,
-    exposure_ns=10_000_000,
-)
 OWN = TimeMap(
     epoch_local_ns=5,
     offset_ns=1000,
@@ -34,7 +26,7 @@ OWN = TimeMap(
 
 def clock_of(time_map: TimeMap) -> ClockRecord | None:
     ready: BurstPicked[object] = BurstPicked(1, 1, (), (), time_map, None)
-    return camera_record("cam", FACTS, ready, 0, 1000).clock
+    return camera_record("cam", make_facts(), ready, 0, 1000).clock
 
 
 @pytest.mark.parametrize("below_relay", [False, True])
@@ -44,11 +36,8 @@ def test_a_clock_that_was_moved_says_so(below_relay: bool) -> None:
         time_map = time_map.chained_to(replace(OWN, uncertainty_ns=0.0, hard_bound_ns=0.0, offset_ns=0))
     clock = clock_of(time_map)
     assert clock is not None
-    assert (clock.offset_ns, clock.reference_correction_ns, clock.relative_uncertainty_ns) == (
-        -119_000,
-        -120_000,
-        7500,
-    )
+    corrected = clock.offset_ns, clock.reference_correction_ns, clock.relative_uncertainty_ns
+    assert corrected == (-119_000, -120_000, 7500)
     assert clock.hard_bound_ns == pytest.approx(620_000, abs=2)
     assert msgspec.json.decode(msgspec.json.encode(clock), type=ClockRecord) == clock
 

@@ -17,23 +17,11 @@ def view(name: str, via: str | None = None, *, relay: bool = False, lost: bool =
 
 
 def test_each_relay_is_followed_by_what_is_below_it_and_depths_are_counted() -> None:
-    views = (
-        view("a", "z"),
-        view("b"),
-        view("c", "y"),
-        view("d", "gone"),
-        view("y", "z", relay=True),
-        view("z", relay=True),
-    )
+    cameras = view("a", "z"), view("b"), view("c", "y"), view("d", "gone")
+    views = (*cameras, view("y", "z", relay=True), view("z", relay=True))
     nodes = tuple(in_tree_order(node_statuses(views)))
-    assert [(node.name, node.depth) for node in nodes] == [
-        ("b", 1),
-        ("d", 2),
-        ("z", 1),
-        ("a", 2),
-        ("y", 2),
-        ("c", 3),
-    ]
+    shown = [f"{node.name} {node.depth}" for node in nodes]
+    assert shown == ["b 1", "d 2", "z 1", "a 2", "y 2", "c 3"]
 
 
 def test_nodes_that_are_said_to_be_below_each_other_are_all_shown_once() -> None:

@@ -16,14 +16,7 @@ from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 from tests.facts import make_facts
 
 PERIOD_NS = 33_333_333
-FACTS = make_facts(
-    kind="fake",
-    model="Fake camera",
-    pixel_format="MJPG",
-    period_ns=PERIOD_NS,
-    phase_control=PhaseControl.RESET,
-    exposure_ns=10_000_000,
-)
+FACTS = make_facts(period_ns=PERIOD_NS, phase_control=PhaseControl.RESET, exposure_ns=10_000_000)
 
 
 class FakeCamera(Camera):

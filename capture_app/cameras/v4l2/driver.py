@@ -5,6 +5,7 @@ import os
 import stat
 import time
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import closing
 from pathlib import Path
 
 from capture_app.cameras.base import Camera, CameraListing, in_node_clock
@@ -80,14 +81,11 @@ def _listings(node: Path, open_node: Callable[[str], VideoDevice]) -> Iterator[C
     """What one node is; nothing where it delivers no pictures."""
     spec = f"v4l2:{node}"
     try:
-        device = open_node(str(node))
-        try:
+        with closing(open_node(str(node))) as device:
             capability = device.capability()
             check_capture(str(node), capability)
             detail = ", ".join(map(str, offered_modes(device)))
             yield CameraListing(spec, "v4l2", capability.card, detail)
-        finally:
-            device.close()
     except CameraError:
         return
     except OSError as error:

@@ -2,7 +2,7 @@
 
 import asyncio
 import threading
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Callable, Mapping
 from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 
@@ -196,20 +196,18 @@ class BurstSession:
 
     async def suspend(self) -> None:
         """Go away without finishing: `resume` goes on from here."""
-        async with self._no_image_written():
-            if not self.finished.is_set():
-                await self._disk.call(self._writer.abort)
-                self.message = (
-                    f"left unfinished: the next leader goes on, or capture-app sessions repair {self.folder}"
-                )
-                self.finished.set()
+        how = f"the next leader goes on, or capture-app sessions repair {self.folder}"
+        await self._end(self._writer.abort, f"left unfinished: {how}")
 
     async def cancel(self, reason: str) -> None:
         """End a burst that never began, and delete its folder."""
+        await self._end(self._writer.discard, reason)
+
+    async def _end(self, work: Callable[[], None], message: str) -> None:
         async with self._no_image_written():
             if not self.finished.is_set():
-                await self._disk.call(self._writer.discard)
-                self.message = reason
+                await self._disk.call(work)
+                self.message = message
                 self.finished.set()
 
     def is_empty(self) -> bool:

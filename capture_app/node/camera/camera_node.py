@@ -167,15 +167,9 @@ class CameraNode:
 
     def _upload_of(self, ready: events.BurstPicked[CapturedFrame]) -> BurstUpload:
         assert self._tolerance_ns is not None
-        record = camera_record(
-            self.name, self._camera.facts, ready, self._engine.aligner.corrections, self._tolerance_ns
-        )
-        report = camera_report(
-            record,
-            ready,
-            calibration=self._camera.calibration,
-            true_clock=true_clock(self._clock, self._camera.facts),
-            events=tuple(self._events),
-        )
+        camera, corrections = self._camera, self._engine.aligner.corrections
+        record = camera_record(self.name, camera.facts, ready, corrections, self._tolerance_ns)
+        truth = true_clock(self._clock, camera.facts)
+        report = camera_report(record, ready, camera.calibration, truth, tuple(self._events))
         self._events.clear()
         return BurstUpload(report, deque(ready.picks))

@@ -52,7 +52,6 @@ def camera_record(
 def camera_report(
     camera: CameraRecord,
     ready: events.BurstPicked[Any],
-    *,
     calibration: CameraCalibration | None,
     true_clock: SimulatedClock | None,
     events: tuple[dict[str, JsonValue], ...],

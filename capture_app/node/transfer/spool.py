@@ -9,6 +9,8 @@ SPOOL/<camera>/<leader>-<burst>/
 import os
 import shutil
 from collections.abc import Iterator
+from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
@@ -26,11 +28,11 @@ from capture_app.session.format.manifest import JOURNAL
 REPORT = "report.json"
 
 
+@dataclass(frozen=True, slots=True)
 class SpooledBurst:
     """One burst's folder. Methods block on the disk."""
 
-    def __init__(self, folder: Path) -> None:
-        self.folder = folder
+    folder: Path
 
     def image_file(self, image: ImageUpload) -> Path:
         """Where an image lies."""
@@ -47,11 +49,8 @@ class SpooledBurst:
         """Keep an image; once this returns no crash can lose it. Raises DiskFullError, SimulshotError."""
         try:
             write_atomic(self.image_file(image), data)
-            journal = AppendOnlyFile(self.folder / JOURNAL)
-            try:
+            with closing(AppendOnlyFile(self.folder / JOURNAL)) as journal:
                 journal.append(msgspec.json.encode(image), durable=True)
-            finally:
-                journal.close()
         except OSError as error:
             self.image_file(image).unlink(missing_ok=True)
             raise disk_error(error, self.folder) from error

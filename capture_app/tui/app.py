@@ -20,8 +20,7 @@ from capture_app.session.reading.reader import Session
 from capture_app.sync.wire.messages import NodeState
 from capture_app.text import ProgressStep, printable
 from capture_app.tui.live import Comparison, LiveRig, Rig
-from capture_app.tui.widgets.nodes import NodesTable
-from capture_app.tui.widgets.sessions import SessionsTable, describe_manifest
+from capture_app.tui.tables import NodesTable, SessionsTable, describe_manifest
 
 REFRESH_S = 0.25
 BURST_FRAMES = 5

@@ -18,8 +18,7 @@ from capture_app.sync.wire.messages import NodeState
 from capture_app.text import ProgressStep
 from capture_app.tui.app import RigApp
 from capture_app.tui.live import Comparison
-from capture_app.tui.widgets.nodes import NodesTable, gauge
-from capture_app.tui.widgets.sessions import SessionsTable
+from capture_app.tui.tables import NodesTable, SessionsTable, gauge
 from tests.facts import make_facts
 
 HOUR_NS = 3_600_000_000_000

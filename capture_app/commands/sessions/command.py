@@ -4,10 +4,10 @@ from pathlib import Path
 from typing import Any
 
 import click
+import msgspec
 
 from capture_app.commands.options import ANY_PATH
 from capture_app.commands.sessions.export import export
-from capture_app.commands.sessions.render import render
 from capture_app.commands.sessions.repair import repair
 from capture_app.commands.sessions.text import find_sync_record, print_session, print_sessions
 from capture_app.errors import BadInputError, IncompleteError, SimulshotError
@@ -26,7 +26,6 @@ def sessions() -> None:
 
 
 sessions.add_command(export)
-sessions.add_command(render)
 sessions.add_command(repair)
 
 
@@ -100,6 +99,49 @@ def verify(paths: tuple[Path, ...], as_json: bool) -> None:
 def schema() -> None:
     """Print the JSON schema of session.json."""
     click.echo(session_schema_text(), nl=False)
+
+
+@sessions.command()
+@click.argument("recipes", metavar="RECIPE...", type=ANY_PATH, nargs=-1, required=True)
+@click.option("--out", type=ANY_PATH, default=DEFAULT_ROOT, metavar="DIR", help="Folder for the sessions.")
+@click.option("--name", show_default="that in the recipe", help="Name of the session.")
+@click.option(
+    "--retake",
+    is_flag=True,
+    help="Simulate the burst again instead of using the times recorded in the recipe.",
+)
+@click.option("--replace", is_flag=True, help="Replace an earlier rendering.")
+@json_option
+def render(
+    recipes: tuple[Path, ...], out: Path, name: str | None, retake: bool, replace: bool, as_json: bool
+) -> None:
+    """Render simulated sessions. RECIPE is a recipe.json or a session that was rendered from one.
+
+    Where the recipe has no frame times yet, a simulated rig takes the burst, and the recipe.json in the
+    session records them. The same recipe always gives the same bytes.
+    """
+    from capture_app.samples.recipe import read_recipe
+    from capture_app.samples.render import render as render_recipe
+
+    if name is not None and len(recipes) > 1:
+        raise BadInputError("--name is for one recipe", hint="render the recipes one by one")
+    results = []
+    for path in recipes:
+        recipe = read_recipe(path)
+        if name is not None:
+            recipe = msgspec.structs.replace(recipe, name=name)
+        if retake:
+            recipe = msgspec.structs.replace(recipe, take=None)
+        rendered = render_recipe(recipe, out, replace=replace, progress=show_count("images"))
+        folder = str(rendered.session.folder)
+        results.append({"session": folder, "same_bytes_as_before": rendered.same})
+        if not as_json:
+            if rendered.same is not None:
+                print_line(f"{folder}: {'unchanged' if rendered.same else 'changed'}")
+            else:
+                print_session(rendered.session)
+    if as_json:
+        print_json({"sessions": results})
 
 
 @sessions.command("import")

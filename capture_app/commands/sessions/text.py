@@ -8,7 +8,7 @@ from capture_app.session.format.manifest import CameraRecord, Manifest, SyncReco
 from capture_app.session.reading.reader import Session, SessionSummary
 from capture_app.session.reading.synchronization import PX_PER_S, pixels, sync_record, verdict
 from capture_app.terminal import print_line, print_table
-from capture_app.text import NO_VALUE, count, duration
+from capture_app.text import count, duration
 
 
 def print_sessions(found: Sequence[SessionSummary]) -> None:
@@ -112,8 +112,7 @@ def _camera_row(manifest: Manifest, camera: CameraRecord) -> tuple[str, ...]:
 
 
 def _worst(values: Sequence[int | None]) -> str:
-    known = [value for value in values if value is not None]
-    return duration(max(known)) if known else NO_VALUE
+    return duration(max((value for value in values if value is not None), default=None))
 
 
 def _format_date(created: str) -> str:

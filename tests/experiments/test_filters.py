@@ -12,7 +12,6 @@ from capture_app.sync.clock.minimum_delay import estimate_excess, radius_95
 from capture_app.sync.clock.time_map import TimeMap
 
 S = 1_000_000_000
-FAMILY = tuple(estimator_family())
 
 
 def exchange(t0_ns: int, there_ns: int, back_ns: int, offset_ns: int, skew: float = 0.0) -> ClockSample:

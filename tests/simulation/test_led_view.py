@@ -16,15 +16,7 @@ def view(**more: float) -> PictureSource:
 
 
 def frame(start_ns: int) -> SensorFrame:
-    return SensorFrame(
-        sequence=0,
-        stream=0,
-        start_true_ns=start_ns,
-        timestamp_true_ns=start_ns,
-        readout_end_true_ns=start_ns,
-        exposure_ns=EXPOSURE_NS,
-        dropped=False,
-    )
+    return SensorFrame(0, 0, start_ns, start_ns, start_ns, EXPOSURE_NS, dropped=False)
 
 
 @pytest.mark.parametrize("start_ns", [5, 3_987_654_321])

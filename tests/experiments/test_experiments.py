@@ -1,0 +1,168 @@
+"""The experiments, small: what they find, that the same seed gives the same figures, and that they draw."""
+
+import json
+import random
+from pathlib import Path
+from statistics import mean, stdev
+
+import msgspec
+import pytest
+
+from capture_app.cli import run
+from capture_app.errors import ExitCode
+from capture_app.experiments import load
+from capture_app.experiments.clock_filters import experiment as clock_filters
+from capture_app.experiments.clock_filters.coverage import FIRST_SECOND, SITUATIONS
+from capture_app.experiments.common.result import Outcome
+from capture_app.experiments.led_panel import experiment as led_panel
+from capture_app.experiments.naive import experiment as naive
+from capture_app.experiments.phase import experiment as phase
+from capture_app.experiments.reference_broadcast import experiment as reference_broadcast
+from capture_app.experiments.scale import experiment as scale
+
+SHORT = clock_filters.StudySize(
+    messages=1000, convergence=(10, 300, 1000), convergence_trials=2, coverage_trials=1
+)
+
+
+def nothing(_: str) -> None:
+    """Nobody listens."""
+
+
+def draw(outcome: Outcome, folder: Path) -> list[Path]:
+    pytest.importorskip("matplotlib")
+    assert outcome.draw is not None
+    return outcome.draw(folder)
+
+
+def test_the_same_seed_gives_the_same_figures_and_the_claims_on_clocks_hold(tmp_path: Path) -> None:
+    outcome, again = (clock_filters.run(trials=5, seed=5, talk=nothing, size=SHORT) for _ in range(2))
+    assert msgspec.json.encode(again.result) == msgspec.json.encode(outcome.result)
+    result = msgspec.to_builtins(outcome.result)
+    assert (result["kind"], result["seed"], result["trials"]) == ("simulated", 5, 5)
+    ours = result["ours"]
+    assert ours["coverage_hard_bound"] == 1.0
+    assert ours["coverage_95"] > 0.9
+    assert ours["gain_mean"] > 1.5
+    held = ours["coverage_95_by_situation"]
+    assert set(held) == set(SITUATIONS)
+    assert held[FIRST_SECOND]["all"] == ours["coverage_95_drawn"] > 0.8
+    assert set(ours["error_us"]) == set(result["baseline"]["minimum"]["error_us"])
+    assert ours["error_us"]["gamma 2"]["mean_abs"] < 40.0
+    assert result["baseline"]["mean"]["error_us"]["gamma 2"]["mean_abs"] == pytest.approx(372, rel=0.15)
+    (path,) = draw(outcome, tmp_path)
+    assert path.name == "clock-filters.png"
+    assert path.stat().st_size > 10_000
+
+
+@pytest.mark.shared
+def test_a_recorded_link_is_one_more_law(shared: Path) -> None:
+    trace = shared / "footage" / "timing" / "wifi_rtt_offset_good.csv"
+    outcome = clock_filters.run(trials=3, seed=1, talk=nothing, trace=trace, size=SHORT)
+    ours = outcome.result.ours
+    assert ours["coverage_hard_bound"] == 1.0
+    assert ours["gain_by_law"]["recorded"] > 2.0
+
+
+def test_the_command_prints_the_figures_as_json(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["experiment", "clock-filters", "--trials", "1", "--json"]) == ExitCode.OK
+    assert json.loads(capsys.readouterr().out)["name"] == "clock-filters"
+
+
+def test_a_recording_that_is_not_there_is_told(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["experiment", "clock-filters", "--trace", "nowhere.csv"]) == ExitCode.BAD_INPUT
+    assert "nowhere.csv" in capsys.readouterr().err
+
+
+def test_phase_sets_ours_beside_the_papers_way(tmp_path: Path) -> None:
+    outcome = phase.run(trials=2, seed=3, talk=nothing, groups={2: 1.0, 3: 1.0}, servo_s=12, jobs=1)
+    ours, theirs = outcome.result.ours, outcome.result.baseline
+    assert ours["injections_mean"]["unknown-phones"]["injection-with-profile"] <= 1.0
+    assert ours["injections_mean"]["unknown-phones"]["injection"] <= 2.5
+    assert set(ours["restarts_mean"]["webcam-x3"]) == {"uniform", "aimed", "aimed-with-profile"}
+    assert theirs["seconds_mean"]["webcam-x3"]["restart"] > ours["seconds_mean"]["webcam-x3"]["aimed"]
+    assert ours["servo_us"]["p99"] < 16.0
+    assert len(theirs["ten_phones_seconds_mean"]) == 3
+    assert any("webcam-x3" in row for table in outcome.shown() for row in table.rows)
+    assert all(path.stat().st_size > 10_000 for path in draw(outcome, tmp_path))
+
+
+def test_two_phones_take_pictures_of_the_panel_that_tell_their_times(tmp_path: Path) -> None:
+    outcome = led_panel.run(trials=1, seed=1, talk=nothing)
+    ours = outcome.result.ours
+    assert abs(ours["total_us"]["bias"] - ours["true_total_us"]["bias"]) < 15.0
+    assert ours["total_us"]["max"] < 121.0
+    assert ours["phase_us"]["max"] < 21.0
+    assert [path.name for path in draw(outcome, tmp_path)] == ["led-panel.png", "led-panel-pictures.png"]
+
+
+@pytest.mark.parametrize("law", naive.PAPERS.values(), ids=naive.PAPERS)
+def test_modelled_triggers_have_the_papers_figures(law: naive.TriggerErrors) -> None:
+    rng = random.Random(2)
+    sizes = [law.draw_ms(rng) for _ in range(2000)]
+    assert max(sizes) <= law.largest_ms
+    assert mean(sizes) == pytest.approx(law.mean_ms, rel=0.05)
+    assert stdev(sizes) == pytest.approx(law.std_ms, rel=0.05)
+
+
+def test_triggers_are_read_off_pictures_beside_the_chain(tmp_path: Path) -> None:
+    outcome = naive.run(trials=1, seed=2, talk=nothing, least_chain_trials=1)
+    for name, law in naive.PAPERS.items():
+        drawn_ms = law.draw_ms(random.Random(f"2/{name}"))
+        assert outcome.result.baseline[f"{name}_ms"]["mean_abs"] == pytest.approx(drawn_ms, abs=0.05)
+    assert outcome.result.ours["total_us"]["max"] < 121.0
+    assert [path.name for path in draw(outcome, tmp_path)] == ["naive.png"]
+
+
+def test_a_reference_broadcast_halves_what_it_should_and_leaves_the_rest() -> None:
+    cases = {name: reference_broadcast.CASES[name] for name in ("pair", "copies")}
+    one, two = (
+        reference_broadcast.run(trials=1, seed=3, talk=nothing, cases=cases, seconds=11, settled_s=9)
+        for _ in range(2)
+    )
+    assert one.result == two.result
+    ours, alone = one.result.ours, one.result.baseline
+    with_us, without_us = (f["pair"]["between_clients_us"]["mean_abs"] for f in (ours, alone))
+    assert with_us < without_us / 2
+    assert ours["pair"]["in_use_share"] == 1.0
+    assert ours["copies"]["in_use_share"] == 0.0
+    assert ours["copies"]["between_clients_us"] == alone["copies"]["between_clients_us"]
+    assert all(figures["coverage_hard_bound"] == 1.0 for figures in (*ours.values(), *alone.values()))
+    assert len(one.tables[0].rows[0]) == len(one.tables[0].head)
+
+
+def test_the_reference_broadcast_is_in_the_table_and_draws(tmp_path: Path) -> None:
+    assert load("reference-broadcast") is reference_broadcast
+    cases = {"pair": reference_broadcast.CASES["pair"]}
+    outcome = reference_broadcast.run(trials=1, seed=1, talk=nothing, cases=cases, seconds=4, settled_s=3)
+    (path,) = draw(outcome, tmp_path)
+    assert path.stat().st_size > 10_000
+
+
+def test_one_leader_beside_a_tree(tmp_path: Path) -> None:
+    talk: list[str] = []
+    one, two = (
+        scale.run(
+            trials=1,
+            seed=2,
+            talk=talk.append,
+            options=scale.ScaleOptions(sizes=(6,), minutes=1.2, jobs=jobs, shard_clients=3),
+        )
+        for jobs in (1, 2)
+    )
+    tree, alone = one.result.ours["6"], one.result.baseline["one_leader"]["6"]
+    assert (tree["relays"], alone["relays"]) == (2, 0)
+    for figures in (tree, alone):
+        assert figures["coverage_hard_bound"] == 1.0
+        assert 0.0 < figures["pair_error_us"]["median"] < figures["pair_error_us"]["p99"] < 400.0
+    assert tree["leader_messages_per_s"] > 0.0 < tree["relay_messages_per_s"]
+    assert len(talk) == 4
+    again = two.result.ours["6"]
+    assert (again["digest"], again["pair_error_us"]) == (tree["digest"], tree["pair_error_us"])
+    assert len(tree["pair_error_us"]["p99_by_minute"]) == 2
+    assert [path.read_bytes()[1:4] for path in draw(one, tmp_path)] == [b"PNG"]
+
+
+def test_help_names_the_full_size(capsys: pytest.CaptureFixture[str]) -> None:
+    assert run(["experiment", "scale", "--help"]) == ExitCode.OK
+    assert "--full" in capsys.readouterr().out

@@ -4,12 +4,11 @@ import types
 
 import pytest
 
-from capture_app.camera_facts import CameraFacts
 from capture_app.cameras import base, catalog
 from capture_app.clock import HostClock, NodeClock, SimulatedClock
 from capture_app.errors import BadInputError, CameraError
 from capture_app.simulation.devices.profiles import PROFILES
-from capture_app.sync.wire.camera_commands import CameraCommand
+from tests.node.test_supervisor import FakeCamera, frame
 
 
 def test_parse_spec() -> None:
@@ -49,33 +48,14 @@ def test_every_simulated_camera_listed_opens() -> None:
         assert "640x480 at 30 frames/s" in listing.detail
 
 
-class OneFrameCamera(base.Camera):
-    def __init__(self) -> None:
-        self.commands: list[CameraCommand] = []
-
-    @property
-    def facts(self) -> CameraFacts:
-        raise NotImplementedError
-
-    async def start(self, on_frame: base.OnFrame, on_failure: base.OnFailure) -> None:
-        on_frame(base.CapturedFrame(sequence=0, stream=0, timestamp_ns=10**15, picture=self))
-
-    async def apply(self, command: CameraCommand) -> None:
-        self.commands.append(command)
-
-    async def stop(self) -> None:
-        pass
-
-    def encode(self) -> bytes:
-        return b""
-
-
 async def test_a_real_camera_is_translated_into_a_simulated_clock() -> None:
     clock = SimulatedClock(7_200_000_000_000, 12.5)
     timestamps: list[int] = []
     for node_clock in (HostClock(), clock):
-        camera = base.in_node_clock(OneFrameCamera(), node_clock)
+        real = FakeCamera()
+        camera = base.in_node_clock(real, node_clock)
         await camera.start(lambda frame: timestamps.append(frame.timestamp_ns), lambda error: None)
+        real.on_frame(frame(stream=1, timestamp_ns=10**15))
     assert timestamps == [10**15, clock.local_from_true(10**15)]
 
 

@@ -103,8 +103,8 @@ async def bench() -> AsyncIterator[Bench]:
         await running
 
 
-def frame(stream: int) -> CapturedFrame:
-    return CapturedFrame(sequence=0, stream=stream, timestamp_ns=0, picture=NoPicture())
+def frame(stream: int, timestamp_ns: int = 0) -> CapturedFrame:
+    return CapturedFrame(sequence=0, stream=stream, timestamp_ns=timestamp_ns, picture=NoPicture())
 
 
 class NoPicture:

@@ -2,7 +2,6 @@
 
 import asyncio
 from collections.abc import Callable
-from typing import Protocol
 
 from msgspec.structs import replace
 
@@ -12,25 +11,10 @@ from capture_app.clock import NodeClock
 from capture_app.errors import CameraError, SimulshotError
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.sync.phase.frame_stamp import FrameStamp
+from capture_app.sync.rig.client import Client
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 
 RETRY_S = 2.0
-
-
-class CameraEngine(Protocol):
-    """What the supervisor needs of an engine; times in ns of the node's clock."""
-
-    def frame_arrived(self, stamp: FrameStamp, frame: CapturedFrame, now_ns: int) -> None:
-        """Take in a frame in the order of the stream."""
-
-    def stream_started(self, now_ns: int) -> None:
-        """The camera was told to start at `now_ns`."""
-
-    def fail(self, reason: str) -> None:
-        """The camera failed; an empty reason means that it works again."""
-
-    def next_command(self) -> CameraCommand | None:
-        """Return the next command for the camera, None where there is none."""
 
 
 class CameraSupervisor:
@@ -53,7 +37,7 @@ class CameraSupervisor:
         self._facts: CameraFacts
         self._failed: asyncio.Future[Exception]
         self._started_ns = 0
-        self._engine: CameraEngine | None = None
+        self._engine: Client[CapturedFrame] | None = None
         self._after_turn: Callable[[], None] = lambda: None
         self._commands: asyncio.Queue[tuple[CameraCommand, int]] = asyncio.Queue()
         """Each with the local time in ns that the engine reckoned with."""
@@ -90,7 +74,7 @@ class CameraSupervisor:
         """Stop the stream and let go of the camera."""
         await self._camera.stop()
 
-    def attach(self, engine: CameraEngine, after_turn: Callable[[], None]) -> None:
+    def attach(self, engine: Client[CapturedFrame], after_turn: Callable[[], None]) -> None:
         """Give the engine all frames from now on; `after_turn` is called whenever it may have news."""
         self._engine, self._after_turn = engine, after_turn
         engine.stream_started(self._started_ns)

@@ -2,29 +2,13 @@
 
 import contextlib
 from collections.abc import AsyncGenerator, Callable
-from typing import Protocol
 
 from capture_app.errors import DiskFullError, NetworkError, SimulshotError, TryAgainError
 from capture_app.net.channel import Channel
 from capture_app.node.burst.burst_session import BurstSession
+from capture_app.node.leader.active_bursts import ActiveBursts
 from capture_app.node.wire import messages
 from capture_app.node.wire.status import BurstStatus, RigStatus
-
-
-class ServedBursts(Protocol):
-    """What the service needs of the bursts that a leader takes."""
-
-    def now_ns(self) -> int:
-        """Return the rig's time in ns."""
-
-    async def find_session(self, message: messages.CameraReport | messages.ImageUpload) -> BurstSession:
-        """Return the burst of an upload."""
-
-    def note_spool_space(self, space: messages.SpoolSpace) -> None:
-        """Note how much room a node has."""
-
-    def tell_progress(self, session: BurstSession) -> None:
-        """Tell how far a burst is."""
 
 
 class LeaderService:
@@ -32,7 +16,7 @@ class LeaderService:
 
     def __init__(
         self,
-        bursts: ServedBursts,
+        bursts: ActiveBursts,
         get_status: Callable[[], RigStatus],
         take_burst: Callable[[messages.BurstRequest], AsyncGenerator[BurstStatus, None]],
     ) -> None:

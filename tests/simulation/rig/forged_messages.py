@@ -41,18 +41,9 @@ periods = st.sampled_from([33_333_333] * 8 + [0, 1, -1, 2**63 - 1])
 errors = st.floats(0.0, 1e18)
 slopes = st.floats(0.0, 1.0) | st.just(1e18)
 paces = st.integers(0, 60 * S)
-upstreams = st.none() | st.builds(
-    UpstreamMap,
-    st.lists(numbers, min_size=1, max_size=8).map(tuple),
-    i64,
-    i64,
-    st.floats(-0.01, 0.01),
-    errors,
-    errors,
-    slopes,
-    slopes,
-    errors,
-)
+paths = st.lists(numbers, min_size=1, max_size=8).map(tuple)
+bounds = (errors, errors, slopes, slopes, errors)
+upstreams = st.none() | st.builds(UpstreamMap, paths, i64, i64, st.floats(-0.01, 0.01), *bounds)
 terms = st.builds(
     Terms,
     leader=numbers,

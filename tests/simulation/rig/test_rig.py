@@ -203,15 +203,13 @@ def forged_terms(anchor_leader_ns: int, period_ns: int) -> Terms:
     return Terms(leader=7, anchor_leader_ns=anchor_leader_ns, period_ns=period_ns)
 
 
+law = st.just(GammaDelay(50_000, 400_000, outlier_share=0.05))
+shares = st.floats(0, 0.3)
+
+
 @settings(max_examples=15, suppress_health_check=[HealthCheck.too_slow])
 @given(
-    link=st.builds(
-        Link,
-        st.just(GammaDelay(50_000, 400_000, outlier_share=0.05)),
-        st.just(GammaDelay(50_000, 400_000, outlier_share=0.05)),
-        loss=st.floats(0, 0.3),
-        duplication=st.floats(0, 0.3),
-    ),
+    link=st.builds(Link, law, law, shares, shares),
     forged=st.lists(
         st.one_of(
             st.builds(lambda t0, t1, t2: ("time", t0, t1, t2), times, times, times),

@@ -41,16 +41,9 @@ def test_slots_are_far_from_each_other() -> None:
 @pytest.mark.parametrize(("pace_ns", "reached_s"), [(PACE_NS, 5.0), (FIRST_PACE_NS, 1.5)])
 def test_clients_that_join_together_do_not_send_together(pace_ns: int, reached_s: float) -> None:
     rng = random.Random(3)
-    specs = [
-        NodeSpec(
-            f"cam{i}",
-            PROFILES["phone-a"],
-            SimulatedClock(rng.randrange(10**13), rng.gauss(0, 20)),
-            LAN,
-            schedule=partial(SteadySchedule, pace_ns=pace_ns, near_ns=0),
-        )
-        for i in range(8)
-    ]
+    clocks = [SimulatedClock(rng.randrange(10**13), rng.gauss(0, 20)) for _ in range(8)]
+    schedule, phone = partial(SteadySchedule, pace_ns=pace_ns, near_ns=0), PROFILES["phone-a"]
+    specs = [NodeSpec(f"cam{i}", phone, clock, LAN, schedule=schedule) for i, clock in enumerate(clocks)]
     rig = VirtualRig(specs, seed=4)
     rig.run_for(int(reached_s * S))
     recorders = []

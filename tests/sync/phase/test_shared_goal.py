@@ -71,18 +71,12 @@ def test_cameras_that_will_meet_are_not_restarted(shared_goal: SharedGoal) -> No
         assert abs(shared_goal.goal.phase_error(camera.frame_leader_ns) + later_ns) <= MS
 
 
-@given(
-    st.lists(
-        st.tuples(
-            st.sampled_from(["reset", "none", "injection"]),
-            st.one_of(st.none(), st.integers(-(2**63), 2**63 - 1)),
-            st.floats(),
-            st.integers(1, 2**40),
-        ),
-        max_size=8,
-    ),
-    st.integers(-(2**62), 2**62),
-)
+controls = st.sampled_from(["reset", "none", "injection"])
+frames_ns = st.none() | st.integers(-(2**63), 2**63 - 1)
+phases = st.tuples(controls, frames_ns, st.floats(), st.integers(1, 2**40))
+
+
+@given(st.lists(phases, max_size=8), st.integers(-(2**62), 2**62))
 def test_whatever_cameras_say_a_goal_comes_of_it(
     said: list[tuple[str, int | None, float, int]], now_ns: int
 ) -> None:

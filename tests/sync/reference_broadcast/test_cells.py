@@ -118,12 +118,9 @@ def test_too_few_in_common_say_nothing() -> None:
 
 
 i64 = st.integers(-(2**63), 2**63 - 1)
-anything = st.builds(
-    ClientArrivals,
-    st.dictionaries(st.integers(1, 40), i64, max_size=32),
-    st.floats(0.0, 1e18),
-    st.floats(0.0, 1e18),
-)
+errors_ns = st.floats(0.0, 1e18)
+arrivals = st.dictionaries(st.integers(1, 40), i64, max_size=32)
+anything = st.builds(ClientArrivals, arrivals, errors_ns, errors_ns)
 
 
 @settings(max_examples=50, deadline=None)

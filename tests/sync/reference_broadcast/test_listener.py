@@ -20,17 +20,7 @@ MS = 1_000_000
 S = 1000 * MS
 BEACON_NS = 250 * MS
 OFFSET_NS = 7 * 3600 * S
-OWN = TimeMap(
-    epoch_local_ns=0,
-    offset_ns=OFFSET_NS,
-    skew=0.0,
-    uncertainty_ns=40_000.0,
-    hard_bound_ns=500_000.0,
-    skew_uncertainty=0.0,
-    skew_bound=0.0,
-    samples=300,
-    round_trip_ns=1_000_000,
-)
+OWN = TimeMap(0, OFFSET_NS, 0.0, 40_000.0, 500_000.0, 0.0, 0.0, samples=300, round_trip_ns=1_000_000)
 
 
 def at(now_ns: int, offset_ns: int = OFFSET_NS) -> TimeMap:

@@ -9,18 +9,14 @@ from capture_app.sync.rig.frame_picks import RingBuffer, burst_instants, pick_fr
 
 PERIOD_NS = 33_333_333
 HOUR_NS = 3_600_000_000_000
+days = st.integers(-100 * HOUR_NS, 100 * HOUR_NS)
 
 
 def time_map(offset_ns: int = 0, skew: float = 0.0, epoch_ns: int = 0) -> TimeMap:
     return TimeMap(epoch_ns, offset_ns, skew, 10_000.0, 50_000.0, 1e-6, 2e-6, 300, 1_000_000)
 
 
-@given(
-    epoch=st.integers(-100 * HOUR_NS, 100 * HOUR_NS),
-    offset=st.integers(-100 * HOUR_NS, 100 * HOUR_NS),
-    skew=st.floats(-1e-4, 1e-4),
-    since=st.integers(-HOUR_NS, HOUR_NS),
-)
+@given(days, days, st.floats(-1e-4, 1e-4), st.integers(-HOUR_NS, HOUR_NS))
 def test_time_maps_invert(epoch: int, offset: int, skew: float, since: int) -> None:
     there = time_map(offset, skew, epoch)
     local_ns = epoch + since

@@ -12,10 +12,9 @@ from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.drawing import colour_depth, display_range, mark_movers
 from reconstruction.common.geometry import Array
-from reconstruction.common.image_files import save_picture
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.compare.camera_group import MIN_CAMERAS, CameraGroup, choose_camera_group
-from reconstruction.compare.study import ALL_APART, SIDES, ComparisonTally
+from reconstruction.compare.study import ALL_APART, SIDES, ComparisonTally, write_pictures
 from reconstruction.multiview.instant_depth import InstantDepth, compute_instant_depth
 from reconstruction.multiview.instant_scoring import InstantScorer
 from reconstruction.multiview.source_views import choose_source_views
@@ -230,30 +229,21 @@ def _draw_depth(
     `photo` (BGR) is the reference's undistorted picture; `truth` is in the maps' unit, NaN = unknown.
     """
     near, far = display_range(maps["synced"].depth, moving)
-    paths: dict[str, dict[str, str]] = {"depth": {}, "movers": {}}
-    for condition, found in maps.items():
+    drawn = {}
+    for side, found in maps.items():
         right = found.depth > 0
         if truth is not None:
             right &= right_depth(found.depth, truth)
         depth = colour_depth(found.depth, near, far)
-        paths["depth"][condition] = save_picture(out, f"multiview_depth_{condition}.png", depth)
-        marked = mark_movers(photo, moving, right)
-        paths["movers"][condition] = save_picture(out, f"multiview_movers_{condition}.jpg", marked)
+        drawn[side] = {"multiview_depth": depth, "multiview_movers": mark_movers(photo, moving, right)}
     judged = f"it is right {TOLERANCE_TEXT}" if truth is not None else "the other cameras agree"
-    return (
-        Picture(
-            key="multiview_depth",
-            title="Distance from all cameras",
-            caption="Bright is near, blue is far; dark means that no distance was found. On one side all "
-            "cameras show the same instant, on the other each shows another.",
-            synced=paths["depth"]["synced"],
-            offset=paths["depth"]["offset"],
-        ),
-        Picture(
-            key="multiview_movers",
-            title="What moves, by all cameras",
-            caption=f"Teal: a distance was found, and {judged}. Orange: none, or a wrong one.",
-            synced=paths["movers"]["synced"],
-            offset=paths["movers"]["offset"],
-        ),
+    distance = (
+        "Bright is near, blue is far; dark means that no distance was found. On one side all cameras show "
+        "the same instant, on the other each shows another."
     )
+    movers = f"Teal: a distance was found, and {judged}. Orange: none, or a wrong one."
+    texts = {
+        "multiview_depth": ("Distance from all cameras", distance),
+        "multiview_movers": ("What moves, by all cameras", movers),
+    }
+    return write_pictures(drawn, texts, out)

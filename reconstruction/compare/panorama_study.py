@@ -11,8 +11,7 @@ from reconstruction.calibration.homography import fit_homography
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.drawing import box_with_most, enlarge_crop, trim_empty_sides
 from reconstruction.common.geometry import Array
-from reconstruction.common.image_files import save_picture
-from reconstruction.compare.study import SIDES, ComparisonTally, Pair, PairStudy
+from reconstruction.compare.study import SIDES, ComparisonTally, Pair, PairStudy, write_pictures
 from reconstruction.panorama.pair_panorama import (
     PairRegistration,
     blend_pair,
@@ -164,11 +163,6 @@ def _draw_panorama(
     wholes = {side: blend_pair(registration, *pair)[part] for side, pair in photos.items()}
     changed = np.abs(wholes["synced"].astype(np.float32) - wholes["offset"]).mean(2)
     box = box_with_most(changed * (changed > FEWEST_GREY_LEVELS), 0.5)
-    paths: dict[str, dict[str, str]] = {key: {} for key in TEXTS}
-    for side, whole in wholes.items():
-        for key, picture in (("panorama", whole), ("panorama_closeup", enlarge_crop(whole, box))):
-            paths[key][side] = save_picture(out, f"{key}_{side}.jpg", picture)
-    return tuple(
-        Picture(key=key, title=title, caption=text, synced=paths[key]["synced"], offset=paths[key]["offset"])
-        for key, (title, text) in TEXTS.items()
-    )
+    closeups = {side: enlarge_crop(whole, box) for side, whole in wholes.items()}
+    drawn = {side: {"panorama": wholes[side], "panorama_closeup": closeups[side]} for side in SIDES}
+    return write_pictures(drawn, TEXTS, out)

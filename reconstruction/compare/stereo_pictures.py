@@ -17,17 +17,11 @@ from reconstruction.common.drawing import (
     side_by_side,
 )
 from reconstruction.common.geometry import Array
-from reconstruction.common.image_files import save_picture
-from reconstruction.compare.study import SIDES
+from reconstruction.compare.study import SIDES, write_pictures
 from reconstruction.scores.depth_truth import TOLERANCE_TEXT, right_depth
 from reconstruction.scores.results import Picture
 from reconstruction.session.dataset import Dataset
 from reconstruction.stereo.stereo_pair import DepthMap, StereoPair
-
-PANELS = {"pair": 2, "closeup": 2}
-"""Panels side by side in a picture; the others have one."""
-PLAIN = ("depth",)
-"""Flat colours with hard edges, kept as PNG; the others are JPEG."""
 
 
 @dataclass(frozen=True)
@@ -55,31 +49,23 @@ def stereo_pictures(
 ) -> tuple[Picture, ...]:
     """Write the pictures into out/pictures: of the instant with the most moving pixels that have a depth."""
     one = max(instants, key=lambda i: int((i.moving & (i.maps["synced"].depth > 0)).sum()))
-    texts = _texts(cameras, one.truth is not None)
-    paths: dict[str, dict[str, str]] = {key: {} for key in texts}
-    for side in SIDES:
-        photos = dataset.image(cameras[0], one.now), dataset.image(cameras[1], one.shown(side))
-        for key, picture in _draw(one, side, *photos).items():
-            name = f"stereo_{key}_{side}.{'png' if key in PLAIN else 'jpg'}"
-            paths[key][side] = save_picture(out, name, picture)
-    return tuple(
-        Picture(key=f"stereo_{key}", title=title, caption=text, panels=PANELS.get(key, 1), **paths[key])
-        for key, (title, text) in texts.items()
-    )
+    photo = dataset.image(cameras[0], one.now)
+    drawn = {side: _draw(one, side, photo, dataset.image(cameras[1], one.shown(side))) for side in SIDES}
+    return write_pictures(drawn, _texts(cameras, one.truth is not None), out)
 
 
 def _texts(cameras: tuple[str, str], true: bool) -> dict[str, tuple[str, str]]:
     found = f"the distance found is right {TOLERANCE_TEXT}" if true else "both pictures agree on a distance"
     lost = "there is none, or a wrong one" if true else "they do not"
     return {
-        "late": (
+        "stereo_late": (
             "The second camera's picture",
             f"What {cameras[1]} took at the instant of {cameras[0]}'s picture, and when it is late.",
         ),
-        "depth": ("Distance", "Bright is near, blue is far; dark means that no distance was found."),
-        "movers": ("What moves", f"Teal: {found}. Orange: {lost}."),
-        "closeup": ("A moving thing, close up", "The picture, and the distance found for it."),
-        "pair": (
+        "stereo_depth": ("Distance", "Bright is near, blue is far; dark means that no distance was found."),
+        "stereo_movers": ("What moves", f"Teal: {found}. Orange: {lost}."),
+        "stereo_closeup": ("A moving thing, close up", "The picture, and the distance found for it."),
+        "stereo_pair": (
             "The two pictures",
             "Turned so that the same point lies on the same line in both; what has moved does not.",
         ),
@@ -95,11 +81,11 @@ def _draw(one: StereoInstant, side: str, photo: Array, other: Array) -> dict[str
     if one.truth is not None:
         right &= right_depth(depth, one.truth)
     return {
-        "late": other,
-        "depth": coloured,
-        "movers": mark_movers(photo, one.moving, right),
-        "closeup": side_by_side(enlarge_crop(photo, box), enlarge_crop(coloured, box, smooth=False)),
-        "pair": _draw_pair(one, photo, other),
+        "stereo_late": other,
+        "stereo_depth": coloured,
+        "stereo_movers": mark_movers(photo, one.moving, right),
+        "stereo_closeup": side_by_side(enlarge_crop(photo, box), enlarge_crop(coloured, box, smooth=False)),
+        "stereo_pair": _draw_pair(one, photo, other),
     }
 
 

@@ -11,10 +11,13 @@ from capture_app.errors import NotAvailableError
 from capture_app.terminal import Progress
 from reconstruction.calibration.pair_choice import PairChoice
 from reconstruction.calibration.rig import Rig
+from reconstruction.common.geometry import Array
+from reconstruction.common.image_files import save_picture
 from reconstruction.scores.results import (
     Interval,
     MultiviewComparison,
     PanoramaComparison,
+    Picture,
     PoseComparison,
     StereoComparison,
 )
@@ -25,6 +28,10 @@ from reconstruction.session.shown_instants import pair_instants
 
 SYNCHRONIZED, ALL_APART = Condition(SYNCED), Condition(DISTINCT)
 SIDES = ("synced", "offset")
+FLAT_PICTURES = ("stereo_depth", "multiview_depth")
+"""Flat colours with hard edges, kept as PNG; the others are JPEG."""
+PANELS = {"stereo_pair": 2, "stereo_closeup": 2}
+"""Panels side by side in a picture; the others have one."""
 
 Pair = tuple[str, str]
 
@@ -175,6 +182,19 @@ class StudyRun(Generic[Result]):
         return msgspec.structs.replace(
             found, synced=self.result.synced, offset=found.synced, differences={}, per_instant=()
         )
+
+
+def write_pictures(
+    drawn: Mapping[str, Mapping[str, Array]], texts: Mapping[str, tuple[str, str]], out: Path
+) -> tuple[Picture, ...]:
+    """Write pictures, drawn by side and key, into out/pictures; `texts` are titles and captions by key."""
+    pictures = []
+    for key, (title, caption) in texts.items():
+        suffix = "png" if key in FLAT_PICTURES else "jpg"
+        paths = {side: save_picture(out, f"{key}_{side}.{suffix}", drawn[side][key]) for side in SIDES}
+        panels = PANELS.get(key, 1)
+        pictures.append(Picture(key=key, title=title, caption=caption, panels=panels, **paths))
+    return tuple(pictures)
 
 
 class ComparisonTally(Generic[Form]):

@@ -87,12 +87,5 @@ def guess_depths(views: Mapping[str, View]) -> tuple[float, ...]:
 def _points(view: View, depth: float) -> Array:
     """Points of a grid over the view's picture at this depth, in the rig's frame (n, 3)."""
     xs, ys = np.meshgrid(np.linspace(0, view.width - 1, 9), np.linspace(0, view.height - 1, 7))
-    rays = np.stack(
-        [
-            (xs.ravel() - view.matrix[0, 2]) / view.matrix[0, 0],
-            (ys.ravel() - view.matrix[1, 2]) / view.matrix[1, 1],
-            np.ones(xs.size),
-        ],
-        axis=1,
-    )
-    return np.asarray((rays * depth - view.translation) @ view.rotation)
+    pixels = np.column_stack([xs.ravel(), ys.ravel()])
+    return view.unproject(pixels, np.full(len(pixels), depth))

@@ -205,10 +205,8 @@ def test_a_cloud_is_held_against_true_surfaces() -> None:
     right, asked = PointIndex(wall).count_near(surfaces["static"].shared)
     assert 0 < right < asked
     assert PointIndex(np.zeros((0, 3))).count_near(wall[:5]) == (0, 5)
-    assert points_on_masks(np.array([[-0.5, 0.0, 2.0], [0.6, 0.0, 2.0]]), views, movers).tolist() == [
-        True,
-        False,
-    ]
+    on_masks = points_on_masks(np.array([[-0.5, 0.0, 2.0], [0.6, 0.0, 2.0]]), views, movers)
+    assert on_masks.tolist() == [True, False]
 
 
 def test_a_point_is_on_a_mover_where_most_that_saw_it_show_one() -> None:
@@ -216,9 +214,6 @@ def test_a_point_is_on_a_mover_where_most_that_saw_it_show_one() -> None:
     yes, no = np.ones((240, 320), bool), np.zeros((240, 320), bool)
     points = np.array([[0.0, 0.0, 2.0]] * 3)
     seen = np.array([[True, True, True], [True, False, True], [False, True, True]])
-    assert points_on_movers(points, seen, views, {"a": yes, "b": yes, "c": no}).tolist() == [
-        True,
-        False,
-        False,
-    ]
+    on_movers = points_on_movers(points, seen, views, {"a": yes, "b": yes, "c": no})
+    assert on_movers.tolist() == [True, False, False]
     assert points_on_movers(points[:0], seen[:0], views, {"a": yes, "b": no, "c": no}).tolist() == []

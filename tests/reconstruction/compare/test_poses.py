@@ -10,7 +10,6 @@ import pytest
 
 from capture_app.errors import NotAvailableError
 from capture_app.session.reading.reader import Session
-from capture_app.session.reading.reader import Session as Store
 from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.geometry import View
@@ -105,7 +104,7 @@ def test_two_cameras_and_no_colmap_are_said(
 
 
 def test_a_pinwheel_places_its_cameras_only_when_synchronized(tmp_path: Path) -> None:
-    found = compared(study(Store.open(PINWHEEL), tmp_path, max_instants=1), Condition(DISTINCT))
+    found = compared(study(Session.open(PINWHEEL), tmp_path, max_instants=1), Condition(DISTINCT))
     assert found.synced.registered == 5
     assert found.synced.correct_pairs == 1
     assert found.synced.rotation_deg is not None

@@ -1,7 +1,6 @@
 """A comparison with pictures, and a report as a browser would see it."""
 
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -19,30 +18,22 @@ from tests.reconstruction.report.results import RESULT, whole_result, with_pictu
 VOID = {"meta", "link", "img", "input", "br", "circle", "path", "rect"}
 
 
-@dataclass
 class Page(HTMLParser):
     """What a browser would see: elements with their attributes, text, and whether they nest."""
 
-    elements: list[tuple[str, dict[str, str]]] = field(default_factory=list)
-    text: str = ""
-    stack: list[str] = field(default_factory=list)
-
-    @classmethod
-    def read(cls, path: Path) -> "Page":
-        page = cls()
-        HTMLParser.__init__(page)
-        page.feed(path.read_text("utf-8"))
-        page.close()
-        assert page.stack == []
-        return page
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.elements: list[tuple[str, dict[str, str]]] = []
+        self.text = ""
+        self.stack: list[str] = []
+        self.feed(path.read_text("utf-8"))
+        self.close()
+        assert self.stack == []
 
     def handle_starttag(self, tag, attrs):
         self.elements.append((tag, {key: value or "" for key, value in attrs}))
         if tag not in VOID:
             self.stack.append(tag)
-
-    def handle_startendtag(self, tag, attrs):
-        self.elements.append((tag, {key: value or "" for key, value in attrs}))
 
     def handle_endtag(self, tag):
         if tag not in VOID:
@@ -59,7 +50,7 @@ class Page(HTMLParser):
 @pytest.fixture
 def read_report(tmp_path: Path) -> Callable[..., Page]:
     """Write the report of a result, with changes, into the test's folder and read it."""
-    return lambda result=RESULT, **changes: Page.read(
+    return lambda result=RESULT, **changes: Page(
         write_report(msgspec.structs.replace(result, **changes), tmp_path)
     )
 

@@ -25,7 +25,7 @@ def test_the_page_starts_with_the_verdict_and_its_two_numbers(pictured, read_rep
 
 def test_everything_is_in_the_one_file(tmp_path, pictured):
     path = write_report(pictured, tmp_path)
-    page = Page.read(path)
+    page = Page(path)
     assert path == tmp_path / "report.html"
     images = page.all("img")
     assert len(images) == 6
@@ -46,7 +46,7 @@ def test_everything_is_in_the_one_file(tmp_path, pictured):
 
 def test_words_of_the_user_stay_words(tmp_path, pictured):
     path = write_report(pictured, tmp_path)
-    page = Page.read(path)
+    page = Page(path)
     assert NASTY.rpartition("/")[2] in page.text
     assert NASTY in page.text
     assert len(page.all("script")) == 1

@@ -28,8 +28,7 @@ from multiview_session import medians, print_session, render_longer, run_session
 from report import new_parser, print_report, print_rows, talk
 
 from reconstruction.common.geometry import Array, View
-from reconstruction.depth.cloud_fusion import fuse_depth_maps
-from reconstruction.depth.colmap_workspace import write_workspace
+from reconstruction.depth.colmap_workspace import fuse_depth_maps, write_workspace
 from reconstruction.depth.depth_range import find_depth_range
 from reconstruction.depth.sweep_matcher import match_all_views
 from reconstruction.multiview.input_images import undistort_image

@@ -189,12 +189,8 @@ def _rig_poses(
     first = dataset.cameras[0]
     poses = {first: (np.eye(3), np.zeros(3))}
     while len(poses) < len(dataset.cameras):
-        links = [
-            (len(shared.get(frozenset((a, b)), ())), a, b)
-            for a in poses
-            for b in dataset.cameras
-            if b not in poses
-        ]
+        left = [b for b in dataset.cameras if b not in poses]
+        links = [(len(shared.get(frozenset((a, b)), ())), a, b) for a in poses for b in left]
         count, a, b = max(links, key=lambda link: link[0])
         if count < MIN_BOARDS:
             raise BadInputError(
@@ -203,15 +199,9 @@ def _rig_poses(
             )
         together = shared[frozenset((a, b))][:MAX_BOARDS]
         in_a, in_b = ([_pixels(corners[name, k], ids) for k, ids in together] for name in (a, b))
-        found = cv2.stereoCalibrate(
-            [places[ids] for _, ids in together],
-            in_a,
-            in_b,
-            *lenses[a],
-            *lenses[b],
-            dataset.size(a),
-            flags=cv2.CALIB_FIX_INTRINSIC,
-        )
+        points = [places[ids] for _, ids in together]
+        known = *lenses[a], *lenses[b], dataset.size(a)
+        found = cv2.stereoCalibrate(points, in_a, in_b, *known, flags=cv2.CALIB_FIX_INTRINSIC)
         rotation, translation = np.asarray(found[5]), np.asarray(found[6]).ravel()
         poses[b] = rotation @ poses[a][0], rotation @ poses[a][1] + translation
     return poses

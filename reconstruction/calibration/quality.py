@@ -97,10 +97,7 @@ def _triangulate(a: View, b: View, at_a: Array, at_b: Array) -> tuple[Array, Arr
     far = np.where(np.abs(found[3]) < 1e-12, 1e-12, found[3])
     points = (found[:3] / far).T
     error = np.zeros(len(points))
-    for view, turn, move, at in (
-        (a, np.eye(3), np.zeros(3), at_a),
-        (b, rotation, translation, at_b),
-    ):
+    for view, turn, move, at in ((a, np.eye(3), np.zeros(3), at_a), (b, rotation, translation, at_b)):
         there = points @ turn.T + move
         front = there[:, 2] > 1e-9
         safe = np.where(front[:, None], there, (0.0, 0.0, 1.0))

@@ -14,8 +14,7 @@ from reconstruction.scores.results import DepthScores, StereoComparison
 from reconstruction.scores.still_control import median_still_depth, project_into_other, still_pixels
 from reconstruction.scores.tally import Measurements, measure_depth
 from reconstruction.session.conditions import Condition
-from reconstruction.stereo.epipolar_error import epipolar_errors
-from reconstruction.stereo.stereo_pair import DepthMap, StereoPair, find_disparity_range
+from reconstruction.stereo.stereo_pair import DepthMap, StereoPair, epipolar_errors, find_disparity_range
 
 RANGE_INSTANTS = 8
 PER_INSTANT = ("mover_coverage", "static_coverage", "mover_within_2pct", "mover_epipolar_px")

@@ -45,9 +45,8 @@ class CalibratedImage:
         """Directions (3, height, width) with z = 1, float32."""
         ys, xs = np.mgrid[0 : self.view.height, 0 : self.view.width].astype(np.float32)
         inverse = np.linalg.inv(self.view.matrix).astype(np.float32)
-        return np.stack(
-            [inverse[0, 0] * xs + inverse[0, 2], inverse[1, 1] * ys + inverse[1, 2], np.ones_like(xs)]
-        )
+        x, y = inverse[0, 0] * xs + inverse[0, 2], inverse[1, 1] * ys + inverse[1, 2]
+        return np.stack([x, y, np.ones_like(xs)])
 
 
 def box_filter(image: Array, window: int) -> Array:
@@ -72,15 +71,13 @@ class SourceView:
 
     def warp_by_plane(self, inverse_depth: float) -> Array:
         """The source's grey levels through a plane that faces the reference, 1 / inverse_depth away."""
-        matrix = (self._turn + np.outer(self._shift, [0, 0, inverse_depth])) @ np.linalg.inv(
-            self.reference.view.matrix
-        )
-        size = (self.reference.view.width, self.reference.view.height)
+        view = self.reference.view
+        matrix = (self._turn + np.outer(self._shift, [0, 0, inverse_depth])) @ np.linalg.inv(view.matrix)
         flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-        seen = cv2.warpPerspective(
-            self.source.grey, matrix, size, flags=flags, borderMode=cv2.BORDER_CONSTANT, borderValue=OUTSIDE
+        size = view.width, view.height
+        return np.asarray(
+            cv2.warpPerspective(self.source.grey, matrix, size, flags=flags, borderValue=OUTSIDE)
         )
-        return np.asarray(seen)
 
     def project(self, inverse_depth: Array) -> tuple[Array, Array, Array]:
         """Source pixels x, y of the reference's pixels at these inverse depths, and z times inverse depth."""
@@ -94,10 +91,7 @@ class SourceView:
         """The source's grey levels seen through a map of inverse depths."""
         x, y, _ = self.project(inverse_depth)
         np.nan_to_num(x, copy=False, nan=-1e4)
-        seen = cv2.remap(
-            self.source.grey, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=OUTSIDE
-        )
-        return np.asarray(seen)
+        return np.asarray(cv2.remap(self.source.grey, x, y, cv2.INTER_LINEAR, borderValue=OUTSIDE))
 
     def pixels_per_inverse_depth(self, x: Array, y: Array) -> Array:
         """How many px of the reference a change of the source's inverse depth by 1 moves its pixel x, y."""

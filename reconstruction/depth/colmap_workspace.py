@@ -1,4 +1,4 @@
-"""A COLMAP workspace with pictures, poses, depth and normals.
+"""A COLMAP workspace with pictures, poses, depth and normals, and the cloud fused from it.
 
 Its files of depth and normals (`width&height&channels&`, then float32 row by row, channel by channel) are
 written here because pycolmap 4.2's `NormalMap.from_array` takes the channels for the innermost axis, and
@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from capture_app.errors import SimulshotError
+from capture_app.errors import BadInputError, SimulshotError
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import FAST_PNG, write_image
 from reconstruction.common.native_libraries import load_pycolmap
@@ -154,3 +154,56 @@ def write_array(path: Path, values: Array) -> None:
     header = f"{values.shape[1]}&{values.shape[0]}&{channels}&".encode()
     planes = np.moveaxis(values.reshape(*values.shape[:2], channels), 2, 0)
     path.write_bytes(header + np.ascontiguousarray(planes, "<f4").tobytes())
+
+
+MIN_VIEWS = 3
+"""Views in whose maps a point must be, fewer where there are fewer; the limits are COLMAP's."""
+MAX_NORMAL_ERROR_DEG = 30.0
+MAX_DEPTH_ERROR = 0.01
+MAX_REPROJECTION_ERROR_PX = 1.5
+MAX_TRAVERSAL_DEPTH = 2
+"""Views one after the other that a point is followed through; more of them eat its neighbours."""
+
+
+def fuse_depth_maps(folder: Path, cloud: Path, views: int) -> int:
+    """Fuse a workspace's geometric maps into a PLY; how many points it has.
+
+    Raises:
+        BadInputError: no point is consistent in enough views.
+    """
+    pycolmap = load_pycolmap("fusing depth maps")
+    asked = pycolmap.StereoFusionOptions()
+    asked.min_num_pixels = min(MIN_VIEWS, views)
+    asked.max_normal_error = MAX_NORMAL_ERROR_DEG
+    asked.max_depth_error = MAX_DEPTH_ERROR
+    asked.max_reproj_error = MAX_REPROJECTION_ERROR_PX
+    asked.max_traversal_depth = MAX_TRAVERSAL_DEPTH
+    # More threads race for the pixels: another cloud every time, and hardly sooner.
+    asked.num_threads = 1
+    fused = pycolmap.stereo_fusion(
+        cloud, folder, "COLMAP", "option-all", "geometric", asked, output_type="ply"
+    )
+    count = len(fused.points3D)
+    if count == 0:
+        raise BadInputError(
+            "no point of the scene is consistent in enough cameras",
+            hint="cameras must see the same things, at the same time, from different places, "
+            "and their calibration must be this rig's",
+        )
+    return count
+
+
+def read_fused_cloud(path: Path, views: int) -> tuple[Array, Array]:
+    """Points (n, 3) of a fused PLY, and by its `.vis` file from which views' maps each was fused."""
+    data = path.read_bytes()
+    start = data.index(b"end_header\n") + len(b"end_header\n")
+    vertex = np.dtype([("at", "<f4", 3), ("normal", "<f4", 3), ("colour", "u1", 3)])
+    points = np.frombuffer(data, vertex, offset=start)["at"]
+    lists = np.frombuffer(path.with_name(path.name + ".vis").read_bytes(), "<u4", offset=8)
+    seen = np.zeros((len(points), views), bool)
+    at = 0
+    for row in seen:
+        count = int(lists[at])
+        row[lists[at + 1 : at + 1 + count]] = True
+        at += 1 + count
+    return np.array(points), seen

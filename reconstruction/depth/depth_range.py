@@ -65,11 +65,9 @@ def _confirmed_inverse_depths(
     sources: Mapping[str, Sequence[str]],
 ) -> Array:
     """Inverse depths of a view that another view's surface confirms."""
-    others = [other for other in surfaces if other != name]
     surface = surfaces[name]
-    source_views = [SourceView(small[name], small[other]) for other in others]
-    other_surfaces = [surfaces[other] for other in others]
-    count, _ = consistent_and_visible_views(surface, source_views, other_surfaces, LIMITS)
+    others = [(SourceView(small[name], small[o]), found) for o, found in surfaces.items() if o != name]
+    count, _ = consistent_and_visible_views(surface, others, LIMITS)
     # Two others where there are three: what moves between the pictures finds one that agrees by chance.
     agreed = count >= (2 if len(others) >= 3 else 1)
     return np.asarray(surface.inverse_depth[agreed & (surface.cost < MAX_COST)])

@@ -1,6 +1,6 @@
 """Depth is kept where other views, each matched by itself, found the same surface."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import cv2
@@ -40,14 +40,14 @@ class ConsistencyLimits:
 
 
 def consistent_and_visible_views(
-    surface: Surface, source_views: Sequence[SourceView], others: Sequence[Surface], limits: ConsistencyLimits
+    surface: Surface, others: Iterable[tuple[SourceView, Surface]], limits: ConsistencyLimits
 ) -> tuple[Array, Array]:
-    """How many other views' surfaces agree with each pixel's, and how many could see it at all.
+    """How many of the other views' surfaces agree with each pixel's, and how many could see it at all.
 
     Both uint8 height x width. A view cannot see what is beyond its picture or behind its own surface.
     """
     count, able = (np.zeros(surface.inverse_depth.shape, np.uint8) for _ in range(2))
-    for source_view, other in zip(source_views, others, strict=True):
+    for source_view, other in others:
         same, sees = _compared(surface.inverse_depth, source_view, other.inverse_depth, limits)
         count += same & _equally_bright(surface.inverse_depth, source_view, same, limits)
         able += sees
@@ -55,12 +55,12 @@ def consistent_and_visible_views(
 
 
 def count_coinciding_views(
-    surface: Surface, source_views: Sequence[SourceView], others: Sequence[Surface], limits: ConsistencyLimits
+    surface: Surface, others: Iterable[tuple[SourceView, Surface]], limits: ConsistencyLimits
 ) -> Array:
     """How many other views' surfaces coincide with each pixel's, of any brightness; uint8 height x width."""
     same = [
         _compared(surface.inverse_depth, source_view, other.inverse_depth, limits)[0]
-        for source_view, other in zip(source_views, others, strict=True)
+        for source_view, other in others
     ]
     return np.asarray(np.sum(same, axis=0, dtype=np.uint8))
 
@@ -104,7 +104,7 @@ def _compared(
     """Where another view's surface is the same as this one, and where that view could see this one (bool)."""
     x, y, z = source_view.project(inverse_depth)
     x, y = np.nan_to_num(x, nan=-1e4), np.nan_to_num(y, nan=-1e4)
-    seen = cv2.remap(other, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=(0.0,))
+    seen = cv2.remap(other, x, y, cv2.INTER_NEAREST, borderValue=(0.0,))
     expected = inverse_depth / np.maximum(z, 1e-6)
     off = np.abs(seen - expected)
     inside = (seen > 0) & (z > 1e-6)
@@ -130,8 +130,7 @@ def _brightness_match(seen: Array, reference: Array) -> tuple[float, float]:
     """Gain and bias that make one brightness the other's, by its spread; exposures may differ."""
     if seen.size < 100:
         return 1.0, 0.0
-    a, b = (
-        np.percentile(values[:: max(1, values.size // 20_000)], [10, 50, 90]) for values in (seen, reference)
-    )
+    every = max(1, seen.size // 20_000)
+    a, b = (np.percentile(values[::every], [10, 50, 90]) for values in (seen, reference))
     gain = float(np.clip((b[2] - b[0]) / max(a[2] - a[0], 1.0), 0.5, 2.0))
     return gain, float(b[1] - gain * a[1])

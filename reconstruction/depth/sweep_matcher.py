@@ -43,25 +43,20 @@ def match_all_views(
     nearest: float,
     farthest: float,
     *,
-    options: SweepOptions | None = None,
-    limits: ConsistencyLimits | None = None,
-    workers: int | None = None,
     done: Callable[[str], None] = lambda name: None,
 ) -> dict[str, ViewDepth]:
     """Depth and normals of every camera that has sources; `done` is called after each."""
     names = [name for name in images if sources.get(name)]
-    chosen, kept = options or SweepOptions(), limits or ConsistencyLimits()
 
     def match(name: str) -> Surface:
-        found = sweep_view(
-            images[name], [images[other] for other in sources[name]], nearest, farthest, chosen
-        )
+        others = [images[other] for other in sources[name]]
+        found = sweep_view(images[name], others, nearest, farthest, SweepOptions())
         done(name)
         return found
 
-    with _thread_pool(workers) as pool:
+    with _thread_pool() as pool:
         surfaces = dict(zip(names, pool.map(match, names), strict=True))
-        views = pool.map(lambda name: _consistent_view(name, images, sources, surfaces, kept), names)
+        views = pool.map(lambda name: _consistent_view(name, images, sources, surfaces), names)
         return dict(zip(names, views, strict=True))
 
 
@@ -70,16 +65,13 @@ def _consistent_view(
     images: Mapping[str, CalibratedImage],
     sources: Mapping[str, Sequence[str]],
     surfaces: Mapping[str, Surface],
-    limits: ConsistencyLimits,
 ) -> ViewDepth:
-    surface = surfaces[name]
+    surface, limits = surfaces[name], ConsistencyLimits()
     others = [other for other in sources[name] if other in surfaces]
     others += [other for other in surfaces if other != name and other not in others]
-    others = others[:MAX_VOTERS]
-    source_views = [SourceView(images[name], images[other]) for other in others]
-    other_surfaces = [surfaces[other] for other in others]
-    count, able = consistent_and_visible_views(surface, source_views, other_surfaces, limits)
-    good = consistent_pixels(surface, count, able, len(others), limits)
+    voters = [(SourceView(images[name], images[other]), surfaces[other]) for other in others[:MAX_VOTERS]]
+    count, able = consistent_and_visible_views(surface, voters, limits)
+    good = consistent_pixels(surface, count, able, len(voters), limits)
     facing = _view_normals(surface, images[name])
     depth = np.where(good, 1 / np.maximum(surface.inverse_depth, 1e-12), 0).astype(np.float32)
     return ViewDepth(depth, np.where(good[..., None], facing, 0).astype(np.float32), surface)
@@ -94,12 +86,12 @@ def _view_normals(surface: Surface, image: CalibratedImage) -> Array:
 
 
 @contextmanager
-def _thread_pool(workers: int | None) -> Iterator[ThreadPoolExecutor]:
+def _thread_pool() -> Iterator[ThreadPoolExecutor]:
     """A pool of a thread per core; OpenCV, which each of them calls, then uses none of its own."""
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
-        with ThreadPoolExecutor(workers or min(MAX_WORKERS, len(os.sched_getaffinity(0)))) as pool:
+        with ThreadPoolExecutor(min(MAX_WORKERS, len(os.sched_getaffinity(0)))) as pool:
             yield pool
     finally:
         cv2.setNumThreads(before)

@@ -117,12 +117,8 @@ def _pixels(view: View, points: Array) -> tuple[Array, Array, Array, Array]:
     far = 1 / np.where(ahead, z, 1)
     columns, rows = np.rint(x * far), np.rint(y * far)
     inside = ahead & (columns >= 0) & (columns < view.width) & (rows >= 0) & (rows < view.height)
-    return (
-        np.where(inside, rows, 0).astype(np.int32),
-        np.where(inside, columns, 0).astype(np.int32),
-        z,
-        inside,
-    )
+    rows, columns = (np.where(inside, axis, 0).astype(np.int32) for axis in (rows, columns))
+    return rows, columns, z, inside
 
 
 def _on_mask(view: View, mask: Array, points: Array) -> Array:

@@ -17,8 +17,7 @@ from reconstruction.common.drawing import colour_depth, display_range
 from reconstruction.common.geometry import View
 from reconstruction.common.image_files import write_image
 from reconstruction.common.native_libraries import library_versions
-from reconstruction.depth.cloud_fusion import fuse_depth_maps
-from reconstruction.depth.colmap_workspace import read_maps, write_workspace
+from reconstruction.depth.colmap_workspace import fuse_depth_maps, read_maps, write_workspace
 from reconstruction.depth.depth_range import find_depth_range
 from reconstruction.depth.mesh import MeshModel, build_mesh, up_direction
 from reconstruction.depth.patchmatch import CudaGpu, find_gpu, run_patch_match

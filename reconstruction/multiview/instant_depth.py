@@ -11,8 +11,7 @@ from capture_app.errors import BadInputError, NotAvailableError
 from reconstruction.common.brightness import match_brightness
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import SourceView
-from reconstruction.depth.cloud_fusion import fuse_depth_maps, read_fused_cloud
-from reconstruction.depth.colmap_workspace import write_workspace
+from reconstruction.depth.colmap_workspace import fuse_depth_maps, read_fused_cloud, write_workspace
 from reconstruction.depth.geometric_consistency import ConsistencyLimits, count_coinciding_views
 from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
 from reconstruction.multiview.input_images import InputImage
@@ -53,8 +52,8 @@ def compute_instant_depth(
     own = surfaces[reference]
     others = [camera for camera in surfaces if camera != reference]
     source_views = [SourceView(calibrated[reference], calibrated[other]) for other in others]
-    other_surfaces = [surfaces[other] for other in others]
-    votes = count_coinciding_views(own, source_views, other_surfaces, ConsistencyLimits())
+    voters = zip(source_views, (surfaces[other] for other in others), strict=True)
+    votes = count_coinciding_views(own, voters, ConsistencyLimits())
     return InstantDepth(
         depth=found[reference].depth,
         consistent=votes >= min(CONFIRMING_VIEWS, len(others)),

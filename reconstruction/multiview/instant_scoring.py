@@ -120,17 +120,14 @@ class InstantScorer:
         movers = {camera: self.undistorted.moving(camera, instant) for camera, instant in times.items()}
         moving = points_on_movers(found.points, found.seen, views, movers)
         still = ~moving & ~points_on_masks(found.points, views, hidden)
-        kinds = (("mover", moving, None), ("static", still, hidden))
         measured = {}
-        for kind, mask, masks in kinds:
+        for kind, mask, masks in (("mover", moving, {}), ("static", still, hidden)):
             points = found.points[mask]
             one = measured[kind] = Measurements(means={"points": np.array([float(len(points))])})
             if surfaces is None:
                 continue
             true = surfaces[kind]
-            shared = (
-                true.shared if masks is None else true.shared[~points_on_masks(true.shared, views, masks)]
-            )
+            shared = true.shared[~points_on_masks(true.shared, views, masks)]
             one.shares["precision"] = true.index.count_near(points)
             one.shares["recall"] = PointIndex(points).count_near(shared)
             self.tolerance_m = TOLERANCE_M

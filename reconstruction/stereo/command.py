@@ -4,8 +4,8 @@ import time
 from dataclasses import dataclass
 from pathlib import Path
 
-import msgspec
 import numpy as np
+from msgspec import Struct, structs
 
 from capture_app.errors import BadInputError
 from capture_app.terminal import Progress
@@ -30,7 +30,7 @@ class StereoOptions:
     pair: tuple[str, str] | None = None
 
 
-class StereoDepth(msgspec.Struct, frozen=True, kw_only=True):
+class StereoDepth(Struct, frozen=True, kw_only=True):
     """What `reconstruct stereo` made: paths relative to the output folder, shares of all pixels.
 
     `depth` holds float32 in `unit`s along the reference's axis, 0 = none; `confidence` 0 to 255.
@@ -53,7 +53,7 @@ class StereoDepth(msgspec.Struct, frozen=True, kw_only=True):
     calibration: str
     why: str = ""
     seconds: float = 0.0
-    versions: dict[str, str] = {}
+    versions: dict[str, str]
 
 
 def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
@@ -89,13 +89,8 @@ def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
         except ValueError as error:
             raise BadInputError(f"{reference} and {other}: {error}") from error
         result = _save_result(rig, choice.cameras, (options.instant, later), found, output.folder)
-        result = msgspec.structs.replace(
-            result,
-            session=str(session),
-            why=choice.why,
-            seconds=time.monotonic() - began,
-            versions=library_versions(),
-        )
+        seconds = time.monotonic() - began
+        result = structs.replace(result, session=str(session), why=choice.why, seconds=seconds)
         write_metrics(output.folder, result)
     return result
 
@@ -114,14 +109,13 @@ def _save_result(
     rig: Rig, cameras: tuple[str, str], instants: tuple[int, int], found: DepthMap, folder: Path
 ) -> StereoDepth:
     depth, known = found.depth, found.depth > 0
-    near, far = display_range(depth)
     photo = rig.dataset.image(cameras[0], instants[0])
-    picture = side_by_side(photo, colour_depth(depth, near, far))
+    picture = side_by_side(photo, colour_depth(depth, *display_range(depth)))
     write_image(folder / DEPTH, depth.astype(np.float32))
     truth = rig.dataset.ground_truth(cameras[0], instants[0])
     level = np.asarray(np.round(255 * found.confidence), np.uint8)
     return StereoDepth(
-        session="",
+        session=rig.dataset.name,
         reference=cameras[0],
         other=cameras[1],
         instant=instants[0],
@@ -135,4 +129,5 @@ def _save_result(
         coverage=float(known.mean()),
         within_2pct=share_right(depth, truth[0]) if truth is not None and rig.unit == "m" else None,
         calibration=rig.source,
+        versions=library_versions(),
     )

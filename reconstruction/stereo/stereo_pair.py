@@ -1,4 +1,7 @@
-"""Dense depth of a pair: semi-global matching, then checks that keep only what both views agree on."""
+"""Dense depth of a pair, the range of its disparities, and how far matches lie from their epipolar line.
+
+Depth is by semi-global matching, then checks keep only what both views agree on.
+"""
 
 from dataclasses import dataclass, field
 
@@ -37,19 +40,13 @@ class DepthMap:
 class StereoPair:
     """Depth from one calibrated pair, with everything that is not in the images fixed beforehand."""
 
-    def __init__(
-        self,
-        reference: View,
-        other: View,
-        disparities: tuple[float, float],
-        checks: MatchChecks | None = None,
-    ) -> None:
+    def __init__(self, reference: View, other: View, disparities: tuple[float, float]) -> None:
         """The disparity range (px) comes from `find_disparity_range`, the same for all conditions."""
         self.min_disparity = max(0, int(np.floor(disparities[0])))
         self.num_disparities = int(np.ceil((disparities[1] - self.min_disparity + 1) / 16)) * 16
         end = self.min_disparity + self.num_disparities
         self.rectification: Rectification = rectify(reference, other, (self.min_disparity, end))
-        self.checks = checks or MatchChecks()
+        self.checks = MatchChecks()
 
     def compute_depth(self, reference: Array, other: Array) -> DepthMap:
         """Depth from two grey images (uint8) of the pair, checked from left to right and back."""
@@ -59,29 +56,23 @@ class StereoPair:
         backward = match_rectified_back(a, b, self.min_disparity, self.num_disparities)
         inside = warp_by_disparity(seen_b.astype(np.float32), forward) > 0.99
         raw = np.where(seen_a & inside, forward, np.nan)
-        warped = warp_by_disparity(b, raw)
-        warped = match_brightness(a, warped)
-        consistent = self._consistent_pixels(a, warped, raw, backward)
+        warped = match_brightness(a, warp_by_disparity(b, raw))
+        left_right = np.abs(warp_by_disparity(backward, raw) - raw)
+        consistent = self._consistent_pixels(a, warped, raw, left_right)
         checked = fill_small_holes(np.where(consistent, raw, np.nan), raw)
         difference = np.abs(a.astype(np.float32) - warped)
         return DepthMap(
             depth=self.rectification.depth(np.nan_to_num(checked)),
             raw=self.rectification.depth(np.nan_to_num(raw)),
             difference=self._difference(difference),
-            confidence=self._confidence(checked, difference, raw, backward, noise_level(a)),
+            confidence=self._confidence(checked, difference, left_right, noise_level(a)),
         )
 
-    def _confidence(
-        self, checked: Array, difference: Array, raw: Array, backward: Array, noise: float
-    ) -> Array:
-        left_right = (
-            np.nan_to_num(np.abs(warp_by_disparity(backward, raw) - raw), nan=np.inf)
-            / self.checks.max_left_right_px
-        )
-        difference_share = cv2.blur(np.nan_to_num(difference, nan=255.0), (3, 3)) / (
-            self.checks.max_grey_difference + 3 * noise
-        )
-        sure = 1 - 0.5 * np.minimum(left_right, 1) - 0.5 * np.minimum(difference_share, 1)
+    def _confidence(self, checked: Array, difference: Array, left_right: Array, noise: float) -> Array:
+        left_right_share = np.nan_to_num(left_right, nan=np.inf) / self.checks.max_left_right_px
+        greatest = self.checks.max_grey_difference + 3 * noise
+        difference_share = cv2.blur(np.nan_to_num(difference, nan=255.0), (3, 3)) / greatest
+        sure = 1 - 0.5 * np.minimum(left_right_share, 1) - 0.5 * np.minimum(difference_share, 1)
         confidence = np.where(np.isfinite(checked), np.maximum(sure, 0.05), 0).astype(np.float32)
         return self.rectification.to_reference(confidence)
 
@@ -89,19 +80,17 @@ class StereoPair:
         marked = self.rectification.to_reference(np.nan_to_num(canvas, nan=-2.0) + 1.0)
         return np.where(marked > 0, marked - 1.0, np.nan).astype(np.float32)
 
-    def _consistent_pixels(self, a: Array, warped: Array, disparity: Array, backward: Array) -> Array:
+    def _consistent_pixels(self, a: Array, warped: Array, disparity: Array, left_right: Array) -> Array:
         checks = self.checks
         there = np.isfinite(disparity) & np.isfinite(warped)
-        back = warp_by_disparity(backward, disparity)
-        agrees = np.abs(back - disparity) <= checks.max_left_right_px
+        agrees = left_right <= checks.max_left_right_px
         view = np.where(there, warped, a).astype(np.float32)
         same = same_appearance(a.astype(np.float32), view, checks)
         second = np.clip(view, 0, 255).astype(np.uint8)
         flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST).calc(a, second, None)
         still = np.hypot(flow[..., 0], flow[..., 1]) <= checks.max_residual_px
         good = there & agrees & same & still
-        clean = np.where(good, disparity, -1.0) * 16
-        speckled = np.ascontiguousarray(clean.astype(np.int16))
+        speckled = np.ascontiguousarray((np.where(good, disparity, -1.0) * 16).astype(np.int16))
         cv2.filterSpeckles(speckled, -16, checks.min_island_px, 2 * 16)
         return np.asarray(good & (speckled > 0))
 
@@ -138,9 +127,8 @@ def find_disparity_range(
         smooth = cv2.GaussianBlur(a.astype(np.float32), (0, 0), 1.0)
         texture = np.abs(cv2.Sobel(smooth, cv2.CV_32F, 1, 0))
         warped = match_brightness(a, warp_by_disparity(b, forward))
-        same = same_appearance(
-            a.astype(np.float32), np.where(np.isfinite(warped), warped, a), MatchChecks(min_correlation=0.7)
-        )
+        seen = np.where(np.isfinite(warped), warped, a)
+        same = same_appearance(a.astype(np.float32), seen, MatchChecks(min_correlation=0.7))
         textured = seen_a & inside & (texture > 12)
         good = textured & agrees & same
         asked += int(textured.sum())
@@ -156,3 +144,54 @@ def find_disparity_range(
         low, high = min(low, ends[0]), max(high, ends[1])
     margin = 0.15 * (high - low) + 4
     return max(0.0, float(low - margin)), float(high + margin)
+
+
+MIN_PIXELS = 30
+"""Fewer pixels than this are not measured."""
+PATCH_PX = 21
+PATCHES = 40
+ROWS_PX = 28
+"""How far from its row a patch is searched, px."""
+LIKENESS = 0.75
+
+
+def epipolar_errors(pair: StereoPair, reference: Array, other: Array, mask: Array) -> list[float]:
+    """How far matched patches on a mask lie from their row, px of the rectified pictures.
+
+    Patches of the reference (grey, uint8) are looked for freely in two dimensions; only sure finds count.
+    """
+    canvas = pair.rectification
+    a, _ = canvas.remap(reference)
+    b, seen = canvas.remap(other, other=True)
+    on, _ = canvas.remap(mask.astype(np.uint8), nearest=True)
+    half = PATCH_PX // 2
+    ys, xs = np.nonzero(on)
+    inside = (xs >= half) & (xs < a.shape[1] - half) & (ys >= half) & (ys < a.shape[0] - half)
+    ys, xs = ys[inside], xs[inside]
+    if len(ys) < MIN_PIXELS:
+        return []
+    least = 4 * noise_level(a) + 2
+    errors = []
+    for i in np.linspace(0, len(ys) - 1, PATCHES).astype(int):
+        x, y = int(xs[i]), int(ys[i])
+        patch = a[y - half : y + half + 1, x - half : x + half + 1]
+        if patch.std() < least:
+            continue
+        left = max(0, x - pair.min_disparity - pair.num_disparities - half)
+        right = min(b.shape[1], x - pair.min_disparity + half + 1)
+        top, bottom = max(0, y - half - ROWS_PX), min(b.shape[0], y + half + 1 + ROWS_PX)
+        strip = b[top:bottom, left:right]
+        if min(strip.shape) < PATCH_PX or not seen[y, left:right].any():
+            continue
+        likeness = cv2.matchTemplate(strip, patch, cv2.TM_CCOEFF_NORMED)
+        _, best, _, at = cv2.minMaxLoc(likeness)
+        if best >= LIKENESS and 0 < at[1] < likeness.shape[0] - 1:
+            errors.append(abs(at[1] + _peak(likeness[at[1] - 1 : at[1] + 2, at[0]]) + top + half - y))
+    return errors
+
+
+def _peak(values: Array) -> float:
+    """Offset of a parabola's top from the middle of three values, in -0.5..0.5."""
+    low, middle, high = (float(value) for value in values)
+    bend = low - 2 * middle + high
+    return 0.0 if bend >= 0 else float(np.clip(0.5 * (low - high) / bend, -0.5, 0.5))

@@ -118,7 +118,7 @@ def test_blank_views_are_empty_though_their_depths_agree(photos: dict[str, Calib
 def test_brightness_may_differ_between_cameras(photos: dict[str, CalibratedImage]) -> None:
     dark = dict(photos)
     dark["right"] = photo_of(view_at(*PLACES["right"]), seed=9, gain=0.7)[0]
-    found = match_all_views(dark, sources_of(photos), 1.4, 4.0, limits=ConsistencyLimits(min_views=2))
+    found = match_all_views(dark, sources_of(photos), 1.4, 4.0)
     assert np.mean(found["middle"].depth[8:-8, 20:-20] > 0) > 0.9
 
 
@@ -238,7 +238,8 @@ def test_one_vote_is_enough_where_nobody_else_can_see_but_not_against_others() -
     source_views = [SourceView(shots[0], other) for other in shots[1:]]
     # To two of three views something near hides the rows 20 to 50; from 50 to 80 they see behind the surface.
     others = [surface(), *(surface((20, 50, 0.8), (50, 80, 0.3)) for _ in range(2))]
-    count, able = consistent_and_visible_views(surface(), source_views, others, ConsistencyLimits())
+    votes = zip(source_views, others, strict=True)
+    count, able = consistent_and_visible_views(surface(), votes, ConsistencyLimits())
     inner = slice(20, -30)
     assert (count[22:78, inner] == 1).all()
     assert (able[22:48, inner] == 1).all()

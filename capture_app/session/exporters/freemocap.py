@@ -3,10 +3,8 @@
 from pathlib import Path
 
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions
-from capture_app.session.exporters.common.tables import camera_tables, paired_names, unit_note, write_frames
-from capture_app.session.exporters.common.videos import grid_notes, write_instants
-
-_VIDEOS = "synchronized_videos"
+from capture_app.session.exporters.common.tables import camera_tables, unit_note
+from capture_app.session.exporters.common.videos import write_paired_videos
 
 
 def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[str]:
@@ -14,14 +12,7 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
 
     FreeMoCap pairs videos and cameras by the order of their names and counts in millimetres.
     """
-    (folder / _VIDEOS).mkdir()
-    names = paired_names(burst.cameras)
-    frames = []
-    for camera, name in names.items():
-        file = f"{_VIDEOS}/{name}.mp4"
-        frames += write_instants(burst, camera, folder / file, file)
-    write_frames(burst, folder, frames)
-    notes = grid_notes(burst, frames)
+    names, notes = write_paired_videos(burst, folder, "synchronized_videos")
     if burst.session.calibration() is None:
         return [*notes, "the session has no calibration: calibrate in FreeMoCap"]
     calibration = burst.calibration("FreeMoCap")

@@ -9,7 +9,7 @@ import numpy as np
 from capture_app.errors import BadInputError, SimulshotError
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, Picture
 from capture_app.session.exporters.common.optional_packages import load_package
-from capture_app.session.exporters.common.tables import Frame
+from capture_app.session.exporters.common.tables import Frame, paired_names, write_frames
 
 TIME_BASE = Fraction(1, 1_000_000)
 _QUALITY = {"crf": "15", "preset": "veryfast", "bf": "0"}
@@ -86,11 +86,21 @@ def write_instants(burst: ExportedBurst, camera: str, path: Path, file: str) -> 
     return [Frame(camera, instant, file, instant, image) for instant, image in enumerate(shown)]
 
 
-def grid_notes(burst: ExportedBurst, frames: Iterable[Frame]) -> list[str]:
-    """Notes for the user of `write_instants` on black frames and unevenly spaced instants."""
+def write_paired_videos(burst: ExportedBurst, folder: Path, inside: str) -> tuple[dict[str, str], list[str]]:
+    """Write inside/NAME.mp4 for each camera as `write_instants` does, and frames.csv.
+
+    Returns NAME for each camera by `paired_names`, and notes on black frames and unevenly spaced instants.
+    """
+    (folder / inside).mkdir()
+    names = paired_names(burst.cameras)
+    frames: list[Frame] = []
+    for camera, name in names.items():
+        file = f"{inside}/{name}.mp4"
+        frames += write_instants(burst, camera, folder / file, file)
+    write_frames(burst, folder, frames)
     blank = sum(frame.image is None for frame in frames)
     notes = [f"{blank} frames are black: their images are missing or of another moment"] if blank else []
-    return notes + spacing_notes(burst.instants_ns, burst.period_ns)
+    return names, notes + spacing_notes(burst.instants_ns, burst.period_ns)
 
 
 def spacing_notes(times_ns: Iterable[int], period_ns: int) -> list[str]:

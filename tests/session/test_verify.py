@@ -98,17 +98,14 @@ def claim(change: Callable[[dict[str, Any]], Any], journal: bool = True) -> Call
 
 
 def put(path: str, data: bytes) -> Callable[[Session], Any]:
-    """Write a file of the session."""
     return lambda session: (session.folder / path).write_bytes(data)
 
 
 def remove(path: str) -> Callable[[Session], None]:
-    """Delete a file of the session."""
     return lambda session: (session.folder / path).unlink()
 
 
 def rename_first(session: Session) -> None:
-    """Give an image the name of another instant."""
     (session.folder / FIRST).rename(session.folder / "images/rig1/left/000007.jpg")
 
 

@@ -76,7 +76,6 @@ def picture(camera: str, instant: int, width: int = WIDTH, height: int = HEIGHT)
 
 
 def encode(pixels: np.ndarray[Any, Any], suffix: str = ".jpg") -> bytes:
-    """An image file."""
     return bytes(cv2.imencode(suffix, pixels, [cv2.IMWRITE_JPEG_QUALITY, 98])[1].tobytes())
 
 

@@ -36,7 +36,6 @@ def frames(path: Path) -> list[tuple[int, int]]:
 
 
 def table(path: Path) -> list[dict[str, str]]:
-    """The rows of a CSV file."""
     return list(csv.DictReader(path.read_text().splitlines()))
 
 

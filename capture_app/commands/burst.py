@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import click
 
 from capture_app.commands.options import leader_option
+from capture_app.errors import IncompleteError, NetworkError, NoCameraHereError
 from capture_app.net.address import Address
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line, talk
 
@@ -58,7 +59,6 @@ def burst(
     as_json: bool,
 ) -> None:
     """Take a burst and print the path of its session, which is on the leader's machine."""
-    from capture_app.errors import IncompleteError
     from capture_app.node.wire.messages import BurstRequest
 
     request = BurstRequest(
@@ -74,7 +74,6 @@ def burst(
 
 
 async def _take_burst(leader: Address, request: "BurstRequest") -> "BurstStatus":
-    from capture_app.errors import NetworkError, NoCameraHereError
     from capture_app.node.leader.control import ask_burst
     from capture_app.node.leader.wording import burst_line
 

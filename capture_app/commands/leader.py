@@ -1,5 +1,6 @@
 """`capture-app leader`: synchronize nodes, take bursts on request, save sessions."""
 
+import asyncio
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -87,8 +88,7 @@ def leader(
     from capture_app.node.leader.wording import news_line
 
     def on_news(news: "News") -> None:
-        line = news_line(news)
-        if line:
+        if line := news_line(news):
             talk(line)
         if as_json:
             print_json_line(_event_record(news))
@@ -107,8 +107,6 @@ def leader(
 
 
 async def _run_leader(node: "LeaderNode", cameras: tuple[str, ...], spool: Path, as_json: bool) -> None:
-    import asyncio
-
     from capture_app.clock import HostClock
     from capture_app.commands.node import camera_node
 

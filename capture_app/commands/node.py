@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
+from capture_app.clock import NodeClock, parse_clock
 from capture_app.commands.options import (
     clock_option,
     leaders_option,
@@ -17,7 +18,6 @@ from capture_app.net.address import Address
 from capture_app.terminal import FiniteRange, talk
 
 if TYPE_CHECKING:
-    from capture_app.clock import NodeClock
     from capture_app.node.camera.camera_node import CameraNode
 
 
@@ -51,7 +51,6 @@ def node(
     A relay can take the place of the leader.
     """
     from capture_app.cameras.catalog import parse_spec
-    from capture_app.clock import parse_clock
 
     parse_spec(spec)
     clock = parse_clock(clock_text, node=name)
@@ -63,7 +62,7 @@ def camera_node(
     name: str,
     spec: str,
     leaders: Sequence[Address],
-    clock: "NodeClock",
+    clock: NodeClock,
     spool: Path,
     tolerance_us: float | None = None,
 ) -> "CameraNode":

@@ -1,9 +1,11 @@
 """`capture-app relay`: connect nodes that cannot reach the leader themselves."""
 
+import asyncio
 from typing import TYPE_CHECKING
 
 import click
 
+from capture_app.clock import parse_clock
 from capture_app.commands.options import (
     AddressType,
     beacons_option,
@@ -43,7 +45,6 @@ def relay(
     preferred first. The relay passes on the leader's time and bursts to its nodes, and their images to the
     leader; `status` and `burst` work with its address too. While no leader answers, it is in holdover.
     """
-    from capture_app.clock import parse_clock
     from capture_app.net.multicast import BEACONS, BeaconSender
     from capture_app.node.relay import RelayNode
 
@@ -60,8 +61,6 @@ def relay(
 
 
 async def _run_relay(node: "RelayNode", parents: tuple[Address, ...], as_json: bool) -> None:
-    import asyncio
-
     async with node:
         talk(f"relay at {node.address}, below {', or '.join(map(str, parents))}")
         talk(f"join with: capture-app node --leader {node.address} --camera SPEC")

@@ -37,28 +37,27 @@ def status(leader: Address, as_json: bool) -> None:
     if rig.message:
         print_line(rig.message)
     if rig.nodes:
-        with_reference = any(node.relative_uncertainty_ns is not None for node in rig.nodes)
-        clock = ("clock bound µs", *(("apart µs",) if with_reference else ()), "round trip µs")
-        head = ("node", "state", *clock, "phase error µs", "drops", "camera", "message")
-        print_table(
-            head, [_node_row(node, with_reference=with_reference) for node in in_tree_order(rig.nodes)]
-        )
+        rows = [_node_row(node) for node in in_tree_order(rig.nodes)]
+        if all(node.relative_uncertainty_ns is None for node in rig.nodes):
+            for row in rows:
+                del row["apart µs"]
+        print_table(tuple(rows[0]), [tuple(row.values()) for row in rows])
     for path in rig.sessions:
         print_line(f"saved {path}")
 
 
-def _node_row(node: "NodeStatus", *, with_reference: bool) -> tuple[str, ...]:
-    return (
-        "  " * (node.depth - 1) + node.name,
-        str(node.state),
-        _microseconds(node.hard_bound_ns),
-        *((_microseconds(node.relative_uncertainty_ns),) if with_reference else ()),
-        _microseconds(node.round_trip_ns),
-        _microseconds(node.phase_error_ns),
-        str(node.drops),
-        node.camera.model,
-        node.message,
-    )
+def _node_row(node: "NodeStatus") -> dict[str, str]:
+    return {
+        "node": "  " * (node.depth - 1) + node.name,
+        "state": str(node.state),
+        "clock bound µs": _microseconds(node.hard_bound_ns),
+        "apart µs": _microseconds(node.relative_uncertainty_ns),
+        "round trip µs": _microseconds(node.round_trip_ns),
+        "phase error µs": _microseconds(node.phase_error_ns),
+        "drops": str(node.drops),
+        "camera": node.camera.model,
+        "message": node.message,
+    }
 
 
 def _microseconds(time_ns: int | None) -> str:

@@ -89,10 +89,9 @@ class RigApp(App[None]):
         self.query_one("#headline", Static).update(_headline(status))
         empty = self.query_one("#empty", Static)
         table = self.query_one(NodesTable)
+        empty.update(_how_to_join(status))
         empty.display = not status.nodes
         table.display = bool(status.nodes)
-        if not status.nodes:
-            empty.update(_how_to_join(status))
         table.show(tuple(in_tree_order(status.nodes)), wide=self.size.width >= 110)
         burst = status.burst
         if self._busy == TAKING and burst is not None and not burst.done:

@@ -107,7 +107,6 @@ class LiveRig:
     def _pass_on_news(self, news: News) -> None:
         if isinstance(news, BurstStatus) and not news.done:
             return  # the burst's progress is in every snapshot; only its end is news
-        line = news_line(news)
-        if line and line != self._last_line:
+        if (line := news_line(news)) and line != self._last_line:
             self._last_line = line
             self._tell(line)

@@ -12,12 +12,8 @@ from capture_app.cli import COMMANDS, run
 from capture_app.errors import ExitCode
 from capture_app.net.server import bind_port
 
-USAGE, BAD_INPUT, NO_CAMERA, NETWORK = (
-    ExitCode.USAGE,
-    ExitCode.BAD_INPUT,
-    ExitCode.NO_CAMERA,
-    ExitCode.NETWORK,
-)
+USAGE, BAD_INPUT = ExitCode.USAGE, ExitCode.BAD_INPUT
+NO_CAMERA, NETWORK = ExitCode.NO_CAMERA, ExitCode.NETWORK
 NODE = ("node", "--leader", "127.0.0.1:1")
 
 

@@ -1,5 +1,6 @@
 """`capture-app sessions repair`: complete sessions after a crash, a power cut or a full disk."""
 
+import asyncio
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -40,8 +41,6 @@ def repair(path: Path, wait_s: float, listen: Address, as_json: bool) -> None:
     Saved images are never changed; damaged ones are moved to the folder set_aside of the session. What a
     killed import or rendering left in ROOT is removed; an earlier session that it had set aside is restored.
     """
-    import asyncio
-
     from capture_app.node.leader.repair import repair as repair_sessions
     from capture_app.node.leader.wording import News, news_line
 

@@ -1,7 +1,6 @@
 """The demo's parts with the cheap test card; scene and comparison have tests of their own."""
 
 import asyncio
-import os
 import signal
 import sys
 from contextlib import suppress
@@ -79,22 +78,25 @@ async def test_nodes_end_with_the_process_that_started_them(how: signal.Signals)
             await asyncio.sleep(0.05)
 
 
+def stat_of(pid: int) -> list[str]:
+    """State, parent and what follows of a process. Raises OSError where there is none."""
+    return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+
+
 def children_of(parent: int) -> list[int]:
     """The processes that a process has started and that are still its own."""
-    statuses = {int(path.parent.name): path for path in Path("/proc").glob("[0-9]*/stat")}
     found = []
-    for pid, path in statuses.items():
+    for path in Path("/proc").glob("[0-9]*"):
         with suppress(FileNotFoundError, ProcessLookupError):
-            if int(path.read_text().rpartition(")")[2].split()[1]) == parent:
-                found.append(pid)
+            if int(stat_of(int(path.name))[1]) == parent:
+                found.append(int(path.name))
     return found
 
 
 def is_running(pid: int) -> bool:
     """Whether a process is there and no zombie that only waits to be noticed."""
     try:
-        os.kill(pid, 0)
-        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] != "Z"
+        return stat_of(pid)[0] != "Z"
     except (ProcessLookupError, FileNotFoundError):
         return False
 

@@ -228,7 +228,6 @@ def _timestamp_source(path: str, flags: int) -> TimestampSource:
 
 
 def _foreign_clock(path: str) -> CameraError:
-    """The error of a device that stamps its frames in another clock."""
     return CameraError(
         f"{path} does not stamp its frames in this machine's monotonic clock",
         hint="for a USB camera: echo CLOCK_MONOTONIC | sudo tee /sys/module/uvcvideo/parameters/clock",

@@ -13,7 +13,7 @@ from capture_app.node.transfer.burst_sender import BurstSender, PostponedError
 from capture_app.node.transfer.burst_upload import BurstUpload
 from capture_app.node.transfer.encoding import FrameEncoder
 from capture_app.node.transfer.spool import Spool
-from capture_app.node.wire.messages import FromLeader, Refusal, SpoolSpace
+from capture_app.node.wire.messages import FromLeader, SpoolSpace
 from capture_app.session.files.disk import free_bytes
 
 RETRY_S = (0.5, 1.0, 2.0, 4.0)
@@ -128,22 +128,19 @@ class Uploader:
 
     async def _send_burst(self, sender: BurstSender, burst: BurstUpload) -> None:
         refusal = await sender.send_burst(burst)
-        if refusal is not None:
-            self._put_away(burst, refusal)
-        else:
+        if refusal is None:
             if burst.spooled is not None:
                 await asyncio.to_thread(burst.spooled.remove)
             self._space_is_due = self.spool is not None
+        else:
+            burst.frames.clear()
+            kept = ""
+            if burst.spooled is not None:
+                self._refused.append(burst)
+                kept = f"; its images stay in {burst.spooled.folder}"
+            self.talk(f"burst {burst.report.burst} given up: {refusal.what}{kept}")
         with contextlib.suppress(ValueError):
             self._waiting.remove(burst)
-
-    def _put_away(self, burst: BurstUpload, refusal: Refusal) -> None:
-        burst.frames.clear()
-        kept = ""
-        if burst.spooled is not None:
-            self._refused.append(burst)
-            kept = f"; its images stay in {burst.spooled.folder}"
-        self.talk(f"burst {burst.report.burst} given up: {refusal.what}{kept}")
 
     async def _watch_space(self) -> None:
         while self.spool is not None:

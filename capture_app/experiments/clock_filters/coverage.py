@@ -13,16 +13,7 @@ from capture_app.simulation.network.link import Link
 from capture_app.simulation.network.paper_link import LINKS_BY_LAW
 from capture_app.simulation.network.wandering_clock import draw_wandering_clock
 from capture_app.sync.clock.clock_filter import ClockFilter
-from capture_app.sync.rig.poll_schedule import (
-    EASING_PACES_NS,
-    EASING_SAMPLES,
-    FIRST_PACE_NS,
-    FIRST_SAMPLES,
-    GROWTH,
-    PACE_NS,
-    ROUND_EXCHANGES,
-    SPACING_NS,
-)
+from capture_app.sync.rig import poll_schedule
 from capture_app.sync.tree.follower import WINDOW_NS
 
 _S = 1_000_000_000
@@ -133,7 +124,8 @@ def _with_minimum(law: DelayLaw, minimum_ns: int) -> DelayLaw:
 
 
 def _first_second(found: Coverages, trial: _Trial) -> None:
-    clock, sent_ns = ClockFilter(), [i * FIRST_PACE_NS for i in range(FIRST_SAMPLES)]
+    sent_ns = [i * poll_schedule.FIRST_PACE_NS for i in range(poll_schedule.FIRST_SAMPLES)]
+    clock = ClockFilter()
     for now_ns in trial.feed(clock, sent_ns, [sent_ns[-1] + 5_000_000]):
         trial.judge(clock, now_ns, AHEAD, found)
 
@@ -141,11 +133,12 @@ def _first_second(found: Coverages, trial: _Trial) -> None:
 def _steady(found: Coverages, trial: _Trial) -> None:
     """A client with a camera: it asks in quick succession, then less and less often."""
     sent_ns, last_ns = [0], max(STEADY.values())
-    paces_ns = [FIRST_PACE_NS] * FIRST_SAMPLES
-    for pace_ns in EASING_PACES_NS:
-        paces_ns += [pace_ns] * EASING_SAMPLES
+    paces_ns = [poll_schedule.FIRST_PACE_NS] * poll_schedule.FIRST_SAMPLES
+    for pace_ns in poll_schedule.EASING_PACES_NS:
+        paces_ns += [pace_ns] * poll_schedule.EASING_SAMPLES
     while sent_ns[-1] < last_ns:
-        sent_ns.append(sent_ns[-1] + (paces_ns[len(sent_ns)] if len(sent_ns) < len(paces_ns) else PACE_NS))
+        pace_ns = paces_ns[len(sent_ns)] if len(sent_ns) < len(paces_ns) else poll_schedule.PACE_NS
+        sent_ns.append(sent_ns[-1] + pace_ns)
     clock, situations = ClockFilter(), iter(STEADY)
     for now_ns in trial.feed(clock, sent_ns, sorted(STEADY.values())):
         trial.judge(clock, now_ns, {next(situations): 0}, found)
@@ -153,12 +146,12 @@ def _steady(found: Coverages, trial: _Trial) -> None:
 
 def _rounds(found: Coverages, trial: _Trial) -> None:
     """A follower: rounds that are further and further apart."""
-    sent_ns = [i * SPACING_NS for i in range(FIRST_SAMPLES)]
+    sent_ns = [i * poll_schedule.SPACING_NS for i in range(poll_schedule.FIRST_SAMPLES)]
     ends_ns, every_ns = [], float(_S)
     while sent_ns[-1] < ROUNDS_FROM_NS:
-        every_ns = min(every_ns * GROWTH, ROUND_EVERY_NS)
+        every_ns = min(every_ns * poll_schedule.GROWTH, ROUND_EVERY_NS)
         begin_ns = sent_ns[-1] + round(every_ns)
-        sent_ns += [begin_ns + i * SPACING_NS for i in range(ROUND_EXCHANGES)]
+        sent_ns += [begin_ns + i * poll_schedule.SPACING_NS for i in range(poll_schedule.ROUND_EXCHANGES)]
         ends_ns.append(sent_ns[-1] + 60_000_000)
     clock = ClockFilter(window_ns=WINDOW_NS)
     for now_ns in trial.feed(clock, sent_ns, ends_ns):

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 
 from capture_app.clock import SimulatedClock
 from capture_app.experiments.clock_filters.coverage import Coverages
-from capture_app.experiments.clock_filters.filters import estimator_family
+from capture_app.experiments.clock_filters.filters import ClockEstimator, estimator_family
 from capture_app.experiments.common.result import error_figures
 from capture_app.simulation.network.delay_laws import ReplayedDelay
 from capture_app.simulation.network.exchanges import Exchange, exchanges
@@ -28,6 +28,18 @@ class EstimatorErrors:
     covered: int = 0
     bounded: int = 0
     uncertainties_us: list[float] = field(default_factory=list)
+
+    def add(self, name: str, estimator: ClockEstimator, clock: SimulatedClock, true_ns: int) -> None:
+        """Judge an estimator's time map at a true time in ns."""
+        local_ns = clock.local_from_true(true_ns)
+        time_map = estimator.time_map(local_ns)
+        assert time_map is not None
+        error_ns = time_map.leader_from_local(local_ns) - true_ns
+        self.errors_us.setdefault(name, []).append(error_ns / 1000.0)
+        if name == "ours":
+            self.covered += abs(error_ns) <= time_map.uncertainty_ns
+            self.bounded += abs(error_ns) <= time_map.hard_bound_ns
+            self.uncertainties_us.append(time_map.uncertainty_ns / 1000.0)
 
     def mean_abs(self, name: str) -> float:
         """Mean absolute error of an estimator in us."""
@@ -83,14 +95,7 @@ def run_law_trials(link: Link, count: int, seed: str) -> EstimatorErrors:
                 estimator.add(message.sample)
         true_ns = max(message.arrived_true_ns for message in messages)
         for name, estimator in family.items():
-            time_map = estimator.time_map(clock.local_from_true(true_ns))
-            assert time_map is not None
-            error_ns = time_map.leader_from_local(clock.local_from_true(true_ns)) - true_ns
-            result.errors_us.setdefault(name, []).append(error_ns / 1000.0)
-            if name == "ours":
-                result.covered += abs(error_ns) <= time_map.uncertainty_ns
-                result.bounded += abs(error_ns) <= time_map.hard_bound_ns
-                result.uncertainties_us.append(time_map.uncertainty_ns / 1000.0)
+            result.add(name, estimator, clock, true_ns)
     return result
 
 
@@ -104,8 +109,4 @@ def run_convergence_trial(
         for name, estimator in family.items():
             estimator.add(message.sample)
             if k in convergence:
-                local_ns = clock.local_from_true(message.arrived_true_ns)
-                time_map = estimator.time_map(local_ns)
-                assert time_map is not None
-                error_ns = time_map.leader_from_local(local_ns) - message.arrived_true_ns
-                convergence[k].errors_us.setdefault(name, []).append(error_ns / 1000.0)
+                convergence[k].add(name, estimator, clock, message.arrived_true_ns)

@@ -1,23 +1,22 @@
 """Pictures of `led-panel` and `naive`: the paper's histograms, and what the cameras saw."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from capture_app.experiments.common.plots import new_figure, save
+from capture_app.simulation.rendering.led_panel import Image
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
     from matplotlib.axes import Axes
 
     from capture_app.experiments.led_panel.experiment import Trial
-    from capture_app.simulation.rendering.led_panel import Image
 
 
 def draw_led_panel(
     done: "Sequence[Trial]",
-    pictures: "tuple[Image, Image]",
-    paper: "Mapping[str, Mapping[str, float]]",
+    pictures: tuple[Image, Image],
+    paper: Mapping[str, Mapping[str, float]],
     folder: Path,
 ) -> list[Path]:
     """Draw the errors of all trials with the paper's figures, and the first trial's two pictures."""
@@ -45,9 +44,9 @@ def draw_led_panel(
 
 
 def draw_naive(
-    sizes_ms: "Mapping[str, Sequence[float]]",
-    chain_us: "Sequence[float]",
-    paper: "Mapping[str, Mapping[str, float]]",
+    sizes_ms: Mapping[str, Sequence[float]],
+    chain_us: Sequence[float],
+    paper: Mapping[str, Mapping[str, float]],
     folder: Path,
 ) -> Path:
     """Draw the sizes of the modelled triggers' errors, and the errors of the whole chain in microseconds."""
@@ -63,6 +62,6 @@ def draw_naive(
     return save(figure, folder / "naive.png")
 
 
-def _histogram(axes: "Axes", errors_us: "Sequence[float]", title: str) -> None:
+def _histogram(axes: "Axes", errors_us: Sequence[float], title: str) -> None:
     axes.hist(errors_us, bins=min(30, max(5, len(errors_us) // 4)))
     axes.set(title=f"{title}, {len(errors_us)} trials", xlabel="client minus leader, us", ylabel="trials")

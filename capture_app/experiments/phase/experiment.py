@@ -9,6 +9,7 @@ from statistics import quantiles
 
 from capture_app.experiments.common.result import Outcome, Result
 from capture_app.experiments.common.workers import call_all
+from capture_app.experiments.phase import report
 from capture_app.experiments.phase.baselines import (
     PPM,
     Attempt,
@@ -17,14 +18,6 @@ from capture_app.experiments.phase.baselines import (
     inject_like_libsoftwaresync,
     restart_like_the_paper,
     uniform_ppm,
-)
-from capture_app.experiments.phase.report import (
-    draw_injections,
-    draw_restarts,
-    mean_moves,
-    mean_seconds,
-    never_share,
-    tables,
 )
 from capture_app.experiments.phase.trials import (
     align_one_camera,
@@ -124,26 +117,26 @@ def run(
         seed=seed,
         trials=count,
         ours={
-            "injections_mean": _figures(ours.injections, mean_moves),
-            "restarts_mean": _figures(ours.restarts, mean_moves),
-            "seconds_mean": _figures({**ours.injections, **ours.restarts}, mean_seconds),
+            "injections_mean": _figures(ours.injections, report.mean_moves),
+            "restarts_mean": _figures(ours.restarts, report.mean_moves),
+            "seconds_mean": _figures({**ours.injections, **ours.restarts}, report.mean_seconds),
             "group_trials": {str(cameras): max(2, round(share * count)) for cameras, share in groups.items()},
             "servo_us": servo,
         },
         baseline={
-            "injections_mean": _figures(theirs.injections, mean_moves),
-            "restarts_mean": _figures(theirs.restarts, mean_moves),
-            "seconds_mean": _figures({**theirs.injections, **theirs.restarts}, mean_seconds),
-            "never_share": _figures({**theirs.injections, **theirs.restarts}, never_share),
-            "ten_phones_seconds_mean": {name: mean_seconds(ways) for name, ways in drifts.items()},
+            "injections_mean": _figures(theirs.injections, report.mean_moves),
+            "restarts_mean": _figures(theirs.restarts, report.mean_moves),
+            "seconds_mean": _figures({**theirs.injections, **theirs.restarts}, report.mean_seconds),
+            "never_share": _figures({**theirs.injections, **theirs.restarts}, report.never_share),
+            "ten_phones_seconds_mean": {name: report.mean_seconds(ways) for name, ways in drifts.items()},
         },
         paper=PAPER,
     )
 
     def draw(folder: Path) -> list[Path]:
-        return [draw_injections(ours, theirs, folder), draw_restarts(result, folder)]
+        return [report.draw_injections(ours, theirs, folder), report.draw_restarts(result, folder)]
 
-    return Outcome(result, tables(result), NOTES, draw)
+    return Outcome(result, report.tables(result), NOTES, draw)
 
 
 NOTES = (

@@ -87,11 +87,7 @@ def _figures(case: Case, moments: Sequence[Moment], *, corrected: bool) -> Mappi
         "coverage_95": [abs(r.error_us) <= r.uncertainty_us for r in readings],
     }
     if corrected:
-        shares["in_use_share"] = [
-            relative_uncertainty_us is not None
-            for m in moments
-            for relative_uncertainty_us in m.relative_uncertainty_us
-        ]
+        shares["in_use_share"] = [us is not None for m in moments for us in m.relative_uncertainty_us]
         shares["coverage_between_clients"] = _relative_uncertainties_held(case, moments)
     return {
         **figures,

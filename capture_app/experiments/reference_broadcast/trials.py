@@ -116,14 +116,12 @@ def _draw_delay(tail_us: float, rng: random.Random) -> GammaDelay:
 
 def _observe(rig: VirtualRig, nodes: list[VirtualNode]) -> Moment:
     reports = [node.client.report(node.spec.clock.local_from_true(rig.now_true_ns)) for node in nodes]
+    relative_ns = [report.relative_uncertainty_ns for report in reports]
     return Moment(
         rig.now_true_ns / S,
         tuple(_read_clock(rig, node, node.client.time.uncorrected_map) for node in nodes),
         tuple(_read_clock(rig, node, node.client.time_map) for node in nodes),
-        tuple(
-            None if report.relative_uncertainty_ns is None else report.relative_uncertainty_ns / US
-            for report in reports
-        ),
+        tuple(None if ns is None else ns / US for ns in relative_ns),
     )
 
 

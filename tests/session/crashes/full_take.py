@@ -23,6 +23,7 @@ class Take:
 
     def __init__(self, root: Path) -> None:
         self.folder = root / "take"
+        self.places = [(name, instant) for instant in range(self.instants) for name in self.names]
         self.confirmed: dict[tuple[str, int], bytes] = {}
 
     def begin(self) -> SessionWriter:
@@ -63,9 +64,8 @@ class Take:
 
     def write(self) -> Session:
         writer = self.begin()
-        for instant in range(self.instants):
-            for name in self.names:
-                self.add(writer, name, instant)
+        for name, instant in self.places:
+            self.add(writer, name, instant)
         return self.end(writer)
 
     def check_repaired(self) -> Session:

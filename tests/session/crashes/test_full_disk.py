@@ -65,9 +65,8 @@ def retrying(take: Take) -> int:
             return work()
 
     writer = again(take.begin)
-    for instant in range(take.instants):
-        for name in take.names:
-            again(lambda name=name, instant=instant: take.add(writer, name, instant))
+    for name, instant in take.places:
+        again(lambda name=name, instant=instant: take.add(writer, name, instant))
     again(lambda: take.end(writer))
     return errors
 
@@ -80,9 +79,8 @@ def test_on_a_disk_that_is_really_full_nothing_confirmed_is_lost(small_disk: Cal
         writer = None
         try:
             writer = take.begin()
-            for instant in range(take.instants):
-                for name in take.names:
-                    take.add(writer, name, instant)
+            for name, instant in take.places:
+                take.add(writer, name, instant)
             take.end(writer)
             finished += 1
         except DiskFullError as error:
@@ -104,10 +102,9 @@ def test_on_a_disk_that_is_really_full_nothing_confirmed_is_lost(small_disk: Cal
 
 def missing_at_least_one(take: Take, writer: SessionWriter) -> None:
     cameras = [camera_record(name) for name in take.names]
-    every = ((name, instant) for name in take.names for instant in range(take.instants))
     gaps = [
         MissingImage(camera=name, instant=instant, reason="the leader's disk is full")
-        for name, instant in every
+        for name, instant in take.places
         if (name, instant) not in take.confirmed
     ]
     session = writer.finish(cameras, take.burst, gaps, origin="simulated")

@@ -19,8 +19,11 @@ least round trip: two-way messages cannot measure it. The paper's link has 0.038
 STAMP_NS = 1_000.0
 """One sigma of the asymmetry that the two programs add: one that was just woken up stamps late. It matters on
 loopback and cables (docs/accuracy.md), not on radio."""
+MAX_SKEW = 100.0 * 1e-6
+MAX_WANDER = 0.5 * 1e-6 / 60e9
+"""Largest skew of a clock, and its largest change in a ns: half a millionth in a minute."""
 USUAL_WANDER = 0.05
-"""One sigma of the change of the skew, as a share of `max_wander_ppm_per_min`: a clock in a room's air."""
+"""One sigma of the change of the skew, as a share of MAX_WANDER: a clock in a room's air."""
 ROUNDING_NS = 2.0
 REACH_NS = 1e13
 """Largest change of the offset within a window, in ns."""
@@ -64,20 +67,12 @@ class ClockSample:
 class ClockFilter:
     """Estimates leader time from local time: the minimum delay of each direction, and the skew.
 
-    The hard bound holds for any delays, in any order, as long as the skew stays below `max_skew_ppm` and
-    changes by less than `max_wander_ppm_per_min`. The local clock must never run backwards.
+    The hard bound holds for any delays, in any order, as long as the skew stays below MAX_SKEW and changes
+    by less than MAX_WANDER. The local clock must never run backwards.
     """
 
-    def __init__(
-        self,
-        *,
-        window_ns: int = 30_000_000_000,
-        max_skew_ppm: float = 100.0,
-        max_wander_ppm_per_min: float = 0.5,
-    ) -> None:
+    def __init__(self, *, window_ns: int = 30_000_000_000) -> None:
         self._window_ns = window_ns
-        self._steepest = max_skew_ppm * 1e-6
-        self._wander = max_wander_ppm_per_min * 1e-6 / 60e9
         self._not_before_ns: int | None = None
         self.reset()
 
@@ -140,9 +135,9 @@ class ClockFilter:
         offset_ns = round(min(max(fit.offset + fit.skew * age, lowest), highest))
         bound = max(highest - offset_ns, offset_ns - lowest) + self._slack(t)
         # The lines describe the latest samples; what the skew has changed since comes on top.
-        skew_bound = max(greatest - skew, skew - least) + self._wander * (self._window_ns + abs(t))
+        skew_bound = max(greatest - skew, skew - least) + MAX_WANDER * (self._window_ns + abs(t))
         span = float(self._newest_ns - min(self._blocks) * BLOCK_NS)
-        variance, covariance, skew_variance = fit.spread_at(age, USUAL_WANDER * self._wander, span)
+        variance, covariance, skew_variance = fit.spread_at(age, USUAL_WANDER * MAX_WANDER, span)
         uncertainty = min(self._uncertainty(fit, variance), bound)
         skew_uncertainty = min(2.0 * sqrt(skew_variance), skew_bound)
         round_trips = [b.round_trip_ns for b in self._blocks.values() if b.round_trip_ns is not None]
@@ -195,15 +190,15 @@ class ClockFilter:
         index = local_ns // BLOCK_NS
         block = self._blocks.get(index)
         if block is None:
-            block = self._blocks[index] = Block(self._steepest)
+            block = self._blocks[index] = Block(MAX_SKEW)
         return block
 
     def _all_lines(self) -> FeasibleLines:
-        return FeasibleLines(lowest=-REACH_NS, highest=REACH_NS, steepest=self._steepest)
+        return FeasibleLines(lowest=-REACH_NS, highest=REACH_NS, steepest=MAX_SKEW)
 
     def _slack(self, t: float) -> float:
         """How far a clock can bend away from a straight line, t ns from the reference, in ns."""
-        return ROUNDING_NS + self._wander * t * t / 2.0
+        return ROUNDING_NS + MAX_WANDER * t * t / 2.0
 
     def _clip(self, lines: FeasibleLines, upper: Bound, lower: Bound) -> bool:
         sent, received = float(upper[0] - self._reference_ns), float(lower[0] - self._reference_ns)
@@ -262,7 +257,7 @@ class ClockFilter:
             points(uppers),
             points(lowers),
             lambda skew: (tightest(uppers, skew), tightest(lowers, -skew)),
-            steepest=self._steepest,
+            steepest=MAX_SKEW,
             count=RUNNERS_UP,
         )
         there, back = estimate_excess(fit.upper), estimate_excess(fit.lower)

@@ -22,15 +22,12 @@ JUDGED_STARTS_FRAMES = 10
 """Once so many frames have come after a start, it shows whether the first one could have been believed."""
 HOPELESS_PPM = 1000.0
 _S = 1_000_000_000
-DEFAULT_HOLD_NS = {"frame-duration": 0, "injection": 2 * _S, "reset": 10 * _S, "none": 2 * _S}
+HOLD_NS = {"frame-duration": 0, "injection": 2 * _S, "reset": 10 * _S, "none": 2 * _S}
+"""How long a phase should last between two corrections: the aim centres the drift over it."""
 
 
 class Aligner:
-    """Watches one camera's stream and gives at most one phase command at a time.
-
-    `hold_ns` is how long a phase should last between two corrections: the aim is set so that the drift over
-    it is centred. Times in ns.
-    """
+    """Watches one camera's stream and gives at most one phase command at a time; times in ns."""
 
     def __init__(
         self,
@@ -38,12 +35,11 @@ class Aligner:
         *,
         tolerance_ns: int,
         rng: random.Random,
-        hold_ns: int | None = None,
         profile: InjectionProfile | None = None,
         aimed: bool = True,
     ) -> None:
         self._tolerance_ns = tolerance_ns
-        self._hold_ns = DEFAULT_HOLD_NS[camera.phase_control] if hold_ns is None else hold_ns
+        self._hold_ns = HOLD_NS[camera.phase_control]
         self._phase = PhaseEstimator(period_ns=camera.period_ns)
         self._actuator = choose_actuator(camera, rng=rng, profile=profile, aimed=aimed)
         self._commands = CommandTracker(self._phase, self._actuator)

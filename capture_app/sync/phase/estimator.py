@@ -15,13 +15,15 @@ FIRST_INTERVALS = 8
 """Intervals whose median gives the first period."""
 RATE_FRAMES = 15
 CALM_FRAMES = 5
+TIMEOUT_FRAMES = 12
+WINDOW_FRAMES = 300
 
 
 class PhaseEstimator:
     """Period and phase of a stream of frames, robust to outliers, drops and moved phases."""
 
-    def __init__(self, *, period_ns: int, window_frames: int = 300) -> None:
-        self._line = FrameLine(period_ns=float(period_ns), window_frames=window_frames)
+    def __init__(self, *, period_ns: int) -> None:
+        self._line = FrameLine(period_ns=float(period_ns), window_frames=WINDOW_FRAMES)
         self.frames = 0
         self.drops = 0
         self.last_shift_ns: int | None = None
@@ -34,7 +36,6 @@ class PhaseEstimator:
         self._disturbed = False
         self._pending: list[Point] = []
         """Frames since a disturbance was expected."""
-        self._timeout_frames = 0
         self._height_before_ns = 0.0
 
     @property
@@ -146,14 +147,13 @@ class PhaseEstimator:
         """Expect the coming frames to be later by exactly so much, from one of the next few on."""
         self.shifts.expect(self._index, shift_ns)
 
-    def mark_disturbance(self, *, timeout_frames: int = 12) -> None:
-        """Expect the phase to move within so many frames; `last_shift_ns` is then how far it did."""
+    def mark_disturbance(self) -> None:
+        """Expect the phase to move within TIMEOUT_FRAMES; `last_shift_ns` is then how far it did."""
         if self._stream is None:
             return
         self._disturbed = True
         self.last_shift_ns = None
         self._pending.clear()
-        self._timeout_frames = timeout_frames
         self._height_before_ns = self._line.height_ns
 
     def _start_stream(self, stamp: FrameStamp) -> None:
@@ -221,9 +221,9 @@ class PhaseEstimator:
         shift = median(heights) - self._height_before_ns
         calm = max(heights) - min(heights) < self._line.tolerance_ns
         moved = abs(shift) > max(4.0 * self.noise_ns, 2_000.0)
-        if not (calm and moved) and len(self._pending) < self._timeout_frames:
+        if not (calm and moved) and len(self._pending) < TIMEOUT_FRAMES:
             return
-        if not calm and len(self._pending) < 2 * self._timeout_frames:
+        if not calm and len(self._pending) < 2 * TIMEOUT_FRAMES:
             return
         self._disturbed = False
         self._line.begin_run(last)

@@ -8,6 +8,7 @@ from typing import Any, ParamSpec, TypeVar
 
 from capture_app.cameras.base import Camera, CapturedFrame
 from capture_app.cameras.catalog import open_camera
+from capture_app.clock import SimulatedClock
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -38,14 +39,8 @@ class SteppedLoop(asyncio.SelectorEventLoop):
         return self.selector.now_s
 
 
-class LoopClock:
-    """A node clock two hours ahead of the loop's time, which is true time here."""
-
-    def local_from_true(self, true_ns: int) -> int:
-        return true_ns + 2 * HOUR_NS
-
-    def true_from_local(self, local_ns: int) -> int:
-        return local_ns - 2 * HOUR_NS
+class LoopClock(SimulatedClock, frozen=True):
+    """A clock in the loop's time, which is true time here."""
 
     def now_ns(self) -> int:
         return self.local_from_true(true_now_ns())
@@ -67,7 +62,7 @@ def in_stepped_time(scenario: Callable[P, Coroutine[Any, Any, T]]) -> Callable[P
 
 
 def sim(spec: str, name: str = "cam00") -> Camera:
-    return open_camera(spec, clock=LoopClock(), name=name)
+    return open_camera(spec, clock=LoopClock(2 * HOUR_NS), name=name)
 
 
 class Recorder:

@@ -205,7 +205,7 @@ class ComparisonTally(Generic[Form]):
         self._form = form
         self._measures = per_instant
         self._tallies = {side: Tally() for side in SIDES}
-        self._rows: list[dict[str, float | int | None]] = []
+        self.per_instant: tuple[dict[str, float | int | None], ...] = ()
 
     def add(self, measured: Mapping[str, Measurements], facts: Mapping[str, float | int | None]) -> None:
         """Add an instant, measured on both sides; its row begins with the facts."""
@@ -213,7 +213,7 @@ class ComparisonTally(Generic[Form]):
         for side, tally in self._tallies.items():
             tally.add(measured[side])
             row |= {f"{side}_{name}": Tally([measured[side]]).value(name) for name in self._measures}
-        self._rows.append(row)
+        self.per_instant += (row,)
 
     @property
     def synced(self) -> Form:
@@ -224,11 +224,6 @@ class ComparisonTally(Generic[Form]):
     def offset(self) -> Form:
         """Scores of the other condition."""
         return self._tallies["offset"].scores(self._form)
-
-    @property
-    def per_instant(self) -> tuple[dict[str, float | int | None], ...]:
-        """A row for each instant."""
-        return tuple(self._rows)
 
     @property
     def differences(self) -> dict[str, Interval]:

@@ -8,6 +8,8 @@ from collections.abc import AsyncGenerator, Callable, Sequence
 from pathlib import Path
 from typing import Self
 
+from msgspec.structs import replace
+
 from capture_app.clock import HostClock, NodeClock
 from capture_app.net.address import DEFAULT_PORT, Address, reachable_host
 from capture_app.net.multicast import BeaconSender
@@ -154,16 +156,9 @@ class LeaderNode:
     async def take_burst(self, request: BurstRequest) -> AsyncGenerator[BurstStatus, None]:
         """Wait for the nodes as asked, take a burst, and yield its progress until it is done."""
         if request.wait_ready_s:
+            status = BurstStatus(burst=0, name="", cameras=0, instants=request.frames, received=0, expected=0)
             async for reason in reasons_until_ready(self._views, request.wait_ready_s, request.nodes):
-                yield BurstStatus(
-                    burst=0,
-                    name="",
-                    cameras=0,
-                    instants=request.frames,
-                    received=0,
-                    expected=0,
-                    message=f"waiting for the rig: {reason}",
-                )
+                yield replace(status, message=f"waiting for the rig: {reason}")
         status = await self.trigger(
             frames=request.frames, spacing=request.spacing, at_leader_ns=request.at_leader_ns
         )

@@ -10,6 +10,9 @@ from capture_app.node.leader.active_bursts import ActiveBursts
 from capture_app.node.wire import messages
 from capture_app.node.wire.status import BurstStatus, RigStatus
 
+WorkingOn = dict[tuple[int, int], tuple[BurstSession, str]]
+"""By a leader's run and a burst's number, the session and the camera that a stream brings images of."""
+
 
 class LeaderService:
     """Serves one stream after another, or many at a time, for one leader."""
@@ -27,7 +30,7 @@ class LeaderService:
 
     async def serve(self, channel: Channel[messages.ToLeader]) -> None:
         """Answer a stream until its peer closes it; the user's mistakes are told, not raised."""
-        working_on: dict[tuple[int, int], tuple[BurstSession, str]] = {}
+        working_on: WorkingOn = {}
         try:
             while (message := await channel.receive_header()) is not None:
                 try:
@@ -42,10 +45,7 @@ class LeaderService:
                 session.stream_closed(camera, self._bursts.now_ns())
 
     async def _answer(
-        self,
-        channel: Channel[messages.ToLeader],
-        message: messages.ToLeader,
-        working_on: dict[tuple[int, int], tuple[BurstSession, str]],
+        self, channel: Channel[messages.ToLeader], message: messages.ToLeader, working_on: WorkingOn
     ) -> None:
         match message:
             case messages.StatusRequest():

@@ -77,13 +77,11 @@ def render(
     stretch = 1.0 + true_ppm * 1e-6
     picture = np.full((HEIGHT, WIDTH), DARK)
     for led in LEDS:
-        rows, columns = _window(led)
-        begin_ns = start_ns % CYCLE_NS + rows * (row_time_ns * stretch)
+        rows, columns, spot = _spot(led)
+        begin_ns = start_ns % CYCLE_NS + np.arange(rows.start, rows.stop) * (row_time_ns * stretch)
         lit = lit_share(begin_ns, exposure_ns * stretch, led.lit_ns, led.first)
         bright = LIGHT * (1.0 + UNEVEN * rng.standard_normal())
-        picture[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] += (
-            bright * lit[:, None] * _spot(led, rows, columns)
-        )
+        picture[rows, columns] += bright * lit[:, None] * spot
     picture += NOISE * rng.standard_normal(picture.shape)
     levels: Image = np.clip(np.rint(picture), 0, 255).astype(np.uint8)
     return levels
@@ -137,27 +135,24 @@ def lit_share(
     return share
 
 
-def _window(led: Led) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    rows = np.arange(round(led.y) - SPOT, round(led.y) + SPOT + 1)
-    columns = np.arange(round(led.x) - SPOT, round(led.x) + SPOT + 1)
-    return rows, columns
-
-
-def _spot(led: Led, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> Floats:
-    down = np.exp(-0.5 * ((rows - led.y) / SPOT_SIGMA) ** 2)
-    across = np.exp(-0.5 * ((columns - led.x) / SPOT_SIGMA) ** 2)
-    return np.asarray(down[:, None] * across[None, :])
+def _spot(led: Led) -> tuple[slice, slice, Floats]:
+    """Rows and columns of an LED's spot, and its brightness there."""
+    y, x = round(led.y), round(led.x)
+    reach = np.arange(-SPOT, SPOT + 1)
+    down = np.exp(-0.5 * ((y + reach - led.y) / SPOT_SIGMA) ** 2)
+    across = np.exp(-0.5 * ((x + reach - led.x) / SPOT_SIGMA) ** 2)
+    spot = np.asarray(down[:, None] * across[None, :])
+    return slice(y - SPOT, y + SPOT + 1), slice(x - SPOT, x + SPOT + 1), spot
 
 
 def _profiles(picture: Image) -> tuple[NDArray[np.int64], Floats]:
     """Rows of each LED's bright middle, and its light there, 1 for lit all the time: both LEDS x lines."""
     all_rows, all_light = [], []
     for led in LEDS:
-        rows, columns = _window(led)
-        rows = rows[SPOT - MIDDLE : SPOT + MIDDLE + 1]
-        spot = _spot(led, rows, columns)
-        light = picture[rows[0] : rows[-1] + 1, columns[0] : columns[-1] + 1] - DARK
-        all_rows.append(rows)
+        rows, columns, spot = _spot(led)
+        middle = slice(SPOT - MIDDLE, SPOT + MIDDLE + 1)
+        spot, light = spot[middle], picture[rows, columns][middle] - DARK
+        all_rows.append(np.arange(rows.start, rows.stop)[middle])
         all_light.append((light * spot).sum(axis=1) / (LIGHT * (spot**2).sum(axis=1)))
     return np.array(all_rows), np.array(all_light)
 

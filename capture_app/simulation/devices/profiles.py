@@ -4,7 +4,7 @@ Frame length = max(frame_length_rows, floor(exposure / row_time) + margin_rows) 
 frame is held for `injection_gain` frames, as measured on real sensors.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 from capture_app.camera_facts import SIMULATED, CameraFacts, PhaseControl, TimestampSource
@@ -103,34 +103,31 @@ class SensorProfile:
         return self.injection_gain * self.row_time_ns * stretch_rows
 
 
+_PHONE_A = SensorProfile(
+    name="phone-a",
+    model="Simulated phone A",
+    phase_control="injection",
+    row_time_ns=10_840,
+    frame_length_rows=3075,
+    margin_rows=19,
+    injection_gain=2,
+    start_latency_ns=(650_000_000, 40_000_000),
+    timestamp_noise_ns=3_000,
+    outlier_share=0.01,
+    drop_share=0.01,
+    period_error_ppm=20.0,
+)
 _MODELS = (
-    SensorProfile(
-        name="phone-a",
-        model="Simulated phone A",
-        phase_control="injection",
-        row_time_ns=10_840,
-        frame_length_rows=3075,
-        margin_rows=19,
-        injection_gain=2,
-        start_latency_ns=(650_000_000, 40_000_000),
-        timestamp_noise_ns=3_000,
-        outlier_share=0.01,
-        drop_share=0.01,
-        period_error_ppm=20.0,
-    ),
-    SensorProfile(
+    _PHONE_A,
+    replace(
+        _PHONE_A,
         name="phone-b",
         model="Simulated phone B",
-        phase_control="injection",
         row_time_ns=12_300,
         frame_length_rows=2710,
         margin_rows=34,
         injection_gain=1,
         start_latency_ns=(720_000_000, 50_000_000),
-        timestamp_noise_ns=3_000,
-        outlier_share=0.01,
-        drop_share=0.01,
-        period_error_ppm=20.0,
     ),
     SensorProfile(
         name="pi",

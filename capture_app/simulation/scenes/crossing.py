@@ -7,7 +7,7 @@ import numpy as np
 from capture_app.simulation.scenes import moving_bodies, studio, textures
 from capture_app.simulation.scenes.definition import Point, SceneDefinition
 from capture_app.simulation.scenes.moving_bodies import Part
-from capture_app.simulation.scenes.poses import Poses, Series, walking_child
+from capture_app.simulation.scenes.poses import walking_child
 from capture_app.simulation.scenes.textures import Colour, Picture
 
 _FIRST, _SECOND = "first ", "second "
@@ -32,10 +32,6 @@ def _pictures(rng: np.random.Generator) -> dict[str, Picture]:
     return found
 
 
-def _fixtures(rng: np.random.Generator) -> list[Part]:
-    return [fixture for fixture in studio.fixtures(rng) if fixture.thing not in _IN_THE_WAY]
-
-
 def _parts() -> dict[str, Part]:
     child = {name: part for name, part in moving_bodies.parts().items() if part.thing == "figure"}
     found = {_FIRST + name: Part("first walker", part.meshes) for name, part in child.items()}
@@ -48,17 +44,13 @@ def _parts() -> dict[str, Part]:
     return found
 
 
-def _poses(seconds: Series) -> dict[str, Poses]:
-    return walking_child(seconds, ahead=0.0, prefix=_FIRST) | walking_child(
-        seconds, ahead=0.5, prefix=_SECOND
-    )
-
-
 DEFINITION = SceneDefinition(
     cameras={f"cam0{number}": _turned(number) for number in range(3)},
     pictures=_pictures,
-    fixtures=_fixtures,
+    fixtures=lambda rng: [part for part in studio.fixtures(rng) if part.thing not in _IN_THE_WAY],
     parts=_parts,
-    poses=_poses,
+    poses=lambda seconds: (
+        walking_child(seconds, ahead=0.0, prefix=_FIRST) | walking_child(seconds, ahead=0.5, prefix=_SECOND)
+    ),
 )
 """The studio's room, with two children who walk round in it and three cameras side by side."""

@@ -7,7 +7,6 @@ from capture_app.simulation.scenes.definition import SceneDefinition
 from capture_app.simulation.scenes.furniture import BACK, FLOOR, FRONT, LEFT, RIGHT, TOP
 from capture_app.simulation.scenes.meshes import Mesh, box, panel
 from capture_app.simulation.scenes.moving_bodies import Part
-from capture_app.simulation.scenes.poses import Poses, Series
 from capture_app.simulation.scenes.textures import Picture
 
 CAMERAS: dict[str, tuple[tuple[float, float, float], tuple[float, float, float]]] = {
@@ -61,7 +60,7 @@ def pictures(rng: np.random.Generator) -> dict[str, Picture]:
 def fixtures(rng: np.random.Generator) -> list[Part]:
     """Everything that stands still, floor and walls first."""
     return [
-        Part("floor", _floor()),
+        Part("floor", [panel((LEFT, FLOOR, FRONT), (0, 0, BACK - FRONT), (RIGHT - LEFT, 0, 0), "floor")]),
         Part("walls", _walls()),
         # Its top alone: of two faces in one plane, the processor's rounding would pick the one in sight.
         Part("rug", [panel((-1.075, FLOOR - 0.01, 2.02), (2.15, 0, 0), (0, 0, 1.2), "rug")]),
@@ -74,10 +73,6 @@ def fixtures(rng: np.random.Generator) -> list[Part]:
         Part("ball", furniture.ball()),
         Part("stand", moving_bodies.stand()),
     ]
-
-
-def _floor() -> list[Mesh]:
-    return [panel((LEFT, FLOOR, FRONT), (0, 0, BACK - FRONT), (RIGHT - LEFT, 0, 0), "floor")]
 
 
 def _walls() -> list[Mesh]:
@@ -94,15 +89,11 @@ def _walls() -> list[Mesh]:
     return walls
 
 
-def _poses(seconds: Series) -> dict[str, Poses]:
-    return poses.jumping_child(seconds) | poses.turning_wheel(seconds)
-
-
 DEFINITION = SceneDefinition(
     cameras=CAMERAS,
     pictures=lambda rng: moving_bodies.pictures(rng) | pictures(rng),
     fixtures=fixtures,
     parts=moving_bodies.parts,
-    poses=_poses,
+    poses=lambda seconds: poses.jumping_child(seconds) | poses.turning_wheel(seconds),
 )
 """A room in which a child jumps and a pinwheel turns."""

@@ -1,5 +1,6 @@
 """Profiles of devices on disk."""
 
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from capture_app.camera_facts import CameraFacts, PhaseControl
@@ -42,6 +43,17 @@ def test_start_latencies_are_kept_beside_what_long_frames_do(tmp_path: Path) -> 
     assert profiles.start_latencies_ns(camera()) == tuple(range(100 - MOST_LATENCIES, 100))
     assert profiles.injection_profile(camera()) == PROFILE
     assert profiles.start_latencies_ns(camera(model="Other")) == ()
+
+
+def test_nodes_that_save_at_once_keep_each_others(tmp_path: Path) -> None:
+    models = [f"Phone {number}" for number in range(40)]
+    with ThreadPoolExecutor(8) as threads:
+        saved = threads.map(
+            lambda model: DeviceProfiles(tmp_path).save_injection(camera(model=model), PROFILE), models
+        )
+        assert all(saved)
+    profiles = DeviceProfiles(tmp_path)
+    assert all(profiles.injection_profile(camera(model=model)) == PROFILE for model in models)
 
 
 def test_a_folder_that_cannot_be_written_is_no_failure(tmp_path: Path) -> None:

@@ -1,12 +1,15 @@
 """What is known about each device model and mode from before, kept as JSON in the user's data folder."""
 
+import os
 from pathlib import Path
+from typing import Any
 
 import msgspec
 from platformdirs import user_data_path
 
 from capture_app.camera_facts import CameraFacts
 from capture_app.session.files.durable import write_atomic
+from capture_app.session.files.locks import lock_file
 from capture_app.sync.phase.injection import InjectionProfile
 
 FILE = "device-profiles.json"
@@ -47,26 +50,33 @@ class DeviceProfiles:
         known = _Injection(
             row_time_ns=profile.row_time_ns, gain=profile.gain, neutral_rows=profile.neutral_rows
         )
-        return self._write(facts, msgspec.structs.replace(self._entry(facts), injection=known))
+        return self._write(facts, injection=known)
 
     def save_start_latencies(self, facts: CameraFacts, latencies_ns: tuple[int, ...]) -> bool:
         """Keep how long starts took, in the place of what was known; False where it cannot be written."""
-        newest = latencies_ns[-MOST_LATENCIES:]
-        return self._write(facts, msgspec.structs.replace(self._entry(facts), start_latencies_ns=newest))
+        return self._write(facts, start_latencies_ns=latencies_ns[-MOST_LATENCIES:])
 
     def _entry(self, facts: CameraFacts) -> _Entry:
         return self._read().get(_key(facts), _Entry())
 
-    def _write(self, facts: CameraFacts, entry: _Entry) -> bool:
-        entries = self._read()
-        if entries.get(_key(facts)) == entry:
-            return True
-        entries[_key(facts)] = entry
+    def _write(self, facts: CameraFacts, **news: Any) -> bool:
+        lock_path = self._path.with_name(f"{FILE}.lock")
         try:
-            self._path.parent.mkdir(parents=True, exist_ok=True)
-            write_atomic(self._path, msgspec.json.format(msgspec.json.encode(entries, order="sorted")))
+            # Nodes of one host share the file: two that add to it at once must not lose either's entry.
+            lock = lock_file(lock_path, wait=True)
         except OSError:
             return False
+        try:
+            entries = self._read()
+            entry = msgspec.structs.replace(entries.get(_key(facts), _Entry()), **news)
+            if entries.get(_key(facts)) != entry:
+                entries[_key(facts)] = entry
+                write_atomic(self._path, msgspec.json.format(msgspec.json.encode(entries, order="sorted")))
+        except OSError:
+            return False
+        finally:
+            lock_path.unlink(missing_ok=True)
+            os.close(lock)
         return True
 
     def _read(self) -> dict[str, _Entry]:

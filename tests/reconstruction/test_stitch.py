@@ -1,6 +1,5 @@
 """`reconstruct stitch` and `reconstruct stereo` as commands of their own."""
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +9,8 @@ import pytest
 
 from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.session.reading.reader import Session
-from reconstruction.cli import run
 from reconstruction.panorama.opencv_stitcher import PanoramaStitcher
-from tests.reconstruction.conftest import VIEWS, Scene, texture, write_session
+from tests.reconstruction.conftest import VIEWS, Reconstruct, Scene, texture, write_session
 
 FOCAL = 630.0
 
@@ -76,25 +74,23 @@ def test_what_moved_in_the_overlap_shows_before_blending(wall: dict[str, Any]) -
 
 @pytest.mark.parametrize("count", [1, 2])
 def test_pictures_that_make_no_panorama_are_refused_and_leave_nothing(
-    tmp_path: Path, wall: dict[str, Any], capsys: pytest.CaptureFixture[str], count: int
+    tmp_path: Path, wall: dict[str, Any], reconstruct: Reconstruct, count: int
 ) -> None:
     (tmp_path / "in").mkdir()
     for name in ("p0", "alien")[:count]:
         cv2.imwrite(str(tmp_path / "in" / f"{name}.png"), wall[name])
-    assert run(["stitch", str(tmp_path / "in"), "--out", str(tmp_path / "out")]) == 3
-    errors = capsys.readouterr().err.strip().splitlines()
-    assert len(errors) == 1
-    assert errors[0].startswith("reconstruct: error: ")
+    done = reconstruct("stitch", tmp_path / "in", "--out", tmp_path / "out")
+    assert done.code == 3
+    assert done.err.splitlines() == [done.complaint]
     assert [path.name for path in tmp_path.iterdir()] == ["in"]
 
 
 def test_stereo_writes_depth_confidence_and_picture(
-    boards: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    boards: Session, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
     out = tmp_path / "out"
-    arguments = ["stereo", str(boards.folder), "--pair", "left,right", "--out", str(out), "--json"]
-    assert run([*arguments, "--instant", "2"]) == 0
-    result = json.loads(capsys.readouterr().out)
+    arguments = ("stereo", boards.folder, "--pair", "left,right", "--out", out, "--json")
+    result = reconstruct(*arguments, "--instant", 2).result
     depth = cv2.imread(str(out / result["depth"]), cv2.IMREAD_UNCHANGED)
     confidence = cv2.imread(str(out / result["confidence"]), cv2.IMREAD_UNCHANGED)
     assert depth.dtype == np.float32
@@ -105,19 +101,21 @@ def test_stereo_writes_depth_confidence_and_picture(
     wrong = (depth > 0) & (np.abs(depth - truth) > 0.02 * truth)
     right = (depth > 0) & ~wrong
     assert confidence[right].mean() > confidence[wrong].mean() + 20
-    assert run([*arguments, "--instant", "9"]) == 3
-    assert "no image of left at instant 9" in capsys.readouterr().err
+    late = reconstruct(*arguments, "--instant", 9)
+    assert late.code == 3
+    assert "no image of left at instant 9" in late.complaint
 
 
 @pytest.mark.parametrize("command", ["stereo", "calibrate", "multiview", "stitch"])
 def test_a_session_of_one_camera_is_refused_in_one_line(
-    command: str, scene: Scene, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    command: str, scene: Scene, tmp_path: Path, reconstruct: Reconstruct
 ) -> None:
     session = write_session(tmp_path / "in", scene, {"only": VIEWS["left"]}, instants=1)
-    out = [] if command == "calibrate" else ["--out", str(tmp_path / "out")]
-    assert run([command, str(session.folder), *out]) == 3
-    (line,) = capsys.readouterr().err.strip().splitlines()
-    assert "two" in line
+    out = () if command == "calibrate" else ("--out", tmp_path / "out")
+    done = reconstruct(command, session.folder, *out)
+    assert done.code == 3
+    assert done.err.splitlines() == [done.complaint]
+    assert "two" in done.complaint
     assert [path.name for path in tmp_path.iterdir()] == ["in"]
 
 
@@ -126,7 +124,7 @@ def test_a_session_of_one_camera_is_refused_in_one_line(
     ("name", "count", "imported"), [("boat", 6, False), ("weir_", 3, False), ("weir_", 3, True)]
 )
 def test_real_pictures_come_out_whole(
-    shared: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], name: str, count: int, imported: bool
+    shared: Path, tmp_path: Path, reconstruct: Reconstruct, name: str, count: int, imported: bool
 ) -> None:
     folder = tmp_path / "pictures"
     folder.mkdir()
@@ -140,8 +138,7 @@ def test_real_pictures_come_out_whole(
         source = import_recording(cameras, tmp_path, "stills", ImportOptions()).folder
         kept = (source / "images" / "rig1" / "cam1" / "000000.jpg").read_bytes()
         assert kept == (folder / "1.jpg").read_bytes()
-    assert run(["stitch", str(source), "--out", str(tmp_path / "out"), "--json"]) == 0
-    result = json.loads(capsys.readouterr().out)
+    result = reconstruct("stitch", source, "--out", tmp_path / "out", "--json").result
     assert len(result["used"]) == count
     assert result["left_out"] == {}
     assert result["synced"]["width"] > 1.7 * 800

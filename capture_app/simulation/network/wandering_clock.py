@@ -61,10 +61,8 @@ class WanderingClock:
             self._bend -= amplitude * rate * sin(angle) / 2.0
 
 
-def draw_wandering_clock(
-    rng: random.Random, *, skew_ppm: float = 20.0, wander_ppm: float = 0.3, days: float = 1.0
-) -> WanderingClock:
-    """Draw a clock: offset up to `days`, skew of one sigma, waves of 15 to 60 minutes and of 5 to 15.
+def draw_wandering_clock(rng: random.Random, *, wander_ppm: float = 0.3) -> WanderingClock:
+    """Draw a clock: offset up to a day, skew of 20 ppm (one sigma), waves of 15 to 60 minutes and of 5 to 15.
 
     The long wave has an amplitude of up to `wander_ppm`, as a room's heating gives; the short one a sixth.
     """
@@ -73,5 +71,5 @@ def draw_wandering_clock(
         amplitude = rng.uniform(0.0, wander_ppm) * share * 1e-6
         rate = 2.0 * pi / (rng.uniform(shortest_s, longest_s) * _S)
         waves.append((amplitude, rate, rng.uniform(0.0, 2.0 * pi)))
-    offset_ns = round(rng.uniform(-days, days) * 86400 * _S)
-    return WanderingClock(offset_ns, rng.gauss(0.0, skew_ppm) * 1e-6, tuple(waves))
+    offset_ns = round(rng.uniform(-1.0, 1.0) * 86400 * _S)
+    return WanderingClock(offset_ns, rng.gauss(0.0, 20.0) * 1e-6, tuple(waves))

@@ -76,15 +76,11 @@ def refuse_bad_calibration(quality: CalibrationQuality, cameras: int) -> None:
         angle = f"{quality.triangulation_angle_deg:.2f} degrees"
         why = f"the median triangulation angle is {angle}, too little to tell depth"
     if why and not judged:
-        raise BadInputError(
-            f"this calibration cannot be judged: {why}",
-            hint="record a board, held where neighbouring cameras both see it",
-        )
+        hint = "record a board, held where neighbouring cameras both see it"
+        raise BadInputError(f"this calibration cannot be judged: {why}", hint=hint)
     if why:
-        raise BadInputError(
-            f"this calibration is not good enough: {why}",
-            hint="were the cameras moved, or is it another rig's? record a board from several places",
-        )
+        hint = "were the cameras moved, or is it another rig's? record a board from several places"
+        raise BadInputError(f"this calibration is not good enough: {why}", hint=hint)
 
 
 def _triangulate(a: View, b: View, at_a: Array, at_b: Array) -> tuple[Array, Array]:

@@ -95,14 +95,11 @@ def _solve(pycolmap: Any, cameras: Sequence[str], root: Path) -> Any | None:
 
 def _map_rig(pycolmap: Any, cameras: Sequence[str], database: Path, root: Path) -> Any | None:
     """The cameras as one rig of unknown geometry: only global mapping solves that."""
-    config = pycolmap.RigConfig(
-        cameras=[
-            pycolmap.RigConfigCamera(image_prefix=f"{name}/", ref_sensor=i == 0)
-            for i, name in enumerate(cameras)
-        ]
-    )
+    sensors = [
+        pycolmap.RigConfigCamera(image_prefix=f"{name}/", ref_sensor=name == cameras[0]) for name in cameras
+    ]
     opened = pycolmap.Database.open(database)
-    pycolmap.apply_rig_config([config], opened)
+    pycolmap.apply_rig_config([pycolmap.RigConfig(cameras=sensors)], opened)
     opened.close()
     pycolmap.calibrate_view_graph(database)
     (root / "rig").mkdir()

@@ -81,9 +81,8 @@ def load_input_images(
             left_out[camera] = f"it has no image of instant {instant}"
         else:
             try:
-                images[camera] = undistort_image(
-                    camera, instant, dataset.image(camera, instant), views[camera]
-                )
+                picture = dataset.image(camera, instant)
+                images[camera] = undistort_image(camera, instant, picture, views[camera])
             except BadInputError as error:
                 left_out[camera] = error.what
     if len(images) < 2:

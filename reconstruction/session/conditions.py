@@ -88,8 +88,5 @@ class Condition:
         """
         for name, _ in self.named_ms:
             dataset.session.camera(name)
-        if len(self.listed_ms) > 1 and len(self.listed_ms) != len(dataset.cameras):
-            raise BadInputError(
-                f"{len(self.listed_ms)} offsets for {len(dataset.cameras)} cameras",
-                hint=f"give one for each, in this order: {', '.join(dataset.cameras)}",
-            )
+        if len(self.listed_ms) > 1:
+            dataset.require_offset_each(self.listed_ms)

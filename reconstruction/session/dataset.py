@@ -52,6 +52,14 @@ class Dataset:
         if len(self.cameras) < count:
             raise BadInputError(f"the session has one camera only ({', '.join(self.cameras)})", hint=hint)
 
+    def require_offset_each(self, offsets_ms: Sequence[float]) -> None:
+        """Raises BadInputError where there is not one offset for each camera."""
+        if len(offsets_ms) != len(self.cameras):
+            raise BadInputError(
+                f"{len(offsets_ms)} offsets for {len(self.cameras)} cameras",
+                hint=f"give one for each, in this order: {', '.join(self.cameras)}",
+            )
+
     def has_image(self, camera: str, instant: int) -> bool:
         """Whether there is an image of this camera at this instant."""
         return (camera, instant) in self._records
@@ -136,11 +144,7 @@ class Dataset:
             raise BadInputError(f"the session has no instant {instant}", hint=f"it has 0 to {len(times) - 1}")
         if not offsets_ms:
             return dict.fromkeys(self.cameras, instant)
-        if len(offsets_ms) != len(self.cameras):
-            raise BadInputError(
-                f"{len(offsets_ms)} offsets for {len(self.cameras)} cameras",
-                hint=f"give one for each, in this order: {', '.join(self.cameras)}",
-            )
+        self.require_offset_each(offsets_ms)
         chosen = {}
         for camera, offset_ms in zip(self.cameras, offsets_ms, strict=True):
             wanted = times[instant] + round(offset_ms * 1e6)
@@ -157,9 +161,8 @@ class Dataset:
     def _check(self, record: ImageRecord) -> None:
         path = self.session.image_file(record)
         if not path.is_file():
-            raise IncompleteError(
-                f"{path} is missing", hint="capture-app sessions verify shows all that is missing"
-            )
+            hint = "capture-app sessions verify shows all that is missing"
+            raise IncompleteError(f"{path} is missing", hint=hint)
         if path.stat().st_size != record.bytes:
             raise IncompleteError(
                 f"{path} has {path.stat().st_size} bytes, not {record.bytes}",

@@ -69,9 +69,8 @@ def pair_instants(
                 later = instants_shown(dataset, condition, first, instant)[second]
             except ValueError:
                 continue
-            if later == instant:
-                continue
-            if dataset.has_images(((first, instant), (second, instant), (second, later))):
+            images = (first, instant), (second, instant), (second, later)
+            if later != instant and dataset.has_images(images):
                 found.append((instant, later))
         late_ms = None
     else:

@@ -79,10 +79,8 @@ def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
         later = options.instant if options.other_instant is None else options.other_instant
         for name, instant in ((reference, options.instant), (other, later), (other, options.instant)):
             if not dataset.has_image(name, instant):
-                raise BadInputError(
-                    f"{session} has no image of {name} at instant {instant}",
-                    hint=f"it has instants 0 to {len(dataset.instants_ns) - 1}",
-                )
+                hint = f"it has instants 0 to {len(dataset.instants_ns) - 1}"
+                raise BadInputError(f"{session} has no image of {name} at instant {instant}", hint=hint)
         progress.step(f"stereo {reference}-{other}, instant {options.instant}")
         try:
             found = _match_pair(rig, choice.cameras, options.instant, later)

@@ -55,12 +55,7 @@ def main() -> int:
             lines, reports = _measure(network, least_us, options)
         results[name] = _figures(lines)
         links += reports
-    report = {
-        "kind": "emulated link",
-        "load_average": os.getloadavg()[0],
-        "cases": results,
-        "links": links,
-    }
+    report = {"kind": "emulated link", "load_average": os.getloadavg()[0], "cases": results, "links": links}
     print_report(report, _print, as_json=options.json)
     return 0 if all(case["met"] for case in results.values()) else 1
 
@@ -87,10 +82,7 @@ def _measure(
     for k, (node, link) in enumerate(zip(nodes, links, strict=True)):
         network.join_hub(node, f"{NODE.format(k)}/24", [link.client], hub)
     scratch = network.scratch
-    with (
-        network.emulation(links, options.seed) as reports,
-        contextlib.ExitStack() as processes,
-    ):
+    with network.emulation(links, options.seed) as reports, contextlib.ExitStack() as processes:
         start = processes.enter_context
         sessions = ("--sessions", f"{scratch}/sessions", "--spool", f"{scratch}/spool")
         lead = (*CAPTURE_APP, "leader", "--port", str(PORT), "--reference-broadcast", *sessions)

@@ -6,15 +6,7 @@ from dataclasses import dataclass
 from itertools import groupby
 
 from reconstruction.report import wording
-from reconstruction.report.measures import (
-    COVERAGE,
-    EPIPOLAR,
-    POINTS,
-    STILL_COVERAGE,
-    WITHIN,
-    Measure,
-    pixels,
-)
+from reconstruction.report.measures import COVERAGE, EPIPOLAR, POINTS, STILL_COVERAGE, WITHIN, Measure, pixels
 from reconstruction.scores.compare_results import CompareResult, ConditionResult
 from reconstruction.scores.results import DepthScores, PanoramaScores, PoseScores
 

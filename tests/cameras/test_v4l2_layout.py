@@ -80,11 +80,7 @@ class StreamParameters(c.Structure):
 
 
 class RequestBuffers(c.Structure):
-    _fields_ = [
-        *fields("count type memory capabilities"),
-        ("flags", c.c_uint8),
-        ("reserved", c.c_uint8 * 3),
-    ]
+    _fields_ = [*fields("count type memory capabilities"), ("flags", c.c_uint8), ("reserved", c.c_uint8 * 3)]
 
 
 class Buffer(c.Structure):

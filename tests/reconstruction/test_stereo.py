@@ -1,7 +1,5 @@
 """Depth of a moving board: right when both views show the same time, gone when they do not."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
@@ -25,8 +23,6 @@ PAIRS = {
 def test_a_moving_board_has_depth_only_when_synchronized(
     scene: Scene, reference: View, other: View, unit: float
 ) -> None:
-    # Noise of its own, whatever other tests have looked at before.
-    scene = replace(scene, shots=0)
     image, truth, movers = scene.look(reference, 2, unit)
     same, later = scene.look(other, 2, unit)[0], scene.look(other, 4, unit)[0]
     disparities = find_disparity_range((reference, other), [(image, same, movers)])

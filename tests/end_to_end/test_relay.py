@@ -70,6 +70,7 @@ async def test_nodes_below_a_relay_are_part_of_the_rig_even_when_it_is_killed(
     await asyncio.gather(
         join(start, "near", root), join(start, "far1", between, root), join(start, "far2", between, root)
     )
+    await relaying.says(f"joined {root}")
     # The relay is asked as a leader is.
     done = await ask(between, nodes=3, frames=5)
     assert (done.received, done.expected) == (15, 15)

@@ -60,6 +60,9 @@ class DeviceProfiles:
         return self._read().get(_key(facts), _Entry())
 
     def _write(self, facts: CameraFacts, **news: Any) -> bool:
+        known = self._entry(facts)
+        if msgspec.structs.replace(known, **news) == known:
+            return True
         lock_path = self._path.with_name(f"{FILE}.lock")
         try:
             # Nodes of one host share the file: two that add to it at once must not lose either's entry.
@@ -68,10 +71,8 @@ class DeviceProfiles:
             return False
         try:
             entries = self._read()
-            entry = msgspec.structs.replace(entries.get(_key(facts), _Entry()), **news)
-            if entries.get(_key(facts)) != entry:
-                entries[_key(facts)] = entry
-                write_atomic(self._path, msgspec.json.format(msgspec.json.encode(entries, order="sorted")))
+            entries[_key(facts)] = msgspec.structs.replace(entries.get(_key(facts), _Entry()), **news)
+            write_atomic(self._path, msgspec.json.format(msgspec.json.encode(entries, order="sorted")))
         except OSError:
             return False
         finally:

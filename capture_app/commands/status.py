@@ -34,8 +34,9 @@ def status(leader: Address, as_json: bool) -> None:
     who = f"leader {rig.leader}" if rig.relay is None else f"relay {rig.relay} at {rig.leader}"
     rate = "no frame rate yet" if rig.period_ns is None else f"{1e9 / rig.period_ns:.3f} frames/s"
     print_line(f"{who}, {count(len(rig.nodes), 'node')}, {rate}")
-    if rig.message:
-        print_line(rig.message)
+    for line in dict.fromkeys((rig.message, rig.advice)):
+        if line:
+            print_line(line)
     if rig.nodes:
         rows = [_node_row(node) for node in in_tree_order(rig.nodes)]
         if all(node.relative_uncertainty_ns is None for node in rig.nodes):

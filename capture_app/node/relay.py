@@ -13,6 +13,7 @@ from capture_app.net.interfaces import own_hosts
 from capture_app.net.multicast import BeaconSender
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
+from capture_app.node.leader.advice import rig_advice
 from capture_app.node.leader.beacons import send_due_beacon
 from capture_app.node.leader.snapshots import node_statuses
 from capture_app.node.leader.wording import follower_line, news_line
@@ -122,14 +123,16 @@ class RelayNode:
         """What this relay knows by itself: its own nodes, and how its time stands."""
         now_ns = self._clock.now_ns()
         follower, leader = self._engine.follower, self._engine.leader
-        time_map = follower.time_map
+        time_map, views = follower.time_map, leader.clients(now_ns)
+        message = self._holdover_message(now_ns)
         return RigStatus(
             leader=str(self.address),
             relay=self.name,
-            message=self._holdover_message(now_ns),
+            message=message,
+            advice=message or rig_advice(views, str(self.address)),
             now_ns=now_ns if time_map is None else time_map.leader_from_local(now_ns),
             period_ns=None if leader.goal is None else leader.goal.period_ns,
-            nodes=node_statuses(leader.clients(now_ns)),
+            nodes=node_statuses(views),
         )
 
     # Streams

@@ -17,6 +17,7 @@ from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
 from capture_app.node.burst.resumed_bursts import RETURN_NS
 from capture_app.node.leader.active_bursts import ActiveBursts
+from capture_app.node.leader.advice import rig_advice
 from capture_app.node.leader.beacons import send_due_beacon
 from capture_app.node.leader.readiness import reasons_until_ready
 from capture_app.node.leader.service import LeaderService
@@ -115,12 +116,13 @@ class LeaderNode:
     def status(self) -> RigStatus:
         """The whole rig at this moment."""
         now_ns = self._clock.now_ns()
-        goal = self._engine.goal
+        goal, views = self._engine.goal, self._engine.clients(now_ns)
         return RigStatus(
             leader=str(self.address),
+            advice=rig_advice(views, str(self.address)),
             now_ns=now_ns,
             period_ns=None if goal is None else goal.period_ns,
-            nodes=node_statuses(self._engine.clients(now_ns)),
+            nodes=node_statuses(views),
             burst=None if self._bursts.newest is None else self._bursts.newest.status,
             sessions=tuple(self._bursts.saved),
         )

@@ -43,6 +43,8 @@ class RigStatus(Struct, frozen=True, kw_only=True):
     """Name of the relay that tells this because it has no leader at present; None from a leader."""
     message: str = ""
     """What a user should know of the rig as a whole."""
+    advice: str = ""
+    """One sentence: why the rig is not ready and what to do, or how accurate it is."""
     now_ns: int
     period_ns: int | None
     nodes: tuple[NodeStatus, ...] = ()

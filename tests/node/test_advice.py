@@ -1,0 +1,34 @@
+"""The one sentence for a whole rig: what keeps it from being ready, and what to do."""
+
+from capture_app.node.leader.advice import rig_advice
+from capture_app.sync.rig.roster import ClientView
+from capture_app.sync.wire.messages import NodeState, Report
+from tests.facts import make_facts
+
+LEADER = "10.0.0.1:47010"
+
+
+def view(name: str, state: NodeState = NodeState.READY, message: str = "") -> ClientView:
+    report = Report(state=state, message=message, uncertainty_ns=41_000)
+    return ClientView(name, ("10.0.0.2", 5), make_facts(), report, 0)
+
+
+def test_an_empty_rig_is_told_how_to_get_a_camera() -> None:
+    assert rig_advice([], LEADER) == (
+        f"no camera is here: start one with capture-app node --leader {LEADER} --camera SPEC"
+    )
+
+
+def test_a_ready_rig_is_told_how_sure_its_clocks_are() -> None:
+    assert rig_advice([view("a"), view("b")], LEADER) == "2 cameras ready, clocks sure to ±41 µs (95 %)"
+
+
+def test_the_node_that_waits_for_a_person_is_named_first() -> None:
+    nodes = [
+        view("a", NodeState.ALIGNING, "moving its frames by 8.1 ms"),
+        view("b", NodeState.FAILED, "/dev/video0 is gone"),
+        view("c", NodeState.FAILED, "no frames for 5 s"),
+        view("d"),
+    ]
+    assert rig_advice(nodes, LEADER) == "b is failed: /dev/video0 is gone (and 1 more node)"
+    assert rig_advice([nodes[0], nodes[3]], LEADER) == "a is aligning: moving its frames by 8.1 ms"

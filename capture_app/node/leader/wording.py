@@ -21,6 +21,8 @@ def news_line(news: News) -> str:
             return f"{news.name} is now connected to {news.relay or 'this leader'}"
         case events.NodeLost():
             return f"lost {news.name}: {news.reason}"
+        case events.NodeForgotten():
+            return f"forgot {news.name}, which was lost"
         case events.BurstRefused():
             return f"burst {news.burst}: without {news.name}: {news.reason}"
         case BurstStatus():

@@ -164,6 +164,13 @@ class NodeLost:
 
 
 @dataclass(frozen=True, slots=True)
+class NodeForgotten:
+    """A client that was lost for long, or that a person has put away, is no member any more."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
 class BurstAccepted:
     """A client will save the burst."""
 
@@ -183,4 +190,4 @@ class BurstRefused:
     """As the client said it, or that it was lost or silent."""
 
 
-LeaderEvent = NodeJoined | NodeReturned | NodeMoved | NodeLost | BurstAccepted | BurstRefused
+LeaderEvent = NodeJoined | NodeReturned | NodeMoved | NodeLost | NodeForgotten | BurstAccepted | BurstRefused

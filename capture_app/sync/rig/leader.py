@@ -4,9 +4,10 @@ import random
 from collections import deque
 from dataclasses import dataclass
 
+from capture_app.errors import BadInputError
 from capture_app.sync.phase.goal import Goal
 from capture_app.sync.reference_broadcast.broadcaster import Broadcaster
-from capture_app.sync.rig.events import LeaderEvent
+from capture_app.sync.rig.events import LeaderEvent, NodeLost
 from capture_app.sync.rig.frame_picks import Burst
 from capture_app.sync.rig.orders import Orders, check_burst
 from capture_app.sync.rig.roster import Address, ClientView, Member, Roster
@@ -70,6 +71,8 @@ class Leader:
         self._broadcaster = Broadcaster(config.instance, config.beacons)
         self._busy_until_ns: int | None = None
         self._goal_due_ns = 0
+        self._grid_in_doubt = False
+        """Whether the camera that laid the grid may be gone."""
         self._times: deque[tuple[bytes, Address]] = deque()
         self._outbox: deque[tuple[ControlMessage, Address]] = deque()
         self._events: deque[LeaderEvent] = deque()
@@ -130,11 +133,24 @@ class Leader:
                 if answer is not None:
                     self._events.append(answer)
             case Goodbye():
-                self._events.append(self._roster.mark_lost(member, "it left"))
+                self._note_lost(self._roster.mark_lost(member, "it left"))
+
+    def forget(self, name: str) -> None:
+        """Forget a lost member. Raises BadInputError where there is none of that name, or it is here."""
+        member = self._roster.members.get(name)
+        if member is None:
+            raise BadInputError(f"no node named {name} is known", hint="capture-app status lists the nodes")
+        if not member.lost:
+            raise BadInputError(f"{name} is here", hint="stop it first: it would join again")
+        self._events.append(self._roster.forget(member))
 
     def handle_timer(self, now_ns: int) -> None:
         """Do what is due; call it at `next_timer`, or any time."""
-        self._events.extend(self._roster.mark_silent_lost(now_ns))
+        for lost in self._roster.mark_silent_lost(now_ns):
+            self._note_lost(lost)
+        self._events.extend(self._roster.forget_long_lost(now_ns))
+        if self._grid_in_doubt:
+            self._review_grid(now_ns)
         self._events.extend(self._orders.expire(now_ns))
         self._outbox.extend(
             (trigger, member.address) for member, trigger in self._orders.triggers_due(now_ns)
@@ -233,10 +249,23 @@ class Leader:
 
     def drop_member(self, member: Member, reason: str) -> None:
         """Count a member as lost, and tell it so: if it is there, it asks to join again."""
-        self._events.append(self._roster.mark_lost(member, reason))
+        self._note_lost(self._roster.mark_lost(member, reason))
         self.send(member, UnknownMember(member.number))
 
     # The parts
+
+    def _note_lost(self, event: NodeLost) -> None:
+        self._events.append(event)
+        self._grid_in_doubt = True
+
+    def _review_grid(self, now_ns: int) -> None:
+        """Lay another grid where no camera that is here runs at its rate; not near a burst."""
+        if self._uplink is not None or (self._busy_until_ns is not None and now_ns < self._busy_until_ns):
+            return
+        self._grid_in_doubt = False
+        cameras = [member.camera for member in self._roster.cameras()]
+        if self.terms.release_grid(cameras) and cameras and self.terms.lay_grid(cameras[0], now_ns):
+            self.acknowledge_all()
 
     def _update_goal(self, now_ns: int) -> None:
         """Move the goal to suit the cameras that cannot follow it, and tell all members; not near a burst."""

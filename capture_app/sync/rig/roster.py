@@ -7,7 +7,7 @@ from capture_app.camera_facts import CameraFacts
 from capture_app.names import is_name
 from capture_app.sync.phase.goal import MAX_PERIOD_NS, MIN_PERIOD_NS
 from capture_app.sync.phase.shared_goal import WEIGHTS, CameraPhase
-from capture_app.sync.rig.events import NodeJoined, NodeLost, NodeMoved, NodeReturned
+from capture_app.sync.rig.events import NodeForgotten, NodeJoined, NodeLost, NodeMoved, NodeReturned
 from capture_app.sync.wire.messages import CLOCK_ONLY, PROBE_NUMBER, WITHOUT_CAMERA, Hello, NodeState, Report
 
 Address = tuple[str, int]
@@ -16,6 +16,8 @@ _MS = 1_000_000
 CLIENT_SILENT_NS = 2000 * _MS
 CLOCK_SILENT_NS = 150_000 * _MS
 """A node that only keeps the time may report only once a minute."""
+FORGET_LOST_NS = 600_000 * _MS
+"""A lost member that was not heard for so long is forgotten: by then somebody has put it away."""
 MAX_CLIENTS = 10_000
 
 
@@ -60,7 +62,7 @@ def van_der_corput(index: int) -> float:
 
 
 class Roster:
-    """All members by name; the lost ones stay, so that they can return."""
+    """All members by name; the lost ones stay for FORGET_LOST_NS, so that they can return."""
 
     def __init__(self, rng: random.Random) -> None:
         self.members: dict[str, Member] = {}
@@ -73,8 +75,8 @@ class Roster:
         self._rng = rng
         self._by_number: dict[int, Member] = {}
         self._joins = 0
-        self._silence_ns = 0
-        """No member can have been silent for too long before this time."""
+        self._silence_ns = self._forget_ns = 0
+        """No member can have been silent for too long, or lost for too long, before these times."""
 
     def views(self, now_ns: int) -> tuple[ClientView, ...]:
         """Return all that are or were here, by name; lost ones say so in their report."""
@@ -137,7 +139,28 @@ class Roster:
         member.report = Report(
             state=NodeState.LOST, message=reason, frames=member.report.frames, drops=member.report.drops
         )
+        self._forget_ns = min(self._forget_ns, member.last_heard_ns + FORGET_LOST_NS)
         return NodeLost(member.name, reason)
+
+    def forget(self, member: Member) -> NodeForgotten:
+        """Forget a member as if it had never been here."""
+        self._count(member, -1)
+        self._by_number.pop(member.number, None)
+        self.immovable.pop(member.name, None)
+        del self.members[member.name]
+        return NodeForgotten(member.name)
+
+    def forget_long_lost(self, now_ns: int) -> list[NodeForgotten]:
+        """Forget the members that have been lost for too long, and note when the next one will be."""
+        if now_ns < self._forget_ns:
+            return []
+        lost = [member for member in self.members.values() if member.lost]
+        over = [member for member in lost if now_ns - member.last_heard_ns >= FORGET_LOST_NS]
+        self._forget_ns = min(
+            (m.last_heard_ns + FORGET_LOST_NS for m in lost if m not in over),
+            default=now_ns + FORGET_LOST_NS,
+        )
+        return [self.forget(member) for member in over]
 
     def mark_silent_lost(self, now_ns: int) -> list[NodeLost]:
         """Count silent members as lost, and note when the next one could be."""
@@ -156,8 +179,10 @@ class Roster:
         return lost
 
     def next_timer(self) -> int | None:
-        """Leader time in ns at which a member could have been silent for too long, None for never."""
-        return self._silence_ns if self.present_count else None
+        """Leader time in ns at which a member could have been silent or lost for too long, None for never."""
+        if self.present_count:
+            return min(self._silence_ns, self._forget_ns)
+        return self._forget_ns if self.members else None
 
     def cameras(self) -> list[Member]:
         """Return those that are here and have a camera, by name."""

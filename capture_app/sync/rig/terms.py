@@ -1,9 +1,11 @@
 """The terms of a leader, alike for all its clients: the grid of instants and the way to the root's time."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from capture_app.camera_facts import CameraFacts
 from capture_app.sync.clock.time_map import TimeMap, UpstreamMap
+from capture_app.sync.phase.aligner import HOPELESS_PPM
 from capture_app.sync.phase.goal import MAX_PERIOD_NS, MIN_PERIOD_NS, Goal
 from capture_app.sync.phase.shared_goal import SharedGoal
 from capture_app.sync.wire.messages import WITHOUT_CAMERA, Terms
@@ -79,6 +81,17 @@ class RigTerms:
         if self.shared_goal is not None and goal.period_ns == self.shared_goal.goal.period_ns:
             return False
         self.shared_goal = SharedGoal(goal)
+        return True
+
+    def release_grid(self, cameras: Iterable[CameraFacts]) -> bool:
+        """Let the next camera lay the grid where none of these can be held on it; whether that is so."""
+        goal = self.goal
+        if goal is None or self.period_ns is not None or not self.grid_is_of_cameras:
+            return False
+        near_ns = goal.period_ns * HOPELESS_PPM * 1e-6
+        if any(abs(camera.period_ns - goal.period_ns) <= near_ns for camera in cameras):
+            return False
+        self.grid_is_of_cameras = False
         return True
 
     def message(self, pace_ns: int) -> Terms:

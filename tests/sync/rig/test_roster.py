@@ -1,0 +1,130 @@
+"""Who is a member of a leader, for how long, and whose frame rate the rig's grid has."""
+
+import random
+
+import pytest
+
+from capture_app.errors import BadInputError
+from capture_app.sync.rig.events import NodeForgotten, NodeJoined, NodeLost, NodeReturned
+from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.roster import FORGET_LOST_NS
+from capture_app.sync.wire.codec import decode, encode
+from capture_app.sync.wire.messages import Goodbye, Heartbeat, HeartbeatAck, Hello, NodeState, Report, Welcome
+from tests.facts import make_facts
+
+S = 1_000_000_000
+USUAL_NS, LONG_NS = 33_333_333, 20 * S
+
+
+def joined(leader: Leader, name: str, now_ns: int, period_ns: int = USUAL_NS) -> int:
+    """Let a camera say hello; return its number."""
+    hello = Hello(name, len(name), make_facts(period_ns=period_ns))
+    leader.receive_datagram(encode(hello), (name, 0), now_ns)
+    messages = [decode(data) for data, _ in leader.datagrams_to_send(now_ns)]
+    return next(message.client for message in messages if isinstance(message, Welcome))
+
+
+def beat(leader: Leader, number: int, now_ns: int) -> None:
+    heartbeat = Heartbeat(number, Report(state=NodeState.READY))
+    leader.receive_datagram(encode(heartbeat), ("cam", 0), now_ns)
+
+
+def news(leader: Leader) -> list[object]:
+    return list(iter(leader.next_event, None))
+
+
+def names(leader: Leader, now_ns: int) -> list[str]:
+    return [view.name for view in leader.clients(now_ns)]
+
+
+@pytest.fixture
+def leader() -> Leader:
+    return Leader(LeaderConfig(1, 0), random.Random(2))
+
+
+def run_timers(leader: Leader, until_ns: int) -> int:
+    """Call the leader's timers as it asks for them; return how often."""
+    calls = 0
+    while (due_ns := leader.next_timer()) is not None and due_ns <= until_ns:
+        leader.handle_timer(due_ns)
+        calls += 1
+    return calls
+
+
+def test_a_lost_node_is_known_for_ten_minutes_and_then_forgotten(leader: Leader) -> None:
+    joined(leader, "cam", S)
+    calls = run_timers(leader, S + FORGET_LOST_NS - 1)
+    assert names(leader, 0) == ["cam"]
+    calls += run_timers(leader, S + FORGET_LOST_NS)
+    assert names(leader, 0) == []
+    assert [type(event) for event in news(leader)] == [NodeJoined, NodeLost, NodeForgotten]
+    assert calls < 10, "it sleeps meanwhile"
+    assert leader.next_timer() is None
+
+
+def test_a_node_that_returns_in_time_is_not_forgotten(leader: Leader) -> None:
+    joined(leader, "cam", S)
+    run_timers(leader, 500 * S)
+    number = joined(leader, "cam", 500 * S)
+    for at_s in range(501, 700):
+        beat(leader, number, at_s * S)
+        run_timers(leader, at_s * S)
+    assert names(leader, 0) == ["cam"]
+    assert [type(event) for event in news(leader)] == [NodeJoined, NodeLost, NodeReturned]
+
+
+def test_an_operator_forgets_a_lost_node_but_none_that_is_here(leader: Leader) -> None:
+    number = joined(leader, "cam", S)
+    with pytest.raises(BadInputError, match="cam is here"):
+        leader.forget("cam")
+    with pytest.raises(BadInputError, match="no node named other is known"):
+        leader.forget("other")
+    leader.receive_datagram(encode(Goodbye(number)), ("cam", 0), 2 * S)
+    leader.forget("cam")
+    assert names(leader, 0) == []
+    assert [type(event) for event in news(leader)] == [NodeJoined, NodeLost, NodeForgotten]
+    joined(leader, "cam", 3 * S)
+    assert [type(event) for event in news(leader)] == [NodeJoined], "as if for the first time"
+
+
+def test_the_grid_of_a_camera_that_is_gone_is_laid_anew_for_those_that_stay(leader: Leader) -> None:
+    slow = joined(leader, "odd", S, LONG_NS)
+    number = joined(leader, "cam", S)
+    assert leader.goal is not None
+    assert leader.goal.period_ns == LONG_NS
+    leader.receive_datagram(encode(Goodbye(slow)), ("odd", 0), 2 * S)
+    leader.datagrams_to_send(2 * S)
+    leader.handle_timer(2 * S)
+    assert leader.goal.period_ns == USUAL_NS
+    told = [decode(data) for data, _ in leader.datagrams_to_send(2 * S)]
+    acks = [message for message in told if isinstance(message, HeartbeatAck)]
+    assert [(ack.client, ack.terms.period_ns) for ack in acks] == [(number, USUAL_NS)]
+
+
+def test_the_grid_stays_while_a_camera_runs_at_its_rate(leader: Leader) -> None:
+    first = joined(leader, "cam", S)
+    joined(leader, "other", S, USUAL_NS + 5_000)
+    before = leader.goal
+    leader.receive_datagram(encode(Goodbye(first)), ("cam", 0), 2 * S)
+    leader.handle_timer(2 * S)
+    joined(leader, "odd", 3 * S, LONG_NS)
+    assert leader.goal == before
+
+
+def test_with_no_camera_left_the_next_one_lays_the_grid(leader: Leader) -> None:
+    number = joined(leader, "odd", S, LONG_NS)
+    leader.receive_datagram(encode(Goodbye(number)), ("odd", 0), 2 * S)
+    leader.handle_timer(2 * S)
+    joined(leader, "cam", 3 * S)
+    assert leader.goal is not None
+    assert leader.goal.period_ns == USUAL_NS
+
+
+def test_a_rate_that_was_asked_for_is_kept() -> None:
+    leader = Leader(LeaderConfig(1, 0, period_ns=LONG_NS), random.Random(2))
+    number = joined(leader, "cam", S)
+    leader.receive_datagram(encode(Goodbye(number)), ("cam", 0), 2 * S)
+    leader.handle_timer(2 * S)
+    joined(leader, "other", 3 * S)
+    assert leader.goal is not None
+    assert leader.goal.period_ns == LONG_NS

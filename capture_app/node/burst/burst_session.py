@@ -92,6 +92,7 @@ class BurstSession:
             done=done,
             session=None if self.session is None else str(self.session),
             message=message,
+            transfer=tuple(camera.transfer(instants) for _, camera in sorted(self._cameras.items())),
         )
 
     @property

@@ -9,6 +9,7 @@ from typing import ParamSpec, TypeVar
 
 from capture_app.node.transfer.partial_image import PartialImage, partial_receipts
 from capture_app.node.wire.messages import ImageReceipt, ImageUpload
+from capture_app.node.wire.status import CameraTransfer
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord, MissingImage
 from capture_app.session.writing.session_writer import SessionWriter
@@ -56,6 +57,12 @@ class CameraProgress:
     def is_complete(self) -> bool:
         """Whether nothing is waited for."""
         return bool(self.given_up) or (self.report is not None and self.instants >= set(self.report.instants))
+
+    def transfer(self, instants: int) -> CameraTransfer:
+        """How much of so many instants it has brought."""
+        return CameraTransfer(
+            camera=self.camera.name, received=len(self.instants), expected=instants, problem=self.given_up
+        )
 
     def why_silent(self, lost: Mapping[str, str], now_ns: int) -> str:
         """Why not to wait for it any longer, empty where there is no reason; `lost` are reasons by name."""

@@ -2,12 +2,13 @@
 
 from typing import Annotated, Self
 
-from msgspec import Meta, Struct
+from msgspec import Meta
 
 from capture_app import errors
 from capture_app.camera_facts import Count
 from capture_app.clock import SimulatedClock
 from capture_app.errors import SimulshotError
+from capture_app.node.wire.message import Message
 from capture_app.node.wire.status import BurstStatus, RigStatus
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, MissingImage, Sha256
@@ -15,11 +16,7 @@ from capture_app.session.format.manifest import CameraRecord, ImageRecord, Missi
 JsonValue = int | float | str | bool | None
 
 
-class _Message(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Base of all messages."""
-
-
-class CameraReport(_Message, frozen=True, kw_only=True, tag="camera-report"):
+class CameraReport(Message, frozen=True, kw_only=True, tag="camera-report"):
     """A node's part of a burst: its clock and phase, what will come, what will not, and why.
 
     `leader` is the leader's instance: a burst of an earlier run of it is not this run's.
@@ -37,7 +34,7 @@ class CameraReport(_Message, frozen=True, kw_only=True, tag="camera-report"):
     """What the node's engine saw and did lately, times in its own clock."""
 
 
-class ImageUpload(_Message, frozen=True, kw_only=True, tag="image"):
+class ImageUpload(Message, frozen=True, kw_only=True, tag="image"):
     """One image; the payload is its bytes and then `truth_bytes` of ground truth, from `offset` on."""
 
     leader: int
@@ -51,7 +48,7 @@ class ImageUpload(_Message, frozen=True, kw_only=True, tag="image"):
     """How many bytes the leader has already, from a stream that broke off."""
 
 
-class SpoolSpace(_Message, frozen=True, kw_only=True, tag="spool-space"):
+class SpoolSpace(Message, frozen=True, kw_only=True, tag="spool-space"):
     """How much room a node's spool has, in bytes."""
 
     camera: str
@@ -60,13 +57,13 @@ class SpoolSpace(_Message, frozen=True, kw_only=True, tag="spool-space"):
     """Where it is, on that node."""
 
 
-class ImageAck(_Message, frozen=True, kw_only=True, tag="image-ack"):
+class ImageAck(Message, frozen=True, kw_only=True, tag="image-ack"):
     """An image is safely on the leader's disk."""
 
     sha256: str
 
 
-class ImageReceipt(_Message, frozen=True, kw_only=True):
+class ImageReceipt(Message, frozen=True, kw_only=True):
     """What the leader has of an image: all of it, safely on its disk, or the first bytes."""
 
     instant: Count
@@ -77,13 +74,13 @@ class ImageReceipt(_Message, frozen=True, kw_only=True):
     stored: bool
 
 
-class ReportAck(_Message, frozen=True, kw_only=True, tag="report-ack"):
+class ReportAck(Message, frozen=True, kw_only=True, tag="report-ack"):
     """The leader has a node's report, and of that camera's images what `receipts` say."""
 
     receipts: tuple[ImageReceipt, ...] = ()
 
 
-class Refusal(_Message, frozen=True, kw_only=True, tag="refusal"):
+class Refusal(Message, frozen=True, kw_only=True, tag="refusal"):
     """The leader will not do that: an error for the user, or a burst that is over."""
 
     what: str
@@ -106,17 +103,17 @@ class Refusal(_Message, frozen=True, kw_only=True, tag="refusal"):
         return kind(self.what, hint=self.hint)
 
 
-class StatusRequest(_Message, frozen=True, kw_only=True, tag="status-request"):
+class StatusRequest(Message, frozen=True, kw_only=True, tag="status-request"):
     """The command line wants to see the rig."""
 
 
-class StatusAnswer(_Message, frozen=True, kw_only=True, tag="status"):
+class StatusAnswer(Message, frozen=True, kw_only=True, tag="status"):
     """The rig at this moment."""
 
     rig: RigStatus
 
 
-class BurstRequest(_Message, frozen=True, kw_only=True, tag="burst-request"):
+class BurstRequest(Message, frozen=True, kw_only=True, tag="burst-request"):
     """The command line wants a burst, as soon as all nodes are ready or `wait_ready_s` have passed."""
 
     frames: Annotated[int, Meta(gt=0)]
@@ -125,9 +122,15 @@ class BurstRequest(_Message, frozen=True, kw_only=True, tag="burst-request"):
     wait_ready_s: Annotated[float, Meta(ge=0)] = 0.0
     nodes: Annotated[int, Meta(gt=0)] = 1
     """The fewest nodes that must be ready."""
+    before: Count = 0
+    """So many of the frames are taken before the leader hears of this; 0 leaves nodes time to prepare."""
+    name: str = ""
+    """Of the take: its session's folder begins with it. A valid name, or empty for the usual one."""
+    note: str = ""
+    """Kept in the manifest."""
 
 
-class BurstAnswer(_Message, frozen=True, kw_only=True, tag="burst"):
+class BurstAnswer(Message, frozen=True, kw_only=True, tag="burst"):
     """How far a burst is; the last one is done and names the session."""
 
     burst: BurstStatus

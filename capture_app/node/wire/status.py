@@ -18,6 +18,24 @@ class NodeStatus(Report, frozen=True, kw_only=True):
     """How many clocks its time has come through: 1 below the leader, 2 below a relay of it."""
     last_seen_ns: int = 0
     """Age of the last message, in ns."""
+    fps: float | None = None
+    """Frames a second that have really come lately, drops not counted."""
+    exposure_ns: int | None = None
+    """Of the newest frame, as its gain; a camera with automatic exposure changes both."""
+    gain: float | None = None
+    disk_free_bytes: int | None = None
+    """Room in the node's spool."""
+    on_leader: bool = False
+    """It is a process of the leader's, which an operator can remove."""
+
+
+class CameraTransfer(Struct, frozen=True, kw_only=True):
+    """How much of a burst one camera has brought, in images; `problem` says why no more will come."""
+
+    camera: str
+    received: int
+    expected: int
+    problem: str = ""
 
 
 class BurstStatus(Struct, frozen=True, kw_only=True):
@@ -32,6 +50,8 @@ class BurstStatus(Struct, frozen=True, kw_only=True):
     done: bool = False
     session: str | None = None
     message: str = ""
+    transfer: tuple[CameraTransfer, ...] = ()
+    """Of each camera, by name."""
 
 
 class RigStatus(Struct, frozen=True, kw_only=True):
@@ -51,3 +71,7 @@ class RigStatus(Struct, frozen=True, kw_only=True):
     burst: BurstStatus | None = None
     sessions: tuple[str, ...] = ()
     """Paths of the sessions saved by this leader, newest last."""
+    sessions_folder: str = ""
+    """Where it saves them, on its machine."""
+    disk_free_bytes: int | None = None
+    """Room on that folder's disk."""

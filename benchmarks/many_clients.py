@@ -27,9 +27,9 @@ from capture_app.net.address import Address
 from capture_app.net.udp import Pump, SinglePeerEngine, client_socket
 from capture_app.sync.rig.events import Joined
 from capture_app.sync.rig.leader import Leader, LeaderConfig
-from capture_app.sync.rig.poll_schedule import FIRST_PACE_NS, FIRST_SAMPLES, SteadySchedule
 from capture_app.sync.rig.time_client import TimeClient
-from capture_app.sync.rig.timekeeper import Timekeeper
+from capture_app.sync.timekeeping.poll_schedule import FIRST_PACE_NS, FIRST_SAMPLES, SteadySchedule
+from capture_app.sync.timekeeping.timekeeper import Timekeeper
 
 MOST_CLIENTS = 2000
 MOST_SECONDS = 60.0

@@ -8,7 +8,8 @@ import pytest
 from capture_app.node.camera.records import camera_record, event_line
 from capture_app.session.format.manifest import ClockRecord
 from capture_app.sync.clock.time_map import Correction, TimeMap
-from capture_app.sync.rig.events import BurstPicked, ReferenceCorrectionEnded, ReferenceCorrectionStarted
+from capture_app.sync.rig.events import BurstPicked
+from capture_app.sync.timekeeping.clock_events import ReferenceCorrectionEnded, ReferenceCorrectionStarted
 from tests.facts import make_facts
 
 OWN = TimeMap(

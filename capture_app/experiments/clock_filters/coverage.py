@@ -13,7 +13,7 @@ from capture_app.simulation.network.link import Link
 from capture_app.simulation.network.paper_link import LINKS_BY_LAW
 from capture_app.simulation.network.wandering_clock import draw_wandering_clock
 from capture_app.sync.clock.clock_filter import ClockFilter
-from capture_app.sync.rig import poll_schedule
+from capture_app.sync.timekeeping import poll_schedule
 from capture_app.sync.tree.follower import WINDOW_NS
 
 _S = 1_000_000_000

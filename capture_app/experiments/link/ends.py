@@ -14,9 +14,9 @@ from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.events import Joined, JoinRefused, LeaderLost
 from capture_app.sync.rig.leader import Leader, LeaderConfig
-from capture_app.sync.rig.poll_schedule import SteadySchedule
 from capture_app.sync.rig.time_client import TimeClient
-from capture_app.sync.rig.timekeeper import Timekeeper
+from capture_app.sync.timekeeping.poll_schedule import SteadySchedule
+from capture_app.sync.timekeeping.timekeeper import Timekeeper
 
 JOIN_TIMEOUT_S = 10.0
 

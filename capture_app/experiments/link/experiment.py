@@ -13,7 +13,7 @@ from capture_app.experiments.clock_filters.filters import estimator_family
 from capture_app.experiments.common.result import Kind, Outcome, Result, Table, error_figures
 from capture_app.experiments.link.ends import JOIN_TIMEOUT_S, LinkClient, Synchronization, synchronize
 from capture_app.net.address import Address
-from capture_app.sync.rig.poll_schedule import PACE_NS
+from capture_app.sync.timekeeping.poll_schedule import PACE_NS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

@@ -11,6 +11,7 @@ from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.manifest import CameraRecord, ClockRecord, MissingImage, PhaseRecord
 from capture_app.sync.rig import events
 from capture_app.sync.rig.frame_picks import DROPPED
+from capture_app.sync.timekeeping import clock_events
 
 
 def camera_record(
@@ -90,14 +91,14 @@ def event_line(event: events.ClientEvent[Any]) -> dict[str, JsonValue]:
             return {"event": "join-refused", "reason": event.reason}
         case events.LeaderLost():
             return {"event": "leader-lost", "reason": event.reason}
-        case events.ClockSynced(time_map):
+        case clock_events.ClockSynced(time_map):
             bound_ns = round(time_map.hard_bound_ns)
             return {"event": "clock-synced", "offset_ns": time_map.offset_ns, "hard_bound_ns": bound_ns}
-        case events.ClockStepped():
+        case clock_events.ClockStepped():
             return {"event": "clock-stepped"}
-        case events.ReferenceCorrectionStarted(uncertainty_ns):
+        case clock_events.ReferenceCorrectionStarted(uncertainty_ns):
             return {"event": "reference-correction-started", "relative_uncertainty_ns": uncertainty_ns}
-        case events.ReferenceCorrectionEnded():
+        case clock_events.ReferenceCorrectionEnded():
             return {"event": "reference-correction-ended"}
         case events.FramesDropped():
             return {"event": "frames-dropped", "count": event.count, "sequence": event.sequence}

@@ -4,6 +4,7 @@ from capture_app.net.address import Address
 from capture_app.node.wire.status import BurstStatus
 from capture_app.sync.rig import events
 from capture_app.sync.rig.time_client import TimeClientEvent
+from capture_app.sync.timekeeping import clock_events
 from capture_app.text import duration
 
 News = events.LeaderEvent | BurstStatus
@@ -39,9 +40,9 @@ def follower_line(event: TimeClientEvent, parent: Address) -> str:
             return f"lost {parent} ({event.reason}): in holdover"
         case events.JoinRefused():
             return f"{parent} refused this relay: {event.reason}"
-        case events.ClockSynced():
+        case clock_events.ClockSynced():
             return f"ready: clock error at most {duration(event.time_map.hard_bound_ns)}"
-        case events.ClockStepped():
+        case clock_events.ClockStepped():
             return "a clock was changed: synchronizing again"
     return ""
 

@@ -18,7 +18,7 @@ from capture_app.sync.rig.events import BurstPicked, ClientEvent, LeaderEvent
 from capture_app.sync.rig.frame_picks import Burst
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.phase_loop import ClientConfig
-from capture_app.sync.rig.poll_schedule import PollSchedule, SteadySchedule
+from capture_app.sync.timekeeping.poll_schedule import PollSchedule, SteadySchedule
 from capture_app.sync.wire.beacon import Group
 from capture_app.sync.wire.camera_commands import InjectFrame, RestartStream, SetFrameDuration
 from capture_app.sync.wire.messages import NodeState

@@ -10,10 +10,10 @@ from capture_app.sync.rig.events import ClientEvent, FramesDropped, Joined
 from capture_app.sync.rig.frame_picks import RingBuffer, is_possible_burst
 from capture_app.sync.rig.pending_bursts import PendingBursts
 from capture_app.sync.rig.phase_loop import CameraGrid, ClientConfig, PhaseLoop
-from capture_app.sync.rig.poll_schedule import PollSchedule
-from capture_app.sync.rig.terms import LeaderTerms
 from capture_app.sync.rig.time_client import TimeClient
-from capture_app.sync.rig.timekeeper import Timekeeper
+from capture_app.sync.timekeeping.leader_terms import LeaderTerms
+from capture_app.sync.timekeeping.poll_schedule import PollSchedule
+from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.camera_commands import CameraCommand
 from capture_app.sync.wire.messages import HeartbeatAck, NodeState, Report, Trigger, TriggerAck
 

@@ -9,6 +9,7 @@ from typing import Generic, TypeVar
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.frame_stamp import PhaseEstimate
 from capture_app.sync.rig.frame_picks import Gap, Pick
+from capture_app.sync.timekeeping.clock_events import ClockEvent
 from capture_app.sync.wire.beacon import Group
 from capture_app.sync.wire.camera_commands import CameraCommand
 
@@ -41,32 +42,6 @@ class LeaderLost:
 
     reason: str
     """In a few words, for the log."""
-
-
-@dataclass(frozen=True, slots=True)
-class ClockSynced:
-    """There are enough samples of the leader's clock."""
-
-    time_map: TimeMap
-    """From the local clock to the root's."""
-
-
-@dataclass(frozen=True, slots=True)
-class ClockStepped:
-    """One of the clocks jumped; the estimate starts anew."""
-
-
-@dataclass(frozen=True, slots=True)
-class ReferenceCorrectionStarted:
-    """The clock is being moved to where all agree that hear the same beacons."""
-
-    relative_uncertainty_ns: int
-    """95 % error of this clock against those of the others, in ns."""
-
-
-@dataclass(frozen=True, slots=True)
-class ReferenceCorrectionEnded:
-    """Nothing was agreed for long: the clock is again what the leader's answers alone tell."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,10 +94,7 @@ ClientEvent = (
     Joined
     | JoinRefused
     | LeaderLost
-    | ClockSynced
-    | ClockStepped
-    | ReferenceCorrectionStarted
-    | ReferenceCorrectionEnded
+    | ClockEvent
     | FramesDropped
     | PhaseCorrected
     | AlignmentFailed

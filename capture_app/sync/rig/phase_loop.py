@@ -13,7 +13,7 @@ from capture_app.sync.phase.frame_stamp import PhaseEstimate
 from capture_app.sync.phase.goal import Goal
 from capture_app.sync.phase.injection import InjectionProfile
 from capture_app.sync.rig.events import AlignmentFailed, PhaseCorrected
-from capture_app.sync.rig.terms import LeaderTerms
+from capture_app.sync.timekeeping.leader_terms import LeaderTerms
 from capture_app.sync.wire.camera_commands import CameraCommand
 from capture_app.sync.wire.messages import Report
 

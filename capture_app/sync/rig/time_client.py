@@ -7,10 +7,11 @@ from msgspec import structs
 
 from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.rig.events import ClockSynced, Joined, JoinRefused, LeaderLost
-from capture_app.sync.rig.poll_schedule import AT_ONCE_NS, NEVER_NS
-from capture_app.sync.rig.terms import LeaderTerms
-from capture_app.sync.rig.timekeeper import ClockEvent, Timekeeper
+from capture_app.sync.rig.events import Joined, JoinRefused, LeaderLost
+from capture_app.sync.timekeeping.clock_events import ClockEvent, ClockSynced
+from capture_app.sync.timekeeping.leader_terms import LeaderTerms
+from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, NEVER_NS
+from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.beacon import AgreedArrival, Beacon
 from capture_app.sync.wire.codec import Message, WireError, decode, encode
 from capture_app.sync.wire.messages import (

@@ -8,10 +8,10 @@ from capture_app.camera_facts import CameraFacts
 from capture_app.sync.clock.clock_filter import ClockFilter
 from capture_app.sync.clock.time_map import MAX_DEPTH, TimeMap
 from capture_app.sync.rig.failover import LeaderChoice
-from capture_app.sync.rig.poll_schedule import RoundSchedule
-from capture_app.sync.rig.terms import LeaderTerms
 from capture_app.sync.rig.time_client import CLOCK, TimeClient, TimeClientEvent
-from capture_app.sync.rig.timekeeper import Timekeeper
+from capture_app.sync.timekeeping.leader_terms import LeaderTerms
+from capture_app.sync.timekeeping.poll_schedule import RoundSchedule
+from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.codec import Message, encode
 from capture_app.sync.wire.messages import (
     PROBE_NUMBER,

@@ -19,7 +19,7 @@ from msgspec import structs
 from capture_app.sync.clock.time_map import UpstreamMap
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.time_client import MOST_EVENTS
-from capture_app.sync.rig.timekeeper import OUTSTANDING
+from capture_app.sync.timekeeping.timekeeper import OUTSTANDING
 from capture_app.sync.tree.follower import Address, Follower, FollowerConfig
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
 from capture_app.sync.wire.codec import Message, encode

@@ -12,7 +12,7 @@ from capture_app.simulation.network.delay_laws import GammaDelay
 from capture_app.simulation.network.link import Link
 from capture_app.simulation.network.radio_cell import RadioCell, Receiver
 from capture_app.simulation.rig.rig import NodeSpec, VirtualNode, VirtualRig
-from capture_app.sync.rig.events import ReferenceCorrectionEnded, ReferenceCorrectionStarted
+from capture_app.sync.timekeeping.clock_events import ReferenceCorrectionEnded, ReferenceCorrectionStarted
 from capture_app.sync.wire.beacon import AgreedArrival, ArrivalReport, Beacon
 from capture_app.sync.wire.codec import decode, encode
 from capture_app.sync.wire.messages import Welcome

@@ -11,9 +11,9 @@ from capture_app.simulation.devices.profiles import PROFILES
 from capture_app.simulation.network.link import Channel, Direction, Link
 from capture_app.simulation.network.paper_link import PAPER_LINK
 from capture_app.simulation.rig.rig import NodeSpec, VirtualRig
-from capture_app.sync.rig.events import ClockStepped, ClockSynced
-from capture_app.sync.rig.poll_schedule import FIRST_PACE_NS, PACE_NS, SteadySchedule
 from capture_app.sync.rig.roster import van_der_corput
+from capture_app.sync.timekeeping.clock_events import ClockStepped, ClockSynced
+from capture_app.sync.timekeeping.poll_schedule import FIRST_PACE_NS, PACE_NS, SteadySchedule
 from tests.simulation.rig.rigs import LAN, MS, S, checked_error_ns
 
 

@@ -7,9 +7,12 @@ from itertools import pairwise
 import pytest
 
 from capture_app.sync.clock.clock_filter import ClockSample
-from capture_app.sync.rig.events import ClockSynced, Joined, LeaderLost
+from capture_app.sync.rig.events import Joined, LeaderLost
 from capture_app.sync.rig.leader import Leader, LeaderConfig
-from capture_app.sync.rig.poll_schedule import (
+from capture_app.sync.rig.time_client import LEADER_SILENT_NS, TimeClient
+from capture_app.sync.timekeeping.clock_events import ClockSynced
+from capture_app.sync.timekeeping.leader_terms import LeaderTerms
+from capture_app.sync.timekeeping.poll_schedule import (
     EASING_PACES_NS,
     EASING_SAMPLES,
     FIRST_PACE_NS,
@@ -17,9 +20,7 @@ from capture_app.sync.rig.poll_schedule import (
     PACE_NS,
     SteadySchedule,
 )
-from capture_app.sync.rig.terms import LeaderTerms
-from capture_app.sync.rig.time_client import LEADER_SILENT_NS, TimeClient
-from capture_app.sync.rig.timekeeper import Timekeeper
+from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.codec import decode
 from capture_app.sync.wire.messages import NodeState, Terms, TimeReply, TimeRequest
 

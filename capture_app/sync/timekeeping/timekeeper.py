@@ -8,14 +8,15 @@ from msgspec.structs import replace
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.reference_broadcast.listener import Listener
-from capture_app.sync.rig.events import (
+from capture_app.sync.timekeeping.clock_events import (
+    ClockEvent,
     ClockStepped,
     ClockSynced,
     ReferenceCorrectionEnded,
     ReferenceCorrectionStarted,
 )
-from capture_app.sync.rig.poll_schedule import PollSchedule, Progress, SteadySchedule
-from capture_app.sync.rig.terms import LeaderTerms
+from capture_app.sync.timekeeping.leader_terms import LeaderTerms
+from capture_app.sync.timekeeping.poll_schedule import PollSchedule, Progress, SteadySchedule
 from capture_app.sync.wire.beacon import ArrivalReport
 from capture_app.sync.wire.codec import request_at, request_before_t0
 from capture_app.sync.wire.messages import NodeState, Report, TimeReply
@@ -23,8 +24,6 @@ from capture_app.sync.wire.messages import NodeState, Report, TimeReply
 OUTSTANDING = 512
 FURTHEST_NS = 2**62
 """No clock is further from the root's, and no relay could tell its clients so."""
-
-ClockEvent = ClockStepped | ClockSynced | ReferenceCorrectionStarted | ReferenceCorrectionEnded
 
 
 class Timekeeper:

@@ -1,0 +1,34 @@
+"""What happens to a node's clock, as the engine tells it; facts, which never leave the process."""
+
+from dataclasses import dataclass
+
+from capture_app.sync.clock.time_map import TimeMap
+
+
+@dataclass(frozen=True, slots=True)
+class ClockSynced:
+    """There are enough samples of the leader's clock."""
+
+    time_map: TimeMap
+    """From the local clock to the root's."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClockStepped:
+    """One of the clocks jumped; the estimate starts anew."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceCorrectionStarted:
+    """The clock is being moved to where all agree that hear the same beacons."""
+
+    relative_uncertainty_ns: int
+    """95 % error of this clock against those of the others, in ns."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceCorrectionEnded:
+    """Nothing was agreed for long: the clock is again what the leader's answers alone tell."""
+
+
+ClockEvent = ClockStepped | ClockSynced | ReferenceCorrectionStarted | ReferenceCorrectionEnded

@@ -19,9 +19,10 @@ least round trip: two-way messages cannot measure it. The paper's link has 0.038
 STAMP_NS = 1_000.0
 """One sigma of the asymmetry that the two programs add: one that was just woken up stamps late. It matters on
 loopback and cables (docs/accuracy.md), not on radio."""
-MAX_SKEW = 100.0 * 1e-6
+MAX_SKEW = 1010.0 * 1e-6
 MAX_WANDER = 0.5 * 1e-6 / 60e9
-"""Largest skew of a clock, and its largest change in a ns: half a millionth in a minute."""
+"""Largest skew between two clocks (1000 ppm, with room for it being counted in the other one's seconds), and
+its largest change in a ns while nobody sets a clock: half a millionth in a minute."""
 USUAL_WANDER = 0.05
 """One sigma of the change of the skew, as a share of MAX_WANDER: a clock in a room's air."""
 ROUNDING_NS = 2.0
@@ -29,6 +30,14 @@ REACH_NS = 1e13
 """Largest change of the offset within a window, in ns."""
 EAGER_SAMPLES = 300
 REFRESH_NS = 100_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class RateChange:
+    """The leader's rate against the local clock changed, by so many ppm; noticed at a local time in ns."""
+
+    local_ns: int
+    ppm: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,6 +88,8 @@ class ClockFilter:
     def reset(self) -> None:
         """Forget all samples."""
         self.samples = 0
+        self.rate_change: RateChange | None = None
+        """The latest change of the rate that was noticed: a host's clock is being slewed, or was before."""
         self._blocks: dict[int, Block] = {}
         self._newest_ns = 0
         self._anchor_ns = 0
@@ -237,10 +248,17 @@ class ClockFilter:
                 self._lines.corners = before
                 break
             kept[index] = self._blocks[index]
+        bent = any(oldest <= index < min(kept, default=oldest) for index in self._blocks)
         self._blocks = kept
         # A bound from one side only is no estimate.
         sides = kept.values()
-        return any(b.upper.points for b in sides) and any(b.lower.points for b in sides)
+        if not (any(b.upper.points for b in sides) and any(b.lower.points for b in sides)):
+            return False
+        if bent:
+            skew = self._fit.skew if self._fit is not None else 0.0
+            self._fit, self._fitted_at_ns = self._fit_line(), self._newest_ns
+            self.rate_change = RateChange(self._newest_ns, (self._fit.skew - skew) * 1e6)
+        return True
 
     def _fit_line(self) -> VotedLine:
         """Fit the line anew, and estimate how far the least delays measured lie above the minimum delays."""

@@ -74,7 +74,7 @@ def test_one_sample_gives_the_middle_and_half_the_round_trip() -> None:
     time_map = clock.time_map(S + 260_000)
     assert time_map is not None
     assert error_ns(time_map, link, S + 260_000) == pytest.approx(50_000, abs=5)
-    assert time_map.hard_bound_ns == pytest.approx(250_000, abs=100)
+    assert time_map.hard_bound_ns == pytest.approx(250_000, abs=600)
     assert time_map.uncertainty_ns <= time_map.hard_bound_ns
     assert time_map.round_trip_ns == 500_000
 
@@ -92,7 +92,7 @@ def test_a_second_of_the_papers_link_comes_within_tens_of_microseconds() -> None
     assert max(errors) < 90_000
 
 
-@pytest.mark.parametrize("skew_ppm", [-80.0, 80.0])
+@pytest.mark.parametrize("skew_ppm", [-800.0, -80.0, 80.0])
 def test_background_samples_learn_the_skew(skew_ppm: float) -> None:
     link = Link(offset_ns=10**13, skew_ppm=skew_ppm, epoch_ns=0)
     clock, now_ns = run(link, 10**12, seed=4, seconds=40)
@@ -139,7 +139,7 @@ exchanges = st.lists(
 @given(
     exchanges=exchanges,
     offset_ns=st.integers(-(10**14), 10**14),
-    skew_ppm=st.floats(-99.9, 99.9),
+    skew_ppm=st.floats(-999.9, 999.9),
     asked=st.lists(st.integers(-5 * S, 60 * S), min_size=1, max_size=5),
     order=st.randoms(use_true_random=False),
 )
@@ -223,3 +223,20 @@ def test_slow_wander_forgets_the_old_and_is_not_a_step() -> None:
     assert time_map is not None
     assert abs(time_map.leader_from_local(t_ns) - t_ns - offset) < 60_000
     assert time_map.skew * 1e6 == pytest.approx(60, abs=15)
+    assert clock.rate_change is not None
+
+
+def test_a_slewed_leader_is_told() -> None:
+    """500 ppm more from one moment on, as an NTP daemon slews a clock."""
+    link = Link(offset_ns=10**10, skew_ppm=20, epoch_ns=0)
+    clock, now_ns = run(link, 10**12, seed=5, seconds=20)
+    assert clock.rate_change is None
+    link.offset_ns, link.skew_ppm, link.epoch_ns = link.leader(now_ns) - now_ns, 520, now_ns
+    rng = random.Random(6)
+    for i in range(400):
+        assert clock.add(link.exchange(now_ns + 25 * MS * i, *paper_delays(rng)))
+    assert clock.rate_change is not None
+    assert now_ns < clock.rate_change.local_ns <= now_ns + 10 * S
+    time_map = clock.time_map(now_ns + 10 * S)
+    assert time_map is not None
+    assert time_map.skew * 1e6 == pytest.approx(520, abs=120)

@@ -15,7 +15,7 @@ MS = 1_000_000
 S = 1_000_000_000
 START_NS = 10**15
 PIECE_NS = 20 * S
-MOST_SKEW = 100e-6
+MOST_SKEW = 1000e-6
 MOST_WANDER = 0.5e-6 / 60e9
 """The filter's own limits: skew, and its change in one ns."""
 

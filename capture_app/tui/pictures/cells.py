@@ -1,0 +1,217 @@
+"""An image as the cells of a terminal: quarters of a cell in two colours, or dots without any colour."""
+
+from dataclasses import dataclass
+from enum import Enum
+from functools import lru_cache
+from typing import TypeAlias
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from rich.color import Color, ColorType
+from rich.color_triplet import ColorTriplet
+from rich.segment import Segment
+from rich.style import Style
+from textual.strip import Strip
+
+Image: TypeAlias = NDArray[np.uint8]
+"""Height x width, or height x width x BGR, of 8 bits."""
+
+QUARTERS = "▀▘▌▚▛▜▙"
+_INKED = np.array(
+    [[1, 1, 0, 0], [1, 0, 0, 0], [1, 0, 1, 0], [1, 0, 0, 1], [1, 1, 1, 0], [1, 1, 0, 1], [1, 0, 1, 1]],
+    np.float32,
+)
+"""For each glyph of QUARTERS the quarters in its foreground colour: upper two, lower two."""
+_CUBE = np.array([0, 95, 135, 175, 215, 255], np.uint8)
+_BAYER = np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]], np.float32)
+_BRAILLE = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], np.int32)
+
+
+class Palette(Enum):
+    """What the terminal can show."""
+
+    TRUECOLOR = "truecolor"
+    EIGHT_BIT = "256"
+    GREYS = "greys"
+    DOTS = "dots"
+    """No colour at all: braille dots, dithered."""
+
+    @property
+    def pixels(self) -> tuple[int, int]:
+        """Columns and rows of pixels in a cell."""
+        return (2, 4) if self is Palette.DOTS else (2, 2)
+
+
+@dataclass(frozen=True, slots=True)
+class CellPicture:
+    """An image in cells: `glyphs` is rows x columns, `inks` rows x columns x (foreground, background) x RGB.
+
+    A glyph is a place in QUARTERS, or for dots a braille pattern.
+    """
+
+    palette: Palette
+    glyphs: NDArray[np.uint8]
+    inks: NDArray[np.uint8]
+
+    @property
+    def rows(self) -> int:
+        """How many cells high it is."""
+        return int(self.glyphs.shape[0])
+
+    @property
+    def columns(self) -> int:
+        """How many cells wide it is."""
+        return int(self.glyphs.shape[1])
+
+    def pixels(self) -> NDArray[np.uint8]:
+        """What is seen of a coloured picture: rows x columns x quarter x RGB."""
+        inked = _INKED[self.glyphs].astype(bool)[..., None]
+        return np.where(inked, self.inks[:, :, None, 0], self.inks[:, :, None, 1])
+
+
+def fitted_cells(width: int, height: int, columns: int, rows: int) -> tuple[int, int]:
+    """Columns and rows that an image takes in so much room; a cell is twice as high as wide."""
+    scale = min(columns / width, 2 * rows / height)
+    return max(1, min(columns, round(width * scale))), max(1, min(rows, round(height * scale / 2)))
+
+
+def resample(image: Image, width: int, height: int) -> Image:
+    """An image of another size, by areas where it gets smaller."""
+    shrinks = width <= image.shape[1] and height <= image.shape[0]
+    way = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(image, (width, height), interpolation=way), np.uint8)
+
+
+def grey_of(image: Image) -> Image:
+    """How bright an image is: height x width."""
+    return image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
+
+
+def draw_cells(scaled: Image, palette: Palette, *, light: bool = False) -> CellPicture:
+    """Draw an image that has the palette's pixels per cell; `light`: dots are dark on a light ground."""
+    if palette is Palette.DOTS:
+        glyphs = _dots(scaled, light=light)
+        return CellPicture(palette, glyphs, np.zeros((*glyphs.shape, 2, 3), np.uint8))
+    if palette is Palette.GREYS:
+        scaled = grey_of(scaled)
+    rgb = np.asarray(
+        cv2.cvtColor(scaled, cv2.COLOR_GRAY2RGB if scaled.ndim == 2 else cv2.COLOR_BGR2RGB), np.float32
+    )
+    rows, columns = rgb.shape[0] // 2, rgb.shape[1] // 2
+    quarters = rgb.reshape(rows, 2, columns, 2, 3).transpose(0, 2, 1, 3, 4).reshape(rows, columns, 4, 3)
+    glyphs, inks = _split_in_two(quarters)
+    if palette is Palette.EIGHT_BIT:
+        inks = _nearest_of_256(inks)
+    return CellPicture(palette, glyphs, inks)
+
+
+def keep_what_looks_alike(shown: CellPicture, new: CellPicture, threshold: int) -> CellPicture:
+    """The new picture, but with the shown cell wherever nothing seen in it differs by over `threshold`.
+
+    A sensor's noise would else have every cell sent to the terminal again.
+    """
+    if new.palette is Palette.DOTS or shown.palette is not new.palette or not _same_size(shown, new):
+        return new
+    difference = np.abs(new.pixels().astype(np.int16) - shown.pixels())
+    alike = difference.max(axis=(2, 3)) <= threshold
+    return CellPicture(
+        new.palette,
+        np.where(alike, shown.glyphs, new.glyphs),
+        np.where(alike[..., None, None], shown.inks, new.inks),
+    )
+
+
+def changed_spans(shown: CellPicture, new: CellPicture) -> list[tuple[int, int, int]] | None:
+    """For each row of cells that changed: the row, its first changed column and the one after the last.
+
+    None where they are of different sizes.
+    """
+    if not _same_size(shown, new):
+        return None
+    differs = (shown.glyphs != new.glyphs) | (shown.inks != new.inks).any(axis=(2, 3))
+    spans = []
+    for row in np.flatnonzero(differs.any(axis=1)):
+        where = np.flatnonzero(differs[row])
+        spans.append((int(row), int(where[0]), int(where[-1]) + 1))
+    return spans
+
+
+def strip_of(cells: CellPicture, row: int, plain: Style) -> Strip:
+    """A row of cells for Textual; `plain` is the style of dots."""
+    glyphs = cells.glyphs[row]
+    if cells.palette is Palette.DOTS:
+        return Strip([Segment("".join(chr(0x2800 + int(dots)) for dots in glyphs), plain)], cells.columns)
+    inks = cells.inks[row].astype(np.uint32)
+    colours = (inks[..., 0] << 16) | (inks[..., 1] << 8) | inks[..., 2]
+    starts = np.flatnonzero(np.r_[True, (colours[1:] != colours[:-1]).any(axis=1)]).tolist()
+    text = "".join(QUARTERS[glyph] for glyph in glyphs)
+    eight_bit = cells.palette is Palette.EIGHT_BIT
+    segments = [
+        Segment(text[start:end], _style(front, back, eight_bit))
+        for start, end, (front, back) in zip(
+            starts, [*starts[1:], None], colours[starts].tolist(), strict=True
+        )
+    ]
+    return Strip(segments, cells.columns)
+
+
+@lru_cache(maxsize=16384)
+def _style(front: int, back: int, eight_bit: bool) -> Style:
+    return Style.from_color(_colour(front, eight_bit), _colour(back, eight_bit))
+
+
+@lru_cache(maxsize=16384)
+def _colour(rgb: int, eight_bit: bool) -> Color:
+    red, green, blue = rgb >> 16, rgb >> 8 & 255, rgb & 255
+    if not eight_bit:
+        # As Color.from_rgb, whose other work would take half of the time that a picture takes.
+        return Color(f"#{rgb:06x}", ColorType.TRUECOLOR, triplet=ColorTriplet(red, green, blue))
+    if red == green == blue and red % 10 == 8 and red <= 238:
+        return Color.from_ansi(232 + red // 10)
+    steps = [int(np.searchsorted(_CUBE, value)) for value in (red, green, blue)]
+    return Color.from_ansi(16 + 36 * steps[0] + 6 * steps[1] + steps[2])
+
+
+def _same_size(shown: CellPicture, new: CellPicture) -> bool:
+    return shown.glyphs.shape == new.glyphs.shape
+
+
+def _split_in_two(quarters: NDArray[np.float32]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """The glyph of each cell that has the least squared error, and the mean colours of its two parts."""
+    total = quarters.sum(axis=2)[:, :, None]
+    inked = np.einsum("rcqk,gq->rcgk", quarters, _INKED, optimize=True)
+    numbers = _INKED.sum(axis=1)[None, None, :, None]
+    explained = (inked**2 / numbers + (total - inked) ** 2 / (4 - numbers)).sum(axis=3)
+    # Halves where a quarter says nothing more: rounding must not make noise of glyphs.
+    explained[..., 0] += 4.0
+    glyphs = explained.argmax(axis=2)
+    chosen = glyphs[..., None, None]
+    front = np.take_along_axis(inked, chosen, axis=2)[:, :, 0]
+    number = numbers[0, 0, :, 0][glyphs][..., None]
+    inks = np.stack([front / number, (total[:, :, 0] - front) / (4 - number)], axis=2)
+    return glyphs.astype(np.uint8), np.clip(np.round(inks), 0, 255).astype(np.uint8)
+
+
+def _nearest_of_256(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """The nearest colours of xterm's cube of 216 and its 24 greys; the last axis is RGB."""
+    middles = (_CUBE[1:].astype(np.int16) + _CUBE[:-1]) // 2
+    cube = _CUBE[np.searchsorted(middles, rgb, side="left")]
+    mean = rgb.mean(axis=-1, keepdims=True)
+    grey = np.broadcast_to((8 + 10 * np.clip(np.round((mean - 8) / 10), 0, 23)).astype(np.uint8), rgb.shape)
+
+    def error(of: NDArray[np.uint8]) -> NDArray[np.int32]:
+        return np.asarray(((rgb.astype(np.int32) - of) ** 2).sum(axis=-1, keepdims=True), np.int32)
+
+    return np.where(error(grey) < error(cube), grey, cube)
+
+
+def _dots(scaled: Image, *, light: bool) -> NDArray[np.uint8]:
+    # Few steps of brightness are left, so each region gets them all.
+    grey = cv2.createCLAHE(clipLimit=4.0, tileGridSize=(4, 4)).apply(grey_of(scaled))
+    contrast = np.asarray(cv2.addWeighted(grey, 1.8, cv2.GaussianBlur(grey, (0, 0), 2.0), -0.8, 0), np.uint8)
+    rows, columns = grey.shape[0] // 4, grey.shape[1] // 2
+    limits = np.tile((_BAYER + 0.5) * 16, (rows, columns // 2 + 1))[:, : 2 * columns]
+    lit = (contrast[: 4 * rows, : 2 * columns] > limits) ^ light
+    blocks = lit.reshape(rows, 4, columns, 2)
+    return np.asarray(np.einsum("rycx,yx->rc", blocks.astype(np.int32), _BRAILLE), np.uint8)

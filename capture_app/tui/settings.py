@@ -1,0 +1,98 @@
+"""What the screen remembers for the next start, and the keys that a user changed, in the config folder."""
+
+import json
+import tomllib
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+from platformdirs import user_config_path
+
+from capture_app.session.files.durable import write_atomic_unsynced
+
+Choice = str | int | float | bool
+C = TypeVar("C", bound=Choice)
+
+CHOICES_FILE = "screen.json"
+KEYS_FILE = "keys.toml"
+
+
+@dataclass(slots=True)
+class Settings:
+    """Choices by name, such as `shoot.frames`, and keys by the name of their action.
+
+    A file that cannot be read is a warning and the built-in choices, never an end.
+    """
+
+    folder: Path | None = None
+    """Where both are kept; None: nowhere."""
+    keys: dict[str, str] = field(default_factory=dict)
+    """Keys by action, as keys.toml has them: {"shoot.take": "space,enter"}."""
+    warnings: list[str] = field(default_factory=list)
+    """What could not be read, a sentence each."""
+    on_change: Callable[[], None] | None = None
+    """Called when a choice differs from what is on disk."""
+    choices: dict[str, Choice] = field(default_factory=dict)
+
+    @classmethod
+    def load(cls, folder: Path | None = None) -> "Settings":
+        """Read the files of the user's config folder, or of another."""
+        settings = cls(user_config_path("simulshot", appauthor=False) if folder is None else folder)
+        settings.choices = {
+            name: value
+            for name, value in settings._read(CHOICES_FILE, json.loads).items()
+            if isinstance(value, Choice)
+        }
+        for action, key in _flat(settings._read(KEYS_FILE, tomllib.loads)):
+            if isinstance(key, str) and key.strip(", "):
+                settings.keys[action] = key
+            else:
+                settings.warnings.append(
+                    f'{KEYS_FILE}: {action} has no key: write it as {action} = "x", and two as "x,space"'
+                )
+        return settings
+
+    def recall(self, name: str, default: C) -> C:
+        """What was remembered under a name, if it is of the default's type; else the default."""
+        value = self.choices.get(name, default)
+        return value if type(value) is type(default) else default
+
+    def remember(self, name: str, value: Choice) -> None:
+        """Keep a choice for the next start."""
+        if name in self.choices and self.choices[name] == value:
+            return
+        self.choices[name] = value
+        if self.on_change is not None:
+            self.on_change()
+
+    def save(self) -> None:
+        """Write the choices to disk, which may take its time. Raises OSError."""
+        if self.folder is None or not self.choices:
+            return
+        self.folder.mkdir(parents=True, exist_ok=True)
+        text = json.dumps(self.choices, indent=2, sort_keys=True)
+        write_atomic_unsynced(self.folder / CHOICES_FILE, text.encode() + b"\n")
+
+    def _read(self, name: str, parse: Callable[[str], Any]) -> dict[str, Any]:
+        assert self.folder is not None
+        path = self.folder / name
+        try:
+            found = parse(path.read_text(encoding="utf-8"))
+        except FileNotFoundError:
+            return {}
+        except (OSError, ValueError, RecursionError) as error:
+            self.warnings.append(f"{path} is left aside, as it cannot be read: {error}")
+            return {}
+        if not isinstance(found, dict):
+            self.warnings.append(f"{path} is left aside, as it holds no choices by name")
+            return {}
+        return found
+
+
+def _flat(table: dict[str, Any], above: str = "") -> list[tuple[str, Any]]:
+    """The values of nested tables by their dotted names: TOML reads `shoot.take` as a table."""
+    found: list[tuple[str, Any]] = []
+    for name, value in table.items():
+        found += _flat(value, f"{above}{name}.") if isinstance(value, dict) else [(above + name, value)]
+    return found

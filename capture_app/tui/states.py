@@ -1,0 +1,50 @@
+"""The state of a camera and of a rig as a word, a glyph and a colour: never by colour alone."""
+
+from dataclasses import dataclass
+
+from capture_app.node.wire.status import NodeStatus, RigStatus
+from capture_app.sync.wire.messages import WITHOUT_CAMERA, NodeState
+
+
+@dataclass(frozen=True, slots=True)
+class Sign:
+    """How a state is shown."""
+
+    glyph: str
+    word: str
+    style: str
+    """A style of the theme, such as $success."""
+
+    def __str__(self) -> str:
+        """The glyph and the word."""
+        return f"{self.glyph} {self.word}"
+
+
+SIGNS = {
+    NodeState.JOINING: Sign("○", "joining", "$text-muted"),
+    NodeState.SYNCING: Sign("◔", "syncing", "$warning"),
+    NodeState.ALIGNING: Sign("◑", "aligning", "$warning"),
+    NodeState.READY: Sign("●", "ready", "$success"),
+    NodeState.LOST: Sign("◌", "lost", "$text-muted"),
+    NodeState.FAILED: Sign("✖", "failed", "$error"),
+}
+NO_LEADER = Sign("✖", "leader lost", "$error")
+WAITING = Sign("○", "connecting", "$text-muted")
+EMPTY = Sign("○", "no camera", "$text-muted")
+
+
+def cameras_of(status: RigStatus) -> tuple[NodeStatus, ...]:
+    """The nodes that take pictures: relays and clocks do not."""
+    return tuple(node for node in status.nodes if node.camera.kind not in WITHOUT_CAMERA)
+
+
+def rig_sign(status: RigStatus) -> Sign:
+    """How far the whole rig is: ready, or how many of its cameras are."""
+    here = [node for node in cameras_of(status) if node.state is not NodeState.LOST]
+    ready = sum(node.state is NodeState.READY for node in here)
+    if not here:
+        return EMPTY
+    if ready == len(here):
+        return Sign("●", f"{ready} of {ready} ready", "$success")
+    failed = any(node.state is NodeState.FAILED for node in here)
+    return Sign("✖" if failed else "◑", f"{ready} of {len(here)} ready", "$error" if failed else "$warning")

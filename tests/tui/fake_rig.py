@@ -1,0 +1,180 @@
+"""A rig for tests of the screen: it is as the test says, and keeps what was asked of it."""
+
+import asyncio
+from collections.abc import AsyncIterator, Awaitable, Callable
+from typing import Any
+
+import msgspec
+
+from capture_app.camera_facts import PhaseControl
+from capture_app.errors import NoCameraHereError, SimulshotError
+from capture_app.net.address import Address
+from capture_app.node.operator.updates import LinkLost, Update
+from capture_app.node.wire.messages import BurstRequest
+from capture_app.node.wire.status import BurstStatus, CameraTransfer, NodeStatus, RigStatus
+from capture_app.node.wire.views import NewsLine, NodeDetail, Preview
+from capture_app.sync.wire.messages import NodeState
+from tests.facts import make_facts
+
+PERIOD_NS = 33_333_000
+UNIX_NS = 1_700_000_000_000_000_000
+HOUR_NS = 3_600_000_000_000
+
+
+def make_node(name: str, state: NodeState = NodeState.READY, **different: Any) -> NodeStatus:
+    """A camera of a rig: ready and 12 µs late, but for what is given."""
+    plain: dict[str, Any] = {
+        "address": "192.168.1.7:50112",
+        "camera": make_facts(model="Simulated phone A", phase_control=PhaseControl.INJECTION),
+        "offset_ns": 4 * HOUR_NS,
+        "hard_bound_ns": 61_000,
+        "uncertainty_ns": 9_000,
+        "round_trip_ns": 122_000,
+        "samples": 412,
+        "phase_error_ns": 12_400,
+        "tolerance_ns": 100_000,
+        "period_ns": PERIOD_NS,
+        "frames": 900,
+        "fps": 30.0,
+        "exposure_ns": 10_000_000,
+        "gain": 1.5,
+        "disk_free_bytes": 34_000_000_000,
+    }
+    return NodeStatus(name=name, state=state, **plain | different)
+
+
+def make_rig(cameras: int) -> tuple[NodeStatus, ...]:
+    """So many cameras: nearly all ready, the last ones on their way, failed and lost."""
+    nodes = [make_node(f"cam{n:02d}", phase_error_ns=(n * 37 % 90 - 45) * 1000) for n in range(cameras)]
+    if cameras >= 5:
+        syncing = {"phase_error_ns": None, "offset_ns": None, "hard_bound_ns": None, "uncertainty_ns": None}
+        nodes[-3] = make_node(nodes[-3].name, NodeState.ALIGNING, phase_error_ns=7_310_000)
+        nodes[-2] = make_node(nodes[-2].name, NodeState.SYNCING, **syncing)
+        nodes[-1] = make_node(nodes[-1].name, NodeState.LOST, drops=3, last_seen_ns=42_000_000_000)
+    return tuple(nodes)
+
+
+class FakeRig:
+    """A RigSource without a network: `nodes` are its cameras, `asked` what it was told to do, in order."""
+
+    def __init__(self, cameras: int = 0) -> None:
+        self.nodes = make_rig(cameras)
+        self.asked: list[tuple[object, ...]] = []
+        self.failure: SimulshotError | None = None
+        """Raised by the next order."""
+        self.take: Callable[[BurstRequest], Awaitable[str | None]] | None = None
+        """Makes the session of a burst, and returns its path."""
+        self.details: dict[str, NodeDetail] = {}
+        self.different: dict[str, Any] = {}
+        """Fields of the status that are not as usual."""
+        self.burst_status: BurstStatus | None = None
+        self.told = 0
+        self._updates: asyncio.Queue[Update] = asyncio.Queue()
+
+    @property
+    def leader(self) -> Address:
+        return Address("127.0.0.1", 47010)
+
+    def status(self) -> RigStatus:
+        plain: dict[str, Any] = {
+            "leader": "192.168.1.5:47010",
+            "now_ns": 0,
+            "period_ns": PERIOD_NS if self.nodes else None,
+            "sessions_folder": "/home/ada/sessions",
+            "disk_free_bytes": 112_000_000_000,
+        }
+        return RigStatus(nodes=self.nodes, burst=self.burst_status, **plain | self.different)
+
+    # What a test does to it
+
+    def change(self, name: str, **different: Any) -> None:
+        """Let a camera be otherwise, and tell."""
+        self.nodes = tuple(
+            msgspec.structs.replace(node, **different) if node.name == name else node for node in self.nodes
+        )
+        self.tell()
+
+    def tell(self, update: Update | None = None) -> None:
+        """Tell the screen an update; the present status where none is given."""
+        self._updates.put_nowait(self.status() if update is None else update)
+
+    def news(self, text: str, **more: Any) -> None:
+        """Tell the screen a line of news, a second after the last."""
+        self.told += 1
+        self.tell(NewsLine(unix_ns=UNIX_NS + self.told * 1_000_000_000, text=text, **more))
+
+    def lose_link(self, reason: str = "192.168.1.5:47010 does not answer") -> None:
+        """Let the leader be gone."""
+        self.tell(LinkLost(reason))
+
+    def preview(self, camera: str, jpeg: bytes, width: int, height: int) -> None:
+        """Let a camera show a picture."""
+        self.tell(Preview(camera=camera, leader_ns=0, width=width, height=height, jpeg=jpeg))
+
+    # What the screen asks of it
+
+    async def updates(self) -> AsyncIterator[Update]:
+        yield self.status()
+        while True:
+            yield await self._updates.get()
+
+    async def want_previews(self, *, cameras: tuple[str, ...] | None, width: int, fps: float) -> None:
+        self.asked.append(("want_previews", cameras, width, fps))
+
+    async def burst(self, request: BurstRequest) -> AsyncIterator[BurstStatus]:
+        self._ask("burst", request)
+        here = [node for node in self.nodes if node.state is not NodeState.LOST]
+        if not here:
+            raise NoCameraHereError("no camera is here")
+        number = sum(order[0] == "burst" for order in self.asked)
+        name = f"{request.name or 'burst'}-{number:03d}"
+        session = await self.take(request) if self.take else None
+        for received in range(request.frames + 1):
+            transfer = tuple(
+                CameraTransfer(camera=node.name, received=received, expected=request.frames) for node in here
+            )
+            self.burst_status = BurstStatus(
+                burst=number,
+                name=name,
+                cameras=len(here),
+                instants=request.frames,
+                received=received * len(here),
+                expected=request.frames * len(here),
+                done=received == request.frames,
+                session=session if received == request.frames else None,
+                transfer=transfer,
+            )
+            yield self.burst_status
+            self.tell()
+
+    async def cancel_burst(self, burst: int) -> None:
+        self._ask("cancel_burst", burst)
+
+    async def add_camera(self, spec: str, name: str | None = None) -> None:
+        self._ask("add_camera", spec, name)
+
+    async def add_simulated(self, cameras: int, scene: str = "studio") -> None:
+        self._ask("add_simulated", cameras, scene)
+        new = {"phase_error_ns": None, "hard_bound_ns": None, "on_leader": True}
+        first = len(self.nodes)
+        self.nodes += tuple(
+            make_node(f"cam{first + n:02d}", NodeState.SYNCING, **new) for n in range(cameras)
+        )
+        self.tell()
+
+    async def remove_camera(self, name: str) -> None:
+        self._ask("remove_camera", name)
+        self.nodes = tuple(node for node in self.nodes if node.name != name)
+        self.tell()
+
+    async def detail(self, name: str) -> NodeDetail:
+        return self.details.get(name, NodeDetail(camera=name))
+
+    async def stop_rig(self) -> None:
+        self._ask("stop_rig")
+
+    def _ask(self, *order: object) -> None:
+        self.asked.append(order)
+        if self.failure is not None:
+            failure, self.failure = self.failure, None
+            raise failure

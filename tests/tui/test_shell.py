@@ -1,0 +1,104 @@
+"""What holds in all modes: header, keys, settings, and what is said when something fails."""
+
+from pathlib import Path
+from typing import Any
+
+from textual.widgets._toast import Toast
+
+from capture_app.errors import BadInputError
+from capture_app.tui.drawing.lines import Lines
+from capture_app.tui.messages import Mishap
+from capture_app.tui.settings import Settings
+from capture_app.tui.shell import SimulshotApp
+from tests.tui.fake_rig import FakeRig
+
+
+def make_app(rig: FakeRig, **different: Any) -> SimulshotApp:
+    plain: dict[str, Any] = {"settings": Settings(), "sessions": Path("sessions"), "clock": lambda: 100.0}
+    return SimulshotApp(rig, **plain | different)
+
+
+async def settle(pilot: Any) -> None:
+    """Let messages of messages come through."""
+    for _ in range(4):
+        await pilot.pause()
+
+
+def header(app: SimulshotApp) -> str:
+    return app.screen.query_one("#header", Lines).plain[0]
+
+
+async def test_the_header_says_which_rig_it_is_and_how_ready() -> None:
+    rig = FakeRig(5)
+    app = make_app(rig)
+    async with app.run_test(size=(120, 40)) as pilot:
+        await pilot.pause()
+        assert "◑ 2 of 4 ready" in header(app)
+        assert "192.168.1.5:47010" in header(app)
+        assert "112 GB free" in header(app)
+        rig.lose_link()
+        await pilot.pause()
+        assert "✖ leader lost" in header(app)
+        rig.tell()
+        await pilot.pause()
+        assert "◑ 2 of 4 ready" in header(app)
+
+
+async def test_modes_are_a_key_and_a_click_away_and_hear_of_the_rig() -> None:
+    app = make_app(FakeRig(1))
+    async with app.run_test(size=(80, 24)) as pilot:
+        for key, mode in ("2", "shoot"), ("3", "sessions"), ("4", "jobs"), ("1", "rig"):
+            await pilot.press(key)
+            await pilot.pause()
+            assert app.current_mode == mode
+            assert "● 1 of 1 ready" in header(app)
+        await pilot.click("#header", offset=(12, 0))
+        await pilot.pause()
+        assert app.current_mode == "shoot"
+
+
+async def test_no_key_in_the_footer_is_cut() -> None:
+    app = make_app(FakeRig(1))
+    async with app.run_test(size=(80, 24)) as pilot:
+        for width in (80, 40, 20):
+            await pilot.resize_terminal(width, 24)
+            await pilot.pause()
+            line = app.screen.query_one("#footer", Lines).plain[0]
+            assert len(line) == width
+            assert line.endswith(" ? Help ")
+
+
+async def test_a_failed_action_is_a_sentence_not_markup() -> None:
+    app = make_app(FakeRig(1))
+    async with app.run_test(size=(80, 24), notifications=True) as pilot:
+        app.screen.post_message(Mishap(BadInputError("[red]\x1b[2J is no name", hint="choose another")))
+        await settle(pilot)
+        shown = [str(toast.render()) for toast in app.screen.query(Toast)]
+        assert shown == ["[red]\\x1b[2J is no name (choose another)"]
+
+
+def test_settings_come_back_and_broken_files_are_warnings(tmp_path: Path) -> None:
+    settings = Settings.load(tmp_path)
+    assert not settings.warnings
+    settings.remember("shoot.frames", 7)
+    settings.remember("theme", "simulshot-light")
+    settings.save()
+    (tmp_path / "keys.toml").write_text('shoot.take = "t"\n[rig]\nremove = 3\n')
+    again = Settings.load(tmp_path)
+    assert again.recall("shoot.frames", 5) == 7
+    assert again.recall("shoot.frames", "five") == "five"
+    assert again.keys == {"shoot.take": "t"}
+    assert "rig.remove" in again.warnings[0]
+    (tmp_path / "screen.json").write_text("{")
+    (tmp_path / "keys.toml").write_text("= =")
+    broken = Settings.load(tmp_path)
+    assert len(broken.warnings) == 2
+    assert broken.recall("shoot.frames", 5) == 5
+
+
+async def test_a_changed_key_holds_and_is_shown(tmp_path: Path) -> None:
+    settings = Settings(tmp_path, keys={"app.quit": "x"})
+    app = make_app(FakeRig(1), settings=settings)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        assert " x Quit " in app.screen.query_one("#footer", Lines).plain[0]

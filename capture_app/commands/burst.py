@@ -1,18 +1,21 @@
 """`capture-app burst`: take a burst with a running leader and wait for its session."""
 
 import asyncio
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from msgspec.structs import asdict
 
 from capture_app.commands.options import leader_option
-from capture_app.errors import IncompleteError, NetworkError, NoCameraHereError
+from capture_app.errors import IncompleteError, NetworkError, NoCameraHereError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line, talk
 
 if TYPE_CHECKING:
     from capture_app.node.wire.messages import BurstRequest
     from capture_app.node.wire.status import BurstStatus
+    from capture_app.session.reading.verdict import Verdict
 
 
 @click.command()
@@ -65,12 +68,26 @@ def burst(
         frames=frames, spacing=spacing, at_leader_ns=at_ns, wait_ready_s=wait_s, nodes=min_nodes
     )
     done = asyncio.run(_take_burst(leader, request))
+    verdict = _judge_if_here(done)
     if as_json:
-        print_json(done)
+        print_json({**asdict(done), "verdict": verdict})
     elif done.session is not None:
         print_line(done.session)
+        if verdict is not None:
+            talk(f"{verdict.headline}; spread {verdict.spread}")
     if done.session is None or done.received < done.expected:
         raise IncompleteError(f"burst {done.burst} is incomplete: {done.message}")
+
+
+def _judge_if_here(done: "BurstStatus") -> "Verdict | None":
+    """The verdict where the session is on this machine: a leader elsewhere saves it there."""
+    from capture_app.session.reading.reader import Session
+    from capture_app.session.reading.verdict import judge
+
+    try:
+        return None if done.session is None else judge(Session.open(Path(done.session)).manifest)
+    except SimulshotError:
+        return None
 
 
 async def _take_burst(leader: Address, request: "BurstRequest") -> "BurstStatus":

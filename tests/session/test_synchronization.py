@@ -7,7 +7,7 @@ from msgspec.structs import replace
 from capture_app.camera_facts import TimestampSource
 from capture_app.session.format.manifest import BurstRecord, ImageRecord, MissingImage
 from capture_app.session.format.row_exposures import row_exposures
-from capture_app.session.reading.synchronization import sync_record, verdict
+from capture_app.session.reading.synchronization import sync_record
 
 from .conftest import HEIGHT, camera_record
 
@@ -76,17 +76,3 @@ def test_rolling_shutters_that_differ_drift_apart_down_the_picture() -> None:
     sync = sync_record(cameras, BurstRecord(instants_ns=(0,), period_ns=33 * MS), images, [])
     assert sync.spread_ns == (0,)
     assert sync.row_spread_ns == (HEIGHT - 1) * 2 * US
-
-
-def test_the_verdict_is_the_distance_that_things_move_meanwhile() -> None:
-    cameras = [camera_record("left"), camera_record("right")]
-    burst = BurstRecord(instants_ns=(0,), period_ns=33 * MS)
-    known = {"uncertainty_ns": 100 * US, "hard_bound_ns": 1 * MS}
-    images = [image("left", 0, 0, **known), image("right", 0, 250 * US, **known)]
-    words = verdict(sync_record(cameras, burst, images, []), 2000.0)
-    assert "2000 px/s" in words
-    assert "0.50 px between cameras at most" in words
-    assert "0.90 px with the clock error included" in words
-    assert "4.50 px" in words
-    unsure = [replace(one, uncertainty_ns=None) for one in images]
-    assert "not known" in verdict(sync_record(cameras, burst, unsure, []))

@@ -9,12 +9,12 @@ import msgspec
 from capture_app.commands.options import ANY_PATH
 from capture_app.commands.sessions.export import export
 from capture_app.commands.sessions.repair import repair
-from capture_app.commands.sessions.text import find_sync_record, print_session, print_sessions
+from capture_app.commands.sessions.text import print_session, print_sessions
 from capture_app.errors import BadInputError, IncompleteError, SimulshotError
 from capture_app.session.files.output_folder import unfinished_outputs
 from capture_app.session.format.manifest import session_schema_text
 from capture_app.session.reading.reader import Session, list_sessions
-from capture_app.session.reading.synchronization import verdict
+from capture_app.session.reading.verdict import judge
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line, show_count, talk
 
 DEFAULT_ROOT = Path("sessions")
@@ -54,8 +54,8 @@ def show(session: Path, as_json: bool) -> None:
     """Show the cameras of a session and how well they were synchronized."""
     opened = Session.open(session)
     if as_json:
-        words = verdict(find_sync_record(opened.manifest))
-        print_json({"session": str(session), "manifest": opened.manifest, "verdict": words})
+        verdict = judge(opened.manifest)
+        print_json({"session": str(session), "manifest": opened.manifest, "verdict": verdict})
     else:
         print_session(opened)
 

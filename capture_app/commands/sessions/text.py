@@ -4,9 +4,9 @@ from collections import defaultdict
 from collections.abc import Sequence
 from statistics import median
 
-from capture_app.session.format.manifest import CameraRecord, Manifest, SyncRecord
+from capture_app.session.format.manifest import CameraRecord, Manifest
 from capture_app.session.reading.reader import Session, SessionSummary
-from capture_app.session.reading.synchronization import PX_PER_S, pixels, sync_record, verdict
+from capture_app.session.reading.verdict import PX_PER_S, find_sync_record, judge, pixels
 from capture_app.terminal import print_line, print_table
 from capture_app.text import count, duration
 
@@ -36,6 +36,7 @@ def print_session(session: Session) -> None:
         f"{count(len(manifest.cameras), 'camera')}, {count(len(manifest.images), 'image')}, "
         f"{len(manifest.missing)} missing",
         *_describe_spread(session),
+        judge(manifest).headline,
         "calibrated" if session.calibration() is not None else "not calibrated",
     ]
     if manifest.note:
@@ -51,11 +52,6 @@ def print_session(session: Session) -> None:
             print_line(f"  and {len(manifest.missing) - 12} more")
 
 
-def find_sync_record(manifest: Manifest) -> SyncRecord:
-    """The manifest's record of its synchronization; older ones lack it, but their images tell."""
-    return manifest.sync or sync_record(manifest.cameras, manifest.burst, manifest.images, manifest.missing)
-
-
 def _describe_spread(session: Session) -> list[str]:
     """How far apart in time the images of one instant are, first to last, and what that costs."""
     manifest = session.manifest
@@ -67,7 +63,7 @@ def _describe_spread(session: Session) -> list[str]:
     if not spreads:
         return []
     by = "" if sync.uncertainty_ns is not None else "by the recorded times, "
-    lines = [f"{by}images of one instant are {_describe_spreads(spreads)}", verdict(sync)]
+    lines = [f"{by}images of one instant are {_describe_spreads(spreads)}", judge(manifest).sentence]
     if true_spreads := _true_spreads(session):
         cost = pixels(max(true_spreads), PX_PER_S)
         lines.append(f"by the ground truth they are {_describe_spreads(true_spreads)}: {cost}")

@@ -1,4 +1,4 @@
-"""How well a burst is synchronized: the record that the manifest keeps, and the verdict in words."""
+"""How well a burst is synchronized: the record that the manifest keeps."""
 
 from collections.abc import Iterable, Sequence
 
@@ -10,9 +10,6 @@ from capture_app.session.format.manifest import (
     SyncRecord,
 )
 from capture_app.session.format.row_exposures import row_exposures
-
-PX_PER_S = 1000.0
-"""The motion assumed in verdicts, in pixels a second: a person running through the picture in one or two."""
 
 
 def sync_record(
@@ -38,27 +35,6 @@ def sync_record(
         substituted=sum(image.substitute for image in images),
         late=sum(image.late for image in images),
     )
-
-
-def verdict(sync: SyncRecord, px_per_s: float = PX_PER_S) -> str:
-    """Say in one sentence how far something that moves that fast is displaced between the cameras."""
-    worst_ns = max(sync.spread_ns, default=0)
-    cost = (
-        f"an object moving at {px_per_s:g} px/s is displaced by {pixels(worst_ns, px_per_s)} between cameras"
-    )
-    if sync.uncertainty_ns is None:
-        return f"{cost}, if the times are right: their uncertainty is not known"
-    sure_ns = worst_ns + 2 * sync.uncertainty_ns
-    text = f"{cost} at most, {pixels(sure_ns, px_per_s)} with the clock error included"
-    if sync.hard_bound_ns is not None:
-        text += f" (95 %; never more than {pixels(worst_ns + 2 * sync.hard_bound_ns, px_per_s)})"
-    return text
-
-
-def pixels(time_ns: int, px_per_s: float = PX_PER_S) -> str:
-    """How far something of that speed moves in a time of `time_ns`, in words."""
-    distance = px_per_s * time_ns * 1e-9
-    return f"{distance:.2f} px" if distance < 9.995 else f"{distance:,.0f} px"
 
 
 def _spread(times_ns: Sequence[int]) -> int:

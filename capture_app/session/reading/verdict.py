@@ -1,0 +1,142 @@
+"""What a take is good for, in words and numbers: the one judgement that commands and screens show."""
+
+from enum import StrEnum
+
+from msgspec import Struct
+
+from capture_app.session.format.manifest import Manifest, SyncRecord
+from capture_app.session.reading.synchronization import sync_record
+from capture_app.text import count, duration
+
+PX_PER_S = 1000.0
+"""The motion assumed in verdicts, in pixels a second: a person running through the picture in one or two."""
+
+
+class Grade(StrEnum):
+    """How far something of `PX_PER_S` is displaced between the cameras, the clocks' error included."""
+
+    EXCELLENT = "excellent"
+    """Less than a tenth of a pixel."""
+    GOOD = "good"
+    """Less than a pixel."""
+    FAIR = "fair"
+    """Less than ten pixels."""
+    POOR = "poor"
+    UNKNOWN = "unknown"
+    """There are no two images of one instant, or the error of their times is not known."""
+
+
+_LIMITS_PX = ((0.1, Grade.EXCELLENT), (1.0, Grade.GOOD), (10.0, Grade.FAIR))
+
+
+class Verdict(Struct, frozen=True, kw_only=True):
+    """The judgement of a take; times in ns, None where they are not known."""
+
+    grade: Grade
+    headline: str
+    """The grade and what it is good for, in one short sentence."""
+    sentence: str
+    """What the times mean for something that moves."""
+    spread_ns: int | None = None
+    """From the first to the last image of the worst instant."""
+    spread_error_ns: int | None = None
+    """The spread is surer than this, 95 %: twice the error of the worst image's time."""
+    motion_px_per_s: float | None = None
+    """Something slower than this is displaced by less than a pixel, the clocks' error included."""
+    images: int = 0
+    expected: int = 0
+    dropped: int = 0
+    """Of the missing images, those that a camera dropped."""
+    substituted: int = 0
+    late: int = 0
+
+    @property
+    def spread(self) -> str:
+        """The spread with its error bar: 63 µs ±18 µs."""
+        if self.spread_ns is None:
+            return duration(None)
+        error = "" if self.spread_error_ns is None else f" ±{duration(self.spread_error_ns)}"
+        return duration(self.spread_ns) + error
+
+
+def judge(manifest: Manifest) -> Verdict:
+    """Judge a take by its spread, its error bars, and what is missing."""
+    sync = find_sync_record(manifest)
+    images = [0] * len(manifest.burst.instants_ns)
+    for image in manifest.images:
+        images[image.instant] += 1
+    spreads = [spread for spread, number in zip(sync.spread_ns, images, strict=True) if number > 1]
+    spread_ns = max(spreads, default=None)
+    error_ns = None if sync.uncertainty_ns is None else 2 * sync.uncertainty_ns
+    grade, motion = _grade(spread_ns, error_ns)
+    return Verdict(
+        grade=grade,
+        headline=f"{_purpose(grade, motion, spread_ns)}; {_completeness(manifest, sync)}",
+        sentence=describe_displacement(sync) if spreads else "there are no two images of one instant",
+        spread_ns=spread_ns,
+        spread_error_ns=error_ns,
+        motion_px_per_s=motion,
+        images=len(manifest.images),
+        expected=len(manifest.cameras) * len(manifest.burst.instants_ns),
+        dropped=sync.dropped,
+        substituted=sync.substituted,
+        late=sync.late,
+    )
+
+
+def find_sync_record(manifest: Manifest) -> SyncRecord:
+    """The manifest's record of its synchronization; older ones lack it, but their images tell."""
+    return manifest.sync or sync_record(manifest.cameras, manifest.burst, manifest.images, manifest.missing)
+
+
+def describe_displacement(sync: SyncRecord, px_per_s: float = PX_PER_S) -> str:
+    """Say in one sentence how far something that moves that fast is displaced between the cameras."""
+    worst_ns = max(sync.spread_ns, default=0)
+    cost = (
+        f"an object moving at {px_per_s:g} px/s is displaced by {pixels(worst_ns, px_per_s)} between cameras"
+    )
+    if sync.uncertainty_ns is None:
+        return f"{cost}, if the times are right: their uncertainty is not known"
+    sure_ns = worst_ns + 2 * sync.uncertainty_ns
+    text = f"{cost} at most, {pixels(sure_ns, px_per_s)} with the clock error included"
+    if sync.hard_bound_ns is not None:
+        text += f" (95 %; never more than {pixels(worst_ns + 2 * sync.hard_bound_ns, px_per_s)})"
+    return text
+
+
+def pixels(time_ns: int, px_per_s: float = PX_PER_S) -> str:
+    """How far something of that speed moves in a time of `time_ns`, in words."""
+    distance = px_per_s * time_ns * 1e-9
+    return f"{distance:.2f} px" if distance < 9.995 else f"{distance:,.0f} px"
+
+
+def _grade(spread_ns: int | None, error_ns: int | None) -> tuple[Grade, float | None]:
+    if spread_ns is None or error_ns is None:
+        return Grade.UNKNOWN, None
+    sure_ns = max(1, spread_ns + error_ns)
+    displaced = PX_PER_S * sure_ns * 1e-9
+    grade = next((grade for limit, grade in _LIMITS_PX if displaced < limit), Grade.POOR)
+    return grade, 1e9 / sure_ns
+
+
+def _purpose(grade: Grade, motion: float | None, spread_ns: int | None) -> str:
+    if motion is None:
+        return (
+            "nothing to compare: no two images of one instant"
+            if spread_ns is None
+            else f"{duration(spread_ns)} apart by the recorded times, whose error is not known"
+        )
+    speed = float(f"{motion:.2g}")
+    return f"{grade}: within a pixel for motion up to {speed:,.0f} px/s"
+
+
+def _completeness(manifest: Manifest, sync: SyncRecord) -> str:
+    expected = len(manifest.cameras) * len(manifest.burst.instants_ns)
+    missing = expected - len(manifest.images)
+    if not missing:
+        there = f"all {count(expected, 'image')} there"
+    else:
+        dropped = f", {sync.dropped} dropped by the camera" if sync.dropped else ""
+        there = f"{missing} of {count(expected, 'image')} missing{dropped}"
+    notes = ((sync.substituted, "from the frame beside it"), (sync.late, "off the instant"))
+    return ", ".join([there, *(f"{number} {what}" for number, what in notes if number)])

@@ -122,6 +122,9 @@ class BurstRequest(Message, frozen=True, kw_only=True, tag="burst-request"):
     wait_ready_s: Annotated[float, Meta(ge=0)] = 0.0
     nodes: Annotated[int, Meta(gt=0)] = 1
     """The fewest nodes that must be ready."""
+    spare: Count | None = None
+    """Further instants, to make up for those that not every camera has; 0: instants must be consecutive,
+    None: the leader's choice."""
     before: Count = 0
     """So many of the frames are taken before the leader hears of this; 0 leaves nodes time to prepare."""
     name: str = ""

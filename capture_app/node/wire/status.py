@@ -3,6 +3,7 @@
 from msgspec import Struct
 
 from capture_app.camera_facts import CameraFacts
+from capture_app.session.format.manifest import SkippedInstant
 from capture_app.sync.wire.messages import Report
 
 
@@ -52,6 +53,8 @@ class BurstStatus(Struct, frozen=True, kw_only=True):
     message: str = ""
     transfer: tuple[CameraTransfer, ...] = ()
     """Of each camera, by name."""
+    skipped: tuple[SkippedInstant, ...] = ()
+    """Moments that were left out, as not every camera had its frame; later ones took their place."""
 
 
 class RigStatus(Struct, frozen=True, kw_only=True):

@@ -78,13 +78,31 @@ class CameraRecord(_Record, frozen=True, kw_only=True):
         return tolerance_ns is not None and abs(residual_ns) > tolerance_ns
 
 
-class BurstRecord(_Record, frozen=True, kw_only=True):
+class SkippedFrame(_Record, frozen=True, kw_only=True):
+    """A camera's frame that kept an instant from being complete, and why it was not there."""
+
+    camera: Name
+    reason: str
+    dropped: bool = False
+    """The camera dropped the frame."""
+
+
+class SkippedInstant(_Record, frozen=True, kw_only=True):
+    """A moment that was left out of the burst, as not every camera had its frame."""
+
+    leader_ns: int
+    missing: tuple[SkippedFrame, ...]
+
+
+class BurstRecord(_Record, frozen=True, kw_only=True, omit_defaults=True):
     """The instants of the burst, in ns of the leader's clock, and what was asked for."""
 
     instants_ns: tuple[int, ...]
     period_ns: Positive
     """Spacing of the rig's grid; instants are whole multiples of it apart."""
     requested_ns: int | None = None
+    skipped: tuple[SkippedInstant, ...] = ()
+    """Moments that would have been instants, had every camera had its frame; later ones took their place."""
 
 
 class ImageRecord(_Record, frozen=True, kw_only=True):

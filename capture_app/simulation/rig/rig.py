@@ -57,6 +57,7 @@ class VirtualNode:
     alive: bool = True
     events: list[ClientEvent[SensorFrame]] = field(default_factory=list)
     bursts: dict[int, BurstPicked[SensorFrame]] = field(default_factory=dict)
+    """All that was picked of each burst, by its number."""
 
 
 class VirtualRig:
@@ -123,13 +124,20 @@ class VirtualRig:
         """Let the leader fall silent; another takes its place at the same address."""
         self.leader = self._new_leader()
 
-    def trigger(self, *, frames: int, spacing: int = 1, at_leader_ns: int | None = None) -> Burst:
+    def trigger(
+        self, *, frames: int, spacing: int = 1, spare: int = 0, at_leader_ns: int | None = None
+    ) -> Burst:
         """Order a burst as `Leader.trigger` does."""
         burst = self.leader.trigger(
-            self.now_true_ns, frames=frames, spacing=spacing, at_leader_ns=at_leader_ns
+            self.now_true_ns, frames=frames, spacing=spacing, spare=spare, at_leader_ns=at_leader_ns
         )
         self._pump_leader()
         return burst
+
+    def cancel(self, burst: Burst) -> None:
+        """Take a burst back."""
+        self.leader.cancel(burst, self.now_true_ns)
+        self._pump_leader()
 
     def run_for(self, duration_ns: int) -> None:
         """Let that much time pass."""
@@ -194,6 +202,11 @@ class VirtualRig:
         while (event := client.next_event()) is not None:
             node.events.append(event)
             if isinstance(event, BurstPicked):
+                known = node.bursts.get(event.burst)
+                if event.further and known is not None:
+                    event = replace(
+                        known, picks=(*known.picks, *event.picks), gaps=(*known.gaps, *event.gaps)
+                    )
                 node.bursts[event.burst] = event
         node.timer.set(node.spec.clock.true_from_local(client.next_timer()) + 1)
 

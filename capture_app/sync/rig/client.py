@@ -6,8 +6,9 @@ from typing import Generic, TypeVar
 
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.frame_stamp import FrameStamp, PhaseEstimate
-from capture_app.sync.rig.events import ClientEvent, FramesDropped, Joined
+from capture_app.sync.rig.events import BurstCancelled, ClientEvent, FramesDropped, Joined
 from capture_app.sync.rig.frame_picks import RingBuffer, is_possible_burst
+from capture_app.sync.rig.orders import CANCELLED
 from capture_app.sync.rig.pending_bursts import PendingBursts
 from capture_app.sync.rig.phase_loop import CameraGrid, ClientConfig, PhaseLoop
 from capture_app.sync.rig.time_client import TimeClient
@@ -139,6 +140,10 @@ class Client(Generic[F]):
         self.time.hellos = 0
         self._note_events()
 
+    def forget_burst(self, leader: int, burst: int) -> None:
+        """Pick no more frames of a burst: its leader has what it needs, or has cancelled it."""
+        self._bursts.forget(leader, burst)
+
     def leave(self) -> None:
         """Say goodbye: this client is about to stop."""
         self.time.leave()
@@ -209,7 +214,11 @@ class Client(Generic[F]):
 
     def _take_trigger(self, trigger: Trigger) -> None:
         refusal = ""
-        if self.failure:
+        if not trigger.count:
+            refusal = CANCELLED
+            self.forget_burst(trigger.leader, trigger.burst)
+            self._events.append(BurstCancelled(trigger.leader, trigger.burst))
+        elif self.failure:
             refusal = self.failure
         elif not self.time.timekeeper.time_is_known:
             refusal = "its clock is not synchronized yet"

@@ -74,7 +74,7 @@ class AlignmentFailed:
 
 @dataclass(frozen=True, slots=True)
 class BurstPicked(Generic[F]):
-    """The frames of a burst are picked: save and send them."""
+    """Frames of a burst are picked: save and send them."""
 
     leader: int
     """The run of the leader that ordered it."""
@@ -88,6 +88,18 @@ class BurstPicked(Generic[F]):
     """By which the frames were picked."""
     phase: PhaseEstimate | None
     """Of the stream at the last instant; None where it was not known."""
+    further: bool = False
+    """They are of spare instants, and add to what was told of the burst before."""
+
+
+@dataclass(frozen=True, slots=True)
+class BurstCancelled:
+    """A burst was taken back: nothing of it is to be saved or sent."""
+
+    leader: int
+    """The run of the leader that had ordered it."""
+    burst: int
+    """Its number within that run."""
 
 
 ClientEvent = (
@@ -99,6 +111,7 @@ ClientEvent = (
     | PhaseCorrected
     | AlignmentFailed
     | BurstPicked[F]
+    | BurstCancelled
 )
 
 

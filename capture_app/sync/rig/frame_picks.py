@@ -57,6 +57,13 @@ class Burst:
     period_ns: int
     requested_ns: int
     clients: tuple[str, ...]
+    spare: int = 0
+    """So many of the last instants only make up for those that not every camera has."""
+
+    @property
+    def frames(self) -> int:
+        """How many complete instants were asked for."""
+        return len(self.instants_ns) - self.spare
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,6 +90,11 @@ class Pick(Generic[F]):
         """Leader time of the frame's timestamp itself."""
         return self.leader_ns - self.alignment_offset_ns
 
+    @property
+    def stamp_ns(self) -> int:
+        """The frame's timestamp in local time, as the driver told it."""
+        return self.local_ns - self.alignment_offset_ns + self.outlier_ns
+
 
 @dataclass(frozen=True, slots=True)
 class Gap:
@@ -103,39 +115,49 @@ def burst_instants(goal: Goal, at_leader_ns: int, frames: int, spacing: int) -> 
     return tuple(goal.instant(first + k * spacing) for k in range(frames))
 
 
-def pick_frames(
+def pick_frame(
     ring: RingBuffer[F],
     time_map: TimeMap,
-    instants_ns: tuple[int, ...],
+    instant: int,
+    instant_ns: int,
     period_ns: int,
     *,
     offset_ns: int = 0,
     outlier_ns: Callable[[int], int] = lambda _: 0,
-) -> tuple[tuple[Pick[F], ...], tuple[Gap, ...]]:
-    """Return the frame nearest to each instant, and the instants that have none within half a period.
+) -> Pick[F] | Gap:
+    """Return the frame nearest to an instant, or why there is none within half a period.
 
-    `offset_ns` is the time from a frame's timestamp to its aligned moment, which the picks tell. `outlier_ns`
+    `offset_ns` is the time from a frame's timestamp to its aligned moment, which the pick tells. `outlier_ns`
     says how far a timestamp is off its stream's line: a stamp may be late though the frame is not.
     """
-    picks: list[Pick[F]] = []
-    gaps: list[Gap] = []
-    for instant, leader_ns in enumerate(instants_ns):
-        wanted_local_ns = time_map.local_from_leader(leader_ns) - offset_ns
-        nearest = ring.nearest(wanted_local_ns)
-        if nearest is None:
-            gaps.append(Gap(instant, "the camera gave no frames"))
-            continue
-        stamp_ns, frame = nearest
-        off_ns = outlier_ns(stamp_ns)
-        local_ns = stamp_ns - off_ns + offset_ns
-        frame_leader_ns = time_map.leader_from_local(local_ns)
-        residual_ns = frame_leader_ns - leader_ns
-        if abs(residual_ns) > period_ns // 2:
-            late = stamp_ns == ring.oldest_local_ns and stamp_ns > wanted_local_ns
-            reason = "it had left the ring buffer" if late else DROPPED
-            gaps.append(Gap(instant, reason))
-            continue
-        errors_ns = round(time_map.uncertainty_at(local_ns)), round(time_map.hard_bound_at(local_ns))
-        times_ns = local_ns, frame_leader_ns, residual_ns
-        picks.append(Pick(instant, *times_ns, *errors_ns, off_ns, frame, offset_ns))
-    return tuple(picks), tuple(gaps)
+    wanted_ns = time_map.local_from_leader(instant_ns) - offset_ns
+    nearest = ring.nearest(wanted_ns)
+    if nearest is None:
+        return Gap(instant, "the camera gave no frames")
+    stamp_ns, frame = nearest
+    pick = timed_pick(
+        frame, stamp_ns, time_map, instant, instant_ns, offset_ns=offset_ns, outlier_ns=outlier_ns(stamp_ns)
+    )
+    if abs(pick.residual_ns) > period_ns // 2:
+        late = stamp_ns == ring.oldest_local_ns and stamp_ns > wanted_ns
+        return Gap(instant, "it had left the ring buffer" if late else DROPPED)
+    return pick
+
+
+def timed_pick(
+    frame: F,
+    stamp_ns: int,
+    time_map: TimeMap,
+    instant: int,
+    instant_ns: int,
+    *,
+    offset_ns: int,
+    outlier_ns: int,
+) -> Pick[F]:
+    """Return the pick of a frame with its times by a map; `stamp_ns` is as the driver told it."""
+    local_ns = stamp_ns - outlier_ns + offset_ns
+    leader_ns = time_map.leader_from_local(local_ns)
+    errors_ns = round(time_map.uncertainty_at(local_ns)), round(time_map.hard_bound_at(local_ns))
+    return Pick(
+        instant, local_ns, leader_ns, leader_ns - instant_ns, *errors_ns, outlier_ns, frame, offset_ns
+    )

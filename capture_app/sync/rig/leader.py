@@ -32,8 +32,6 @@ _MS = 1_000_000
 FREE_PACE_NS, SLOWEST_PACE_NS = 25 * _MS, 60_000 * _MS
 TRIGGER_LEAD_NS = 500 * _MS
 """A burst that is asked for now begins this much later, so that every client hears of it before."""
-AFTER_BURST_NS = 1000 * _MS
-"""The goal stays as it is for so long after a burst's last instant: until then clients pick frames."""
 FEW_CAMERAS, UPDATE_EVERY_NS = 20, _MS // 5
 """The goal of more than a few cameras is updated once in so long for each of them, not at each heartbeat."""
 
@@ -69,7 +67,6 @@ class Leader:
         self._roster = Roster(rng)
         self._orders = Orders()
         self._broadcaster = Broadcaster(config.instance, config.beacons)
-        self._busy_until_ns: int | None = None
         self._goal_due_ns = 0
         self._grid_in_doubt = False
         """Whether the camera that laid the grid may be gone."""
@@ -198,29 +195,34 @@ class Leader:
         *,
         frames: int,
         spacing: int = 1,
+        spare: int = 0,
         at_leader_ns: int | None = None,
         number: int | None = None,
     ) -> Burst:
         """Order a burst of `frames` instants, every `spacing` periods, snapped to the rig's grid.
 
+        Up to `spare` more follow, for cameras that drop frames, until it is known which are complete.
         `at_leader_ns` may lie in the past, as far back as the clients' ring buffers reach; the default is
         half a second from now, delayed by up to the leader's `max_delay_ns`. `number` must be a new one; the
         default is the next. Raises BadInputError for an impossible burst, NoCameraHereError where no
         client is there to take it.
         """
-        burst = self._orders.place(
+        return self._orders.place(
             self._roster.cameras(),
             self.goal,
             self.config.instance,
             now_ns,
             frames=frames,
             spacing=spacing,
+            spare=spare,
             at_leader_ns=now_ns + TRIGGER_LEAD_NS if at_leader_ns is None else at_leader_ns,
             max_delay_ns=self.config.max_delay_ns if at_leader_ns is None else 0,
             number=number,
         )
-        self._busy_until_ns = max(now_ns, burst.instants_ns[-1]) + AFTER_BURST_NS
-        return burst
+
+    def cancel(self, burst: Burst, now_ns: int) -> None:
+        """Take a burst back: clients forget it, whether they have picked its frames or not."""
+        self._orders.cancel(burst, self._roster.cameras(), self.config.instance, now_ns)
 
     # What a relay passes down
 
@@ -260,7 +262,7 @@ class Leader:
 
     def _review_grid(self, now_ns: int) -> None:
         """Lay another grid where no camera that is here runs at its rate; not near a burst."""
-        if self._uplink is not None or (self._busy_until_ns is not None and now_ns < self._busy_until_ns):
+        if self._uplink is not None or self._orders.is_busy(now_ns):
             return
         self._grid_in_doubt = False
         cameras = [member.camera for member in self._roster.cameras()]
@@ -269,15 +271,13 @@ class Leader:
 
     def _update_goal(self, now_ns: int) -> None:
         """Move the goal to suit the cameras that cannot follow it, and tell all members; not near a burst."""
-        if (
-            self.terms.shared_goal is None
-            or self.terms.upstream is not None
-            or (self._busy_until_ns is not None and now_ns < self._busy_until_ns)
-            or (len(self._roster.immovable) > FEW_CAMERAS and now_ns < self._goal_due_ns)
-        ):
+        shared, immovable = self.terms.shared_goal, len(self._roster.immovable)
+        if shared is None or self.terms.upstream is not None or self._orders.is_busy(now_ns):
             return
-        self._goal_due_ns = now_ns + len(self._roster.immovable) * UPDATE_EVERY_NS
-        if self.terms.shared_goal.update(self._roster.camera_phases(), now_ns):
+        if immovable > FEW_CAMERAS and now_ns < self._goal_due_ns:
+            return
+        self._goal_due_ns = now_ns + immovable * UPDATE_EVERY_NS
+        if shared.update(self._roster.camera_phases(), now_ns):
             self.acknowledge_all()
 
     def _receive_hello(self, hello: Hello, address: Address, now_ns: int) -> None:

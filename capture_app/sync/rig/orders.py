@@ -54,6 +54,10 @@ def instant_of_least_spread(
 _MS = 1_000_000
 TRIGGER_AGAIN_NS = 50 * _MS
 TRIGGER_GIVE_UP_NS = 5000 * _MS
+AFTER_BURST_NS = 1000 * _MS
+"""The goal stays as it is for so long after a burst's last instant: until then clients pick frames."""
+CANCELLED = "it was cancelled"
+"""A client's answer to a trigger that takes a burst back."""
 
 
 def check_burst(cameras: Sequence[Member], goal: Goal | None, frames: int, spacing: int) -> Goal:
@@ -87,6 +91,7 @@ class Orders:
     def __init__(self) -> None:
         self._orders: list[_OpenOrder] = []
         self._bursts = 0
+        self._busy_until_ns: dict[int, int] = {}
 
     def place(
         self,
@@ -98,31 +103,52 @@ class Orders:
         frames: int,
         spacing: int,
         at_leader_ns: int,
+        spare: int = 0,
         max_delay_ns: int = 0,
         number: int | None = None,
     ) -> Burst:
         """Order a burst of these cameras, on the rig's grid, for the leader of that run.
 
-        It has `frames` instants, every `spacing` periods, from a leader time in ns on, and may be delayed by
-        `max_delay_ns` to reach the best predicted alignment; without a number it gets the next one. Raises
-        what `check_burst` does.
+        It has `frames` instants, and up to `spare` more as far as the limits allow, every `spacing` periods,
+        from a leader time in ns on, and may be delayed by `max_delay_ns` to reach the best predicted
+        alignment; without a number it gets the next one. Raises what `check_burst` does.
         """
         goal, first_ns = check_burst(cameras, goal, frames, spacing), at_leader_ns
         if max_delay_ns > 0:
             first_ns = instant_of_least_spread(goal, _forecasts(cameras), first_ns, max_delay_ns)
-        instants_ns = burst_instants(goal, first_ns, frames, spacing)
-        number = self._bursts = self._bursts + 1 if number is None else number
         step_ns = spacing * goal.period_ns
+        spare = max(0, min(spare, MAX_FRAMES - frames, MAX_BURST_NS // step_ns + 1 - frames))
+        instants_ns = burst_instants(goal, first_ns, frames + spare, spacing)
+        number = self._bursts = self._bursts + 1 if number is None else number
         for member in cameras:
-            trigger = Trigger(member.number, leader, number, instants_ns[0], step_ns, frames)
+            trigger = Trigger(member.number, leader, number, instants_ns[0], step_ns, len(instants_ns), spare)
             self._orders.append(_OpenOrder(member, trigger, now_ns + TRIGGER_GIVE_UP_NS))
+        self._busy_until_ns[number] = max(now_ns, instants_ns[-1]) + AFTER_BURST_NS
         names = tuple(member.name for member in cameras)
-        return Burst(number, instants_ns, goal.period_ns, at_leader_ns, names)
+        return Burst(number, instants_ns, goal.period_ns, at_leader_ns, names, spare)
+
+    def cancel(self, burst: Burst, cameras: Sequence[Member], leader: int, now_ns: int) -> None:
+        """Take a burst back from those of these cameras that were to take it."""
+        self._busy_until_ns.pop(burst.number, None)
+        self._orders = [order for order in self._orders if order.trigger.burst != burst.number]
+        for member in (member for member in cameras if member.name in burst.clients):
+            trigger = Trigger(member.number, leader, burst.number, burst.instants_ns[0], 0, 0)
+            self._orders.append(_OpenOrder(member, trigger, now_ns + TRIGGER_GIVE_UP_NS))
+
+    def is_busy(self, now_ns: int) -> bool:
+        """Whether clients are taking a burst, or will."""
+        self._busy_until_ns = {burst: until for burst, until in self._busy_until_ns.items() if now_ns < until}
+        return bool(self._busy_until_ns)
 
     def take_ack(self, member: Member, ack: TriggerAck) -> BurstAccepted | BurstRefused | None:
         """Note a member's answer; None where it had answered before, or the order has expired."""
         for order in self._orders:
             if order.member is member and order.trigger.burst == ack.burst:
+                if not order.trigger.count:
+                    # An answer to the burst itself may still be on its way.
+                    if ack.refusal == CANCELLED:
+                        self._orders.remove(order)
+                    return None
                 self._orders.remove(order)
                 if ack.refusal:
                     return BurstRefused(member.name, ack.burst, ack.refusal)
@@ -136,7 +162,8 @@ class Orders:
             if order.member.lost or now_ns >= order.give_up_ns:
                 self._orders.remove(order)
                 reason = order.member.lost or "it does not answer"
-                refused.append(BurstRefused(order.member.name, order.trigger.burst, reason))
+                if order.trigger.count:
+                    refused.append(BurstRefused(order.member.name, order.trigger.burst, reason))
         return refused
 
     def triggers_due(self, now_ns: int) -> list[tuple[Member, Trigger]]:

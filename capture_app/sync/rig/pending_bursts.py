@@ -2,49 +2,80 @@
 
 from collections import deque
 from collections.abc import Callable
+from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.frame_stamp import PhaseEstimate
 from capture_app.sync.rig.events import BurstPicked
-from capture_app.sync.rig.frame_picks import RingBuffer, pick_frames
+from capture_app.sync.rig.frame_picks import Gap, Pick, RingBuffer, pick_frame, timed_pick
 from capture_app.sync.rig.phase_loop import CameraGrid
 from capture_app.sync.wire.messages import Trigger
 
 F = TypeVar("F")
 
 PATIENCE_PERIODS = 30
-"""So long after a burst's last instant a camera without frames is waited for."""
+"""So long after an instant a camera without frames is waited for."""
+
+
+@dataclass(slots=True)
+class _PendingBurst(Generic[F]):
+    """A burst whose frames are set aside as they come: the ring buffer may not reach back to the first."""
+
+    trigger: Trigger
+    picked: list[Pick[F] | Gap] = field(default_factory=list)
+    """Those that are not told yet."""
+    told: int = 0
+    """How many instants are."""
+    time_map: TimeMap | None = None
+    """By which they were: one burst has one map."""
+
+    @property
+    def over(self) -> int:
+        """How many instants are over."""
+        return self.told + len(self.picked)
+
+    @property
+    def has_news(self) -> bool:
+        """Whether there is something to tell: spare instants are told one by one, those before together."""
+        return bool(self.picked) and self.over >= self.trigger.count - self.trigger.spare
+
+    def instant_ns(self, instant: int) -> int:
+        """Leader time in ns."""
+        return self.trigger.first_leader_ns + instant * self.trigger.step_ns
 
 
 class PendingBursts(Generic[F]):
     """Triggers of one tree's root, by its run and their number, whichever relay has brought them."""
 
     def __init__(self) -> None:
-        self._triggers: dict[tuple[int, int], Trigger] = {}
+        self._pending: dict[tuple[int, int], _PendingBurst[F]] = {}
         self._done: deque[tuple[int, int]] = deque(maxlen=64)
 
     def __bool__(self) -> bool:
         """Whether any burst is still to be picked."""
-        return bool(self._triggers)
+        return bool(self._pending)
 
     def clear(self) -> None:
         """Forget all bursts: those of another root are in another time."""
-        self._triggers.clear()
+        self._pending.clear()
         self._done.clear()
 
     def add(self, trigger: Trigger) -> None:
         """Add a burst; a trigger that comes again changes nothing."""
         key = trigger.leader, trigger.burst
         if key not in self._done:
-            self._triggers[key] = trigger
+            self._pending.setdefault(key, _PendingBurst(trigger))
+
+    def forget(self, leader: int, burst: int) -> None:
+        """Pick nothing more of a burst, also should its trigger come again."""
+        self._pending.pop((leader, burst), None)
+        if (leader, burst) not in self._done:
+            self._done.append((leader, burst))
 
     def first_before(self, leader_ns: int) -> tuple[int, int] | None:
         """First and last instant of the earliest burst that has begun, or does before a leader time in ns."""
-        spans = [
-            (t.first_leader_ns, t.first_leader_ns + (t.count - 1) * t.step_ns)
-            for t in self._triggers.values()
-        ]
+        spans = [(b.instant_ns(0), b.instant_ns(b.trigger.count - 1)) for b in self._pending.values()]
         return min((span for span in spans if span[0] <= leader_ns), default=None)
 
     def pick_due(
@@ -59,21 +90,64 @@ class PendingBursts(Generic[F]):
     ) -> list[BurstPicked[F]]:
         """Pick the frames of all bursts whose last frame is there, or waited for no longer.
 
-        `outlier_ns` as for `pick_frames`; `phase` tells the stream's at a local time in ns.
+        Spare instants are told after that, each when it is over. `outlier_ns` as for `pick_frame`; `phase`
+        tells the stream's at a local time in ns.
         """
-        newest_ns, goal, offset_ns = ring.newest_local_ns, grid.goal, grid.offset_ns
         due = []
-        for key, trigger in list(self._triggers.items()):
-            instants_ns = tuple(trigger.first_leader_ns + k * trigger.step_ns for k in range(trigger.count))
-            last_local_ns = time_map.local_from_leader(instants_ns[-1]) - offset_ns
-            seen = newest_ns is not None and newest_ns > last_local_ns + goal.period_ns // 2
-            if not seen and now_ns < last_local_ns + PATIENCE_PERIODS * goal.period_ns:
-                continue
-            del self._triggers[key]
-            self._done.append(key)
-            picks, gaps = pick_frames(
-                ring, time_map, instants_ns, goal.period_ns, offset_ns=offset_ns, outlier_ns=outlier_ns
-            )
-            last_phase = phase(last_local_ns)
-            due.append(BurstPicked(trigger.leader, trigger.burst, picks, gaps, time_map, last_phase))
+        for key, burst in list(self._pending.items()):
+            for instant in range(burst.over, burst.trigger.count):
+                if not _is_over(burst.instant_ns(instant), ring, grid, time_map, now_ns):
+                    break
+                burst.picked.append(
+                    pick_frame(
+                        ring,
+                        time_map,
+                        instant,
+                        burst.instant_ns(instant),
+                        grid.goal.period_ns,
+                        offset_ns=grid.offset_ns,
+                        outlier_ns=outlier_ns,
+                    )
+                )
+            if burst.has_news:
+                due.append(_tell(burst, grid, burst.time_map or time_map, outlier_ns, phase))
+            if burst.told == burst.trigger.count:
+                self.forget(*key)
         return due
+
+
+def _is_over(instant_ns: int, ring: RingBuffer[F], grid: CameraGrid, time_map: TimeMap, now_ns: int) -> bool:
+    """Whether an instant's frame has come, or is waited for no longer."""
+    newest_ns, period_ns = ring.newest_local_ns, grid.goal.period_ns
+    wanted_ns = time_map.local_from_leader(instant_ns) - grid.offset_ns
+    seen = newest_ns is not None and newest_ns > wanted_ns + period_ns // 2
+    return seen or now_ns >= wanted_ns + PATIENCE_PERIODS * period_ns
+
+
+def _tell(
+    burst: _PendingBurst[F],
+    grid: CameraGrid,
+    time_map: TimeMap,
+    outlier_ns: Callable[[int], int],
+    phase: Callable[[int], PhaseEstimate | None],
+) -> BurstPicked[F]:
+    """What is new of a burst, with the times by this map."""
+    last_ns = time_map.local_from_leader(burst.instant_ns(burst.over - 1)) - grid.offset_ns
+    picks = tuple(
+        timed_pick(
+            pick.frame,
+            pick.stamp_ns,
+            time_map,
+            pick.instant,
+            burst.instant_ns(pick.instant),
+            offset_ns=grid.offset_ns,
+            outlier_ns=outlier_ns(pick.stamp_ns),
+        )
+        for pick in burst.picked
+        if isinstance(pick, Pick)
+    )
+    gaps = tuple(gap for gap in burst.picked if isinstance(gap, Gap))
+    leader, number, further = burst.trigger.leader, burst.trigger.burst, burst.told > 0
+    burst.told, burst.time_map = burst.over, time_map
+    burst.picked.clear()
+    return BurstPicked(leader, number, picks, gaps, time_map, phase(last_ns), further)

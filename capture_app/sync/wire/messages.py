@@ -159,7 +159,8 @@ class UnknownMember(Struct, frozen=True, tag="unknown-member"):
 class Trigger(Struct, frozen=True, tag="trigger"):
     """Save the frames nearest to first + k * step, k < count, leader time; past or future.
 
-    `leader` is the run of the tree's root that ordered it: within that run its number tells a burst.
+    `leader` is the run of the tree's root that ordered it: within that run its number tells a burst. A count
+    of 0 takes the burst of that number back.
     """
 
     client: int
@@ -168,6 +169,8 @@ class Trigger(Struct, frozen=True, tag="trigger"):
     first_leader_ns: int
     step_ns: int
     count: int
+    spare: int = 0
+    """So many of the last frames are wanted only while it is not known that the others will do."""
 
 
 class TriggerAck(Struct, frozen=True, tag="trigger-ack"):

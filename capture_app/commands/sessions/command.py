@@ -1,4 +1,4 @@
-"""`capture-app sessions`: list, show, verify, repair, import and export sessions on disk."""
+"""`capture-app sessions`: list, show, verify, import and render; the other files hold the rest."""
 
 from pathlib import Path
 from typing import Any
@@ -8,6 +8,7 @@ import msgspec
 
 from capture_app.commands.options import ANY_PATH
 from capture_app.commands.sessions.export import export
+from capture_app.commands.sessions.organize import empty, list_trash, note, rename, restore, trash
 from capture_app.commands.sessions.repair import repair
 from capture_app.commands.sessions.text import print_session, print_sessions
 from capture_app.errors import BadInputError, IncompleteError, SimulshotError
@@ -22,20 +23,24 @@ DEFAULT_ROOT = Path("sessions")
 
 @click.group()
 def sessions() -> None:
-    """List, show, verify, repair, import and export sessions."""
+    """List, show, verify, rename, annotate, trash, repair, import and export sessions."""
 
 
-sessions.add_command(export)
-sessions.add_command(repair)
+for command in (export, repair, rename, note, trash, restore, empty):
+    sessions.add_command(command)
 
 
 @sessions.command("list")
 @click.argument("root", type=ANY_PATH, required=False)
+@click.option("--trash", "trashed", is_flag=True, help="List those in the trash of ROOT instead.")
 @json_option
-def list_command(root: Path | None, as_json: bool) -> None:
+def list_command(root: Path | None, trashed: bool, as_json: bool) -> None:
     """List the sessions in the folder ROOT (default: ./sessions)."""
     nothing_yet = root is None and not DEFAULT_ROOT.exists()
     root = root or DEFAULT_ROOT
+    if trashed:
+        list_trash(root, as_json)
+        return
     found = [] if nothing_yet else list_sessions(root)
     if as_json:
         print_json({"root": str(root), "sessions": found})

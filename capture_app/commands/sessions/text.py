@@ -16,7 +16,7 @@ def print_sessions(found: Sequence[SessionSummary]) -> None:
     rows = []
     for one in (one for one in found if not one.problem):
         numbers = map(str, (one.cameras, one.instants, one.images, one.missing))
-        rows.append((one.name, _format_date(one.created), *numbers, one.origin))
+        rows.append((one.name, format_date(one.created), *numbers, one.origin))
     if rows:
         print_table(("name", "taken (UTC)", "cameras", "instants", "images", "missing", "origin"), rows)
     for one in found:
@@ -30,7 +30,7 @@ def print_session(session: Session) -> None:
     instants = manifest.burst.instants_ns
     span_ns = instants[-1] - instants[0] if instants else 0
     lines = [
-        f"{manifest.name}: {manifest.origin}, {_format_date(manifest.created)} UTC, {manifest.software}",
+        f"{manifest.name}: {manifest.origin}, {format_date(manifest.created)} UTC, {manifest.software}",
         f"{count(len(instants), 'instant')} over {duration(span_ns)}, "
         f"frames {manifest.burst.period_ns / 1e6:.3f} ms apart",
         f"{count(len(manifest.cameras), 'camera')}, {count(len(manifest.images), 'image')}, "
@@ -111,5 +111,6 @@ def _worst(values: Sequence[int | None]) -> str:
     return duration(max((value for value in values if value is not None), default=None))
 
 
-def _format_date(created: str) -> str:
+def format_date(created: str) -> str:
+    """The date and time of day, UTC, of an RFC 3339 time."""
     return created[:19].replace("T", " ")

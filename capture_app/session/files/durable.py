@@ -3,6 +3,7 @@
 import ctypes
 import errno
 import os
+import shutil
 from contextlib import suppress
 from pathlib import Path
 
@@ -37,11 +38,29 @@ def exchange_folders(one: Path, other: Path) -> bool:
 
     Raises OSError. Linux' renameat2(2) with RENAME_EXCHANGE.
     """
-    here, exchange = -100, 2  # AT_FDCWD, RENAME_EXCHANGE
+    return _renameat2(one, other, 2)
+
+
+def move_folder(folder: Path, target: Path) -> None:
+    """Give a folder another name on its file system in a single step, durably, never in place of another.
+
+    Raises FileExistsError where there is something at `target`; OSError. Linux' renameat2(2) with
+    RENAME_NOREPLACE; a system without it can replace an empty folder that is made in the same moment.
+    """
+    if not _renameat2(folder, target, 1):
+        if target.exists():
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(target))
+        folder.rename(target)
+    sync_folder(target.parent)
+    sync_folder(folder.parent)
+
+
+def _renameat2(one: Path, other: Path, how: int) -> bool:
+    here = -100  # AT_FDCWD
     renameat2 = getattr(ctypes.CDLL(None, use_errno=True), "renameat2", None)
     if renameat2 is None:
         return False
-    if renameat2(here, os.fsencode(one), here, os.fsencode(other), exchange) == 0:
+    if renameat2(here, os.fsencode(one), here, os.fsencode(other), how) == 0:
         return True
     code = ctypes.get_errno()
     if code in (errno.EINVAL, errno.ENOSYS, errno.ENOTSUP):
@@ -86,6 +105,14 @@ def move_into_place(aside: Path, path: Path) -> None:
     """Sync a file that was written aside and give it its name; its folder is not synced."""
     _sync(aside)
     aside.replace(path)
+
+
+def link_or_copy(source: str, target: str) -> None:
+    """Let a second name point to a file's bytes; copy it where the file system has no links."""
+    try:
+        os.link(source, target, follow_symlinks=False)
+    except OSError:
+        shutil.copy2(source, target, follow_symlinks=False)
 
 
 def make_folders(folder: Path, inside: Path) -> None:

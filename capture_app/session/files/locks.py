@@ -2,10 +2,14 @@
 
 import fcntl
 import os
+import time
 from pathlib import Path
 
 from capture_app.errors import BadInputError, TryAgainError
 from capture_app.session.files.durable import make_folders
+
+_TRIES = 5
+_READER_S = 0.005
 
 
 def lock_folder(folder: Path) -> int:
@@ -14,13 +18,20 @@ def lock_folder(folder: Path) -> int:
         handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     except OSError as error:
         raise BadInputError(f"cannot open {folder}: {error.strerror}") from error
-    try:
-        # A reader asks for the lock only once there is a journal, so nothing but a writer can hold it.
-        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        os.close(handle)
-        raise TryAgainError(f"{folder} is being written by another process") from None
-    return handle
+    for _ in range(_TRIES):
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            # A folder that was moved meanwhile is not the one that has this name now.
+            if os.path.samestat(os.fstat(handle), folder.stat()):
+                return handle
+            break
+        except FileNotFoundError:
+            break
+        except BlockingIOError:
+            # Nobody but a writer holds it for long: a reader only looks whether it is held.
+            time.sleep(_READER_S)
+    os.close(handle)
+    raise TryAgainError(f"{folder} is being written by another process")
 
 
 def lock_file(path: Path, *, wait: bool = False) -> int:

@@ -23,7 +23,14 @@ from typing import Self
 
 from capture_app.errors import BadInputError, DiskFullError, SimulshotError, TryAgainError
 from capture_app.session.files.disk import is_full
-from capture_app.session.files.durable import PART, exchange_folders, free_name, sync_folder, sync_tree
+from capture_app.session.files.durable import (
+    PART,
+    exchange_folders,
+    free_name,
+    link_or_copy,
+    sync_folder,
+    sync_tree,
+)
 from capture_app.session.files.locks import lock_file
 
 _LOCK, _NEW, _EARLIER = "lock", "new", "earlier"
@@ -94,7 +101,7 @@ class OutputFolder:
                 self.folder.mkdir()
                 if self._reuse and (self.target / self._reuse).is_dir():
                     shutil.copytree(
-                        self.target / self._reuse, self.folder / self._reuse, copy_function=_link_or_copy
+                        self.target / self._reuse, self.folder / self._reuse, copy_function=link_or_copy
                     )
             except BaseException:
                 self._release()
@@ -238,11 +245,3 @@ def clear_leftovers(parent: Path) -> None:
     for target in unfinished_outputs(parent):
         with suppress(TryAgainError), OutputFolder(target, lambda _: None) as output:
             output.discard()
-
-
-def _link_or_copy(source: str, target: str) -> None:
-    try:
-        os.link(source, target)
-    except OSError:
-        # Some file systems have no links.
-        shutil.copy2(source, target)

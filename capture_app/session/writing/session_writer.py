@@ -15,7 +15,7 @@ import msgspec
 
 from capture_app import __version__
 from capture_app.clock import SimulatedClock
-from capture_app.errors import BadInputError, DiskFullError, SimulshotError
+from capture_app.errors import BadInputError, DiskFullError, IncompleteError, SimulshotError
 from capture_app.names import check_name
 from capture_app.session.files.disk import disk_error, make_new_folder
 from capture_app.session.files.durable import (
@@ -214,7 +214,7 @@ class SessionWriter:
                 burst=burst,
                 images=self._images.records,
                 missing=tuple(sorted(gone, key=lambda m: (m.instant, m.camera))),
-                note=note,
+                note=self._earlier_note() or note,
             )
             data = encode_manifest(self.folder, manifest)
             remove_leftovers(self.folder)
@@ -223,6 +223,13 @@ class SessionWriter:
             write_manifest(self.folder, data)
             self._close()
         return Session.open(self.folder)
+
+    def _earlier_note(self) -> str:
+        """The note of a manifest that is replaced: somebody may have written it since."""
+        try:
+            return Session.open(self.folder).manifest.note
+        except (BadInputError, IncompleteError):
+            return ""
 
     def __enter__(self) -> Self:
         return self

@@ -1,0 +1,121 @@
+"""Changes to a finished session that leave its images and their times alone: its name and its note."""
+
+import os
+import re
+import shutil
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from hashlib import sha256
+from pathlib import Path
+
+import msgspec
+
+from capture_app.errors import BadInputError
+from capture_app.names import check_name
+from capture_app.session.files.disk import disk_error
+from capture_app.session.files.durable import link_or_copy, move_folder, write_atomic
+from capture_app.session.files.locks import lock_folder
+from capture_app.session.files.output_folder import OutputFolder
+from capture_app.session.format.burst_plan import PLAN, read_plan
+from capture_app.session.format.checks import indented
+from capture_app.session.format.manifest import MANIFEST, Manifest
+from capture_app.session.library.results import move_results
+from capture_app.session.reading.checksums import CHECKSUMS, changed_files
+from capture_app.session.reading.reader import Session
+
+MAX_NOTE = 1000
+"""The most characters of a note."""
+_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]")
+
+
+def rename_session(folder: Path, name: str) -> Path:
+    """Rename a session: its folder, and its name in the manifest and the plan; return the new folder.
+
+    A crash leaves it whole under one of the two names, and the same call then finishes the work.
+    Raises BadInputError for an invalid name, one in use, or a session that is damaged or not to be
+    changed; IncompleteError; TryAgainError where another process writes it.
+    """
+    check_name(name, "session")
+    folder = folder.absolute()
+    target = folder.with_name(name)
+    if target != folder and (target.exists() or target.is_symlink()):
+        raise BadInputError(f"{target} exists already", hint="choose another name")
+    with _changeable(folder, lambda manifest: msgspec.structs.replace(manifest, name=name)):
+        if target != folder:
+            try:
+                move_folder(folder, target)
+            except FileExistsError:
+                raise BadInputError(f"{target} exists already", hint="choose another name") from None
+            except OSError as error:
+                raise disk_error(error, folder) from error
+            move_results(folder, target)
+    return target
+
+
+def set_note(folder: Path, note: str) -> None:
+    """Replace the note of a session: one line of text, which may be empty.
+
+    Raises BadInputError for a note of several lines or more than `MAX_NOTE` characters, or a session that
+    is damaged; IncompleteError; TryAgainError where another process writes it.
+    """
+    if _CONTROL.search(note):
+        raise BadInputError("a note is one line without control characters", hint="leave out line ends")
+    if len(note) > MAX_NOTE:
+        raise BadInputError(f"the note has {len(note)} characters", hint=f"at most {MAX_NOTE} fit")
+    with _changeable(folder.absolute(), lambda manifest: msgspec.structs.replace(manifest, note=note)):
+        pass
+
+
+@contextmanager
+def _changeable(folder: Path, change: Callable[[Manifest], Manifest]) -> Iterator[None]:
+    """Lock a session, replace it by one with a changed manifest in one step, and keep the lock meanwhile.
+
+    The new folder shares the files of the old one, so that manifest, plan and checksums change together.
+    """
+    before = Session.open(folder)
+    locks = [lock_folder(folder)]
+    try:
+        _check_undamaged(folder)
+        after = change(before.manifest)
+        if after != before.manifest:
+            with OutputFolder(folder, lambda _: None) as output:
+                locks.append(lock_folder(output.folder))
+                _share_files(folder, output.folder)
+                _write_changed(output.folder, after)
+        yield
+    finally:
+        for lock in locks:
+            os.close(lock)
+
+
+def _check_undamaged(folder: Path) -> None:
+    damaged = [name for name, _ in changed_files(folder) if name in (MANIFEST, PLAN, CHECKSUMS)]
+    if damaged and (folder / CHECKSUMS).exists():
+        raise BadInputError(
+            f"{folder / damaged[0]} has changed since it was saved",
+            hint=f"first: capture-app sessions repair {folder}",
+        )
+
+
+def _share_files(folder: Path, aside: Path) -> None:
+    try:
+        shutil.copytree(folder, aside, symlinks=True, dirs_exist_ok=True, copy_function=link_or_copy)
+    except shutil.Error as error:
+        raise BadInputError(f"cannot read all of {folder}: {error.args[0][0][2]}") from error
+
+
+def _write_changed(folder: Path, manifest: Manifest) -> None:
+    """Write manifest and plan, and their lines of the checksums; other lines stay as they are."""
+    written = {MANIFEST: indented(msgspec.json.encode(manifest))}
+    if (folder / PLAN).is_file():
+        plan = msgspec.structs.replace(read_plan(folder), name=manifest.name)
+        written[PLAN] = indented(msgspec.json.encode(plan))
+    for name, data in written.items():
+        write_atomic(folder / name, data)
+    if (folder / CHECKSUMS).is_file():
+        lines = (folder / CHECKSUMS).read_bytes().splitlines(keepends=True)
+        for number, line in enumerate(lines):
+            name = line.decode("ascii", errors="replace").partition("  ")[2].strip()
+            if name in written:
+                lines[number] = f"{sha256(written[name]).hexdigest()}  {name}\n".encode()
+        write_atomic(folder / CHECKSUMS, b"".join(lines))

@@ -1,0 +1,199 @@
+"""A quick list of many sessions: only what a list shows, read again only where a manifest has changed."""
+
+import os
+from collections.abc import Iterator
+from enum import StrEnum
+from pathlib import Path
+from stat import S_ISDIR
+
+import msgspec
+from msgspec import Struct
+
+from capture_app.errors import BadInputError
+from capture_app.session.format.burst_plan import PLAN
+from capture_app.session.format.checks import inside, read_struct
+from capture_app.session.format.manifest import JOURNAL, MANIFEST, SCHEMA_VERSION
+from capture_app.session.reading.reader import is_being_written
+
+
+class SessionState(StrEnum):
+    """Whether a session can be used."""
+
+    COMPLETE = "complete"
+    WRITING = "being saved"
+    INTERRUPTED = "interrupted"
+    UNREADABLE = "unreadable"
+
+
+class SessionCard(Struct, frozen=True, kw_only=True):
+    """What a list shows of a session; times in ns, None where they are not known."""
+
+    folder: Path
+    state: SessionState = SessionState.COMPLETE
+    created: str = ""
+    """RFC 3339, UTC."""
+    origin: str = ""
+    cameras: tuple[str, ...] = ()
+    instants: int = 0
+    images: int = 0
+    missing: int = 0
+    spread_ns: int | None = None
+    """The worst over the instants; None where no instant has two images."""
+    uncertainty_ns: int | None = None
+    """95 % error of the worst image's time."""
+    dropped: int = 0
+    late: int = 0
+    note: str = ""
+    first_images: tuple[Path, ...] = ()
+    """The first image of each camera that has one, in the cameras' order."""
+    problem: str = ""
+    """Why it cannot be used."""
+    remedy: str = ""
+    """What to do then."""
+
+    @property
+    def name(self) -> str:
+        """The name of its folder, by which commands know it."""
+        return self.folder.name
+
+    @property
+    def worst_ns(self) -> int | None:
+        """How far apart images of an instant are at most, errors of both times included (95 %)."""
+        if self.spread_ns is None or self.uncertainty_ns is None:
+            return None
+        return self.spread_ns + 2 * self.uncertainty_ns
+
+
+class SessionListing:
+    """The sessions in a folder; `read` may be called from any one thread at a time."""
+
+    def __init__(self, root: Path) -> None:
+        self.root = root
+        self._known: dict[str, tuple[tuple[int, int, int], SessionCard]] = {}
+
+    def read(self) -> list[SessionCard]:
+        """All sessions that are there now, by name; a folder that does not exist holds none."""
+        found = {folder: self._card(folder, stamp) for folder, stamp in self._folders()}
+        self._known = {folder: self._known[folder] for folder in found if folder in self._known}
+        return [found[folder] for folder in sorted(found)]
+
+    def _folders(self) -> Iterator[tuple[str, tuple[int, int, int] | None]]:
+        """Yield each session's folder, with what tells whether its manifest is another than before."""
+        try:
+            entries = list(os.scandir(self.root))
+        except OSError:
+            return
+        for entry in entries:
+            try:
+                if entry.name.startswith(".") or not S_ISDIR(entry.stat().st_mode):
+                    continue
+                stat = os.stat(f"{entry.path}/{MANIFEST}")  # noqa: PTH116 - five times as quick for a list
+                yield entry.path, (stat.st_mtime_ns, stat.st_size, stat.st_ino)
+            except FileNotFoundError:
+                if any(os.path.isfile(f"{entry.path}/{name}") for name in (JOURNAL, PLAN)):  # noqa: PTH113
+                    yield entry.path, None
+            except OSError:
+                continue
+
+    def _card(self, folder: str, stamp: tuple[int, int, int] | None) -> SessionCard:
+        if stamp is None:
+            return _card_without_manifest(Path(folder))
+        known = self._known.get(folder)
+        if known is None or known[0] != stamp:
+            known = self._known[folder] = (stamp, read_card(Path(folder)))
+        return known[1]
+
+
+def best_synchronized(cards: list[SessionCard]) -> SessionCard | None:
+    """The session whose images of an instant are surely the least apart; None of fewer than two known."""
+    known = [card for card in cards if card.worst_ns is not None and card.state is SessionState.COMPLETE]
+    return min(known, key=lambda card: card.worst_ns or 0) if len(known) > 1 else None
+
+
+def read_card(folder: Path) -> SessionCard:
+    """Read what a list shows of a session that has a manifest."""
+    try:
+        head = read_struct(folder / MANIFEST, _Head, SCHEMA_VERSION)
+        first: dict[str, Path] = {}
+        for image in head.images:
+            if image.camera not in first:
+                first[image.camera] = inside(folder, image.path)
+    except BadInputError as error:
+        return SessionCard(
+            folder=folder,
+            state=SessionState.UNREADABLE,
+            problem=error.what,
+            remedy=error.hint or f"capture-app sessions repair {folder}",
+        )
+    sync, instants = head.sync, len(head.burst.instants_ns)
+    names = tuple(camera.name for camera in head.cameras)
+    return SessionCard(
+        folder=folder,
+        created=head.created,
+        origin=head.origin,
+        cameras=names,
+        instants=instants,
+        images=len(head.images),
+        missing=len(head.missing),
+        spread_ns=max(sync.spread_ns, default=None) if sync is not None and len(names) > 1 else None,
+        uncertainty_ns=None if sync is None else sync.uncertainty_ns,
+        dropped=0 if sync is None else sync.dropped,
+        late=0 if sync is None else sync.late,
+        note=head.note,
+        first_images=tuple(first[name] for name in names if name in first),
+    )
+
+
+def _card_without_manifest(folder: Path) -> SessionCard:
+    try:
+        writing = is_being_written(folder)
+    except OSError as error:
+        problem = f"{folder}: {error.strerror}"
+        return SessionCard(folder=folder, state=SessionState.UNREADABLE, problem=problem)
+    if writing:
+        return SessionCard(
+            folder=folder,
+            state=SessionState.WRITING,
+            problem="its images are still coming in",
+            remedy="wait until the burst is saved",
+        )
+    return SessionCard(
+        folder=folder,
+        state=SessionState.INTERRUPTED,
+        problem="its capture ended before it was saved whole; the images that came are safe",
+        remedy=f"capture-app sessions repair {folder}",
+    )
+
+
+class _Named(msgspec.Struct):
+    name: str
+
+
+class _Image(msgspec.Struct):
+    camera: str
+    instant: int
+    path: str
+
+
+class _Burst(msgspec.Struct):
+    instants_ns: list[msgspec.Raw]
+
+
+class _Sync(msgspec.Struct):
+    spread_ns: list[int] = []
+    uncertainty_ns: int | None = None
+    dropped: int = 0
+    late: int = 0
+
+
+class _Head(msgspec.Struct):
+    """The fields of a manifest that a list needs; the others are skipped."""
+
+    created: str
+    origin: str
+    cameras: list[_Named]
+    burst: _Burst
+    images: list[_Image]
+    missing: list[msgspec.Raw] = []
+    sync: _Sync | None = None
+    note: str = ""

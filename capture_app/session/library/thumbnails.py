@@ -1,0 +1,76 @@
+"""Small pictures of images on disk, kept in a cache folder: decoding a camera's image takes far longer."""
+
+import hashlib
+import os
+from contextlib import suppress
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+WIDTH_PX = 160
+"""Width of the small pictures."""
+MOST_FILES = 4000
+"""The most pictures that are kept, about 20 MB; beyond that the oldest half is removed."""
+
+
+class ThumbnailCache:
+    """Makes small pictures and keeps them in a folder; may be called from any thread, blocks on the disk."""
+
+    def __init__(self, folder: Path) -> None:
+        self.folder = folder
+
+    def load(self, image: Path) -> "NDArray[np.uint8] | None":
+        """An image file `WIDTH_PX` wide, height x width x RGB; None where it cannot be read."""
+        import cv2  # heavy: only where images are looked at
+
+        try:
+            stat = image.stat()
+        except OSError:
+            return None
+        key = f"{image.resolve()}\0{stat.st_mtime_ns}\0{stat.st_size}"
+        kept = self.folder / f"{hashlib.sha256(os.fsencode(key)).hexdigest()[:32]}.jpg"
+        small = _read(kept)
+        if small is None:
+            # The decoder of JPEG halves three times at next to no cost.
+            large = _read(image, cv2.IMREAD_REDUCED_COLOR_8)
+            if large is None or large.shape[1] < WIDTH_PX:
+                large = _read(image)
+            if large is None:
+                return None
+            height = max(1, round(large.shape[0] * WIDTH_PX / large.shape[1]))
+            small = cv2.resize(large, (WIDTH_PX, height), interpolation=cv2.INTER_AREA).astype("uint8")
+            self._keep(kept, small)
+        return small[:, :, ::-1].copy()
+
+    def _keep(self, path: Path, small: "NDArray[np.uint8]") -> None:
+        import cv2
+
+        # A cache that cannot be written costs time only.
+        with suppress(OSError, cv2.error):
+            self.folder.mkdir(parents=True, exist_ok=True)
+            aside = path.with_suffix(f".{os.getpid()}.part")
+            aside.write_bytes(cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes())
+            aside.replace(path)
+            if int(path.name[:2], 16) == 0:  # one in 256 looks whether there are too many
+                self._remove_oldest()
+
+    def _remove_oldest(self) -> None:
+        files = sorted(self.folder.glob("*.jpg"), key=lambda file: file.stat().st_mtime_ns)
+        for file in files[: len(files) // 2] if len(files) > MOST_FILES else ():
+            file.unlink(missing_ok=True)
+
+
+def _read(path: Path, how: int | None = None) -> "NDArray[np.uint8] | None":
+    import cv2
+    import numpy as np
+
+    try:
+        data = np.fromfile(path, np.uint8)
+        flags = cv2.IMREAD_COLOR if how is None else how
+        image = cv2.imdecode(data, flags | cv2.IMREAD_IGNORE_ORIENTATION) if data.size else None
+    except (OSError, cv2.error):
+        return None
+    return None if image is None else image.astype(np.uint8, copy=False)

@@ -1,0 +1,126 @@
+"""The trash of a folder of sessions: what is deleted can be restored until the trash is emptied.
+
+ROOT/.trash/<id>/trashed.json    where it came from, on disk before the session is moved
+ROOT/.trash/<id>/session         the session, as it was
+ROOT/.trash/<id>/results         the results made from it, if any
+"""
+
+import os
+import shutil
+from collections.abc import Iterator
+from contextlib import suppress
+from datetime import UTC, datetime
+from pathlib import Path
+
+import msgspec
+from msgspec import Struct
+
+from capture_app.errors import BadInputError, IncompleteError
+from capture_app.names import check_name
+from capture_app.session.files.disk import disk_error
+from capture_app.session.files.durable import free_name, make_folders, move_folder, sync_folder, write_atomic
+from capture_app.session.files.locks import lock_folder
+from capture_app.session.format.burst_plan import PLAN
+from capture_app.session.format.checks import encode_checked, indented, read_struct
+from capture_app.session.format.manifest import JOURNAL, MANIFEST
+from capture_app.session.library.changes import rename_session
+from capture_app.session.library.results import move_result_folder, results_folder
+
+TRASH = ".trash"
+_RECORD, _SESSION, _RESULTS = "trashed.json", "session", "results"
+
+
+class TrashedSession(Struct, frozen=True, kw_only=True):
+    """One session in the trash."""
+
+    id: str
+    """Its folder in the trash, by which it is restored."""
+    name: str
+    """The name of its folder before."""
+    trashed: str
+    """When it was moved there; RFC 3339, UTC."""
+
+
+def trash_session(folder: Path) -> TrashedSession:
+    """Move a session, whole, interrupted or damaged, and its results into the trash beside it.
+
+    Raises BadInputError where it is no session or cannot be moved, TryAgainError where it is being written.
+    """
+    folder = folder.absolute()
+    if not any((folder / name).is_file() for name in (MANIFEST, JOURNAL, PLAN)):
+        raise BadInputError(f"no session at {folder}", hint="capture-app sessions list shows what is there")
+    lock = lock_folder(folder)
+    try:
+        trash = folder.parent / TRASH
+        make_folders(trash, folder.parent)
+        entry = free_name(trash / folder.name)
+        entry.mkdir()
+        now = datetime.now(UTC).isoformat().replace("+00:00", "Z")
+        trashed = TrashedSession(id=entry.name, name=folder.name, trashed=now)
+        # First where it came from: a crash in between leaves the session where it was.
+        write_atomic(entry / _RECORD, indented(encode_checked(trashed, TrashedSession)))
+        sync_folder(trash)
+        move_folder(folder, entry / _SESSION)
+        move_result_folder(results_folder(folder), entry / _RESULTS)
+    except OSError as error:
+        raise disk_error(error, folder) from error
+    finally:
+        os.close(lock)
+    return trashed
+
+
+def trashed_sessions(root: Path) -> list[TrashedSession]:
+    """What is in the trash of a folder of sessions, the latest last."""
+    return sorted(_entries(root), key=lambda one: one.trashed)
+
+
+def restore_session(root: Path, which: str = "", *, name: str = "") -> Path:
+    """Move a session from the trash back to where it was, and return its folder.
+
+    `which` is its id or name there, else the latest one; `name` a new folder name for it. Raises
+    BadInputError where there is none such, or the name is in use now.
+    """
+    found = [one for one in trashed_sessions(root) if not which or which in (one.id, one.name)]
+    if not found:
+        what = f"no session {which} in the trash of {root}" if which else f"the trash of {root} is empty"
+        raise BadInputError(what, hint=f"capture-app sessions list --trash {root}")
+    chosen = next((one for one in found if one.id == which), found[-1])
+    entry = root / TRASH / chosen.id
+    target = root / (check_name(name, "session") if name else Path(chosen.name).name)
+    try:
+        move_folder(entry / _SESSION, target)
+    except FileExistsError:
+        raise BadInputError(f"{target} exists already", hint="restore it with --as NAME") from None
+    except OSError as error:
+        raise disk_error(error, target) from error
+    move_result_folder(entry / _RESULTS, results_folder(target))
+    shutil.rmtree(entry, ignore_errors=True)
+    if name:
+        # One that is interrupted or damaged keeps the name that it has inside.
+        with suppress(BadInputError, IncompleteError):
+            rename_session(target, name)
+    return target
+
+
+def empty_trash(root: Path) -> int:
+    """Delete what is in the trash for good, and return how many sessions that were. Raises SimulshotError."""
+    sessions = len(trashed_sessions(root))
+    try:
+        if (root / TRASH).is_dir():
+            shutil.rmtree(root / TRASH)
+    except OSError as error:
+        raise disk_error(error, root / TRASH) from error
+    return sessions
+
+
+def _entries(root: Path) -> Iterator[TrashedSession]:
+    trash = root / TRASH
+    for entry in sorted(trash.iterdir()) if trash.is_dir() else ():
+        if (entry / _SESSION).is_dir():
+            try:
+                record = read_struct(entry / _RECORD, TrashedSession)
+                trashed = msgspec.structs.replace(record, id=entry.name)
+            except BadInputError:
+                # A record that is lost costs the time only: the entry is named after the session.
+                trashed = TrashedSession(id=entry.name, name=entry.name, trashed="")
+            yield trashed

@@ -21,7 +21,7 @@ from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.failover import LEAST_ANSWERS, PROBE_EVERY_NS, Failback
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.phase_loop import ClientConfig
-from capture_app.sync.rig.roster import CLIENT_SILENT_NS, CLOCK_SILENT_NS
+from capture_app.sync.rig.roster import CLIENT_SILENT_NS, CLOCK_SILENT_NS, FORGET_LOST_NS
 from capture_app.sync.rig.time_client import HELLOS
 from capture_app.sync.tree.follower import Address, Follower, FollowerConfig
 from capture_app.sync.tree.relay import Relay
@@ -237,7 +237,7 @@ def test_a_leader_of_many_asks_for_a_slower_pace_and_bears_silent_clocks() -> No
     assert lost == [f"n{i}" for i in range(5)]
     leader.handle_timer(CLOCK_SILENT_NS + 100)
     assert all(view.report.state is NodeState.LOST for view in leader.clients(0))
-    assert leader.next_timer() is None
+    assert leader.next_timer() == FORGET_LOST_NS, "nothing is due until they are forgotten"
 
 
 @pytest.mark.parametrize("link", [PAPER_LINK, replace(PAPER_LINK, loss=0.2, duplication=0.1)])

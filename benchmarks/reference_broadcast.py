@@ -22,7 +22,7 @@ from report import new_parser, print_circumstances, print_report, print_rows, ta
 
 from capture_app.errors import SimulshotError
 from capture_app.net.address import Address
-from capture_app.node.leader.control import ask_status
+from capture_app.node.operator.requests import ask_status
 
 PORT = 47010
 LEADER, NODE = "10.79.0.1", "10.79.0.1{}"

@@ -91,8 +91,8 @@ def _judge_if_here(done: "BurstStatus") -> "Verdict | None":
 
 
 async def _take_burst(leader: Address, request: "BurstRequest") -> "BurstStatus":
-    from capture_app.node.leader.control import ask_burst
     from capture_app.node.leader.wording import burst_line
+    from capture_app.node.operator.requests import ask_burst
 
     last, said = None, ""
     try:

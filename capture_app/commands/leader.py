@@ -1,6 +1,5 @@
 """`capture-app leader`: synchronize nodes, take bursts on request, save sessions."""
 
-import asyncio
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -102,24 +101,21 @@ def leader(
         max_delay_ns=round(max_delay_ms * 1e6),
         beacons=BeaconSender(BEACONS) if reference_broadcast else None,
         on_news=on_news,
+        spool=spool,
     )
-    run_until_stopped(_run_leader(node, cameras, spool, as_json))
+    run_until_stopped(_run_leader(node, cameras, as_json))
 
 
-async def _run_leader(node: "LeaderNode", cameras: tuple[str, ...], spool: Path, as_json: bool) -> None:
-    from capture_app.clock import HostClock
-    from capture_app.commands.node import camera_node
-
-    async with node, asyncio.TaskGroup() as tasks:
+async def _run_leader(node: "LeaderNode", cameras: tuple[str, ...], as_json: bool) -> None:
+    async with node:
         talk(f"leader at {node.address}, sessions in {node.sessions}")
         talk(f"join with: capture-app node --leader {node.address} --camera SPEC")
         if as_json:
             address = {"leader": str(node.address), "port": node.address.port}
             print_json_line({"event": "listening", **address, "sessions": str(node.sessions)})
-        for number, spec in enumerate(cameras, start=1):
-            camera = camera_node(f"local{number}", spec, (node.address,), HostClock(), spool)
-            tasks.create_task(camera.run())
-        await asyncio.Event().wait()
+        for spec in cameras:
+            await node.add_camera(spec)
+        await node.wait_until_unwanted()
 
 
 def _event_record(news: "News") -> dict[str, object]:

@@ -23,7 +23,7 @@ def status(leader: Address, as_json: bool) -> None:
     "clock bound" is the largest possible clock error, that of the relays included. "apart", with reference
     broadcast, is the uncertainty (95 %) between nodes that receive the same beacons.
     """
-    from capture_app.node.leader.control import ask_status
+    from capture_app.node.operator.requests import ask_status
 
     rig = asyncio.run(ask_status(leader))
     if as_json:

@@ -72,3 +72,10 @@ def reachable_host(
         ("10.255.255.255", "127.0.0.1") if family == socket.AF_INET else ("2001:db8::1", "::1")
     )
     return find_source(outside, family) or next(iter(find_own(family)), loopback)
+
+
+def own_machine_address(host: str, family: socket.AddressFamily, port: int) -> Address:
+    """Return where processes of this machine reach a port that listens on `host`; `any` is the loopback."""
+    if host not in ANY_HOST:
+        return Address(host, port)
+    return Address("127.0.0.1" if family == socket.AF_INET else "::1", port)

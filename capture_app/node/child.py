@@ -9,11 +9,23 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Self
 
-from capture_app.errors import ExitCode, SimulshotError
+from capture_app.errors import (
+    BadInputError,
+    CameraError,
+    ExitCode,
+    IncompleteError,
+    NetworkError,
+    NotAvailableError,
+    SimulshotError,
+)
 
 PATIENCE_S = 2.0
 
 Talk = Callable[[str], None]
+_KINDS: dict[int | None, type[SimulshotError]] = {
+    kind.exit_code: kind
+    for kind in (BadInputError, CameraError, NetworkError, NotAvailableError, IncompleteError)
+}
 
 
 @dataclass(slots=True)
@@ -24,6 +36,8 @@ class Child:
     process: asyncio.subprocess.Process
     on_line: Talk | None = None
     said: deque[str] = field(default_factory=lambda: deque(maxlen=20))
+    spoken: asyncio.Event = field(default_factory=asyncio.Event)
+    """Set when it has said something."""
     listening: asyncio.Task[None] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -48,6 +62,7 @@ class Child:
         async for raw in self.process.stderr:
             line = raw.decode(errors="replace").rstrip()
             self.said.append(line)
+            self.spoken.set()
             if self.on_line is not None:
                 self.on_line(line)
 
@@ -56,9 +71,10 @@ class Child:
         await asyncio.wait((self.listening,), timeout=1.0)
         last = next((line for line in reversed(self.said) if line), "it said nothing")
         last = last.partition(": error: ")[2] or last
-        error = SimulshotError(f"{self.name} ended with code {self.process.returncode}: {last}")
-        if self.process.returncode in tuple(ExitCode):
-            error.exit_code = ExitCode(self.process.returncode)
+        code = self.process.returncode
+        error = _KINDS.get(code, SimulshotError)(f"{self.name} ended with code {code}: {last}")
+        if code in tuple(ExitCode):
+            error.exit_code = ExitCode(code)
         return error
 
     async def stop(self) -> None:

@@ -157,7 +157,7 @@ async def test_a_leader_with_a_camera_of_its_own(
 ) -> None:
     monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
     leader, address = await lead(start, tmp_path, options=("--camera", "sim:perfect", "--fps", "30"))
-    await leader.says("local1 joined")
+    await leader.says("perfect joined")
     done = await burst(start, address, "--frames", "1")
     assert done["received"] == 1
     assert (tmp_path / "data/simulshot" / FILE).is_file(), "what its long frames did is known on the next use"

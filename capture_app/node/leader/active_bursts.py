@@ -101,6 +101,13 @@ class ActiveBursts:
         """The session of a burst of this run, by its number."""
         return self._bursts[burst]
 
+    async def cancel(self, burst: int) -> None:
+        """Wait no longer for a burst's images: it is saved with what has come. Raises BadInputError."""
+        session = self._bursts.get(burst)
+        if session is None or session.finished.is_set():
+            raise BadInputError(f"burst {burst} is not under way")
+        await session.finish_now("the burst was cancelled")
+
     async def find_session(self, message: CameraReport | ImageUpload) -> BurstSession:
         """Return the burst of an upload, of this run or of an earlier one whose session lacks it.
 
@@ -113,6 +120,11 @@ class ActiveBursts:
         if isinstance(message, ImageUpload):
             return self.resumed.open_session_of(message)
         return await self.resumed.reopen(message, self.now_ns())
+
+    @property
+    def spools(self) -> Mapping[str, SpoolSpace]:
+        """How much room each node has, as it told last."""
+        return self._spools
 
     def note_spool_space(self, space: SpoolSpace) -> None:
         """Note how much room a node has, for the next burst."""

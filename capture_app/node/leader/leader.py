@@ -11,7 +11,7 @@ from typing import Self
 from msgspec.structs import replace
 
 from capture_app.clock import HostClock, NodeClock
-from capture_app.net.address import DEFAULT_PORT, Address, reachable_host
+from capture_app.net.address import DEFAULT_PORT, Address, own_machine_address, reachable_host
 from capture_app.net.multicast import BeaconSender
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
@@ -19,11 +19,17 @@ from capture_app.node.burst.resumed_bursts import RETURN_NS
 from capture_app.node.leader.active_bursts import ActiveBursts
 from capture_app.node.leader.advice import rig_advice
 from capture_app.node.leader.beacons import send_due_beacon
-from capture_app.node.leader.readiness import reasons_until_ready
+from capture_app.node.leader.local_nodes import LocalNodes
+from capture_app.node.leader.news_log import NewsLog
+from capture_app.node.leader.orders import OperatorOrders
+from capture_app.node.leader.readiness import FolderRoom, reasons_until_ready
 from capture_app.node.leader.service import LeaderService
 from capture_app.node.leader.snapshots import node_statuses
+from capture_app.node.leader.viewfinders import Viewfinders
+from capture_app.node.leader.watchers import Watchers
 from capture_app.node.leader.wording import News
 from capture_app.node.wire.messages import BurstRequest, ToLeader
+from capture_app.node.wire.operating import AddCamera
 from capture_app.node.wire.status import BurstStatus, RigStatus
 from capture_app.sync.rig.events import BurstRefused
 from capture_app.sync.rig.leader import Leader, LeaderConfig
@@ -49,9 +55,11 @@ class LeaderNode:
         on_news: Callable[[News], None] | None = None,
         resume: Sequence[Path] | None = None,
         return_ns: int = RETURN_NS,
+        spool: Path | None = None,
     ) -> None:
         """`resume` are the interrupted sessions to finish, else all; nodes have `return_ns` to come back.
 
+        With a `spool` folder for their images, operators may have it run nodes on this machine.
         `period_ns`, `align_row` and `max_delay_ns` are the engine's, see `LeaderConfig`. With
         `beacons` nodes that hear the same multicast packets agree with each other.
         """
@@ -60,7 +68,11 @@ class LeaderNode:
         self._period_ns, self._align_row, self._max_delay_ns = period_ns, align_row, max_delay_ns
         self._beacons = beacons
         self._clock: NodeClock = clock or HostClock()
-        self._on_news = on_news or (lambda _: None)
+        self.news = NewsLog()
+        """What has happened, for whoever looks later."""
+        self._tell_news = on_news or (lambda _: None)
+        self._spool = spool
+        self._room = FolderRoom(sessions)
         self._resume = resume
         self._return_ns = return_ns
         self.instance = secrets.randbits(32)
@@ -69,6 +81,9 @@ class LeaderNode:
         self._bursts: ActiveBursts
         self._pump: Pump
         self._server: TransferServer[ToLeader]
+        self._viewfinders = Viewfinders()
+        self._local: LocalNodes | None = None
+        self._orders: OperatorOrders
 
     async def __aenter__(self) -> Self:
         await self.start()
@@ -81,6 +96,7 @@ class LeaderNode:
         """Bind and serve. Raises NetworkError where the port is in use or the host is not this machine's."""
         datagrams, listening = bind_port(self.address.host, self.address.port)
         port = listening.getsockname()[1]
+        self.own_address = own_machine_address(self.address.host, listening.family, port)
         self.address = Address(reachable_host(self.address.host, listening.family), port)
         config = LeaderConfig(
             instance=self.instance,
@@ -99,14 +115,24 @@ class LeaderNode:
             resume=self._resume,
             return_ns=self._return_ns,
         )
-        service = LeaderService(self._bursts, self.status, self.take_burst)
+        if self._spool is not None:
+            self._local = LocalNodes(self.own_address, self._spool, self.news)
+        self._orders = OperatorOrders(
+            self._engine, self._bursts, self._local, self.news, self._clock.now_ns, self._drain
+        )
+        watchers = Watchers(self.status, self.news, self._viewfinders)
+        service = LeaderService(
+            self._bursts, self.status, self.take_burst, self._orders, self._viewfinders, watchers
+        )
         self._server = TransferServer(ToLeader, service.serve)
         self._pump = Pump(self._engine, self._clock.now_ns, self._drain)
         await self._server.start(listening)
         self._pump.start(datagrams)
 
     async def stop(self) -> None:
-        """Close the port; bursts under way are saved with what has come."""
+        """End the nodes of this machine and close the port; bursts under way are saved with what has come."""
+        if self._local is not None:
+            await self._local.close()
         self._pump.close()
         if self._beacons is not None:
             self._beacons.close()
@@ -122,10 +148,26 @@ class LeaderNode:
             advice=rig_advice(views, str(self.address)),
             now_ns=now_ns,
             period_ns=None if goal is None else goal.period_ns,
-            nodes=node_statuses(views),
+            nodes=node_statuses(
+                views,
+                vitals=self._viewfinders.vitals,
+                spools=self._bursts.spools,
+                local=() if self._local is None else self._local.names,
+            ),
             burst=None if self._bursts.newest is None else self._bursts.newest.status,
             sessions=tuple(self._bursts.saved),
+            sessions_folder=str(self.sessions.absolute()),
+            disk_free_bytes=self._room.free_bytes(now_ns),
         )
+
+    async def add_camera(self, spec: str) -> str:
+        """Run a camera of this machine and return its name. Raises what `LocalNodes.add_camera` raises."""
+        (name,) = (await self._orders.carry_out(AddCamera(spec=spec))).names
+        return name
+
+    async def wait_until_unwanted(self) -> None:
+        """Wait until an operator wants this leader to end."""
+        await self._orders.stop_wanted.wait()
 
     async def trigger(self, *, frames: int, spacing: int = 1, at_leader_ns: int | None = None) -> BurstStatus:
         """Order a burst of all nodes that are here, and begin its session.
@@ -171,6 +213,10 @@ class LeaderNode:
                 async with asyncio.timeout(SNAPSHOT_EVERY_S):
                     await session.finished.wait()
         yield session.status
+
+    def _on_news(self, news: News) -> None:
+        self.news.note(news)
+        self._tell_news(news)
 
     def _views(self) -> tuple[ClientView, ...]:
         return self._engine.clients(self._clock.now_ns())

@@ -13,9 +13,25 @@ from capture_app.sync.wire.messages import NodeState
 from capture_app.text import megabytes
 
 CHECK_EVERY_S = 0.1
+LOOK_EVERY_NS = 10_000_000_000
 GUESSED_PIXELS_PER_BYTE = 4
 """Of a camera's JPEG, before any of its images is known."""
 MARGIN = 1.1
+
+
+class FolderRoom:
+    """What is free on the disk of a folder, looked up now and then: a status need not follow each byte."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._free_bytes: int | None = None
+        self._looked_ns = 0
+
+    def free_bytes(self, now_ns: int) -> int:
+        """Return it as of `now_ns`, or of a few seconds before."""
+        if self._free_bytes is None or now_ns - self._looked_ns >= LOOK_EVERY_NS:
+            self._free_bytes, self._looked_ns = free_bytes(self._folder), now_ns
+        return self._free_bytes
 
 
 def why_not_ready(views: Sequence[ClientView], cameras: int) -> str:

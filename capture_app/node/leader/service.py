@@ -1,4 +1,4 @@
-"""What a leader does for the streams that nodes and the command line open to it."""
+"""What a leader does for the streams that nodes and operators open to it."""
 
 import contextlib
 from collections.abc import AsyncGenerator, Callable
@@ -7,7 +7,10 @@ from capture_app.errors import DiskFullError, NetworkError, SimulshotError, TryA
 from capture_app.net.channel import Channel
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.leader.active_bursts import ActiveBursts
-from capture_app.node.wire import messages
+from capture_app.node.leader.orders import OperatorOrders
+from capture_app.node.leader.viewfinders import Viewfinders
+from capture_app.node.leader.watchers import Watchers
+from capture_app.node.wire import messages, operating
 from capture_app.node.wire.status import BurstStatus, RigStatus
 
 WorkingOn = dict[tuple[int, int], tuple[BurstSession, str]]
@@ -22,11 +25,17 @@ class LeaderService:
         bursts: ActiveBursts,
         get_status: Callable[[], RigStatus],
         take_burst: Callable[[messages.BurstRequest], AsyncGenerator[BurstStatus, None]],
+        orders: OperatorOrders,
+        viewfinders: Viewfinders,
+        watchers: Watchers,
     ) -> None:
         """`take_burst` takes a burst and yields its progress."""
         self._bursts = bursts
         self._get_status = get_status
         self._take_burst = take_burst
+        self._orders = orders
+        self._viewfinders = viewfinders
+        self._watchers = watchers
 
     async def serve(self, channel: Channel[messages.ToLeader]) -> None:
         """Answer a stream until its peer closes it; the user's mistakes are told, not raised."""
@@ -72,3 +81,20 @@ class LeaderService:
                 sha256 = await session.receive_image(message, channel.payload(), self._bursts.now_ns())
                 self._bursts.tell_progress(session)
                 await channel.send(messages.ImageAck(sha256=sha256))
+            case operating.WatchRequest():
+                await self._watchers.serve(channel)
+            case operating.ViewfinderOpened():
+                await self._viewfinders.serve(channel, message)
+            case operating.DetailRequest():
+                detail = await self._viewfinders.detail(message.camera)
+                await channel.send(operating.DetailAnswer(detail=detail))
+            case (
+                operating.AddCamera()
+                | operating.AddSimulated()
+                | operating.RemoveCamera()
+                | operating.CancelBurst()
+                | operating.StopRig()
+            ):
+                await channel.send(await self._orders.carry_out(message))
+            case _:
+                raise NetworkError(f"a {type(message).__name__} was not expected here")

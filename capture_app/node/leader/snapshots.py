@@ -1,22 +1,35 @@
 """What an engine knows of its clients as the status that people and programs see: a tree of nodes."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from msgspec.structs import asdict
 
 from capture_app.net.address import Address
+from capture_app.node.wire.messages import SpoolSpace
+from capture_app.node.wire.operating import Vitals
 from capture_app.node.wire.status import NodeStatus
 from capture_app.sync.clock.time_map import MAX_DEPTH
 from capture_app.sync.rig.roster import ClientView
 from capture_app.sync.wire.messages import WITHOUT_CAMERA, NodeState
 
+_UNKNOWN = Vitals()
 
-def node_statuses(views: tuple[ClientView, ...]) -> tuple[NodeStatus, ...]:
-    """All nodes by name, with their place in the tree."""
+
+def node_statuses(
+    views: tuple[ClientView, ...],
+    *,
+    vitals: Mapping[str, Vitals] | None = None,
+    spools: Mapping[str, SpoolSpace] | None = None,
+    local: Collection[str] = (),
+) -> tuple[NodeStatus, ...]:
+    """All nodes by name, with their place in the tree; `local` are processes of the leader's."""
     by_name = {view.name: view for view in views}
     return tuple(
         NodeStatus(
             **asdict(view.report),
+            **asdict((vitals or {}).get(view.name, _UNKNOWN)),
+            disk_free_bytes=space.free_bytes if (space := (spools or {}).get(view.name)) else None,
+            on_leader=view.name in local,
             name=view.name,
             address=str(Address(*view.address)),
             camera=view.camera,

@@ -9,6 +9,7 @@ from capture_app.camera_facts import Count
 from capture_app.clock import SimulatedClock
 from capture_app.errors import SimulshotError
 from capture_app.node.wire.message import Message
+from capture_app.node.wire.operating import FromOperator, FromViewfinder, ToOperator, ToViewfinder
 from capture_app.node.wire.status import BurstStatus, RigStatus
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, MissingImage, Sha256
@@ -139,5 +140,7 @@ class BurstAnswer(Message, frozen=True, kw_only=True, tag="burst"):
     burst: BurstStatus
 
 
-ToLeader = CameraReport | ImageUpload | SpoolSpace | StatusRequest | BurstRequest
-FromLeader = ImageAck | ReportAck | Refusal | StatusAnswer | BurstAnswer
+ToLeader = (
+    CameraReport | ImageUpload | SpoolSpace | StatusRequest | BurstRequest | FromOperator | FromViewfinder
+)
+FromLeader = ImageAck | ReportAck | Refusal | StatusAnswer | BurstAnswer | ToOperator | ToViewfinder

@@ -1,0 +1,141 @@
+"""Camera nodes on the leader's machine, as processes that end with it."""
+
+import asyncio
+from collections.abc import Collection
+from pathlib import Path
+
+from capture_app.cameras.catalog import parse_spec
+from capture_app.errors import BadInputError, SimulshotError
+from capture_app.names import check_name, name_like
+from capture_app.net.address import Address
+from capture_app.node.child import Child
+from capture_app.node.leader.news_log import NewsLog
+
+VIEWS = ("cam00", "cam01", "cam02", "cam03", "cam04", "wide00", "wide01")
+"""Of the rendered scenes."""
+FLAT_SCENES = ("bars", "led-panel")
+"""Without views: any number of cameras can look at them."""
+MAX_NODES = 64
+START_TIMEOUT_S = 15.0
+
+
+class LocalNodes:
+    """Starts and ends such nodes; one that ends by itself is told in the news."""
+
+    def __init__(self, leader: Address, spool: Path, news: NewsLog | None = None) -> None:
+        """`leader` is the address that they join; `spool` keeps their images until the leader has them."""
+        self._leader = leader
+        self._spool = spool
+        self._news = news or NewsLog()
+        self._children: dict[str, Child] = {}
+        self._watching: dict[str, asyncio.Task[None]] = {}
+        self._adding = asyncio.Lock()
+        self._failed: asyncio.Queue[SimulshotError] = asyncio.Queue()
+
+    @property
+    def names(self) -> Collection[str]:
+        """Of the nodes that run."""
+        return self._children.keys()
+
+    async def add_camera(self, spec: str, name: str | None = None, taken: Collection[str] = ()) -> str:
+        """Start one camera and return its name when it is open; `taken` are names of other nodes.
+
+        Raises BadInputError for a spec or name that cannot be used, and the node's own error where it ends.
+        """
+        parsed = parse_spec(spec)
+        async with self._adding:
+            if name is None:
+                wished = name_like(Path(parsed.device).name, "camera")
+                name = self._free_name(wished, taken)
+            self._check(check_name(name, "camera"), taken)
+            child = await self._start(name, spec, "sim" if parsed.kind == "sim" else "host")
+        ended = asyncio.create_task(child.process.wait())
+        spoken = asyncio.create_task(child.spoken.wait())
+        # It speaks when its camera is open, or of the error that it ends with.
+        await asyncio.wait((ended, spoken), timeout=START_TIMEOUT_S, return_when=asyncio.FIRST_COMPLETED)
+        if any(": error: " in line for line in child.said):
+            await asyncio.wait((ended,), timeout=START_TIMEOUT_S)
+        spoken.cancel()
+        ended.cancel()
+        if child.process.returncode is not None:
+            raise await child.failure()
+        return name
+
+    async def add_simulated(
+        self,
+        cameras: int,
+        scene: str = "studio",
+        *,
+        taken: Collection[str] = (),
+        options: str = "drops=0",
+        tolerance_us: int | None = None,
+    ) -> tuple[str, ...]:
+        """Start so many further simulated cameras and return their names; they are open some seconds later.
+
+        `options` are those of each camera. Raises BadInputError where the scene has no more views.
+        """
+        flat = scene in FLAT_SCENES
+        pool = tuple(f"cam{number:02d}" for number in range(MAX_NODES)) if flat else VIEWS
+        async with self._adding:
+            free = [name for name in pool if name not in taken and name not in self._children]
+            if not 1 <= cameras <= len(free):
+                more = "" if flat else f"; any number can look at {FLAT_SCENES[0]}"
+                raise BadInputError(
+                    f"{cameras} further simulated cameras of the scene {scene} are not available",
+                    hint=f"it has {len(pool)} views, {len(free)} of them free{more}",
+                )
+            for name in free[:cameras]:
+                self._check(name, taken)
+                model = "phone-a" if pool.index(name) < 2 else "phone-b"
+                view = "" if flat else f",view={name}"
+                spec = f"sim:{model},scene={scene}{view}" + (f",{options}" if options else "")
+                await self._start(name, spec, "sim", tolerance_us)
+        return tuple(free[:cameras])
+
+    async def remove(self, name: str) -> None:
+        """End a node. Raises BadInputError where there is none of that name."""
+        child = self._children.pop(name, None)
+        if child is None:
+            raise BadInputError(f"{name} is no node of this leader's machine")
+        self._watching.pop(name).cancel()
+        await child.stop()
+
+    async def close(self) -> None:
+        """End all of them."""
+        await asyncio.gather(*(self.remove(name) for name in tuple(self._children)))
+
+    async def wait_for_failure(self) -> SimulshotError:
+        """Wait until a node ends by itself, and return its error."""
+        return await self._failed.get()
+
+    def _check(self, name: str, taken: Collection[str]) -> None:
+        if name in self._children or name in taken:
+            raise BadInputError(f"a node named {name} is here already", hint="choose another name")
+        if len(self._children) >= MAX_NODES:
+            raise BadInputError(f"{MAX_NODES} nodes run on this machine already")
+
+    def _free_name(self, wished: str, taken: Collection[str]) -> str:
+        number, name = 1, wished
+        while name in self._children or name in taken:
+            number += 1
+            name = f"{wished}-{number}"
+        return name
+
+    async def _start(self, name: str, spec: str, clock: str, tolerance_us: int | None = None) -> Child:
+        arguments = [
+            *("capture_app.cli", "node", "--until-eof", "--name", name, "--camera", spec),
+            *("--spool", str(self._spool), "--leader", str(self._leader), "--clock", clock),
+        ]
+        if tolerance_us is not None:
+            arguments += ["--tolerance-us", str(tolerance_us)]
+        child = self._children[name] = await Child.start(name, arguments)
+        self._watching[name] = asyncio.create_task(self._watch(name, child))
+        return child
+
+    async def _watch(self, name: str, child: Child) -> None:
+        await child.process.wait()
+        error = await child.failure()
+        if self._children.get(name) is child:
+            del self._children[name], self._watching[name]
+            self._news.add(str(error), camera=name, level="error")
+            self._failed.put_nowait(error)

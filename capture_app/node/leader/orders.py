@@ -1,0 +1,88 @@
+"""What operators ask a leader to do beside taking bursts: to add and remove cameras, to cancel, to end."""
+
+import asyncio
+from collections.abc import Callable
+
+from capture_app.errors import BadInputError, NotAvailableError
+from capture_app.node.leader.active_bursts import ActiveBursts
+from capture_app.node.leader.local_nodes import LocalNodes
+from capture_app.node.leader.news_log import NewsLog
+from capture_app.node.wire import operating
+from capture_app.sync.rig.leader import Leader
+from capture_app.sync.wire.messages import NodeState
+
+FORGET_CHECKS, FORGET_CHECK_S = 60, 0.05
+
+
+class OperatorOrders:
+    """Carries them out, for one leader."""
+
+    def __init__(
+        self,
+        engine: Leader,
+        bursts: ActiveBursts,
+        local: LocalNodes | None,
+        news: NewsLog,
+        now_ns: Callable[[], int],
+        after_turn: Callable[[], None],
+    ) -> None:
+        """`local` starts nodes on this machine; None where this leader does not.
+
+        `after_turn` is called when the engine may have news.
+        """
+        self.stop_wanted = asyncio.Event()
+        """Set when an operator wants this leader to end."""
+        self._engine = engine
+        self._bursts = bursts
+        self._local = local
+        self._news = news
+        self._now_ns = now_ns
+        self._after_turn = after_turn
+
+    async def carry_out(self, order: operating.Order) -> operating.Done:
+        """Do what is asked, and return when it is done. Raises the errors of what is asked."""
+        names: tuple[str, ...] = ()
+        match order:
+            case operating.AddCamera(spec=spec, name=name):
+                names = (await self._nodes().add_camera(spec, name, self._taken()),)
+            case operating.AddSimulated(cameras=cameras, scene=scene):
+                names = await self._nodes().add_simulated(cameras, scene, taken=self._taken())
+            case operating.RemoveCamera(name=name):
+                await self._remove(name)
+            case operating.CancelBurst(burst=burst):
+                await self._bursts.cancel(burst)
+            case operating.StopRig():
+                self._news.add("stopped by an operator")
+                self.stop_wanted.set()
+        return operating.Done(names=names)
+
+    def _nodes(self) -> LocalNodes:
+        if self._local is None:
+            raise NotAvailableError(
+                "this leader runs no cameras", hint="start them with capture-app node on their machine"
+            )
+        return self._local
+
+    def _taken(self) -> list[str]:
+        """Names of nodes that are here; a lost one may come back under its name."""
+        views = self._engine.clients(self._now_ns())
+        return [view.name for view in views if view.report.state is not NodeState.LOST]
+
+    async def _remove(self, name: str) -> None:
+        if self._local is not None and name in self._local.names:
+            await self._local.remove(name)
+            # It says goodbye as it ends; one that had to be killed is noticed by its silence.
+            for _ in range(FORGET_CHECKS):
+                if name not in self._taken():
+                    break
+                await asyncio.sleep(FORGET_CHECK_S)
+            if all(view.name != name for view in self._engine.clients(self._now_ns())):
+                return
+        for view in self._engine.clients(self._now_ns()):
+            if view.name == name and view.report.state is not NodeState.LOST:
+                raise BadInputError(
+                    f"{name} runs on {view.address[0]}, not as a process of the leader's",
+                    hint="stop its capture-app node there",
+                )
+        self._engine.forget(name)
+        self._after_turn()

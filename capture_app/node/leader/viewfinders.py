@@ -1,0 +1,140 @@
+"""The streams over which nodes show what they see: previews and details, while somebody looks."""
+
+import asyncio
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field
+
+from capture_app.errors import IncompleteError, NetworkError
+from capture_app.net.channel import Channel
+from capture_app.node.wire.messages import ToLeader
+from capture_app.node.wire.operating import (
+    DetailAnswer,
+    DetailRequest,
+    PreviewFrame,
+    PreviewSeen,
+    PreviewsWanted,
+    ViewfinderOpened,
+    Vitals,
+)
+from capture_app.node.wire.views import NodeDetail
+
+ANSWER_TIMEOUT_S = 5.0
+NOTHING = PreviewsWanted(width=16, fps=0)
+UNKNOWN = Vitals()
+
+
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A preview as it came from a node; `number` counts those of all cameras."""
+
+    number: int
+    frame: PreviewFrame
+    jpeg: bytes
+
+
+@dataclass(slots=True)
+class _Stream:
+    """One node's, as it is open at present."""
+
+    channel: Channel[ToLeader]
+    vitals: Vitals = UNKNOWN
+    wanted: PreviewsWanted = NOTHING
+    picture: Picture | None = None
+    detail: "asyncio.Future[NodeDetail] | None" = None
+
+
+@dataclass(slots=True)
+class Viewfinders:
+    """All nodes that have such a stream open, and what operators want of them."""
+
+    _streams: dict[str, _Stream] = field(default_factory=dict)
+    _wishes: dict[object, PreviewsWanted] = field(default_factory=dict)
+    _number: int = 0
+
+    async def serve(self, channel: Channel[ToLeader], opened: ViewfinderOpened) -> None:
+        """Take in what a node sends until it closes its stream."""
+        name = opened.camera
+        stream = self._streams[name] = _Stream(channel)
+        try:
+            await self._ask(name)
+            while (message := await channel.receive_header()) is not None:
+                match message:
+                    case Vitals():
+                        stream.vitals = message
+                    case PreviewFrame(camera=camera) if camera == name:
+                        jpeg = b"".join([chunk async for chunk in channel.payload()])
+                        self._number += 1
+                        stream.picture = Picture(self._number, message, jpeg)
+                        await channel.send(PreviewSeen(camera=name))
+                    case DetailAnswer() if stream.detail is not None and not stream.detail.done():
+                        stream.detail.set_result(message.detail)
+                    case _:
+                        pass
+        finally:
+            # A node that has opened another stream may be noticed before this one's end.
+            if self._streams.get(name) is stream:
+                del self._streams[name]
+            if stream.detail is not None and not stream.detail.done():
+                stream.detail.set_exception(_closed(name))
+                stream.detail.exception()  # whoever asked may have gone
+
+    @property
+    def vitals(self) -> Mapping[str, Vitals]:
+        """How the cameras run, by name."""
+        return {name: stream.vitals for name, stream in self._streams.items()}
+
+    async def want(self, operator: object, wish: PreviewsWanted | None) -> None:
+        """Note what an operator wants from now on, None for nothing, and ask the nodes for it."""
+        self._wishes.pop(operator, None)
+        if wish is not None and wish.fps > 0:
+            self._wishes[operator] = wish
+        for name in tuple(self._streams):
+            await self._ask(name)
+
+    def pictures(self, cameras: Collection[str] | None) -> list[Picture]:
+        """Return the newest picture of each of these cameras, None for all, that has one."""
+        return [
+            stream.picture
+            for name, stream in self._streams.items()
+            if stream.picture is not None and (cameras is None or name in cameras)
+        ]
+
+    async def detail(self, name: str) -> NodeDetail:
+        """Ask a node for all it knows of itself. Raises IncompleteError where it does not answer."""
+        stream = self._streams.get(name)
+        if stream is None:
+            raise _closed(name)
+        if stream.detail is None or stream.detail.done():
+            stream.detail = asyncio.get_running_loop().create_future()
+            await _send(stream.channel, DetailRequest(camera=name))
+        try:
+            async with asyncio.timeout(ANSWER_TIMEOUT_S):
+                return await asyncio.shield(stream.detail)
+        except TimeoutError as error:
+            raise IncompleteError(f"{name} does not answer", hint="it may be busy; try again") from error
+
+    async def _ask(self, name: str) -> None:
+        """Ask a node for what all operators together want of it, where that has changed."""
+        stream = self._streams.get(name)
+        if stream is None:
+            return
+        wishes = [w for w in self._wishes.values() if w.cameras is None or name in w.cameras]
+        wanted = NOTHING
+        if wishes:
+            wanted = PreviewsWanted(width=max(w.width for w in wishes), fps=max(w.fps for w in wishes))
+        if wanted != stream.wanted:
+            stream.wanted = wanted
+            stream.picture = None if wanted is NOTHING else stream.picture
+            await _send(stream.channel, wanted)
+
+
+async def _send(channel: Channel[ToLeader], message: PreviewsWanted | DetailRequest) -> None:
+    try:
+        await channel.send(message)
+    except NetworkError:
+        # Its own server notices that it has broken off.
+        channel.abort()
+
+
+def _closed(name: str) -> IncompleteError:
+    return IncompleteError(f"{name} shows nothing at present", hint="is it connected? see capture-app status")

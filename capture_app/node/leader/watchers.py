@@ -1,0 +1,106 @@
+"""The streams of operators that watch a rig: its status whenever it changes, its news, and previews."""
+
+import asyncio
+from collections.abc import Callable
+
+from msgspec.structs import replace
+
+from capture_app.net.channel import Channel
+from capture_app.node.leader.news_log import NewsLog
+from capture_app.node.leader.viewfinders import Viewfinders
+from capture_app.node.wire.messages import StatusAnswer, ToLeader
+from capture_app.node.wire.operating import NewsAnswer, PreviewSeen, PreviewsWanted
+from capture_app.node.wire.status import RigStatus
+
+TICK_S = 0.1
+"""A status is sent at most once in so long."""
+KEEPALIVE_S = 3.0
+"""And at least once in so long, so that an operator notices a leader that is gone without a word."""
+
+
+class Watchers:
+    """Tells any number of operators what changes; costs nothing while nobody watches."""
+
+    def __init__(self, get_status: Callable[[], RigStatus], news: NewsLog, viewfinders: Viewfinders) -> None:
+        self._get_status = get_status
+        self._news = news
+        self._viewfinders = viewfinders
+
+    async def serve(self, channel: Channel[ToLeader]) -> None:
+        """Tell one operator what changes until it closes its stream."""
+        watcher = _Watcher(channel, self._get_status, self._news, self._viewfinders)
+        telling = asyncio.create_task(watcher.tell())
+        try:
+            while (message := await channel.receive_header()) is not None:
+                if isinstance(message, PreviewSeen):
+                    watcher.on_their_way.discard(message.camera)
+                elif isinstance(message, PreviewsWanted):
+                    watcher.wish = message
+                    await self._viewfinders.want(watcher, message)
+        finally:
+            telling.cancel()
+            await asyncio.gather(telling, return_exceptions=True)
+            await self._viewfinders.want(watcher, None)
+
+
+class _Watcher:
+    """One operator's stream."""
+
+    def __init__(
+        self,
+        channel: Channel[ToLeader],
+        get_status: Callable[[], RigStatus],
+        news: NewsLog,
+        viewfinders: Viewfinders,
+    ) -> None:
+        self.wish: PreviewsWanted | None = None
+        self.on_their_way: set[str] = set()
+        """Cameras whose last preview the operator has not seen yet."""
+        self._channel = channel
+        self._get_status = get_status
+        self._news = news
+        self._viewfinders = viewfinders
+        self._due_s: dict[str, float] = {}
+        self._shown: dict[str, int] = {}
+
+    async def tell(self) -> None:
+        """Send what has changed, until cancelled or the stream breaks off."""
+        loop = asyncio.get_running_loop()
+        told: RigStatus | None = None
+        told_s, news_ns = 0.0, 0
+        while True:
+            began_s = loop.time()
+            status = self._get_status()
+            timeless = without_times(status)
+            if timeless != told or began_s - told_s >= KEEPALIVE_S:
+                told, told_s = timeless, began_s
+                await self._channel.send(StatusAnswer(rig=status))
+            if lines := self._news.after(news_ns):
+                news_ns = lines[-1].unix_ns
+                await self._channel.send(NewsAnswer(lines=lines))
+            await self._send_pictures(began_s)
+            # The next tick counts from here where a slow link has made this one long.
+            await asyncio.sleep(max(TICK_S / 2, began_s + TICK_S - loop.time()))
+
+    async def _send_pictures(self, now_s: float) -> None:
+        wish = self.wish
+        if wish is None or not wish.fps:
+            return
+        for picture in self._viewfinders.pictures(wish.cameras):
+            camera = picture.frame.camera
+            if (
+                camera in self.on_their_way
+                or picture.number <= self._shown.get(camera, 0)
+                or now_s < self._due_s.get(camera, 0.0)
+            ):
+                continue
+            self._shown[camera] = picture.number
+            self._due_s[camera] = now_s + 0.9 / wish.fps  # a tick is not exact
+            self.on_their_way.add(camera)
+            await self._channel.send(picture.frame, picture.jpeg)
+
+
+def without_times(status: RigStatus) -> RigStatus:
+    """Return a status without what changes by itself: the time, and how long ago nodes were heard."""
+    nodes = tuple(replace(node, last_seen_ns=0) for node in status.nodes)
+    return replace(status, now_ns=0, nodes=nodes)

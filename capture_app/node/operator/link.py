@@ -1,0 +1,116 @@
+"""A screen's connection to a leader, which is opened again whenever it is lost."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from typing import Any
+
+from capture_app.errors import NetworkError, SimulshotError
+from capture_app.net.address import Address
+from capture_app.net.channel import Channel, connect
+from capture_app.node.operator.requests import ask_burst, ask_detail, give_order, receive_answer
+from capture_app.node.operator.updates import LinkLost, Update
+from capture_app.node.wire import messages, operating
+from capture_app.node.wire.status import BurstStatus
+from capture_app.node.wire.views import NodeDetail, Preview
+
+SILENCE_S = 10.0
+"""A leader sends its status more often than this, changed or not."""
+RETRY_S = (0.2, 0.5, 1.0, 2.0)
+
+
+class RigLink:
+    """See `capture_app.tui.rig_source.RigSource`, which it is the real one of."""
+
+    def __init__(self, leader: Address) -> None:
+        self._leader = leader
+        self._channel: Channel[Any] | None = None
+        self._wish: operating.PreviewsWanted | None = None
+        self._news_ns = 0
+
+    @property
+    def leader(self) -> Address:
+        """Where the leader is reached from here."""
+        return self._leader
+
+    async def updates(self) -> AsyncIterator[Update]:
+        """Yield status, news and previews for ever; a lost connection is told and opened again."""
+        failures = 0
+        while True:
+            try:
+                async with await connect(self._leader, messages.FromLeader) as channel:
+                    self._channel = channel
+                    await channel.send(operating.WatchRequest())
+                    if self._wish is not None:
+                        await channel.send(self._wish)
+                    while True:
+                        message = await receive_answer(channel, SILENCE_S)
+                        failures = 0
+                        async for update in self._read(channel, message):
+                            yield update
+            except SimulshotError as error:
+                if not failures:
+                    yield LinkLost(str(error))
+            finally:
+                self._channel = None
+            await asyncio.sleep(RETRY_S[min(failures, len(RETRY_S) - 1)])
+            failures += 1
+
+    async def want_previews(self, *, cameras: tuple[str, ...] | None, width: int, fps: float) -> None:
+        """Ask for previews of these cameras, None for all; 0 `fps` for none."""
+        self._wish = operating.PreviewsWanted(cameras=cameras, width=width, fps=fps)
+        if self._channel is not None:
+            try:
+                await self._channel.send(self._wish)
+            except NetworkError:
+                self._channel.abort()  # whoever reads it opens it again, and tells this wish
+
+    def burst(self, request: messages.BurstRequest) -> AsyncIterator[BurstStatus]:
+        """Take a burst and yield its progress until it is done."""
+        return ask_burst(self._leader, request)
+
+    async def cancel_burst(self, burst: int) -> None:
+        """Wait no longer for the images of a burst."""
+        await give_order(self._leader, operating.CancelBurst(burst=burst))
+
+    async def add_camera(self, spec: str, name: str | None = None) -> None:
+        """Start a camera of the leader's machine."""
+        await give_order(self._leader, operating.AddCamera(spec=spec, name=name))
+
+    async def add_simulated(self, cameras: int, scene: str = "studio") -> None:
+        """Start simulated cameras on the leader's machine."""
+        await give_order(self._leader, operating.AddSimulated(cameras=cameras, scene=scene))
+
+    async def remove_camera(self, name: str) -> None:
+        """End a node of the leader's, or forget one that is lost."""
+        await give_order(self._leader, operating.RemoveCamera(name=name))
+
+    async def detail(self, name: str) -> NodeDetail:
+        """Ask a node for all it knows of itself."""
+        return await ask_detail(self._leader, name)
+
+    async def stop_rig(self) -> None:
+        """End the leader and the cameras that are its children."""
+        await give_order(self._leader, operating.StopRig())
+
+    async def _read(self, channel: Channel[Any], message: messages.FromLeader) -> AsyncIterator[Update]:
+        match message:
+            case messages.StatusAnswer():
+                yield message.rig
+            case operating.NewsAnswer():
+                for line in message.lines:
+                    # A connection that is opened again tells all of them again.
+                    if line.unix_ns > self._news_ns:
+                        self._news_ns = line.unix_ns
+                        yield line
+            case operating.PreviewFrame():
+                jpeg = b"".join([chunk async for chunk in channel.payload()])
+                await channel.send(operating.PreviewSeen(camera=message.camera))
+                yield Preview(
+                    camera=message.camera,
+                    leader_ns=message.leader_ns,
+                    width=message.width,
+                    height=message.height,
+                    jpeg=jpeg,
+                )
+            case _:
+                pass

@@ -1,0 +1,119 @@
+"""Messages of those who look at a rig and give it orders, and of nodes that show what they see."""
+
+from typing import Annotated
+
+from msgspec import Meta
+
+from capture_app.camera_facts import Count
+from capture_app.names import Name
+from capture_app.node.wire.message import Message
+from capture_app.node.wire.views import NewsLine, NodeDetail
+
+MAX_PREVIEW_PX = 1920
+
+
+class WatchRequest(Message, frozen=True, kw_only=True, tag="watch"):
+    """An operator wants to be told on this stream what changes, until it closes it."""
+
+
+class NewsAnswer(Message, frozen=True, kw_only=True, tag="news"):
+    """What has happened since the last of these, or of late."""
+
+    lines: tuple[NewsLine, ...]
+
+
+class PreviewsWanted(Message, frozen=True, kw_only=True, tag="previews-wanted"):
+    """Which previews an operator wants of a leader, or a leader of a node, from now on."""
+
+    cameras: tuple[str, ...] | None = None
+    """None: all."""
+    width: Annotated[int, Meta(ge=16, le=MAX_PREVIEW_PX)]
+    """In pixels, about."""
+    fps: Annotated[float, Meta(ge=0, le=30)]
+    """At most so many a second of each camera; 0: none."""
+
+
+class PreviewFrame(Message, frozen=True, kw_only=True, tag="preview"):
+    """One preview; the payload is a JPEG. The next of this camera is sent after a `PreviewSeen`."""
+
+    camera: Name
+    leader_ns: int | None
+    width: Count
+    height: Count
+
+
+class PreviewSeen(Message, frozen=True, kw_only=True, tag="preview-seen"):
+    """A preview has arrived: a slow link skips pictures rather than fill with them."""
+
+    camera: str
+
+
+class DetailRequest(Message, frozen=True, kw_only=True, tag="detail-request"):
+    """An operator wants to know all that a node knows of itself."""
+
+    camera: str
+
+
+class DetailAnswer(Message, frozen=True, kw_only=True, tag="detail"):
+    """A node in detail."""
+
+    detail: NodeDetail
+
+
+class ViewfinderOpened(Message, frozen=True, kw_only=True, tag="viewfinder"):
+    """A node will send previews and details on this stream when it is asked."""
+
+    camera: Name
+
+
+class Vitals(Message, frozen=True, kw_only=True, tag="vitals"):
+    """How a node's camera runs at present."""
+
+    fps: float | None = None
+    exposure_ns: int | None = None
+    gain: float | None = None
+
+
+class AddCamera(Message, frozen=True, kw_only=True, tag="add-camera"):
+    """Start a camera of the leader's machine; without a name it gets one."""
+
+    spec: str
+    name: str | None = None
+
+
+class AddSimulated(Message, frozen=True, kw_only=True, tag="add-simulated"):
+    """Start so many further simulated cameras on the leader's machine."""
+
+    cameras: int
+    scene: str = "studio"
+
+
+class RemoveCamera(Message, frozen=True, kw_only=True, tag="remove-camera"):
+    """End a node that is a process of the leader's, or forget one that is lost."""
+
+    name: str
+
+
+class CancelBurst(Message, frozen=True, kw_only=True, tag="cancel-burst"):
+    """Wait no longer for the images of a burst."""
+
+    burst: int
+
+
+class StopRig(Message, frozen=True, kw_only=True, tag="stop-rig"):
+    """End the leader and the nodes that are its processes."""
+
+
+class Done(Message, frozen=True, kw_only=True, tag="done"):
+    """What was asked for has been done."""
+
+    names: tuple[str, ...] = ()
+    """Of the cameras that were started."""
+
+
+Order = AddCamera | AddSimulated | RemoveCamera | CancelBurst | StopRig
+"""What an operator can ask a leader to do, beside a burst."""
+FromOperator = WatchRequest | PreviewsWanted | PreviewSeen | DetailRequest | Order
+FromViewfinder = ViewfinderOpened | Vitals | PreviewFrame | DetailAnswer
+ToOperator = NewsAnswer | PreviewFrame | DetailAnswer | Done
+ToViewfinder = PreviewsWanted | PreviewSeen | DetailRequest

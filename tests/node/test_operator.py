@@ -1,0 +1,167 @@
+"""What operators see of a leader and ask of it, over a connection that comes back."""
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from pathlib import Path
+
+import pytest
+
+from capture_app.errors import BadInputError, NetworkError, NotAvailableError
+from capture_app.net.address import Address
+from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.leader.news_log import NewsLog
+from capture_app.node.operator.link import RigLink
+from capture_app.node.operator.requests import ask_status, give_order
+from capture_app.node.operator.updates import LinkLost, Update
+from capture_app.node.wire.operating import AddSimulated, RemoveCamera
+from capture_app.node.wire.status import BurstStatus, RigStatus
+from capture_app.node.wire.views import NewsLine
+from capture_app.sync.rig.events import BurstRefused, NodeJoined, NodeLost
+
+PATIENCE_S = 60.0
+
+
+def leader_at(sessions: Path, port: int = 0, spool: Path | None = None) -> LeaderNode:
+    return LeaderNode(sessions=sessions, host="127.0.0.1", port=port, spool=spool)
+
+
+@pytest.fixture
+async def leader(tmp_path: Path) -> AsyncIterator[LeaderNode]:
+    async with leader_at(tmp_path / "sessions") as node:
+        yield node
+
+
+async def next_of(updates: AsyncIterator[Update], wanted: Callable[[Update], bool]) -> Update:
+    async with asyncio.timeout(PATIENCE_S):
+        async for update in updates:
+            if wanted(update):
+                return update
+    raise AssertionError("the updates have ended")
+
+
+async def test_a_link_begins_with_the_status_and_the_news_so_far(leader: LeaderNode) -> None:
+    leader.news.add("a joined", camera="a")
+    leader.news.add("lost a: it left", camera="a", level="warning")
+    updates = RigLink(leader.own_address).updates()
+    first = await next_of(updates, lambda _: True)
+    assert isinstance(first, RigStatus)
+    assert first.sessions_folder == str(leader.sessions)
+    assert first.disk_free_bytes
+    lines = [await next_of(updates, lambda update: isinstance(update, NewsLine)) for _ in range(2)]
+    assert [(line.text, line.level) for line in lines if isinstance(line, NewsLine)] == [
+        ("a joined", "info"),
+        ("lost a: it left", "warning"),
+    ]
+    leader.news.add("a is back", camera="a")
+    line = await next_of(updates, lambda update: isinstance(update, NewsLine))
+    assert isinstance(line, NewsLine)
+    assert line.text == "a is back"
+    await updates.aclose()
+
+
+async def test_a_lost_leader_is_told_and_its_successor_is_shown_without_telling_news_twice(
+    tmp_path: Path,
+) -> None:
+    first = leader_at(tmp_path / "sessions")
+    await first.start()
+    first.news.add("of the first run")
+    link = RigLink(first.own_address)
+    updates = link.updates()
+    await next_of(updates, lambda update: isinstance(update, NewsLine))
+    await first.stop()
+    lost = await next_of(updates, lambda update: isinstance(update, LinkLost))
+    assert isinstance(lost, LinkLost)
+    assert "closed the connection" in lost.reason
+    async with leader_at(tmp_path / "sessions", first.own_address.port) as second:
+        await next_of(updates, lambda update: isinstance(update, RigStatus))
+        second.news.add("of the second run")
+        line = await next_of(updates, lambda update: isinstance(update, NewsLine))
+        assert isinstance(line, NewsLine)
+        assert line.text == "of the second run"
+        await updates.aclose()
+
+
+async def test_a_leader_that_is_not_there_is_told_once_and_waited_for(tmp_path: Path) -> None:
+    async with leader_at(tmp_path / "sessions") as gone:
+        address = gone.own_address
+    updates = RigLink(address).updates()
+    assert isinstance(await next_of(updates, lambda _: True), LinkLost)
+    coming = asyncio.ensure_future(next_of(updates, lambda _: True))
+    await asyncio.sleep(0.3)
+    async with leader_at(tmp_path / "sessions", address.port):
+        assert isinstance(await coming, RigStatus)
+        await updates.aclose()
+
+
+async def test_a_port_without_a_leader_is_an_error_for_one_request() -> None:
+    with pytest.raises(NetworkError, match="no leader at"):
+        await ask_status(Address("127.0.0.1", 9))
+
+
+async def test_a_leader_without_a_spool_starts_no_cameras(leader: LeaderNode) -> None:
+    with pytest.raises(NotAvailableError, match="runs no cameras"):
+        await give_order(leader.own_address, AddSimulated(cameras=2))
+
+
+async def test_cameras_of_the_leaders_machine_come_and_go_by_order(tmp_path: Path) -> None:
+    async with leader_at(tmp_path / "sessions", spool=tmp_path / "spool") as leader:
+        link = RigLink(leader.own_address)
+        updates = link.updates()
+        await link.add_camera("sim:webcam,scale=0.1", "desk")
+
+        def shows_desk(update: Update) -> bool:
+            return isinstance(update, RigStatus) and [n.name for n in update.nodes] == ["desk"]
+
+        status = await next_of(updates, shows_desk)
+        assert isinstance(status, RigStatus)
+        assert status.nodes[0].on_leader
+        with pytest.raises(BadInputError, match="desk is here already"):
+            await link.add_camera("sim:webcam", "desk")
+        with pytest.raises(BadInputError, match="unknown simulated camera 'nope'"):
+            await link.add_camera("sim:nope")
+        with pytest.raises(BadInputError, match="unknown camera 'what'"):
+            await link.add_camera("what")
+        with pytest.raises(BadInputError, match="no node named nobody"):
+            await link.remove_camera("nobody")
+        await link.remove_camera("desk")
+        assert (await ask_status(leader.own_address)).nodes == ()
+        await updates.aclose()
+
+
+async def test_a_scene_has_so_many_views(tmp_path: Path) -> None:
+    async with leader_at(tmp_path / "sessions", spool=tmp_path / "spool") as leader:
+        for cameras, scene in ((8, "studio"), (0, "bars"), (65, "bars")):
+            with pytest.raises(BadInputError, match="further simulated cameras"):
+                await give_order(leader.own_address, AddSimulated(cameras=cameras, scene=scene))
+
+
+async def test_an_operator_ends_the_leader(leader: LeaderNode) -> None:
+    await RigLink(leader.own_address).stop_rig()
+    async with asyncio.timeout(PATIENCE_S):
+        await leader.wait_until_unwanted()
+
+
+async def test_orders_about_what_is_not_there_say_so(leader: LeaderNode) -> None:
+    link = RigLink(leader.own_address)
+    with pytest.raises(BadInputError, match="burst 7 is not under way"):
+        await link.cancel_burst(7)
+    with pytest.raises(BadInputError, match="no node named a"):
+        await give_order(leader.own_address, RemoveCamera(name="a"))
+
+
+def test_the_news_keep_the_last_lines_in_the_order_of_their_times() -> None:
+    clock = iter((5, 3, 9, 9))
+    log = NewsLog(lambda: next(clock), kept=3)
+    log.note(NodeJoined("a"))
+    log.note(NodeLost("a", "it left"))
+    log.note(NodeLost("a", "it left"))
+    log.note(BurstRefused("b", 1, "no clock"))
+    log.note(BurstStatus(burst=1, name="x", cameras=1, instants=1, received=0, expected=1))
+    done = {"burst": 1, "name": "x", "cameras": 1, "instants": 1, "expected": 1, "done": True}
+    log.note(BurstStatus(received=1, session="/s/x", **done))
+    assert [(line.unix_ns, line.camera, line.level) for line in log.after(0)] == [
+        (6, "a", "warning"),
+        (9, "b", "warning"),
+        (10, None, "info"),
+    ]
+    assert [line.unix_ns for line in log.after(6)] == [9, 10]

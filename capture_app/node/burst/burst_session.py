@@ -201,8 +201,10 @@ class BurstSession:
         await self._end(self._writer.abort, f"left unfinished: {how}")
 
     async def cancel(self, reason: str) -> None:
-        """End a burst that never began, and delete its folder."""
-        await self._end(self._writer.discard, reason)
+        """Wait for nothing more: what has come is saved, and without any image there is no session."""
+        for name in self._cameras:
+            await self.give_up_camera(name, reason)
+        await self.finish_if_complete()
 
     async def _end(self, work: Callable[[], None], message: str) -> None:
         async with self._no_image_written():

@@ -16,8 +16,13 @@ from capture_app.sync.rig.events import BurstRefused
 from capture_app.sync.rig.leader import Leader
 from capture_app.sync.wire.messages import NodeState
 
+CANCELLED = "the burst was cancelled"
 MAX_OPEN_BURSTS = 16
 SILENCE_CHECK_S = 0.25
+
+
+class CancelledBurstError(BadInputError):
+    """A node brings images of a burst that was cancelled: it may delete them."""
 
 
 class ActiveBursts:
@@ -44,6 +49,7 @@ class ActiveBursts:
         self._engine = engine
         self._on_news = on_news
         self._bursts: dict[int, BurstSession] = {}
+        self._cancelled: set[int] = set()
         self._last_number = 0
         self._image_bytes: dict[str, int] = {}
         self._spools: dict[str, SpoolSpace] = {}
@@ -97,23 +103,31 @@ class ActiveBursts:
             raise
         return session
 
+    async def cancel(self, number: int) -> None:
+        """Take a burst back: nodes forget it, and what has come already is saved.
+
+        Raises BadInputError where no such burst is under way.
+        """
+        session = self._bursts.get(number)
+        if session is None or session.finished.is_set():
+            raise BadInputError(f"burst {number} is not under way", hint="a saved one is a session")
+        self._cancelled.add(number)
+        self._engine.cancel(session.burst, self.now_ns())
+        await session.cancel(CANCELLED)
+
     def session_by_number(self, burst: int) -> BurstSession:
         """The session of a burst of this run, by its number."""
         return self._bursts[burst]
 
-    async def cancel(self, burst: int) -> None:
-        """Wait no longer for a burst's images: it is saved with what has come. Raises BadInputError."""
-        session = self._bursts.get(burst)
-        if session is None or session.finished.is_set():
-            raise BadInputError(f"burst {burst} is not under way")
-        await session.finish_now("the burst was cancelled")
-
     async def find_session(self, message: CameraReport | ImageUpload) -> BurstSession:
         """Return the burst of an upload, of this run or of an earlier one whose session lacks it.
 
-        Raises BadInputError where there is no such burst, TryAgainError where its session is in use.
+        Raises BadInputError where there is no such burst, a CancelledBurstError where it was cancelled,
+        TryAgainError where its session is in use.
         """
         of_this_run = message.leader == self._engine.config.instance
+        if of_this_run and message.burst in self._cancelled:
+            raise CancelledBurstError(f"burst {message.burst} was cancelled")
         session = self._bursts.get(message.burst) if of_this_run else None
         if session is not None and not session.finished.is_set():
             return session

@@ -6,7 +6,7 @@ from collections.abc import AsyncGenerator, Callable
 from capture_app.errors import DiskFullError, NetworkError, SimulshotError, TryAgainError
 from capture_app.net.channel import Channel
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.leader.active_bursts import ActiveBursts
+from capture_app.node.leader.active_bursts import ActiveBursts, CancelledBurstError
 from capture_app.node.leader.orders import OperatorOrders
 from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.node.leader.watchers import Watchers
@@ -48,7 +48,8 @@ class LeaderService:
                     raise
                 except SimulshotError as error:
                     retry = isinstance(error, DiskFullError | TryAgainError)
-                    await channel.send(messages.Refusal.of_error(error, retry=retry))
+                    forget = isinstance(error, CancelledBurstError)
+                    await channel.send(messages.Refusal.of_error(error, retry=retry, forget=forget))
         finally:
             for session, camera in working_on.values():
                 session.stream_closed(camera, self._bursts.now_ns())

@@ -135,7 +135,9 @@ class Uploader:
         else:
             burst.frames.clear()
             kept = ""
-            if burst.spooled is not None:
+            if burst.spooled is not None and refusal.forget:
+                await asyncio.to_thread(burst.spooled.remove)
+            elif burst.spooled is not None:
                 self._refused.append(burst)
                 kept = f"; its images stay in {burst.spooled.folder}"
             self.talk(f"burst {burst.report.burst} given up: {refusal.what}{kept}")

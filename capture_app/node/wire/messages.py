@@ -90,11 +90,14 @@ class Refusal(Message, frozen=True, kw_only=True, tag="refusal"):
     """The class of the leader's error, one of those in `errors`."""
     retry: bool = False
     """It may be asked for again: a disk is full, or a burst was closed and can be opened again."""
+    forget: bool = False
+    """The burst was cancelled: what there is of it may be deleted."""
 
     @classmethod
-    def of_error(cls, error: SimulshotError, *, retry: bool) -> Self:
+    def of_error(cls, error: SimulshotError, *, retry: bool, forget: bool = False) -> Self:
         """Tell an error of the leader's."""
-        return cls(what=error.what, hint=error.hint, error=type(error).__name__, retry=retry)
+        kind = type(error).__name__
+        return cls(what=error.what, hint=error.hint, error=kind, retry=retry, forget=forget)
 
     def as_error(self) -> SimulshotError:
         """The leader's error, of its own class where this version knows it."""

@@ -7,15 +7,22 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 
-def decode_image(data: bytes, *, colour: bool = False) -> "NDArray[np.uint8] | None":
+def decode_image(data: bytes, *, colour: bool = False, reduction: int = 1) -> "NDArray[np.uint8] | None":
     """Decode an image file's bytes in full, without turning it by EXIF; None where they are not an image.
 
-    `colour`: height x width x BGR of 8 bits, whatever the file has.
+    `colour`: height x width x BGR of 8 bits, whatever the file has. `reduction`, of a coloured one only:
+    a half, quarter or eighth of its size (2, 4 or 8), which takes far less time.
     """
     import cv2  # heavy: only where images are looked at
     import numpy as np
 
-    flags = cv2.IMREAD_COLOR | cv2.IMREAD_IGNORE_ORIENTATION if colour else cv2.IMREAD_UNCHANGED
+    of_size = {
+        1: cv2.IMREAD_COLOR,
+        2: cv2.IMREAD_REDUCED_COLOR_2,
+        4: cv2.IMREAD_REDUCED_COLOR_4,
+        8: cv2.IMREAD_REDUCED_COLOR_8,
+    }
+    flags = of_size[reduction] | cv2.IMREAD_IGNORE_ORIENTATION if colour else cv2.IMREAD_UNCHANGED
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if data else None
     except cv2.error:

@@ -12,6 +12,7 @@ from rich.color import Color, ColorType
 from rich.color_triplet import ColorTriplet
 from rich.segment import Segment
 from rich.style import Style
+from textual.app import App
 from textual.strip import Strip
 
 Image: TypeAlias = NDArray[np.uint8]
@@ -68,6 +69,14 @@ class CellPicture:
         """What is seen of a coloured picture: rows x columns x quarter x RGB."""
         inked = _INKED[self.glyphs].astype(bool)[..., None]
         return np.where(inked, self.inks[:, :, None, 0], self.inks[:, :, None, 1])
+
+
+def palette_of(app: App[object]) -> Palette:
+    """What an app's terminal can show, and its user wants to see."""
+    if app.no_color:
+        # NO_COLOR makes the screen grey, but with a terminal's own colours there is no grey to be had.
+        return Palette.DOTS if app.native_ansi_color else Palette.GREYS
+    return Palette.EIGHT_BIT if app.console.color_system == "256" else Palette.TRUECOLOR
 
 
 def fitted_cells(width: int, height: int, columns: int, rows: int) -> tuple[int, int]:

@@ -22,6 +22,7 @@ from capture_app.tui.pictures.cells import (
     draw_cells,
     fitted_cells,
     keep_what_looks_alike,
+    palette_of,
     resample,
     strip_of,
 )
@@ -104,12 +105,6 @@ class Picture(Widget):
         strips = [Strip.blank(left, plain), strip_of(cells, row, plain)]
         return Strip.join([*strips, Strip.blank(width - left - cells.columns, plain)])
 
-    def _palette(self) -> Palette:
-        if self.app.no_color:
-            # NO_COLOR makes the screen grey, but with a terminal's own colours there is no grey to be had.
-            return Palette.DOTS if self.app.native_ansi_color else Palette.GREYS
-        return Palette.EIGHT_BIT if self.app.console.color_system == "256" else Palette.TRUECOLOR
-
     def _draw_again(self) -> None:
         self._stale = True
         if not self._drawing and self.is_mounted and self.size:
@@ -122,7 +117,7 @@ class Picture(Widget):
         try:
             while self._stale and self.size:
                 self._stale = False
-                size, palette = (self.size.width, self.size.height), self._palette()
+                size, palette = (self.size.width, self.size.height), palette_of(self.app)
                 light = not self.app.current_theme.dark
                 new = await asyncio.to_thread(
                     _fit, self._source, *size, self._aids, palette, light=light, shown=self._cells

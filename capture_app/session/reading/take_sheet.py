@@ -1,0 +1,107 @@
+"""A take as a sheet: cameras across in the order of their arc, instants down, and what each picture is."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Self
+
+from capture_app.errors import BadInputError
+from capture_app.session.format.manifest import ImageRecord
+from capture_app.session.reading.camera_order import arc_order
+from capture_app.session.reading.decoding import decode_image
+from capture_app.session.reading.reader import Session
+from capture_app.text import duration
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+
+@dataclass(frozen=True, slots=True)
+class SheetPlace:
+    """One place of the sheet: its image, or why there is none; `remark` is short, empty where all is well."""
+
+    camera: str
+    instant: int
+    image: ImageRecord | None
+    remark: str = ""
+
+
+class TakeSheet:
+    """A session's images by camera and instant."""
+
+    def __init__(self, session: Session) -> None:
+        """Raises BadInputError where the session's calibration is broken."""
+        self.session = session
+        self.cameras = arc_order(session)
+        images = {(image.camera, image.instant): image for image in session.manifest.images}
+        missing = {(gone.camera, gone.instant): gone.reason for gone in session.manifest.missing}
+        self._places = {
+            (camera, instant): SheetPlace(
+                camera,
+                instant,
+                image := images.get((camera, instant)),
+                missing.get((camera, instant), "missing") if image is None else _remark(image),
+            )
+            for camera in self.cameras
+            for instant in range(len(session.manifest.burst.instants_ns))
+        }
+
+    @classmethod
+    def open(cls, folder: Path) -> Self:
+        """Open a session's folder as a sheet. Raises BadInputError, IncompleteError."""
+        return cls(Session.open(folder))
+
+    @property
+    def instants(self) -> int:
+        """How many instants it has."""
+        return len(self.session.manifest.burst.instants_ns)
+
+    @property
+    def aspect(self) -> float:
+        """Height over width of the tallest camera's images."""
+        facts = [camera.facts for camera in self.session.manifest.cameras]
+        return max(fact.height / fact.width for fact in facts)
+
+    def place(self, camera: str, instant: int) -> SheetPlace:
+        """What is at a place. Raises BadInputError where the take has no such place."""
+        try:
+            return self._places[camera, instant]
+        except KeyError:
+            raise BadInputError(
+                f"{self.session.folder} has no camera {camera!r} at instant {instant}",
+                hint=f"it has {', '.join(self.cameras)} at 0 to {self.instants - 1}",
+            ) from None
+
+    def since_start_ns(self, instant: int) -> int:
+        """Time of an instant after the first one, in ns."""
+        instants_ns = self.session.manifest.burst.instants_ns
+        return instants_ns[instant] - instants_ns[0]
+
+    def spread_ns(self, instant: int) -> int | None:
+        """From the first to the last image of an instant; None for fewer than two."""
+        images = (self._places[camera, instant].image for camera in self.cameras)
+        times = [image.leader_ns for image in images if image is not None]
+        return max(times) - min(times) if len(times) > 1 else None
+
+    def load(self, camera: str, instant: int, width: int = 0) -> "NDArray[np.uint8] | None":
+        """Decode a picture (height x width x BGR), at least `width` pixels wide if it has them; 0: in full.
+
+        None where it is missing or cannot be read. Blocks on the disk.
+        """
+        image = self._places[camera, instant].image
+        if image is None:
+            return None
+        full = self.session.camera(camera).facts.width
+        # A JPEG's decoder halves it at next to no cost.
+        reduction = next((by for by in (8, 4, 2) if width and full // by >= width), 1)
+        try:
+            data = self.session.image_file(image).read_bytes()
+        except OSError:
+            return None
+        return decode_image(data, colour=True, reduction=reduction)
+
+
+def _remark(image: ImageRecord) -> str:
+    if image.late:
+        return f"{duration(image.residual_ns, signed=True)} off"
+    return "frame beside it" if image.substitute else ""

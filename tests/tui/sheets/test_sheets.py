@@ -1,0 +1,211 @@
+"""The contact sheet and the pictures of a take, as a user looks through them."""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from textual.app import App, ComposeResult
+from textual.pilot import Pilot
+
+from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
+from capture_app.session.reading.reader import Session
+from capture_app.session.reading.take_sheet import TakeSheet
+from capture_app.session.writing.session_writer import SessionWriter
+from capture_app.tui.pictures.picture import Picture
+from capture_app.tui.sheets.contact_sheet import ContactSheet
+from capture_app.tui.sheets.look import LookScreen, Motion, ping_pong
+from tests.facts import make_facts
+from tests.tui.takes import make_take, picture_of
+
+SAMPLE = Path(__file__).parents[3] / "sample_sessions" / "jumper"
+
+
+class SheetApp(App[None]):
+    def __init__(self, sheet: TakeSheet) -> None:
+        super().__init__()
+        self.contact = ContactSheet(sheet)
+        self.chosen: list[tuple[str, int]] = []
+
+    def compose(self) -> ComposeResult:
+        yield self.contact
+
+    def on_contact_sheet_chosen(self, message: ContactSheet.Chosen) -> None:
+        self.chosen.append((message.camera, message.instant))
+
+
+async def settle(app: App[None], pilot: Pilot[None]) -> None:
+    await pilot.pause()
+    await app.workers.wait_for_complete()
+    await pilot.pause()
+
+
+def text_of(sheet: ContactSheet) -> list[str]:
+    return [sheet.render_line(y).text.rstrip() for y in range(sheet.size.height)]
+
+
+async def test_cameras_are_across_in_the_order_of_their_arc_and_instants_down() -> None:
+    app = SheetApp(TakeSheet.open(SAMPLE))
+    async with app.run_test(size=(120, 40)) as pilot:
+        await settle(app, pilot)
+        lines = text_of(app.contact)
+        assert lines[0].split() == ["instant", "cam04", "cam01", "cam06", "cam00", "cam05"]
+        times = [line[:8].strip() for line in lines[1:] if line[:8].strip() and "↔" not in line[:8]]
+        assert times == ["first", "+33 ms", "+67 ms", "+100 ms", "+133 ms"]
+        assert sum("▀" in line or "▌" in line for line in lines) > 30
+
+
+async def test_a_picture_is_chosen_with_arrows_and_enter_or_two_clicks() -> None:
+    app = SheetApp(TakeSheet.open(SAMPLE))
+    async with app.run_test(size=(120, 40)) as pilot:
+        app.contact.focus()
+        await pilot.press("right", "right", "left", "down", "enter")
+        await pilot.pause()
+        assert app.chosen == [("cam01", 1)]
+        await pilot.press(*["up"] * 9, *["right"] * 9, "enter")
+        await pilot.pause()
+        assert app.chosen[-1] == ("cam05", 0)
+        await pilot.click(ContactSheet, offset=(60, 14))
+        assert len(app.chosen) == 2
+        await pilot.click(ContactSheet, offset=(60, 14))
+        assert app.chosen[-1] == ("cam06", 1)
+
+
+async def test_what_is_missing_late_or_beside_is_said_in_its_place(tmp_path: Path) -> None:
+    camera = CameraRecord(name="left", facts=make_facts(width=32, height=24))
+    writer = SessionWriter.create(tmp_path, "take")
+    for instant, more in enumerate(({}, {"late": True, "residual_ns": 3_100_000}, {"substitute": True})):
+        writer.add_image(
+            picture_of(instant), camera="left", instant=instant, leader_ns=instant * 10**8, **more
+        )
+    gone = MissingImage(camera="left", instant=3, reason="lost \x1b[31m on its way")
+    burst = BurstRecord(instants_ns=tuple(n * 10**8 for n in range(4)), period_ns=10**8)
+    app = SheetApp(TakeSheet(writer.finish([camera], burst, [gone], "captured")))
+    async with app.run_test(size=(60, 110)) as pilot:
+        await settle(app, pilot)
+        text = "\n".join(text_of(app.contact))
+        assert "! +3.1 ms off" in text
+        assert "! frame beside it" in text
+        assert "! lost \\x1b[31m on its way" in text
+        assert "no picture" in text
+
+
+async def test_of_a_large_take_only_what_is_seen_is_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sheet = TakeSheet(make_take(tmp_path, cameras=20, instants=12))
+    read: list[tuple[str, int]] = []
+    load = TakeSheet.load
+
+    def note(self: TakeSheet, camera: str, instant: int, width: int = 0) -> "np.ndarray | None":
+        read.append((camera, instant))
+        return load(self, camera, instant, width)
+
+    monkeypatch.setattr(TakeSheet, "load", note)
+    app = SheetApp(sheet)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await settle(app, pilot)
+        assert 0 < len(read) < 60
+        assert ("cam19", 11) not in read
+        app.contact.go_to("cam19", 11)
+        await settle(app, pilot)
+        assert ("cam19", 11) in read
+        assert len(read) == len(set(read))
+        assert "cam19" in text_of(app.contact)[0]
+
+
+async def test_the_sheet_fits_again_when_the_window_changes(tmp_path: Path) -> None:
+    app = SheetApp(TakeSheet(make_take(tmp_path, cameras=4, instants=3)))
+    async with app.run_test(size=(80, 24)) as pilot:
+        await settle(app, pilot)
+        before = app.contact.thumb_size
+        await pilot.resize_terminal(200, 50)
+        await settle(app, pilot)
+        assert app.contact.thumb_size.width > before.width
+        app.contact.focus()
+        await pilot.press("minus", "minus")
+        assert app.contact.thumb_size.width < 46
+        await settle(app, pilot)
+        assert "▀" in "".join(text_of(app.contact))
+
+
+def test_a_ping_pong_shows_no_end_twice() -> None:
+    assert ping_pong(range(4)) == [0, 1, 2, 3, 2, 1]
+    assert ping_pong(range(2)) == [0, 1]
+    assert ping_pong(range(1)) == [0]
+
+
+class LookApp(App[None]):
+    def __init__(self, session: Session, motion: Motion = Motion.STILL) -> None:
+        super().__init__()
+        self.look = LookScreen(TakeSheet(session), "cam01", 1, motion)
+        self.closed_at: tuple[str, int] | None = None
+
+    def on_mount(self) -> None:
+        self.push_screen(self.look, lambda at: setattr(self, "closed_at", at))
+
+
+async def test_one_picture_is_looked_at_and_left_where_the_user_went(tmp_path: Path) -> None:
+    app = LookApp(make_take(tmp_path, cameras=3, instants=3))
+    async with app.run_test(size=(80, 24)) as pilot:
+        await settle(app, pilot)
+        picture = app.look.query_one(Picture)
+        assert picture.cells is not None
+        first = picture.cells.inks.mean(axis=(0, 1, 2))
+        await pilot.press("right", "down", "right")
+        await settle(app, pilot)
+        assert app.look.shown == ("cam02", 2)
+        assert not np.allclose(picture.cells.inks.mean(axis=(0, 1, 2)), first, atol=5)
+        await pilot.press("escape")
+        await pilot.pause()
+        assert app.closed_at == ("cam02", 2)
+
+
+@pytest.mark.parametrize(
+    ("key", "places"),
+    [
+        ("b", [("cam01", 1), ("cam02", 1), ("cam01", 1)]),
+        ("i", [("cam01", 1), ("cam01", 2), ("cam01", 1)]),
+        (
+            "w",
+            [
+                ("cam00", 1),
+                ("cam01", 1),
+                ("cam02", 1),
+                ("cam03", 1),
+                ("cam02", 1),
+                ("cam01", 1),
+                ("cam00", 1),
+            ],
+        ),
+        ("p", [("cam01", 0), ("cam01", 1), ("cam01", 2), ("cam01", 0)]),
+    ],
+)
+async def test_what_moves_by_itself(tmp_path: Path, key: str, places: list[tuple[str, int]]) -> None:
+    app = LookApp(make_take(tmp_path, cameras=4, instants=3))
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.press(key, "plus", "plus", "plus", "plus")
+        seen = [app.look.shown]
+        while len(seen) < len(places):
+            await pilot.pause(0.02)
+            if app.look.shown != seen[-1]:
+                seen.append(app.look.shown)
+        assert seen == places
+        await pilot.press(key)
+        still = app.look.shown
+        assert app.look.motion is Motion.STILL
+        await pilot.press("escape")
+        await pilot.pause()
+        assert app.closed_at == still
+
+
+@pytest.mark.parametrize("size", [(80, 24), (120, 40), (200, 50)])
+def test_the_sheet_looks_as_it_did(snap_compare: Any, size: tuple[int, int], tmp_path: Path) -> None:
+    app = SheetApp(TakeSheet(make_take(tmp_path, cameras=5, instants=5)))
+
+    async def before(pilot: Pilot[None]) -> None:
+        app.contact.focus()
+        await pilot.press("right", "down")
+        await settle(app, pilot)
+
+    assert snap_compare(app, terminal_size=size, run_before=before)

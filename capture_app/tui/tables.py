@@ -16,6 +16,7 @@ STATE_STYLES = {
     NodeState.JOINING: "dim",
     NodeState.SYNCING: "yellow",
     NodeState.ALIGNING: "yellow",
+    NodeState.COARSE: "yellow",
     NodeState.READY: "green",
     NodeState.LOST: "red",
     NodeState.FAILED: "red",

@@ -32,3 +32,8 @@ def test_the_node_that_waits_for_a_person_is_named_first() -> None:
     ]
     assert rig_advice(nodes, LEADER) == "b is failed: /dev/video0 is gone (and 1 more node)"
     assert rig_advice([nodes[0], nodes[3]], LEADER) == "a is aligning: moving its frames by 8.1 ms"
+
+
+def test_a_node_that_is_less_accurate_than_asked_for_speaks_for_itself() -> None:
+    sentence = "clock sure to ±1.7 ms only, asked for ±100 µs: bursty link; nearer the access point"
+    assert rig_advice([view("a"), view("b", NodeState.COARSE, sentence)], LEADER) == f"b: {sentence}"

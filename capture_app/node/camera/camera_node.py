@@ -137,7 +137,8 @@ class CameraNode:
         state = self._engine.state
         if state is not self._last_state:
             self._last_state = state
-            self._talk(str(state))
+            message = self._engine.report(self._clock.now_ns()).message
+            self._talk(f"{state}: {message}" if message else str(state))
             if state is NodeState.READY:
                 self._keep_profile()
 

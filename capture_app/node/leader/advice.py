@@ -13,6 +13,7 @@ _WORST_FIRST = (
     NodeState.JOINING,
     NodeState.SYNCING,
     NodeState.ALIGNING,
+    NodeState.COARSE,
 )
 """Where several nodes are not ready, the one that waits longest for a person is spoken of."""
 
@@ -23,7 +24,7 @@ def rig_advice(views: Sequence[ClientView], leader: str) -> str:
         concerned = [view for view in views if view.report.state is state]
         if concerned:
             more = "" if len(concerned) == 1 else f" (and {count(len(concerned) - 1, 'more node')})"
-            return f"{concerned[0].name} is {state}{_colon(concerned[0].report.message)}{more}"
+            return f"{_shortfall(concerned[0])}{more}"
     cameras = present_cameras(views)
     if not cameras:
         return f"no camera is here: start one with capture-app node --leader {leader} --camera SPEC"
@@ -32,5 +33,9 @@ def rig_advice(views: Sequence[ClientView], leader: str) -> str:
     return f"{count(len(cameras), 'camera')} ready{sure}"
 
 
-def _colon(message: str) -> str:
-    return f": {message}" if message else ""
+def _shortfall(view: ClientView) -> str:
+    """Say how a node is not ready, with its own sentence."""
+    state, message = view.report.state, view.report.message
+    if state is NodeState.COARSE:
+        return f"{view.name}: {message}"
+    return f"{view.name} is {state}" + (f": {message}" if message else "")

@@ -22,7 +22,7 @@ from capture_app.node.leader.beacons import send_due_beacon
 from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.news_log import NewsLog
 from capture_app.node.leader.orders import OperatorOrders
-from capture_app.node.leader.readiness import FolderRoom, reasons_until_ready
+from capture_app.node.leader.readiness import FolderRoom, coarse_nodes, reasons_until_ready
 from capture_app.node.leader.service import LeaderService
 from capture_app.node.leader.snapshots import node_statuses
 from capture_app.node.leader.viewfinders import Viewfinders
@@ -199,10 +199,12 @@ class LeaderNode:
 
     async def take_burst(self, request: BurstRequest) -> AsyncGenerator[BurstStatus, None]:
         """Wait for the nodes as asked, take a burst, and yield its progress until it is done."""
+        before = BurstStatus(burst=0, name="", cameras=0, instants=request.frames, received=0, expected=0)
         if request.wait_ready_s:
-            status = BurstStatus(burst=0, name="", cameras=0, instants=request.frames, received=0, expected=0)
             async for reason in reasons_until_ready(self._views, request.wait_ready_s, request.nodes):
-                yield replace(status, message=f"waiting for the rig: {reason}")
+                yield replace(before, message=f"waiting for the rig: {reason}")
+        if coarse := coarse_nodes(self._views()):
+            yield replace(before, message=f"less accurate than asked for: {coarse}")
         status = await self.trigger(
             frames=request.frames, spacing=request.spacing, at_leader_ns=request.at_leader_ns
         )

@@ -34,12 +34,21 @@ class FolderRoom:
         return self._free_bytes
 
 
-def why_not_ready(views: Sequence[ClientView], cameras: int) -> str:
+def shortfall(view: ClientView) -> str:
+    """Say how a node is not ready: its state, or how much less accurate than asked for it will be."""
+    state, message = view.report.state, view.report.message
+    return f"{view.name}: {message}" if state is NodeState.COARSE else f"{view.name} is {state}"
+
+
+def coarse_nodes(views: Sequence[ClientView]) -> str:
+    """Say which nodes take their pictures less accurately than was asked for; empty where none does."""
+    return ", ".join(shortfall(view) for view in views if view.report.state is NodeState.COARSE)
+
+
+def why_not_ready(views: Sequence[ClientView], cameras: int, *, coarse_will_do: bool = False) -> str:
     """Say what keeps the rig from being ready, of at least so many cameras; empty when it is."""
-    here = [view for view in views if view.report.state is not NodeState.LOST]
-    late = [
-        f"{view.name} is {view.report.state}" for view in here if view.report.state is not NodeState.READY
-    ]
+    enough = (NodeState.LOST, NodeState.READY, *([NodeState.COARSE] if coarse_will_do else []))
+    late = [shortfall(view) for view in views if view.report.state not in enough]
     there = len(present_cameras(views))
     if there < cameras:
         late.append(f"{there} of {cameras} nodes are here")
@@ -49,15 +58,21 @@ def why_not_ready(views: Sequence[ClientView], cameras: int) -> str:
 async def reasons_until_ready(
     get_views: Callable[[], Sequence[ClientView]], timeout_s: float, cameras: int
 ) -> AsyncGenerator[str, None]:
-    """Yield what keeps the rig from being ready until it is. Raises IncompleteError when the time is over."""
+    """Yield what keeps the rig from being ready until it is, or until the time is over.
+
+    Nodes that are only less accurate than asked for do then, as more time does not help them. Raises
+    IncompleteError where others are not ready.
+    """
     loop = asyncio.get_running_loop()
     deadline_s = loop.time() + timeout_s
     while reason := why_not_ready(get_views(), cameras):
         if loop.time() >= deadline_s:
-            raise IncompleteError(
-                f"not ready after {timeout_s:g} s: {reason}",
-                hint="capture-app status shows each node's state",
-            )
+            if why_not_ready(get_views(), cameras, coarse_will_do=True):
+                raise IncompleteError(
+                    f"not ready after {timeout_s:g} s: {reason}",
+                    hint="capture-app status says why; without --wait-s a burst is taken as things are",
+                )
+            return
         yield reason
         # States change with a node's report, which is no event.
         await asyncio.sleep(CHECK_EVERY_S)

@@ -6,12 +6,14 @@ from typing import Generic, TypeVar
 
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.frame_stamp import FrameStamp, PhaseEstimate
+from capture_app.sync.rig import node_message
 from capture_app.sync.rig.events import BurstCancelled, ClientEvent, FramesDropped, Joined
 from capture_app.sync.rig.frame_picks import RingBuffer, is_possible_burst
 from capture_app.sync.rig.orders import CANCELLED
 from capture_app.sync.rig.pending_bursts import PendingBursts
 from capture_app.sync.rig.phase_loop import CameraGrid, ClientConfig, PhaseLoop
 from capture_app.sync.rig.time_client import TimeClient
+from capture_app.sync.timekeeping.accuracy_goal import AccuracyGoal
 from capture_app.sync.timekeeping.leader_terms import LeaderTerms
 from capture_app.sync.timekeeping.poll_schedule import PollSchedule
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
@@ -41,7 +43,7 @@ class Client(Generic[F]):
         self.time = TimeClient(
             config.name,
             config.instance,
-            Timekeeper(rng.getrandbits(32), schedule),
+            Timekeeper(rng.getrandbits(32), schedule, goal=AccuracyGoal.for_tolerance(config.tolerance_ns)),
             config.camera,
             report=self._report_to_leader,
             objection=self._objection,
@@ -57,11 +59,15 @@ class Client(Generic[F]):
 
     @property
     def state(self) -> NodeState:
-        """How far this client is: joining, syncing, aligning, ready or failed."""
+        """How far this client is: joining, syncing, aligning, coarse, ready or failed."""
         if self.failure:
             return NodeState.FAILED
         state = self.time.state
-        return NodeState.ALIGNING if state is NodeState.READY and not self._phase_loop.ready else state
+        if state is not NodeState.READY:
+            return state
+        if not self._phase_loop.ready:
+            return NodeState.ALIGNING
+        return state if self.time.timekeeper.goal.met else NodeState.COARSE
 
     @property
     def time_map(self) -> TimeMap | None:
@@ -78,11 +84,12 @@ class Client(Generic[F]):
     def report(self, now_ns: int) -> Report:
         """Return what this client tells the leader about itself."""
         grid = self._grid if self.time.is_member else None
-        why_no_centre = "" if grid is None else grid.why_no_centre
+        phase, why_no_centre = self.phase(now_ns), "" if grid is None else grid.why_no_centre
         holdover = "its relay has lost the leader and is in holdover" if self.leader_in_holdover else ""
-        message = self.failure or self.aligner.problem or self.time.why_joining or holdover or why_no_centre
+        known = self.failure or self.aligner.problem or self.time.why_joining or holdover
+        message = known or self._state_message(phase, now_ns) or why_no_centre
         report = self.time.timekeeper.report(self.state, message, now_ns)
-        return self._phase_loop.report(report, grid, self.phase(now_ns))
+        return self._phase_loop.report(report, grid, phase)
 
     @property
     def leader_in_holdover(self) -> bool:
@@ -92,7 +99,7 @@ class Client(Generic[F]):
     @property
     def can_change_leader(self) -> bool:
         """Whether the leader may be changed now: the client is ready and no burst is pending."""
-        return self.state is NodeState.READY and not self._bursts
+        return self.state in (NodeState.READY, NodeState.COARSE) and not self._bursts
 
     # In
 
@@ -179,6 +186,29 @@ class Client(Generic[F]):
         """By the terms of the present leader, or of the last one, whose bursts are still picked."""
         terms = self.time.terms
         return None if terms is None else CameraGrid.of_camera(self.config.camera, terms)
+
+    def _state_message(self, phase: PhaseEstimate | None, now_ns: int) -> str:
+        keeper, aligner = self.time.timekeeper, self.aligner
+        wanted_ns, time_map = keeper.goal.wanted_ns, self.time_map
+        error_ns = None if time_map is None else time_map.uncertainty_at(now_ns)
+        match self.state:
+            case NodeState.JOINING:
+                return node_message.NO_ANSWER
+            case NodeState.SYNCING:
+                needed = keeper.schedule.synced_samples
+                return node_message.syncing(keeper.clock.samples, needed, error_ns, wanted_ns)
+            case NodeState.ALIGNING:
+                waits = self._grid is not None and self._phase_loop.waits_for_others(self._grid)
+                return node_message.aligning(
+                    phase, settled=aligner.settled, corrections=aligner.corrections, waits=waits
+                )
+            case NodeState.COARSE if time_map is not None and error_ns is not None and wanted_ns is not None:
+                own = keeper.uncorrected_map
+                by_relay = own is not None and own.uncertainty_at(now_ns) <= wanted_ns
+                return node_message.coarse(error_ns, wanted_ns, time_map.round_trip_ns, by_relay=by_relay)
+            case NodeState.READY if self.config.camera.phase_control == "none":
+                return node_message.off_grid(phase, self.config.tolerance_ns)
+        return ""
 
     def _objection(self, terms: LeaderTerms) -> str:
         """Say why a member must join anew under these terms: the grid's period or its root have changed."""

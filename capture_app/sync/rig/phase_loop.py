@@ -86,6 +86,10 @@ class PhaseLoop:
         """Whether the stream is aligned, or as near as a camera without phase control will be."""
         return self.aligner.aligned or (self.aligner.settled and not self._can_move)
 
+    def waits_for_others(self, grid: CameraGrid) -> bool:
+        """Whether this client may not move its stream yet: a restart waits for a time that suits all."""
+        return self._restarts and not (self._answered and grid.meeting_leader_ns is not None)
+
     def phase(self, grid: CameraGrid, time_map: TimeMap, local_ns: int) -> PhaseEstimate | None:
         """The stream's phase error and drift at a local time in ns; None while they are not known."""
         at_leader_ns = time_map.leader_from_local(local_ns)
@@ -142,7 +146,7 @@ class PhaseLoop:
             time_map,
             grid.goal_of_stamps,
             now_ns,
-            hold=not self._may_move(grid),
+            hold=self.waits_for_others(grid),
             burst_leader_ns=burst_leader_ns,
             meeting_leader_ns=grid.meeting_leader_ns,
         )
@@ -164,7 +168,3 @@ class PhaseLoop:
     def next_event(self) -> PhaseCorrected | AlignmentFailed | None:
         """Return the next thing that happened, None where there is none."""
         return self._events.popleft() if self._events else None
-
-    def _may_move(self, grid: CameraGrid) -> bool:
-        """Whether this client may move its stream: restarts wait for the meeting time of all cameras."""
-        return not self._restarts or (self._answered and grid.meeting_leader_ns is not None)

@@ -7,7 +7,7 @@ from capture_app.sync.clock.time_map import TimeMap
 
 @dataclass(frozen=True, slots=True)
 class ClockSynced:
-    """There are enough samples of the leader's clock."""
+    """The leader's clock is known as well as was asked for, or as well as the link allows."""
 
     time_map: TimeMap
     """From the local clock to the root's."""

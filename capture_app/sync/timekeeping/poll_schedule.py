@@ -24,7 +24,7 @@ class PollSchedule(ABC):
     least_samples: ClassVar[int]
     """The time is not estimated from fewer samples."""
     synced_samples: ClassVar[int]
-    """With so many the clock counts as synchronized."""
+    """With fewer the clock does not count as synchronized, however good it seems."""
 
     def __init__(self) -> None:
         self.request_due_ns = self.estimate_due_ns = NEVER_NS
@@ -59,7 +59,7 @@ class PollSchedule(ABC):
 
 
 FIRST_SAMPLES = 300
-"""K of the paper: samples taken in quick succession before the clock counts as synchronized."""
+"""K of the paper: as many samples at least are taken in quick succession."""
 FIRST_PACE_NS = 3 * _MS
 PACE_NS = 25 * _MS
 EASING_PACES_NS, EASING_SAMPLES = (6 * _MS, 12 * _MS), 200
@@ -124,7 +124,9 @@ class SteadySchedule(PollSchedule):
 
     def _pace(self, progress: Progress) -> int:
         if not progress.synced:
-            return self._first_pace_ns
+            # What all nodes ask at first a leader bears; not that many of them go on so.
+            patient = progress.samples >= FIRST_SAMPLES
+            return max(self._first_pace_ns, self.leader_pace_ns if patient else 0)
         if self.leader_pace_ns > self._pace_ns:
             return self.leader_pace_ns
         stage = max(0, progress.samples - FIRST_SAMPLES) // EASING_SAMPLES

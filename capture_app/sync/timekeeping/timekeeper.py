@@ -8,6 +8,7 @@ from msgspec.structs import replace
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.reference_broadcast.listener import Listener
+from capture_app.sync.timekeeping.accuracy_goal import AccuracyGoal
 from capture_app.sync.timekeeping.clock_events import (
     ClockEvent,
     ClockStepped,
@@ -39,10 +40,12 @@ class Timekeeper:
         schedule: PollSchedule | None = None,
         *,
         clock: ClockFilter | None = None,
+        goal: AccuracyGoal | None = None,
         on_sample: Callable[[ClockSample], None] | None = None,
     ) -> None:
-        """`on_sample` is called with every exchange that is answered."""
+        """`goal` says how well to know the clock; `on_sample` is called with every answered exchange."""
         self.clock = clock or ClockFilter()
+        self.goal = goal or AccuracyGoal()
         self.schedule = schedule or SteadySchedule()
         self.listener = Listener()
         self.uncorrected_map: TimeMap | None = None
@@ -52,7 +55,7 @@ class Timekeeper:
         self.path: tuple[int, ...] = ()
         """Instances from the root to the leader whose answers made `time_map`."""
         self.synced = False
-        """Whether the present leader has answered often enough."""
+        """Whether the present leader's clock is known as well as was asked for, or as its link allows."""
         self.time_is_known = False
         """Whether `time_map` can be relied on, by the leader's answers or in holdover."""
         self.requests = 0
@@ -83,6 +86,7 @@ class Timekeeper:
         if not self.time_is_known or terms.path[0] != self.path[0]:
             self.time_map, self.time_is_known = None, False
         self.synced = False
+        self.goal.restart()
         self._number = number
         self._outstanding = {}
         self._request = None
@@ -115,6 +119,7 @@ class Timekeeper:
             self._prepare_request(now_ns)
         if not self.clock.add(sample):
             self.synced = self.time_is_known = False
+            self.goal.restart()
             self.listener.reset()
             self.time_map = self.uncorrected_map = None
             self.schedule.restart(now_ns)
@@ -213,8 +218,11 @@ class Timekeeper:
         if abs(time_map.offset_ns) > FURTHEST_NS:
             return
         self.time_map, self.path = time_map, asked.path
-        if not self.synced and self.clock.samples >= schedule.synced_samples:
-            self.synced = self.time_is_known = True
+        if self.clock.samples < schedule.synced_samples:
+            return
+        self.time_is_known = True
+        if self.goal.judge(time_map.uncertainty_at(now_ns), now_ns) and not self.synced:
+            self.synced = True
             self._events.append(ClockSynced(time_map))
 
     def _is_worse(self, time_map: TimeMap) -> bool:

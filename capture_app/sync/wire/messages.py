@@ -12,11 +12,15 @@ from capture_app.sync.wire.beacon import AgreedArrival, ArrivalReport, Beacon, G
 
 
 class NodeState(StrEnum):
-    """How far a node is: it is ready when its frames are aligned with those of the rig."""
+    """How far a node is: ready when its frames are aligned with those of the rig, as well as was asked for.
+
+    A coarse one is aligned by a clock that its link does not let it know as well as that.
+    """
 
     JOINING = "joining"
     SYNCING = "syncing"
     ALIGNING = "aligning"
+    COARSE = "coarse"
     READY = "ready"
     LOST = "lost"
     FAILED = "failed"
@@ -114,6 +118,7 @@ class Report(Struct, frozen=True, kw_only=True):
 
     state: NodeState
     message: Text = ""
+    """Why it is not ready, what it does about it and what a person can do, in one sentence."""
     offset_ns: int | None = None
     skew_ppm: float | None = None
     uncertainty_ns: int | None = None

@@ -85,7 +85,7 @@ class RelayRig:
     def camera(self, name: str, *leaders: Address, at: str = "", control: str = "none") -> Camera:
         rng = random.Random(at or name)
         camera = structs.replace(CAMERA, phase_control=control)
-        client: Client[int] = Client(ClientConfig(name, rng.getrandbits(32), camera, 60_000, 90), rng)
+        client: Client[int] = Client(ClientConfig(name, rng.getrandbits(32), camera, 300_000, 90), rng)
         node = self.cameras[at or name] = Camera(client, leaders, self.probe_every_ns)
         node.clock = self.tree.add(at or name, node, rng, leaders)
         return node

@@ -1,0 +1,45 @@
+"""What a burst waits for, and what it does not."""
+
+import asyncio
+
+import pytest
+
+from capture_app.errors import IncompleteError
+from capture_app.node.leader.readiness import coarse_nodes, reasons_until_ready, why_not_ready
+from capture_app.sync.rig.roster import ClientView
+from capture_app.sync.wire.messages import NodeState, Report
+from tests.facts import make_facts
+
+COARSE = "clock sure to ±1.7 ms only, asked for ±100 µs: bursty link; nearer the access point"
+
+
+def view(name: str, state: NodeState = NodeState.READY, message: str = "") -> ClientView:
+    return ClientView(name, ("10.0.0.2", 5), make_facts(), Report(state=state, message=message), 0)
+
+
+READY, ROUGH = view("cam01"), view("cam03", NodeState.COARSE, COARSE)
+
+
+def waited_for(*views: ClientView, timeout_s: float = 0.0) -> list[str]:
+    async def wait() -> list[str]:
+        return [reason async for reason in reasons_until_ready(lambda: views, timeout_s, 1)]
+
+    return asyncio.run(wait())
+
+
+def test_a_rig_is_waited_for_until_no_node_is_less_accurate_than_asked_for() -> None:
+    assert why_not_ready([READY], 1) == ""
+    assert why_not_ready([READY, ROUGH], 1) == f"cam03: {COARSE}"
+    assert why_not_ready([READY, ROUGH], 1, coarse_will_do=True) == ""
+    assert coarse_nodes([READY, ROUGH]) == f"cam03: {COARSE}"
+
+
+def test_a_node_that_cannot_do_better_is_waited_for_but_stops_no_burst() -> None:
+    assert waited_for(READY, ROUGH, timeout_s=0.01) == [f"cam03: {COARSE}"]
+
+
+def test_a_node_that_is_not_aligned_does() -> None:
+    with pytest.raises(IncompleteError, match="not ready after 0 s: cam02 is aligning"):
+        waited_for(READY, view("cam02", NodeState.ALIGNING))
+    with pytest.raises(IncompleteError, match="0 of 1 nodes are here"):
+        waited_for()

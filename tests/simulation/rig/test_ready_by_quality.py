@@ -1,0 +1,113 @@
+"""Nodes are ready by how well they know the time, and say what keeps them from it."""
+
+import re
+from dataclasses import replace
+
+from capture_app.clock import SimulatedClock
+from capture_app.simulation.devices.profiles import PROFILES
+from capture_app.simulation.network.delay_laws import LognormalDelay
+from capture_app.simulation.network.link import Link, TroubleSpells
+from capture_app.simulation.rig.rig import NodeSpec, VirtualRig
+from capture_app.sync.timekeeping.clock_events import ClockSynced
+from capture_app.sync.timekeeping.poll_schedule import FIRST_SAMPLES
+from capture_app.sync.wire.messages import NodeState, Report
+from tests.simulation.rig.rigs import LAN, MS, S
+
+BURSTY = Link(
+    LognormalDelay(MS // 5, 9 * MS, 0.7, outlier_share=0.05),
+    LognormalDelay(MS // 5, 5 * MS, 0.7, outlier_share=0.05),
+    spells=TroubleSpells(calm_ns=S, trouble_ns=S),
+)
+"""WiFi in a crowded hall: half of the time nothing but stragglers and losses comes through."""
+
+
+def spec(name: str, link: Link, tolerance_ns: int) -> NodeSpec:
+    return NodeSpec(name, PROFILES["perfect"], SimulatedClock(7 * S, 30.0), link, tolerance_ns)
+
+
+def report(rig: VirtualRig, name: str) -> Report:
+    return next(view.report for view in rig.leader.clients(rig.now_true_ns) if view.name == name)
+
+
+def in_state(rig: VirtualRig, name: str, state: NodeState) -> bool:
+    return name in rig.nodes and rig.nodes[name].client.state is state
+
+
+def test_on_a_bursty_link_a_node_asks_on_and_says_that_the_tolerance_is_not_met() -> None:
+    rig = VirtualRig([spec("far", BURSTY, 100_000), spec("near", LAN, 100_000)], seed=2)
+    assert rig.run_until(lambda: in_state(rig, "near", NodeState.READY), limit_ns=4 * S)
+    assert in_state(rig, "far", NodeState.SYNCING)
+    assert re.fullmatch(
+        r"\d+ of 300 answers of the leader|clock sure .* so far, .*", report(rig, "far").message
+    )
+    assert rig.run_until(lambda: in_state(rig, "far", NodeState.COARSE), limit_ns=30 * S)
+    synced = next(event for event in rig.nodes["far"].events if isinstance(event, ClockSynced))
+    assert synced.time_map.samples > 1.5 * FIRST_SAMPLES, "it was worth while to ask on"
+    coarse = lambda: report(rig, "far").state is NodeState.COARSE  # noqa: E731
+    assert rig.run_until(coarse, limit_ns=5 * S)
+    told = report(rig, "far")
+    assert told.uncertainty_ns is not None
+    assert told.uncertainty_ns > 100_000
+    assert re.fullmatch(
+        r"clock sure to ±[\d.]+ [µm]s only, asked for ±100 µs: bursty link;"
+        r" nearer the access point, a cable, or --tolerance-us \d+",
+        told.message,
+    )
+    suggested_ns = 1000 * int(told.message.rpartition(" ")[2])
+    assert told.uncertainty_ns < suggested_ns < 10 * told.uncertainty_ns
+    assert report(rig, "near").state is NodeState.READY
+    assert report(rig, "near").message == ""
+
+
+def test_a_coarse_node_takes_part_in_a_burst_with_honest_error_bars() -> None:
+    rig = VirtualRig([spec("far", BURSTY, 100_000), spec("near", LAN, 100_000)], seed=3)
+    assert rig.run_until(lambda: in_state(rig, "far", NodeState.COARSE), limit_ns=40 * S)
+    burst = rig.trigger(frames=3)
+    rig.run_for(3 * S)
+    for node in rig.nodes.values():
+        picks = node.bursts[burst.number].picks
+        assert len(picks) == 3
+        for pick in picks:
+            assert abs(pick.leader_ns - pick.frame.start_true_ns) <= pick.hard_bound_ns
+    assert rig.nodes["far"].bursts[burst.number].picks[0].uncertainty_ns > 100_000
+
+
+def test_the_same_link_is_good_enough_for_who_asks_for_less() -> None:
+    rig = VirtualRig([spec("far", BURSTY, 2 * MS)], seed=2)
+    assert rig.run_until(lambda: in_state(rig, "far", NodeState.READY), limit_ns=10 * S)
+
+
+def test_a_burst_is_taken_while_a_node_still_asks_on() -> None:
+    rig = VirtualRig([spec("far", BURSTY, 100_000)], seed=2)
+    rig.run_for(S)
+    keeper = rig.nodes["far"].client.time.timekeeper
+    assert rig.run_until(lambda: keeper.time_is_known, limit_ns=10 * S)
+    assert in_state(rig, "far", NodeState.SYNCING)
+    burst = rig.trigger(frames=1)
+    rig.run_for(2 * S)
+    assert len(rig.nodes["far"].bursts[burst.number].picks) == 1
+
+
+def test_a_camera_that_cannot_move_its_frames_says_where_they_lie() -> None:
+    fixed = replace(PROFILES["perfect"], phase_control="none")
+    specs = [spec("cam0", LAN, 60_000), replace(spec("cam1", LAN, 60_000), start_true_ns=7 * MS)]
+    rig = VirtualRig([replace(one, profile=fixed) for one in specs], seed=4)
+    assert rig.run_until(rig.all_ready, limit_ns=20 * S)
+    rig.run_for(2 * S)
+    for name in rig.nodes:
+        told = report(rig, name)
+        assert told.phase_error_ns is not None
+        far = abs(told.phase_error_ns) > 60_000
+        assert told.message.startswith("this camera cannot move its frames, ") == far
+    assert any(report(rig, name).message for name in rig.nodes)
+
+
+def test_a_node_that_moves_its_frames_says_so() -> None:
+    rig = VirtualRig([spec("cam", LAN, 60_000)], seed=4)
+    assert rig.run_until(lambda: in_state(rig, "cam", NodeState.ALIGNING), limit_ns=4 * S)
+    seen = set()
+    while not rig.run_until(lambda: in_state(rig, "cam", NodeState.READY), limit_ns=50 * MS):
+        local_ns = rig.nodes["cam"].spec.clock.local_from_true(rig.now_true_ns)
+        seen.add(rig.nodes["cam"].client.report(local_ns).message)
+    assert any(re.fullmatch(r"frames .* off the rig's instants: .*", message) for message in seen)
+    assert "" not in seen

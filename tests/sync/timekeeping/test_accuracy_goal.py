@@ -1,0 +1,72 @@
+"""When a clock is known well enough, and when asking on in quick succession is over."""
+
+from capture_app.sync.timekeeping.accuracy_goal import CLOCK_SHARE, LEAVE_AT, AccuracyGoal
+
+MS, S = 1_000_000, 1_000_000_000
+TOLERANCE_NS = 100_000
+WANTED_NS = CLOCK_SHARE * TOLERANCE_NS
+
+
+def seconds_until_settled(goal: AccuracyGoal, errors_ns: list[float]) -> float | None:
+    """Judge an error every 100 ms; return when asking quickly is over."""
+    for tenth, error_ns in enumerate(errors_ns):
+        if goal.judge(error_ns, tenth * 100 * MS):
+            return tenth / 10
+    return None
+
+
+def test_a_clock_that_is_good_enough_is_settled_at_once() -> None:
+    goal = AccuracyGoal.for_tolerance(TOLERANCE_NS)
+    assert not goal.met
+    assert goal.judge(WANTED_NS, 0)
+    assert goal.met
+
+
+def test_a_clock_that_becomes_better_is_asked_on() -> None:
+    goal = AccuracyGoal.for_tolerance(TOLERANCE_NS)
+    shrinking = [WANTED_NS * 10 * 0.95**n for n in range(100)]
+    took_s = seconds_until_settled(goal, shrinking)
+    assert took_s is not None
+    assert 4.0 < took_s < 5.0, "until it is good enough"
+    assert goal.met
+
+
+def test_a_clock_that_does_not_become_better_is_settled_after_two_seconds_and_not_good_enough() -> None:
+    goal = AccuracyGoal.for_tolerance(TOLERANCE_NS)
+    errors_ns = [WANTED_NS * (20.0 if n < 10 else 17.0 + n % 2) for n in range(200)]
+    assert seconds_until_settled(goal, errors_ns) == 3.0
+    assert not goal.met
+
+
+def test_no_clock_is_asked_quickly_for_ever() -> None:
+    goal = AccuracyGoal.for_tolerance(TOLERANCE_NS)
+    took_s = seconds_until_settled(goal, [WANTED_NS * 1e6 * 0.98**n for n in range(400)])
+    assert took_s == 15.0
+    assert not goal.met
+
+
+def test_an_error_at_the_edge_does_not_flicker_and_a_large_one_is_told() -> None:
+    goal = AccuracyGoal.for_tolerance(TOLERANCE_NS)
+    goal.judge(0.9 * WANTED_NS, 0)
+    goal.judge(LEAVE_AT * WANTED_NS, S)
+    assert goal.met
+    goal.judge(1.01 * LEAVE_AT * WANTED_NS, 2 * S)
+    assert not goal.met
+    goal.judge(1.01 * WANTED_NS, 3 * S)
+    assert not goal.met
+    goal.judge(WANTED_NS, 4 * S)
+    assert goal.met
+
+
+def test_without_a_tolerance_any_clock_will_do() -> None:
+    goal = AccuracyGoal()
+    assert goal.met
+    assert goal.judge(1e12, 0)
+
+
+def test_another_leader_is_judged_anew() -> None:
+    goal = AccuracyGoal.for_tolerance(TOLERANCE_NS)
+    goal.judge(WANTED_NS / 2, 0)
+    goal.restart()
+    assert not goal.met
+    assert not goal.judge(WANTED_NS * 2, 30 * S), "its two seconds begin now"

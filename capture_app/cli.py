@@ -1,25 +1,29 @@
 """The command `capture-app`: each subcommand is imported when it runs, so that scripting stays quick."""
 
+import asyncio
 import importlib
 import sys
 from collections.abc import Sequence
 from pathlib import Path
 
 import click
+from click.core import ParameterSource
 
 from capture_app import __version__
 from capture_app.commands.lazy_group import LazyGroup
+from capture_app.commands.options import FOLDER, AddressType
 from capture_app.errors import NotAvailableError
-from capture_app.net.address import DEFAULT_PORT
+from capture_app.net.address import DEFAULT_PORT, Address
 from capture_app.terminal import run_command_line
 
 COMMANDS = {
+    "rig": "Start, list and stop rigs that run in the background of this machine.",
     "leader": "Run a leader: nodes join it, and it takes and saves bursts.",
     "node": "Run one camera and join a leader.",
     "relay": "Connect nodes that cannot reach the leader themselves.",
     "status": "Show the nodes of a running leader.",
     "burst": "Take a burst with a running leader.",
-    "cameras": "List the cameras of this machine.",
+    "cameras": "List the cameras of this machine; add, show and remove those of a running rig.",
     "sessions": "List, show, verify, rename, annotate, trash, repair, import and export sessions.",
     "experiment": "Measure clock and phase synchronization, beside the paper's figures.",
     "demo": "Try everything on this machine: simulated cameras, a burst, a comparison.",
@@ -42,21 +46,74 @@ def load(name: str) -> click.Command:
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True},
 )
 @click.version_option(__version__, prog_name="capture-app")
+@click.option(
+    "--leader",
+    type=AddressType(),
+    metavar="HOST:PORT",
+    help="Show the rig of a leader that runs elsewhere.",
+)
+@click.option(
+    "--sessions",
+    type=FOLDER,
+    metavar="DIR",
+    show_default="that of the running rig, else sessions",
+    help="Folder for the sessions.",
+)
+@click.option(
+    "--host",
+    default="0.0.0.0",  # noqa: S104 - cameras are other machines
+    help="Address that a new rig listens on; 127.0.0.1 accepts this machine only.",
+)
+@click.option(
+    "--port",
+    type=click.IntRange(1, 65535),
+    metavar="PORT",
+    show_default=f"{DEFAULT_PORT}, or a free one",
+    help="UDP and TCP port of the rig.",
+)
+@click.option(
+    "--camera", "cameras", multiple=True, metavar="SPEC", help="Run a camera of this machine. Repeatable."
+)
+@click.option(
+    "--frames",
+    type=click.IntRange(1, 1000),
+    metavar="N",
+    show_default="as last time",
+    help="Number of frames from each camera.",
+)
 @click.pass_context
-def app(ctx: click.Context) -> None:
+def app(
+    ctx: click.Context,
+    leader: Address | None,
+    sessions: Path | None,
+    host: str,
+    port: int | None,
+    cameras: tuple[str, ...],
+    frames: int | None,
+) -> None:
     """Take pictures of the same instant with many ordinary cameras.
 
-    Without a command, the terminal UI opens and runs a leader that nodes can join.
+    Without a command, the terminal UI opens: on the rig of this machine that is running, else on a new one,
+    which keeps running in the background until it is stopped.
     """
+    given = [name for name in ctx.params if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE]
     if ctx.invoked_subcommand is not None:
+        if given:
+            raise click.UsageError(
+                f"--{given[0]} comes after the command {ctx.invoked_subcommand}, if at all"
+            )
         return
+    if leader is not None and (clash := [name for name in ("host", "port", "cameras") if name in given]):
+        raise click.UsageError(f"--{clash[0]} is for a rig of this machine, not with --leader")
     if not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise NotAvailableError(
             "the screen needs a terminal", hint="use `capture-app leader`, or see capture-app --help"
         )
-    from capture_app.tui.app import run_app
+    from capture_app.rig_process import attach
+    from capture_app.tui.run import run_screen
 
-    run_app(sessions=Path("sessions"), host="0.0.0.0", port=DEFAULT_PORT)  # noqa: S104 - cameras are other machines
+    rig = asyncio.run(attach(leader=leader, sessions=sessions, host=host, port=port, cameras=cameras))
+    run_screen(rig, frames=frames)
 
 
 def run(arguments: Sequence[str]) -> int:

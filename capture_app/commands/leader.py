@@ -1,6 +1,9 @@
 """`capture-app leader`: synchronize nodes, take bursts on request, save sessions."""
 
 import re
+from collections.abc import Callable
+from contextlib import ExitStack
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -8,6 +11,7 @@ import click
 import msgspec
 
 from capture_app.commands.options import (
+    ANY_PATH,
     FOLDER,
     beacons_option,
     host_option,
@@ -64,6 +68,7 @@ if TYPE_CHECKING:
 )
 @beacons_option
 @spool_option
+@click.option("--log", type=ANY_PATH, hidden=True, help="The file that stderr is: a rig in the background.")
 @json_option
 def leader(
     host: str,
@@ -76,6 +81,7 @@ def leader(
     reference_broadcast: bool,
     cameras: tuple[str, ...],
     spool: Path,
+    log: Path | None,
     as_json: bool,
 ) -> None:
     """Run a leader until Ctrl-C: nodes join it, and `capture-app burst` takes bursts with it.
@@ -86,9 +92,11 @@ def leader(
     from capture_app.node.leader.leader import LeaderNode
     from capture_app.node.leader.wording import news_line
 
+    say = talk if log is None else _talk_with_time
+
     def on_news(news: "News") -> None:
         if line := news_line(news):
-            talk(line)
+            say(line)
         if as_json:
             print_json_line(_event_record(news))
 
@@ -103,19 +111,31 @@ def leader(
         on_news=on_news,
         spool=spool,
     )
-    run_until_stopped(_run_leader(node, cameras, as_json))
+    run_until_stopped(_run_leader(node, cameras, log, say, as_json))
 
 
-async def _run_leader(node: "LeaderNode", cameras: tuple[str, ...], as_json: bool) -> None:
-    async with node:
-        talk(f"leader at {node.address}, sessions in {node.sessions}")
-        talk(f"join with: capture-app node --leader {node.address} --camera SPEC")
-        if as_json:
-            address = {"leader": str(node.address), "port": node.address.port}
-            print_json_line({"event": "listening", **address, "sessions": str(node.sessions)})
-        for spec in cameras:
-            await node.add_camera(spec)
-        await node.wait_until_unwanted()
+async def _run_leader(
+    node: "LeaderNode", cameras: tuple[str, ...], log: Path | None, say: Callable[[str], None], as_json: bool
+) -> None:
+    from capture_app.rig_process import recorded_rig
+
+    with ExitStack() as record:
+        async with node:
+            say(f"leader at {node.address}, sessions in {node.sessions}")
+            say(f"join with: capture-app node --leader {node.address} --camera SPEC")
+            if as_json:
+                address = {"leader": str(node.address), "port": node.address.port}
+                print_json_line({"event": "listening", **address, "sessions": str(node.sessions)})
+            for spec in cameras:
+                await node.add_camera(spec)
+            record.enter_context(recorded_rig(node.own_address, node.sessions, log))
+            await node.wait_until_unwanted()
+            say("stopped by an operator")
+
+
+def _talk_with_time(line: str) -> None:
+    now = datetime.now(UTC).astimezone()
+    talk(f"{now:%Y-%m-%d %H:%M:%S} {line}")
 
 
 def _event_record(news: "News") -> dict[str, object]:

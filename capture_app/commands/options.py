@@ -38,10 +38,18 @@ class AddressType(click.ParamType[Address]):
             self.fail(str(error), param, ctx)
 
 
+def _usual_leader() -> str:
+    from capture_app.rig_process import list_rigs
+
+    rigs = list_rigs()
+    return rigs[0].leader if rigs else str(Address("127.0.0.1", DEFAULT_PORT))
+
+
 leader_option = click.option(
     "--leader",
     type=AddressType(),
-    default=str(Address("127.0.0.1", DEFAULT_PORT)),
+    default=_usual_leader,
+    show_default=f"that of this machine's newest rig, else 127.0.0.1:{DEFAULT_PORT}",
     metavar="HOST:PORT",
     help="Address of the leader or a relay.",
 )

@@ -72,7 +72,7 @@ class Child:
         last = next((line for line in reversed(self.said) if line), "it said nothing")
         last = last.partition(": error: ")[2] or last
         code = self.process.returncode
-        error = _KINDS.get(code, SimulshotError)(f"{self.name} ended with code {code}: {last}")
+        error = kind_of_exit(code)(f"{self.name} ended with code {code}: {last}")
         if code in tuple(ExitCode):
             error.exit_code = ExitCode(code)
         return error
@@ -91,3 +91,8 @@ class Child:
             break
         await self.process.wait()
         self.listening.cancel()
+
+
+def kind_of_exit(code: int | None) -> type[SimulshotError]:
+    """The kind of error that a command of ours ends with that code for."""
+    return _KINDS.get(code, SimulshotError)

@@ -29,6 +29,8 @@ class LocalNodes:
         self._news = news or NewsLog()
         self._children: dict[str, Child] = {}
         self._watching: dict[str, asyncio.Task[None]] = {}
+        self._specs: dict[str, str] = {}
+        """The node that was started last for each spec."""
         self._adding = asyncio.Lock()
         self._failed: asyncio.Queue[SimulshotError] = asyncio.Queue()
 
@@ -40,15 +42,20 @@ class LocalNodes:
     async def add_camera(self, spec: str, name: str | None = None, taken: Collection[str] = ()) -> str:
         """Start one camera and return its name when it is open; `taken` are names of other nodes.
 
+        A device of this machine that one of these nodes has is that node.
         Raises BadInputError for a spec or name that cannot be used, and the node's own error where it ends.
         """
         parsed = parse_spec(spec)
         async with self._adding:
+            known = None if parsed.kind == "sim" else self._specs.get(spec)
+            if known is not None and known in self._children and name in (None, known):
+                return known
             if name is None:
                 wished = name_like(Path(parsed.device).name, "camera")
                 name = self._free_name(wished, taken)
             self._check(check_name(name, "camera"), taken)
             child = await self._start(name, spec, "sim" if parsed.kind == "sim" else "host")
+            self._specs[spec] = name
         ended = asyncio.create_task(child.process.wait())
         spoken = asyncio.create_task(child.spoken.wait())
         # It speaks when its camera is open, or of the error that it ends with.

@@ -1,0 +1,80 @@
+"""`capture-app rig`: rigs in the background, as the terminal UI starts and leaves them."""
+
+import asyncio
+from pathlib import Path
+
+import click
+
+from capture_app.commands.options import FOLDER, host_option, leader_option
+from capture_app.net.address import Address
+from capture_app.terminal import json_option, print_json, print_line, print_table, talk
+
+
+@click.group()
+def rig() -> None:
+    """Start, list and stop rigs that run in the background of this machine.
+
+    The terminal UI attaches to the newest of them, and starts one where there is none.
+    """
+
+
+@rig.command()
+@host_option
+@click.option(
+    "--port",
+    type=click.IntRange(1, 65535),
+    metavar="PORT",
+    show_default="47010, or a free one",
+    help="UDP and TCP port.",
+)
+@click.option(
+    "--sessions", type=FOLDER, default=Path("sessions"), metavar="DIR", help="Folder for the sessions."
+)
+@click.option(
+    "--camera", "cameras", multiple=True, metavar="SPEC", help="Run a camera of this machine. Repeatable."
+)
+@json_option
+def start(host: str, port: int | None, sessions: Path, cameras: tuple[str, ...], as_json: bool) -> None:
+    """Start a rig that keeps running, and print its address."""
+    from capture_app.rig_process import start_rig
+
+    started = asyncio.run(start_rig(sessions=sessions, host=host, port=port, cameras=cameras))
+    if as_json:
+        print_json(started)
+        return
+    print_line(started.leader)
+    talk(f"it runs until: capture-app rig stop --leader {started.leader}")
+
+
+@rig.command("list")
+@json_option
+def list_command(as_json: bool) -> None:
+    """List the rigs of this machine that run, newest first."""
+    from capture_app.rig_process import list_rigs
+
+    rigs = list_rigs()
+    if as_json:
+        print_json({"rigs": rigs})
+    elif rigs:
+        rows = [(one.leader, str(one.pid), one.sessions, one.log or "on its terminal") for one in rigs]
+        print_table(("leader", "process", "sessions", "log"), rows)
+    else:
+        talk("no rig runs on this machine")
+
+
+@rig.command()
+@leader_option
+@json_option
+def stop(leader: Address, as_json: bool) -> None:
+    """Stop a rig, wherever its leader runs: its leader, and the cameras that this has started.
+
+    Bursts under way are saved with what has come.
+    """
+    from capture_app.node.operator.requests import give_order
+    from capture_app.node.wire.operating import StopRig
+
+    asyncio.run(give_order(leader, StopRig()))
+    if as_json:
+        print_json({"stopped": str(leader)})
+    else:
+        talk(f"{leader} stops")

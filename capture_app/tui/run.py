@@ -1,0 +1,14 @@
+"""Opens the screen on a rig, and returns when it is closed."""
+
+from capture_app.node.operator.link import RigLink
+from capture_app.rig_process import AttachedRig
+from capture_app.tui.settings import Settings
+from capture_app.tui.shell import SimulshotApp
+
+
+def run_screen(rig: AttachedRig, *, frames: int | None = None) -> None:
+    """Show a rig until the user leaves; `frames` of a burst are remembered where they are given."""
+    settings = Settings.load()
+    if frames is not None:
+        settings.remember("shoot.frames", frames)
+    SimulshotApp(RigLink(rig.leader), settings=settings, sessions=rig.sessions).run()

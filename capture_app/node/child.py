@@ -6,6 +6,7 @@ import signal
 import sys
 from collections import deque
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Self
 
@@ -44,8 +45,16 @@ class Child:
         self.listening = asyncio.create_task(self._listen())
 
     @classmethod
-    async def start(cls, name: str, arguments: Sequence[str], *, on_line: Talk | None = None) -> Self:
-        """Start a module of this installation; it ends with us, even if we are killed."""
+    async def start(
+        cls, name: str, arguments: Sequence[str], *, on_line: Talk | None = None, background: bool = False
+    ) -> Self:
+        """Start a module of this installation.
+
+        `background`: at the lowest priority, ended with us even if we are killed, and cleaning up after
+        itself when it is stopped; other modules must see to that themselves, as nodes do.
+        """
+        if background:
+            arguments = ("capture_app.node.background", *arguments)
         process = await asyncio.create_subprocess_exec(
             sys.executable,
             "-m",
@@ -77,11 +86,25 @@ class Child:
             error.exit_code = ExitCode(code)
         return error
 
+    def pause(self) -> None:
+        """Let the process and all that it started stand still until `resume`."""
+        self._signal(signal.SIGSTOP)
+
+    def resume(self) -> None:
+        """Let it go on."""
+        self._signal(signal.SIGCONT)
+
+    def _signal(self, kind: signal.Signals) -> None:
+        with suppress(ProcessLookupError):
+            if self.process.returncode is None:
+                os.killpg(self.process.pid, kind)
+
     async def stop(self) -> None:
         """End the process and all that it started: kindly first, then at once."""
         for kind in (signal.SIGTERM, signal.SIGKILL):
             try:
                 os.killpg(self.process.pid, kind)
+                os.killpg(self.process.pid, signal.SIGCONT)
                 async with asyncio.timeout(PATIENCE_S):
                     await self.process.wait()
             except ProcessLookupError:

@@ -1,0 +1,39 @@
+"""Runs a module of this installation in the background: it takes no time from what has to be on time.
+
+    python -m capture_app.node.background MODULE ARGUMENT...
+
+At the lowest priority, ended with whoever started it, and stopped by SIGTERM as by Ctrl-C, so that it removes
+what it has not finished.
+"""
+
+import ctypes
+import os
+import runpy
+import signal
+import sys
+
+LOWEST_PRIORITY = 19
+_PR_SET_PDEATHSIG = 1
+
+
+def main() -> None:
+    """Run the module that is named first."""
+    parent = os.getppid()
+    os.nice(LOWEST_PRIORITY)
+    _end_with(parent)
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    del sys.argv[0]
+    runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)
+
+
+def _end_with(parent: int) -> None:
+    """Ask Linux to kill this process, even a paused one, when its parent ends; elsewhere it goes on."""
+    prctl = getattr(ctypes.CDLL(None), "prctl", None)
+    if prctl is not None:
+        prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+        if os.getppid() != parent:  # it has ended already
+            sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()

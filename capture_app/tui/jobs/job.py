@@ -1,0 +1,78 @@
+"""One job: what it is to do, how far it is, and what has come of it."""
+
+from collections import deque
+from dataclasses import dataclass, field
+from datetime import datetime
+from enum import StrEnum
+from pathlib import Path
+
+from capture_app.text import ProgressStep
+from capture_app.tui.jobs.kinds import JobKind
+
+LOG_LINES = 500
+
+
+class JobState(StrEnum):
+    """Where a job is."""
+
+    WAITING = "waiting"
+    RUNNING = "running"
+    PAUSED = "paused"
+    """A burst is taken or saved, and has the machine to itself."""
+    DONE = "done"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing more will happen of itself."""
+        return self in (JobState.DONE, JobState.FAILED, JobState.CANCELLED)
+
+
+@dataclass(eq=False, slots=True)
+class Job:
+    """A job of this run, or one of an earlier run that was found on disk."""
+
+    kind: JobKind
+    session: Path
+    out: Path | None
+    options: str
+    number: int
+    state: JobState = JobState.WAITING
+    step: ProgressStep | None = None
+    message: str = ""
+    """What came of it in a sentence: the verdict, what was written, or what went wrong."""
+    ended: datetime | None = None
+    seconds: float = 0.0
+    """How long it has run, without the time for which it was paused."""
+    log: deque[str] = field(default_factory=lambda: deque(maxlen=LOG_LINES))
+
+    @property
+    def command_line(self) -> str:
+        """What one would type to do the same."""
+        return self.kind.command_line(self.session, self.out, self.options)
+
+    @property
+    def result(self) -> Path | None:
+        """The file with its figures, if it has made one that can be looked at."""
+        if self.state is not JobState.DONE or self.out is None or not self.kind.result:
+            return None
+        return self.out / self.kind.result
+
+    @property
+    def share(self) -> float | None:
+        """How much of it is done, 0 to 1, by its steps; None where that is not known."""
+        if self.state is JobState.DONE:
+            return 1.0
+        if self.step is None or self.step.total <= 0:
+            return None
+        # A line tells the step that begins.
+        return min(1.0, max(0.0, (self.step.done - 1) / self.step.total))
+
+    @property
+    def seconds_left(self) -> float | None:
+        """How long it will take yet, were all its steps alike; None before there is a ground for that."""
+        share = self.share
+        if share is None or share < 0.05 or self.state.is_over:
+            return None
+        return self.seconds * (1 - share) / share

@@ -1,0 +1,250 @@
+"""The queue of jobs: child processes at the lowest priority, one at a time, none while a burst is taken."""
+
+import asyncio
+import time
+from collections.abc import Callable, Coroutine
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from capture_app.errors import BadInputError, SimulshotError
+from capture_app.node.child import Child
+from capture_app.node.wire.status import RigStatus
+from capture_app.session.files.output_folder import clear_leftovers
+from capture_app.text import ProgressStep, printable
+from capture_app.tui.jobs.job import Job, JobState
+from capture_app.tui.jobs.kinds import JobKind
+from capture_app.tui.jobs.outcome import outcome
+from capture_app.tui.jobs.records import default_out, find_jobs, forget_record, save_record
+
+AT_ONCE = 1
+"""Jobs that run at the same time: each takes all the cores that are free."""
+
+
+class JobList:
+    """Runs jobs in the order in which they were added; all methods are called in the event loop's thread.
+
+    A burst has the machine to itself: while one is picked or saved the running job stands still (SIGSTOP),
+    and goes on afterwards. Jobs end with this process, and their results are there whole or not at all.
+    """
+
+    def __init__(self, root: Path, *, clock: Callable[[], float] = time.monotonic) -> None:
+        """`root` is the folder of sessions; `clock` gives seconds that only grow."""
+        self.root = root
+        self.jobs: list[Job] = []
+        """The newest first; what was found on disk last."""
+        self._clock = clock
+        self._watchers: list[Callable[[Job], None]] = []
+        self._children: dict[Job, Child] = {}
+        self._since: dict[Job, float] = {}
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._held = False
+        self._closing = False
+        self._numbered = 0
+
+    @property
+    def unfinished(self) -> tuple[Job, ...]:
+        """The jobs that wait or run: what would be lost by closing."""
+        return tuple(job for job in self.jobs if not job.state.is_over)
+
+    @property
+    def is_held(self) -> bool:
+        """Whether jobs stand still for a burst."""
+        return self._held
+
+    def watch(self, tell: Callable[[Job], None]) -> Callable[[], None]:
+        """Be told of each job that changes; the function that is returned ends that."""
+        self._watchers.append(tell)
+        return lambda: self._watchers.remove(tell)
+
+    async def find_earlier(self) -> None:
+        """Add the jobs of earlier runs that are found on disk."""
+        found = await asyncio.to_thread(lambda: list(find_jobs(self.root)))
+        known = {(job.kind.name, job.session) for job in self.jobs}
+        for job in reversed(found):
+            if (job.kind.name, job.session) not in known:
+                self._number(job)
+                self.jobs.append(job)
+                self._tell(job)
+
+    def add(self, kind: JobKind, session: Path, options: str | None = None, out: Path | None = None) -> Job:
+        """Start a job, or let it wait for its turn; by default with the kind's quick options.
+
+        One of the same kind and session that is over gives way to it. Raises BadInputError where one is not
+        over yet, or the options cannot be read.
+        """
+        options = kind.quick if options is None else options
+        same = [job for job in self.jobs if job.kind is kind and job.session == session]
+        if any(not job.state.is_over for job in same):
+            raise BadInputError(f"{kind.title} of {session.name} is {same[0].state} already")
+        if kind.writes and out is None:
+            out = default_out(kind.name, session, self.root)
+        kind.arguments(session, out, options)
+        job = Job(kind, session, out, options, 0)
+        self._number(job)
+        self.jobs = [job, *(other for other in self.jobs if other not in same)]
+        self._tell(job)
+        self._start_next()
+        return job
+
+    def retry(self, job: Job) -> Job:
+        """Do the same again. Raises BadInputError where it is not over yet."""
+        return self.add(job.kind, job.session, job.options, job.out)
+
+    async def cancel(self, job: Job) -> None:
+        """End a job; what it has made so far is removed."""
+        if job.state.is_over:
+            return
+        waiting = job.state is JobState.WAITING
+        job.state = JobState.CANCELLED
+        child = self._children.get(job)
+        if waiting:
+            job.ended = datetime.now(UTC)
+            self._tell(job)
+        elif child is not None:
+            await child.stop()
+
+    def forget(self, job: Job) -> None:
+        """Take a job that is over off the list; its results stay on disk."""
+        if job.state.is_over and job in self.jobs:
+            self.jobs.remove(job)
+            self._spawn(self._forget_on_disk(job))
+            self._tell(job)
+
+    def hold(self, held: bool) -> None:
+        """Let jobs stand still, or go on."""
+        if held == self._held:
+            return
+        self._held = held
+        for job, child in self._children.items():
+            if held and job.state is JobState.RUNNING:
+                child.pause()
+                self.seconds_of(job)
+                job.state = JobState.PAUSED
+            elif not held and job.state is JobState.PAUSED:
+                child.resume()
+                self._since[job] = self._clock()
+                job.state = JobState.RUNNING
+            self._tell(job)
+        self._start_next()
+
+    def hold_for(self, status: RigStatus) -> None:
+        """Let jobs stand still while this rig takes or saves a burst."""
+        self.hold(status.burst is not None and not status.burst.done)
+
+    def seconds_of(self, job: Job) -> float:
+        """How long a job has run by now."""
+        if job.state is JobState.RUNNING and job in self._since:
+            now = self._clock()
+            job.seconds += now - self._since[job]
+            self._since[job] = now
+        return job.seconds
+
+    async def wait(self) -> None:
+        """Wait until nothing runs or waits, and all is noted on disk."""
+        while self._tasks:
+            await asyncio.wait(tuple(self._tasks))
+
+    async def close(self) -> None:
+        """End all jobs."""
+        self._closing = True
+        for job in self.unfinished:
+            await self.cancel(job)
+        await self.wait()
+
+    def _number(self, job: Job) -> None:
+        self._numbered += 1
+        job.number = self._numbered
+
+    def _tell(self, job: Job) -> None:
+        for tell in tuple(self._watchers):
+            tell(job)
+
+    def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._tasks.discard)
+
+    def _start_next(self) -> None:
+        waiting = [job for job in self.jobs if job.state is JobState.WAITING]
+        running = sum(job.state in (JobState.RUNNING, JobState.PAUSED) for job in self.jobs)
+        if waiting and running < AT_ONCE and not self._held and not self._closing:
+            job = waiting[-1]
+            job.state = JobState.RUNNING
+            self._spawn(self._run(job))
+
+    async def _run(self, job: Job) -> None:
+        self._since[job] = self._clock()
+        self._tell(job)
+        try:
+            await self._note(job)
+            printed, error = await self._run_child(job)
+        except (SimulshotError, OSError) as failure:
+            printed, error = b"", str(failure)
+        self.seconds_of(job)
+        self._since.pop(job, None)
+        if job.state is JobState.CANCELLED:
+            job.message = "cancelled"
+        elif error:
+            job.state, job.message = JobState.FAILED, printable(error)
+        else:
+            job.state, job.message = JobState.DONE, printable(outcome(job.kind, printed))
+        job.ended = datetime.now(UTC)
+        await self._note(job)
+        self._tell(job)
+        self._start_next()
+
+    async def _run_child(self, job: Job) -> tuple[bytes, str]:
+        """Run the job's process; what it printed, and how it failed."""
+        if job.state.is_over:
+            return b"", ""
+        arguments = job.kind.arguments(job.session, job.out, job.options)
+        child = await Child.start(
+            job.kind.title,
+            (job.kind.module, *arguments),
+            on_line=lambda line: self._hear(job, line),
+            background=True,
+        )
+        self._children[job] = child
+        try:
+            if _is_cancelled(job):
+                return b"", ""
+            if self._held:
+                child.pause()
+                job.state = JobState.PAUSED
+                self._tell(job)
+            assert child.process.stdout is not None
+            printed = await child.process.stdout.read()
+            if await child.process.wait() and not _is_cancelled(job):
+                failure = await child.failure()
+                return printed, failure.what.partition(": ")[2] or failure.what
+            await asyncio.wait((child.listening,), timeout=1.0)
+            return printed, ""
+        finally:
+            await child.stop()
+            del self._children[job]
+            if job.out is not None and job.state is JobState.CANCELLED:
+                await asyncio.to_thread(clear_leftovers, job.out.parent)
+
+    def _hear(self, job: Job, line: str) -> None:
+        job.log.append(printable(line))
+        if step := ProgressStep.parse(line):
+            job.step = ProgressStep(step.done, step.total, printable(step.text))
+        self.seconds_of(job)
+        self._tell(job)
+
+    async def _note(self, job: Job) -> None:
+        try:
+            await asyncio.to_thread(save_record, job, self.root)
+        except OSError as error:
+            job.log.append(f"this job will not be known after a restart: {error}")
+
+    async def _forget_on_disk(self, job: Job) -> None:
+        try:
+            await asyncio.to_thread(forget_record, job, self.root)
+        except OSError:
+            return
+
+
+def _is_cancelled(job: Job) -> bool:
+    return job.state is JobState.CANCELLED

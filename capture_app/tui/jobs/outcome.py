@@ -1,0 +1,81 @@
+"""What came of a job, in a sentence: from the JSON that it printed."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import msgspec
+
+from capture_app.text import count
+from capture_app.tui.jobs.kinds import JobKind
+
+_NOTHING: dict[str, Any] = {}
+
+
+def outcome(kind: JobKind, printed: bytes) -> str:
+    """The sentence; empty where the output is not what was expected, which is no failure of the job."""
+    try:
+        found = msgspec.json.decode(printed, type=dict[str, Any])
+        return _SENTENCES[kind.command[-1]](found)
+    except (msgspec.DecodeError, KeyError, TypeError, ValueError, IndexError):
+        return ""
+
+
+def percent(share: float | None) -> str:
+    """A share of 1 in percent, a dash for None: 97 %; neither rounded up to all nor down to nothing."""
+    if share is None:
+        return "–"
+    if 0.99 < share < 1:
+        return f"{int(1000 * share) / 10:.1f} %"
+    return f"{100 * share:.1f} %" if 0 < share < 0.1 else f"{100 * share:.0f} %"
+
+
+def _of_multiview(found: Mapping[str, Any]) -> str:
+    maps = count(len(found["views"]), "depth map")
+    right = found.get("within_2pct")
+    truth = (
+        "" if right is None else f"; {percent(right)} of {found['reference']} within 2 % of the true depth"
+    )
+    return f"{maps}, {found['fused_points']:,} points{truth}"
+
+
+def _of_stitch(found: Mapping[str, Any]) -> str:
+    text = f"panorama of {count(len(found['used']), 'picture')}"
+    one, late = found["synced"]["ghosting_px"], (found.get("offset") or _NOTHING).get("ghosting_px")
+    if one is not None:
+        text += f"; overlaps fit to {one:.1f} px"
+    if one is not None and late is not None:
+        text += f", {found['actual_offset_ms']:.0f} ms late to {late:.1f} px"
+    return text
+
+
+def _of_dose(found: Mapping[str, Any]) -> str:
+    tolerated = found["tolerable_offset_ms"]
+    if tolerated is None:
+        return f"less than a tenth is lost up to {found['points'][-1]['offset_ms']:.0f} ms"
+    return f"this motion tolerates a delay of about {tolerated:.1f} ms"
+
+
+def _of_verify(found: Mapping[str, Any]) -> str:
+    return "every file and every number is as it was saved" if found["ok"] else ""
+
+
+def _of_repair(found: Mapping[str, Any]) -> str:
+    (one,) = found["sessions"]
+    lost = f", {one['missing']} missing" if one["missing"] else ""
+    return f"{'completed' if one['changed'] else 'complete already'}: {count(one['images'], 'image')}{lost}"
+
+
+def _of_export(found: Mapping[str, Any]) -> str:
+    notes = "".join(f"; {note}" for note in found.get("notes", ()))
+    return f"{count(found['images'], 'image')} in {found['folder']}{notes}"
+
+
+_SENTENCES = {
+    "compare": lambda found: str(found["verdict"]),
+    "multiview": _of_multiview,
+    "stitch": _of_stitch,
+    "dose": _of_dose,
+    "verify": _of_verify,
+    "repair": _of_repair,
+    "export": _of_export,
+}

@@ -1,0 +1,3 @@
+"""Sessions for jobs."""
+
+from tests.session.conftest import session as session

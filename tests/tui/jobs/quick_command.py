@@ -1,0 +1,36 @@
+"""Stands in for `reconstruct compare`: quick, and as the words after the session say.
+
+SESSION [say LINE] [wait FILE] [fail] [priority] --out DIR --json
+"""
+
+import json
+import os
+import sys
+import time
+from pathlib import Path
+
+from capture_app.session.files.output_folder import OutputFolder, replaces_only
+
+
+def main() -> None:
+    words = iter(sys.argv[1:])
+    out = Path(sys.argv[sys.argv.index("--out") + 1])
+    with OutputFolder(out, replaces_only(["metrics.json"])) as output:
+        for word in words:
+            if word == "say":
+                print(next(words), file=sys.stderr, flush=True)
+            elif word == "wait":
+                path = Path(next(words))
+                while not path.exists():
+                    time.sleep(0.01)
+            elif word == "priority":
+                print(f"priority {os.nice(0)}", file=sys.stderr, flush=True)
+            elif word == "fail":
+                sys.exit("quick: error: the burst has one instant only")
+        metrics = {"verdict": "It is [bold]much[/bold] better. So it is."}
+        (output.folder / "metrics.json").write_text(json.dumps(metrics))
+    print(json.dumps(metrics))
+
+
+if __name__ == "__main__":
+    main()

@@ -24,6 +24,7 @@ SIGNS = {
     NodeState.JOINING: Sign("○", "joining", "$text-muted"),
     NodeState.SYNCING: Sign("◔", "syncing", "$warning"),
     NodeState.ALIGNING: Sign("◑", "aligning", "$warning"),
+    NodeState.COARSE: Sign("◕", "coarse", "$warning"),
     NodeState.READY: Sign("●", "ready", "$success"),
     NodeState.LOST: Sign("◌", "lost", "$text-muted"),
     NodeState.FAILED: Sign("✖", "failed", "$error"),

@@ -78,7 +78,7 @@ class Header(Lines):
             parts.append(
                 Content.styled(f"{'! ' if low else ''}{free / 1e9:.0f} GB free", "$error" if low else "")
             )
-        parts.append(Content.styled(printable(status.leader), "$text-muted"))
+        parts.append(Content.styled(printable(status.leader), "$foreground-muted"))
         if status.period_ns:
-            parts.append(Content.styled(f"{1e9 / status.period_ns:.3g} fps", "$text-muted"))
+            parts.append(Content.styled(f"{1e9 / status.period_ns:.3g} fps", "$foreground-muted"))
         return parts

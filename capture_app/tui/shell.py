@@ -28,6 +28,7 @@ from capture_app.tui.messages import (
 from capture_app.tui.mode import ModeScreen
 from capture_app.tui.placeholder import NotThereYet
 from capture_app.tui.record import RigRecord
+from capture_app.tui.rig.view import RigView
 from capture_app.tui.rig_source import RigSource
 from capture_app.tui.settings import Settings
 from capture_app.tui.themes import DARK, PLAIN, THEMES
@@ -37,7 +38,7 @@ class SimulshotApp(App[None]):
     """The screen of a rig, wherever its leader runs."""
 
     TITLE = "simulshot"
-    CSS_PATH = "shell.tcss"
+    CSS_PATH = Path(__file__).with_name("shell.tcss")
     DEFAULT_MODE = "rig"
     ENABLE_COMMAND_PALETTE = True
     COMMAND_PALETTE_BINDING = "ctrl+p"
@@ -87,6 +88,8 @@ class SimulshotApp(App[None]):
         return ModeScreen(mode, self._view(mode))
 
     def _view(self, mode: str) -> Widget:
+        if mode == "rig":
+            return RigView(self._source, self._record)
         return NotThereYet(MODES[mode])
 
     # The rig

@@ -21,17 +21,17 @@ class Sign:
 
 
 SIGNS = {
-    NodeState.JOINING: Sign("○", "joining", "$text-muted"),
+    NodeState.JOINING: Sign("○", "joining", "$foreground-muted"),
     NodeState.SYNCING: Sign("◔", "syncing", "$warning"),
     NodeState.ALIGNING: Sign("◑", "aligning", "$warning"),
     NodeState.COARSE: Sign("◕", "coarse", "$warning"),
     NodeState.READY: Sign("●", "ready", "$success"),
-    NodeState.LOST: Sign("◌", "lost", "$text-muted"),
+    NodeState.LOST: Sign("◌", "lost", "$foreground-muted"),
     NodeState.FAILED: Sign("✖", "failed", "$error"),
 }
 NO_LEADER = Sign("✖", "leader lost", "$error")
-WAITING = Sign("○", "connecting", "$text-muted")
-EMPTY = Sign("○", "no camera", "$text-muted")
+WAITING = Sign("○", "connecting", "$foreground-muted")
+EMPTY = Sign("○", "no camera", "$foreground-muted")
 
 
 def cameras_of(status: RigStatus) -> tuple[NodeStatus, ...]:

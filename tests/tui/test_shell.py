@@ -1,31 +1,17 @@
 """What holds in all modes: header, keys, settings, and what is said when something fails."""
 
 from pathlib import Path
-from typing import Any
-
-from textual.widgets._toast import Toast
 
 from capture_app.errors import BadInputError
-from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.messages import Mishap
 from capture_app.tui.settings import Settings
 from capture_app.tui.shell import SimulshotApp
+from tests.tui.driving import make_app, settle, text, toasts
 from tests.tui.fake_rig import FakeRig
 
 
-def make_app(rig: FakeRig, **different: Any) -> SimulshotApp:
-    plain: dict[str, Any] = {"settings": Settings(), "sessions": Path("sessions"), "clock": lambda: 100.0}
-    return SimulshotApp(rig, **plain | different)
-
-
-async def settle(pilot: Any) -> None:
-    """Let messages of messages come through."""
-    for _ in range(4):
-        await pilot.pause()
-
-
 def header(app: SimulshotApp) -> str:
-    return app.screen.query_one("#header", Lines).plain[0]
+    return text(app, "#header")
 
 
 async def test_the_header_says_which_rig_it_is_and_how_ready() -> None:
@@ -63,7 +49,7 @@ async def test_no_key_in_the_footer_is_cut() -> None:
         for width in (80, 40, 20):
             await pilot.resize_terminal(width, 24)
             await pilot.pause()
-            line = app.screen.query_one("#footer", Lines).plain[0]
+            line = text(app, "#footer")
             assert len(line) == width
             assert line.endswith(" ? Help ")
 
@@ -73,8 +59,7 @@ async def test_a_failed_action_is_a_sentence_not_markup() -> None:
     async with app.run_test(size=(80, 24), notifications=True) as pilot:
         app.screen.post_message(Mishap(BadInputError("[red]\x1b[2J is no name", hint="choose another")))
         await settle(pilot)
-        shown = [str(toast.render()) for toast in app.screen.query(Toast)]
-        assert shown == ["[red]\\x1b[2J is no name (choose another)"]
+        assert toasts(app) == ["[red]\\x1b[2J is no name (choose another)"]
 
 
 def test_settings_come_back_and_broken_files_are_warnings(tmp_path: Path) -> None:
@@ -101,4 +86,4 @@ async def test_a_changed_key_holds_and_is_shown(tmp_path: Path) -> None:
     app = make_app(FakeRig(1), settings=settings)
     async with app.run_test(size=(80, 24)) as pilot:
         await pilot.pause()
-        assert " x Quit " in app.screen.query_one("#footer", Lines).plain[0]
+        assert " x Quit " in text(app, "#footer")

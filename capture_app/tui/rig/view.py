@@ -1,0 +1,140 @@
+"""The mode Rig."""
+
+import textwrap
+from typing import ClassVar
+
+from textual import work
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.content import Content
+
+from capture_app.errors import SimulshotError
+from capture_app.node.wire.status import RigStatus
+from capture_app.sync.wire.messages import NodeState
+from capture_app.text import printable
+from capture_app.tui.drawing.lines import Lines
+from capture_app.tui.messages import LinkChanged, Mishap, NewsReceived, StatusChanged
+from capture_app.tui.mode import ModeView
+from capture_app.tui.record import RigRecord
+from capture_app.tui.rig.camera_list import CameraList
+from capture_app.tui.rig.news_pane import NewsPane
+from capture_app.tui.rig_source import RigSource
+from capture_app.tui.states import NO_LEADER, rig_sign
+
+ADVICE_LINES = 2
+SMALL = 30
+"""Rows below which the news do with two lines and no frame."""
+REDRAW_S = 0.5
+"""Between two drawings of figures that change all the time; a change of state is drawn at once."""
+
+
+class RigView(ModeView):
+    """Every camera, whether the rig is ready, and what happened."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("delete,d", "remove", "Remove camera", id="rig.remove"),
+        Binding("n", "news", "News", id="rig.news"),
+    ]
+
+    def __init__(self, source: RigSource, record: RigRecord) -> None:
+        super().__init__()
+        self._source = source
+        self._record = record
+        self._advice = Lines(id="advice")
+        self._cameras = CameraList(record)
+        self._news = NewsPane()
+        self._drawn: tuple[object, ...] = ()
+
+    def compose(self) -> ComposeResult:
+        """Lay the mode out."""
+        yield self._advice
+        yield self._cameras
+        yield self._news
+
+    def on_mount(self) -> None:
+        """Let time pass in the strips."""
+        self.set_interval(REDRAW_S, self._draw)
+
+    def focus_first(self) -> None:
+        """The list is what the keys are for."""
+        self._cameras.focus()
+
+    def on_mode_shown(self) -> None:
+        """Catch up with what happened meanwhile."""
+        super().on_mode_shown()
+        self._draw()
+        self._news.draw(self._record.news)
+
+    def on_resize(self) -> None:
+        """Divide the room anew."""
+        self.call_after_refresh(self.on_mode_shown)
+
+    def on_status_changed(self, message: StatusChanged) -> None:
+        """Draw at once what is not a mere figure."""
+        status = message.status
+        seen = (
+            status.advice,
+            status.message,
+            *((node.name, node.state, node.message) for node in status.nodes),
+        )
+        if seen != self._drawn:
+            self._drawn = seen
+            self._draw()
+
+    def on_link_changed(self, message: LinkChanged) -> None:
+        """Say so above the list."""
+        self._draw()
+
+    def on_news_received(self, message: NewsReceived) -> None:
+        """Add it."""
+        self._news.draw(self._record.news)
+
+    def _draw(self) -> None:
+        if not self.screen.is_current or self.size.height == 0:
+            return
+        status = self._record.status
+        if status is None:
+            return
+        advice = self._advise(status)[:ADVICE_LINES]
+        self._advice.show(advice)
+        # The news keep a few lines whatever comes, and more of them in a large window.
+        small = self.size.height < SMALL
+        self.set_class(small, "-small")
+        room = self.size.height - len(advice) - (3 if small else 8)
+        wanted = CameraList.rows_wanted(len(status.nodes), room)
+        if self._cameras.styles.height is None or self._cameras.styles.height.value != wanted:
+            self._cameras.styles.height = wanted
+        self._cameras.draw(room)
+
+    def _advise(self, status: RigStatus) -> list[Content]:
+        if self._record.lost:
+            sign, words = NO_LEADER, self._record.lost
+        else:
+            sign = rig_sign(status)
+            words = " ".join(filter(None, (status.message, status.advice))) or sign.word
+        lines = textwrap.wrap(f"{sign.glyph} {printable(words)}", self.size.width - 2, subsequent_indent="  ")
+        return [Content.styled(line, f"bold {sign.style}") for line in lines]
+
+    # Doing
+
+    def action_news(self) -> None:
+        """Go to the news, to scroll in them; or back."""
+        (self._cameras if self._news.has_focus else self._news).focus()
+
+    def action_remove(self) -> None:
+        """Take the chosen camera off the rig."""
+        node = self._cameras.chosen
+        if node is None:
+            return
+        if node.state is NodeState.LOST or node.on_leader:
+            self._remove(node.name)
+        else:
+            words = f"{node.name} runs on another machine ({node.address})"
+            self.post_message(Mishap(SimulshotError(words, hint="stop it there")))
+
+    @work(group="orders")
+    async def _remove(self, name: str) -> None:
+        try:
+            await self._source.remove_camera(name)
+        except SimulshotError as error:
+            self.post_message(Mishap(error))

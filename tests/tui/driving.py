@@ -1,0 +1,38 @@
+"""What tests of the screen share: the app on a fake rig, and what it shows."""
+
+from pathlib import Path
+from typing import Any
+
+from textual.widgets._toast import Toast
+
+from capture_app.tui.drawing.lines import Lines
+from capture_app.tui.settings import Settings
+from capture_app.tui.shell import SimulshotApp
+from tests.tui.fake_rig import FakeRig
+
+
+def make_app(rig: FakeRig, **different: Any) -> SimulshotApp:
+    """The app on this rig, its clock at rest, without a config folder."""
+    plain: dict[str, Any] = {"settings": Settings(), "sessions": Path("sessions"), "clock": lambda: 100.0}
+    return SimulshotApp(rig, **plain | different)
+
+
+async def settle(pilot: Any) -> None:
+    """Let messages of messages come through."""
+    for _ in range(4):
+        await pilot.pause()
+
+
+def lines(app: SimulshotApp, selector: str) -> tuple[str, ...]:
+    """What a widget of lines on the present screen says."""
+    return app.screen.query_one(selector, Lines).plain
+
+
+def text(app: SimulshotApp, selector: str) -> str:
+    """The same in one piece."""
+    return "\n".join(lines(app, selector))
+
+
+def toasts(app: SimulshotApp) -> list[str]:
+    """The notifications that are shown; the app runs with notifications=True."""
+    return [str(toast.render()) for toast in app.screen.query(Toast)]

@@ -1,0 +1,150 @@
+"""The mode Rig as a user drives it, on rigs of 1, 5 and 20 cameras."""
+
+import pytest
+
+from capture_app.errors import BadInputError
+from capture_app.sync.wire.messages import NodeState
+from capture_app.tui.rig.camera_list import CameraList
+from capture_app.tui.rig.news_pane import NewsPane
+from tests.tui.driving import lines, make_app, settle, text, toasts
+from tests.tui.fake_rig import FakeRig, make_node
+
+ROWS = "#cameras-rows"
+
+
+@pytest.mark.parametrize(("cameras", "size"), [(1, (80, 24)), (5, (80, 24)), (20, (80, 24)), (20, (200, 50))])
+async def test_every_camera_says_its_state_in_a_word_and_a_glyph(cameras: int, size: tuple[int, int]) -> None:
+    rig = FakeRig(cameras)
+    app = make_app(rig)
+    async with app.run_test(size=size) as pilot:
+        await settle(pilot)
+        shown = text(app, ROWS)
+        for node in rig.nodes:
+            assert node.name in shown
+        assert "● ready" in shown
+        if cameras > 1:
+            for words in ("◑ aligning", "◔ syncing", "◌ lost 42 s", "+7.3 ms"):
+                assert words in shown
+        assert all(len(line) <= size[0] for line in lines(app, ROWS))
+
+
+async def test_five_cameras_fit_a_small_terminal_with_everything_essential() -> None:
+    app = make_app(FakeRig(5))
+    async with app.run_test(size=(80, 24)) as pilot:
+        await settle(pilot)
+        assert len(lines(app, ROWS)) == 15
+        scroll = app.screen.query_one("#cameras-scroll")
+        assert scroll.max_scroll_y == 0
+        shown = text(app, ROWS)
+        for words in ("phase −45 µs", "clock ±9.0 µs", "30.0 fps", "1/100 s", "3 drops"):
+            assert words in shown
+
+
+async def test_the_advice_is_above_the_list_and_a_lost_leader_is_said_there() -> None:
+    rig = FakeRig(5)
+    rig.different["advice"] = "cam02 is aligning: wait a few seconds."
+    app = make_app(rig)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await settle(pilot)
+        assert text(app, "#advice") == "◑ cam02 is aligning: wait a few seconds."
+        rig.lose_link("192.168.1.5:47010 does not answer; trying again")
+        await settle(pilot)
+        assert text(app, "#advice").startswith("✖ 192.168.1.5:47010 does not answer")
+
+
+async def test_why_a_camera_failed_is_in_place_of_its_strip() -> None:
+    rig = FakeRig(1)
+    rig.nodes += (make_node("cam01", NodeState.FAILED, phase_error_ns=None, message="[b]too dark\x1b[2J"),)
+    app = make_app(rig)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await settle(pilot)
+        assert "[b]too dark\\x1b[2J" in text(app, ROWS)
+        assert "✖ failed" in text(app, ROWS)
+
+
+async def test_cameras_below_a_relay_are_a_tree() -> None:
+    rig = FakeRig(1)
+    rig.nodes += (make_node("aaa", parent="cam00", depth=2),)
+    app = make_app(rig)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await settle(pilot)
+        first, second = (line for line in lines(app, ROWS) if "ready" in line)
+        assert "cam00" in first
+        assert "└ aaa" in second
+
+
+async def test_keys_and_clicks_choose_a_camera_and_scroll_to_it() -> None:
+    app = make_app(FakeRig(20))
+    async with app.run_test(size=(80, 24)) as pilot:
+        await settle(pilot)
+        cameras = app.screen.query_one(CameraList)
+
+        def chosen() -> str | None:
+            return cameras.chosen and cameras.chosen.name
+
+        assert chosen() == "cam00"
+        await pilot.press("down", "j", "up")
+        assert chosen() == "cam01"
+        await pilot.press("end")
+        await settle(pilot)
+        assert chosen() == "cam19"
+        assert app.screen.query_one("#cameras-scroll").scroll_y > 0
+        await pilot.press("home")
+        await settle(pilot)
+        await pilot.click(ROWS, offset=(5, 3))
+        assert chosen() == "cam03"
+
+
+async def test_a_lost_camera_is_removed_by_a_key_and_one_elsewhere_is_not() -> None:
+    rig = FakeRig(5)
+    app = make_app(rig)
+    async with app.run_test(size=(120, 40), notifications=True) as pilot:
+        await settle(pilot)
+        await pilot.press("delete")
+        await settle(pilot)
+        assert toasts(app) == ["cam00 runs on another machine (192.168.1.7:50112) (stop it there)"]
+        await pilot.press("end", "delete")
+        await settle(pilot)
+        assert rig.asked == [("remove_camera", "cam04")]
+        assert "cam04" not in text(app, ROWS)
+        rig.change("cam03", state=NodeState.LOST)
+        rig.failure = BadInputError("cam03 is back")
+        await settle(pilot)
+        await pilot.press("end", "delete")
+        await settle(pilot)
+        assert "cam03 is back" in toasts(app)
+        assert "✖ cam03 is back" in text(app, "#news Lines")
+
+
+async def test_news_have_times_and_keep_their_words(utc: None) -> None:
+    rig = FakeRig(5)
+    app = make_app(rig)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await settle(pilot)
+        await pilot.press("2")  # what happens while another mode is shown is there afterwards
+        rig.news("cam00 joined")
+        rig.news("[red]lost cam04", level="warning")
+        await settle(pilot)
+        await pilot.press("1")
+        await settle(pilot)
+        assert lines(app, "#news Lines") == ("22:13:21 · cam00 joined", "22:13:22 ! [red]lost cam04")
+        await pilot.press("n")
+        assert isinstance(app.focused, NewsPane)
+        await pilot.press("n")
+        assert isinstance(app.focused, CameraList)
+
+
+async def test_a_phase_that_comes_home_is_a_trace_into_the_band() -> None:
+    rig = FakeRig(1)
+    now = [100.0]
+    app = make_app(rig, clock=lambda: now[0])
+    async with app.run_test(size=(80, 24)) as pilot:
+        for error in (9_000_000, 3_000_000, 800_000, 90_000, 4_000):
+            rig.change("cam00", phase_error_ns=error)
+            now[0] += 2.0
+            await settle(pilot)
+        rig.change("cam00", state=NodeState.ALIGNING)
+        await settle(pilot)
+        above, band = lines(app, ROWS)[:3], lines(app, ROWS)[3:6]
+        assert any(ord(character) > 0x2800 for line in above for character in line)
+        assert any(ord(character) > 0x2800 for line in band for character in line)

@@ -1,0 +1,135 @@
+"""Questions over the screen: one of a few answers by its key, or a line of text."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import ClassVar
+
+from textual import events
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, Vertical
+from textual.content import Content
+from textual.screen import ModalScreen
+from textual.widgets import Button, Input, Static
+
+from capture_app.text import printable
+
+_CSS = """
+{0} {{ align: center middle; background: $background 60%; }}
+{0} > Vertical {{
+    width: 64; max-width: 90%; height: auto; max-height: 90%; padding: 1 2;
+    background: $panel; border: round $primary;
+}}
+{0} .question {{ width: 1fr; height: auto; margin-bottom: 1; }}
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Answer:
+    """One answer of a question: its value, the key that gives it, and what it is called."""
+
+    value: str
+    key: str
+    label: str
+
+
+class Question(ModalScreen[str | None]):
+    """Asks and gives the value of the answer; None where it was closed by Escape."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "leave", "Cancel", id="question.cancel"),
+        Binding("left", "app.focus_previous", "Answer before", show=False, id="question.left"),
+        Binding("right", "app.focus_next", "Answer after", show=False, id="question.right"),
+    ]
+    DEFAULT_CSS = (
+        _CSS.format("Question")
+        + """
+    Question Horizontal { height: auto; }
+    Question Button { margin-right: 1; height: 1; border: none; min-width: 0; padding: 0 1; }
+    """
+    )
+
+    def __init__(self, text: str, answers: Sequence[Answer], *, title: str = "") -> None:
+        """The first answer has the focus."""
+        super().__init__()
+        self._text, self._answers, self._title = printable(text), tuple(answers), printable(title)
+
+    def compose(self) -> ComposeResult:
+        """The question above its answers."""
+        box = Vertical(
+            Static(Content(self._text), classes="question"),
+            Horizontal(
+                *(
+                    Button(Content(f"{answer.key} {answer.label}"), id=f"answer-{answer.value}")
+                    for answer in self._answers
+                )
+            ),
+        )
+        box.border_title = Content(self._title) if self._title else None
+        yield box
+
+    def on_key(self, event: events.Key) -> None:
+        """Give the answer of a key."""
+        for answer in self._answers:
+            if event.character == answer.key:
+                event.stop()
+                self.dismiss(answer.value)
+                return
+
+    def on_button_pressed(self, event: Button.Pressed) -> None:
+        """Give the answer that was clicked."""
+        self.dismiss((event.button.id or "").removeprefix("answer-"))
+
+    def action_leave(self) -> None:
+        """Give no answer."""
+        self.dismiss(None)
+
+
+class TextQuestion(ModalScreen[str | None]):
+    """Asks for a line of text; None where it was closed by Escape."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape", "leave", "Cancel", id="question.cancel-text"),
+    ]
+    DEFAULT_CSS = (
+        _CSS.format("TextQuestion")
+        + """
+    TextQuestion .wrong { color: $error; height: auto; }
+    TextQuestion Input { border: none; height: 1; padding: 0 1; background: $surface; }
+    """
+    )
+
+    def __init__(
+        self, text: str, value: str = "", *, check: Callable[[str], str] | None = None, title: str = ""
+    ) -> None:
+        """`check` returns what is wrong with a text, or nothing."""
+        super().__init__()
+        self._text, self._value, self._title = printable(text), value, printable(title)
+        self._check = check or (lambda _: "")
+
+    def compose(self) -> ComposeResult:
+        """The question, the line, and what is wrong with it."""
+        box = Vertical(
+            Static(Content(self._text), classes="question"),
+            Input(self._value, select_on_focus=False),
+            Static("", classes="wrong"),
+        )
+        box.border_title = Content(self._title) if self._title else None
+        yield box
+
+    def on_mount(self) -> None:
+        """Type at once."""
+        self.query_one(Input).focus()
+
+    def on_input_changed(self, event: Input.Changed) -> None:
+        """Say at once what is wrong."""
+        self.query_one(".wrong", Static).update(Content(self._check(event.value)))
+
+    def on_input_submitted(self, event: Input.Submitted) -> None:
+        """Take it where nothing is wrong."""
+        if not self._check(event.value):
+            self.dismiss(event.value)
+
+    def action_leave(self) -> None:
+        """Give no text."""
+        self.dismiss(None)

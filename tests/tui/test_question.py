@@ -1,0 +1,57 @@
+"""Questions over the screen."""
+
+from textual.app import App
+from textual.widgets import Static
+
+from capture_app.tui.question import Answer, Question, TextQuestion
+
+ANSWERS = (Answer("keep", "k", "Keep both"), Answer("trash", "t", "Trash the earlier one"))
+
+
+class AskingApp(App[None]):
+    def __init__(self, question: Question | TextQuestion) -> None:
+        super().__init__()
+        self.question = question
+        self.answers: list[str | None] = []
+
+    def on_mount(self) -> None:
+        self.push_screen(self.question, self.answers.append)
+
+
+async def test_an_answer_by_its_key_by_enter_and_by_click() -> None:
+    for keys, answer in (
+        (["t"], "trash"),
+        (["enter"], "keep"),
+        (["right", "enter"], "trash"),
+        (["escape"], None),
+    ):
+        app = AskingApp(Question("Take it [b]again[/b]?\x1b[31m", ANSWERS, title="Retake [x]"))
+        async with app.run_test(size=(80, 24)) as pilot:
+            assert (
+                str(app.question.query_one(".question", Static).content) == "Take it [b]again[/b]?\\x1b[31m"
+            )
+            await pilot.press(*keys)
+            await pilot.pause()
+            assert app.answers == [answer]
+    app = AskingApp(Question("Again?", ANSWERS))
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.click("#answer-trash")
+        await pilot.pause()
+        assert app.answers == ["trash"]
+
+
+async def test_a_text_is_taken_only_where_nothing_is_wrong_with_it() -> None:
+    app = AskingApp(TextQuestion("Name?", "a", check=lambda text: "too long" if len(text) > 3 else ""))
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.press("b", "c", "d", "enter")
+        await pilot.pause()
+        assert app.answers == []
+        assert str(app.question.query_one(".wrong", Static).content) == "too long"
+        await pilot.press("backspace", "enter")
+        await pilot.pause()
+        assert app.answers == ["abc"]
+    app = AskingApp(TextQuestion("Name?", "kept"))
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.press("x", "escape")
+        await pilot.pause()
+        assert app.answers == [None]

@@ -1,234 +1,149 @@
-"""The terminal UI: one screen that shows the cameras, takes bursts and compares sessions."""
+"""The app: four modes on a rig, what holds in all of them, and the one worker that hears of the rig."""
 
-import asyncio
-from collections.abc import Iterator
-from contextlib import contextmanager
+import time
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
-from typing import ClassVar
+from typing import ClassVar, Literal
 
-from rich.text import Text
 from textual import work
-from textual.app import App, ComposeResult
+from textual.app import App
 from textual.binding import Binding, BindingType
-from textual.containers import Container, Horizontal, Vertical
-from textual.widgets import Footer, Label, ProgressBar, RichLog, Static
+from textual.screen import Screen
+from textual.widget import Widget
 
-from capture_app.errors import SimulshotError
-from capture_app.node.leader.snapshots import in_tree_order
 from capture_app.node.wire.status import RigStatus
-from capture_app.session.reading.reader import Session
-from capture_app.sync.wire.messages import NodeState
-from capture_app.text import ProgressStep, printable
-from capture_app.tui.live import Comparison, LiveRig, Rig
-from capture_app.tui.tables import NodesTable, SessionsTable, describe_manifest
+from capture_app.node.wire.views import NewsLine
+from capture_app.text import printable
+from capture_app.tui.header import MODES
+from capture_app.tui.messages import (
+    LinkChanged,
+    Mishap,
+    ModeRequested,
+    NewsReceived,
+    RigMessage,
+    StatusChanged,
+    message_of,
+)
+from capture_app.tui.mode import ModeScreen
+from capture_app.tui.placeholder import NotThereYet
+from capture_app.tui.record import RigRecord
+from capture_app.tui.rig.view import RigView
+from capture_app.tui.rig_source import RigSource
+from capture_app.tui.settings import Settings
+from capture_app.tui.themes import DARK, PLAIN, THEMES
 
-REFRESH_S = 0.25
-BURST_FRAMES = 5
-SIMULATED_CAMERAS = 5
-TAKING = "taking a burst"
 
-
-class RigApp(App[None]):
-    """Shows snapshots of a rig and asks it for bursts; all it knows is in the snapshot."""
+class SimulshotApp(App[None]):
+    """The screen of a rig, wherever its leader runs."""
 
     TITLE = "simulshot"
-    CSS_PATH = "app.tcss"
-    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (110, "-wide")]  # noqa: RUF012 - Textual's own name and type
+    CSS_PATH = Path(__file__).with_name("app.tcss")
+    DEFAULT_MODE = "rig"
+    ENABLE_COMMAND_PALETTE = True
+    COMMAND_PALETTE_BINDING = "ctrl+p"
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("b", "burst", "Burst"),
-        Binding("c", "compare", "Compare"),
-        Binding("o", "open_report", "Open report"),
-        Binding("s", "simulate", "Simulated cameras"),
-        Binding("q", "quit", "Quit"),
+        *(
+            Binding(str(number), f"go('{mode}')", title, id=f"app.{mode}", show=False)
+            for number, (mode, title) in enumerate(MODES.items(), 1)
+        ),
+        Binding("question_mark", "help", "Help", id="app.help", key_display="?"),
+        Binding("q", "quit", "Quit", id="app.quit"),
     ]
 
-    def __init__(self, rig: Rig) -> None:
+    def __init__(
+        self,
+        source: RigSource,
+        *,
+        settings: Settings,
+        sessions: Path,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
+        """`sessions`: the folder that is shown; `clock`: seconds that only grow, for what runs over time."""
         super().__init__()
-        self._rig = rig
-        self._known_sessions: set[str] = set()
-        self._reports: dict[Path, Path] = {}
-        self._busy = ""
-
-    def compose(self) -> ComposeResult:
-        """Lay the screen out."""
-        yield Static(id="headline")
-        with Vertical(id="cameras") as cameras:
-            cameras.border_title = "Cameras"
-            yield Static(id="empty")
-            yield NodesTable(id="nodes")
-        with Container(id="lower"):
-            with Vertical(id="saved") as saved:
-                saved.border_title = "Sessions"
-                yield SessionsTable(id="sessions")
-            with Vertical(id="news") as news:
-                news.border_title = "Events"
-                yield RichLog(id="log", wrap=True, min_width=0, markup=False, max_lines=500)
-        with Horizontal(id="doing", classes="idle"):
-            yield Label(id="message")
-            yield ProgressBar(id="progress", show_eta=False)
-        yield Footer()
+        self._source = source
+        self._settings = settings
+        self._sessions = sessions
+        self._record = RigRecord(clock)
+        for mode in MODES:
+            self.add_mode(mode, partial(self._mode_screen, mode))
+        for theme in THEMES.values():
+            self.register_theme(theme)
+        theme_name = settings.recall("theme", DARK.name)
+        self.theme = (
+            PLAIN.name if self.no_color else theme_name if theme_name in self.available_themes else DARK.name
+        )
+        self.set_keymap(settings.keys)
 
     def on_mount(self) -> None:
-        """Begin to show the rig."""
-        self._rig.on_news(self._log_event)
-        self.query_one(SessionsTable).focus()
-        self.show_rig()
-        self.set_interval(REFRESH_S, self.show_rig)
+        """Begin to follow the rig."""
+        for warning in self._settings.warnings:
+            self.show_mishap(warning, "warning")
+        self._settings.on_change = self._save_soon
+        self.screen_change_signal.subscribe(self, self._tell_screen)
+        self.theme_changed_signal.subscribe(self, lambda theme: self._settings.remember("theme", theme.name))
+        self._follow()
 
-    def on_unmount(self) -> None:
-        """Stop logging events: nodes still leave when the screen has closed."""
-        self._rig.on_news(lambda _: None)
+    def _mode_screen(self, mode: str) -> ModeScreen:
+        return ModeScreen(mode, self._view(mode))
 
-    # Showing
+    def _view(self, mode: str) -> Widget:
+        if mode == "rig":
+            return RigView(self._source, self._record)
+        return NotThereYet(MODES[mode])
 
-    def show_rig(self) -> None:
-        """Show the rig as it is now; does nothing while the screen closes."""
-        if not self.query(SessionsTable) or not self.query("#headline"):
-            return
-        status = self._rig.status()
-        self.query_one("#headline", Static).update(_headline(status))
-        empty = self.query_one("#empty", Static)
-        table = self.query_one(NodesTable)
-        empty.update(_how_to_join(status))
-        empty.display = not status.nodes
-        table.display = bool(status.nodes)
-        table.show(tuple(in_tree_order(status.nodes)), wide=self.size.width >= 110)
-        burst = status.burst
-        if self._busy == TAKING and burst is not None and not burst.done:
-            text = f"saving {burst.name}: {burst.received} of {burst.expected} images"
-            self._show_message(text, progress=ProgressStep(burst.received, burst.expected, text))
-        for path in status.sessions:
-            if path not in self._known_sessions:
-                self._known_sessions.add(path)
-                self._show_session(Path(path))
+    # The rig
 
-    @work(thread=True)
-    def _show_session(self, path: Path) -> None:
-        try:
-            images, sync = describe_manifest(Session.open(path).manifest)
-        except SimulshotError as error:
-            self.call_from_thread(self._log_event, str(error))
-            return
-        self.call_from_thread(self.query_one(SessionsTable).add_session, path, images, sync)
+    @work(group="rig")
+    async def _follow(self) -> None:
+        """Tell the screens that are seen what changes; the others read the record when they are."""
+        async for update in self._source.updates():
+            if isinstance(update, RigStatus) and self._record.lost:
+                self._post(lambda: LinkChanged(""))
+            self._record.add(update)
+            self._post(partial(message_of, update))
 
-    def _log_event(self, line: str) -> None:
-        self.query_one(RichLog).write(printable(line))
+    def _post(self, message: Callable[[], RigMessage]) -> None:
+        for screen in self.screen_stack:
+            screen.post_message(message())
 
-    def _show_message(self, text: str, *, error: bool = False, progress: ProgressStep | None = None) -> None:
-        self.query_one("#message", Label).update(Text(printable(text), style="red" if error else ""))
-        bar = self.query_one(ProgressBar)
-        if progress is not None:
-            bar.update(total=progress.total, progress=progress.done)
-        self.query_one("#doing").set_class(progress is None, "idle")
+    def _tell_screen(self, screen: Screen[object]) -> None:
+        """Tell a screen that is now seen how the rig is."""
+        screen.post_message(LinkChanged(self._record.lost))
+        if self._record.status is not None:
+            screen.post_message(StatusChanged(self._record.status))
+
+    # What views ask for
+
+    def on_mode_requested(self, message: ModeRequested) -> None:
+        """Go to a mode."""
+        self.switch_mode(message.mode)
+
+    def on_mishap(self, message: Mishap) -> None:
+        """Show what went wrong, and keep it in the news."""
+        self.show_mishap(str(message.error))
+
+    def show_mishap(self, text: str, level: Literal["warning", "error"] = "error") -> None:
+        """Show a sentence about what went wrong until it is read, and keep it in the news."""
+        news = NewsLine(unix_ns=time.time_ns(), text=printable(text), level=level)
+        self._record.add(news)
+        self._post(lambda: NewsReceived(news))
+        self.notify(news.text, severity=level, markup=False, timeout=10)
 
     # Doing
 
-    def _is_busy(self) -> bool:
-        if self._busy:
-            self._show_message(f"please wait: {self._busy}")
-        return bool(self._busy)
+    def action_go(self, mode: str) -> None:
+        """Go to a mode."""
+        self.switch_mode(mode)
 
-    @contextmanager
-    def _busy_with(self, what: str) -> Iterator[None]:
-        """Show what is under way, and its error where it fails."""
-        self._busy = what
-        self._show_message(f"{what} …")
+    # Settings
+
+    def _save_soon(self) -> None:
+        self._save_settings()
+
+    @work(thread=True, exclusive=True, group="settings")
+    def _save_settings(self) -> None:
         try:
-            yield
-        except SimulshotError as error:
-            self._show_message(str(error), error=True)
-        finally:
-            self._busy = ""
-
-    @work
-    async def action_burst(self) -> None:
-        """Take a burst with all cameras."""
-        if self._is_busy():
-            return
-        with self._busy_with(TAKING):
-            burst = await self._rig.burst(BURST_FRAMES)
-            saved = f"saved {burst.name}: {burst.received} of {burst.expected} images"
-            self._show_message(burst.message or saved)
-
-    @work
-    async def action_simulate(self) -> None:
-        """Start simulated cameras on this machine."""
-        if self._is_busy():
-            return
-        with self._busy_with("starting simulated cameras"):
-            await self._rig.add_simulated(SIMULATED_CAMERAS)
-            self._show_message(
-                f"started {SIMULATED_CAMERAS} simulated cameras; synchronizing takes some seconds"
-            )
-
-    @work
-    async def action_compare(self) -> None:
-        """Compare synchronized with delayed frames of the selected session."""
-        sessions = self.query_one(SessionsTable)
-        session = sessions.selected
-        if session is None:
-            self._show_message("no session yet: press b to take a burst")
-            return
-        if self._is_busy():
-            return
-        with self._busy_with(f"comparing {session.name}"):
-            try:
-                async for step in self._rig.compare(session):
-                    if isinstance(step, Comparison):
-                        self._reports[session] = step.report
-                        sessions.show_comparison(session, "press o for the report", "green")
-                        self._log_event(step.verdict)
-                        self._show_message(f"report: {step.report}")
-                    else:
-                        sessions.show_comparison(session, f"{step.done} of {step.total}", "yellow")
-                        self._show_message(step.text, progress=step)
-            except SimulshotError:
-                sessions.show_comparison(session, "failed", "red")
-                raise
-
-    def action_open_report(self) -> None:
-        """Open the selected session's report in the browser."""
-        session = self.query_one(SessionsTable).selected
-        report = None if session is None else self._reports.get(session)
-        if report is None:
-            self._show_message("no report yet: press c to compare the selected session")
-            return
-        self._show_message(f"report: {report}")
-        self.open_url(report.resolve().as_uri())
-
-
-def _headline(status: RigStatus) -> Text:
-    text = Text("simulshot", style="bold")
-    text.append(f"   leader {status.leader}", style="not bold")
-    if status.period_ns:
-        text.append(f"   {1e9 / status.period_ns:.1f} fps", style="not bold")
-    here = [node for node in status.nodes if node.state is not NodeState.LOST]
-    ready = sum(node.state is NodeState.READY for node in here)
-    if here:
-        done = ready == len(here)
-        text.append(f"   {ready} of {len(here)} ready", style="bold green" if done else "bold yellow")
-        if done:
-            text.append("   press b", style="not bold")
-    return text
-
-
-def _how_to_join(status: RigStatus) -> Text:
-    text = Text("No camera has joined yet. On the computer of each camera, run:\n\n")
-    text.append(f"  capture-app node --leader {status.leader} --camera v4l2:/dev/video0\n\n", style="bold")
-    text.append("Or press ")
-    text.append("s", style="bold")
-    text.append(f" for {SIMULATED_CAMERAS} simulated cameras on this machine.")
-    return text
-
-
-def run_app(*, sessions: Path, host: str, port: int) -> None:
-    """Open the screen over a leader of its own until it is closed.
-
-    Raises NetworkError where the port is in use, before anything is drawn.
-    """
-
-    async def opened() -> None:
-        async with LiveRig(sessions=sessions, host=host, port=port) as rig:
-            await RigApp(rig).run_async()
-
-    asyncio.run(opened())
+            self._settings.save()
+        except OSError as error:
+            self.call_from_thread(self.show_mishap, f"choices are not remembered: {error}", "warning")

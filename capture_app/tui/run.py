@@ -2,8 +2,8 @@
 
 from capture_app.node.operator.link import RigLink
 from capture_app.rig_process import AttachedRig
+from capture_app.tui.app import SimulshotApp
 from capture_app.tui.settings import Settings
-from capture_app.tui.shell import SimulshotApp
 
 
 def run_screen(rig: AttachedRig, *, frames: int | None = None) -> None:

@@ -5,9 +5,9 @@ from typing import Any
 
 from textual.widgets._toast import Toast
 
+from capture_app.tui.app import SimulshotApp
 from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.settings import Settings
-from capture_app.tui.shell import SimulshotApp
 from tests.tui.fake_rig import FakeRig
 
 

@@ -3,12 +3,16 @@
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from capture_app.camera_facts import CameraFacts
 from capture_app.clock import HostClock, NodeClock
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.sync.wire.camera_commands import CameraCommand
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
 
 
 class FramePicture(Protocol):
@@ -16,6 +20,12 @@ class FramePicture(Protocol):
 
     def encode(self) -> bytes:
         """Return the image file's bytes (JPEG). May take a second: call it off the event loop."""
+
+    def reduced(self, width: int) -> "NDArray[np.uint8]":
+        """Return the picture, BGR uint8 (H, W, 3), about `width` pixels wide or wider, as is cheap.
+
+        Raises ValueError for a picture that cannot be decoded. Call it off the event loop.
+        """
 
 
 class GroundTruth(Protocol):

@@ -12,7 +12,7 @@ import pytest
 from capture_app.camera_facts import PhaseControl, TimestampSource
 from capture_app.cameras.base import CapturedFrame
 from capture_app.cameras.v4l2 import layout as v4l2
-from capture_app.cameras.v4l2.pictures import RawPicture
+from capture_app.cameras.v4l2.pictures import JpegPicture, RawPicture
 from capture_app.cameras.v4l2.stream import V4L2Camera
 from capture_app.errors import CameraError
 from capture_app.sync.wire.camera_commands import InjectFrame, RestartStream
@@ -214,6 +214,37 @@ def test_raw_frames_become_jpegs_without_the_padding_of_their_lines():
     nv12 = np.concatenate([np.full((16, 16), 76), np.tile([85, 255], (8, 8))]).astype(np.uint8)
     picture = decoded(RawPicture(nv12.tobytes(), v4l2.PixelFormat("NV12", 16, 16, 16)))
     assert np.abs(picture.astype(int) - [0, 0, 255]).max() < 12
+
+
+def test_a_preview_of_a_large_picture_is_decoded_small():
+    large = np.zeros((480, 640, 3), np.uint8)
+    large[:, 320:] = (0, 0, 255)
+    jpeg = bytes(cv2.imencode(".jpg", large)[1])
+    for width, shape in ((80, (60, 80, 3)), (100, (120, 160, 3)), (320, (240, 320, 3)), (900, (480, 640, 3))):
+        picture = JpegPicture(jpeg).reduced(width)
+        assert picture.shape == shape
+        assert np.abs(picture[:, -8:].astype(int) - [0, 0, 255]).max() < 12
+        assert picture[:, :8].max() < 12
+    with pytest.raises(ValueError, match="cannot be decoded"):
+        JpegPicture(b"\xff\xd8 nothing").reduced(80)
+
+
+@pytest.mark.parametrize(
+    ("fourcc", "plane", "colour"),
+    [
+        ("YUYV", np.array([[76, 85, 76, 255] * 8] * 16, np.uint8), (0, 0, 255)),
+        ("GREY", np.full((16, 16), 90, np.uint8), (90, 90, 90)),
+        (
+            "NV12",
+            np.concatenate([np.full((16, 16), 76), np.tile([85, 255], (8, 8))]).astype(np.uint8),
+            (0, 0, 255),
+        ),
+    ],
+)
+def test_a_preview_of_a_raw_picture_leaves_pixels_out(fourcc, plane, colour):
+    picture = RawPicture(plane.tobytes(), v4l2.PixelFormat(fourcc, 16, 16, plane.shape[1])).reduced(8)
+    assert picture.shape == (8, 8, 3)
+    assert np.abs(picture.astype(int) - colour).max() < 12
 
 
 def decoded(picture: RawPicture) -> np.ndarray:

@@ -74,6 +74,18 @@ def test_same_arguments_give_the_same_bytes_in_another_process(scene):
     assert other.stdout.split()[-1] == hashlib.sha256(shot.tobytes()).hexdigest()
 
 
+def test_a_draft_shows_the_same_in_small(scene):
+    draft = scene.draft(0.5)
+    assert scene.draft(0.5) is draft
+    full = scene.render("cam01", START_NS, 4_000_000, ROW_NS, seed=1)
+    small = draft.render("cam01", START_NS, 4_000_000, 2 * ROW_NS, seed=1)
+    assert small.shape == (60, 80, 3)
+    # Single pixels differ: of one sample each, textures are coarser.
+    blocks = full.reshape(6, 20, 8, 20, 3).mean((1, 3)), small.reshape(6, 10, 8, 10, 3).mean((1, 3))
+    assert np.abs(blocks[0] - blocks[1]).max() < 0.06 * 255
+    assert np.corrcoef(blocks[0].ravel(), blocks[1].ravel())[0, 1] > 0.98
+
+
 def test_seed_changes_only_the_noise(scene):
     difference = picture(scene, seed=1).astype(int) - picture(scene, seed=2)
     assert 0.5 < difference.std() < 8

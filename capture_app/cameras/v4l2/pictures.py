@@ -1,10 +1,17 @@
 """The pictures of a V4L2 camera, copied out of the driver's buffers: its own JPEG, or raw pixels."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 from capture_app.cameras.v4l2.layout import PixelFormat
 
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
 _JPEG_QUALITY = 95
+_FRAME_HEADERS = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
+"""Markers of JPEG whose segment holds the picture's size (ITU T.81, table B.1)."""
 _JPEG_START = b"\xff\xd8"
 
 
@@ -18,6 +25,28 @@ class JpegPicture:
         """Return the camera's own bytes."""
         return self.data
 
+    def reduced(self, width: int) -> "NDArray[np.uint8]":
+        """Return the picture, BGR uint8 (H, W, 3), decoded at a half, a quarter or an eighth where that does.
+
+        Raises ValueError for bytes that are no picture.
+        """
+        import cv2
+        import numpy as np
+
+        full, flag = _jpeg_width(self.data), cv2.IMREAD_COLOR
+        for part, reduced in (
+            (8, cv2.IMREAD_REDUCED_COLOR_8),
+            (4, cv2.IMREAD_REDUCED_COLOR_4),
+            (2, cv2.IMREAD_REDUCED_COLOR_2),
+        ):
+            if full >= part * width:
+                flag = reduced
+                break
+        picture = cv2.imdecode(np.frombuffer(self.data, np.uint8), flag)
+        if picture is None:
+            raise ValueError("the camera's JPEG cannot be decoded")
+        return np.asarray(picture, np.uint8)
+
 
 @dataclass(frozen=True, slots=True)
 class RawPicture:
@@ -29,19 +58,48 @@ class RawPicture:
     def encode(self) -> bytes:
         """Return a JPEG of quality 95."""
         import cv2
+
+        _done, jpeg = cv2.imencode(".jpg", self._picture(1), [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
+        return bytes(jpeg)
+
+    def reduced(self, width: int) -> "NDArray[np.uint8]":
+        """Return the picture, BGR uint8 (H, W, 3), of every so-manieth pixel."""
+        import cv2
+        import numpy as np
+
+        picture = self._picture(max(1, self.layout.width // max(width, 1)))
+        if picture.ndim == 2:
+            picture = cv2.cvtColor(picture, cv2.COLOR_GRAY2BGR)
+        return np.asarray(picture, np.uint8)
+
+    def _picture(self, step: int) -> "NDArray[np.uint8]":
+        """The picture of every `step`-th row and column, BGR or grey."""
+        import cv2
         import numpy as np
 
         width, height, stride = self.layout.width, self.layout.height, self.layout.bytes_per_line
         rows = _rows(self.layout)
         plane = np.frombuffer(self.data, np.uint8, rows * stride).reshape(rows, stride)
         if self.layout.fourcc == "YUYV":
-            picture = cv2.cvtColor(plane[:, : 2 * width].reshape(height, width, 2), cv2.COLOR_YUV2BGR_YUYV)
-        elif self.layout.fourcc == "NV12":
+            # Two pixels share their colour: pairs are kept or left out together.
+            pairs = plane[:, : 2 * width].reshape(height, width // 2, 4)[::step, ::step]
+            packed = np.ascontiguousarray(pairs).reshape(pairs.shape[0], pairs.shape[1] * 2, 2)
+            return np.asarray(cv2.cvtColor(packed, cv2.COLOR_YUV2BGR_YUYV), np.uint8)
+        if self.layout.fourcc == "NV12":
             picture = cv2.cvtColor(np.ascontiguousarray(plane[:, :width]), cv2.COLOR_YUV2BGR_NV12)
-        else:
-            picture = plane[:, :width]
-        _done, jpeg = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, _JPEG_QUALITY])
-        return bytes(jpeg)
+            return np.asarray(picture[::step, ::step], np.uint8)
+        return plane[::step, :width:step]
+
+
+def _jpeg_width(data: bytes) -> int:
+    """Width of a JPEG in pixels, from its frame header; 0 where that is not found."""
+    at = 2
+    while at + 9 <= len(data) and data[at] == 0xFF:
+        marker, length = data[at + 1], int.from_bytes(data[at + 2 : at + 4])
+        if marker in _FRAME_HEADERS:
+            return int.from_bytes(data[at + 7 : at + 9])
+        at += 2 + length
+    return 0
 
 
 def picture_from_buffer(data: bytes, layout: PixelFormat) -> JpegPicture | RawPicture | None:

@@ -17,12 +17,15 @@ from capture_app.net.address import Address, resolve
 from capture_app.net.multicast import BeaconReceiver
 from capture_app.net.udp import Pump, client_socket
 from capture_app.node.camera.device_profiles import DeviceProfiles
+from capture_app.node.camera.journal import NodeJournal
 from capture_app.node.camera.records import camera_record, camera_report, event_line, true_clock
 from capture_app.node.camera.supervisor import CameraSupervisor
+from capture_app.node.camera.viewfinder import Viewfinder
 from capture_app.node.transfer.burst_upload import BurstUpload
 from capture_app.node.transfer.spool import Spool
 from capture_app.node.transfer.uploader import Uploader
 from capture_app.node.wire.messages import JsonValue
+from capture_app.node.wire.views import NodeDetail
 from capture_app.sync.rig import events
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.failover import Failover
@@ -65,13 +68,23 @@ class CameraNode:
         self._tolerance_ns = tolerance_ns
         self._ring_frames = ring_frames
         self._profiles = profiles
-        self._talk = talk or (lambda _: None)
-        self._camera = CameraSupervisor(open_camera, self._clock, lambda line: self._talk(line))
+        self._tell = talk or (lambda _: None)
+        self._journal = NodeJournal(name)
+        self._camera = CameraSupervisor(open_camera, self._clock, self._talk)
         self._engine: Client[CapturedFrame]
         self._failover: Failover[CapturedFrame]
         self._pump: Pump
         self._beacons: BeaconReceiver
         self._uploader = Uploader(self._talk, None if spool is None else Spool(spool, name))
+        self._viewfinder = Viewfinder(
+            name,
+            now_ns=self._clock.now_ns,
+            leader_ns=lambda local_ns: (
+                None if self._engine.time_map is None else self._engine.time_map.leader_from_local(local_ns)
+            ),
+            is_busy=lambda: self._engine.has_burst_pending or self._uploader.is_busy,
+            detail=self._detail,
+        )
         self._events: deque[dict[str, JsonValue]] = deque(maxlen=EVENTS_KEPT)
         self._last_state: NodeState | None = None
 
@@ -110,25 +123,41 @@ class CameraNode:
             injection_profile=self._profiles.injection_profile(facts) if self._profiles else None,
             start_latencies_ns=self._profiles.start_latencies_ns(facts) if self._profiles else (),
         )
-        self._engine = Client(config, random.Random(secrets.randbits(64)))
+        rng = random.Random(secrets.randbits(64))
+        self._engine = Client(config, rng, on_sample=self._journal.add_sample)
         self._failover = Failover(self._engine, peers)
         self._pump = Pump(self._failover, self._clock.now_ns, self._drain)
         self._beacons = BeaconReceiver(self._engine.receive_broadcast, self._clock.now_ns, self._pump.turn)
-        self._camera.attach(self._engine, self._pump.turn)
+        self._camera.attach(self._engine, self._pump.turn, self._viewfinder.add_frame)
         self._pump.start(sock)
         try:
             async with asyncio.TaskGroup() as tasks:
                 tasks.create_task(self._camera.keep_open())
                 tasks.create_task(self._camera.carry_out_commands())
                 tasks.create_task(self._uploader.run())
+                tasks.create_task(self._viewfinder.run())
         except* SimulshotError as group:
             raise group.exceptions[0] from None
         finally:
-            self._talk = lambda _: None
+            self._tell = lambda _: None
             self._engine.leave()
             self._pump.turn()
             self._pump.close()
             self._beacons.close()
+
+    def _talk(self, line: str) -> None:
+        self._journal.add_line(line)
+        self._tell(line)
+
+    def _detail(self) -> NodeDetail:
+        errors_ns = (self._engine.phase_error_ns(stamp) for stamp in self._viewfinder.stamps_ns)
+        spool = self._uploader.spool
+        return self._journal.detail(
+            self._viewfinder.vitals,
+            phase_errors_ns=tuple(error for error in errors_ns if error is not None),
+            newest=self._viewfinder.newest,
+            spool=None if spool is None else spool.folder,
+        )
 
     def _drain(self) -> None:
         self._camera.collect_commands()
@@ -158,6 +187,8 @@ class CameraNode:
         if isinstance(event, events.Joined):
             leader = Address(self._failover.leader[0], event.transfer_port)
             self._uploader.set_leader(leader)
+            self._viewfinder.set_leader(leader)
+            self._journal.forget_samples()
             self._beacons.follow(event.beacons, leader.host)
             if len(self._leaders) > 1:
                 self._talk(f"joined {leader}")

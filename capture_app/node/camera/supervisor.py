@@ -39,6 +39,7 @@ class CameraSupervisor:
         self._started_ns = 0
         self._engine: Client[CapturedFrame] | None = None
         self._after_turn: Callable[[], None] = lambda: None
+        self._on_frame: Callable[[CapturedFrame], None] = lambda _: None
         self._commands: asyncio.Queue[tuple[CameraCommand, int]] = asyncio.Queue()
         """Each with the local time in ns that the engine reckoned with."""
         self._engine_ns = 0
@@ -74,9 +75,17 @@ class CameraSupervisor:
         """Stop the stream and let go of the camera."""
         await self._camera.stop()
 
-    def attach(self, engine: Client[CapturedFrame], after_turn: Callable[[], None]) -> None:
-        """Give the engine all frames from now on; `after_turn` is called whenever it may have news."""
-        self._engine, self._after_turn = engine, after_turn
+    def attach(
+        self,
+        engine: Client[CapturedFrame],
+        after_turn: Callable[[], None],
+        on_frame: Callable[[CapturedFrame], None] = lambda _: None,
+    ) -> None:
+        """Give the engine all frames from now on, and then `on_frame`.
+
+        `after_turn` is called whenever the engine may have news.
+        """
+        self._engine, self._after_turn, self._on_frame = engine, after_turn, on_frame
         engine.stream_started(self._started_ns)
 
     def collect_commands(self) -> None:
@@ -147,3 +156,4 @@ class CameraSupervisor:
         self._engine_ns = self._clock.now_ns()
         self._engine.frame_arrived(stamp, frame, self._engine_ns)
         self._after_turn()
+        self._on_frame(frame)

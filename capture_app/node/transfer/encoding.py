@@ -71,7 +71,7 @@ class FrameEncoder:
     def __init__(self, talk: Callable[[str], None], spool: Spool | None) -> None:
         self._talk = talk
         self._spool = spool
-        self._thread = ThreadPoolExecutor(1, "encode", initializer=_lower_priority)
+        self._thread = ThreadPoolExecutor(1, "encode", initializer=lower_priority)
 
     async def encode_next(self, burst: BurstUpload) -> None:
         """Encode the first frame of a burst that has one, and move it to its images."""
@@ -109,7 +109,8 @@ class FrameEncoder:
         return image
 
 
-def _lower_priority() -> None:
+def lower_priority() -> None:
+    """Let all other threads of this process go before the present one."""
     # Linux knows a niceness for each thread; where there is none, all threads stay equal.
     with contextlib.suppress(OSError):
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), LOW_PRIORITY)

@@ -40,6 +40,11 @@ class Uploader:
         self._encoder = FrameEncoder(talk, spool)
         self._stream: Channel[Any] | None = None
 
+    @property
+    def is_busy(self) -> bool:
+        """Whether something is being encoded or sent, rather than waiting for the leader or for news."""
+        return self._stream is not None or any(burst.frames for burst in self._waiting)
+
     def load_spool(self) -> None:
         """Take on what an earlier run of this node has left in the spool. Raises SimulshotError."""
         for spooled in self.spool.open() if self.spool is not None else ():

@@ -39,6 +39,10 @@ class PictureSource(ABC):
     def render(self, frame: SensorFrame, *, seed: int) -> NDArray[np.uint8]:
         """Return the picture, BGR uint8 of height x width x 3."""
 
+    def reduced(self, frame: SensorFrame, width: int, *, seed: int) -> NDArray[np.uint8]:
+        """Return the picture, BGR uint8, about `width` pixels wide if that is quicker to render."""
+        return self.render(frame, seed=seed)
+
     def ground_truth(self, frame: SensorFrame) -> GroundTruthArrays:
         """Return depth in m (0 = none), object numbers and moving pixels, each of height x width."""
         import numpy as np
@@ -52,6 +56,13 @@ class ColourBars(PictureSource):
     """Colour bars, with the camera's name, the frame's number and time, and a hand that turns in a second."""
 
     camera: str
+
+    def reduced(self, frame: SensorFrame, width: int, *, seed: int) -> NDArray[np.uint8]:
+        """Return a card of that width, BGR uint8, or of its own if that is less."""
+        width = min(width, self.width)
+        return ColourBars(width, max(1, self.height * width // self.width), self.camera).render(
+            frame, seed=seed
+        )
 
     def render(self, frame: SensorFrame, *, seed: int) -> NDArray[np.uint8]:
         """Return the card, BGR uint8 of height x width x 3; `seed` moves its faint grain."""
@@ -109,6 +120,12 @@ class SceneView(PictureSource):
         return self.scene.render(
             self.view, frame.start_true_ns, frame.exposure_ns, self.row_time_ns, seed=seed
         )
+
+    def reduced(self, frame: SensorFrame, width: int, *, seed: int) -> NDArray[np.uint8]:
+        """Return the view about that wide, BGR uint8, of one sample a pixel and without motion blur."""
+        draft = self.scene.draft(min(1.0, width / self.width))
+        row_time_ns = self.row_time_ns * self.height // draft.views[self.view].height
+        return draft.render(self.view, frame.start_true_ns, frame.exposure_ns, row_time_ns, seed=seed)
 
     def ground_truth(self, frame: SensorFrame) -> GroundTruthArrays:
         """Return the view's true depth in m, object numbers and moving pixels."""

@@ -1,5 +1,6 @@
 """Rendered scenes for simulated cameras: a frame is a pure function of view, times and seed."""
 
+import copy
 import functools
 import threading
 from collections.abc import Iterator
@@ -42,9 +43,8 @@ class Scene:
         self.things = ("nothing", *(f.thing for f in fixtures), *moving_things)
         """Names of the things by their number in the ground truth's `objects`."""
         self.moving_things = frozenset(moving_things)
-        self.views = {
-            name: look_at(name, place, target, scale=scale) for name, (place, target) in stage.cameras.items()
-        }
+        self._scale = scale
+        self.views = self._views(scale)
         meshes = [(mesh, self.things.index(f.thing)) for f in fixtures for mesh in f.meshes]
         self._room = Body([m for m, _ in meshes], textures, [thing for _, thing in meshes])
         self._bodies = {name: Body(part.meshes, textures) for name, part in parts.items()}
@@ -54,6 +54,24 @@ class Scene:
         self._still_light: dict[str, Floats] = {}
         self._still_depth: dict[str, tuple[Floats, NDArray[np.uint8]]] = {}
         self._lock = threading.Lock()
+        self._samples = len(SUBPIXELS)
+        """Of each pixel, and again for long exposures."""
+        self._drafts: dict[float, Scene] = {}
+
+    def draft(self, scale: float) -> "Scene":
+        """The same scene in pictures of `scale` times the size, one sample a pixel: quick to render.
+
+        It shares what stands in it, and is made once for each scale, rounded to a percent.
+        """
+        scale = max(0.05, round(scale, 2))
+        with self._lock:
+            if scale not in self._drafts:
+                draft = copy.copy(self)
+                draft.views = draft._views(self._scale * scale)
+                draft._still, draft._still_light, draft._still_depth = {}, {}, {}
+                draft._lock, draft._samples, draft._drafts = threading.Lock(), 1, {}
+                self._drafts[scale] = draft
+            return self._drafts[scale]
 
     def render(
         self, view: str, start_ns: int, exposure_ns: int, row_time_ns: int, *, seed: int
@@ -65,7 +83,7 @@ class Scene:
         """
         camera = self._view(view)
         layers = self._layers(camera)
-        repeats = int(np.clip(-(-exposure_ns // _BLUR_STEP_NS), 1, 4))
+        repeats = int(np.clip(-(-exposure_ns // _BLUR_STEP_NS), 1, 4)) if self._samples > 1 else 1
         light = self._still_light[view] * repeats
         flat = light.reshape(-1, 3)
         for number, (layer, offset_ns) in enumerate(_samples(layers, repeats, exposure_ns)):
@@ -110,6 +128,12 @@ class Scene:
         cameras = {name: view.calibration() for name, view in self.views.items()}
         return Calibration(cameras=cameras, source=f"the simulated scene {self.name}")
 
+    def _views(self, scale: float) -> dict[str, View]:
+        return {
+            name: look_at(name, place, target, scale=scale)
+            for name, (place, target) in self._stage.cameras.items()
+        }
+
     def _view(self, name: str) -> View:
         if name not in self.views:
             raise BadInputError(
@@ -120,7 +144,7 @@ class Scene:
     def _layers(self, view: View) -> list[StillLayer]:
         with self._lock:
             if view.name not in self._still:
-                layers = still.still_layers(view, self._room)
+                layers = still.still_layers(view, self._room, self._samples)
                 self._still_light[view.name] = np.sum([x.from_sky + x.from_sun for x in layers], axis=0)
                 self._still[view.name] = layers
             return self._still[view.name]
@@ -133,7 +157,7 @@ class Scene:
 
 def _samples(layers: list[StillLayer], repeats: int, exposure_ns: int) -> Iterator[tuple[StillLayer, int]]:
     """Every layer `repeats` times, each at a time of its own spread evenly over the exposure."""
-    count = repeats * len(SUBPIXELS)
+    count = repeats * len(layers)
     for number in range(count):
         yield layers[number % len(layers)], exposure_ns * (2 * number + 1) // (2 * count)
 

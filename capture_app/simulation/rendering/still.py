@@ -32,9 +32,9 @@ class StillLayer:
     """Flat indices of the pixels that the sun reaches."""
 
 
-def still_layers(view: View, room: Body) -> list[StillLayer]:
-    """The four layers of a view of the room."""
-    return [_layer(view, room, number) for number in range(len(SUBPIXELS))]
+def still_layers(view: View, room: Body, samples: int = len(SUBPIXELS)) -> list[StillLayer]:
+    """The layers of a view of the room, one for each of so many samples of a pixel."""
+    return [_layer(view, room, number) for number in range(samples)]
 
 
 def cast_depth(view: View, room: Body, directions: Floats) -> tuple[Floats, NDArray[np.uint8]]:

@@ -2,8 +2,10 @@
 
 import random
 from collections import deque
+from collections.abc import Callable
 from typing import Generic, TypeVar
 
+from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.frame_stamp import FrameStamp, PhaseEstimate
 from capture_app.sync.rig import node_message
@@ -34,16 +36,29 @@ class Client(Generic[F]):
     """
 
     def __init__(
-        self, config: ClientConfig, rng: random.Random, schedule: PollSchedule | None = None
+        self,
+        config: ClientConfig,
+        rng: random.Random,
+        schedule: PollSchedule | None = None,
+        *,
+        on_sample: Callable[[ClockSample], None] | None = None,
     ) -> None:
-        """`schedule` says when it asks for the time; the default is that of `SteadySchedule`."""
+        """`schedule` says when it asks for the time; the default is that of `SteadySchedule`.
+
+        `on_sample` is called with every exchange with the leader.
+        """
         self.config = config
         self._phase_loop = PhaseLoop(config, rng)
         self.aligner = self._phase_loop.aligner
         self.time = TimeClient(
             config.name,
             config.instance,
-            Timekeeper(rng.getrandbits(32), schedule, goal=AccuracyGoal.for_tolerance(config.tolerance_ns)),
+            Timekeeper(
+                rng.getrandbits(32),
+                schedule,
+                on_sample=on_sample,
+                goal=AccuracyGoal.for_tolerance(config.tolerance_ns),
+            ),
             config.camera,
             report=self._report_to_leader,
             objection=self._objection,
@@ -80,6 +95,18 @@ class Client(Generic[F]):
         if not self.time.is_member or grid is None or self.time_map is None:
             return None
         return self._phase_loop.phase(grid, self.time_map, local_ns)
+
+    def phase_error_ns(self, stamp_ns: int) -> int | None:
+        """How far a frame of that timestamp is from the rig's grid, by the present map; None if not known."""
+        grid = self._grid
+        if not self.time.is_member or grid is None or self.time_map is None:
+            return None
+        return grid.goal_of_stamps.phase_error(self.time_map.leader_from_local(stamp_ns))
+
+    @property
+    def has_burst_pending(self) -> bool:
+        """Whether frames of a burst are still to be picked."""
+        return bool(self._bursts)
 
     def report(self, now_ns: int) -> Report:
         """Return what this client tells the leader about itself."""

@@ -1,0 +1,197 @@
+"""What a node shows of its camera to whoever looks: small pictures, frame rate and exposure, and details.
+
+All of it waits behind the clock and the bursts: pictures are made in a thread of low priority, one at a time,
+of the newest frame only, and none while a burst is picked or sent.
+"""
+
+import asyncio
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+from capture_app.cameras.base import CapturedFrame
+from capture_app.errors import NetworkError
+from capture_app.net.address import Address
+from capture_app.net.channel import Channel, connect
+from capture_app.node.transfer.encoding import lower_priority
+from capture_app.node.wire.messages import FromLeader, Refusal
+from capture_app.node.wire.operating import (
+    DetailAnswer,
+    DetailRequest,
+    PreviewFrame,
+    PreviewSeen,
+    PreviewsWanted,
+    ViewfinderOpened,
+    Vitals,
+)
+from capture_app.node.wire.views import NodeDetail
+
+RETRY_S = 2.0
+VITALS_EVERY_S = 1.0
+BUSY_CHECK_S = 0.1
+FRAMES_KEPT = 300
+RATE_WINDOW_NS = 2_000_000_000
+JPEG_QUALITY = 75
+
+
+class Viewfinder:
+    """One camera's; keeps a stream to the leader open, over which this asks for what it wants to see."""
+
+    def __init__(
+        self,
+        name: str,
+        *,
+        now_ns: Callable[[], int],
+        leader_ns: Callable[[int], int | None],
+        is_busy: Callable[[], bool],
+        detail: Callable[[], NodeDetail],
+    ) -> None:
+        """`leader_ns` gives the leader's time of a local one; `is_busy` says that pictures must wait."""
+        self.stamps_ns: deque[int] = deque(maxlen=FRAMES_KEPT)
+        """Timestamps of the latest frames, by the node's clock."""
+        self.newest: CapturedFrame | None = None
+        self._name = name
+        self._now_ns = now_ns
+        self._leader_ns = leader_ns
+        self._is_busy = is_busy
+        self._detail = detail
+        self._leader: Address | None = None
+        self._leader_changed = asyncio.Event()
+        self._channel: Channel[Any] | None = None
+        self._wanted: PreviewsWanted | None = None
+        self._wish_changed = asyncio.Event()
+        self._may_send = asyncio.Event()
+        self._thread = ThreadPoolExecutor(1, "preview", initializer=lower_priority)
+
+    @property
+    def vitals(self) -> Vitals:
+        """How the camera runs now."""
+        newest = self.newest
+        return Vitals(
+            fps=self._fps(),
+            exposure_ns=None if newest is None else newest.exposure_ns,
+            gain=None if newest is None else newest.gain,
+        )
+
+    def add_frame(self, frame: CapturedFrame) -> None:
+        """Take note of the next frame of the stream."""
+        self.newest = frame
+        self.stamps_ns.append(frame.timestamp_ns)
+
+    def set_leader(self, leader: Address) -> None:
+        """Open the stream to that leader, anew where it was to another run of it."""
+        self._leader = leader
+        self._leader_changed.set()
+        if self._channel is not None:
+            self._channel.abort()
+
+    async def run(self) -> None:
+        """Keep the stream open, and show what is asked for, until cancelled."""
+        try:
+            while True:
+                if self._leader is None:
+                    await self._leader_changed.wait()
+                assert self._leader is not None
+                self._leader_changed.clear()
+                try:
+                    async with await connect(self._leader, FromLeader) as channel:
+                        if not self._leader_changed.is_set():
+                            await self._serve(channel)
+                except* NetworkError:
+                    pass
+                # A leader that is gone is another one when it is back, which is told by `set_leader`.
+                try:
+                    async with asyncio.timeout(RETRY_S):
+                        await self._leader_changed.wait()
+                except TimeoutError:
+                    pass
+        finally:
+            self._thread.shutdown(wait=False, cancel_futures=True)
+
+    async def _serve(self, channel: Channel[Any]) -> None:
+        self._channel, self._wanted = channel, None
+        self._wish_changed.clear()
+        self._may_send.set()
+        try:
+            await channel.send(ViewfinderOpened(camera=self._name))
+            async with asyncio.TaskGroup() as tasks:
+                tasks.create_task(self._listen(channel))
+                tasks.create_task(self._tell_vitals(channel))
+                tasks.create_task(self._show(channel))
+        finally:
+            self._channel = None
+
+    async def _listen(self, channel: Channel[Any]) -> None:
+        while (message := await channel.receive_header()) is not None:
+            match message:
+                case PreviewsWanted():
+                    self._wanted = message
+                    self._wish_changed.set()
+                case PreviewSeen():
+                    self._may_send.set()
+                case DetailRequest():
+                    await channel.send(DetailAnswer(detail=self._detail()))
+                case Refusal():
+                    raise NetworkError(message.what)
+                case _:
+                    pass
+        raise NetworkError("the leader closed the stream")
+
+    async def _tell_vitals(self, channel: Channel[Any]) -> None:
+        told = None
+        while True:
+            if (vitals := self.vitals) != told:
+                told = vitals
+                await channel.send(vitals)
+            await asyncio.sleep(VITALS_EVERY_S)
+
+    async def _show(self, channel: Channel[Any]) -> None:
+        loop = asyncio.get_running_loop()
+        shown: CapturedFrame | None = None
+        due_s = 0.0
+        while True:
+            wanted = self._wanted
+            if wanted is None or not wanted.fps:
+                self._wish_changed.clear()
+                await self._wish_changed.wait()
+                continue
+            await self._may_send.wait()
+            await asyncio.sleep(max(0.0, due_s - loop.time()))
+            frame = self.newest
+            if frame is None or frame is shown or self._is_busy():
+                await asyncio.sleep(BUSY_CHECK_S)
+                continue
+            due_s, shown = loop.time() + 1 / wanted.fps, frame
+            made = await loop.run_in_executor(self._thread, small_jpeg, frame, wanted.width)
+            if made is None or self._is_busy():
+                continue
+            jpeg, width, height = made
+            self._may_send.clear()
+            leader_ns = self._leader_ns(frame.timestamp_ns)
+            await channel.send(
+                PreviewFrame(camera=self._name, leader_ns=leader_ns, width=width, height=height), jpeg
+            )
+
+    def _fps(self) -> float | None:
+        since_ns = self._now_ns() - RATE_WINDOW_NS
+        recent = [stamp for stamp in self.stamps_ns if stamp >= since_ns]
+        if len(recent) < 2:
+            return 0.0 if self.stamps_ns else None
+        span_ns = max(recent) - min(recent)
+        return round((len(recent) - 1) * 1e9 / span_ns, 1) if span_ns else None
+
+
+def small_jpeg(frame: CapturedFrame, width: int) -> tuple[bytes, int, int] | None:
+    """Return a JPEG of a frame at most so many pixels wide, its width and height; None where it has none."""
+    import cv2
+
+    try:
+        picture = frame.picture.reduced(width)
+        if picture.shape[1] > width:
+            height = max(1, round(picture.shape[0] * width / picture.shape[1]))
+            picture = cv2.resize(picture, (width, height), interpolation=cv2.INTER_AREA)
+        encoded, data = cv2.imencode(".jpg", picture, [cv2.IMWRITE_JPEG_QUALITY, JPEG_QUALITY])
+    except Exception:  # noqa: BLE001 - drivers and decoders raise what they like; the next frame may do
+        return None
+    return (data.tobytes(), picture.shape[1], picture.shape[0]) if encoded else None

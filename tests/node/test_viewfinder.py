@@ -1,0 +1,213 @@
+"""Previews and details on their way from a node to whoever looks: asked for, acknowledged, held back."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from capture_app.cameras.base import CapturedFrame
+from capture_app.errors import IncompleteError
+from capture_app.net.channel import Channel, connect
+from capture_app.node.camera.viewfinder import Viewfinder, small_jpeg
+from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.operator.link import RigLink
+from capture_app.node.operator.updates import Update
+from capture_app.node.wire.messages import FromLeader
+from capture_app.node.wire.operating import (
+    DetailAnswer,
+    DetailRequest,
+    PreviewFrame,
+    PreviewSeen,
+    PreviewsWanted,
+    ViewfinderOpened,
+    Vitals,
+)
+from capture_app.node.wire.views import NodeDetail, Preview
+
+PATIENCE_S = 30.0
+
+
+@pytest.fixture
+async def leader(tmp_path: Path) -> AsyncIterator[LeaderNode]:
+    async with LeaderNode(sessions=tmp_path / "sessions", host="127.0.0.1", port=0) as node:
+        yield node
+
+
+@dataclass
+class Picture:
+    """One grey level; it counts how often it is asked for."""
+
+    level: int
+    asked: list[int] = field(default_factory=list)
+
+    def encode(self) -> bytes:
+        raise AssertionError("a preview is no image of a burst")
+
+    def reduced(self, width: int) -> NDArray[np.uint8]:
+        self.asked.append(width)
+        return np.full((60, 80, 3), self.level, np.uint8)
+
+
+@dataclass
+class Node:
+    """A viewfinder, and what a node around it would be."""
+
+    busy: bool = False
+    viewfinder: Viewfinder = field(init=False)
+
+    def __post_init__(self) -> None:
+        self.viewfinder = Viewfinder(
+            "a",
+            now_ns=lambda: 1_000_000_000,
+            leader_ns=lambda local_ns: local_ns + 7,
+            is_busy=lambda: self.busy,
+            detail=lambda: NodeDetail(camera="a", samples=((5, 6),)),
+        )
+
+    def see(self, number: int, level: int = 128) -> Picture:
+        picture = Picture(level)
+        stamp_ns = 900_000_000 + number * 20_000_000
+        self.viewfinder.add_frame(CapturedFrame(number, 0, stamp_ns, picture, exposure_ns=4_000, gain=2.0))
+        return picture
+
+
+async def previews(link: RigLink) -> AsyncIterator[Preview]:
+    async for update in link.updates():
+        if isinstance(update, Preview):
+            yield update
+
+
+async def first(updates: AsyncIterator[Update], kind: type[Any]) -> Any:
+    async with asyncio.timeout(PATIENCE_S):
+        async for update in updates:
+            if isinstance(update, kind):
+                return update
+    raise AssertionError("the updates have ended")
+
+
+async def receive(channel: Channel[Any], kind: type[Any]) -> Any:
+    async with asyncio.timeout(PATIENCE_S):
+        while (message := await channel.receive_header()) is not None:
+            if isinstance(message, kind):
+                return message
+    raise AssertionError("the leader closed the stream")
+
+
+async def test_a_preview_goes_from_the_newest_frame_to_the_operator(leader: LeaderNode) -> None:
+    node, link = Node(), RigLink(leader.own_address)
+    running = asyncio.create_task(node.viewfinder.run())
+    try:
+        node.viewfinder.set_leader(leader.own_address)
+        node.see(0)
+        picture = node.see(1, level=200)
+        await link.want_previews(cameras=("a",), width=40, fps=10)
+        async with asyncio.timeout(PATIENCE_S):
+            preview = await anext(previews(link))
+        assert (preview.camera, preview.width, preview.height) == ("a", 40, 30)
+        assert preview.leader_ns == 920_000_007
+        decoded = cv2.imdecode(np.frombuffer(preview.jpeg, np.uint8), cv2.IMREAD_COLOR)
+        assert decoded.shape == (30, 40, 3)
+        assert abs(int(decoded.mean()) - 200) < 3
+        assert picture.asked == [40]
+        assert (await link.detail("a")).samples == ((5, 6),)
+    finally:
+        running.cancel()
+
+
+async def test_nothing_is_drawn_while_nobody_looks_or_a_burst_is_sent(leader: LeaderNode) -> None:
+    node = Node(busy=True)
+    running = asyncio.create_task(node.viewfinder.run())
+    try:
+        node.viewfinder.set_leader(leader.own_address)
+        link = RigLink(leader.own_address)
+        seen = [node.see(0)]
+        await link.want_previews(cameras=None, width=40, fps=30)
+        coming = asyncio.ensure_future(anext(previews(link)))
+        for number in range(1, 6):
+            await asyncio.sleep(0.05)
+            seen.append(node.see(number))
+        assert not coming.done()
+        assert [picture.asked for picture in seen] == [[]] * 6, "no picture is made while it is busy"
+        node.busy = False
+        async with asyncio.timeout(PATIENCE_S):
+            await coming
+    finally:
+        running.cancel()
+
+
+async def test_the_next_preview_waits_until_the_last_was_seen(leader: LeaderNode) -> None:
+    async with await connect(leader.own_address, FromLeader) as node:
+        await node.send(ViewfinderOpened(camera="a"))
+        updates = RigLink(leader.own_address)
+        await updates.want_previews(cameras=None, width=64, fps=5)
+        showing = previews(updates)
+        coming = asyncio.ensure_future(anext(showing))
+        assert (await receive(node, PreviewsWanted)).fps == 5
+        for number in range(3):
+            await node.send(PreviewFrame(camera="a", leader_ns=number, width=1, height=1), b"jpeg")
+            await receive(node, PreviewSeen)
+        # The leader takes what comes and keeps the newest.
+        async with asyncio.timeout(PATIENCE_S):
+            assert (await coming).leader_ns in (0, 1, 2)
+        await showing.aclose()
+        assert (await receive(node, PreviewsWanted)).fps == 0, "nobody looks any more"
+
+
+async def test_a_node_is_asked_for_what_all_operators_together_want(leader: LeaderNode) -> None:
+    async with await connect(leader.own_address, FromLeader) as node:
+        await node.send(ViewfinderOpened(camera="a"))
+        small, large = RigLink(leader.own_address), RigLink(leader.own_address)
+        await small.want_previews(cameras=None, width=64, fps=4)
+        watching = [asyncio.ensure_future(first(link.updates(), Preview)) for link in (small, large)]
+        assert (await receive(node, PreviewsWanted)).width == 64
+        while True:
+            # Once it is connected this goes over its stream.
+            await large.want_previews(cameras=("a",), width=640, fps=1)
+            wanted = await receive(node, PreviewsWanted)
+            if wanted.width == 640:
+                break
+        assert wanted.fps == 4
+        await large.want_previews(cameras=("b",), width=640, fps=1)
+        assert (await receive(node, PreviewsWanted)).width == 64
+        for task in watching:
+            task.cancel()
+
+
+async def test_details_that_do_not_come_are_an_error(leader: LeaderNode) -> None:
+    link = RigLink(leader.own_address)
+    with pytest.raises(IncompleteError, match="a shows nothing"):
+        await link.detail("a")
+    async with await connect(leader.own_address, FromLeader) as node:
+        await node.send(ViewfinderOpened(camera="a"))
+        await node.send(Vitals(fps=30.0))
+        asked = [asyncio.ensure_future(link.detail("a")) for _ in range(2)]
+        await receive(node, DetailRequest)
+        await node.send(DetailAnswer(detail=NodeDetail(camera="a", spool="/spool")))
+        async with asyncio.timeout(PATIENCE_S):
+            assert [(await one).spool for one in asked] == ["/spool", "/spool"]
+        gone = asyncio.ensure_future(link.detail("a"))
+        await receive(node, DetailRequest)
+    with pytest.raises(IncompleteError, match="a shows nothing"):
+        await gone
+
+
+def test_how_a_camera_runs_is_told_from_its_latest_frames() -> None:
+    node = Node()
+    assert node.viewfinder.vitals == Vitals()
+    for number in range(6):
+        node.see(number)
+    assert node.viewfinder.vitals == Vitals(fps=50.0, exposure_ns=4_000, gain=2.0)
+
+
+def test_a_picture_that_cannot_be_read_is_no_preview() -> None:
+    class Broken(Picture):
+        def reduced(self, width: int) -> NDArray[np.uint8]:
+            raise ValueError("not a JPEG")
+
+    assert small_jpeg(CapturedFrame(0, 0, 0, Broken(0)), 40) is None

@@ -82,7 +82,7 @@ def test_a_draft_shows_the_same_in_small(scene):
     assert small.shape == (60, 80, 3)
     # Single pixels differ: of one sample each, textures are coarser.
     blocks = full.reshape(6, 20, 8, 20, 3).mean((1, 3)), small.reshape(6, 10, 8, 10, 3).mean((1, 3))
-    assert np.abs(blocks[0] - blocks[1]).max() < 0.06 * 255
+    assert np.abs(blocks[0] - blocks[1]).mean() < 0.03 * 255
     assert np.corrcoef(blocks[0].ravel(), blocks[1].ravel())[0, 1] > 0.98
 
 

@@ -9,6 +9,7 @@
 # make test-crash   writers and outputs killed at every step, every bit flipped (slow)
 # make bench-reference   nodes that hear the same multicast beacons, on emulated links (root, 3 min)
 # make bench-relay   a rig with cameras below a relay, over two emulated WiFi links (root, 6 min)
+# make bench-rig   bursts of five cameras with two fast clocks, over emulated WiFi links (root, 4 min)
 # make bench-clients   a thousand clients of one leader over real UDP, half a minute
 # make help   all targets
 
@@ -21,7 +22,7 @@ OUT ?= demo
 LIBRARIES := libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
 	libusb-1.0.so.0:libusb-1.0-0 libudev.so.1:libudev1 libidn2.so.0:libidn2-0
 
-.PHONY: help install demo samples test test-v4l2 test-slurm bench-sync bench-reference bench-relay bench-clients bench-multiview test-crash check format system clean
+.PHONY: help install demo samples test test-v4l2 test-slurm bench-sync bench-reference bench-relay bench-rig bench-clients bench-multiview test-crash check format system clean
 .DEFAULT_GOAL := help
 
 help:
@@ -60,6 +61,9 @@ bench-reference: $(VENV)/.installed
 
 bench-relay: $(VENV)/.installed
 	$(BIN)/python benchmarks/relay_link.py $(BENCH)
+
+bench-rig: $(VENV)/.installed
+	$(BIN)/python benchmarks/rig_link.py $(BENCH)
 
 bench-clients: $(VENV)/.installed
 	$(BIN)/python benchmarks/many_clients.py $(BENCH)

@@ -1,6 +1,7 @@
 """`capture-app burst`: take a burst with a running leader and wait for its session."""
 
 import asyncio
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,8 @@ if TYPE_CHECKING:
     from capture_app.node.wire.messages import BurstRequest
     from capture_app.node.wire.status import BurstStatus
     from capture_app.session.reading.verdict import Verdict
+
+_FIGURE = re.compile(r"\d[\d.]* (ns|µs|ms|s)\b|--tolerance-us \d+")
 
 
 @click.command()
@@ -98,8 +101,10 @@ async def _take_burst(leader: Address, request: "BurstRequest") -> "BurstStatus"
     try:
         async for last in ask_burst(leader, request):
             line = burst_line(last)
-            if line != said:
-                said = line
+            # A figure that changes a little while the rig is waited for is no news.
+            gist = line if last.burst else _FIGURE.sub("", line)
+            if gist != said:
+                said = gist
                 talk(line)
     except NoCameraHereError as error:
         hint = f"start one with: capture-app node --leader {leader} --camera SPEC"

@@ -12,6 +12,7 @@ from capture_app.node.wire.messages import ImageReceipt, ImageUpload
 from capture_app.node.wire.status import CameraTransfer
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord, MissingImage
+from capture_app.session.writing.received_image import ReceivedImage
 from capture_app.session.writing.session_writer import SessionWriter
 
 PATIENCE_NS = 10_000_000_000
@@ -136,9 +137,7 @@ class CameraProgress:
 
 
 def _add_to_session(writer: SessionWriter, partial: PartialImage) -> None:
-    upload, record = partial.upload, partial.upload.record
-    truth = partial.split_off_truth()
-    # The truth first: an image that is on disk is one that needs nothing more.
-    if truth and upload.true_ns is not None:
-        writer.add_ground_truth(record.camera, record.instant, truth, upload.true_ns)
-    writer.add_received(record, partial.file)
+    truth, upload = partial.split_off_truth(), partial.upload
+    for error in writer.add_received([ReceivedImage(upload.record, partial.file, truth, upload.true_ns)]):
+        if error is not None:
+            raise error

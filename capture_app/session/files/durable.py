@@ -4,9 +4,13 @@ import ctypes
 import errno
 import os
 import shutil
+from collections.abc import Iterable
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
 from pathlib import Path
 
+FEW_SYNCS, MOST_SYNCS = 2, 16
+"""So few are made one after the other, and so many at the same time."""
 PART = ".part"
 """Ending of a file that is still being written; a reader never looks at one."""
 
@@ -23,6 +27,29 @@ def sync_tree(folder: Path) -> None:
             if not path.is_symlink():
                 _sync(path)
         sync_folder(Path(parent))
+
+
+def sync_all(paths: Iterable[Path]) -> dict[Path, OSError]:
+    """Make the contents of files, and the names in folders, survive a power cut; return what failed.
+
+    All at once: a file system writes its own journal once for those that wait for it together.
+    """
+    errors: dict[Path, OSError] = {}
+
+    def sync(path: Path) -> None:
+        try:
+            _sync(path)
+        except OSError as error:
+            errors[path] = error
+
+    each = list(dict.fromkeys(paths))
+    if len(each) <= FEW_SYNCS:
+        for path in each:
+            sync(path)
+    else:
+        with ThreadPoolExecutor(min(len(each), MOST_SYNCS), "sync") as threads:
+            list(threads.map(sync, each))
+    return errors
 
 
 def _sync(path: Path, kind: int = 0) -> None:
@@ -85,12 +112,22 @@ def write_atomic(path: Path, data: bytes) -> None:
 
 def write_atomic_unsynced(path: Path, data: bytes) -> None:
     """Do the same but for the last step: the name outlives a power cut only once its folder is synced."""
+    _write_aside(path, data, synced=True)
+
+
+def write_unsynced(path: Path, data: bytes) -> None:
+    """Write a file that a reader sees in full or not at all; file and folder are still to be synced."""
+    _write_aside(path, data, synced=False)
+
+
+def _write_aside(path: Path, data: bytes, *, synced: bool) -> None:
     aside = path.with_name(path.name + PART)
     try:
         handle = os.open(aside, os.O_WRONLY | os.O_CREAT | os.O_TRUNC | os.O_CLOEXEC, 0o666)
         try:
             _write_all(handle, data)
-            os.fsync(handle)
+            if synced:
+                os.fsync(handle)
         finally:
             os.close(handle)
         aside.replace(path)
@@ -99,12 +136,6 @@ def write_atomic_unsynced(path: Path, data: bytes) -> None:
         with suppress(OSError):
             aside.unlink()
         raise
-
-
-def move_into_place(aside: Path, path: Path) -> None:
-    """Sync a file that was written aside and give it its name; its folder is not synced."""
-    _sync(aside)
-    aside.replace(path)
 
 
 def link_or_copy(source: str, target: str) -> None:
@@ -117,11 +148,17 @@ def link_or_copy(source: str, target: str) -> None:
 
 def make_folders(folder: Path, inside: Path) -> None:
     """Make `folder` and its parents below `inside`, each one synced into its parent."""
+    for parent in make_folders_unsynced(folder, inside):
+        sync_folder(parent)
+
+
+def make_folders_unsynced(folder: Path, inside: Path) -> tuple[Path, ...]:
+    """Do the same but for the syncs; return the folders that have new ones in them, the outermost first."""
     if folder == inside or folder.is_dir():
-        return
-    make_folders(folder.parent, inside)
+        return ()
+    changed = make_folders_unsynced(folder.parent, inside)
     folder.mkdir(exist_ok=True)
-    sync_folder(folder.parent)
+    return (*changed, folder.parent)
 
 
 def _write_all(handle: int, data: bytes) -> None:
@@ -153,15 +190,12 @@ class AppendOnlyFile:
             raise OSError(error.errno, error.strerror, str(self._path)) from error
         self._length += len(data)
 
-    def sync(self) -> None:
-        """Wait until all that was appended is on the disk."""
-        os.fsync(self._handle)
-
-    def close(self) -> None:
+    def close(self, *, synced: bool = True) -> None:
         """Sync and close. Calling it twice is harmless."""
         if self._open:
             self._open = False
             try:
-                os.fsync(self._handle)
+                if synced:
+                    os.fsync(self._handle)
             finally:
                 os.close(self._handle)

@@ -1,60 +1,64 @@
 """The journal of a session: a line for each image that is safely on disk, and nothing but such lines."""
 
 import threading
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
 import msgspec
 
-from capture_app.session.files.durable import AppendOnlyFile, sync_folder
+from capture_app.session.files.durable import AppendOnlyFile, sync_all
 
 _T = TypeVar("_T")
 
 
 @dataclass(slots=True)
-class _Entry:
+class JournalEntry:
+    """A line, and the files and folders that must be on the disk before it."""
+
     line: bytes
+    paths: tuple[Path, ...]
     done: bool = False
     error: OSError | None = None
+    """Why the line is not in the journal."""
 
 
 class Journal:
-    """The journal file. Threads that add images at the same time share a sync of the disk."""
+    """The journal file. Images that are added while the disk is being synced share the next sync."""
 
     def __init__(self, path: Path) -> None:
         self._file = AppendOnlyFile(path)
-        self._waiting: list[_Entry] = []
+        self._waiting: list[JournalEntry] = []
         self._arriving = threading.Lock()
         self._syncing = threading.Lock()
 
-    def note(self, line: bytes, folder: Path) -> None:
-        """Return once the names in the image's folder, and then its line, are on the disk.
-
-        Raises OSError; the line is then not in the journal.
-        """
-        sync_folder(folder)
-        mine = _Entry(line)
+    def note(self, entries: Sequence[JournalEntry]) -> None:
+        """Return once the entries' files, and then their lines, are on the disk, or have an error."""
         with self._arriving:
-            self._waiting.append(mine)
+            self._waiting.extend(entries)
         with self._syncing:
-            # While this thread waited, the one before it may have added the line of this image with its own.
-            if not mine.done:
+            # While this thread waited, the one before it may have noted these entries with its own.
+            if not all(entry.done for entry in entries):
                 self._note_all()
-        if mine.error is not None:
-            raise mine.error
 
     def close(self) -> None:
-        """Sync and close. Calling it twice is harmless."""
-        self._file.close()
+        """Close. Calling it twice is harmless."""
+        # Each line was synced when it was added.
+        self._file.close(synced=False)
 
     def _note_all(self) -> None:
         with self._arriving:
             entries, self._waiting = self._waiting, []
+        failed = sync_all(path for entry in entries for path in entry.paths)
+        for entry in entries:
+            entry.error = next((failed[path] for path in entry.paths if path in failed), None)
+        good = [entry for entry in entries if entry.error is None]
         try:
-            self._file.append(*(entry.line for entry in entries), durable=True)
+            if good:
+                self._file.append(*(entry.line for entry in good), durable=True)
         except OSError as error:
-            for entry in entries:
+            for entry in good:
                 entry.error = error
         for entry in entries:
             entry.done = True

@@ -7,7 +7,7 @@ import hashlib
 from collections.abc import Iterator
 from pathlib import Path
 
-from capture_app.session.files.durable import write_atomic
+from capture_app.session.files.durable import write_unsynced
 from capture_app.session.format.burst_plan import PLAN
 from capture_app.session.format.ground_truth import TIMES, TRUE_TIMES_JOURNAL
 from capture_app.session.format.manifest import CALIBRATION, EVENTS, JOURNAL, MANIFEST, RECIPE
@@ -16,13 +16,18 @@ CHECKSUMS = "checksums.sha256"
 COVERED = (MANIFEST, JOURNAL, EVENTS, PLAN, CALIBRATION, TIMES, TRUE_TIMES_JOURNAL, RECIPE)
 
 
-def write_checksums(folder: Path, manifest: bytes) -> None:
-    """Write the checksums of a session's files and of the manifest that is written next."""
+def write_checksums(folder: Path, manifest: bytes) -> Path:
+    """Write the checksums of a session's files and of the manifest that is written next.
+
+    Returns their file, which is still to be synced, as its folder.
+    """
     sums = {MANIFEST: hashlib.sha256(manifest).hexdigest()}
     for name in COVERED[1:]:
         if (folder / name).is_file():
             sums[name] = hashlib.sha256((folder / name).read_bytes()).hexdigest()
-    write_atomic(folder / CHECKSUMS, "".join(f"{of}  {name}\n" for name, of in sums.items()).encode())
+    path = folder / CHECKSUMS
+    write_unsynced(path, "".join(f"{of}  {name}\n" for name, of in sums.items()).encode())
+    return path
 
 
 def changed_files(folder: Path) -> Iterator[tuple[str, str]]:

@@ -1,11 +1,12 @@
 """The manifest that completes a session: reserves room for it, checks it and writes it."""
 
+from collections.abc import Iterable
 from pathlib import Path
 
 import msgspec
 
 from capture_app.session.files.disk import reserve
-from capture_app.session.files.durable import write_atomic
+from capture_app.session.files.durable import sync_all, write_atomic
 from capture_app.session.format.checks import check_references, encode_checked, indented
 from capture_app.session.format.manifest import MANIFEST, Manifest
 from capture_app.session.reading.checksums import write_checksums
@@ -30,7 +31,12 @@ def encode_manifest(folder: Path, manifest: Manifest) -> bytes:
     return indented(encode_checked(msgspec.structs.replace(manifest, sync=sync), Manifest))
 
 
-def write_manifest(folder: Path, data: bytes) -> None:
-    """Write the checksums and then the manifest, which makes the session complete. Raises OSError."""
-    write_checksums(folder, data)
+def write_manifest(folder: Path, data: bytes, before: Iterable[Path]) -> None:
+    """Write the checksums and then the manifest, which makes the session complete. Raises OSError.
+
+    The files and folders `before` it are synced first, all at once.
+    """
+    checksums = write_checksums(folder, data)
+    for error in sync_all((*before, checksums, folder)).values():
+        raise error
     write_atomic(folder / MANIFEST, data)

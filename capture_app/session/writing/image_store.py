@@ -1,13 +1,14 @@
 """The images of a session being written; several threads may add images at once."""
 
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
+from dataclasses import dataclass
 from pathlib import Path
 
 from capture_app.errors import BadInputError
-from capture_app.session.files.durable import make_folders
-from capture_app.session.format.journal import Journal
+from capture_app.session.files.durable import make_folders_unsynced, sync_all
+from capture_app.session.format.journal import Journal, JournalEntry
 from capture_app.session.format.manifest import JOURNAL, ImageRecord
 from capture_app.session.writing.recovery import recover_images
 
@@ -15,14 +16,35 @@ Key = tuple[str, int]
 """A camera and an instant."""
 
 
+@dataclass(frozen=True, slots=True)
+class NewImage:
+    """An image that is to be saved."""
+
+    record: ImageRecord
+    line: bytes
+    """Its record, as the journal has it."""
+    put: Callable[[Path], object]
+    """Gives the file its name; neither needs to be on the disk yet."""
+    before: tuple[Path, ...] = ()
+    """Further files and folders that must be on the disk before it counts."""
+
+    @property
+    def key(self) -> Key:
+        """What tells it from the others."""
+        return self.record.camera, self.record.instant
+
+
 class ImageStore:
     """The images of one session being written; all methods may raise OSError."""
 
     def __init__(self, folder: Path, mutex: threading.RLock) -> None:
-        """`mutex` is the writer's; `begin` and `wait_for_all` are called while it is held."""
+        """`mutex` is the writer's; it is held while `begin`, `make_folders` and `wait_for_all` are called."""
         self._folder = folder
         self._records: dict[Key, ImageRecord] = {}
         self._under_way: set[Key] = set()
+        self._changed_folders: frozenset[Path] = frozenset()
+        """Those with new folders in them that are not known to be on the disk."""
+        self._mutex = mutex
         self._all_there = threading.Condition(mutex)
         self._journal: Journal | None = None
         self.damaged: tuple[Key, ...] = ()
@@ -45,31 +67,45 @@ class ImageStore:
             self._records = {(image.camera, image.instant): image for image in images}
         self._journal = Journal(self._folder / JOURNAL)
 
-    def begin(self, record: ImageRecord) -> None:
+    def begin(self, image: NewImage) -> None:
         """Reserve the place of an image. Raises BadInputError where there is one already."""
-        key = (record.camera, record.instant)
-        if key in self._records or key in self._under_way:
-            raise BadInputError(f"there is an image of {key[0]} at instant {key[1]} already")
-        make_folders((self._folder / record.path).parent, self._folder)
-        self._under_way.add(key)
+        if image.key in self._records or image.key in self._under_way:
+            raise BadInputError(f"there is an image of {image.key[0]} at instant {image.key[1]} already")
+        self.make_folders((self._folder / image.record.path).parent)
+        self._under_way.add(image.key)
 
-    def save(self, record: ImageRecord, line: bytes, put: Callable[[Path], None]) -> None:
-        """Let `put` write the file of an image that was begun, and add its line to the journal."""
-        key, path = (record.camera, record.instant), self._folder / record.path
+    def make_folders(self, folder: Path) -> None:
+        """Make a folder in the session, which is on the disk once any image that is saved later is."""
+        self._changed_folders |= set(make_folders_unsynced(folder, self._folder))
+
+    def sync(self, paths: Iterable[Path]) -> None:
+        """Wait until these files and folders, and all folders that were made, are on the disk."""
+        for error in sync_all((*paths, *self._changed_folders)).values():
+            raise error
+
+    def save(self, images: Sequence[NewImage]) -> list[OSError | None]:
+        """Put the files of images that were begun on the disk, and their lines into the journal.
+
+        All at once: the disk is synced once for all of them, and for what other threads save at the same
+        time. Returns what went wrong with each; that one is not in the session then.
+        """
         assert self._journal is not None
+        changed = self._changed_folders
+        errors: list[OSError | None] = [None] * len(images)
+        entries: list[JournalEntry | None] = [None] * len(images)
         try:
-            put(path)
-            self._journal.note(line, path.parent)
-        except OSError:
-            with suppress(OSError):
-                path.unlink()
-            raise
-        else:
-            self._records[key] = record
+            for place, image in enumerate(images):
+                path = self._folder / image.record.path
+                try:
+                    image.put(path)
+                except OSError as error:
+                    errors[place] = error
+                    continue
+                entries[place] = JournalEntry(image.line, (path, path.parent, *image.before, *changed))
+            self._journal.note([entry for entry in entries if entry is not None])
         finally:
-            with self._all_there:
-                self._under_way.discard(key)
-                self._all_there.notify_all()
+            self._note_saved(images, entries, errors, changed)
+        return errors
 
     def wait_for_all(self) -> None:
         """Wait until no image is being saved."""
@@ -81,3 +117,22 @@ class ImageStore:
         if self._journal is not None:
             with suppress(OSError):
                 self._journal.close()
+
+    def _note_saved(
+        self,
+        images: Sequence[NewImage],
+        entries: Sequence[JournalEntry | None],
+        errors: list[OSError | None],
+        changed: frozenset[Path],
+    ) -> None:
+        with self._mutex:
+            for place, (image, entry) in enumerate(zip(images, entries, strict=True)):
+                if entry is not None and entry.done and entry.error is None:
+                    self._records[image.key] = image.record
+                    self._changed_folders -= changed
+                else:
+                    errors[place] = errors[place] or (entry.error if entry is not None else None)
+                    with suppress(OSError):
+                        (self._folder / image.record.path).unlink()
+                self._under_way.discard(image.key)
+            self._all_there.notify_all()

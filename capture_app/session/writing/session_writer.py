@@ -4,11 +4,10 @@ import hashlib
 import os
 import shutil
 import threading
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from pathlib import Path
-from types import TracebackType
 from typing import Any, Self
 
 import msgspec
@@ -20,10 +19,9 @@ from capture_app.names import check_name
 from capture_app.session.files.disk import disk_error, make_new_folder
 from capture_app.session.files.durable import (
     AppendOnlyFile,
-    move_into_place,
     sync_folder,
     write_atomic,
-    write_atomic_unsynced,
+    write_unsynced,
 )
 from capture_app.session.files.locks import lock_folder
 from capture_app.session.format.burst_plan import PLAN, BurstPlan, read_plan
@@ -43,7 +41,8 @@ from capture_app.session.format.manifest import (
 )
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.completion import encode_manifest, reserve_room, write_manifest
-from capture_app.session.writing.image_store import ImageStore
+from capture_app.session.writing.image_store import ImageStore, NewImage
+from capture_app.session.writing.received_image import ReceivedImage
 from capture_app.session.writing.recovery import remove_leftovers
 from capture_app.session.writing.truth_store import TruthStore
 
@@ -59,7 +58,7 @@ class SessionWriter:
         self.software = software or f"simulshot {__version__}"
         self._mutex = threading.RLock()
         self._images = ImageStore(folder, self._mutex)
-        self._truth = TruthStore(folder)
+        self._truth = TruthStore(folder, self._images.make_folders)
         self.plan: BurstPlan | None = None
         """The plan of the burst, where `set_plan` was called or an interrupted session had one."""
         self._open = True
@@ -138,19 +137,31 @@ class SessionWriter:
             sha256=hashlib.sha256(data).hexdigest(),
             **further,
         )
-        self._place(record, lambda path: write_atomic_unsynced(path, data))
+        image = NewImage(record, encode_checked(record, ImageRecord), lambda path: write_unsynced(path, data))
+        with self._writing():
+            self._images.begin(image)
+        for error in self._images.save([image]):
+            if error is not None:
+                raise disk_error(error, self.folder) from error
         return record
 
-    def add_received(self, record: ImageRecord, aside: Path) -> None:
-        """Add an image that was received into the file `aside`, on this disk, and checked against its record.
+    def add_received(self, images: Sequence[ReceivedImage]) -> list[SimulshotError | None]:
+        """Add images that were received into files on this disk and checked against their records.
 
-        The file is moved into its place; once this returns no crash can lose it. Raises BadInputError.
+        Each file is moved into its place; once this returns no crash can lose one, unless it has an error
+        in the answer. The disk is synced once for all of them.
         """
-        check_name(record.camera, "camera")
-        suffix = Path(record.path).suffix
-        if suffix not in IMAGE_SUFFIXES or record.path != image_path(record.camera, record.instant, suffix):
-            raise BadInputError(f"{record.path!r} is not a valid path for an image of {record.camera}")
-        self._place(record, lambda path: move_into_place(aside, path))
+        outcome: list[SimulshotError | None] = [None] * len(images)
+        begun: dict[int, NewImage] = {}
+        for place, image in enumerate(images):
+            try:
+                with self._writing():
+                    begun[place] = self._begin(image)
+            except SimulshotError as error:
+                outcome[place] = error
+        for place, failure in zip(begun, self._images.save(list(begun.values())), strict=True):
+            outcome[place] = None if failure is None else disk_error(failure, self.folder)
+        return outcome
 
     @property
     def damaged(self) -> tuple[tuple[str, int], ...]:
@@ -166,14 +177,14 @@ class SessionWriter:
         with self._writing():
             self._events.append(*(msgspec.json.encode(event) for event in events), durable=False)
 
-    def add_ground_truth(self, camera: str, instant: int, data: bytes | None, true_ns: int) -> Path | None:
+    def add_ground_truth(self, camera: str, instant: int, data: bytes | None, true_ns: int) -> None:
         """Save the .npz of a simulated image and its true first-row time in ns of the host's clock.
 
-        Returns where the .npz lies; `data` is None where there is none, only the time.
+        `data` is None where there is no .npz, only the time.
         """
         check_name(camera, "camera")
         with self._writing():
-            return self._truth.add(camera, instant, true_ns, data=data, crash_safe=self.plan is not None)
+            self._images.sync(self._add_truth(camera, instant, data, true_ns))
 
     @property
     def knows_true_times(self) -> bool:
@@ -218,9 +229,7 @@ class SessionWriter:
             )
             data = encode_manifest(self.folder, manifest)
             remove_leftovers(self.folder)
-            self._truth.write()
-            self._events.sync()
-            write_manifest(self.folder, data)
+            write_manifest(self.folder, data, (*self._truth.write(), self.folder / EVENTS))
             self._close()
         return Session.open(self.folder)
 
@@ -234,9 +243,7 @@ class SessionWriter:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.abort()
 
     def abort(self) -> None:
@@ -260,14 +267,17 @@ class SessionWriter:
         if interrupted:
             self._truth.recover(self._images.records)
 
-    def _place(self, record: ImageRecord, put: Callable[[Path], None]) -> None:
-        line = encode_checked(record, ImageRecord)
-        with self._writing():
-            self._images.begin(record)
-        try:
-            self._images.save(record, line, put)
-        except OSError as error:
-            raise disk_error(error, self.folder) from error
+    def _begin(self, image: ReceivedImage) -> NewImage:
+        record, line = image.record, image.journal_line()
+        truth: tuple[Path, ...] = ()
+        if image.true_ns is not None:
+            truth = self._add_truth(record.camera, record.instant, image.truth or None, image.true_ns)
+        new = NewImage(record, line, image.file.replace, truth)
+        self._images.begin(new)
+        return new
+
+    def _add_truth(self, camera: str, instant: int, data: bytes | None, true_ns: int) -> tuple[Path, ...]:
+        return self._truth.add(camera, instant, true_ns, data=data, crash_safe=self.plan is not None)
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
@@ -285,6 +295,6 @@ class SessionWriter:
         # All saved images are synced already: an error here loses none.
         self._images.close()
         with suppress(OSError):
-            self._events.close()
+            self._events.close(synced=False)
         self._truth.close()
         os.close(self._lock)

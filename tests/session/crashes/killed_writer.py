@@ -1,10 +1,12 @@
 """A writer that is killed again and again, and repaired; prints what each run left as a line of JSON.
 
     -m tests.session.crashes.killed_writer ROOT steps FIRST COUNT EVERY
+    -m tests.session.crashes.killed_writer ROOT batches FIRST COUNT EVERY
     -m tests.session.crashes.killed_writer ROOT repairs FIRST COUNT EVERY EVERY_IN_REPAIR
     -m tests.session.crashes.killed_writer ROOT moments SEED COUNT
 
-`steps` kills before, and in the middle of, each call that changes the disk; `repairs` kills the repair of a
+`steps` kills before, and in the middle of, each call that changes the disk; `batches` does so where images
+are saved several at a time, as a leader does that receives them; `repairs` kills the repair of a
 killed writer so; `moments` sends SIGKILL at random times. Each run is a forked child of this one process.
 """
 
@@ -25,9 +27,17 @@ from typing import Any
 
 from capture_app.node.leader.repair import repair
 from capture_app.session.format.burst_plan import PLAN, BurstPlan, CameraPlan
-from capture_app.session.format.manifest import MANIFEST, BurstRecord, CameraRecord
+from capture_app.session.format.manifest import (
+    MANIFEST,
+    BurstRecord,
+    CameraRecord,
+    ImageRecord,
+    image_path,
+)
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import Problem, ProblemKind, verify
+from capture_app.session.writing.received_image import ReceivedImage
+from capture_app.session.writing.recovery import INCOMING
 from capture_app.session.writing.session_writer import SessionWriter
 from tests.facts import make_facts
 
@@ -44,7 +54,7 @@ def picture(camera: int, instant: int) -> bytes:
     return hashlib.sha256(b"%d %d" % (camera, instant)).digest() * 300
 
 
-def write(root: Path, confirmed: int, threads: int = 1) -> None:
+def write(root: Path, confirmed: int, threads: int = 1, *, in_batches: bool = False) -> None:
     """Write a session, and tell on a pipe which images are promised to be safe."""
     writer = SessionWriter.create(root, NAME)
     facts = make_facts(width=8, height=8, period_ns=PERIOD_NS)
@@ -65,15 +75,35 @@ def write(root: Path, confirmed: int, threads: int = 1) -> None:
                     writer.add_image(picture(camera, instant), camera=name, instant=instant, leader_ns=at_ns)
                     REAL["write"](confirmed, bytes((camera, instant)))
 
+    def add_batches() -> None:
+        for instant in range(0, INSTANTS, 2):
+            batch = [(camera, instant + n) for n in range(2) for camera in range(CAMERAS)]
+            for error in writer.add_received([received(root / NAME, *of) for of in batch]):
+                assert error is None
+            REAL["write"](confirmed, b"".join(bytes(of) for of in batch))
+
     workers = [threading.Thread(target=add, args=(mine,)) for mine in range(1, threads)]
     for worker in workers:
         worker.start()
-    add(0)
+    add_batches() if in_batches else add(0)
     for worker in workers:
         worker.join()
     writer.add_event({"event": "done"})
     writer.finish(cameras, burst, origin="simulated")
     REAL["write"](confirmed, b"\xff\xff")
+
+
+def received(folder: Path, camera: int, instant: int) -> ReceivedImage:
+    """An image whose transfer has just ended."""
+    data, name = picture(camera, instant), f"cam{camera}"
+    file = folder / INCOMING / f"{name}.{instant}"
+    file.parent.mkdir(exist_ok=True)
+    file.write_bytes(data)
+    record = ImageRecord(
+        camera=name, instant=instant, path=image_path(name, instant), leader_ns=PERIOD_NS * instant,
+        bytes=len(data), sha256=hashlib.sha256(data).hexdigest(),
+    )  # fmt: skip
+    return ReceivedImage(record, file, b"truth", PERIOD_NS * instant)
 
 
 REAL: dict[str, Any] = {name: getattr(os, name) for name in CHANGING}
@@ -172,18 +202,22 @@ def results_of(module: str, *arguments: object) -> list[dict[str, Any]]:
     return [json.loads(line) for line in done.stdout.splitlines()]
 
 
-def killed_at(step: int, root: Path) -> Callable[[int], None]:
+def killed_at(step: int, root: Path, *, in_batches: bool = False) -> Callable[[int], None]:
     def work(pipe: int) -> None:
         die_at(step)
-        write(root, pipe)
+        write(root, pipe, in_batches=in_batches)
 
     return work
 
 
-def kill_steps(root: Path, first: int, count: int, every: int) -> None:
+def kill_batches(root: Path, first: int, count: int, every: int) -> None:
+    kill_steps(root, first, count, every, in_batches=True)
+
+
+def kill_steps(root: Path, first: int, count: int, every: int, *, in_batches: bool = False) -> None:
     for step in range(first, first + count * every, every):
         shutil.rmtree(root / NAME, ignore_errors=True)
-        status, told = run(killed_at(step, root))
+        status, told = run(killed_at(step, root, in_batches=in_batches))
         tell(step, judge(root, status, told))
         if status == 0:
             break
@@ -216,5 +250,7 @@ def kill_moments(root: Path, seed: int, count: int) -> None:
 
 
 if __name__ == "__main__":
-    mode = {"steps": kill_steps, "repairs": kill_repairs, "moments": kill_moments}[sys.argv[2]]
+    mode = {"steps": kill_steps, "batches": kill_batches, "repairs": kill_repairs, "moments": kill_moments}[
+        sys.argv[2]
+    ]
     mode(Path(sys.argv[1]), *map(int, sys.argv[3:]))  # type: ignore[operator]

@@ -23,6 +23,10 @@ def test_a_writer_killed_at_some_steps_loses_nothing(tmp_path: Path) -> None:
     judge(killed(tmp_path, "steps", 3, 100, 29), 8)
 
 
+def test_a_writer_of_batches_killed_at_some_steps_loses_nothing(tmp_path: Path) -> None:
+    judge(killed(tmp_path, "batches", 3, 100, 17), 8)
+
+
 def test_a_writer_killed_at_some_moments_loses_nothing(tmp_path: Path) -> None:
     judge([*killed(tmp_path, "moments", 1, 8), *killed(tmp_path, "steps", 101, 1, 1)], 9)
 
@@ -35,6 +39,12 @@ def test_a_repair_killed_at_some_steps_loses_nothing(tmp_path: Path) -> None:
 @pytest.mark.timeout(1800)
 def test_a_writer_killed_at_every_step_loses_nothing(tmp_path: Path) -> None:
     judge(killed(tmp_path, "steps", 1, 10_000, 1), 200)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_a_writer_of_batches_killed_at_every_step_loses_nothing(tmp_path: Path) -> None:
+    judge(killed(tmp_path, "batches", 1, 10_000, 1), 100)
 
 
 @pytest.mark.slow

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from capture_app.camera_facts import CameraFacts, PhaseControl
 from capture_app.node.camera.device_profiles import FILE, MOST_LATENCIES, DeviceProfiles
-from capture_app.sync.phase.injection import InjectionProfile
+from capture_app.sync.phase.injection_history import InjectionProfile
 from tests.facts import make_facts
 
 PROFILE = InjectionProfile(10_840, 2, 3056.0)
@@ -25,6 +25,18 @@ def test_a_profile_is_found_again_by_model_and_mode(tmp_path: Path) -> None:
     assert again.injection_profile(camera(model="Other")) is None
     assert again.injection_profile(camera(width=1280)) is None
     assert [path.name for path in (tmp_path / "data").iterdir()] == [FILE]
+
+
+def test_a_gain_may_be_any_number_and_a_whole_one_of_before_is_read(tmp_path: Path) -> None:
+    profiles = DeviceProfiles(tmp_path)
+    real = InjectionProfile(10_840, 1.463, 3056.25)
+    assert profiles.save_injection(camera(), real)
+    assert profiles.injection_profile(camera()) == real
+    written = (tmp_path / FILE).read_text()
+    (tmp_path / FILE).write_text(written.replace("1.463", "2"))
+    assert profiles.injection_profile(camera()) == InjectionProfile(10_840, 2, 3056.25)
+    (tmp_path / FILE).write_text(written.replace("1.463", "40"))
+    assert profiles.injection_profile(camera()) is None
 
 
 def test_a_broken_file_is_as_good_as_none(tmp_path: Path) -> None:

@@ -63,6 +63,30 @@ def test_one_injection_shifts_by_gain_times_whole_rows(
     assert len(stretched) == (profile.injection_gain if shift_ns else 0)
 
 
+def test_a_gain_of_one_and_a_half_stretches_the_second_frame_by_half() -> None:
+    profile = replace(quiet(PROFILES["phone-a"]), injection_gain=1.5)
+    made = sensor(profile, 1)
+    last = frames(made, 20)[-1]
+    made.inject(43_360_000, last.start_true_ns)
+    steps = [b.start_true_ns - a.start_true_ns - profile.period_ns for a, b in pairwise(frames(made, 20))]
+    stretch_ns = (4000 - profile.neutral_rows) * profile.row_time_ns
+    assert [step for step in steps if step] == [stretch_ns, stretch_ns // 2]
+
+
+@pytest.mark.parametrize("cut", [True, False])
+@pytest.mark.parametrize("quantum_ns", [1e6, 1e9 / 90_000, 1e3])
+def test_stamps_come_in_steps(quantum_ns: float, cut: bool) -> None:
+    profile = replace(
+        quiet(PROFILES["phone-a"]), outlier_share=0.0, timestamp_quantum_ns=quantum_ns, timestamps_cut=cut
+    )
+    least, most = (-1.0, 0.0) if cut else (-0.5, 0.5)
+    for frame in frames(sensor(profile, 2), 50):
+        steps = frame.timestamp_true_ns / quantum_ns
+        assert steps == pytest.approx(round(steps), abs=0.51 / quantum_ns)
+        off_ns = frame.timestamp_true_ns - frame.start_true_ns
+        assert least * quantum_ns - 20_000 <= off_ns <= most * quantum_ns + 20_000
+
+
 def test_command_is_obeyed_two_to_four_frames_after_the_one_exposed() -> None:
     profile = quiet(PROFILES["phone-a"])
     latencies = set()

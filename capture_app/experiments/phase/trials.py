@@ -9,7 +9,7 @@ from capture_app.simulation.devices.profiles import PROFILES, SensorProfile
 from capture_app.simulation.rig.bench import Bench
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.goal import Goal
-from capture_app.sync.phase.injection import InjectionProfile
+from capture_app.sync.phase.injection_history import InjectionProfile
 from capture_app.sync.phase.shared_goal import CameraPhase, SharedGoal
 
 EXACT = TimeMap(0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 300, 1000)

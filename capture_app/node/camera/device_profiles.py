@@ -10,7 +10,7 @@ from platformdirs import user_data_path
 from capture_app.camera_facts import CameraFacts
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.locks import lock_file
-from capture_app.sync.phase.injection import InjectionProfile
+from capture_app.sync.phase.injection_history import GAIN_LIMITS, InjectionProfile
 
 FILE = "device-profiles.json"
 MOST_LATENCIES = 24
@@ -18,7 +18,7 @@ MOST_LATENCIES = 24
 
 class _Injection(msgspec.Struct, frozen=True, kw_only=True):
     row_time_ns: int
-    gain: int
+    gain: float
     neutral_rows: float
 
 
@@ -37,7 +37,8 @@ class DeviceProfiles:
     def injection_profile(self, facts: CameraFacts) -> InjectionProfile | None:
         """What a long frame does to cameras like this one; None where it is not known."""
         known = self._entry(facts).injection
-        if known is None or known.gain not in (1, 2, 3) or known.row_time_ns <= 0:
+        least, most = GAIN_LIMITS
+        if known is None or not least <= known.gain <= most or known.row_time_ns <= 0:
             return None
         return InjectionProfile(known.row_time_ns, known.gain, known.neutral_rows)
 

@@ -1,10 +1,12 @@
 """Profiles of sensors: rows, exposures, frame lengths, latencies, noise; and the simulated models by name.
 
 Frame length = max(frame_length_rows, floor(exposure / row_time) + margin_rows) rows, and the length of a long
-frame is held for `injection_gain` frames, as measured on real sensors.
+frame is held for `injection_gain` frames, as measured on real sensors; of a gain of 1.46 the second frame has
+0.46 of the stretch, in whole rows.
 """
 
 from dataclasses import dataclass, replace
+from math import floor
 from typing import Literal
 
 from capture_app.camera_facts import SIMULATED, CameraFacts, PhaseControl, TimestampSource
@@ -23,8 +25,8 @@ class SensorProfile:
     """Frame length at short exposures, blanking included: the period in rows."""
     margin_rows: int
     """Rows that a frame is longer than its exposure; the overhead of an injection."""
-    injection_gain: int = 1
-    """Frames that the length of a long frame is held for."""
+    injection_gain: float = 1
+    """Frames that the length of a long frame is held for, 1 to 3; the last one in part."""
     image_width: int = 640
     image_rows: int = 480
     exposure_ns: int = 4_000_000
@@ -39,6 +41,10 @@ class SensorProfile:
     """Mean and standard deviation of the time from the start command to the first frame."""
     timestamp_noise_ns: int = 0
     """Standard deviation of the timestamps."""
+    timestamp_quantum_ns: float = 0.0
+    """Step that the timestamps are given in, after their noise; 0 for ns."""
+    timestamps_cut: bool = True
+    """Whether timestamps are cut to their step, as a counter's are, or rounded to the nearest one."""
     outlier_share: float = 0.0
     outlier_ns: int = 1_000_000
     """An outlier is late by up to this."""
@@ -48,15 +54,16 @@ class SensorProfile:
 
     def __post_init__(self) -> None:
         """Raise BadInputError for values that no sensor can have."""
-        if self.injection_gain not in (1, 2, 3):
-            raise BadInputError(
-                f"injection gain {self.injection_gain} is not supported", hint="choose 1, 2 or 3"
-            )
+        if not 1 <= self.injection_gain <= 3:
+            raise BadInputError(f"injection gain {self.injection_gain} is out of range (1 to 3)")
         for share in (self.drop_share, self.outlier_share):
             if not 0.0 <= share <= 1.0:
                 raise BadInputError(f"a share of {share:g} is out of range (0 to 1)")
-        if self.timestamp_noise_ns < 0 or not abs(self.period_error_ppm) <= 10_000:
-            raise BadInputError("timestamp noise is below 0 or the period error above 10000 ppm")
+        if (
+            min(self.timestamp_noise_ns, self.timestamp_quantum_ns) < 0
+            or not abs(self.period_error_ppm) <= 10_000
+        ):
+            raise BadInputError("timestamp noise or quantum is below 0 or the period error above 10000 ppm")
         longest_ns = (self.frame_length_rows - self.margin_rows) * self.row_time_ns
         if not self.min_exposure_ns <= self.exposure_ns <= longest_ns:
             raise BadInputError(
@@ -97,10 +104,23 @@ class SensorProfile:
         """Exposure in rows that the sensor makes of one in ns, inside its limits."""
         return min(max(exposure_ns, self.min_exposure_ns), self.max_exposure_ns) // self.row_time_ns
 
+    def stretches_rows(self, exposure_ns: int) -> tuple[int, ...]:
+        """Rows that each frame from an injected one on is longer by, for as many as are."""
+        stretch = max(0, self.whole_rows(exposure_ns) - self.neutral_rows)
+        whole = floor(self.injection_gain)
+        rows = (*([stretch] * whole), round((self.injection_gain - whole) * stretch))
+        return tuple(row for row in rows if row)
+
     def shift_ns(self, exposure_ns: int) -> int:
         """Delay of all frames after one injected exposure E: gain * row_time * (floor(E / row_time) - c)."""
-        stretch_rows = max(0, self.whole_rows(exposure_ns) - self.neutral_rows)
-        return self.injection_gain * self.row_time_ns * stretch_rows
+        return sum(self.stretches_rows(exposure_ns)) * self.row_time_ns
+
+    def stamp(self, true_ns: int) -> int:
+        """The timestamp of an instant, in the steps that this model gives timestamps in."""
+        if not self.timestamp_quantum_ns:
+            return true_ns
+        steps = true_ns / self.timestamp_quantum_ns
+        return round((floor(steps) if self.timestamps_cut else round(steps)) * self.timestamp_quantum_ns)
 
 
 _PHONE_A = SensorProfile(

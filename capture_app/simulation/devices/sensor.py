@@ -101,10 +101,9 @@ class Sensor:
         obeying = self._obeying(true_ns)
         rows = self.profile.whole_rows(exposure_ns)
         self._exposure_rows[obeying] = rows
-        length = rows + self.profile.margin_rows
-        for sequence in range(obeying, obeying + self.profile.injection_gain):
-            least = self._length_rows.get(sequence, self.profile.frame_length_rows)
-            self._length_rows[sequence] = max(length, least)
+        usual = self.profile.frame_length_rows
+        for sequence, stretch in enumerate(self.profile.stretches_rows(exposure_ns), obeying):
+            self._length_rows[sequence] = max(usual + stretch, self._length_rows.get(sequence, usual))
 
     def set_frame_duration(self, duration_ns: int, true_ns: int) -> None:
         """Let one coming frame last this long; the command arrives at `true_ns`.
@@ -147,7 +146,7 @@ class Sensor:
             sequence=sequence,
             stream=self.stream,
             start_true_ns=start_true_ns,
-            timestamp_true_ns=start_true_ns + round(noise_ns + (late_ns if outlier else 0.0)),
+            timestamp_true_ns=profile.stamp(start_true_ns + round(noise_ns + (late_ns if outlier else 0.0))),
             readout_end_true_ns=start_true_ns + exposure_ns + profile.readout_ns,
             exposure_ns=exposure_ns,
             dropped=dropped,

@@ -12,7 +12,7 @@ from capture_app.simulation.network.paper_link import PAPER_LINK
 from capture_app.simulation.network.radio_cell import RadioCell, Receiver, deliver_broadcast
 from capture_app.simulation.rig.virtual_time import Timer, VirtualTime
 from capture_app.sync.phase.frame_stamp import FrameStamp
-from capture_app.sync.phase.injection import InjectionProfile
+from capture_app.sync.phase.injection_history import InjectionProfile
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.events import BurstPicked, ClientEvent, LeaderEvent
 from capture_app.sync.rig.frame_picks import Burst

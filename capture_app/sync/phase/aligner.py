@@ -11,7 +11,8 @@ from capture_app.sync.phase.estimator import PhaseEstimator
 from capture_app.sync.phase.frame_duration import FrameDurationActuator
 from capture_app.sync.phase.frame_stamp import FrameStamp, PhaseEstimate
 from capture_app.sync.phase.goal import Goal
-from capture_app.sync.phase.injection import InjectionActuator, InjectionProfile
+from capture_app.sync.phase.injection import InjectionActuator
+from capture_app.sync.phase.injection_history import InjectionProfile
 from capture_app.sync.phase.reset import ResetActuator
 from capture_app.sync.wire.camera_commands import CameraCommand
 

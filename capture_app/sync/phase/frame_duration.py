@@ -6,7 +6,8 @@ without any frame with another exposure.
 
 from capture_app.sync.phase.actuator import Move, MoveEffect, PhaseActuator
 from capture_app.sync.phase.aim import Aim, Course
-from capture_app.sync.phase.injection import FINEST_NS, INSIDE_ROW
+from capture_app.sync.phase.injection import INSIDE_ROW
+from capture_app.sync.phase.injection_history import FINEST_NS
 from capture_app.sync.wire.camera_commands import SetFrameDuration
 
 LEAD_FRAMES = 5

@@ -1,33 +1,26 @@
 """Frame injection: one long frame moves the phase by gain * row_time * (rows - neutral rows).
 
-Sensors stretch a frame in whole rows, and hold the stretch for one to three frames (the gain). Gain and
-neutral rows differ by device and are learned from what the injections do.
+Gain and neutral rows differ by device and are learned from what the injections do.
 """
 
-from collections import deque
-from dataclasses import dataclass
-from math import floor
-from statistics import median
+from math import ceil, floor
 
 from capture_app.sync.phase.actuator import Move, MoveEffect, PhaseActuator
 from capture_app.sync.phase.aim import Aim, Course, aim_at_burst, aim_to_stay
+from capture_app.sync.phase.injection_history import USUAL_OVERHEAD_NS, InjectionHistory, InjectionProfile
 from capture_app.sync.wire.camera_commands import InjectFrame
 
 LEAD_FRAMES = 9
 """From the command until the phase is known again: 2-4 frames of latency, the long ones, five calm ones."""
+WAIT_NS = 1_000_000_000
+"""A stream that drifts into its tolerance by itself within this is let."""
 BURST_LEAD_FRAMES = 12
 """From the command to a burst: four of latency, three long ones in the time of six, two to spare."""
-GAINS = (1, 2, 3)
 FIRST_GAIN = 2
-USUAL_OVERHEAD_NS = 250_000
-"""Time that a frame is longer than its exposure, where nothing is known yet."""
-OVERHEAD_SPREAD_NS = 1_000_000
 FIRST_STRETCH_NS = 2_000_000
 RAISE_NS = 1_000_000
 INSIDE_ROW = 0.25
 """Exposures are asked for a quarter of a row above a whole one: right for drivers that cut or round."""
-FINEST_NS = 1_000
-"""Step of exposures where the row time is not known."""
 WORTHWHILE = 0.7
 """An injection must leave at most this share of the error; below a row, waiting for drift is better."""
 TURN_ROWS = 0.1
@@ -38,18 +31,7 @@ SURE_ROWS = 1.0
 LOST_COMMANDS = 2
 """So many injections without effect are repeated unchanged, where a device is known."""
 FRUITLESS = 8
-"""Injections in a row without any effect after which a camera counts as one that cannot be moved."""
-REMEMBERED = 8
-
-
-@dataclass(frozen=True, slots=True)
-class InjectionProfile:
-    """How a device responds to a long frame, kept for its next use."""
-
-    row_time_ns: int
-    gain: int
-    neutral_rows: float
-    """Longest exposure that does not stretch a frame, in rows."""
+"""So many frames in a row exposed for longer than a period, and no effect: this camera cannot be moved."""
 
 
 class InjectionActuator(PhaseActuator):
@@ -64,15 +46,17 @@ class InjectionActuator(PhaseActuator):
         max_exposure_ns: int | None = None,
         profile: InjectionProfile | None = None,
     ) -> None:
-        self._row_ns = row_time_ns or FINEST_NS
-        self._row_known = row_time_ns is not None
+        self._history = InjectionHistory(period_ns=period_ns, row_time_ns=row_time_ns)
+        self._row_ns = self._history.row_ns
         self._period_ns = period_ns
         self._min_ns = min_exposure_ns or 0
         self._max_ns = max_exposure_ns if max_exposure_ns is not None else 10 * period_ns
-        self._seen: deque[tuple[int, float]] = deque(maxlen=REMEMBERED)
         self._asked: int | None = None
+        self._confirmed = True
+        """Whether the last injection did what the profile had said."""
         self._raised_ns = 0
-        self._fruitless = 0
+        self._in_vain = self._fruitless = 0
+        """Injections in a row without effect, and those of them that must have had one."""
         self.profile = profile
         """None until the first injection showed what it does."""
 
@@ -91,19 +75,17 @@ class InjectionActuator(PhaseActuator):
     @property
     def sure(self) -> bool:
         """Whether the next injection is expected to move the phase as commanded."""
-        if self.profile is None or self._fruitless:
-            return False
-        if not self._seen:
-            return True
-        rows, shift_rows = self._seen[-1]
-        return abs(self.profile.gain * (rows - self.profile.neutral_rows) - shift_rows) < SURE_ROWS
+        return self.profile is not None and self._confirmed and not self._in_vain
 
     def aim(self, course: Course, *, hold_ns: int, aligned: bool, meeting_ns: int) -> Aim | None:
-        """Where the stream stays within its tolerance for longest; None if it is going to be within it."""
+        """Where the stream stays within its tolerance for longest; None if it is going to be within it.
+
+        Right at the goal while it is not sure where it lands.
+        """
         lead_ns = LEAD_FRAMES * course.period_ns
-        return (
-            None if course.tolerates(course.error_after(lead_ns)) else aim_to_stay(course, lead_ns, hold_ns)
-        )
+        if any(course.tolerates(course.error_after(later_ns)) for later_ns in (lead_ns, WAIT_NS)):
+            return None
+        return aim_to_stay(course, lead_ns, hold_ns if self.sure else 0)
 
     def aim_before_burst(self, course: Course, *, begins_ns: int, lasts_ns: int) -> Aim | None:
         """Where the stream meets its goal in the middle of a burst; None where the effect is not sure."""
@@ -132,16 +114,24 @@ class InjectionActuator(PhaseActuator):
         rows, self._asked = self._asked, None
         if rows is None or effect.shift_ns is None:
             return
-        if effect.shift_ns < max(0.75 * self._row_ns if self._row_known else 0.0, 4.0 * effect.noise_ns):
+        if effect.shift_ns < max(0.75 * self._row_ns, 4.0 * effect.noise_ns):
             # Too short to stretch a frame at all, it teaches nothing about longer ones. With a known
             # device the command was lost, more likely.
-            self._fruitless += 1
-            if self.profile is None or self._fruitless > LOST_COMMANDS:
+            self._in_vain += 1
+            if rows * self._row_ns > self._period_ns:
+                self._fruitless += 1
+            else:
+                self._history.add(rows, 0.0)
+                self.profile = self._history.fit() if self._history.moved else self.profile
+            if self.profile is None or self._in_vain > LOST_COMMANDS:
                 self._raised_ns += RAISE_NS
             return
-        self._raised_ns = self._fruitless = 0
-        self._seen.append((rows, effect.shift_ns / self._row_ns))
-        self.profile = self._fit()
+        self._raised_ns = self._in_vain = self._fruitless = 0
+        known, history, shift_rows = self.profile, self._history, effect.shift_ns / self._row_ns
+        history.add(rows, shift_rows)
+        self._confirmed = known is not None and history.miss_rows(known, rows, shift_rows) < SURE_ROWS
+        if not self._confirmed:
+            self.profile = history.fit()
 
     def _most_rows(self) -> int:
         return floor(self._max_ns / self._row_ns - INSIDE_ROW)
@@ -149,44 +139,28 @@ class InjectionActuator(PhaseActuator):
     def _rows_for(self, profile: InjectionProfile, move: Move) -> int | None:
         """Rows whose shift, whole periods aside, comes nearest; None if no shift comes as near.
 
-        A gain of g moves in steps of g rows, but a period is seldom a multiple of them: with 0 to g - 1
-        whole periods more, all rows between them come into reach.
+        A gain of g moves in steps of g rows, but a period is seldom a multiple of them: with some whole
+        periods more, the rows between them come into reach.
         """
         step_ns = profile.gain * self._row_ns
-        best_rows, least = None, WORTHWHILE * min(move.shift_ns, move.period_ns - move.shift_ns)
-        for turns in range(max(2, profile.gain)):
+        least_rows = max(profile.neutral_rows, self._history.idle_rows)
+        worth_ns = WORTHWHILE * min(move.shift_ns, move.period_ns - move.shift_ns)
+        best_rows, least = None, float("inf")
+        for turns in range(max(2, ceil(profile.gain))):
             shift_ns = move.shift_ns + turns * move.period_ns
-            below = floor(shift_ns / step_ns + profile.neutral_rows)
+            neutral_rows = self._history.neutral_near(profile, shift_ns / self._row_ns)
+            below = floor(shift_ns / step_ns + neutral_rows)
             for rows in (below, below + 1):
-                late_ns = (rows - profile.neutral_rows) * step_ns - shift_ns
+                late_ns = (rows - neutral_rows) * step_ns - shift_ns
                 # A whole period more is only worth it where it comes nearer by a good part of a row.
                 cost = abs(late_ns) + turns * TURN_ROWS * self._row_ns
                 # Beyond the tolerance it would have to be done again, however near it is to the aim.
                 cost += max(0.0, abs(move.aim_ns + late_ns) - INSIDE_TOLERANCE * move.tolerance_ns)
-                if profile.neutral_rows < rows <= self._most_rows() and cost < least:
-                    best_rows, least = rows, cost
+                doubted = cost + self._history.doubt_rows(profile, rows) * self._row_ns
+                if least_rows < rows <= self._most_rows() and cost < worth_ns and doubted < least:
+                    best_rows, least = rows, doubted
         most = self._most_rows()
         if best_rows is None and profile.neutral_rows < most < move.shift_ns / step_ns + profile.neutral_rows:
             # Out of reach in one go: as far as the longest exposure gets.
             return most
         return best_rows
-
-    def _fit(self) -> InjectionProfile:
-        """The gain whose line fits best, with the overhead it implies as a tie-breaker."""
-        best: InjectionProfile | None = None
-        least = float("inf")
-        for gain in GAINS:
-            neutral = median([rows - shift / gain for rows, shift in self._seen])
-            if self._row_known:
-                neutral = float(round(neutral))
-            misses = [abs(shift - gain * (rows - neutral)) for rows, shift in self._seen]
-            # Over one row, a misfit counts in full: an outlier among the timestamps is not the gain's fault.
-            misfit = sum(min(miss, 20.0) for miss in misses) / len(misses)
-            overhead_ns = self._period_ns - neutral * self._row_ns
-            misfit += abs(overhead_ns - USUAL_OVERHEAD_NS) / OVERHEAD_SPREAD_NS
-            if overhead_ns < -2.0 * self._row_ns:
-                misfit += 10.0
-            if misfit < least:
-                best, least = InjectionProfile(self._row_ns, gain, neutral), misfit
-        assert best is not None
-        return best

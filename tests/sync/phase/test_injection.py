@@ -1,25 +1,32 @@
 """The exposures an injection controller asks for, and what it learns from the shifts."""
 
+import random
+from dataclasses import replace
 from math import floor
+from statistics import median
 from typing import Any
 
 import pytest
 
+from capture_app.experiments.phase.trials import unknown_phone
+from capture_app.simulation.rig.bench import Bench
 from capture_app.sync.phase.actuator import Move, MoveEffect
-from capture_app.sync.phase.injection import InjectionActuator, InjectionProfile
+from capture_app.sync.phase.injection import InjectionActuator
+from capture_app.sync.phase.injection_history import InjectionProfile
 
 PERIOD_NS = 33_333_000
 ROW_NS = 10_840
+S = 1_000_000_000
 
 
 def move(shift_ns: int, tolerance_ns: int = 20_000) -> Move:
     return Move(0, shift_ns, shift_ns, PERIOD_NS, tolerance_ns)
 
 
-def shift_of(exposure_ns: int, gain: int, overhead_ns: int) -> int:
+def shift_of(exposure_ns: int, gain: float, overhead_ns: int) -> int:
     """What a sensor of whole rows does: gain * row * (floor(E / row) - neutral)."""
     neutral = (PERIOD_NS - overhead_ns) // ROW_NS
-    return gain * ROW_NS * max(0, floor(exposure_ns / ROW_NS) - neutral)
+    return round(gain * ROW_NS * max(0, floor(exposure_ns / ROW_NS) - neutral))
 
 
 def controller(*, row_known: bool = True, **known: Any) -> InjectionActuator:
@@ -56,6 +63,45 @@ def test_the_second_injection_hits(row_known: bool, gain: int, overhead_ns: int,
     miss_ns = (left_ns + PERIOD_NS // 2) % PERIOD_NS - PERIOD_NS // 2
     rows = 0.55 if row_known else 1.55
     assert abs(miss_ns) <= rows * gain * ROW_NS
+
+
+@pytest.mark.parametrize("row_known", [True, False])
+@pytest.mark.parametrize("gain", [1.05, 1.25, 1.46, 1.75, 1.9, 2.5])
+def test_any_gain_is_learned_and_every_camera_aligned(gain: float, row_known: bool) -> None:
+    corrections, gains = [], []
+    for seed in range(6):
+        phone = replace(unknown_phone(random.Random(seed)), injection_gain=gain)
+        bench = Bench(phone, seed, 20_000, row_known=row_known)
+        last = bench.run(40 * S, until=lambda look: look.aligned)[-1]
+        assert last.aligned
+        assert abs(last.error_ns) < 30_000
+        assert bench.aligner.injection_profile is not None
+        corrections.append(last.corrections)
+        gains.append(bench.aligner.injection_profile.gain)
+    assert max(corrections) <= 5
+    assert median(gains) == pytest.approx(gain, abs=0.01)
+
+
+@pytest.mark.parametrize("gain", [1.1, 1.46, 1.9])
+@pytest.mark.parametrize("overhead_ns", [20_000, 250_000, 700_000])
+def test_a_gain_that_is_no_whole_number_hits_with_its_third_injection(gain: float, overhead_ns: int) -> None:
+    inject, left_ns, shots = controller(), 9_000_000, 0
+    while min(left_ns, PERIOD_NS - left_ns) > 20_000:
+        shift_ns = shift_of(exposure_for(inject, move(left_ns)), gain, overhead_ns)
+        inject.learn(MoveEffect(0, shift_ns, 3000.0))
+        left_ns, shots = (left_ns - shift_ns) % PERIOD_NS, shots + 1
+    assert shots <= 3
+
+
+def test_an_exposure_that_fits_into_a_period_and_moves_nothing_is_no_proof_of_a_dead_camera() -> None:
+    inject = controller(profile=InjectionProfile(ROW_NS, 1.0, 3000.0))
+    for _ in range(12):
+        # By a profile that is 60 rows off it takes a frame that is still shorter than a period.
+        exposure_ns = exposure_for(inject, move(300_000))
+        inject.learn(MoveEffect(0, shift_of(exposure_ns, 1.0, 100_000), 3000.0))
+    assert not inject.problem
+    assert inject.profile is not None
+    assert inject.profile.neutral_rows == pytest.approx((PERIOD_NS - 100_000) // ROW_NS, abs=1)
 
 
 def test_the_first_shot_stretches_by_two_milliseconds_at_least() -> None:

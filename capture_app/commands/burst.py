@@ -2,8 +2,9 @@
 
 import asyncio
 import re
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 from msgspec.structs import asdict
@@ -41,6 +42,26 @@ _FIGURE = re.compile(r"\d[\d.]* (ns|µs|ms|s)\b|--tolerance-us \d+")
     help="Time of the first frame by the leader's clock; may be in the recent past.",
 )
 @click.option(
+    "--before",
+    type=click.IntRange(0, 1000),
+    metavar="N",
+    default=0,
+    help="So many of the frames come from before this command.",
+)
+@click.option("--name", default="", show_default="burst", help="Name of the take: its session is NAME-001.")
+@click.option("--note", default="", show_default=False, help="A line of text saved with the session.")
+@click.option(
+    "--repeat", type=click.IntRange(1, 10_000), metavar="N", default=1, help="Number of bursts to take."
+)
+@click.option(
+    "--every",
+    "every_s",
+    type=FiniteRange(0.0, 86_400.0),
+    metavar="S",
+    show_default="as soon as the last is saved",
+    help="With --repeat: seconds from one burst to the next.",
+)
+@click.option(
     "--wait-s",
     type=FiniteRange(0.0, 3600.0),
     default=0.0,
@@ -60,26 +81,80 @@ def burst(
     frames: int,
     spacing: int,
     at_ns: int | None,
+    before: int,
+    name: str,
+    note: str,
+    repeat: int,
+    every_s: float | None,
     wait_s: float,
     min_nodes: int,
     as_json: bool,
 ) -> None:
-    """Take a burst and print the path of its session, which is on the leader's machine."""
+    """Take a burst and print the path of its session, which is on the leader's machine.
+
+    With --repeat take several, and print each path when it is saved; with --json all of them at the end.
+    """
     from capture_app.node.wire.messages import BurstRequest
 
+    if at_ns is not None and repeat > 1:
+        raise click.UsageError("--at-ns is for one burst, not with --repeat")
     request = BurstRequest(
-        frames=frames, spacing=spacing, at_leader_ns=at_ns, wait_ready_s=wait_s, nodes=min_nodes
+        frames=frames,
+        spacing=spacing,
+        at_leader_ns=at_ns,
+        before=before,
+        name=name,
+        note=note,
+        wait_ready_s=wait_s,
+        nodes=min_nodes,
     )
-    done = asyncio.run(_take_burst(leader, request))
-    verdict = _judge_if_here(done)
-    if as_json:
-        print_json({**asdict(done), "verdict": verdict})
-    elif done.session is not None:
-        print_line(done.session)
-        if verdict is not None:
-            talk(f"{verdict.headline}; spread {verdict.spread}")
-    if done.session is None or done.received < done.expected:
-        raise IncompleteError(f"burst {done.burst} is incomplete: {done.message}")
+    results: list[dict[str, Any]] = []
+
+    def show(done: "BurstStatus") -> None:
+        verdict = _judge_if_here(done)
+        results.append({**asdict(done), "verdict": verdict})
+        if not as_json and done.session is not None:
+            print_line(done.session)
+            if verdict is not None:
+                talk(f"{verdict.headline}; spread {verdict.spread}")
+
+    try:
+        bursts = asyncio.run(_take_bursts(leader, request, repeat, every_s, show))
+    finally:
+        if as_json and results:
+            print_json(results[0] if repeat == 1 else {"bursts": results})
+    for done in bursts:
+        if done.session is None or done.received < done.expected:
+            raise IncompleteError(f"burst {done.burst} is incomplete: {done.message}")
+
+
+async def _take_bursts(
+    leader: Address,
+    request: "BurstRequest",
+    repeat: int,
+    every_s: float | None,
+    show: Callable[["BurstStatus"], None],
+) -> list["BurstStatus"]:
+    """Take them one after the other, or each in its turn though the one before is still being saved."""
+
+    async def take() -> "BurstStatus":
+        done = await _take_burst(leader, request)
+        show(done)
+        return done
+
+    if every_s is None:
+        return [await take() for _ in range(repeat)]
+    loop = asyncio.get_running_loop()
+    began_s = loop.time()
+    try:
+        async with asyncio.TaskGroup() as tasks:
+            taking = []
+            for number in range(repeat):
+                await asyncio.sleep(max(0.0, began_s + number * every_s - loop.time()))
+                taking.append(tasks.create_task(take()))
+    except* SimulshotError as group:
+        raise group.exceptions[0] from None
+    return [task.result() for task in taking]
 
 
 def _judge_if_here(done: "BurstStatus") -> "Verdict | None":

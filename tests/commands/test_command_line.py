@@ -90,7 +90,7 @@ def test_sessions_cannot_go_into_a_file(tmp_path: Path, capfd: pytest.CaptureFix
         (("statsu",), "status"),
         (("sessions", "verfy"), "verify"),
         (("experiment", "clock-filter"), "clock-filters"),
-        (("burst", "--frame", "3"), "--frames"),
+        (("burst", "--spacin", "3"), "--spacing"),
     ],
 )
 def test_a_mistyped_name_is_answered_with_the_one_meant(

@@ -163,6 +163,19 @@ async def test_a_leader_with_a_camera_of_its_own(
     assert (tmp_path / "data/simulshot" / FILE).is_file(), "what its long frames did is known on the next use"
 
 
+async def test_a_sequence_of_named_takes(start: Start, tmp_path: Path) -> None:
+    _, address = await lead(start, tmp_path / "sessions")
+    await join_ready(start, address, "a")
+    takes = ("--frames", "3", "--before", "2", "--name", "jump", "--note", "one", "--repeat", "3")
+    for every in ((), ("--every", "0.2")):
+        command = await start("burst", "--leader", address, *takes, *every, "--json")
+        bursts = json.loads(await output(command))["bursts"]
+        assert [done["received"] for done in bursts] == [3, 3, 3]
+        assert all(Path(done["session"]).name.startswith("jump-00") for done in bursts)
+        assert {Session.open(Path(done["session"])).manifest.note for done in bursts} == {"one"}
+    assert len(list((tmp_path / "sessions").glob("jump-*"))) == 6
+
+
 async def test_a_burst_that_nobody_can_take_is_one_line_and_no_session(start: Start, tmp_path: Path) -> None:
     leader, address = await lead(start, tmp_path / "sessions")
     for options, says in (

@@ -59,14 +59,14 @@ class BurstSession:
         before = plans.InterruptedBurst.read(folder, heard_ns)
         return cls(before.burst, {}, before.writer, interrupted=before)
 
-    async def write_plan(self, leader: int) -> None:
+    async def write_plan(self, leader: int, note: str = "") -> None:
         """Put on disk what this is to become; `leader` is the run of the leader that nodes know it by.
 
         Raises DiskFullError where there is no room for it.
         """
         cameras = [camera.camera for camera in self._cameras.values()]
         plan = plans.first_plan(
-            self._writer, leader, self.burst.number, plans.burst_record(self.burst), cameras
+            self._writer, leader, self.burst.number, plans.burst_record(self.burst), cameras, note
         )
         async with self._no_image_written():
             await self._disk.call(self._writer.set_plan, plan)

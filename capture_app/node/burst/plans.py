@@ -35,7 +35,8 @@ def write_manifest(
     writer.set_ground_truth_clocks({n: r.true_clock for n, r in reports.items() if r.true_clock is not None})
     cameras = [of.report.camera if of.report else of.camera for of in progress.values()]
     origin = "simulated" if writer.knows_true_times else "captured"
-    return writer.finish(cameras, burst, missing, origin).folder
+    note = "" if writer.plan is None else writer.plan.note
+    return writer.finish(cameras, burst, missing, origin, note).folder
 
 
 def burst_record(burst: Burst) -> BurstRecord:
@@ -46,7 +47,12 @@ def burst_record(burst: Burst) -> BurstRecord:
 
 
 def first_plan(
-    writer: SessionWriter, leader: int, number: int, burst: BurstRecord, cameras: Iterable[CameraRecord]
+    writer: SessionWriter,
+    leader: int,
+    number: int,
+    burst: BurstRecord,
+    cameras: Iterable[CameraRecord],
+    note: str = "",
 ) -> BurstPlan:
     """What a session is to become, before any camera has reported."""
     return BurstPlan(
@@ -57,6 +63,7 @@ def first_plan(
         number=number,
         burst=burst,
         cameras=tuple(CameraPlan(camera=camera) for camera in cameras),
+        note=note,
     )
 
 

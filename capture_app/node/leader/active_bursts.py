@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from capture_app.errors import BadInputError, IncompleteError, SimulshotError
+from capture_app.names import check_name
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.resumed_bursts import RETURN_NS, ResumedBursts
 from capture_app.node.leader.readiness import check_room, expected_image_bytes
@@ -18,6 +19,9 @@ from capture_app.sync.wire.messages import NodeState
 
 CANCELLED = "the burst was cancelled"
 MAX_OPEN_BURSTS = 16
+UNNAMED = "burst"
+"""What the sessions of takes without a name begin with."""
+MAX_FOLDER_NUMBER = 999_999
 SILENCE_CHECK_S = 0.25
 
 
@@ -51,6 +55,8 @@ class ActiveBursts:
         self._bursts: dict[int, BurstSession] = {}
         self._cancelled: set[int] = set()
         self._last_number = 0
+        self._last_folders: dict[str, int] = {}
+        """The number in the name of the last session, by what is before it."""
         self._image_bytes: dict[str, int] = {}
         self._spools: dict[str, SpoolSpace] = {}
         self._tasks: set[asyncio.Task[None]] = set()
@@ -69,8 +75,10 @@ class ActiveBursts:
                 self._note_finished(burst)
         await self.resumed.suspend_all()
 
-    async def order(self, *, frames: int, spacing: int, at_leader_ns: int | None) -> BurstSession:
-        """Order a burst of all nodes that are here, and begin its session.
+    async def order(
+        self, *, frames: int, spacing: int, at_leader_ns: int | None, name: str = "", note: str = ""
+    ) -> BurstSession:
+        """Order a burst of all nodes that are here, and begin its session, which is named after the take.
 
         Raises BadInputError for an impossible burst or a folder that cannot be written, NoCameraHereError
         where there is no camera, DiskFullError where it will hardly find room here or on a node.
@@ -79,12 +87,17 @@ class ActiveBursts:
             raise IncompleteError(
                 f"{MAX_OPEN_BURSTS} bursts are still being saved", hint="wait until they are there"
             )
+        prefix = name or UNNAMED
+        check_name(f"{prefix}-{MAX_FOLDER_NUMBER}", "take")
         self._engine.check_burst(frames=frames, spacing=spacing)
         image_bytes = expected_image_bytes(self._engine.clients(self.now_ns()), self._image_bytes)
         check_room(self._root, image_bytes, frames, self._spools)
         # A number that was given up is never given again: nodes may still know it.
-        writer, number = await asyncio.to_thread(create_numbered, self._root, after=self._last_number)
-        self._last_number = max(self._last_number, number)
+        after = self._last_folders.get(prefix, 0)
+        writer, folder = await asyncio.to_thread(create_numbered, self._root, prefix, after=after)
+        self._last_folders[prefix] = folder
+        number = max(self._last_number + 1, folder if prefix == UNNAMED else 0)
+        self._last_number = number
         try:
             burst = self._engine.trigger(
                 self.now_ns(), frames=frames, spacing=spacing, at_leader_ns=at_leader_ns, number=number
@@ -97,7 +110,7 @@ class ActiveBursts:
         self._spawn(self._follow(session))
         # On disk before any node can hear of it, so that whatever is picked can be fetched after a crash.
         try:
-            await session.write_plan(self._engine.config.instance)
+            await session.write_plan(self._engine.config.instance, note)
         except SimulshotError as error:
             await session.cancel(error.what)
             raise
@@ -187,14 +200,14 @@ class ActiveBursts:
         task.add_done_callback(self._tasks.discard)
 
 
-def create_numbered(root: Path, *, after: int = 0) -> tuple[SessionWriter, int]:
-    """Begin the session `burst-NNN` of the next free number over `after`, and return that number too.
+def create_numbered(root: Path, prefix: str = UNNAMED, *, after: int = 0) -> tuple[SessionWriter, int]:
+    """Begin the session `PREFIX-NNN` of the next free number over `after`, and return that number too.
 
     Raises BadInputError, DiskFullError.
     """
-    number = 1 + max([after, *(_number(path) for path in root.glob("burst-*"))])
+    number = 1 + max([after, *(_number(path, prefix) for path in root.glob(f"{prefix}-*"))])
     while True:
-        name = f"burst-{number:03d}"
+        name = f"{prefix}-{number:03d}"
         try:
             return SessionWriter.create(root, name), number
         except BadInputError:
@@ -203,6 +216,6 @@ def create_numbered(root: Path, *, after: int = 0) -> tuple[SessionWriter, int]:
         number += 1
 
 
-def _number(path: Path) -> int:
-    digits = path.name.removeprefix("burst-")
-    return int(digits) if digits.isdecimal() else 0
+def _number(path: Path, prefix: str) -> int:
+    digits = path.name.removeprefix(f"{prefix}-")
+    return int(digits) if digits.isdecimal() and len(digits) <= len(str(MAX_FOLDER_NUMBER)) else 0

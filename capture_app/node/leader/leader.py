@@ -11,6 +11,7 @@ from typing import Self
 from msgspec.structs import replace
 
 from capture_app.clock import HostClock, NodeClock
+from capture_app.errors import BadInputError
 from capture_app.net.address import DEFAULT_PORT, Address, own_machine_address, reachable_host
 from capture_app.net.multicast import BeaconSender
 from capture_app.net.server import TransferServer, bind_port
@@ -169,13 +170,23 @@ class LeaderNode:
         """Wait until an operator wants this leader to end."""
         await self._orders.stop_wanted.wait()
 
-    async def trigger(self, *, frames: int, spacing: int = 1, at_leader_ns: int | None = None) -> BurstStatus:
-        """Order a burst of all nodes that are here, and begin its session.
+    async def trigger(
+        self,
+        *,
+        frames: int,
+        spacing: int = 1,
+        at_leader_ns: int | None = None,
+        name: str = "",
+        note: str = "",
+    ) -> BurstStatus:
+        """Order a burst of all nodes that are here, and begin its session, named after the take.
 
         Raises BadInputError for an impossible burst or a folder that cannot be written, NoCameraHereError
         where there is no camera, DiskFullError where it will hardly find room here or on a node.
         """
-        session = await self._bursts.order(frames=frames, spacing=spacing, at_leader_ns=at_leader_ns)
+        session = await self._bursts.order(
+            frames=frames, spacing=spacing, at_leader_ns=at_leader_ns, name=name, note=note
+        )
         self._pump.turn()
         return session.status
 
@@ -199,14 +210,24 @@ class LeaderNode:
 
     async def take_burst(self, request: BurstRequest) -> AsyncGenerator[BurstStatus, None]:
         """Wait for the nodes as asked, take a burst, and yield its progress until it is done."""
+        if request.before > request.frames:
+            raise BadInputError(
+                f"{request.before} of {request.frames} frames cannot be before", hint="ask for more frames"
+            )
+        asked_ns = self._clock.now_ns()
         before = BurstStatus(burst=0, name="", cameras=0, instants=request.frames, received=0, expected=0)
         if request.wait_ready_s:
             async for reason in reasons_until_ready(self._views, request.wait_ready_s, request.nodes):
                 yield replace(before, message=f"waiting for the rig: {reason}")
+            asked_ns = self._clock.now_ns()
         if coarse := coarse_nodes(self._views()):
             yield replace(before, message=f"less accurate than asked for: {coarse}")
         status = await self.trigger(
-            frames=request.frames, spacing=request.spacing, at_leader_ns=request.at_leader_ns
+            frames=request.frames,
+            spacing=request.spacing,
+            at_leader_ns=self._first_instant(request, asked_ns),
+            name=request.name,
+            note=request.note,
         )
         session = self._bursts.session_by_number(status.burst)
         while not session.finished.is_set():
@@ -215,6 +236,14 @@ class LeaderNode:
                 async with asyncio.timeout(SNAPSHOT_EVERY_S):
                     await session.finished.wait()
         yield session.status
+
+    def _first_instant(self, request: BurstRequest, asked_ns: int) -> int | None:
+        """Leader time about which a burst begins; None: as soon as all nodes can know of it."""
+        goal = self._engine.goal
+        if not request.before or goal is None:
+            return request.at_leader_ns
+        at_ns = asked_ns if request.at_leader_ns is None else request.at_leader_ns
+        return at_ns - request.before * request.spacing * goal.period_ns
 
     def _on_news(self, news: News) -> None:
         self.news.note(news)

@@ -43,6 +43,8 @@ class BurstPlan(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The burst's number in that run."""
     burst: BurstRecord
     cameras: tuple[CameraPlan, ...]
+    note: str = ""
+    """What the manifest is to keep as a note."""
     schema_version: int = PLAN_VERSION
 
     @property

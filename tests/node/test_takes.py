@@ -1,0 +1,87 @@
+"""Bursts as operators ask for them: frames of before, names, notes, one after the other."""
+
+import asyncio
+import time
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+
+from capture_app.cameras.catalog import open_camera
+from capture_app.clock import HostClock
+from capture_app.errors import BadInputError
+from capture_app.node.camera.camera_node import CameraNode
+from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.operator.link import RigLink
+from capture_app.node.wire.messages import BurstRequest
+from capture_app.node.wire.status import BurstStatus
+from capture_app.session.reading.reader import Session
+
+PATIENCE_S = 60.0
+
+
+@pytest.fixture
+async def link(tmp_path: Path) -> AsyncIterator[RigLink]:
+    """A rig of one camera that is ready."""
+    clock = HostClock()
+    async with LeaderNode(sessions=tmp_path / "sessions", host="127.0.0.1", port=0) as leader:
+        spec = "sim:perfect,scale=0.1"
+        camera = CameraNode(
+            name="a",
+            open_camera=lambda: open_camera(spec, clock=clock, name="a"),
+            leader=leader.own_address,
+            clock=clock,
+        )
+        running = asyncio.create_task(camera.run())
+        await leader.wait_until_ready(PATIENCE_S)
+        yield RigLink(leader.own_address)
+        running.cancel()
+        await asyncio.gather(running, return_exceptions=True)
+
+
+async def take(link: RigLink, request: BurstRequest) -> BurstStatus:
+    async with asyncio.timeout(PATIENCE_S):
+        statuses = [status async for status in link.burst(request)]
+    assert statuses[-1].done
+    return statuses[-1]
+
+
+def manifest_of(done: BurstStatus):
+    assert done.session is not None
+    return Session.open(Path(done.session)).manifest
+
+
+async def test_frames_of_before_the_key_are_in_the_take(link: RigLink) -> None:
+    began_ns = time.monotonic_ns()
+    done = await take(link, BurstRequest(frames=5, before=3))
+    ended_ns = time.monotonic_ns()
+    assert (done.received, done.expected) == (5, 5)
+    burst = manifest_of(done).burst
+    # The leader's clock is the host's; a grid's instant is at most half a period off what was asked for.
+    key_ns = burst.requested_ns + 3 * burst.period_ns
+    assert began_ns <= key_ns <= ended_ns
+    assert burst.instants_ns[2] < key_ns < burst.instants_ns[4]
+
+
+async def test_a_take_is_named_and_annotated(link: RigLink) -> None:
+    first = await take(link, BurstRequest(frames=1, name="jump", note="without the hat"))
+    plain = await take(link, BurstRequest(frames=1))
+    again = await take(link, BurstRequest(frames=1, name="jump"))
+    assert [done.name for done in (first, plain, again)] == ["jump-001", "burst-001", "jump-002"]
+    assert len({done.burst for done in (first, plain, again)}) == 3
+    assert manifest_of(first).note == "without the hat"
+    assert manifest_of(first).name == "jump-001"
+    assert manifest_of(again).note == ""
+
+
+@pytest.mark.parametrize(
+    ("request_", "says"),
+    [
+        (BurstRequest(frames=2, before=3), "3 of 2 frames"),
+        (BurstRequest(frames=2, name="../up"), "not a valid name for a take"),
+        (BurstRequest(frames=2, name="x" * 60), "not a valid name for a take"),
+    ],
+)
+async def test_impossible_takes_are_refused(link: RigLink, request_: BurstRequest, says: str) -> None:
+    with pytest.raises(BadInputError, match=says):
+        await take(link, request_)

@@ -16,6 +16,8 @@ from capture_app.node.wire.status import RigStatus
 from capture_app.node.wire.views import NewsLine
 from capture_app.text import printable
 from capture_app.tui.header import MODES
+from capture_app.tui.jobs.job_list import JobList
+from capture_app.tui.jobs.jobs_view import JobsView
 from capture_app.tui.messages import (
     LinkChanged,
     Mishap,
@@ -65,6 +67,7 @@ class SimulshotApp(App[None]):
         self._settings = settings
         self._sessions = sessions
         self._record = RigRecord(clock)
+        self._jobs = JobList(sessions)
         for mode in MODES:
             self.add_mode(mode, partial(self._mode_screen, mode))
         for theme in THEMES.values():
@@ -83,6 +86,11 @@ class SimulshotApp(App[None]):
         self.screen_change_signal.subscribe(self, self._tell_screen)
         self.theme_changed_signal.subscribe(self, lambda theme: self._settings.remember("theme", theme.name))
         self._follow()
+        self.run_worker(self._jobs.find_earlier(), group="jobs")
+
+    async def on_unmount(self) -> None:
+        """End the jobs: their results are there whole or not at all."""
+        await self._jobs.close()
 
     def _mode_screen(self, mode: str) -> ModeScreen:
         return ModeScreen(mode, self._view(mode))
@@ -90,6 +98,8 @@ class SimulshotApp(App[None]):
     def _view(self, mode: str) -> Widget:
         if mode == "rig":
             return RigView(self._source, self._record)
+        if mode == "jobs":
+            return JobsView(self._jobs)
         return NotThereYet(MODES[mode])
 
     # The rig
@@ -101,6 +111,8 @@ class SimulshotApp(App[None]):
             if isinstance(update, RigStatus) and self._record.lost:
                 self._post(lambda: LinkChanged(""))
             self._record.add(update)
+            if isinstance(update, RigStatus):
+                self._jobs.hold_for(update)
             self._post(partial(message_of, update))
 
     def _post(self, message: Callable[[], RigMessage]) -> None:

@@ -21,7 +21,7 @@ from reconstruction.compare.pose_study import LARGE_MOVING_SHARE, PoseStudy
 from reconstruction.compare.stereo_study import StereoStudy
 from reconstruction.compare.study import Result, StudyRun
 from reconstruction.report import wording
-from reconstruction.report.comparison_report import write_report
+from reconstruction.report.comparison_report import report_words, write_report
 from reconstruction.report.verdict import verdict
 from reconstruction.scores.compare_results import CompareResult, ConditionResult
 from reconstruction.scores.results import DoseResult
@@ -67,7 +67,9 @@ def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
     offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, options.offset_ms)
     with comparison_folder(out) as output:
         result = Comparison(dataset, offset, options, output.folder).run_studies(session)
-        result = msgspec.structs.replace(result, report="report.html", seconds=time.monotonic() - began)
+        result = msgspec.structs.replace(
+            result, words=report_words(result), report="report.html", seconds=time.monotonic() - began
+        )
         write_report(result, output.folder)
         write_metrics(output.folder, result)
     return result

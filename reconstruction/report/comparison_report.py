@@ -18,7 +18,7 @@ from reconstruction.report.page import Claim, Section, render_page, write_page
 from reconstruction.report.provenance import files_beside, pair_pictures, provenance_entries
 from reconstruction.report.tables import WITH_CONTROL, Table, conditions_table, instants_table, twin_table
 from reconstruction.report.verdict import DEPTH_MEASURES, MISFIT_MEASURES, first_known
-from reconstruction.scores.compare_results import CompareResult
+from reconstruction.scores.compare_results import CompareResult, ReportWords, WordTable
 
 KINDS = {b"\x89PNG\r\n\x1a\n": "image/png", b"\xff\xd8\xff": "image/jpeg"}
 
@@ -32,6 +32,35 @@ def write_report(result: CompareResult, out: Path) -> Path:
         BadInputError: a picture is missing or is no PNG or JPEG, or the page cannot be written.
     """
     return write_page(_page(result, out), out)
+
+
+def report_words(result: CompareResult) -> ReportWords:
+    """The tables of the measurements and what they call the conditions, without a page around them."""
+    sides = wording.name_sides(result.stereo.synced if result.stereo else None, result.actual_offset_ms)
+    everybody = sides.for_all_cameras()
+    all_cameras, pair = _all_cameras(result, everybody), _tables(result, sides)
+    tables = (
+        all_cameras.get("multiview_table"),
+        pair["depth_table"],
+        pair["panorama_table"],
+        all_cameras.get("pose_table"),
+    )
+    return ReportWords(
+        synced=sides.first,
+        offset=sides.late,
+        unsynchronized=everybody.late,
+        tables=tuple(_in_words(table) for table in tables if isinstance(table, Table)),
+    )
+
+
+def _in_words(table: Table) -> WordTable:
+    return WordTable(
+        caption=table.caption,
+        groups=tuple(column.group for column in table.columns),
+        columns=tuple(column.name for column in table.columns),
+        rows=tuple((row.name, *(cell.text for cell in row.cells)) for row in table.rows),
+        controls=tuple(all(cell.control for cell in row.cells) for row in table.rows),
+    )
 
 
 def _page(result: CompareResult, out: Path) -> str:

@@ -61,6 +61,32 @@ class ConditionResult(Struct, frozen=True, kw_only=True):
     skipped: tuple[str, ...] = ()
 
 
+class WordTable(Struct, frozen=True, kw_only=True):
+    """A table of the report as it reads there, for a screen."""
+
+    caption: str
+    groups: tuple[str, ...]
+    """Of each column of values: what it is of, such as moving things; empty where there is no difference."""
+    columns: tuple[str, ...]
+    """Of each column of values: the condition."""
+    rows: tuple[tuple[str, ...], ...]
+    """The measure's name, and a value with its unit for each column."""
+    controls: tuple[bool, ...]
+    """Whether a row is a control: timing should not change it."""
+
+
+class ReportWords(Struct, frozen=True, kw_only=True):
+    """What the report calls the conditions, and its tables in words."""
+
+    synced: str
+    """Synchronized, or As recorded where the pictures cannot be of one instant."""
+    offset: str
+    """Such as 67 ms late."""
+    unsynchronized: str
+    """The other condition where all cameras take part."""
+    tables: tuple[WordTable, ...]
+
+
 class CompareResult(Struct, frozen=True, kw_only=True):
     """Everything `reconstruct compare` found; written as `metrics.json` and printed by --json."""
 
@@ -88,6 +114,7 @@ class CompareResult(Struct, frozen=True, kw_only=True):
     dose: DoseResult | None = None
     burst: BurstGrid | None = None
     bullet_time: BulletTime | None = None
+    words: ReportWords | None = None
     report: str = ""
     seconds: float = 0.0
     versions: dict[str, str] = {}

@@ -5,8 +5,9 @@ import re
 import msgspec
 
 from reconstruction.report import wording
+from reconstruction.report.comparison_report import report_words
 from reconstruction.scores.compare_results import ConditionResult
-from tests.reconstruction.report.results import STEREO, STITCH, depth
+from tests.reconstruction.report.results import RESULT, STEREO, STITCH, depth
 
 
 def test_movers_stand_beside_the_static_control(read_report):
@@ -142,3 +143,27 @@ def test_what_was_not_looked_at_says_why_and_draws_nothing(read_report):
     assert "With all cameras at once" not in page.text
     assert "not measured: it takes three <cameras>" in page.text
     assert "not measured: what moves is small" in page.text
+
+
+def test_the_tables_in_words_read_as_in_the_report(read_report) -> None:
+    words = report_words(RESULT)
+    assert (words.synced, words.offset, words.unsynchronized) == (
+        "Synchronized",
+        "67\u202fms late",
+        "unsynchronized",
+    )
+    text = read_report().text.replace("\u202f", " ")
+    for table in words.tables:
+        assert len(table.groups) == len(table.columns)
+        for row in table.rows:
+            values = r"\D*?".join(re.escape(cell.replace("\u202f", " ")) for cell in row[1:])
+            assert re.search(f"{re.escape(row[0])}.*?{values}", text), row
+    assert words.tables[-1].controls == (False, False, True)
+
+
+def test_in_words_too_nothing_is_called_synchronized_that_cannot_be() -> None:
+    lost = depth(mover_within_2pct=0.005, mover_epipolar_px=9.8, static_epipolar_px=0.05)
+    stereo = msgspec.structs.replace(STEREO, synced=lost, offset=lost)
+    words = report_words(msgspec.structs.replace(RESULT, stereo=stereo))
+    assert words.synced == "As recorded"
+    assert words.tables[0].columns[0] == "Recorded"

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from capture_app import __version__
-from capture_app.clock import seeded_clock
+from capture_app.clock import SimulatedClock, seeded_clock
 from capture_app.errors import IncompleteError
 from capture_app.node.burst.plans import burst_record
 from capture_app.node.camera.records import camera_record, event_line
@@ -57,6 +57,7 @@ def take_synchronized(recipe: Recipe, sources: Mapping[str, PictureSource]) -> T
         raise IncompleteError(f"not all cameras of {recipe.name} took the burst")
     readies = {node.spec.name: node.bursts[burst.number] for node in nodes}
     records = {node.spec.name: _camera_record(node, readies[node.spec.name], sources) for node in nodes}
+    clocks = ((node.spec.name, node.spec.clock) for node in nodes)
     return Take(
         software=f"simulshot {__version__}",
         cameras=tuple(records.values()),
@@ -68,7 +69,7 @@ def take_synchronized(recipe: Recipe, sources: Mapping[str, PictureSource]) -> T
             for gap in of.gaps
         ),
         events=tuple(log.lines),
-        clocks={node.spec.name: node.spec.clock for node in nodes},
+        clocks={name: clock for name, clock in clocks if isinstance(clock, SimulatedClock)},
     )
 
 

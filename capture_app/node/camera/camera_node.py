@@ -13,6 +13,7 @@ from capture_app.camera_facts import PhaseControl
 from capture_app.cameras.base import Camera, CapturedFrame
 from capture_app.clock import HostClock, NodeClock
 from capture_app.errors import NetworkError, SimulshotError
+from capture_app.host_rate import HostRate
 from capture_app.net.address import Address, resolve
 from capture_app.net.multicast import BeaconReceiver
 from capture_app.net.udp import Pump, client_socket
@@ -26,10 +27,11 @@ from capture_app.node.transfer.spool import Spool
 from capture_app.node.transfer.uploader import Uploader
 from capture_app.node.wire.messages import JsonValue
 from capture_app.node.wire.views import NodeDetail
-from capture_app.sync.rig import events
+from capture_app.sync.rig import events, node_message
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.failover import Failover
 from capture_app.sync.rig.phase_loop import ClientConfig
+from capture_app.sync.timekeeping.clock_events import ClockRateChanged, ClockRateUnusual
 from capture_app.sync.wire.messages import NodeState
 
 RING_FRAMES = 90
@@ -86,6 +88,7 @@ class CameraNode:
             detail=self._detail,
         )
         self._events: deque[dict[str, JsonValue]] = deque(maxlen=EVENTS_KEPT)
+        self._host_rate = HostRate()
         self._last_state: NodeState | None = None
 
     async def run(self) -> None:
@@ -161,6 +164,7 @@ class CameraNode:
 
     def _drain(self) -> None:
         self._camera.collect_commands()
+        self._engine.time.timekeeper.rate.host_slewing_ppm = self._host_rate.slewing_ppm(self._clock.now_ns())
         while (event := self._engine.next_event()) is not None:
             self._handle_event(event)
         state = self._engine.state
@@ -196,6 +200,10 @@ class CameraNode:
         self._events.append(line)
         if isinstance(event, events.LeaderLost | events.JoinRefused | events.AlignmentFailed):
             self._talk(f"{line['event']}: {event.reason}")
+        if isinstance(event, ClockRateUnusual):
+            self._talk(node_message.fast_clock(event.fast_ppm))
+        elif isinstance(event, ClockRateChanged):
+            self._talk(node_message.RATE_CHANGED)
 
     def _upload_of(self, ready: events.BurstPicked[CapturedFrame]) -> BurstUpload:
         assert self._tolerance_ns is not None

@@ -96,6 +96,12 @@ def event_line(event: events.ClientEvent[Any]) -> dict[str, JsonValue]:
             return {"event": "clock-synced", "offset_ns": time_map.offset_ns, "hard_bound_ns": bound_ns}
         case clock_events.ClockStepped():
             return {"event": "clock-stepped"}
+        case clock_events.ClockRateUnusual(fast_ppm):
+            return {"event": "clock-rate-unusual", "fast_ppm": fast_ppm}
+        case clock_events.ClockRateUsual():
+            return {"event": "clock-rate-usual"}
+        case clock_events.ClockRateChanged():
+            return {"event": "clock-rate-changed"}
         case clock_events.ReferenceCorrectionStarted(uncertainty_ns):
             return {"event": "reference-correction-started", "relative_uncertainty_ns": uncertainty_ns}
         case clock_events.ReferenceCorrectionEnded():

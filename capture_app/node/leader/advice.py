@@ -1,36 +1,68 @@
 """One sentence for the whole rig: what keeps it from being ready and what to do, or how accurate it is."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from capture_app.node.leader.snapshots import present_cameras
+from capture_app.node.leader.wording import off_rate_line
 from capture_app.sync.rig.roster import ClientView
+from capture_app.sync.timekeeping.rate_jury import LEADER, HostAtRate, HostOffRate, RateJury
 from capture_app.sync.wire.messages import NodeState
 from capture_app.text import count, duration
 
-_WORST_FIRST = (
-    NodeState.FAILED,
-    NodeState.LOST,
+_GONE = (NodeState.FAILED, NodeState.LOST)
+_ON_THE_WAY = (
     NodeState.JOINING,
     NodeState.SYNCING,
     NodeState.ALIGNING,
     NodeState.COARSE,
 )
 """Where several nodes are not ready, the one that waits longest for a person is spoken of."""
+_CLOCK_IS_KNOWN = (NodeState.ALIGNING, NodeState.COARSE, NodeState.READY)
 
 
-def rig_advice(views: Sequence[ClientView], leader: str) -> str:
-    """Return the one sentence; `leader` is the address that nodes join."""
-    for state in _WORST_FIRST:
-        concerned = [view for view in views if view.report.state is state]
-        if concerned:
-            more = "" if len(concerned) == 1 else f" (and {count(len(concerned) - 1, 'more node')})"
-            return f"{_shortfall(concerned[0])}{more}"
+def review_rates(
+    jury: RateJury, views: Sequence[ClientView], leader_slewing_ppm: float | None
+) -> list[HostOffRate | HostAtRate]:
+    """Let the jury judge all clocks by what their nodes report; return what is news."""
+    known = [view for view in views if view.report.state in _CLOCK_IS_KNOWN]
+    # A skew is that of the leader's clock against the node's.
+    rates_ppm = {view.name: -view.report.skew_ppm for view in known if view.report.skew_ppm is not None}
+    slewing_ppm: dict[str | None, float] = {
+        view.name: view.report.slewing_ppm for view in known if view.report.slewing_ppm
+    }
+    if leader_slewing_ppm:
+        slewing_ppm[LEADER] = leader_slewing_ppm
+    return jury.review(rates_ppm, slewing_ppm)
+
+
+def rig_advice(
+    views: Sequence[ClientView], leader: str, off_rate: Mapping[str | None, HostOffRate] | None = None
+) -> str:
+    """Return the one sentence; `leader` is where nodes join, `off_rate` are the hosts with odd clocks."""
+    sentence = _of_states(views, _GONE)
+    if not sentence and off_rate:
+        worst = max(off_rate.values(), key=lambda off: (off.certain, abs(off.fast_ppm)))
+        sentence = off_rate_line(worst) + _and_more(len(off_rate))
+    if sentence := sentence or _of_states(views, _ON_THE_WAY):
+        return sentence
     cameras = present_cameras(views)
     if not cameras:
         return f"no camera is here: start one with capture-app node --leader {leader} --camera SPEC"
     bars_ns = [view.report.uncertainty_ns for view in cameras if view.report.uncertainty_ns is not None]
     sure = f", clocks sure to ±{duration(max(bars_ns))} (95 %)" if bars_ns else ""
     return f"{count(len(cameras), 'camera')} ready{sure}"
+
+
+def _of_states(views: Sequence[ClientView], states: Sequence[NodeState]) -> str:
+    for state in states:
+        concerned = [view for view in views if view.report.state is state]
+        if concerned:
+            return _shortfall(concerned[0]) + _and_more(len(concerned))
+    return ""
+
+
+def _and_more(all_of_them: int) -> str:
+    return "" if all_of_them == 1 else f" (and {count(all_of_them - 1, 'more node')})"
 
 
 def _shortfall(view: ClientView) -> str:

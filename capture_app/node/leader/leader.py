@@ -12,13 +12,14 @@ from msgspec.structs import replace
 
 from capture_app.clock import HostClock, NodeClock
 from capture_app.errors import BadInputError
+from capture_app.host_rate import HostRate
 from capture_app.net.address import DEFAULT_PORT, Address, own_machine_address, reachable_host
 from capture_app.net.multicast import BeaconSender
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
 from capture_app.node.burst.resumed_bursts import RETURN_NS
 from capture_app.node.leader.active_bursts import ActiveBursts
-from capture_app.node.leader.advice import rig_advice
+from capture_app.node.leader.advice import review_rates, rig_advice
 from capture_app.node.leader.beacons import send_due_beacon
 from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.news_log import NewsLog
@@ -35,8 +36,11 @@ from capture_app.node.wire.status import BurstStatus, RigStatus
 from capture_app.sync.rig.events import BurstRefused
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.roster import ClientView
+from capture_app.sync.timekeeping.rate_jury import RateJury
 
 SNAPSHOT_EVERY_S = 0.25
+REVIEW_EVERY_NS = 1_000_000_000
+"""Between two looks at which clocks run oddly."""
 
 
 class LeaderNode:
@@ -85,6 +89,8 @@ class LeaderNode:
         self._viewfinders = Viewfinders()
         self._local: LocalNodes | None = None
         self._orders: OperatorOrders
+        self._host_rate, self._jury = HostRate(), RateJury()
+        self._review_due_ns: int | None = None
 
     async def __aenter__(self) -> Self:
         await self.start()
@@ -146,7 +152,7 @@ class LeaderNode:
         goal, views = self._engine.goal, self._engine.clients(now_ns)
         return RigStatus(
             leader=str(self.address),
-            advice=rig_advice(views, str(self.address)),
+            advice=rig_advice(views, str(self.address), self._jury.off),
             now_ns=now_ns,
             period_ns=None if goal is None else goal.period_ns,
             nodes=node_statuses(
@@ -258,3 +264,8 @@ class LeaderNode:
             if isinstance(event, BurstRefused):
                 self._bursts.note_refusal(event)
             self._on_news(event)
+        now_ns = self._clock.now_ns()
+        if self._review_due_ns is None or now_ns >= self._review_due_ns:
+            self._review_due_ns = now_ns + REVIEW_EVERY_NS
+            for news in review_rates(self._jury, self._views(), self._host_rate.slewing_ppm(now_ns)):
+                self._on_news(news)

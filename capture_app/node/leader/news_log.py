@@ -8,6 +8,7 @@ from capture_app.node.leader.wording import News, news_line
 from capture_app.node.wire.status import BurstStatus
 from capture_app.node.wire.views import Level, NewsLine
 from capture_app.sync.rig import events
+from capture_app.sync.timekeeping.rate_jury import HostOffRate
 
 KEPT = 500
 
@@ -35,7 +36,7 @@ class NewsLog:
                 whole = news.session is not None and news.received == news.expected
                 self.add(news_line(news), level="info" if whole else "warning")
         elif text := news_line(news):
-            warns = isinstance(news, events.NodeLost | events.BurstRefused)
+            warns = isinstance(news, events.NodeLost | events.BurstRefused | HostOffRate)
             self.add(text, camera=news.name, level="warning" if warns else "info")
 
     def after(self, unix_ns: int) -> tuple[NewsLine, ...]:

@@ -2,13 +2,14 @@
 
 from capture_app.net.address import Address
 from capture_app.node.wire.status import BurstStatus
-from capture_app.sync.rig import events
+from capture_app.sync.rig import events, node_message
 from capture_app.sync.rig.time_client import TimeClientEvent
 from capture_app.sync.timekeeping import clock_events
+from capture_app.sync.timekeeping.rate_jury import HostAtRate, HostOffRate
 from capture_app.text import duration
 
-News = events.LeaderEvent | BurstStatus
-"""What a leader tells about: nodes that come and go, and bursts that make progress."""
+News = events.LeaderEvent | HostOffRate | HostAtRate | BurstStatus
+"""What a leader tells about: nodes that come and go, odd clocks, and bursts that make progress."""
 
 
 def news_line(news: News) -> str:
@@ -24,11 +25,27 @@ def news_line(news: News) -> str:
             return f"lost {news.name}: {news.reason}"
         case events.NodeForgotten():
             return f"forgot {news.name}, which was lost"
+        case HostOffRate():
+            return off_rate_line(news)
+        case HostAtRate():
+            return f"the clock of {news.name or 'the leader'} runs at its usual rate again"
         case events.BurstRefused():
             return f"burst {news.burst}: without {news.name}: {news.reason}"
         case BurstStatus():
             return burst_line(news)
     return ""
+
+
+def off_rate_line(off: HostOffRate) -> str:
+    """Say whose clock runs at another rate than the others, and why that may be."""
+    if off.certain:
+        return node_message.slewing(off.name or "the leader's host", off.fast_ppm)
+    against = "the leader's" if off.ambiguous else "all others"
+    perhaps = " (or so it is with the leader's)" if off.ambiguous else ""
+    return (
+        f"the clock of {off.name or 'the leader'} runs {node_message.fast_or_slow(off.fast_ppm)} against"
+        f" {against}: its NTP daemon is slewing it, or it is a virtual machine{perhaps}"
+    )
 
 
 def follower_line(event: TimeClientEvent, parent: Address) -> str:
@@ -44,6 +61,10 @@ def follower_line(event: TimeClientEvent, parent: Address) -> str:
             return f"ready: clock error at most {duration(event.time_map.hard_bound_ns)}"
         case clock_events.ClockStepped():
             return "a clock was changed: synchronizing again"
+        case clock_events.ClockRateUnusual():
+            return node_message.fast_clock(event.fast_ppm)
+        case clock_events.ClockRateChanged():
+            return node_message.RATE_CHANGED
     return ""
 
 

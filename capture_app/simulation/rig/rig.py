@@ -4,7 +4,7 @@ import random
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 
-from capture_app.clock import SimulatedClock
+from capture_app.clock import NodeClock
 from capture_app.simulation.devices.profiles import SensorProfile, facts_of
 from capture_app.simulation.devices.sensor import DELIVERY_NS, Sensor, SensorFrame
 from capture_app.simulation.network.link import Channel, Link, MediumQueue, SharedMedium
@@ -33,7 +33,7 @@ class NodeSpec:
 
     name: str
     profile: SensorProfile
-    clock: SimulatedClock
+    clock: NodeClock
     link: Link = PAPER_LINK
     tolerance_ns: int = 60_000
     start_true_ns: int = 0

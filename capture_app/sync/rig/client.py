@@ -114,7 +114,8 @@ class Client(Generic[F]):
         phase, why_no_centre = self.phase(now_ns), "" if grid is None else grid.why_no_centre
         holdover = "its relay has lost the leader and is in holdover" if self.leader_in_holdover else ""
         known = self.failure or self.aligner.problem or self.time.why_joining or holdover
-        message = known or self._state_message(phase, now_ns) or why_no_centre
+        state = node_message.of_state(self.state, self.time.timekeeper, self._phase_loop, grid, phase, now_ns)
+        message = known or state or why_no_centre
         report = self.time.timekeeper.report(self.state, message, now_ns)
         return self._phase_loop.report(report, grid, phase)
 
@@ -213,29 +214,6 @@ class Client(Generic[F]):
         """By the terms of the present leader, or of the last one, whose bursts are still picked."""
         terms = self.time.terms
         return None if terms is None else CameraGrid.of_camera(self.config.camera, terms)
-
-    def _state_message(self, phase: PhaseEstimate | None, now_ns: int) -> str:
-        keeper, aligner = self.time.timekeeper, self.aligner
-        wanted_ns, time_map = keeper.goal.wanted_ns, self.time_map
-        error_ns = None if time_map is None else time_map.uncertainty_at(now_ns)
-        match self.state:
-            case NodeState.JOINING:
-                return node_message.NO_ANSWER
-            case NodeState.SYNCING:
-                needed = keeper.schedule.synced_samples
-                return node_message.syncing(keeper.clock.samples, needed, error_ns, wanted_ns)
-            case NodeState.ALIGNING:
-                waits = self._grid is not None and self._phase_loop.waits_for_others(self._grid)
-                return node_message.aligning(
-                    phase, settled=aligner.settled, corrections=aligner.corrections, waits=waits
-                )
-            case NodeState.COARSE if time_map is not None and error_ns is not None and wanted_ns is not None:
-                own = keeper.uncorrected_map
-                by_relay = own is not None and own.uncertainty_at(now_ns) <= wanted_ns
-                return node_message.coarse(error_ns, wanted_ns, time_map.round_trip_ns, by_relay=by_relay)
-            case NodeState.READY if self.config.camera.phase_control == "none":
-                return node_message.off_grid(phase, self.config.tolerance_ns)
-        return ""
 
     def _objection(self, terms: LeaderTerms) -> str:
         """Say why a member must join anew under these terms: the grid's period or its root have changed."""

@@ -2,12 +2,50 @@
 
 from capture_app.sync.clock.clock_filter import ASYMMETRY_SHARE
 from capture_app.sync.phase.frame_stamp import PhaseEstimate
+from capture_app.sync.rig.phase_loop import CameraGrid, PhaseLoop
 from capture_app.sync.timekeeping.accuracy_goal import CLOCK_SHARE
+from capture_app.sync.timekeeping.rate_watch import RateWatch
+from capture_app.sync.timekeeping.timekeeper import Timekeeper
+from capture_app.sync.wire.messages import NodeState
 from capture_app.text import count, duration
 
 NO_ANSWER = "no leader has answered: is it running, and does its firewall let UDP through?"
+RATE_CHANGED = (
+    "its clock's rate against the leader's has just changed: an NTP daemon is slewing one of the two,"
+    " so wait for half a minute, or stop it while you take pictures"
+)
 REMEDY_MARGIN = 1.2
 """The tolerance that is suggested is so many times what would do now: the next minute may be worse."""
+
+
+def of_state(
+    state: NodeState,
+    keeper: Timekeeper,
+    loop: PhaseLoop,
+    grid: CameraGrid | None,
+    phase: PhaseEstimate | None,
+    now_ns: int,
+) -> str:
+    """Say what a client in that state is about; empty where there is nothing to say."""
+    wanted_ns, time_map, aligner = keeper.goal.wanted_ns, keeper.time_map, loop.aligner
+    error_ns = None if time_map is None else time_map.uncertainty_at(now_ns)
+    match state:
+        case NodeState.JOINING:
+            return NO_ANSWER
+        case NodeState.SYNCING:
+            return syncing(keeper.clock.samples, keeper.schedule.synced_samples, error_ns, wanted_ns)
+        case NodeState.ALIGNING | NodeState.COARSE | NodeState.READY if odd := rate(keeper.rate, now_ns):
+            return odd
+        case NodeState.ALIGNING:
+            waits = grid is not None and loop.waits_for_others(grid)
+            return aligning(phase, settled=aligner.settled, corrections=aligner.corrections, waits=waits)
+        case NodeState.COARSE if time_map is not None and error_ns is not None and wanted_ns is not None:
+            own = keeper.uncorrected_map
+            by_relay = own is not None and own.uncertainty_at(now_ns) <= wanted_ns
+            return coarse(error_ns, wanted_ns, time_map.round_trip_ns, by_relay=by_relay)
+        case NodeState.READY if not loop.can_move:
+            return off_grid(phase, loop.tolerance_ns)
+    return ""
 
 
 def syncing(samples: int, needed: int, error_ns: float | None, wanted_ns: float | None) -> str:
@@ -33,6 +71,36 @@ def coarse(error_ns: float, wanted_ns: float, round_trip_ns: int, *, by_relay: b
     return (
         f"clock sure to ±{duration(error_ns)} only, asked for ±{duration(wanted_ns)}:"
         f" {why}; {remedy}, or {enough}"
+    )
+
+
+def rate(watch: RateWatch, now_ns: int) -> str:
+    """Say that this node's clock runs oddly, by its host or against the leader's; empty if it does not."""
+    if watch.host_slewing_ppm:
+        return slewing("this host", watch.host_slewing_ppm)
+    if watch.fast_ppm is not None:
+        return fast_clock(watch.fast_ppm)
+    return RATE_CHANGED if watch.changed_lately(now_ns) else ""
+
+
+def fast_clock(ppm: float) -> str:
+    """Say that a node's clock runs so much faster than the leader's."""
+    return (
+        f"its clock runs {fast_or_slow(ppm)} against the leader's:"
+        " an NTP daemon is slewing one of the two, or one is a virtual machine"
+    )
+
+
+def fast_or_slow(ppm: float) -> str:
+    """Write a rate: 210 ppm fast."""
+    return f"{abs(ppm):.0f} ppm {'fast' if ppm > 0 else 'slow'}"
+
+
+def slewing(who: str, ppm: float) -> str:
+    """Say that a host says itself that it is slewing its clock, and what to do."""
+    return (
+        f"{who} is slewing its clock by {ppm:+.0f} ppm: its NTP daemon is correcting the time;"
+        " wait until it is done, or stop it while you take pictures"
     )
 
 

@@ -70,8 +70,8 @@ class PhaseLoop:
         )
         for latency_ns in config.start_latencies_ns:
             self.aligner.learn_start_latency(latency_ns)
-        self._tolerance_ns = config.tolerance_ns
-        self._can_move = camera.phase_control != "none"
+        self.tolerance_ns = config.tolerance_ns
+        self.can_move = camera.phase_control != "none"
         self._restarts = camera.phase_control == "reset"
         self._reported_problem = ""
         self._reported = False
@@ -84,7 +84,7 @@ class PhaseLoop:
     @property
     def ready(self) -> bool:
         """Whether the stream is aligned, or as near as a camera without phase control will be."""
-        return self.aligner.aligned or (self.aligner.settled and not self._can_move)
+        return self.aligner.aligned or (self.aligner.settled and not self.can_move)
 
     def waits_for_others(self, grid: CameraGrid) -> bool:
         """Whether this client may not move its stream yet: a restart waits for a time that suits all."""
@@ -102,7 +102,7 @@ class PhaseLoop:
             corrections=self.aligner.corrections,
             frames=self.aligner.frames,
             drops=self.aligner.drops,
-            tolerance_ns=self._tolerance_ns,
+            tolerance_ns=self.tolerance_ns,
         )
         if phase is None or grid is None:
             return report

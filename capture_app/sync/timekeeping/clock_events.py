@@ -19,6 +19,24 @@ class ClockStepped:
 
 
 @dataclass(frozen=True, slots=True)
+class ClockRateUnusual:
+    """This node's clock and the leader's differ in rate by more than two ordinary crystals do."""
+
+    fast_ppm: float
+    """By how much this node's clock is faster."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClockRateUsual:
+    """They differ by no more than is usual any more."""
+
+
+@dataclass(frozen=True, slots=True)
+class ClockRateChanged:
+    """The rate of one of the two clocks changed: somebody is correcting it, or has just ceased to."""
+
+
+@dataclass(frozen=True, slots=True)
 class ReferenceCorrectionStarted:
     """The clock is being moved to where all agree that hear the same beacons."""
 
@@ -31,4 +49,12 @@ class ReferenceCorrectionEnded:
     """Nothing was agreed for long: the clock is again what the leader's answers alone tell."""
 
 
-ClockEvent = ClockStepped | ClockSynced | ReferenceCorrectionStarted | ReferenceCorrectionEnded
+ClockEvent = (
+    ClockStepped
+    | ClockSynced
+    | ClockRateUnusual
+    | ClockRateUsual
+    | ClockRateChanged
+    | ReferenceCorrectionStarted
+    | ReferenceCorrectionEnded
+)

@@ -18,6 +18,7 @@ from capture_app.sync.timekeeping.clock_events import (
 )
 from capture_app.sync.timekeeping.leader_terms import LeaderTerms
 from capture_app.sync.timekeeping.poll_schedule import PollSchedule, Progress, SteadySchedule
+from capture_app.sync.timekeeping.rate_watch import RateWatch
 from capture_app.sync.wire.beacon import ArrivalReport
 from capture_app.sync.wire.codec import request_at, request_before_t0
 from capture_app.sync.wire.messages import NodeState, Report, TimeReply
@@ -46,6 +47,7 @@ class Timekeeper:
         """`goal` says how well to know the clock; `on_sample` is called with every answered exchange."""
         self.clock = clock or ClockFilter()
         self.goal = goal or AccuracyGoal()
+        self.rate = RateWatch()
         self.schedule = schedule or SteadySchedule()
         self.listener = Listener()
         self.uncorrected_map: TimeMap | None = None
@@ -87,6 +89,7 @@ class Timekeeper:
             self.time_map, self.time_is_known = None, False
         self.synced = False
         self.goal.restart()
+        self.rate.restart()
         self._number = number
         self._outstanding = {}
         self._request = None
@@ -120,6 +123,7 @@ class Timekeeper:
         if not self.clock.add(sample):
             self.synced = self.time_is_known = False
             self.goal.restart()
+            self.rate.restart()
             self.listener.reset()
             self.time_map = self.uncorrected_map = None
             self.schedule.restart(now_ns)
@@ -166,8 +170,9 @@ class Timekeeper:
     def report(self, state: NodeState, message: str, now_ns: int) -> Report:
         """Return a report of this node's time, without a camera's part."""
         message, time_map, samples = message[:200], self.time_map, self.clock.samples
+        slewing_ppm = self.rate.host_slewing_ppm
         if time_map is None:
-            return Report(state=state, message=message, samples=samples)
+            return Report(state=state, message=message, samples=samples, slewing_ppm=slewing_ppm)
         report = Report(
             state=state,
             message=message,
@@ -177,6 +182,7 @@ class Timekeeper:
             hard_bound_ns=_sendable(time_map.hard_bound_at(now_ns)),
             round_trip_ns=time_map.round_trip_ns,
             samples=samples,
+            slewing_ppm=slewing_ppm,
         )
         correction = self.listener.correction
         if correction is None:
@@ -221,6 +227,8 @@ class Timekeeper:
         if self.clock.samples < schedule.synced_samples:
             return
         self.time_is_known = True
+        if news := self.rate.judge(time_map, self.clock.rate_change):
+            self._events.append(news)
         if self.goal.judge(time_map.uncertainty_at(now_ns), now_ns) and not self.synced:
             self.synced = True
             self._events.append(ClockSynced(time_map))

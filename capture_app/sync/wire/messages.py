@@ -139,6 +139,8 @@ class Report(Struct, frozen=True, kw_only=True):
     """By how much agreement with other clients moved this clock; None where there is none."""
     relative_uncertainty_ns: int | None = None
     """95 % error of this clock against those of the other clients that hear the same beacons."""
+    slewing_ppm: float | None = None
+    """By how much this host makes its clock run faster than usual, as it says itself; None if it does not."""
 
 
 class Heartbeat(Struct, frozen=True, tag="heartbeat"):

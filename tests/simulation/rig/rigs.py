@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any
 
-from capture_app.clock import SimulatedClock
+from capture_app.clock import NodeClock
 from capture_app.simulation.network.delay_laws import GammaDelay
 from capture_app.simulation.network.link import Link
 from capture_app.simulation.network.wandering_clock import WanderingClock
@@ -20,7 +20,7 @@ def ready_rig(specs: Sequence[NodeSpec], *, seed: int, limit_s: int = 30, **opti
     return rig
 
 
-def checked_error_ns(time_map: TimeMap | None, clock: SimulatedClock | WanderingClock, true_ns: int) -> int:
+def checked_error_ns(time_map: TimeMap | None, clock: NodeClock | WanderingClock, true_ns: int) -> int:
     """How far an estimate of the true time is off; its hard bound must hold."""
     assert time_map is not None
     local_ns = clock.local_from_true(true_ns)

@@ -24,6 +24,7 @@ COMMANDS = {
     "status": "Show the nodes of a running leader.",
     "burst": "Take a burst with a running leader.",
     "cameras": "List the cameras of this machine; add, show and remove those of a running rig.",
+    "preview": "Save a small picture of what a camera of a running rig sees.",
     "sessions": "List, show, verify, rename, annotate, trash, repair, import and export sessions.",
     "experiment": "Measure clock and phase synchronization, beside the paper's figures.",
     "demo": "Try everything on this machine: simulated cameras, a burst, a comparison.",

@@ -2,24 +2,24 @@
 
 import asyncio
 import time
-from contextlib import AsyncExitStack
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any, Self
+from typing import Any
 
 import msgspec
 from msgspec import Struct
 
 from capture_app.errors import BadInputError, IncompleteError, SimulshotError
-from capture_app.net.address import Address
 from capture_app.node.child import Child, Talk
 from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.wording import News
 from capture_app.node.wire.status import BurstStatus
 from capture_app.session.reading.reader import Session
 from capture_app.text import ProgressStep
 
-VIEWS = ("cam00", "cam01", "cam02", "cam03", "cam04", "wide00", "wide01")
 FRAMES = 5
 QUICK = ("--max-multiview-instants", "3", "--multiview-width", "320")
 """Depth from all cameras of small pictures: as telling, in a fifth of the time."""
@@ -57,63 +57,6 @@ class DemoResult(Struct, frozen=True, kw_only=True):
     compare: dict[str, Any]
 
 
-class SimulatedNodes:
-    """Node processes with simulated cameras and clocks of their own; stopped when the block ends."""
-
-    def __init__(
-        self, leader: Address, cameras: int, *, scene: str = "studio", tolerance_us: int = 100
-    ) -> None:
-        """`cameras` of the scene's views, 2 to 7; raises BadInputError for another number."""
-        if not 2 <= cameras <= len(VIEWS):
-            raise BadInputError(
-                f"{cameras} simulated cameras are not available", hint=f"choose 2 to {len(VIEWS)}"
-            )
-        self.views = VIEWS[:cameras]
-        self._leader = leader
-        self._scene = scene
-        self._tolerance_us = tolerance_us
-        self._children: list[Child] = []
-        self._open = AsyncExitStack()
-
-    async def __aenter__(self) -> Self:
-        async with self._open:
-            spool = self._open.enter_context(TemporaryDirectory(prefix="simulshot-spool-"))
-            self._open.push_async_callback(self._stop_children)
-            for number, view in enumerate(self.views):
-                arguments = self._node_arguments(view, "phone-a" if number < 2 else "phone-b", spool)
-                self._children.append(await Child.start(f"node {view}", arguments))
-            self._open = self._open.pop_all()
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        await self._open.aclose()
-
-    async def _stop_children(self) -> None:
-        await asyncio.gather(*(child.stop() for child in self._children))
-
-    def _node_arguments(self, view: str, model: str, spool: str) -> tuple[str, ...]:
-        # Without drops, so that every run has all pictures to compare.
-        camera = f"sim:{model},scene={self._scene},drops=0"
-        if not self._scene.startswith("bars"):
-            camera += f",view={view}"
-        return (
-            *("capture_app.cli", "node", "--until-eof", "--name", view, "--camera", camera),
-            *("--spool", spool, "--leader", str(self._leader)),
-            *("--clock", "sim", "--tolerance-us", str(self._tolerance_us)),
-        )
-
-    async def wait_for_failure(self) -> SimulshotError:
-        """Wait until a node ends, which none should, and return its error."""
-        waits = [asyncio.create_task(child.process.wait()) for child in self._children]
-        try:
-            await asyncio.wait(waits, return_when=asyncio.FIRST_COMPLETED)
-            ended = next(child for child in self._children if child.process.returncode is not None)
-            return await ended.failure()
-        finally:
-            for wait in waits:
-                wait.cancel()
-
-
 async def run_demo(out: Path, cameras: int, talk: Talk, *, scene: str = "studio") -> DemoResult:
     """Take a burst of `cameras` simulated cameras into a session in `out`, and compare it.
 
@@ -144,7 +87,7 @@ async def capture(out: Path, cameras: int, talk: Talk, *, scene: str = "studio")
 
     async with LeaderNode(sessions=out, host="127.0.0.1", port=0, on_news=on_news) as leader:
         talk(f"starting {cameras} simulated cameras, each a process with a clock of its own")
-        async with SimulatedNodes(leader.address, cameras, scene=scene, tolerance_us=TOLERANCE_US) as nodes:
+        async with simulated_nodes(leader, cameras, scene=scene, tolerance_us=TOLERANCE_US) as nodes:
             watch = asyncio.create_task(nodes.wait_for_failure())
             burst = asyncio.create_task(_take_burst(leader, cameras, talk))
             try:
@@ -161,6 +104,20 @@ async def capture(out: Path, cameras: int, talk: Talk, *, scene: str = "studio")
     if saved.message:
         talk(saved.message)
     return Session.open(Path(saved.session))
+
+
+@asynccontextmanager
+async def simulated_nodes(
+    leader: LeaderNode, cameras: int, *, scene: str = "studio", tolerance_us: int | None = None
+) -> AsyncIterator[LocalNodes]:
+    """Node processes with simulated cameras and clocks of their own; stopped when the block ends.
+
+    Raises BadInputError for more cameras than the scene has views.
+    """
+    with TemporaryDirectory(prefix="simulshot-spool-") as spool:
+        async with LocalNodes(leader.own_address, Path(spool), leader.news) as nodes:
+            await nodes.add_simulated(cameras, scene, tolerance_us=tolerance_us)
+            yield nodes
 
 
 async def _take_burst(leader: LeaderNode, cameras: int, talk: Talk) -> BurstStatus:

@@ -1,16 +1,29 @@
-"""`capture-app cameras`: the values that `--camera` takes."""
+"""`capture-app cameras`: those of this machine, and those that a running rig's leader runs."""
+
+import asyncio
 
 import click
 
-from capture_app.terminal import json_option, print_json, print_table
+from capture_app.commands.options import leader_option
+from capture_app.net.address import Address
+from capture_app.terminal import json_option, print_json, print_line, print_table, talk
+from capture_app.text import count, duration, megabytes
 
 
-@click.command()
+@click.group(invoke_without_command=True)
 @json_option
-def cameras(as_json: bool) -> None:
-    """List the cameras of this machine and the simulated camera models."""
+@click.pass_context
+def cameras(ctx: click.Context, as_json: bool) -> None:
+    """List the cameras of this machine and the simulated camera models.
+
+    With a command: start, show or remove cameras of a running rig.
+    """
     from capture_app.cameras.catalog import list_cameras
 
+    if ctx.invoked_subcommand is not None:
+        if as_json:
+            raise click.UsageError(f"--json comes after {ctx.invoked_subcommand}")
+        return
     found = list_cameras()
     if as_json:
         print_json({"cameras": found})
@@ -18,3 +31,90 @@ def cameras(as_json: bool) -> None:
         print_table(
             ("spec", "model", "detail"), [(camera.spec, camera.model, camera.detail) for camera in found]
         )
+
+
+@cameras.command()
+@click.argument("spec", required=False)
+@click.option("--name", metavar="NAME", show_default="after the device", help="Name of the camera.")
+@click.option(
+    "--simulated", type=click.IntRange(1, 64), metavar="N", help="Start so many simulated cameras instead."
+)
+@click.option("--scene", default="studio", help="With --simulated: what they see.")
+@leader_option
+@json_option
+def add(
+    spec: str | None, name: str | None, simulated: int | None, scene: str, leader: Address, as_json: bool
+) -> None:
+    """Start the camera SPEC on the leader's machine, as a process that ends with the leader.
+
+    Cameras of other machines join by themselves: capture-app node.
+    """
+    from capture_app.node.operator.requests import give_order
+    from capture_app.node.wire.operating import AddCamera, AddSimulated
+
+    if (spec is None) == (simulated is None):
+        raise click.UsageError("give a camera's SPEC, as listed by capture-app cameras, or --simulated N")
+    if spec is not None:
+        names = asyncio.run(give_order(leader, AddCamera(spec=spec, name=name)))
+    else:
+        if name is not None:
+            raise click.UsageError("--name is for one camera, not with --simulated")
+        names = asyncio.run(give_order(leader, AddSimulated(cameras=simulated or 1, scene=scene)))
+    if as_json:
+        print_json({"added": names})
+    else:
+        for one in names:
+            print_line(one)
+
+
+@cameras.command()
+@click.argument("name")
+@leader_option
+@json_option
+def remove(name: str, leader: Address, as_json: bool) -> None:
+    """End the camera NAME that the leader's machine runs, or forget one that is lost."""
+    from capture_app.node.operator.requests import give_order
+    from capture_app.node.wire.operating import RemoveCamera
+
+    asyncio.run(give_order(leader, RemoveCamera(name=name)))
+    if as_json:
+        print_json({"removed": name})
+    else:
+        talk(f"removed {name}")
+
+
+@cameras.command()
+@click.argument("name")
+@leader_option
+@json_option
+def show(name: str, leader: Address, as_json: bool) -> None:
+    """Show the camera NAME of a rig: frame rate, exposure, clock exchanges, phase errors, its log.
+
+    With --json also each of the latest exchanges and errors.
+    """
+    from capture_app.node.operator.requests import ask_detail
+
+    detail = asyncio.run(ask_detail(leader, name))
+    if as_json:
+        print_json(detail)
+        return
+    rows = [
+        ("frame rate", "-" if detail.fps is None else f"{detail.fps:.1f} frames/s"),
+        ("exposure", duration(detail.exposure_ns)),
+        ("gain", "-" if detail.gain is None else f"{detail.gain:g}"),
+    ]
+    if detail.disk_free_bytes is not None:
+        rows.append(("spool", f"{detail.spool}, {megabytes(detail.disk_free_bytes)} free"))
+    if detail.samples:
+        trips_ns = sorted(trip_ns for _, trip_ns in detail.samples)
+        middle = duration(trips_ns[len(trips_ns) // 2])
+        rows.append(
+            ("round trip", f"{duration(trips_ns[0])} at least, {middle} in the middle of {len(trips_ns)}")
+        )
+    if detail.phase_errors_ns:
+        errors_ns = sorted(map(abs, detail.phase_errors_ns))
+        worst = f"{duration(errors_ns[-1])} at most, over {count(len(errors_ns), 'frame')}"
+        rows.append(("phase error", f"{duration(errors_ns[len(errors_ns) // 2])} in the middle, {worst}"))
+    print_table((name, ""), rows)
+    for line in detail.log[-20:]:
+        print_line(line.text)

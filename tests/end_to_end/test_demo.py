@@ -17,12 +17,12 @@ from .conftest import PATIENCE_S
 PARENT = """
 import asyncio, signal
 from pathlib import Path
-from capture_app.demo import SimulatedNodes
+from capture_app.demo import simulated_nodes
 from capture_app.node.leader.leader import LeaderNode
 
 async def main():
     async with LeaderNode(sessions=Path("unused"), host="127.0.0.1", port=0) as leader:
-        async with SimulatedNodes(leader.address, 2, scene="bars"):
+        async with simulated_nodes(leader, 2, scene="bars"):
             await leader.wait_until_ready(240, nodes=2)
             print("ready", flush=True)
             await asyncio.Event().wait()

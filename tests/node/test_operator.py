@@ -133,6 +133,8 @@ async def test_a_scene_has_so_many_views(tmp_path: Path) -> None:
         for cameras, scene in ((8, "studio"), (0, "bars"), (65, "bars")):
             with pytest.raises(BadInputError, match="further simulated cameras"):
                 await give_order(leader.own_address, AddSimulated(cameras=cameras, scene=scene))
+        with pytest.raises(BadInputError, match="no simulated scene 'moon'"):
+            await give_order(leader.own_address, AddSimulated(cameras=1, scene="moon"))
 
 
 async def test_an_operator_ends_the_leader(leader: LeaderNode) -> None:

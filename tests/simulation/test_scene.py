@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 from capture_app.errors import BadInputError
-from capture_app.simulation.rendering.scene import Scene, load
-from capture_app.simulation.scenes import poses
+from capture_app.node.leader.local_nodes import FLAT_SCENES, VIEWS
+from capture_app.simulation.rendering.scene import SCENES, Scene, load
+from capture_app.simulation.scenes import crossing, pinwheel, poses, studio
 
 SCALE = 0.25
 START_NS = 1_000_000_000_000_000
@@ -44,6 +45,13 @@ def test_unknown_scene_and_view_name_what_there_is(scene):
         load("moon")
     with pytest.raises(BadInputError, match="cam00"):
         picture(scene, "cam99")
+
+
+def test_a_leader_starts_cameras_for_the_views_there_are():
+    definitions = {"studio": studio, "pinwheel": pinwheel, "crossing": crossing}
+    assert set(SCENES) == set(definitions) == set(VIEWS) - set(FLAT_SCENES)
+    for name, module in definitions.items():
+        assert VIEWS[name] == tuple(module.DEFINITION.cameras)
 
 
 def test_scene_is_built_once(scene):

@@ -98,7 +98,7 @@ class Viewfinder:
                     async with await connect(self._leader, FromLeader) as channel:
                         if not self._leader_changed.is_set():
                             await self._serve(channel)
-                except* NetworkError:
+                except NetworkError:
                     pass
                 # A leader that is gone is another one when it is back, which is told by `set_leader`.
                 try:
@@ -113,14 +113,18 @@ class Viewfinder:
         self._channel, self._wanted = channel, None
         self._wish_changed.clear()
         self._may_send.set()
+        await channel.send(ViewfinderOpened(camera=self._name))
+        parts = (self._listen(channel), self._tell_vitals(channel), self._show(channel))
+        tasks = [asyncio.create_task(part) for part in parts]
         try:
-            await channel.send(ViewfinderOpened(camera=self._name))
-            async with asyncio.TaskGroup() as tasks:
-                tasks.create_task(self._listen(channel))
-                tasks.create_task(self._tell_vitals(channel))
-                tasks.create_task(self._show(channel))
+            # No task group: one that is cancelled as its stream breaks off tells of the stream only.
+            done, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+            done.pop().result()
         finally:
             self._channel = None
+            for task in tasks:
+                task.cancel()
+            await asyncio.gather(*tasks, return_exceptions=True)
 
     async def _listen(self, channel: Channel[Any]) -> None:
         while (message := await channel.receive_header()) is not None:

@@ -3,6 +3,7 @@
 import asyncio
 from collections.abc import Collection
 from pathlib import Path
+from typing import Self
 
 from capture_app.cameras.catalog import parse_spec
 from capture_app.errors import BadInputError, SimulshotError
@@ -11,11 +12,18 @@ from capture_app.net.address import Address
 from capture_app.node.child import Child
 from capture_app.node.leader.news_log import NewsLog
 
-VIEWS = ("cam00", "cam01", "cam02", "cam03", "cam04", "wide00", "wide01")
-"""Of the rendered scenes."""
-FLAT_SCENES = ("bars", "led-panel")
-"""Without views: any number of cameras can look at them."""
 MAX_NODES = 64
+_CAM = tuple(f"cam{number:02d}" for number in range(MAX_NODES))
+VIEWS = {
+    "studio": _CAM[:7],
+    "pinwheel": _CAM[:5],
+    "crossing": _CAM[:3],
+    "bars": _CAM,
+    "led-panel": _CAM,
+}
+"""Names of the cameras of each simulated scene; what is rendered has a view for each of them."""
+FLAT_SCENES = ("bars", "led-panel")
+"""These have no views: any number of cameras can look at them."""
 START_TIMEOUT_S = 15.0
 
 
@@ -33,6 +41,12 @@ class LocalNodes:
         """The node that was started last for each spec."""
         self._adding = asyncio.Lock()
         self._failed: asyncio.Queue[SimulshotError] = asyncio.Queue()
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.close()
 
     @property
     def names(self) -> Collection[str]:
@@ -79,10 +93,12 @@ class LocalNodes:
     ) -> tuple[str, ...]:
         """Start so many further simulated cameras and return their names; they are open some seconds later.
 
-        `options` are those of each camera. Raises BadInputError where the scene has no more views.
+        `options` are those of each camera: without drops all pictures can be compared. Raises BadInputError
+        for a scene that does not exist or has no more views.
         """
-        flat = scene in FLAT_SCENES
-        pool = tuple(f"cam{number:02d}" for number in range(MAX_NODES)) if flat else VIEWS
+        if scene not in VIEWS:
+            raise BadInputError(f"there is no simulated scene {scene!r}", hint=f"one of {', '.join(VIEWS)}")
+        flat, pool = scene in FLAT_SCENES, VIEWS[scene]
         async with self._adding:
             free = [name for name in pool if name not in taken and name not in self._children]
             if not 1 <= cameras <= len(free):

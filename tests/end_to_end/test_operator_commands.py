@@ -1,0 +1,58 @@
+"""What the screen can do, done by commands: cameras started, looked at, shown in detail and removed."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+
+from capture_app.errors import ExitCode
+
+from .conftest import Start
+
+CAMERA = "sim:webcam,scale=0.1"
+
+
+async def test_a_camera_is_started_looked_at_and_removed(start: Start, tmp_path: Path) -> None:
+    leader = await start(
+        "leader", "--host", "127.0.0.1", "--port", "0", "--sessions", str(tmp_path), "--json"
+    )
+    at = ("--leader", (await leader.next_json())["leader"])
+
+    async def result(*arguments: str) -> Any:
+        command = await start(*arguments, *at, "--json")
+        printed = await command.finish()
+        assert command.process.returncode == 0, command.said
+        return json.loads(printed)
+
+    async def refusal(code: ExitCode, *arguments: str) -> str:
+        command = await start(*arguments, *at)
+        assert await command.finish() == ""
+        assert command.process.returncode == code, command.said
+        return command.said[-1]
+
+    assert await result("cameras", "add", CAMERA, "--name", "desk") == {"added": ["desk"]}
+    assert await result("cameras", "add", "--simulated", "1", "--scene", "bars") == {"added": ["cam00"]}
+    assert "is here already" in await refusal(ExitCode.BAD_INPUT, "cameras", "add", CAMERA, "--name", "desk")
+    assert "'moon'" in await refusal(
+        ExitCode.BAD_INPUT, "cameras", "add", "--simulated", "2", "--scene", "moon"
+    )
+
+    picture = tmp_path / "desk.jpg"
+    seen = await result("preview", "desk", "--out", str(picture), "--width", "32", "--wait-s", "200")
+    assert (seen["camera"], seen["width"], seen["height"]) == ("desk", 32, 24)
+    assert cv2.imread(str(picture)).shape == (24, 32, 3)
+    there = await refusal(ExitCode.INCOMPLETE, "preview", "door")
+    assert "no camera named door (there are cam00, desk)" in there
+
+    detail = await result("cameras", "show", "desk")
+    assert detail["camera"] == "desk"
+    assert detail["samples"], "it has exchanged messages with the leader"
+    assert "joining" in detail["log"][0]["text"]
+
+    assert await result("cameras", "remove", "desk") == {"removed": "desk"}
+    assert [node["name"] for node in (await result("status"))["nodes"]] == ["cam00"]
+    assert "no node named desk" in await refusal(ExitCode.BAD_INPUT, "cameras", "remove", "desk")
+    assert await result("rig", "stop") == {"stopped": at[1]}
+    await leader.finish()
+    assert leader.process.returncode == 0

@@ -7,6 +7,7 @@ from typing import Any, Self
 
 from capture_app.clock import HostClock, NodeClock
 from capture_app.errors import NetworkError
+from capture_app.host_rate import HostRate
 from capture_app.net.address import ANY_HOST, DEFAULT_PORT, Address, reachable_host, resolve
 from capture_app.net.channel import Channel, connect
 from capture_app.net.interfaces import own_hosts
@@ -62,6 +63,7 @@ class RelayNode:
         self._upstream: Address | None = None
         self._upstream_channels: set[Channel[Any]] = set()
         self._lost_ns: int | None = None
+        self._host_rate = HostRate()
         self.instance = secrets.randbits(32)
         """This run of the relay, by which its nodes tell it from the next."""
         self._engine: Relay
@@ -161,6 +163,8 @@ class RelayNode:
     # Events
 
     def _drain(self) -> None:
+        rate = self._engine.follower.time.timekeeper.rate
+        rate.host_slewing_ppm = self._host_rate.slewing_ppm(self._clock.now_ns())
         send_due_beacon(self._beacons, self._engine.leader, self._clock.now_ns())
         while (event := self._engine.next_event()) is not None:
             if isinstance(event, Joined | LeaderLost):

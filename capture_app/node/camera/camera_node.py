@@ -31,6 +31,7 @@ from capture_app.sync.rig import events, node_message
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.failover import Failover
 from capture_app.sync.rig.phase_loop import ClientConfig
+from capture_app.sync.rig.time_client import NO_ANSWER
 from capture_app.sync.timekeeping.clock_events import ClockRateChanged, ClockRateUnusual
 from capture_app.sync.wire.messages import NodeState
 
@@ -89,7 +90,7 @@ class CameraNode:
         )
         self._events: deque[dict[str, JsonValue]] = deque(maxlen=EVENTS_KEPT)
         self._host_rate = HostRate()
-        self._last_state: NodeState | None = None
+        self._last_state: tuple[NodeState, bool] | None = None
 
     async def run(self) -> None:
         """Open the camera, join, and take pictures until cancelled.
@@ -167,9 +168,9 @@ class CameraNode:
         self._engine.time.timekeeper.rate.host_slewing_ppm = self._host_rate.slewing_ppm(self._clock.now_ns())
         while (event := self._engine.next_event()) is not None:
             self._handle_event(event)
-        state = self._engine.state
-        if state is not self._last_state:
-            self._last_state = state
+        state, unanswered = self._engine.state, self._engine.time.why_joining == NO_ANSWER
+        if (state, unanswered) != self._last_state:
+            self._last_state = state, unanswered
             message = self._engine.report(self._clock.now_ns()).message
             self._talk(f"{state}: {message}" if message else str(state))
             if state is NodeState.READY:

@@ -9,7 +9,6 @@ from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.messages import NodeState
 from capture_app.text import count, duration
 
-NO_ANSWER = "no leader has answered: is it running, and does its firewall let UDP through?"
 RATE_CHANGED = (
     "its clock's rate against the leader's has just changed: an NTP daemon is slewing one of the two,"
     " so wait for half a minute, or stop it while you take pictures"
@@ -31,7 +30,7 @@ def of_state(
     error_ns = None if time_map is None else time_map.uncertainty_at(now_ns)
     match state:
         case NodeState.JOINING:
-            return NO_ANSWER
+            return "asks to join"
         case NodeState.SYNCING:
             return syncing(keeper.clock.samples, keeper.schedule.synced_samples, error_ns, wanted_ns)
         case NodeState.ALIGNING | NodeState.COARSE | NodeState.READY if odd := rate(keeper.rate, now_ns):

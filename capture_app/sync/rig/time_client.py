@@ -35,6 +35,7 @@ _MS = 1_000_000
 HELLO_EVERY_NS = 500 * _MS
 HELLOS = 3
 """So many unanswered hellos, and another leader is asked, where there is one."""
+NO_ANSWER = "no leader answers: is it running, and does its firewall let UDP through?"
 HEARTBEAT_EVERY_NS = 500 * _MS
 LEADER_SILENT_NS = 2500 * _MS
 MOST_EVENTS = 256
@@ -220,6 +221,8 @@ class TimeClient:
         """Do what is due; call it at `next_timer`, or any time."""
         if self.number is None:
             if now_ns >= self._hello_due_ns:
+                if self.hellos >= HELLOS and not self.why_joining:
+                    self.why_joining = NO_ANSWER
                 self.hellos += 1
                 self._hello_due_ns = now_ns + HELLO_EVERY_NS
                 self._outbox.append(self.hello())

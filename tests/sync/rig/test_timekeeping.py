@@ -9,7 +9,7 @@ import pytest
 from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.rig.events import Joined, LeaderLost
 from capture_app.sync.rig.leader import Leader, LeaderConfig
-from capture_app.sync.rig.time_client import LEADER_SILENT_NS, TimeClient
+from capture_app.sync.rig.time_client import LEADER_SILENT_NS, NO_ANSWER, TimeClient
 from capture_app.sync.timekeeping.clock_events import ClockSynced
 from capture_app.sync.timekeeping.leader_terms import LeaderTerms
 from capture_app.sync.timekeeping.poll_schedule import (
@@ -137,3 +137,14 @@ def test_it_notices_that_the_leader_is_gone_and_keeps_what_it_knows() -> None:
     assert client.time_map is not None
     *_, last = iter(client.next_event, None)
     assert last == LeaderLost("the leader is silent")
+
+
+def test_it_says_why_it_waits_where_no_leader_answers_and_no_more_once_one_does() -> None:
+    client = TimeClient("probe", 9, Timekeeper(5))
+    client.handle_timer(0)
+    assert client.report(0).message == ""
+    while (now_ns := client.next_timer()) < 3 * S:
+        client.handle_timer(now_ns)
+    assert client.report(3 * S).message == NO_ANSWER
+    talk(client, Leader(LeaderConfig(1, 0), random.Random(2)), 2.0)
+    assert client.report(2 * S).message == ""

@@ -8,7 +8,6 @@ from hypothesis import strategies as st
 
 from capture_app.experiments.clock_filters.filters import estimator_family
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
-from capture_app.sync.clock.minimum_delay import estimate_excess, radius_95
 from capture_app.sync.clock.time_map import TimeMap
 
 S = 1_000_000_000
@@ -66,7 +65,7 @@ def test_those_with_skew_follow_it(name: str) -> None:
     st.lists(
         st.tuples(st.integers(0, 10 * S), st.integers(0, S), st.integers(0, S)), min_size=1, max_size=30
     ),
-    st.floats(-99e-6, 99e-6),
+    st.floats(-999e-6, 999e-6),
     st.integers(0, 20 * S),
 )
 def test_the_hard_bound_of_each_covers_the_truth(
@@ -83,33 +82,6 @@ def test_the_hard_bound_of_each_covers_the_truth(
             assert error_ns <= time_map.hard_bound_at(asked_ns) + 3, name
 
 
-@pytest.mark.parametrize(("power", "within"), [(1.0, 3.0), (2.0, 2.0), (3.0, 2.0)])
-def test_the_edge_of_the_delays_is_judged_by_their_spacing(power: float, within: float) -> None:
-    """Delays u^(1/power), u uniform, have their edge at 0; the least of 300 lies 300^(-1/power) above."""
-    rng, judged, true = random.Random(int(power)), 0.0, 0.0
-    for _ in range(40):
-        least = sorted(1e6 * rng.random() ** (1.0 / power) for _ in range(300))[:24]
-        result = estimate_excess(least)
-        judged, true = judged + result.mean, true + least[0]
-        assert result.variance > 0.0
-    assert true / within < judged < true * within
-
-
-def test_edges_without_spread_are_sharp() -> None:
-    assert (
-        estimate_excess([]).mean == estimate_excess([5.0]).mean == estimate_excess([5.0, 5.0]).variance == 0.0
-    )
-
-
-@settings(max_examples=25)
-@given(st.floats(-1e6, 1e6), st.floats(1.0, 1e6))
-def test_the_radius_holds_95_percent(mean: float, sigma: float) -> None:
-    rng = random.Random(1)
-    radius = radius_95(mean, sigma)
-    share = sum(abs(rng.gauss(mean, sigma)) <= radius for _ in range(2000)) / 2000
-    assert share == pytest.approx(0.95, abs=0.03)
-
-
 def test_ours_states_a_small_uncertainty_where_the_edge_is_sharp() -> None:
     """The same least round trip, but delays that come close to it often, or hardly ever."""
     widths = {}
@@ -121,4 +93,4 @@ def test_ours_states_a_small_uncertainty_where_the_edge_is_sharp() -> None:
         time_map = clock.time_map(900_000_000)
         assert time_map is not None
         widths[power] = time_map.uncertainty_ns
-    assert widths[1.0] < 45_000 < widths[3.0]
+    assert widths[1.0] < 80_000 < 120_000 < widths[3.0]

@@ -5,16 +5,17 @@
 
 from collections import deque
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from typing import Protocol
 
-from capture_app.sync.clock.clock_filter import ROUNDING_NS, ClockFilter, ClockSample
-from capture_app.sync.clock.skew_vote import max_gap_line
-from capture_app.sync.clock.time_map import TimeMap
+from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
+from capture_app.sync.clock.likely_line import lower_hull
+from capture_app.sync.clock.priors import MAX_SKEW
+from capture_app.sync.clock.time_map import ROUNDING_NS, TimeMap
 
 REJECT_NS = 10_000_000
 """The paper's mean filter passes over longer round trips (section 4)."""
 BURST_NS = 1_000_000_000
-STEEPEST = 100e-6
 
 Line = tuple[float, float, int]
 """Offset in ns at a local time in ns, skew (dimensionless), and that local time."""
@@ -61,8 +62,8 @@ class WindowFilter:
         anchor_ns = (self._kept[0].upper_ns + self._kept[0].lower_ns) // 2
         offset, skew, at_ns = self._rule(self._kept, anchor_ns)
         offset_ns = anchor_ns + round(offset + skew * (now_local_ns - at_ns))
-        highest = min(s.upper_ns + STEEPEST * abs(now_local_ns - s.t0_ns) for s in self._kept)
-        lowest = max(s.lower_ns - STEEPEST * abs(now_local_ns - s.t3_ns) for s in self._kept)
+        highest = min(s.upper_ns + MAX_SKEW * abs(now_local_ns - s.t0_ns) for s in self._kept)
+        lowest = max(s.lower_ns - MAX_SKEW * abs(now_local_ns - s.t3_ns) for s in self._kept)
         bound = max(highest - offset_ns, offset_ns - lowest) + ROUNDING_NS
         return TimeMap(
             epoch_local_ns=now_local_ns,
@@ -70,8 +71,8 @@ class WindowFilter:
             skew=skew,
             uncertainty_ns=bound,
             hard_bound_ns=bound,
-            skew_uncertainty=STEEPEST + abs(skew),
-            skew_bound=STEEPEST + abs(skew),
+            skew_uncertainty=MAX_SKEW + abs(skew),
+            skew_bound=MAX_SKEW + abs(skew),
             samples=self.samples,
             round_trip_ns=min(s.round_trip_ns for s in self._kept),
             age_ns=max(0, now_local_ns - self._kept[-1].t3_ns),
@@ -88,7 +89,7 @@ def mean(samples: Sequence[ClockSample], anchor_ns: int) -> Line:
 def minimum(samples: Sequence[ClockSample], anchor_ns: int) -> Line:
     """Offset of the sample with the least round trip, as the paper and libsoftwaresync take it."""
     best = min(samples, key=lambda s: s.round_trip_ns)
-    return (best.upper_ns + best.lower_ns - 2 * anchor_ns) / 2.0, 0.0, best.local_ns
+    return (best.upper_ns + best.lower_ns - 2 * anchor_ns) / 2.0, 0.0, (best.t0_ns + best.t3_ns) // 2
 
 
 def per_direction_minimum(samples: Sequence[ClockSample], anchor_ns: int) -> Line:
@@ -101,10 +102,19 @@ def per_direction_minimum(samples: Sequence[ClockSample], anchor_ns: int) -> Lin
 def widest_line(samples: Sequence[ClockSample], anchor_ns: int) -> Line:
     """The line with most room between the two directions (Moon et al. 1999, a linear program)."""
     at_ns = samples[-1].t3_ns
-    uppers = [(float(s.t0_ns - at_ns), float(s.upper_ns - anchor_ns)) for s in samples]
-    lowers = [(float(s.t3_ns - at_ns), float(anchor_ns - s.lower_ns)) for s in samples]
-    skew, _, offset = max_gap_line(uppers, lowers, STEEPEST)
-    return offset, skew, at_ns
+    above = lower_hull((float(s.t0_ns - at_ns), float(s.upper_ns - anchor_ns)) for s in samples)
+    below = lower_hull((float(s.t3_ns - at_ns), float(anchor_ns - s.lower_ns)) for s in samples)
+
+    def edges(skew: float) -> tuple[float, float]:
+        return min(v - skew * t for t, v in above), min(v + skew * t for t, v in below)
+
+    # The room is concave in the skew, and straight between the slopes of the two hulls.
+    turns = [(v2 - v1) / (t2 - t1) for (t1, v1), (t2, v2) in pairwise(above)]
+    turns += [(v1 - v2) / (t2 - t1) for (t1, v1), (t2, v2) in pairwise(below)]
+    turns = [turn for turn in turns if abs(turn) < MAX_SKEW]
+    skew = max([*turns, -MAX_SKEW, MAX_SKEW], key=lambda turn: sum(edges(turn)))
+    high, low = edges(skew)
+    return (high - low) / 2.0, skew, at_ns
 
 
 def burst_minima(samples: Sequence[ClockSample], anchor_ns: int) -> Line:

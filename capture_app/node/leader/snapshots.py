@@ -8,9 +8,9 @@ from capture_app.net.address import Address
 from capture_app.node.wire.messages import SpoolSpace
 from capture_app.node.wire.operating import Vitals
 from capture_app.node.wire.status import NodeStatus
-from capture_app.sync.clock.time_map import MAX_DEPTH
 from capture_app.sync.rig.roster import ClientView
 from capture_app.sync.wire.messages import WITHOUT_CAMERA, NodeState
+from capture_app.sync.wire.upstream_map import MAX_DEPTH
 
 _UNKNOWN = Vitals()
 

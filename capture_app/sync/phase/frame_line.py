@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from math import isfinite
 from statistics import median
 
-from capture_app.sync.clock.robust_slope import fit_shared_slope
+from capture_app.sync.phase.robust_slope import fit_shared_slope
 
 LATENCY_FRAMES = (2, 9)
 """A command takes effect so many frames after the newest one, at the earliest and at the latest."""

@@ -11,8 +11,6 @@ from itertools import combinations
 from math import hypot
 from statistics import median
 
-from capture_app.sync.clock.robust_slope import SIGMA_FROM_MAD
-
 LEAST_COMMON = 12
 """Beacons that two clients must both have heard to be compared: fewer may look alike by chance."""
 SAME_INSTANT_NS = 20_000
@@ -26,6 +24,8 @@ DECILES = 2.563
 MOST_VOTERS = 50
 """Clients whose medians give the consensus: more make it no better."""
 POLISH_ROUNDS = 10
+SIGMA_FROM_MAD = 1.4826
+"""One sigma of normal noise, in median absolute deviations."""
 CLIP = 2.5
 """Residuals beyond this many sigma do not count."""
 

@@ -1,6 +1,6 @@
 """The one sentence with which a node says why it is not ready, and what a person can do about it."""
 
-from capture_app.sync.clock.clock_filter import ASYMMETRY_SHARE
+from capture_app.sync.clock.priors import ASYMMETRY
 from capture_app.sync.phase.frame_stamp import PhaseEstimate
 from capture_app.sync.rig.phase_loop import CameraGrid, PhaseLoop
 from capture_app.sync.timekeeping.accuracy_goal import CLOCK_SHARE
@@ -61,7 +61,7 @@ def coarse(error_ns: float, wanted_ns: float, round_trip_ns: int, *, by_relay: b
     """
     if by_relay:
         why, remedy = "its relay knows the time no better", "bring the relay nearer to the leader"
-    elif 2.0 * ASYMMETRY_SHARE * round_trip_ns / 2.0 > wanted_ns:
+    elif 2.0 * ASYMMETRY * round_trip_ns / 2.0 > wanted_ns:
         # Messages cannot tell how a round trip is shared between there and back, however many there are.
         why, remedy = f"round trip of {duration(round_trip_ns)}", "a shorter way to the leader"
     else:

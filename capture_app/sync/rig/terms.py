@@ -4,11 +4,11 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 
 from capture_app.camera_facts import CameraFacts
-from capture_app.sync.clock.time_map import UpstreamMap
 from capture_app.sync.phase.aligner import HOPELESS_PPM
 from capture_app.sync.phase.goal import Goal
 from capture_app.sync.phase.shared_goal import SharedGoal
 from capture_app.sync.wire.messages import WITHOUT_CAMERA, Terms
+from capture_app.sync.wire.upstream_map import UpstreamMap
 
 
 @dataclass(slots=True)

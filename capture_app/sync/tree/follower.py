@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 from capture_app.camera_facts import CameraFacts
 from capture_app.sync.clock.clock_filter import ClockFilter
-from capture_app.sync.clock.time_map import MAX_DEPTH, TimeMap
+from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.failover import LeaderChoice
 from capture_app.sync.rig.time_client import CLOCK, TimeClient, TimeClientEvent
 from capture_app.sync.timekeeping.leader_terms import LeaderTerms
@@ -21,6 +21,7 @@ from capture_app.sync.wire.messages import (
     UnknownMember,
     Welcome,
 )
+from capture_app.sync.wire.upstream_map import MAX_DEPTH
 
 Address = tuple[str, int]
 

@@ -9,7 +9,6 @@ from dataclasses import replace
 
 import msgspec
 
-from capture_app.sync.clock.time_map import upstream_map
 from capture_app.sync.phase.shared_goal import SharedGoal
 from capture_app.sync.rig.events import LeaderEvent
 from capture_app.sync.rig.leader import Leader, LeaderConfig
@@ -28,6 +27,7 @@ from capture_app.sync.wire.messages import (
     UnknownMember,
     Welcome,
 )
+from capture_app.sync.wire.upstream_map import upstream_map
 
 HEARTBEAT_EVERY_NS = 500_000_000
 OF_CAMERAS = msgspec.structs.replace(CLOCK, kind=RELAY, model="relay")

@@ -7,8 +7,8 @@ from msgspec import Meta, Struct
 
 from capture_app.camera_facts import CameraFacts
 from capture_app.names import Name
-from capture_app.sync.clock.time_map import UpstreamMap
 from capture_app.sync.wire.beacon import AgreedArrival, ArrivalReport, Beacon, Group
+from capture_app.sync.wire.upstream_map import UpstreamMap
 
 
 class NodeState(StrEnum):

@@ -5,7 +5,6 @@ import math
 from hypothesis import strategies as st
 
 from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
-from capture_app.sync.clock.time_map import UpstreamMap
 from capture_app.sync.tree.follower import Address
 from capture_app.sync.wire.codec import Message
 from capture_app.sync.wire.messages import (
@@ -24,6 +23,7 @@ from capture_app.sync.wire.messages import (
     UnknownMember,
     Welcome,
 )
+from capture_app.sync.wire.upstream_map import UpstreamMap
 
 S = 1_000_000_000
 INSTANCE, HONEST = 77, 99

@@ -16,7 +16,6 @@ from hypothesis.stateful import (
 )
 from msgspec import structs
 
-from capture_app.sync.clock.time_map import UpstreamMap
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.time_client import MOST_EVENTS
 from capture_app.sync.timekeeping.timekeeper import OUTSTANDING
@@ -24,6 +23,7 @@ from capture_app.sync.tree.follower import Address, Follower, FollowerConfig
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
 from capture_app.sync.wire.codec import Message, encode
 from capture_app.sync.wire.messages import HeartbeatAck, NodeState, TimeReply, Trigger, UnknownMember
+from capture_app.sync.wire.upstream_map import UpstreamMap
 from tests.simulation.rig.forged_messages import (
     HONEST,
     INSTANCE,

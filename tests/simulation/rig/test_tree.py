@@ -16,7 +16,7 @@ from capture_app.simulation.network.paper_link import PAPER_LINK
 from capture_app.simulation.network.wandering_clock import draw_wandering_clock
 from capture_app.simulation.rig.tree import ROOT, RelayOutage, Tree, TreeSpec
 from capture_app.simulation.rig.tree_result import measure, run_shard
-from capture_app.sync.clock.time_map import MAX_DEPTH, TimeMap, upstream_map
+from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.failover import LEAST_ANSWERS, PROBE_EVERY_NS, Failback
 from capture_app.sync.rig.leader import Leader, LeaderConfig
@@ -27,6 +27,7 @@ from capture_app.sync.tree.follower import Address, Follower, FollowerConfig
 from capture_app.sync.tree.relay import Relay
 from capture_app.sync.wire.codec import decode, encode
 from capture_app.sync.wire.messages import CLOCK_ONLY, Hello, NodeState, Terms, Welcome
+from capture_app.sync.wire.upstream_map import MAX_DEPTH, upstream_map
 from tests.facts import make_facts
 from tests.simulation.rig.rigs import S, checked_error_ns
 

@@ -1,0 +1,93 @@
+"""The likely line between upper and lower bounds on a clock's offset: a mean over all skews."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from heapq import nsmallest
+from itertools import pairwise
+from math import exp
+
+from capture_app.sync.clock.priors import EXCESS, MAX_SKEW, ODD_HOSTS, SKEW
+
+TIGHTEST = 8
+"""So many bounds of each direction tell how near the tightest one is to the minimum delay."""
+WIDTH = 0.55
+"""Share of their mean distance to it that is one e-fold of likelihood."""
+_NEAR = [0.0, *(sign * 3e-9 * 1.6**k for k in range(28) for sign in (-1.0, 1.0))]
+_USUAL = [k * 8e-6 for k in range(-12, 13)]
+
+Point = tuple[float, float]
+"""Time since the reference and bound, in ns; bounds from below with their sign turned."""
+
+
+@dataclass(frozen=True, slots=True)
+class LikelyLine:
+    """Offset (ns) at the reference and skew (dimensionless), and the variances that the bounds leave them."""
+
+    offset: float
+    skew: float
+    variance: float
+    covariance: float
+    skew_variance: float
+    gap: float
+    """The least round trip in ns."""
+    excess: float
+    """Variance of what the least delays lie above the minimum delays, in ns squared."""
+
+    def variance_at(self, t: float) -> float:
+        """Variance of the line t ns after the reference, in ns squared."""
+        return self.excess + max(0.0, self.variance + (2.0 * self.covariance + self.skew_variance * t) * t)
+
+
+def lower_hull(points: Iterable[Point]) -> list[Point]:
+    """Return the points (t, value) of the lower convex hull, by t (Andrew's monotone chain)."""
+    hull: list[Point] = []
+    for t, v in sorted(points):
+        if hull and t == hull[-1][0]:
+            continue
+        while len(hull) >= 2:
+            (t1, v1), (t2, v2) = hull[-2], hull[-1]
+            if (v2 - v1) * (t - t1) < (v - v1) * (t2 - t1):
+                break
+            hull.pop()
+        hull.append((t, v))
+    return hull
+
+
+def fit_line(uppers: Sequence[Point], lowers: Sequence[Point]) -> LikelyLine:
+    """Average the lines of all skews, by their prior and the gap that each leaves between the directions.
+
+    At one skew the tightest bound of each direction gives the offset, and the gap between the two is the
+    log-likelihood of exponential delays (Moon et al. 1999 take its maximum, a linear program).
+    """
+    above, below = lower_hull(uppers), lower_hull(lowers)
+
+    def room(skew: float) -> tuple[float, float]:
+        high, low = min([v - skew * t for t, v in above]), min([v + skew * t for t, v in below])
+        return high + low, (high - low) / 2.0
+
+    best, spread = 0.0, [room(0.0)[0]] * 2
+    if min(len(uppers), len(lowers)) >= TIGHTEST:
+        # The gap is concave in the skew, and straight between the slopes of the hulls.
+        turns = [(v2 - v1) / (t2 - t1) for (t1, v1), (t2, v2) in pairwise(above)]
+        turns += [(v1 - v2) / (t2 - t1) for (t1, v1), (t2, v2) in pairwise(below)]
+        best = max([s for s in turns if abs(s) < MAX_SKEW], key=lambda skew: room(skew)[0], default=0.0)
+        sides = [v - best * t for t, v in uppers], [v + best * t for t, v in lowers]
+        spread = [sum(nsmallest(TIGHTEST, side)) / TIGHTEST - min(side) for side in sides]
+    gap, width = room(best)[0], max(WIDTH * sum(spread) / 2.0, 1.0)
+    grid = sorted({s for s in (*[best + step for step in _NEAR], *_USUAL) if abs(s) <= MAX_SKEW})
+    votes: list[tuple[float, float, float]] = []
+    for before, skew, after in zip(grid, grid[1:], grid[2:], strict=False):
+        left, offset = room(skew)
+        prior = exp(-0.5 * (skew / SKEW) ** 2) + ODD_HOSTS
+        votes.append(((after - before) * prior * exp(min(0.0, left - gap) / width), offset, skew))
+    total = sum(w for w, _, _ in votes)
+    mean, slope = sum(w * o for w, o, _ in votes) / total, sum(w * s for w, _, s in votes) / total
+    return LikelyLine(
+        offset=mean,
+        skew=slope,
+        variance=sum(w * (o - mean) ** 2 for w, o, _ in votes) / total,
+        covariance=sum(w * (o - mean) * (s - slope) for w, o, s in votes) / total,
+        skew_variance=sum(w * (s - slope) ** 2 for w, _, s in votes) / total,
+        gap=abs(gap),
+        excess=((spread[0] - spread[1]) ** 2 + EXCESS**2 * (spread[0] ** 2 + spread[1] ** 2)) / 4.0,
+    )

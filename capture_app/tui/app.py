@@ -18,6 +18,8 @@ from capture_app.text import printable
 from capture_app.tui.header import MODES
 from capture_app.tui.jobs.job_list import JobList
 from capture_app.tui.jobs.jobs_view import JobsView
+from capture_app.tui.library.catalogue import find_samples
+from capture_app.tui.library.sessions_view import SessionsView
 from capture_app.tui.messages import (
     LinkChanged,
     Mishap,
@@ -67,7 +69,7 @@ class SimulshotApp(App[None]):
         self._settings = settings
         self._sessions = sessions
         self._record = RigRecord(clock)
-        self._jobs = JobList(sessions)
+        self.jobs = JobList(sessions)
         for mode in MODES:
             self.add_mode(mode, partial(self._mode_screen, mode))
         for theme in THEMES.values():
@@ -86,11 +88,11 @@ class SimulshotApp(App[None]):
         self.screen_change_signal.subscribe(self, self._tell_screen)
         self.theme_changed_signal.subscribe(self, lambda theme: self._settings.remember("theme", theme.name))
         self._follow()
-        self.run_worker(self._jobs.find_earlier(), group="jobs")
+        self.run_worker(self.jobs.find_earlier(), group="jobs")
 
     async def on_unmount(self) -> None:
         """End the jobs: their results are there whole or not at all."""
-        await self._jobs.close()
+        await self.jobs.close()
 
     def _mode_screen(self, mode: str) -> ModeScreen:
         return ModeScreen(mode, self._view(mode))
@@ -98,8 +100,11 @@ class SimulshotApp(App[None]):
     def _view(self, mode: str) -> Widget:
         if mode == "rig":
             return RigView(self._source, self._record)
+        if mode == "sessions":
+            samples = find_samples(self._sessions)
+            return SessionsView(self._sessions, self.jobs, samples=samples, settings=self._settings)
         if mode == "jobs":
-            return JobsView(self._jobs)
+            return JobsView(self.jobs)
         return NotThereYet(MODES[mode])
 
     # The rig
@@ -112,7 +117,7 @@ class SimulshotApp(App[None]):
                 self._post(lambda: LinkChanged(""))
             self._record.add(update)
             if isinstance(update, RigStatus):
-                self._jobs.hold_for(update)
+                self.jobs.hold_for(update)
             self._post(partial(message_of, update))
 
     def _post(self, message: Callable[[], RigMessage]) -> None:

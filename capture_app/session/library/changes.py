@@ -108,7 +108,7 @@ def _write_changed(folder: Path, manifest: Manifest) -> None:
     """Write manifest and plan, and their lines of the checksums; other lines stay as they are."""
     written = {MANIFEST: indented(msgspec.json.encode(manifest))}
     if (folder / PLAN).is_file():
-        plan = msgspec.structs.replace(read_plan(folder), name=manifest.name)
+        plan = msgspec.structs.replace(read_plan(folder), name=manifest.name, note=manifest.note)
         written[PLAN] = indented(msgspec.json.encode(plan))
     for name, data in written.items():
         write_atomic(folder / name, data)

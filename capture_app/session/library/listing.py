@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Iterator
+from datetime import UTC, datetime
 from enum import StrEnum
 from pathlib import Path
 from stat import S_ISDIR
@@ -31,7 +32,7 @@ class SessionCard(Struct, frozen=True, kw_only=True):
     folder: Path
     state: SessionState = SessionState.COMPLETE
     created: str = ""
-    """RFC 3339, UTC."""
+    """RFC 3339, UTC; of one that is not complete, when it was last changed."""
     origin: str = ""
     cameras: tuple[str, ...] = ()
     instants: int = 0
@@ -147,18 +148,22 @@ def read_card(folder: Path) -> SessionCard:
 def _card_without_manifest(folder: Path) -> SessionCard:
     try:
         writing = is_being_written(folder)
+        changed_s = folder.stat().st_mtime
     except OSError as error:
         problem = f"{folder}: {error.strerror}"
         return SessionCard(folder=folder, state=SessionState.UNREADABLE, problem=problem)
+    created = datetime.fromtimestamp(changed_s, UTC).isoformat(timespec="seconds")
     if writing:
         return SessionCard(
             folder=folder,
+            created=created,
             state=SessionState.WRITING,
             problem="its images are still coming in",
             remedy="wait until the burst is saved",
         )
     return SessionCard(
         folder=folder,
+        created=created,
         state=SessionState.INTERRUPTED,
         problem="its capture ended before it was saved whole; the images that came are safe",
         remedy=f"capture-app sessions repair {folder}",

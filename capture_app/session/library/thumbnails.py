@@ -6,6 +6,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from capture_app.session.reading.decoding import decode_image
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
@@ -23,27 +25,24 @@ class ThumbnailCache:
         self.folder = folder
 
     def load(self, image: Path) -> "NDArray[np.uint8] | None":
-        """An image file `WIDTH_PX` wide, height x width x RGB; None where it cannot be read."""
-        import cv2  # heavy: only where images are looked at
-
+        """An image file `WIDTH_PX` wide, height x width x BGR; None where it cannot be read."""
         try:
             stat = image.stat()
         except OSError:
             return None
         key = f"{image.resolve()}\0{stat.st_mtime_ns}\0{stat.st_size}"
         kept = self.folder / f"{hashlib.sha256(os.fsencode(key)).hexdigest()[:32]}.jpg"
-        small = _read(kept)
+        small = _decode(kept)
         if small is None:
             # The decoder of JPEG halves three times at next to no cost.
-            large = _read(image, cv2.IMREAD_REDUCED_COLOR_8)
+            large = _decode(image, reduction=8)
             if large is None or large.shape[1] < WIDTH_PX:
-                large = _read(image)
+                large = _decode(image)
             if large is None:
                 return None
-            height = max(1, round(large.shape[0] * WIDTH_PX / large.shape[1]))
-            small = cv2.resize(large, (WIDTH_PX, height), interpolation=cv2.INTER_AREA).astype("uint8")
+            small = _shrink(large)
             self._keep(kept, small)
-        return small[:, :, ::-1].copy()
+        return small
 
     def _keep(self, path: Path, small: "NDArray[np.uint8]") -> None:
         import cv2
@@ -63,14 +62,16 @@ class ThumbnailCache:
             file.unlink(missing_ok=True)
 
 
-def _read(path: Path, how: int | None = None) -> "NDArray[np.uint8] | None":
-    import cv2
+def _decode(path: Path, reduction: int = 1) -> "NDArray[np.uint8] | None":
+    try:
+        return decode_image(path.read_bytes(), colour=True, reduction=reduction)
+    except OSError:
+        return None
+
+
+def _shrink(large: "NDArray[np.uint8]") -> "NDArray[np.uint8]":
+    import cv2  # heavy: only where images are looked at
     import numpy as np
 
-    try:
-        data = np.fromfile(path, np.uint8)
-        flags = cv2.IMREAD_COLOR if how is None else how
-        image = cv2.imdecode(data, flags | cv2.IMREAD_IGNORE_ORIENTATION) if data.size else None
-    except (OSError, cv2.error):
-        return None
-    return None if image is None else image.astype(np.uint8, copy=False)
+    height = max(1, round(large.shape[0] * WIDTH_PX / large.shape[1]))
+    return np.asarray(cv2.resize(large, (WIDTH_PX, height), interpolation=cv2.INTER_AREA), np.uint8)

@@ -68,7 +68,7 @@ def judge(manifest: Manifest) -> Verdict:
     spreads = [spread for spread, number in zip(sync.spread_ns, images, strict=True) if number > 1]
     spread_ns = max(spreads, default=None)
     error_ns = None if sync.uncertainty_ns is None else 2 * sync.uncertainty_ns
-    grade, motion = _grade(spread_ns, error_ns)
+    grade, motion = grade_of(spread_ns, error_ns)
     return Verdict(
         grade=grade,
         headline=f"{_purpose(grade, motion, spread_ns)}; {_completeness(manifest, sync)}",
@@ -110,7 +110,8 @@ def pixels(time_ns: int, px_per_s: float = PX_PER_S) -> str:
     return f"{distance:.2f} px" if distance < 9.995 else f"{distance:,.0f} px"
 
 
-def _grade(spread_ns: int | None, error_ns: int | None) -> tuple[Grade, float | None]:
+def grade_of(spread_ns: int | None, error_ns: int | None) -> tuple[Grade, float | None]:
+    """The grade of a spread with its error, and the motion in px/s that it is good for to within a pixel."""
     if spread_ns is None or error_ns is None:
         return Grade.UNKNOWN, None
     sure_ns = max(1, spread_ns + error_ns)

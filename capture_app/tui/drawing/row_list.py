@@ -23,7 +23,6 @@ class RowList(ScrollView, can_focus=True):
         Binding("pagedown", "page(1)", "Page down", show=False, id="list.page-down"),
         Binding("home", "move(-99999)", "First row", show=False, id="list.first"),
         Binding("end", "move(99999)", "Last row", show=False, id="list.last"),
-        Binding("enter", "open", "Open", show=False, id="list.open"),
     ]
     DEFAULT_CSS = """
     RowList { height: 1fr; width: 1fr; overflow-x: hidden; scrollbar-size-vertical: 1; }
@@ -42,7 +41,7 @@ class RowList(ScrollView, can_focus=True):
             return self.rows
 
     class Opened(Chosen):
-        """The user opens a row."""
+        """A row was clicked twice; what keys open it is the view's to say."""
 
     def __init__(self, row_height: int, *, id: str | None = None) -> None:
         super().__init__(id=id)
@@ -114,18 +113,13 @@ class RowList(ScrollView, can_focus=True):
         """Move the cursor by what is seen at once."""
         self._go(self._at + pages * max(1, self.size.height // self.row_height))
 
-    def action_open(self) -> None:
-        """Open the row under the cursor."""
-        if self._keys:
-            self.post_message(self.Opened(self, self.chosen))
-
     def on_click(self, event: events.Click) -> None:
         """Choose the row that was clicked; a second click opens it."""
         at = (event.y + self.scroll_offset.y) // self.row_height
         if 0 <= at < len(self._keys):
             self._go(at)
             if event.chain == 2:
-                self.action_open()
+                self.post_message(self.Opened(self, self.chosen))
 
     # Drawing
 

@@ -11,6 +11,7 @@ from capture_app.errors import BadInputError, SimulshotError
 from capture_app.node.child import Child
 from capture_app.node.wire.status import RigStatus
 from capture_app.session.files.output_folder import clear_leftovers
+from capture_app.session.library.results import results_folder
 from capture_app.text import ProgressStep, printable
 from capture_app.tui.jobs.job import Job, JobState
 from capture_app.tui.jobs.kinds import JobKind
@@ -110,6 +111,16 @@ class JobList:
             self.jobs.remove(job)
             self._spawn(self._forget_on_disk(job))
             self._tell(job)
+
+    async def follow_rename(self, session: Path, renamed: Path) -> None:
+        """Let the jobs of a session go with it to its new name, where its results are already."""
+        for job in self.jobs:
+            if job.session == session and job.state.is_over:
+                job.session = renamed
+                if job.out is not None and job.out.is_relative_to(results_folder(session, self.root)):
+                    job.out = results_folder(renamed, self.root) / job.out.name
+                await self._note(job)
+                self._tell(job)
 
     def hold(self, held: bool) -> None:
         """Let jobs stand still, or go on."""

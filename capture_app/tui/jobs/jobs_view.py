@@ -135,6 +135,8 @@ class JobsView(ModeView):
         jobs = self._jobs.jobs
         self._empty.display = not jobs
         self._rows.display = self._log.display = bool(jobs)
+        if jobs and self.has_focus:
+            self._rows.focus()
         self._rows.show_rows([str(job.number) for job in jobs])
         if changed is not None:
             self._rows.show_again(str(changed.number))

@@ -1,0 +1,226 @@
+"""The list of sessions: a small picture, name, when, how well synchronized, and what was made of it."""
+
+import asyncio
+from collections.abc import Mapping, Sequence
+from datetime import datetime
+from pathlib import Path
+
+from textual import work
+from textual.content import Content
+from textual.strip import Strip
+
+from capture_app.session.library.listing import SessionCard, SessionState
+from capture_app.session.library.thumbnails import ThumbnailCache
+from capture_app.session.reading.verdict import Grade, grade_of
+from capture_app.text import count, duration, printable
+from capture_app.tui.drawing.row_list import RowList
+from capture_app.tui.jobs.job import Job
+from capture_app.tui.jobs.signs import job_tag
+from capture_app.tui.library.catalogue import Entry
+from capture_app.tui.pictures.cells import (
+    CellPicture,
+    Palette,
+    draw_cells,
+    fitted_cells,
+    palette_of,
+    resample,
+    strip_of,
+)
+from capture_app.tui.states import Sign
+
+ROWS = 3
+THUMB = 8
+"""Columns of the small picture."""
+GRADES = {
+    Grade.EXCELLENT: Sign("●", "excellent", "$success"),
+    Grade.GOOD: Sign("●", "good", "$success"),
+    Grade.FAIR: Sign("◑", "fair", "$warning"),
+    Grade.POOR: Sign("○", "poor", "$error"),
+    Grade.UNKNOWN: Sign("–", "", "$foreground-muted"),
+}
+STATES = {
+    SessionState.WRITING: Sign("◔", "being saved", "$warning"),
+    SessionState.INTERRUPTED: Sign("✖", "interrupted", "$error"),
+    SessionState.UNREADABLE: Sign("✖", "unreadable", "$error"),
+}
+
+
+class SessionRows(RowList):
+    """The sessions, three lines each."""
+
+    def __init__(self, thumbnails: ThumbnailCache) -> None:
+        super().__init__(ROWS, id="sessions")
+        self._cache = thumbnails
+        self._entries: Mapping[str, Entry] = {}
+        self._jobs: Mapping[Path, Sequence[Job]] = {}
+        self._thumbs: dict[tuple[Path, ...], CellPicture | None] = {}
+        self._wanted: list[str] = []
+
+    def show_entries(self, entries: Sequence[Entry], jobs: Mapping[Path, Sequence[Job]]) -> None:
+        """Show these sessions, with the jobs of each."""
+        before, self._entries = self._entries, {entry.key: entry for entry in entries}
+        before_jobs, self._jobs = self._jobs, jobs
+        self.show_rows([entry.key for entry in entries])
+        for key, entry in self._entries.items():
+            folder = entry.card.folder
+            if before.get(key) != entry or before_jobs.get(folder) != jobs.get(folder):
+                self.show_again(key)
+
+    @property
+    def entry(self) -> Entry | None:
+        """The session under the cursor."""
+        return self._entries.get(self.chosen)
+
+    def show_jobs(self, folder: Path, jobs: Sequence[Job]) -> None:
+        """Show what is made of a session now."""
+        self._jobs = {**self._jobs, folder: jobs}
+        self.show_again(str(folder))
+
+    def draw_row(self, key: str, width: int, *, chosen: bool) -> list[Content | Strip]:
+        """The picture beside three lines."""
+        entry = self._entries.get(key)
+        if entry is None:
+            return [Content("")] * ROWS
+        room = width - THUMB - 3
+        lines = [
+            self._title(entry, room),
+            self._facts(entry.card, room),
+            self._remarks(entry.card, room),
+        ]
+        style = "on $block-cursor-background" if chosen else ""
+        strips: list[Content | Strip] = []
+        for number, line in enumerate(lines):
+            line = line.truncate(room, ellipsis=True)
+            line = Content.assemble(" ", line, " " * max(0, room + 1 - line.cell_length))
+            mark = Content.styled("▌" if chosen else " ", "$primary")
+            strips.append(
+                Strip.join(
+                    [
+                        self.strip_of_content(mark.stylize_before(style)),
+                        self._thumb_line(entry, number),
+                        self.strip_of_content(line.stylize_before(style)),
+                    ]
+                )
+            )
+        return strips
+
+    def notify_style_update(self) -> None:
+        """Draw the pictures anew: the palette may have changed."""
+        self._thumbs.clear()
+        super().notify_style_update()
+
+    def _title(self, entry: Entry, room: int) -> Content:
+        card = entry.card
+        left = Content.styled(printable(card.name), "bold")
+        if entry.is_best:
+            left = Content.assemble(left, ("  ★ best synchronized", "bold $warning"))
+        if entry.is_sample:
+            left = Content.assemble(left, ("  sample", "$secondary"))
+        return _justify(left, Content.styled(_when(card.created), "$foreground-muted"), room)
+
+    def _facts(self, card: SessionCard, room: int) -> Content:
+        if card.state is not SessionState.COMPLETE:
+            sign = STATES[card.state]
+            return Content.styled(f"{sign}: {printable(card.problem)}", sign.style)
+        spread = spread_of(card)
+        return _justify(spread, self._tags(card, room - spread.cell_length - 2), room)
+
+    def _remarks(self, card: SessionCard, room: int) -> Content:
+        if card.state is not SessionState.COMPLETE:
+            return Content.styled(f"→ {printable(card.remedy)}", "$foreground")
+        what = f"{count(len(card.cameras), 'camera')} × {count(card.instants, 'instant')}"
+        parts = [Content.styled(what, "$foreground-muted")]
+        if card.missing:
+            parts.append(Content.styled(f"! {count(card.missing, 'image')} missing", "$warning"))
+        if card.late:
+            parts.append(Content.styled(f"! {card.late} late", "$warning"))
+        if card.note:
+            parts.append(Content(printable(card.note)))
+        return Content.styled(" · ", "$foreground-muted").join(parts)
+
+    def _tags(self, card: SessionCard, room: int) -> Content:
+        """The newest job of each kind, as many as there is room for."""
+        newest: dict[str, Job] = {}
+        for job in self._jobs.get(card.folder, ()):
+            newest.setdefault(job.kind.name, job)
+        tags = Content("")
+        for tag in map(job_tag, newest.values()):
+            if tags.cell_length + tag.cell_length + 2 <= room:
+                tags = tags + ("  " if tags else "") + tag
+        return tags
+
+    def _thumb_line(self, entry: Entry, line: int) -> Strip:
+        images = entry.card.first_images[:1]
+        thumb = self._thumbs.get(images)
+        if thumb is None:
+            if images and images not in self._thumbs:
+                self._want(entry.key)
+            return Strip.blank(THUMB, self.rich_style)
+        row = line - (ROWS - thumb.rows) // 2
+        if not 0 <= row < thumb.rows:
+            return Strip.blank(THUMB, self.rich_style)
+        left = (THUMB - thumb.columns) // 2
+        drawn = strip_of(thumb, row, self.rich_style)
+        right = THUMB - left - thumb.columns
+        return Strip.join([Strip.blank(left, self.rich_style), drawn, Strip.blank(right, self.rich_style)])
+
+    def _want(self, key: str) -> None:
+        if key not in self._wanted:
+            self._wanted.append(key)
+            if len(self._wanted) == 1:
+                self._load()
+
+    @work(group="thumbnails")
+    async def _load(self) -> None:
+        """Load the pictures that have come into sight, the latest first, in a thread."""
+        while self._wanted:
+            entry = self._entries.get(self._wanted[-1])
+            images = () if entry is None else entry.card.first_images[:1]
+            if images and images not in self._thumbs:
+                palette, light = palette_of(self.app), not self.app.current_theme.dark
+                drawn = await asyncio.to_thread(_draw, self._cache, images[0], palette, light)
+                self._thumbs[images] = drawn
+            key = self._wanted.pop() if entry is None else entry.key
+            self._wanted = [other for other in self._wanted if other != key]
+            self.show_again(key)
+
+
+def spread_of(card: SessionCard) -> Content:
+    """How well synchronized a session is: the grade, and the spread with its error bar."""
+    if card.spread_ns is None:
+        return Content.styled(
+            "one camera" if len(card.cameras) == 1 else "nothing to compare", "$foreground-muted"
+        )
+    error_ns = None if card.uncertainty_ns is None else 2 * card.uncertainty_ns
+    grade, _ = grade_of(card.spread_ns, error_ns)
+    sign = GRADES[grade]
+    if error_ns is None:
+        return Content.styled(
+            f"{sign.glyph} {duration(card.spread_ns)} apart, error not known", "$foreground-muted"
+        )
+    return Content.assemble(
+        (str(sign), f"bold {sign.style}"), f"  {duration(card.spread_ns)} ±{duration(error_ns)} apart"
+    )
+
+
+def _draw(cache: ThumbnailCache, image: Path, palette: Palette, light: bool) -> CellPicture | None:
+    small = cache.load(image)
+    if small is None:
+        return None
+    columns, rows = fitted_cells(small.shape[1], small.shape[0], THUMB, ROWS)
+    scaled = resample(small, columns * palette.pixels[0], rows * palette.pixels[1])
+    return draw_cells(scaled, palette, light=light)
+
+
+def _justify(left: Content, right: Content, width: int) -> Content:
+    room = width - right.cell_length - (1 if right.cell_length else 0)
+    left = left.truncate(max(0, room), ellipsis=True)
+    return Content.assemble(left, " " * max(0, width - left.cell_length - right.cell_length), right)
+
+
+def _when(created: str) -> str:
+    """When it was taken, in the time of this place."""
+    try:
+        return datetime.fromisoformat(created).astimezone().strftime("%d %b %Y %H:%M")
+    except ValueError:
+        return printable(created[:16])

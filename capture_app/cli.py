@@ -2,6 +2,7 @@
 
 import asyncio
 import importlib
+import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -25,6 +26,7 @@ COMMANDS = {
     "burst": "Take a burst with a running leader.",
     "cameras": "List the cameras of this machine; add, show and remove those of a running rig.",
     "preview": "Save a small picture of what a camera of a running rig sees.",
+    "serve": "Show the terminal UI in a browser.",
     "sessions": "List, show, verify, rename, annotate, trash, repair, import and export sessions.",
     "experiment": "Measure clock and phase synchronization, beside the paper's figures.",
     "demo": "Try everything on this machine: simulated cameras, a burst, a comparison.",
@@ -106,7 +108,8 @@ def app(
         return
     if leader is not None and (clash := [name for name in ("host", "port", "cameras") if name in given]):
         raise click.UsageError(f"--{clash[0]} is for a rig of this machine, not with --leader")
-    if not (sys.stdin.isatty() and sys.stdout.isatty()):
+    in_browser = "TEXTUAL_DRIVER" in os.environ
+    if not in_browser and not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise NotAvailableError(
             "the screen needs a terminal", hint="use `capture-app leader`, or see capture-app --help"
         )

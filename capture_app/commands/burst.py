@@ -62,6 +62,9 @@ _FIGURE = re.compile(r"\d[\d.]* (ns|µs|ms|s)\b|--tolerance-us \d+")
     help="With --repeat: seconds from one burst to the next.",
 )
 @click.option(
+    "--cancel", type=click.IntRange(1), metavar="BURST", help="Cancel the burst of this number instead."
+)
+@click.option(
     "--wait-s",
     type=FiniteRange(0.0, 3600.0),
     default=0.0,
@@ -86,6 +89,7 @@ def burst(
     note: str,
     repeat: int,
     every_s: float | None,
+    cancel: int | None,
     wait_s: float,
     min_nodes: int,
     as_json: bool,
@@ -96,6 +100,9 @@ def burst(
     """
     from capture_app.node.wire.messages import BurstRequest
 
+    if cancel is not None:
+        _cancel(leader, cancel, as_json)
+        return
     if at_ns is not None and repeat > 1:
         raise click.UsageError("--at-ns is for one burst, not with --repeat")
     request = BurstRequest(
@@ -126,6 +133,17 @@ def burst(
     for done in bursts:
         if done.session is None or done.received < done.expected:
             raise IncompleteError(f"burst {done.burst} is incomplete: {done.message}")
+
+
+def _cancel(leader: Address, number: int, as_json: bool) -> None:
+    from capture_app.node.operator.requests import give_order
+    from capture_app.node.wire.operating import CancelBurst
+
+    asyncio.run(give_order(leader, CancelBurst(burst=number)))
+    if as_json:
+        print_json({"cancelled": number})
+    else:
+        talk(f"burst {number} is cancelled; what had come is saved")
 
 
 async def _take_bursts(

@@ -1,34 +1,81 @@
 """`capture-app status`: the nodes of a running leader."""
 
 import asyncio
+import time
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING
 
 import click
+from msgspec import to_builtins
 
-from capture_app.commands.options import leader_option
+from capture_app.commands.options import leader_option, run_until_stopped
 from capture_app.net.address import Address
-from capture_app.terminal import json_option, print_json, print_line, print_table
+from capture_app.terminal import json_option, print_json, print_json_line, print_line, print_table, talk
 from capture_app.text import count
 
 if TYPE_CHECKING:
-    from capture_app.node.wire.status import NodeStatus
+    from capture_app.node.wire.status import NodeStatus, RigStatus
 
 
 @click.command()
 @leader_option
+@click.option("--watch", is_flag=True, help="Then show what happens, until Ctrl-C.")
 @json_option
-def status(leader: Address, as_json: bool) -> None:
+def status(leader: Address, watch: bool, as_json: bool) -> None:
     """Show the nodes of a running leader, those of its relays included: state, clock, phase, drops.
 
     "clock bound" is the largest possible clock error, that of the relays included. "apart", with reference
     broadcast, is the uncertainty (95 %) between nodes that receive the same beacons.
+
+    With --watch a line follows for all that happens; with --json an object a line, and a new status whenever
+    it has changed, at most ten a second.
     """
     from capture_app.node.operator.requests import ask_status
 
     rig = asyncio.run(ask_status(leader))
-    if as_json:
+    if as_json and watch:
+        print_json_line({"event": "status", "rig": rig})
+    elif as_json:
         print_json(rig)
-        return
+    else:
+        _print_rig(rig)
+    if watch:
+        run_until_stopped(_watch(leader, rig, as_json))
+
+
+async def _watch(leader: Address, rig: "RigStatus", as_json: bool) -> None:
+    from capture_app.node.operator.link import RigLink
+    from capture_app.node.operator.updates import LinkLost
+    from capture_app.node.wire.status import RigStatus
+    from capture_app.node.wire.views import NewsLine
+
+    began_ns, advice = time.time_ns(), rig.advice
+    async for update in RigLink(leader).updates():
+        match update:
+            case RigStatus():
+                if as_json:
+                    print_json_line({"event": "status", "rig": update})
+                elif update.advice != advice:
+                    print_line(f"{_clock_time(time.time_ns())} {update.advice}")
+                advice = update.advice
+            # What is older is told by a connection that begins.
+            case NewsLine() if update.unix_ns >= began_ns:
+                if as_json:
+                    print_json_line({"event": "news", **to_builtins(update)})
+                else:
+                    print_line(f"{_clock_time(update.unix_ns)} {update.text}")
+            case LinkLost():
+                if as_json:
+                    print_json_line({"event": "link-lost", "reason": update.reason})
+                else:
+                    talk(update.reason)
+
+
+def _clock_time(unix_ns: int) -> str:
+    return f"{datetime.fromtimestamp(unix_ns / 1e9, UTC).astimezone():%H:%M:%S}"
+
+
+def _print_rig(rig: "RigStatus") -> None:
     from capture_app.node.leader.snapshots import in_tree_order
 
     who = f"leader {rig.leader}" if rig.relay is None else f"relay {rig.relay} at {rig.leader}"

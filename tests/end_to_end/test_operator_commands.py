@@ -31,6 +31,8 @@ async def test_a_camera_is_started_looked_at_and_removed(start: Start, tmp_path:
         assert command.process.returncode == code, command.said
         return command.said[-1]
 
+    watching = await start("status", *at, "--watch", "--json")
+    assert (await watching.next_json())["rig"]["nodes"] == []
     assert await result("cameras", "add", CAMERA, "--name", "desk") == {"added": ["desk"]}
     assert await result("cameras", "add", "--simulated", "1", "--scene", "bars") == {"added": ["cam00"]}
     assert "is here already" in await refusal(ExitCode.BAD_INPUT, "cameras", "add", CAMERA, "--name", "desk")
@@ -44,6 +46,13 @@ async def test_a_camera_is_started_looked_at_and_removed(start: Start, tmp_path:
     assert cv2.imread(str(picture)).shape == (24, 32, 3)
     there = await refusal(ExitCode.INCOMPLETE, "preview", "door")
     assert "no camera named door (there are cam00, desk)" in there
+
+    events = [await watching.next_json()]
+    while events[-1].get("text") != "desk joined":
+        events.append(await watching.next_json())
+    assert (events[-1]["event"], events[-1]["camera"]) == ("news", "desk")
+    assert await watching.stop() == 130
+    assert "burst 7 is not under way" in await refusal(ExitCode.BAD_INPUT, "burst", "--cancel", "7")
 
     detail = await result("cameras", "show", "desk")
     assert detail["camera"] == "desk"

@@ -1,0 +1,63 @@
+"""`capture-app serve`: the terminal UI in a browser."""
+
+import asyncio
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from capture_app.commands.options import FOLDER, AddressType, run_until_stopped
+from capture_app.net.address import Address
+from capture_app.terminal import json_option, print_json, print_line, talk
+
+if TYPE_CHECKING:
+    from capture_app.rig_process import AttachedRig
+
+
+@click.command()
+@click.option("--host", default="127.0.0.1", help="Address that the page listens on; 0.0.0.0: all networks.")
+@click.option(
+    "--port",
+    type=click.IntRange(0, 65535),
+    default=8000,
+    metavar="PORT",
+    help="TCP port of the page; 0 chooses a free one.",
+)
+@click.option(
+    "--leader",
+    type=AddressType(),
+    metavar="HOST:PORT",
+    show_default="the rig of this machine that runs, else a new one",
+    help="Address of the leader whose rig is shown.",
+)
+@click.option(
+    "--sessions",
+    type=FOLDER,
+    metavar="DIR",
+    show_default="that of the running rig, else sessions",
+    help="Folder for the sessions.",
+)
+@json_option
+def serve(host: str, port: int, leader: Address | None, sessions: Path | None, as_json: bool) -> None:
+    """Show the terminal UI in a browser, until Ctrl-C; the rig keeps running.
+
+    Whoever reaches the page controls the rig and sees the sessions: there is no password. It listens on this
+    machine only, unless --host says otherwise.
+    """
+    from capture_app.rig_process import attach
+
+    run_until_stopped(_serve(asyncio.run(attach(leader=leader, sessions=sessions)), host, port, as_json))
+
+
+async def _serve(rig: "AttachedRig", host: str, port: int, as_json: bool) -> None:
+    from capture_app.tui.web import LOOPBACK, PageServer, bind_page
+
+    with bind_page(host, port) as listening:
+        server = PageServer(rig, listening)
+        if as_json:
+            print_json({"url": server.public_url, "leader": str(rig.leader), "sessions": str(rig.sessions)})
+        else:
+            print_line(server.public_url)
+        who = "whoever uses this machine" if host in LOOPBACK else "whoever reaches it from the network"
+        talk(f"the page shows the rig {rig.leader}; {who} controls the rig; Ctrl-C ends the page")
+        await server.run()

@@ -26,6 +26,8 @@ from capture_app.tui.messages import (
     ModeRequested,
     NewsReceived,
     RigMessage,
+    SessionsRequested,
+    ShowSessions,
     StatusChanged,
     message_of,
 )
@@ -61,13 +63,20 @@ class SimulshotApp(App[None]):
         *,
         settings: Settings,
         sessions: Path,
+        local: bool = True,
+        started: bool = False,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
-        """`sessions`: the folder that is shown; `clock`: seconds that only grow, for what runs over time."""
+        """`sessions`: the folder that is shown; `clock`: seconds that only grow, for what runs over time.
+
+        `local`: the leader is on this machine; `started`: it was started for this screen.
+        """
         super().__init__()
         self._source = source
         self._settings = settings
         self._sessions = sessions
+        self._local = local
+        self._started = started
         self._record = RigRecord(clock)
         self.jobs = JobList(sessions)
         for mode in MODES:
@@ -99,7 +108,7 @@ class SimulshotApp(App[None]):
 
     def _view(self, mode: str) -> Widget:
         if mode == "rig":
-            return RigView(self._source, self._record)
+            return RigView(self._source, self._record, self._settings, self._sessions, local=self._local)
         if mode == "sessions":
             samples = find_samples(self._sessions)
             return SessionsView(self._sessions, self.jobs, samples=samples, settings=self._settings)
@@ -135,6 +144,13 @@ class SimulshotApp(App[None]):
     def on_mode_requested(self, message: ModeRequested) -> None:
         """Go to a mode."""
         self.switch_mode(message.mode)
+
+    async def on_sessions_requested(self, message: SessionsRequested) -> None:
+        """Go to the sessions of a folder."""
+        await self.switch_mode("sessions")
+        screen = self.screen_stack[0]
+        if isinstance(screen, ModeScreen):
+            screen.view.post_message(ShowSessions(message.folder, message.session))
 
     def on_mishap(self, message: Mishap) -> None:
         """Show what went wrong, and keep it in the news."""

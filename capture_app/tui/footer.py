@@ -7,8 +7,8 @@ from textual.screen import Screen
 
 from capture_app.tui.drawing.lines import Lines
 
-HELP = "help"
-"""The action that is always shown, at the right: where all keys are."""
+ALWAYS = ("quit", "help")
+"""Actions that are always shown, at the right: the way out, and where all keys are."""
 
 
 class KeyFooter(Lines):
@@ -42,7 +42,7 @@ class KeyFooter(Lines):
         for _, binding, enabled, _ in screen.active_bindings.values():
             if binding.show and enabled:
                 shown.setdefault(binding.action, binding)
-        last = [shown.pop(action) for action in (HELP,) if action in shown]
+        last = [shown.pop(action) for action in ALWAYS if action in shown]
         right = [self._item(binding) for binding in last]
         room = self.size.width - sum(item.cell_length for item in right)
         line, at, self._spans = Content(""), 0, []

@@ -74,6 +74,15 @@ class SessionsRequested(Message):
         self.session = session
 
 
+class ShowSessions(Message, bubble=False):
+    """The app tells the mode Sessions to show a folder, and one session in it where it is named."""
+
+    def __init__(self, folder: Path, session: str | None) -> None:
+        super().__init__()
+        self.folder = folder
+        self.session = session
+
+
 class Mishap(Message):
     """An action failed: the shell shows why, and what to do, and keeps it in the news."""
 

@@ -17,8 +17,8 @@ class ModeView(Vertical, can_focus=True):
     """Fills a mode. Its keys hold while it, or a widget in it, has the focus.
 
     It is told of the rig by `on_status_changed`, `on_news_received`, `on_preview_received` and
-    `on_link_changed`, of a status and of previews only while it is seen; `on_mode_shown` says that it is seen
-    again. It asks for things by posting `ModeRequested`, `SessionsRequested` and `Mishap`.
+    `on_link_changed` while it is seen; `on_mode_shown` says that it is seen again, `on_show_sessions` tells
+    the mode Sessions what to show. It asks by posting `ModeRequested`, `SessionsRequested` and `Mishap`.
     """
 
     DEFAULT_CSS = "ModeView { height: 1fr; width: 1fr; }"

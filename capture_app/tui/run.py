@@ -11,4 +11,7 @@ def run_screen(rig: AttachedRig, *, frames: int | None = None) -> None:
     settings = Settings.load()
     if frames is not None:
         settings.remember("shoot.frames", frames)
-    SimulshotApp(RigLink(rig.leader), settings=settings, sessions=rig.sessions).run()
+    link = RigLink(rig.leader)
+    SimulshotApp(
+        link, settings=settings, sessions=rig.sessions, local=rig.is_local, started=rig.started
+    ).run()

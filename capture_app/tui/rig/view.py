@@ -1,6 +1,7 @@
 """The mode Rig."""
 
 import textwrap
+from pathlib import Path
 from typing import ClassVar
 
 from textual import work
@@ -19,6 +20,8 @@ from capture_app.tui.record import RigRecord
 from capture_app.tui.rig.camera_list import CameraList
 from capture_app.tui.rig.news_pane import NewsPane
 from capture_app.tui.rig_source import RigSource
+from capture_app.tui.settings import Settings
+from capture_app.tui.start.panel import StartPanel
 from capture_app.tui.states import NO_LEADER, rig_sign
 
 ADVICE_LINES = 2
@@ -33,21 +36,30 @@ class RigView(ModeView):
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("delete,d", "remove", "Remove camera", id="rig.remove"),
+        Binding("a", "add", "Add cameras", id="rig.add"),
         Binding("n", "news", "News", id="rig.news"),
+        Binding("escape", "back", "Back", id="rig.back"),
     ]
 
-    def __init__(self, source: RigSource, record: RigRecord) -> None:
+    def __init__(
+        self, source: RigSource, record: RigRecord, settings: Settings, sessions: Path, *, local: bool
+    ) -> None:
+        """`local`: the leader is on this machine, and can run its cameras."""
         super().__init__()
         self._source = source
         self._record = record
         self._advice = Lines(id="advice")
         self._cameras = CameraList(record)
         self._news = NewsPane()
+        self._start = StartPanel(source, settings, sessions, local=local)
+        self._adding: int | None = None
+        """How many cameras there were when the user asked for more; None when they did not."""
         self._drawn: tuple[object, ...] = ()
 
     def compose(self) -> ComposeResult:
         """Lay the mode out."""
         yield self._advice
+        yield self._start
         yield self._cameras
         yield self._news
 
@@ -56,8 +68,11 @@ class RigView(ModeView):
         self.set_interval(REDRAW_S, self._draw)
 
     def focus_first(self) -> None:
-        """The list is what the keys are for."""
-        self._cameras.focus()
+        """The list that is seen is what the keys are for."""
+        if self._start.display:
+            self._start.focus_first()
+        else:
+            self._cameras.focus()
 
     def on_mode_shown(self) -> None:
         """Catch up with what happened meanwhile."""
@@ -95,7 +110,9 @@ class RigView(ModeView):
         status = self._record.status
         if status is None:
             return
-        advice = self._advise(status)[:ADVICE_LINES]
+        self._choose_panel(status)
+        self._start.show_leader(status.leader)
+        advice = [] if self._start.display else self._advise(status)[:ADVICE_LINES]
         self._advice.show(advice)
         # The news keep a few lines whatever comes, and more of them in a large window.
         small = self.size.height < SMALL
@@ -115,7 +132,36 @@ class RigView(ModeView):
         lines = textwrap.wrap(f"{sign.glyph} {printable(words)}", self.size.width - 2, subsequent_indent="  ")
         return [Content.styled(line, f"bold {sign.style}") for line in lines]
 
+    def _choose_panel(self, status: RigStatus) -> None:
+        """Show the start while there is nothing else to show, or while the user adds cameras."""
+        if self._adding is not None and len(status.nodes) > self._adding:
+            self._adding = None
+        starting = not status.nodes or self._adding is not None
+        if self._start.display != starting or self._cameras.display == starting:
+            self._start.display = starting
+            self._cameras.display = self._news.display = not starting
+            self.focus_first()
+            self.refresh_bindings()
+            self.call_after_refresh(self._draw)  # what has just appeared has no size before
+
     # Doing
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """What can be done with a list of cameras, and what while some are added."""
+        if action in ("remove", "add", "news"):
+            return self._cameras.display
+        return self._adding is not None if action == "back" else True
+
+    def action_add(self) -> None:
+        """Offer further cameras."""
+        if self._record.status is not None:
+            self._adding = len(self._record.status.nodes)
+            self._draw()
+
+    def action_back(self) -> None:
+        """Show the cameras again."""
+        self._adding = None
+        self._draw()
 
     def action_news(self) -> None:
         """Go to the news, to scroll in them; or back."""

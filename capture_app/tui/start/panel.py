@@ -1,0 +1,292 @@
+"""The choices of the start, and what each of them means, on one screen."""
+
+import textwrap
+from collections.abc import Awaitable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import ClassVar
+
+from textual import events, work
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, Vertical
+from textual.content import Content
+from textual.widgets import OptionList
+from textual.widgets.option_list import Option
+
+from capture_app.errors import SimulshotError
+from capture_app.text import count, printable
+from capture_app.tui.drawing.lines import Lines
+from capture_app.tui.messages import Mishap, SessionsRequested
+from capture_app.tui.rig_source import RigSource
+from capture_app.tui.settings import Settings
+from capture_app.tui.start.invitation import joining_line, qr_lines
+from capture_app.tui.start.offers import SCENES, Offers, find_offers
+
+CAMERA_KEYS = "cefghlmpuvwxyz"
+"""One for each camera that is found; the others are taken by what is always there."""
+MAX_WIDTH, MARGIN = 96, 8
+"""Of the panel in a wide terminal, in cells; what is left free beside its words."""
+TITLE_WIDTH = 26
+"""Leaves room for the code beside the list in a narrow terminal."""
+CHOICE, CAMERAS, SCENE = "start.choice", "start.cameras", "start.scene"
+"""The names under which choices are remembered."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Offer:
+    """A line of the list."""
+
+    id: str
+    key: str
+    title: str
+    usable: bool = True
+
+    def option(self, *, again: bool) -> Option:
+        """Draw it; `again`: it was chosen last time."""
+        words = Content.assemble(
+            (f" {self.key} ", "bold $primary"),
+            f" {_cut(printable(self.title))}",
+            ("  last time" if again else "", "italic $secondary"),
+        )
+        return Option(words, id=self.id, disabled=not self.usable)
+
+
+class StartPanel(Vertical):
+    """Offers cameras found here, other machines, a simulated rig, and sessions; remembers what was chosen."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("i", "invite", "Invite", id="start.invite"),
+        Binding("s", "simulate", "Simulate", id="start.simulate"),
+        Binding("plus,equals_sign,right", "more(1)", "More cameras", key_display="+", id="start.more"),
+        Binding("minus,left", "more(-1)", "Fewer", key_display="-", id="start.fewer"),
+        Binding("t", "scene", "Scene", id="start.scene"),
+        Binding("o", "sessions", "Sessions", show=False, id="start.sessions"),
+        Binding("b", "samples", "Samples", show=False, id="start.samples"),
+        Binding("r", "rescan", "Look again", id="start.rescan"),
+    ]
+
+    def __init__(self, source: RigSource, settings: Settings, sessions: Path, *, local: bool) -> None:
+        super().__init__(id="start")
+        self._source = source
+        self._settings = settings
+        self._sessions = sessions
+        self._local = local
+        self._offers = Offers((), 0, None)
+        self._leader = ""
+        self._busy = ""
+        self._title = Lines(id="start-title")
+        self._list = OptionList(id="start-list")
+        self._meaning = Lines(id="start-meaning")
+        self._code = Lines(id="start-code")
+        self._line = Lines(id="start-line")
+
+    def compose(self) -> ComposeResult:
+        """The list, what the chosen line means, the QR code beside both, and the line to type below."""
+        left = Vertical(self._title, self._list, self._meaning, id="start-left")
+        yield Vertical(Horizontal(left, self._code, id="start-middle"), self._line, id="start-box")
+
+    def on_mount(self) -> None:
+        """Look around."""
+        self._offer()
+        self.action_rescan()
+
+    def focus_first(self) -> None:
+        """The list is what the keys are for."""
+        self._list.focus()
+
+    def show_leader(self, leader: str) -> None:
+        """Tell by which address other machines reach the leader."""
+        if leader != self._leader:
+            self._leader = printable(leader)
+            self._explain()
+
+    def on_resize(self) -> None:
+        """Wrap anew."""
+        self._explain()
+
+    # What is offered
+
+    def _offer(self) -> None:
+        """Fill the list, what was chosen last time first."""
+        last = self._settings.recall(CHOICE, "")
+        offers = sorted(
+            (*self._camera_offers(), *self._standing_offers()), key=lambda offer: offer.id != last
+        )
+        kept = self._chosen if self._list.highlighted else None  # not where nobody has moved
+        self._list.set_options(offer.option(again=offer.id == last) for offer in offers)
+        ids = [offer.id for offer in offers]
+        self._list.highlighted = ids.index(kept) if kept in ids else 0
+
+    def _camera_offers(self) -> list[_Offer]:
+        return [
+            _Offer(camera.spec, key, f"{camera.model or camera.kind} {_device(camera.spec)}", camera.usable)
+            for key, camera in zip(CAMERA_KEYS, self._offers.cameras, strict=False)
+        ]
+
+    def _standing_offers(self) -> list[_Offer]:
+        offers = [
+            _Offer("invite", "i", "Invite other machines"),
+            _Offer("simulated", "s", f"Simulate {count(self._cameras, 'camera')}"),
+        ]
+        if self._offers.sessions:
+            many = count(self._offers.sessions, "session")
+            offers.append(_Offer("sessions", "o", f"Look at {many}"))
+        if self._offers.samples:
+            offers.append(_Offer("samples", "b", "Browse the samples"))
+        return offers
+
+    @property
+    def _chosen(self) -> str | None:
+        option = self._list.highlighted_option
+        return None if option is None else option.id
+
+    @property
+    def _cameras(self) -> int:
+        return min(max(self._settings.recall(CAMERAS, 5), 1), SCENES[self._scene])
+
+    @property
+    def _scene(self) -> str:
+        scene = self._settings.recall(SCENE, "")
+        return scene if scene in SCENES else next(iter(SCENES))
+
+    def _explain(self) -> None:
+        if not self.is_attached:
+            return
+        inviting = self._chosen == "invite"
+        self._code.display = inviting and bool(self._leader)
+        line = joining_line(self._leader) if self._leader else "…"
+        self._code.show(qr_lines(line) if self._code.display else [])
+        self._title.show([Content.styled("What shall take pictures?", "bold $primary")])
+        self._meaning.show([Content.styled(self._busy, "$warning")] if self._busy else self._meanings())
+        self._line.show(
+            [
+                Content.styled("To join from another machine, type there:", "$foreground-muted"),
+                Content.styled(f"  {line}", "bold $secondary"),
+            ]
+        )
+
+    def _words_width(self) -> int:
+        code = max((len(line) for line in self._code.plain), default=0)
+        return min(self.size.width, MAX_WIDTH) - MARGIN - code
+
+    def _meanings(self) -> list[Content]:
+        match self._chosen:
+            case "invite":
+                words = "The code holds the line below. A camera appears here once it has joined."
+            case "simulated":
+                words = (
+                    f"Each is a process with a clock of its own, hours off. They look at the scene "
+                    f"“{self._scene}”. Press + or - for more or fewer of them, t for another scene."
+                )
+            case "sessions":
+                words = f"The takes in {self._sessions}: to look at, verify, compare and export."
+            case "samples":
+                words = f"Takes of simulated cameras, in {self._offers.samples}."
+            case spec:
+                found = next((camera for camera in self._offers.cameras if camera.spec == spec), None)
+                words = "" if found is None else f"{found.spec}: {found.detail}"
+        lines = textwrap.wrap(printable(words), max(self._words_width(), 20))
+        return [Content.styled(line, "$foreground-muted") for line in lines]
+
+    # Doing
+
+    def on_option_list_option_highlighted(self) -> None:
+        """Say what the line means."""
+        self._explain()
+
+    def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
+        """Do what the line says."""
+        match event.option_id:
+            case "invite":
+                self.action_invite()
+            case "simulated":
+                self.action_simulate()
+            case "sessions":
+                self.action_sessions()
+            case "samples":
+                self.action_samples()
+            case str(spec):
+                self._start(spec, self._source.add_camera(spec), f"Starting {spec} …")
+
+    def on_key(self, event: events.Key) -> None:
+        """Start the camera of a key."""
+        for key, camera in zip(CAMERA_KEYS, self._offers.cameras, strict=False):
+            if event.character == key and camera.usable:
+                event.stop()
+                self._start(camera.spec, self._source.add_camera(camera.spec), f"Starting {camera.spec} …")
+
+    def action_invite(self) -> None:
+        """Show how other machines join."""
+        self._settings.remember(CHOICE, "invite")
+        self._highlight("invite")
+
+    def action_simulate(self) -> None:
+        """Start simulated cameras."""
+        words = f"Starting {count(self._cameras, 'simulated camera')} …"
+        self._start("simulated", self._source.add_simulated(self._cameras, self._scene), words)
+
+    def action_more(self, step: int) -> None:
+        """Change how many cameras are simulated."""
+        self._settings.remember(CAMERAS, min(max(self._cameras + step, 1), SCENES[self._scene]))
+        self._offer()
+        self._highlight("simulated")
+
+    def action_scene(self) -> None:
+        """Change what simulated cameras look at."""
+        scenes = list(SCENES)
+        self._settings.remember(SCENE, scenes[(scenes.index(self._scene) + 1) % len(scenes)])
+        self._offer()
+        self._highlight("simulated")
+
+    def action_sessions(self) -> None:
+        """Go to the sessions that are there."""
+        self._settings.remember(CHOICE, "sessions")
+        self.post_message(SessionsRequested(self._sessions))
+
+    def action_samples(self) -> None:
+        """Go to the sample sessions."""
+        if self._offers.samples is not None:
+            self._settings.remember(CHOICE, "samples")
+            self.post_message(SessionsRequested(self._offers.samples))
+
+    @work(thread=True, exclusive=True, group="offers")
+    def action_rescan(self) -> None:
+        """Look for cameras and sessions again."""
+        try:
+            offers = find_offers(self._sessions, local=self._local)
+        except SimulshotError as error:
+            self.post_message(Mishap(error))
+            return
+        self.app.call_from_thread(self._take_offers, offers)
+
+    def _take_offers(self, offers: Offers) -> None:
+        if offers != self._offers:
+            self._offers = offers
+            self._offer()
+
+    def _highlight(self, choice: str) -> None:
+        self._list.highlighted = self._list.get_option_index(choice)
+        self._explain()
+
+    @work(group="start")
+    async def _start(self, choice: str, order: Awaitable[None], words: str) -> None:
+        self._settings.remember(CHOICE, choice)
+        self._busy = words
+        self._explain()
+        try:
+            await order
+        except SimulshotError as error:
+            self.post_message(Mishap(error))
+        finally:
+            self._busy = ""
+            self._explain()
+
+
+def _device(spec: str) -> str:
+    """The last part of where a device is: video0 of v4l2:/dev/video0."""
+    return spec.rpartition("/")[2]
+
+
+def _cut(text: str) -> str:
+    return text if len(text) <= TITLE_WIDTH else text[: TITLE_WIDTH - 1] + "…"

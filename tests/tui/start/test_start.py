@@ -1,0 +1,152 @@
+"""The first minute: every choice by its key, on a rig without a camera."""
+
+from pathlib import Path
+
+import pytest
+from textual.widgets import OptionList
+
+from capture_app.cameras.base import CameraListing
+from capture_app.cameras.v4l2 import driver
+from capture_app.errors import CameraError
+from capture_app.tui.app import SimulshotApp
+from capture_app.tui.settings import Settings
+from capture_app.tui.start.invitation import joining_line, qr_lines
+from tests.tui.driving import lines, make_app, settle, text, toasts
+from tests.tui.fake_rig import FakeRig
+
+WEBCAM = CameraListing("v4l2:/dev/video0", "v4l2", "[b]Webcam", "MJPG 1280x720 at 30 frames/s")
+BUSY = CameraListing("v4l2:/dev/video2", "v4l2", "Other", "in use", usable=False)
+
+
+@pytest.fixture(autouse=True)
+def cameras(monkeypatch: pytest.MonkeyPatch) -> list[CameraListing]:
+    """The cameras of this machine."""
+    found: list[CameraListing] = []
+    monkeypatch.setattr(driver, "list_cameras", lambda: found)
+    return found
+
+
+def offered(app: SimulshotApp) -> list[str]:
+    return [str(option.prompt).strip() for option in app.screen.query_one(OptionList).options]
+
+
+async def rest(app: SimulshotApp, pilot: object) -> None:
+    """Until the machine has been looked at."""
+    for worker in [worker for worker in app.workers if worker.group == "offers"]:
+        await worker.wait()
+    await settle(pilot)
+
+
+async def test_what_is_there_is_offered_and_told(cameras: list[CameraListing], tmp_path: Path) -> None:
+    cameras += [WEBCAM, BUSY]
+    (tmp_path / "burst-001").mkdir()
+    (tmp_path / "burst-001" / "session.json").write_text("{}")
+    app = make_app(FakeRig(0), sessions=tmp_path)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await rest(app, pilot)
+        assert offered(app) == [
+            "c  [b]Webcam video0",
+            "e  Other video2",
+            "i  Invite other machines",
+            "s  Simulate 5 cameras",
+            "o  Look at 1 session",
+            "b  Browse the samples",
+        ]
+        assert "MJPG 1280x720" in text(app, "#start-meaning")
+        assert joining_line("192.168.1.5:47010") in text(app, "#start-line")
+
+
+async def test_a_camera_is_one_key_away_and_is_the_first_choice_next_time(
+    cameras: list[CameraListing], tmp_path: Path
+) -> None:
+    cameras += [WEBCAM, BUSY]
+    rig, settings = FakeRig(0), Settings(tmp_path)
+    app = make_app(rig, settings=settings)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await rest(app, pilot)
+        await pilot.press("e", "c")  # e is in use
+        await settle(pilot)
+        assert rig.asked == [("add_camera", "v4l2:/dev/video0", None)]
+    settings.remember("start.choice", "simulated")
+    settings.save()
+    app = make_app(FakeRig(0), settings=Settings.load(tmp_path))
+    async with app.run_test(size=(80, 24)) as pilot:
+        await rest(app, pilot)
+        assert offered(app)[0] == "s  Simulate 5 cameras  last time"
+
+
+async def test_simulated_cameras_as_many_as_wanted_then_the_rig_is_shown() -> None:
+    rig, settings = FakeRig(0), Settings()
+    app = make_app(rig, settings=settings)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await rest(app, pilot)
+        await pilot.press("+", "+", "+", "-", "t")
+        assert "pinwheel" in text(app, "#start-meaning")
+        assert "s  Simulate 5 cameras" in offered(app)  # that scene has no more views
+        await pilot.press("-", "s")
+        await settle(pilot)
+        assert rig.asked == [("add_simulated", 4, "pinwheel")]
+        assert "◔ syncing" in text(app, "#cameras-rows")
+        assert not app.screen.query_one("#start").display
+        await pilot.press("a")  # more of them, and back
+        assert app.screen.query_one("#start").display
+        await pilot.press("escape")
+        assert not app.screen.query_one("#start").display
+
+
+async def test_what_cannot_be_started_is_said_in_a_sentence(cameras: list[CameraListing]) -> None:
+    cameras.append(WEBCAM)
+    rig = FakeRig(0)
+    app = make_app(rig)
+    async with app.run_test(size=(80, 24), notifications=True) as pilot:
+        await rest(app, pilot)
+        rig.failure = CameraError("/dev/video0 is in use", hint="close the other program")
+        await pilot.press("enter")
+        await settle(pilot)
+        assert toasts(app) == ["/dev/video0 is in use (close the other program)"]
+
+
+async def test_inviting_shows_the_line_and_its_code() -> None:
+    app = make_app(FakeRig(0))
+    async with app.run_test(size=(80, 24)) as pilot:
+        await rest(app, pilot)
+        await pilot.press("i")
+        await settle(pilot)
+        code = app.screen.query_one("#start-code")
+        assert code.display
+        assert lines(app, "#start-code") == tuple(
+            line.plain for line in qr_lines(joining_line("192.168.1.5:47010"))
+        )
+        # All of it is seen: half a code is none.
+        assert code.region.height == 19
+        assert app.screen.query_one("#start-box").region.contains_region(code.region)
+
+
+async def test_sessions_and_samples_open_in_their_mode() -> None:
+    app = make_app(FakeRig(0))
+    async with app.run_test(size=(80, 24)) as pilot:
+        await rest(app, pilot)
+        await pilot.press("b")
+        await settle(pilot)
+        assert app.current_mode == "sessions"
+
+
+async def test_cameras_here_are_not_offered_to_a_leader_elsewhere(cameras: list[CameraListing]) -> None:
+    cameras.append(WEBCAM)
+    app = make_app(FakeRig(0), local=False)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await rest(app, pilot)
+        assert not any("Webcam" in line for line in offered(app))
+
+
+def test_a_code_is_what_was_put_in(tmp_path: Path) -> None:
+    import cv2
+    import numpy as np
+
+    line = joining_line("192.168.1.5:47010")
+    light = {"█": (1, 1), "▀": (1, 0), "▄": (0, 1), " ": (0, 0)}
+    rows = [[light[character] for character in row.plain] for row in qr_lines(line)]
+    modules = np.array([[cell[half] for cell in row] for row in rows for half in (0, 1)], np.uint8)
+    picture = np.kron(modules[:37], np.ones((8, 8), np.uint8)) * 255
+    picture = np.pad(picture, 32, constant_values=255)
+    assert cv2.QRCodeDetector().detectAndDecode(picture)[0] == line

@@ -89,6 +89,7 @@ class SteadySchedule(PollSchedule):
         self._first_pace_ns, self._easing_paces_ns, self._pace_ns = first_pace_ns, easing_paces_ns, pace_ns
         self._near_ns = near_ns
         self._grid_ns = 0
+        self._samples_when_synced: int | None = None
 
     def begin(self, now_ns: int) -> None:
         """Ask and estimate at once."""
@@ -124,12 +125,15 @@ class SteadySchedule(PollSchedule):
 
     def _pace(self, progress: Progress) -> int:
         if not progress.synced:
+            self._samples_when_synced = None
             # What all nodes ask at first a leader bears; not that many of them go on so.
             patient = progress.samples >= FIRST_SAMPLES
             return max(self._first_pace_ns, self.leader_pace_ns if patient else 0)
         if self.leader_pace_ns > self._pace_ns:
             return self.leader_pace_ns
-        stage = max(0, progress.samples - FIRST_SAMPLES) // EASING_SAMPLES
+        if self._samples_when_synced is None:
+            self._samples_when_synced = progress.samples
+        stage = (progress.samples - self._samples_when_synced) // EASING_SAMPLES
         easing_ns = self._easing_paces_ns
         return min(self._pace_ns, easing_ns[stage]) if stage < len(easing_ns) else self._pace_ns
 

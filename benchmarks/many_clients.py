@@ -23,6 +23,7 @@ from typing import cast
 from report import new_parser, print_report, print_table, talk
 
 from capture_app.camera_facts import SIMULATED, CameraFacts, PhaseControl, TimestampSource
+from capture_app.clock import HostClock
 from capture_app.net.address import Address
 from capture_app.net.udp import Pump, SinglePeerEngine, client_socket
 from capture_app.sync.rig.events import Joined
@@ -84,7 +85,7 @@ class LoadClient(SinglePeerEngine):
         )
         super().__init__(self.client, leader)
         self.joins = self.received = self.sent = 0
-        self._pump = Pump(self, time.monotonic_ns, self._note_events)
+        self._pump = Pump(self, HostClock(), self._note_events)
         self._pump.start(client_socket(socket.AF_INET))
 
     def receive_datagram(self, data: bytes, address: tuple[str, int], now_ns: int) -> None:
@@ -199,7 +200,7 @@ async def _lead(pipe: Connection) -> None:
         while engine.next_event() is not None:
             pass
 
-    pump = Pump(engine, time.monotonic_ns, after_turn)
+    pump = Pump(engine, HostClock(), after_turn)
     sock = client_socket(socket.AF_INET)
     sock.bind(("127.0.0.1", 0))
     pump.start(sock)

@@ -7,8 +7,9 @@ import contextlib
 import socket
 from collections.abc import Callable, Iterable
 
+from capture_app.clock import NodeClock
 from capture_app.net.interfaces import source_address
-from capture_app.net.udp import Clock, Pump
+from capture_app.net.udp import Pump
 from capture_app.sync.wire.beacon import Group
 
 BEACONS = Group("239.255.47.10", 47011)
@@ -63,7 +64,7 @@ class BeaconReceiver:
     """Listens to the group of the leader that was joined last; beacons go to `take` with their local time."""
 
     def __init__(
-        self, take: Callable[[bytes, int], None], clock: Clock, after_turn: Callable[[], None]
+        self, take: Callable[[bytes, int], None], clock: NodeClock, after_turn: Callable[[], None]
     ) -> None:
         self._take = take
         self._clock = clock

@@ -7,25 +7,16 @@ a busy process or machine cannot delay; every microsecond in between would be an
 import asyncio
 import contextlib
 import socket
-import struct
-import time
 from collections.abc import Callable, Iterable
 from typing import Protocol
 
+from capture_app.clock import NodeClock
 from capture_app.errors import NetworkError
 from capture_app.net.address import Address
-
-Clock = Callable[[], int]
-"""Returns a node's own time in ns."""
+from capture_app.net.receipt_times import ANCILLARY_BYTES, SO_TIMESTAMPNS, ReceiptTimes
 
 MAX_BYTES = 2048
 MAX_ROUND = 64
-MAX_AGE_NS = 1_000_000_000
-
-# Linux's number, which the socket module does not have; the stamp is a timespec of CLOCK_REALTIME.
-_SO_TIMESTAMPNS = 35
-_TIMESPEC = struct.Struct("@ll")
-_ANCILLARY_BYTES = socket.CMSG_SPACE(_TIMESPEC.size)
 
 
 class TimedEngine(Protocol):
@@ -80,9 +71,10 @@ class SinglePeerEngine:
 class Pump:
     """Runs an engine over a UDP socket; `after_turn` is called whenever it may have news."""
 
-    def __init__(self, engine: Engine, clock: Clock, after_turn: Callable[[], None]) -> None:
+    def __init__(self, engine: Engine, clock: NodeClock, after_turn: Callable[[], None]) -> None:
         self._engine = engine
-        self._clock = clock
+        self._clock = clock.now_ns
+        self._receipt_times = ReceiptTimes(clock)
         self._after_turn = after_turn
         self._loop: asyncio.AbstractEventLoop
         self._socket: socket.socket | None = None
@@ -91,7 +83,7 @@ class Pump:
     def start(self, sock: socket.socket) -> None:
         """Run over a non-blocking UDP socket, which the pump then owns."""
         with contextlib.suppress(OSError):
-            sock.setsockopt(socket.SOL_SOCKET, _SO_TIMESTAMPNS, 1)
+            sock.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
         # A burst of datagrams must not be lost while the loop is busy; the kernel may allow less.
         with contextlib.suppress(OSError):
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
@@ -138,28 +130,16 @@ class Pump:
             if self._socket is None:
                 return
             try:
-                data, ancillary, _, address = self._socket.recvmsg(MAX_BYTES, _ANCILLARY_BYTES)
+                data, ancillary, _, address = self._socket.recvmsg(MAX_BYTES, ANCILLARY_BYTES)
             except BlockingIOError:
+                self._receipt_times.queue_was_empty()
                 return
             except OSError:
                 # An ICMP error: something was sent to a port that is closed.
                 continue
-            # The age first: whatever comes between makes the stamp late, which a filter for the least
-            # delay forgives, and never early, which would break the hard bound.
-            age_ns = _age_ns(ancillary)
-            received_ns = self._clock() - age_ns
+            received_ns = self._receipt_times.received_ns(ancillary)
             self._engine.receive_datagram(data, (address[0], address[1]), received_ns)
             self.turn()
-
-
-def _age_ns(ancillary: list[tuple[int, int, bytes]]) -> int:
-    """How long ago the kernel received a datagram; 0 where it does not say, or a clock was just set."""
-    for level, kind, stamp in ancillary:
-        if (level, kind) == (socket.SOL_SOCKET, _SO_TIMESTAMPNS) and len(stamp) == _TIMESPEC.size:
-            seconds, nanoseconds = _TIMESPEC.unpack(stamp)
-            age_ns = time.time_ns() - seconds * 1_000_000_000 - nanoseconds
-            return age_ns if 0 <= age_ns < MAX_AGE_NS else 0
-    return 0
 
 
 def client_socket(family: socket.AddressFamily) -> socket.socket:

@@ -107,7 +107,7 @@ class RelayNode:
         )
         self._engine = Relay(config, limits, rng)
         self._server = TransferServer(ToLeader, self._serve)
-        self._pump = Pump(self._engine, self._clock.now_ns, self._drain)
+        self._pump = Pump(self._engine, self._clock, self._drain)
         await self._server.start(listening)
         self._pump.start(datagrams)
 

@@ -8,6 +8,7 @@ from contextlib import closing
 
 import pytest
 
+from capture_app.clock import HostClock
 from capture_app.net.interfaces import source_address
 from capture_app.net.multicast import BeaconReceiver, BeaconSender, open_group_socket
 from capture_app.sync.wire.beacon import Group
@@ -37,9 +38,7 @@ class Notes:
 
     def __init__(self) -> None:
         self.heard: asyncio.Queue[tuple[bytes, int]] = asyncio.Queue()
-        self.ear = BeaconReceiver(
-            lambda *beacon: self.heard.put_nowait(beacon), time.monotonic_ns, lambda: None
-        )
+        self.ear = BeaconReceiver(lambda *beacon: self.heard.put_nowait(beacon), HostClock(), lambda: None)
 
     async def next(self) -> tuple[bytes, int]:
         async with asyncio.timeout(5.0):

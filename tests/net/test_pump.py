@@ -10,6 +10,7 @@ from types import SimpleNamespace
 
 import pytest
 
+from capture_app.clock import HostClock
 from capture_app.net.address import Address
 from capture_app.net.udp import Pump, SinglePeerEngine, client_socket
 
@@ -56,7 +57,7 @@ def pumping(engine: Notes) -> Iterator[tuple[Pump, tuple[str, int]]]:
     sock = client_socket(socket.AF_INET)
     sock.bind(("127.0.0.1", 0))
     address = sock.getsockname()
-    pump = Pump(engine, time.monotonic_ns, lambda: None)
+    pump = Pump(engine, HostClock(), lambda: None)
     pump.start(sock)
     try:
         yield pump, address

@@ -5,7 +5,7 @@ import random
 import time
 from dataclasses import dataclass
 
-from capture_app.clock import NodeClock
+from capture_app.clock import HostClock, NodeClock
 from capture_app.errors import NetworkError
 from capture_app.net.address import Address, resolve
 from capture_app.net.server import bind_port
@@ -31,7 +31,7 @@ async def serve(host: str, port: int) -> None:
         while leader.next_event() is not None:
             pass
 
-    pump = Pump(leader, time.monotonic_ns, drain)
+    pump = Pump(leader, HostClock(), drain)
     pump.start(datagrams)
     try:
         await asyncio.Event().wait()
@@ -104,7 +104,7 @@ async def synchronize(
 ) -> Synchronization:
     """Join the leader at an address, take the samples, and leave. Raises NetworkError."""
     family, peer = await resolve(address)
-    pump = Pump(SinglePeerEngine(link.client, peer), clock.now_ns, lambda: link.note_events(time.monotonic()))
+    pump = Pump(SinglePeerEngine(link.client, peer), clock, lambda: link.note_events(time.monotonic()))
     pump.start(client_socket(family))
     try:
         await asyncio.wait_for(link.joined.wait(), join_timeout_s)

@@ -130,8 +130,8 @@ class CameraNode:
         rng = random.Random(secrets.randbits(64))
         self._engine = Client(config, rng, on_sample=self._journal.add_sample)
         self._failover = Failover(self._engine, peers)
-        self._pump = Pump(self._failover, self._clock.now_ns, self._drain)
-        self._beacons = BeaconReceiver(self._engine.receive_broadcast, self._clock.now_ns, self._pump.turn)
+        self._pump = Pump(self._failover, self._clock, self._drain)
+        self._beacons = BeaconReceiver(self._engine.receive_broadcast, self._clock, self._pump.turn)
         self._camera.attach(self._engine, self._pump.turn, self._viewfinder.add_frame)
         self._pump.start(sock)
         try:

@@ -132,7 +132,7 @@ class LeaderNode:
             self._bursts, self.status, self.take_burst, self._orders, self._viewfinders, watchers
         )
         self._server = TransferServer(ToLeader, service.serve)
-        self._pump = Pump(self._engine, self._clock.now_ns, self._drain)
+        self._pump = Pump(self._engine, self._clock, self._drain)
         await self._server.start(listening)
         self._pump.start(datagrams)
 

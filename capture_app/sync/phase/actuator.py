@@ -28,6 +28,8 @@ class MoveEffect:
     frame_local_ns: int
     shift_ns: int | None
     noise_ns: float
+    latency_frames: int | None = None
+    """Frames from the command until the phase had moved, None where that is not known."""
 
 
 class PhaseActuator(ABC):
@@ -37,6 +39,11 @@ class PhaseActuator(ABC):
     def problem(self) -> str:
         """Why this camera can never be moved, in plain words; empty if it can."""
         return ""
+
+    @property
+    def expected_shift_ns(self) -> float | None:
+        """How far the last command moves the phase, None where that is not sure."""
+        return None
 
     @abstractmethod
     def aim(self, course: Course, *, hold_ns: int, aligned: bool, meeting_ns: int) -> Aim | None:

@@ -18,6 +18,8 @@ class Course:
     tolerance_ns: int
     grace_ns: float
     """Added to the tolerance, so that noise does not make a phase at its limit flicker in and out."""
+    latency_frames: float = 0.0
+    """Frames from a small step's command until it counts."""
 
     def error_after(self, ns: float) -> float:
         """Error in ns after so much time, if nothing moves the stream."""

@@ -19,6 +19,8 @@ from capture_app.sync.wire.camera_commands import CameraCommand
 WARM_FRAMES = (30, 90)
 """A period is judged after that many frames if they are quiet, after that many in any case."""
 SETTLED_FRAMES = (5, 60)
+FRAMES_TO_ACT = 3
+"""One frame where it was expected tells that a phase has moved, but one may be late by chance."""
 JUDGED_STARTS_FRAMES = 10
 """Once so many frames have come after a start, it shows whether the first one could have been believed."""
 HOPELESS_PPM = 1000.0
@@ -122,7 +124,7 @@ class Aligner:
     def estimate(self, time_map: TimeMap, goal: Goal, at_leader_ns: int) -> PhaseEstimate | None:
         """The stream's error at an instant of leader time; None while it is not known."""
         phase = self._phase
-        if phase.run_frames < self._least_frames or not phase.known:
+        if phase.run_frames < self._frames_needed or not phase.known:
             return None
         frame_local_ns = phase.nearest_frame_ns(time_map.local_from_leader(at_leader_ns))
         period_ns = phase.period_ns * (1.0 + time_map.skew)
@@ -156,7 +158,9 @@ class Aligner:
         now_leader_ns = time_map.leader_from_local(now_local_ns)
         now = self.estimate(time_map, goal, now_leader_ns)
         if now is None or not self.settled:
-            self.aligned = False
+            self.aligned = (
+                self.aligned and self._phase.unmoved and self._is_within(time_map, goal, now_local_ns)
+            )
             return None
         self.problem = self._find_problem(now, goal)
         # A phase at the very edge must not flicker in and out with its noise.
@@ -164,12 +168,15 @@ class Aligner:
         self.aligned = not self.problem and abs(now.error_ns) <= self._tolerance_ns + grace_ns
         if self.problem or self._actuator is None:
             return None
+        if self._phase.as_expected and now.frames < FRAMES_TO_ACT:
+            return None
         course = Course(
             now.error_ns + self._phase.shift_to_come(now_local_ns),
             now.drift_ppm * 1e-6,
             self._phase.period_ns,
             self._tolerance_ns,
             grace_ns,
+            self._phase.shifts.latency_frames,
         )
         if burst_leader_ns is not None:
             first_ns, last_ns = burst_leader_ns
@@ -196,13 +203,22 @@ class Aligner:
         command = self._actuator.command(move)
         if command is None or not self._commands.begin(command, now_local_ns):
             return None
-        self.aligned = self.aligned and not self._commands.under_way
         return command
+
+    def _is_within(self, time_map: TimeMap, goal: Goal, local_ns: int) -> bool:
+        """Whether the line of the frames, as it was before a command, is within the tolerance."""
+        frame_leader_ns = time_map.leader_from_local(self._phase.nearest_frame_ns(local_ns))
+        return abs(goal.phase_error(frame_leader_ns)) <= self._tolerance_ns
+
+    @property
+    def _frames_needed(self) -> int:
+        """Frames since the phase moved that tell where it is: one where it moved as expected."""
+        return 1 if self._phase.as_expected else self._least_frames
 
     @property
     def _run_settled(self) -> bool:
         frames = self._phase.run_frames
-        if frames < self._least_frames:
+        if frames < self._frames_needed:
             return False
         sigma_ns = self._phase.sigma_at(self._phase.last_ns)
         return frames >= SETTLED_FRAMES[1] or sigma_ns < self._tolerance_ns / 4

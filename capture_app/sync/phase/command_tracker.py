@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from capture_app.sync.phase.actuator import MoveEffect, PhaseActuator
-from capture_app.sync.phase.estimator import PhaseEstimator
+from capture_app.sync.phase.estimator import TIMEOUT_FRAMES, PhaseEstimator
 from capture_app.sync.phase.frame_duration import FrameDurationActuator
 from capture_app.sync.phase.frame_stamp import FrameStamp
 from capture_app.sync.phase.injection import InjectionActuator
@@ -57,7 +57,7 @@ class CommandTracker:
         self._under_way = _CommandUnderWay(command, now_local_ns, self._stream)
         self.corrections += 1
         if not isinstance(command, RestartStream):
-            self._phase.mark_disturbance()
+            self._phase.mark_disturbance(actuator.expected_shift_ns if actuator else None)
         return True
 
     def update(self, now_local_ns: int, *, run_settled: bool) -> None:
@@ -72,7 +72,8 @@ class CommandTracker:
                 done = self._stream > under_way.stream and run_settled
                 overdue = waited_ns > RESET_TIMEOUT_NS + under_way.command.delay_ns
             else:
-                done, overdue = not self._phase.disturbed, waited_ns > INJECTION_TIMEOUT_NS
+                done = not self._phase.disturbed
+                overdue = waited_ns > INJECTION_TIMEOUT_NS + 2 * TIMEOUT_FRAMES * self._phase.period_ns
             if not done and not overdue:
                 return
             self._under_way = None
@@ -86,4 +87,5 @@ class CommandTracker:
 
     def _learn(self, frame_local_ns: int, shift_ns: int | None) -> None:
         assert self._actuator is not None
-        self._actuator.learn(MoveEffect(frame_local_ns, shift_ns, self._phase.noise_ns))
+        phase = self._phase
+        self._actuator.learn(MoveEffect(frame_local_ns, shift_ns, phase.noise_ns, phase.last_latency_frames))

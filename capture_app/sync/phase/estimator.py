@@ -15,7 +15,10 @@ FIRST_INTERVALS = 8
 """Intervals whose median gives the first period."""
 RATE_FRAMES = 15
 CALM_FRAMES = 5
-TIMEOUT_FRAMES = 12
+TIMEOUT_FRAMES = 30
+"""A shift that has not come by then never will: devices obey after 2 to 12 frames."""
+UNMISTAKABLE = 4.0
+"""One frame tells that an expected shift has come if it is over so many times what noise explains."""
 WINDOW_FRAMES = 300
 
 
@@ -36,7 +39,12 @@ class PhaseEstimator:
         self._disturbed = False
         self._pending: list[Point] = []
         """Frames since a disturbance was expected."""
-        self._height_before_ns = 0.0
+        self._height_before_ns, self._begun_index = 0.0, 0
+        self._expected_ns: float | None = None
+        self.last_latency_frames: int | None = None
+        """Frames from the last disturbance's beginning until the phase had moved; None if it is not known."""
+        self.as_expected = False
+        """Whether the last disturbance moved the phase to where it was expected."""
 
     @property
     def period_ns(self) -> float:
@@ -72,6 +80,14 @@ class PhaseEstimator:
     def disturbed(self) -> bool:
         """Whether the phase is on the move, or expected to."""
         return self._disturbed
+
+    @property
+    def unmoved(self) -> bool:
+        """Whether the newest frame of a disturbance still lies where it would without."""
+        if not self._disturbed or not self._pending:
+            return False
+        off_ns = self._line.heights_of(self._pending[-1:])[0] - self._height_before_ns
+        return abs(off_ns) < self._line.tolerance_ns / 2
 
     def add(self, stamp: FrameStamp) -> int:
         """Add a frame and return how many were dropped just before it.
@@ -147,18 +163,21 @@ class PhaseEstimator:
         """Expect the coming frames to be later by exactly so much, from one of the next few on."""
         self.shifts.expect(self._index, shift_ns)
 
-    def mark_disturbance(self) -> None:
-        """Expect the phase to move within TIMEOUT_FRAMES; `last_shift_ns` is then how far it did."""
+    def mark_disturbance(self, expected_ns: float | None = None) -> None:
+        """Expect the phase to move within TIMEOUT_FRAMES; `last_shift_ns` is then how far it did.
+
+        `expected_ns` is by how much, where that is known for sure.
+        """
         if self._stream is None:
             return
-        self._disturbed = True
-        self.last_shift_ns = None
+        self._disturbed, self._expected_ns = True, expected_ns
+        self.last_shift_ns, self.last_latency_frames, self.as_expected = None, None, False
         self._pending.clear()
-        self._height_before_ns = self._line.height_ns
+        self._begun_index, self._height_before_ns = self._index, self._line.height_ns
 
     def _start_stream(self, stamp: FrameStamp) -> None:
         self._stream, self._sequence, self._time_ns = stamp.stream, stamp.sequence, stamp.timestamp_ns
-        self.last_shift_ns = None
+        self.last_shift_ns, self.as_expected = None, False
         self._disturbed = False
         self._line.begin_run()
         self.shifts.clear()
@@ -214,20 +233,35 @@ class PhaseEstimator:
 
     def _end_disturbance(self) -> None:
         """End a disturbance once the last few frames lie on a line again, moved, or unmoved for too long."""
-        last = self._pending[-CALM_FRAMES:]
-        if len(last) < CALM_FRAMES:
-            return
-        heights = self._line.heights_of(last)
-        shift = median(heights) - self._height_before_ns
-        calm = max(heights) - min(heights) < self._line.tolerance_ns
-        moved = abs(shift) > max(4.0 * self.noise_ns, 2_000.0)
-        if not (calm and moved) and len(self._pending) < TIMEOUT_FRAMES:
-            return
-        if not calm and len(self._pending) < 2 * TIMEOUT_FRAMES:
-            return
+        heights = self._line.heights_of(self._pending)
+        count = self._frames_as_expected(heights)
+        if not count:
+            count, last = CALM_FRAMES, heights[-CALM_FRAMES:]
+            if len(last) < CALM_FRAMES:
+                return
+            calm = max(last) - min(last) < self._line.tolerance_ns
+            shift_ns = median(last) - self._height_before_ns
+            moved = abs(shift_ns) > max(4.0 * self.noise_ns, 2_000.0)
+            if self._expected_ns is not None:
+                moved = moved and abs(shift_ns - self._expected_ns) < abs(shift_ns)
+            if not (calm and moved) and len(self._pending) < TIMEOUT_FRAMES:
+                return
+            if not calm and len(self._pending) < 2 * TIMEOUT_FRAMES:
+                return
+        last_points = self._pending[-count:]
         self._disturbed = False
-        self._line.begin_run(last)
-        self.last_shift_ns = round(shift)
+        self._line.begin_run(last_points)
+        self.last_shift_ns = round(self._line.height_ns - self._height_before_ns)
+        self.last_latency_frames = last_points[0][0] - self._begun_index
+
+    def _frames_as_expected(self, heights: list[float]) -> int:
+        """How many of the newest frames show that the phase has moved as expected; 0 while that is open."""
+        if self._expected_ns is None:
+            return 0
+        needed = 1 if abs(self._expected_ns) > UNMISTAKABLE * self._line.tolerance_ns else CALM_FRAMES
+        off_ns = [height - self._height_before_ns - self._expected_ns for height in heights[-needed:]]
+        self.as_expected = len(off_ns) == needed and max(map(abs, off_ns)) < self._line.tolerance_ns / 2
+        return needed if self.as_expected else 0
 
     def _notice_jump(self) -> None:
         """Start a new run where the last frames all left the line: the camera moved by itself."""

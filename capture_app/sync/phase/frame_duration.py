@@ -10,9 +10,7 @@ from capture_app.sync.phase.injection import INSIDE_ROW
 from capture_app.sync.phase.injection_history import FINEST_NS
 from capture_app.sync.wire.camera_commands import SetFrameDuration
 
-LEAD_FRAMES = 5
-"""From the command until a frame of another duration counts."""
-FINE_ROWS = 4
+FINE_ROWS = 16
 """Up to so many rows a step is small: its effect is taken for granted, and no picture suffers."""
 DEADBAND_ROWS = 0.55
 """A row is given where the predicted error exceeds this: over a half, or noise would make it flicker."""
@@ -53,12 +51,12 @@ class FrameDurationActuator(PhaseActuator):
 
     def aim(self, course: Course, *, hold_ns: int, aligned: bool, meeting_ns: int) -> Aim | None:
         """Straight at the goal: a step of a row costs nothing."""
-        lead_ns = LEAD_FRAMES * course.period_ns
+        lead_ns = course.latency_frames * course.period_ns
         return Aim(lead_ns, course.error_after(lead_ns), 0.0, 0.0)
 
     def aim_on_hold(self, course: Course) -> Aim | None:
         """At the goal, if it is a few rows away at most: such a step shows in no picture."""
-        lead_ns = LEAD_FRAMES * course.period_ns
+        lead_ns = course.latency_frames * course.period_ns
         error_ns = course.error_after(lead_ns)
         return None if abs(error_ns) > self.fine_ns else Aim(lead_ns, error_ns, 0.0, 0.0)
 

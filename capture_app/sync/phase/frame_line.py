@@ -11,8 +11,10 @@ from statistics import median
 
 from capture_app.sync.phase.robust_slope import fit_shared_slope
 
-LATENCY_FRAMES = (2, 9)
+LATENCY_FRAMES = (2, 13)
 """A command takes effect so many frames after the newest one, at the earliest and at the latest."""
+USUAL_LATENCY_FRAMES = 4
+REMEMBERED_LATENCIES = 15
 
 
 class PendingShifts:
@@ -21,6 +23,14 @@ class PendingShifts:
     def __init__(self) -> None:
         self.done_ns = 0
         self._waiting: deque[tuple[int, int]] = deque()
+        self._latencies: deque[int] = deque([USUAL_LATENCY_FRAMES], maxlen=REMEMBERED_LATENCIES)
+        self._felt = 0
+        """How many of those waiting the newest frame has shown to be in effect."""
+
+    @property
+    def latency_frames(self) -> float:
+        """Frames from a command until it is in effect, in the middle of those seen."""
+        return median(self._latencies)
 
     @property
     def total_ns(self) -> int:
@@ -29,7 +39,7 @@ class PendingShifts:
 
     def clear(self) -> None:
         """Forget all: the stream starts anew."""
-        self.done_ns = 0
+        self.done_ns = self._felt = 0
         self._waiting.clear()
 
     def expect(self, index: int, shift_ns: int) -> None:
@@ -41,19 +51,27 @@ class PendingShifts:
         earliest, latest = LATENCY_FRAMES
         while self._waiting and index >= self._waiting[0][0] + latest:
             self.done_ns += self._waiting.popleft()[1]
+            self._felt = max(0, self._felt - 1)
         best_ns = sum_ns = self.done_ns
-        for commanded, shift_ns in self._waiting:
+        felt = 0
+        for count, (commanded, shift_ns) in enumerate(self._waiting, 1):
             if index < commanded + earliest:
                 break
             sum_ns += shift_ns
             if abs(seen_ns - sum_ns) < abs(seen_ns - best_ns):
-                best_ns = sum_ns
+                best_ns, felt = sum_ns, count
+        if self._waiting and abs(seen_ns - best_ns) < abs(self._waiting[0][1]):
+            self._latencies.extend(index - self._waiting[i][0] for i in range(self._felt, felt))
+            self._felt = felt
         return best_ns
 
     def certain_at(self, index: int) -> int:
-        """Sum of the shifts that are in effect for certain at the frame of a future index."""
-        due = (shift_ns for commanded, shift_ns in self._waiting if index >= commanded + LATENCY_FRAMES[1])
-        return self.done_ns + sum(due)
+        """Sum of the shifts that are in effect for certain at the frame of an index: felt, or overdue."""
+        return self.done_ns + sum(
+            shift_ns
+            for count, (commanded, shift_ns) in enumerate(self._waiting)
+            if count < self._felt or index >= commanded + LATENCY_FRAMES[1]
+        )
 
 
 Point = tuple[int, int]

@@ -3,6 +3,7 @@
 Gain and neutral rows differ by device and are learned from what the injections do.
 """
 
+from collections import deque
 from math import ceil, floor
 
 from capture_app.sync.phase.actuator import Move, MoveEffect, PhaseActuator
@@ -10,12 +11,14 @@ from capture_app.sync.phase.aim import Aim, Course, aim_at_burst, aim_to_stay
 from capture_app.sync.phase.injection_history import USUAL_OVERHEAD_NS, InjectionHistory, InjectionProfile
 from capture_app.sync.wire.camera_commands import InjectFrame
 
-LEAD_FRAMES = 9
-"""From the command until the phase is known again: 2-4 frames of latency, the long ones, five calm ones."""
+LEAD_FRAMES = 6
+"""From the command until the phase has moved, before any was seen: 2-4 frames of latency, long ones."""
 WAIT_NS = 1_000_000_000
 """A stream that drifts into its tolerance by itself within this is let."""
 BURST_LEAD_FRAMES = 12
 """From the command to a burst: four of latency, three long ones in the time of six, two to spare."""
+BURST_SPARE_FRAMES = 4
+"""From the longest latency seen to a burst, where that is later: two that long ones add, two to spare."""
 FIRST_GAIN = 2
 FIRST_STRETCH_NS = 2_000_000
 RAISE_NS = 1_000_000
@@ -28,6 +31,7 @@ INSIDE_TOLERANCE = 0.8
 """Landing beyond this share of the tolerance is avoided where another number of rows allows it."""
 SURE_ROWS = 1.0
 """An injection whose shift differs from its profile's by less than this confirms the profile."""
+REMEMBERED_LATENCIES = 8
 LOST_COMMANDS = 2
 """So many injections without effect are repeated unchanged, where a device is known."""
 FRUITLESS = 8
@@ -52,6 +56,7 @@ class InjectionActuator(PhaseActuator):
         self._min_ns = min_exposure_ns or 0
         self._max_ns = max_exposure_ns if max_exposure_ns is not None else 10 * period_ns
         self._asked: int | None = None
+        self._latencies: deque[int] = deque([LEAD_FRAMES], maxlen=REMEMBERED_LATENCIES)
         self._confirmed = True
         """Whether the last injection did what the profile had said."""
         self._raised_ns = 0
@@ -77,13 +82,20 @@ class InjectionActuator(PhaseActuator):
         """Whether the next injection is expected to move the phase as commanded."""
         return self.profile is not None and self._confirmed and not self._in_vain
 
+    @property
+    def expected_shift_ns(self) -> float | None:
+        """How far the last injection moves the phase, None where that is not sure."""
+        if self.profile is None or self._asked is None or not self.sure:
+            return None
+        return self.profile.shift_rows(self._asked) * self._row_ns
+
     def aim(self, course: Course, *, hold_ns: int, aligned: bool, meeting_ns: int) -> Aim | None:
         """Where the stream stays within its tolerance for longest; None if it is going to be within it.
 
         Right at the goal while it is not sure where it lands.
         """
-        lead_ns = LEAD_FRAMES * course.period_ns
-        if any(course.tolerates(course.error_after(later_ns)) for later_ns in (lead_ns, WAIT_NS)):
+        lead_ns = max(self._latencies) * course.period_ns
+        if any(abs(course.error_after(later_ns)) <= course.tolerance_ns for later_ns in (lead_ns, WAIT_NS)):
             return None
         return aim_to_stay(course, lead_ns, hold_ns if self.sure else 0)
 
@@ -91,7 +103,8 @@ class InjectionActuator(PhaseActuator):
         """Where the stream meets its goal in the middle of a burst; None where the effect is not sure."""
         if not self.sure:
             return None
-        lead_ns, ready_ns = (frames * course.period_ns for frames in (LEAD_FRAMES, BURST_LEAD_FRAMES))
+        lead_ns = max(self._latencies) * course.period_ns
+        ready_ns = max(BURST_LEAD_FRAMES * course.period_ns, lead_ns + BURST_SPARE_FRAMES * course.period_ns)
         return aim_at_burst(course, lead_ns, ready_ns, begins_ns, lasts_ns)
 
     def command(self, move: Move) -> InjectFrame | None:
@@ -127,6 +140,8 @@ class InjectionActuator(PhaseActuator):
                 self._raised_ns += RAISE_NS
             return
         self._raised_ns = self._in_vain = self._fruitless = 0
+        if effect.latency_frames is not None:
+            self._latencies.append(effect.latency_frames)
         known, history, shift_rows = self.profile, self._history, effect.shift_ns / self._row_ns
         history.add(rows, shift_rows)
         self._confirmed = known is not None and history.miss_rows(known, rows, shift_rows) < SURE_ROWS

@@ -1,7 +1,11 @@
 """Frame durations asked for, and shifts that count from a frame nobody knows."""
 
+from dataclasses import replace
+
 import pytest
 
+from capture_app.simulation.devices.profiles import PROFILES
+from capture_app.simulation.rig.bench import Bench
 from capture_app.sync.phase.actuator import Move
 from capture_app.sync.phase.frame_duration import FrameDurationActuator
 from capture_app.sync.phase.frame_line import LATENCY_FRAMES, PendingShifts
@@ -72,3 +76,15 @@ def test_shifts_count_in_their_order() -> None:
     shifts.expect(101, -ROW)
     assert shifts.effective_at(104, 2.9 * ROW) == 3 * ROW
     assert shifts.effective_at(105, 2.1 * ROW) == 2 * ROW
+
+
+@pytest.mark.parametrize("latency", [(2, 4), (6, 12)])
+@pytest.mark.parametrize("ppm", [-300.0, 100.0])
+def test_a_fast_drift_is_held_by_a_row_for_nearly_every_frame(ppm: float, latency: tuple[int, int]) -> None:
+    profile = replace(PROFILES["pi"], command_latency_frames=latency)
+    bench = Bench(profile, 5, 20_000, ppm=ppm)
+    bench.run(5_000_000_000)
+    looks = bench.run(10_000_000_000)
+    assert sum(look.aligned for look in looks) > 0.9 * len(looks)
+    assert sum(abs(look.error_ns) < 20_000 for look in looks) > 0.9 * len(looks)
+    assert all(abs(look.error_ns) < 30_000 for look in looks if look.aligned)

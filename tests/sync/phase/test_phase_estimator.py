@@ -83,10 +83,45 @@ def test_an_expected_long_frame_is_a_shift_and_not_a_drop() -> None:
 def test_a_disturbance_that_never_comes_ends_with_no_shift() -> None:
     phase = fed(stream(100))
     phase.mark_disturbance()
-    for stamp in stream(120)[100:]:
+    for stamp in stream(140)[100:]:
         phase.add(stamp)
     assert not phase.disturbed
     assert phase.last_shift_ns == pytest.approx(0, abs=8000)
+
+
+@pytest.mark.parametrize("latency", [2, 6, 12, 20])
+def test_a_shift_is_seen_whenever_it_comes(latency: int) -> None:
+    stamps = stream(140)
+    phase = fed(stamps[:100])
+    phase.mark_disturbance()
+    for stamp in stamps[100:]:
+        late = 7_000_000 if stamp.sequence >= 99 + latency else 0
+        phase.add(FrameStamp(stamp.sequence, 0, stamp.timestamp_ns + late))
+        assert phase.unmoved == (stamp.sequence < 99 + latency)
+    assert phase.last_shift_ns == pytest.approx(7_000_000, abs=8000)
+    assert phase.last_latency_frames == latency
+
+
+def test_one_frame_at_its_expected_place_ends_a_disturbance() -> None:
+    stamps = stream(110, noise_ns=1000)
+    phase = fed(stamps[:100])
+    phase.mark_disturbance(7_000_000)
+    for stamp in stamps[100:104]:
+        late = 0 if stamp.sequence < 102 else 3_500_000 if stamp.sequence == 102 else 7_000_000
+        assert phase.disturbed
+        phase.add(FrameStamp(stamp.sequence, 0, stamp.timestamp_ns + late))
+    assert not phase.disturbed
+    assert phase.as_expected
+    assert phase.run_frames == 1
+
+
+def test_a_late_frame_is_not_taken_for_the_shift_that_is_expected() -> None:
+    stamps = stream(130, noise_ns=1000)
+    phase = fed(stamps[:100])
+    phase.mark_disturbance(99_855_000)
+    for stamp in stamps[100:112]:
+        phase.add(FrameStamp(stamp.sequence, 0, stamp.timestamp_ns + 15_000))
+    assert phase.disturbed
 
 
 def test_a_restart_changes_the_phase_and_keeps_the_period() -> None:

@@ -130,7 +130,7 @@ def run_trial(rng: random.Random, *, keep: bool = False) -> Trial:
         seed=rng.getrandbits(32),
         max_delay_ns=MAX_DELAY_NS,
     )
-    if not rig.run_until(rig.all_ready, limit_ns=READY_NS):
+    if not rig.run_until(rig.all_usable, limit_ns=READY_NS):
         raise IncompleteError("the simulated rig did not get ready in a minute")
     ready_s = rig.now_true_ns / 1e9
     rig.run_for(SETTLE_NS)

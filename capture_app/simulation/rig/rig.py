@@ -149,8 +149,15 @@ class VirtualRig:
 
     def all_ready(self) -> bool:
         """Whether the leader sees every node as ready."""
+        return self._all_in(NodeState.READY)
+
+    def all_usable(self) -> bool:
+        """Whether it sees every node as ready, or as coarse where it gets no better."""
+        return self._all_in(NodeState.READY, NodeState.COARSE)
+
+    def _all_in(self, *states: NodeState) -> bool:
         clients = self.leader.clients(self.now_true_ns)
-        return len(clients) == len(self.nodes) and all(c.report.state is NodeState.READY for c in clients)
+        return len(clients) == len(self.nodes) and all(c.report.state in states for c in clients)
 
     # The world
 

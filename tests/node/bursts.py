@@ -1,4 +1,4 @@
-"""A burst of two instants, and what its cameras tell and send of it."""
+"""A burst of two instants, and spare ones, and what its cameras tell and send of it."""
 
 import hashlib
 from collections.abc import AsyncIterator
@@ -6,6 +6,7 @@ from pathlib import Path
 
 from capture_app.camera_facts import PhaseControl
 from capture_app.node.burst.burst_session import BurstSession
+from capture_app.node.burst.disk_threads import DiskThreads
 from capture_app.node.wire.messages import CameraReport, ImageUpload
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, MissingImage, image_path
 from capture_app.session.writing.session_writer import SessionWriter
@@ -15,13 +16,16 @@ from tests.facts import make_facts
 PERIOD_NS = 33_333_333
 INSTANTS_NS = (1_000_000_000, 1_033_333_333)
 LEADER = 77
+DISK = DiskThreads()
 CAMERA = make_facts(kind="v4l2", model="Webcam", period_ns=PERIOD_NS, phase_control=PhaseControl.RESET)
 IMAGE = b"a picture of some length"
 
 
-def burst_session(folder: Path, *names: str) -> BurstSession:
-    burst = Burst(1, INSTANTS_NS, PERIOD_NS, INSTANTS_NS[0], names)
-    return BurstSession(burst, dict.fromkeys(names, CAMERA), SessionWriter.create(folder, "burst-001"))
+def burst_session(folder: Path, *names: str, spare: int = 0) -> BurstSession:
+    """A burst of two instants, and so many spare ones."""
+    instants_ns = tuple(INSTANTS_NS[0] + PERIOD_NS * n for n in range(len(INSTANTS_NS) + spare))
+    burst = Burst(1, instants_ns, PERIOD_NS, INSTANTS_NS[0], names, spare)
+    return BurstSession(burst, dict.fromkeys(names, CAMERA), SessionWriter.create(folder, "burst-001"), DISK)
 
 
 def report(name: str, *instants: int, missing: tuple[MissingImage, ...] = ()) -> CameraReport:
@@ -34,7 +38,7 @@ def upload(name: str, instant: int, offset: int = 0) -> ImageUpload:
         camera=name,
         instant=instant,
         path=image_path(name, instant),
-        leader_ns=INSTANTS_NS[instant] + 5,
+        leader_ns=INSTANTS_NS[0] + PERIOD_NS * instant + 5,
         residual_ns=5,
         bytes=len(IMAGE),
         sha256=hashlib.sha256(IMAGE).hexdigest(),

@@ -71,7 +71,8 @@ async def test_what_was_confirmed_of_a_cancelled_burst_is_kept(tmp_path: Path) -
     engine = engine_of("a", "b")
     async with bursts_of(tmp_path, engine) as bursts:
         session = await order(bursts)
-        await session.accept_report(report("a", 0, 1), NOW_NS)
+        for name in ("a", "b"):
+            await session.accept_report(report(name, 0, 1), NOW_NS)
         await session.receive_image(upload("a", 0), pieces(IMAGE), NOW_NS)
         await bursts.cancel(session.burst.number)
         assert session.session is not None

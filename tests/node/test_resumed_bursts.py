@@ -17,7 +17,7 @@ from capture_app.node.transfer.spool import Spool
 from capture_app.node.wire.messages import SpoolSpace
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import ProblemKind, verify
-from tests.node.bursts import IMAGE, LEADER, burst_session, pieces, report, upload
+from tests.node.bursts import DISK, IMAGE, LEADER, burst_session, pieces, report, upload
 
 
 async def begun_session(root: Path, *names: str) -> BurstSession:
@@ -38,16 +38,16 @@ def lies(session: Session) -> list[str]:
 
 async def test_a_broken_stream_goes_on_at_the_byte(tmp_path: Path) -> None:
     session = await begun_session(tmp_path, "a")
-    assert await session.accept_report(report("a", 0, 1), 0) == ()
+    assert (await session.accept_report(report("a", 0, 1), 0)).receipts == ()
     with pytest.raises(NetworkError):
         await session.receive_image(upload("a", 0), breaking_off(IMAGE[:10]), 0)
     # The leader is killed too; what had come is still there.
     await session.suspend()
-    session = await asyncio.to_thread(BurstSession.resume, session.folder, 0)
-    (receipt,) = await session.accept_report(report("a", 0, 1), 0)
+    session = await asyncio.to_thread(BurstSession.resume, session.folder, 0, DISK)
+    (receipt,) = (await session.accept_report(report("a", 0, 1), 0)).receipts
     assert (receipt.instant, receipt.bytes, receipt.stored) == (0, 10, False)
     await session.receive_image(upload("a", 0, offset=10), pieces(IMAGE[10:]), 0)
-    (receipt,) = await session.accept_report(report("a", 0, 1), 0)
+    (receipt,) = (await session.accept_report(report("a", 0, 1), 0)).receipts
     assert (receipt.stored, receipt.sha256) == (True, hashlib.sha256(IMAGE).hexdigest())
     await session.receive_image(upload("a", 1), pieces(IMAGE), 0)
     assert session.session is not None
@@ -64,7 +64,7 @@ async def test_a_stream_that_skips_or_changes_bytes_is_told_to_try_again(tmp_pat
         await session.receive_image(upload("a", 0, offset=7), pieces(IMAGE[7:]), 0)
     with pytest.raises(TryAgainError, match="damaged"):
         await session.receive_image(upload("a", 0), pieces(IMAGE[:-1] + b"?"), 0)
-    assert await session.accept_report(report("a", 0, 1), 0) == (), "nothing of it is kept"
+    assert (await session.accept_report(report("a", 0, 1), 0)).receipts == (), "nothing of it is kept"
     await session.suspend()
 
 
@@ -76,7 +76,7 @@ async def test_the_next_run_takes_up_what_was_interrupted_and_what_comes_late(tm
     assert list(interrupted_folders(tmp_path)) == [session.folder]
 
     taken_up: list[BurstSession] = []
-    resumed = ResumedBursts(tmp_path, taken_up.append)
+    resumed = ResumedBursts(tmp_path, taken_up.append, DISK)
     await resumed.resume_all(0)
     (again,) = resumed.sessions()
     assert list(interrupted_folders(tmp_path)) == [], "it is locked"
@@ -86,7 +86,7 @@ async def test_the_next_run_takes_up_what_was_interrupted_and_what_comes_late(tm
     before = {path: path.read_bytes() for path in session.folder.glob("images/**/*.jpg")}
 
     # A week later the other node is found, with its spool.
-    other = ResumedBursts(tmp_path, taken_up.append)
+    other = ResumedBursts(tmp_path, taken_up.append, DISK)
     late = await other.reopen(report("b", 0, 1), 0)
     await late.accept_report(report("b", 0, 1), 0)
     for instant in (0, 1):

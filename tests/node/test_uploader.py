@@ -74,6 +74,15 @@ async def images(
             await channel.send(answer(message) if isinstance(message, CameraReport) else ReportAck())
 
 
+def receipts_of(stored: dict[int, bytes]) -> ReportAck:
+    """What a leader has of a burst's images, all of them whole."""
+    receipts = (
+        ImageReceipt(instant=n, sha256=hashlib.sha256(data).hexdigest(), bytes=len(data), stored=True)
+        for n, data in stored.items()
+    )
+    return ReportAck(receipts=tuple(receipts))
+
+
 @asynccontextmanager
 async def uploading(serve: Serve, said: list[str], spool: Spool | None = None) -> AsyncIterator[Uploader]:
     async with serving(serve, ToLeader) as leader:
@@ -100,7 +109,7 @@ def test_an_exposure_begins_at_the_stamp_whatever_moment_is_aligned() -> None:
 
 
 async def test_what_was_not_acknowledged_is_sent_again_and_developed_once() -> None:
-    stored: list[bytes] = []
+    stored: dict[int, bytes] = {}
     done = asyncio.Event()
     streams = 0
 
@@ -108,11 +117,12 @@ async def test_what_was_not_acknowledged_is_sent_again_and_developed_once() -> N
         nonlocal streams
         streams += 1
         mine = 0
-        async for _, payload in images(channel):
+        async for image, payload in images(channel, lambda _: receipts_of(stored)):
             mine += 1
             if streams < 3 and mine == 2:
                 return  # The leader dies with this image in its hands.
-            stored.append(payload)
+            assert image.record.instant not in stored
+            stored[image.record.instant] = payload
             if len(stored) == 4:
                 done.set()
 
@@ -120,7 +130,7 @@ async def test_what_was_not_acknowledged_is_sent_again_and_developed_once() -> N
     async with uploading(serve, []) as uploader:
         uploader.add_burst(burst_upload(*pictures))
         await done.wait()
-    assert stored == [picture.data for picture in pictures]
+    assert stored == {n: picture.data for n, picture in enumerate(pictures)}
     assert [picture.encoded for picture in pictures] == [1, 1, 1, 1]
     assert streams == 3
 
@@ -176,16 +186,8 @@ async def test_a_spool_keeps_what_the_leader_has_not_confirmed(tmp_path: Path) -
     stored: dict[int, bytes] = {}
     down, done = asyncio.Event(), asyncio.Event()
 
-    def tell_stored(_: CameraReport) -> ReportAck:
-        sums = {n: hashlib.sha256(data).hexdigest() for n, data in stored.items()}
-        receipts = [
-            ImageReceipt(instant=n, sha256=sums[n], bytes=len(data), stored=True)
-            for n, data in stored.items()
-        ]
-        return ReportAck(receipts=tuple(receipts))
-
     async def serve(channel: Channel[ToLeader]) -> None:
-        async for image, payload in images(channel, tell_stored, down):
+        async for image, payload in images(channel, lambda _: receipts_of(stored), down):
             stored[image.record.instant] = payload
             # After the first image it is as if the leader's plug had been pulled.
             (down if len(stored) == 1 else done).set()

@@ -1,19 +1,27 @@
 """A burst on the leader's side: reports and images come in, a session comes out, whatever is missing."""
 
 import asyncio
-import threading
-from collections.abc import AsyncIterator, Callable, Mapping
+from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
+from typing import Any
+
+from msgspec.structs import replace
 
 from capture_app.camera_facts import CameraFacts
 from capture_app.errors import BadInputError, DiskFullError, SimulshotError, TryAgainError
 from capture_app.node.burst import plans
-from capture_app.node.burst.camera_progress import CameraProgress, DiskThreads
-from capture_app.node.wire.messages import CameraReport, ImageReceipt, ImageUpload
+from capture_app.node.burst.camera_progress import CameraProgress
+from capture_app.node.burst.disk_threads import DiskThreads
+from capture_app.node.burst.image_commits import ImageCommits
+from capture_app.node.burst.instant_choice import InstantChoice
+from capture_app.node.burst.progress import burst_status, mean_image_bytes, waiting_text
+from capture_app.node.burst.settlement import Settlement
+from capture_app.node.transfer.partial_image import PartialImage
+from capture_app.node.wire.messages import CameraReport, ImageUpload, ReportAck
 from capture_app.node.wire.status import BurstStatus
-from capture_app.session.format.burst_plan import CameraPlan
-from capture_app.session.format.manifest import CameraRecord
+from capture_app.session.format.manifest import CameraRecord, ImageRecord
+from capture_app.session.writing.received_image import ReceivedImage
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_picks import Burst
 
@@ -28,6 +36,7 @@ class BurstSession:
         burst: Burst,
         cameras: Mapping[str, CameraFacts],
         writer: SessionWriter,
+        disk: DiskThreads,
         *,
         interrupted: plans.InterruptedBurst | None = None,
     ) -> None:
@@ -37,62 +46,51 @@ class BurstSession:
         self.session: Path | None = None
         self.message = ""
         self._writer = writer
-        self._planning = threading.Lock()
-        self._disk = DiskThreads()
+        self._disk = disk
         self._interrupted = interrupted
         begin_ns = burst.instants_ns[-1] + AFTER_LAST_INSTANT_NS
-        self._cameras = {
-            name: CameraProgress(CameraRecord(name=name, facts=facts), begin_ns)
-            for name, facts in cameras.items()
-            if name in burst.clients
-        }
+        records = (CameraRecord(name=n, facts=of) for n, of in cameras.items() if n in burst.clients)
+        self._cameras = {record.name: CameraProgress(record, begin_ns) for record in records}
+        self._choice = InstantChoice(burst)
         if interrupted is not None:
-            self._cameras = interrupted.cameras
+            self._cameras, self._choice = interrupted.cameras, interrupted.choice
+        self._plan = plans.SharedPlan(writer, disk)
+        self._settlement = Settlement(self._choice, self._plan, self._cameras)
+        self._background: set[asyncio.Task[None]] = set()
+        self._commits = ImageCommits(self._save, self._note_saved)
 
     @classmethod
-    def resume(cls, folder: Path, heard_ns: int) -> "BurstSession":
+    def resume(cls, folder: Path, heard_ns: int, disk: DiskThreads) -> "BurstSession":
         """Go on with a burst that was interrupted or lacks images; its cameras count as heard at `heard_ns`.
 
         Blocks on the disk. Raises BadInputError where the session has no plan, TryAgainError where another
         process writes it.
         """
         before = plans.InterruptedBurst.read(folder, heard_ns)
-        return cls(before.burst, {}, before.writer, interrupted=before)
+        return cls(before.burst, {}, before.writer, disk, interrupted=before)
 
     async def write_plan(self, leader: int, note: str = "") -> None:
         """Put on disk what this is to become; `leader` is the run of the leader that nodes know it by.
 
         Raises DiskFullError where there is no room for it.
         """
-        cameras = [camera.camera for camera in self._cameras.values()]
-        plan = plans.first_plan(
-            self._writer, leader, self.burst.number, plans.burst_record(self.burst), cameras, note
-        )
-        async with self._no_image_written():
-            await self._disk.call(self._writer.set_plan, plan)
+        self._plan.begin(leader, self.burst, note)
+        await self._settlement.save_plan()
 
     @property
     def status(self) -> BurstStatus:
         """How far it is; a burst of an earlier run has no number in this one."""
-        instants = len(self.burst.instants_ns)
-        received = sum(len(camera.instants) for camera in self._cameras.values())
-        expected = len(self._cameras) * instants
-        done, message, resumed = self.finished.is_set(), self.message, self._interrupted is not None
-        if resumed:
-            message = f"{self._writer.name} of an earlier run: {received} of {expected} images" + (
-                f"; {message}" if message else "" if done else ", waiting for what its nodes still hold"
-            )
-        return BurstStatus(
-            burst=0 if resumed else self.burst.number,
-            name=self._writer.name,
-            cameras=len(self._cameras),
-            instants=instants,
-            received=received,
-            expected=expected,
+        done = self.finished.is_set()
+        waiting = "" if done else waiting_text(self._commits, self._settlement.undecided)
+        return burst_status(
+            self.burst,
+            self._writer,
+            self._cameras,
+            self._choice,
+            message=self.message or waiting,
             done=done,
-            session=None if self.session is None else str(self.session),
-            message=message,
-            transfer=tuple(camera.transfer(instants) for _, camera in sorted(self._cameras.items())),
+            session=self.session,
+            resumed=self._interrupted is not None,
         )
 
     @property
@@ -102,13 +100,7 @@ class BurstSession:
 
     def mean_image_bytes(self) -> dict[str, int]:
         """The mean size in bytes of each camera's images, of those that have any."""
-        means = {}
-        for name, camera in self._cameras.items():
-            images = [self._writer.image(name, instant) for instant in camera.instants]
-            sizes = [image.bytes for image in images if image is not None]
-            if sizes:
-                means[name] = sum(sizes) // len(sizes)
-        return means
+        return mean_image_bytes(self._writer, self._cameras)
 
     def stream_opened(self, camera: str) -> None:
         """That camera is connected: its images may take their time."""
@@ -119,55 +111,85 @@ class BurstSession:
         self._camera(camera).streams -= 1
         self._camera(camera).note_heard(now_ns)
 
-    async def accept_report(self, report: CameraReport, now_ns: int) -> tuple[ImageReceipt, ...]:
-        """Note what a camera will send, and return what is here of it already.
+    async def accept_report(self, report: CameraReport, now_ns: int, *, wait_s: float = 0.0) -> ReportAck:
+        """Note what a camera will send; return what of it is wanted, and is here already.
 
-        Raises BadInputError for a report that is not of this burst.
+        While that depends on other cameras it waits up to `wait_s` for them. Raises BadInputError for a
+        report that is not of this burst.
         """
         camera = self._camera(report.camera.name)
-        for instant in (*report.instants, *(missing.instant for missing in report.missing)):
-            self._check_instant(instant)
+        self._choice.check_ordered([*report.instants, *(missing.instant for missing in report.missing)])
         camera.interrupt()
         async with camera.writing:
             self._check_open()
             if camera.report is None and report.events:
                 events = ({"camera": report.camera.name, **event} for event in report.events)
                 await self._disk.call(self._writer.add_event, *events)
-            planned = plans.camera_plan(report)
-            await self._disk.call(self._plan_report, planned)
-            camera.report, camera.given_up, camera.silent = planned, "", False
+            camera.report, camera.given_up, camera.silent = plans.camera_plan(report), "", False
             camera.note_heard(now_ns)
-            receipts = await self._disk.call(camera.receipts, self._writer)
+            await self._settlement.settle()
+            if self._choice.is_settled:
+                await self._settlement.save_plan()
+        if not await self._settlement.wait(wait_s):
+            return ReportAck(undecided=True)
+        receipts = await self._disk.call(camera.receipts, self._writer, self._choice)
         await self.finish_if_complete()
-        return receipts
+        return ReportAck(receipts=receipts, wanted=self._choice.wanted)
 
     async def receive_image(self, upload: ImageUpload, payload: AsyncIterator[bytes], now_ns: int) -> str:
-        """Save an image as it comes in and return its checksum once it is on disk.
+        """Take an image in and return its checksum once it is on disk. Raises what `take_image` raises."""
+        sha256 = await asyncio.shield(await self.take_image(upload, payload, now_ns))
+        await self.finish_if_complete()
+        return sha256
+
+    async def take_image(
+        self, upload: ImageUpload, payload: AsyncIterator[bytes], now_ns: int
+    ) -> "asyncio.Future[str]":
+        """Take an image in as it comes; the future that is returned has its checksum once it is on disk.
 
         What came of it stays where the stream breaks off, with NetworkError. Raises BadInputError,
-        TryAgainError for a damaged one, DiskFullError; a full disk ends the burst.
+        TryAgainError for a damaged one, DiskFullError, as does the future; a full disk ends the burst.
         """
-        camera = self._camera(upload.record.camera)
-        self._check_instant(upload.record.instant)
         self._check_open()
-        known = self._writer.image(upload.record.camera, upload.record.instant)
+        record, camera = self._choice.renumbered(upload.record), self._camera(upload.record.camera)
+        known = self._writer.image(record.camera, record.instant)
         if known is not None:
-            return known.sha256
+            done: asyncio.Future[str] = asyncio.get_running_loop().create_future()
+            done.set_result(known.sha256)
+            return done
+        if record.instant in camera.saving:
+            return camera.saving[record.instant]
+        partial = PartialImage(self._writer.folder, replace(upload, record=record))
         try:
-            await camera.receive_image(upload, payload, self._writer, self._disk, self._check_open)
+            await camera.receive_image(partial, payload, self._disk, self._check_open)
+            async with camera.writing:
+                self._check_open()
+                if record.instant in camera.saving:
+                    return camera.saving[record.instant]
+                truth = await self._disk.call(partial.split_off_truth)
+                saved = self._commits.add(ReceivedImage(record, partial.file, truth, upload.true_ns))
+                task = asyncio.create_task(self._wait_until_saved(camera, record, saved))
+                camera.saving[record.instant] = task
         except DiskFullError:
             await self.finish_now("the leader's disk is full")
             raise
         camera.note_heard(now_ns)
-        await self.finish_if_complete()
-        return upload.record.sha256
+        return task
 
     async def give_up_camera(self, name: str, reason: str, *, silent: bool = False) -> None:
         """Wait no longer for a camera; `silent` where it may have its images all the same."""
         camera = self._cameras.get(name)
-        if camera is not None and not camera.is_complete():
-            camera.given_up, camera.silent = reason, silent
-            await self.finish_if_complete()
+        if camera is None or camera.is_complete(self._choice):
+            return
+        camera.given_up, camera.silent = reason, silent
+        try:
+            await self._settlement.settle()
+        except SimulshotError as error:
+            # No node may hear of instants that a crash would make others of.
+            self._choice.settle_without_reports()
+            for other in self._cameras.values():
+                other.given_up = other.given_up or error.what
+        await self.finish_if_complete()
 
     async def give_up_silent_cameras(self, lost: Mapping[str, str], now_ns: int) -> None:
         """Wait no longer for cameras without a stream, or lost (name to reason), or stalled."""
@@ -175,10 +197,10 @@ class BurstSession:
             if reason := camera.why_silent(lost, now_ns):
                 await self.give_up_camera(name, reason, silent=True)
 
-    async def finish_now(self, reason: str) -> None:
+    async def finish_now(self, reason: str, *, silent: bool = True) -> None:
         """Finish with what has come; `reason` is recorded with the images that are missing."""
         for name in self._cameras:
-            await self.give_up_camera(name, reason, silent=True)
+            await self.give_up_camera(name, reason, silent=silent)
         await self.finish_if_complete()
 
     async def finish_if_complete(self) -> None:
@@ -202,9 +224,13 @@ class BurstSession:
 
     async def cancel(self, reason: str) -> None:
         """Wait for nothing more: what has come is saved, and without any image there is no session."""
-        for name in self._cameras:
-            await self.give_up_camera(name, reason)
-        await self.finish_if_complete()
+        await self.finish_now(reason, silent=False)
+
+    def is_empty(self) -> bool:
+        """Whether no image has come yet."""
+        return not any(camera.instants for camera in self._cameras.values())
+
+    # The parts
 
     async def _end(self, work: Callable[[], None], message: str) -> None:
         async with self._no_image_written():
@@ -213,49 +239,62 @@ class BurstSession:
                 self.message = message
                 self.finished.set()
 
-    def is_empty(self) -> bool:
-        """Whether no image has come yet."""
-        return not any(camera.instants for camera in self._cameras.values())
-
     def _camera(self, name: str) -> CameraProgress:
         try:
             return self._cameras[name]
         except KeyError:
             raise BadInputError(f"camera {name!r} is not in burst {self.burst.number}") from None
 
-    def _check_instant(self, instant: int) -> None:
-        if not 0 <= instant < len(self.burst.instants_ns):
-            raise BadInputError(f"burst {self.burst.number} has no instant {instant}")
-
     def _check_open(self) -> None:
         if self.finished.is_set():
             raise TryAgainError(f"burst {self.burst.number} is over")
 
+    async def _save(self, images: Sequence[ReceivedImage]) -> list[SimulshotError | None]:
+        return await self._disk.call(self._writer.add_received, images)
+
+    def _note_saved(self, record: ImageRecord) -> None:
+        self._cameras[record.camera].instants.add(record.instant)
+
+    async def _wait_until_saved(
+        self, camera: CameraProgress, record: ImageRecord, saved: "asyncio.Future[None]"
+    ) -> str:
+        try:
+            await saved
+        except DiskFullError:
+            self._spawn(self.finish_now("the leader's disk is full"))
+            raise
+        finally:
+            camera.saving.pop(record.instant, None)
+        # The node hears of its image before the session is finished, which takes the disk some time.
+        self._spawn(self.finish_if_complete())
+        return record.sha256
+
+    def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
+        task = asyncio.create_task(work)
+        self._background.add(task)
+        task.add_done_callback(self._background.discard)
+
     def _may_finish(self) -> bool:
-        return not self.finished.is_set() and all(c.is_complete() for c in self._cameras.values())
+        return not self.finished.is_set() and all(
+            camera.is_complete(self._choice) for camera in self._cameras.values()
+        )
 
     @asynccontextmanager
     async def _no_image_written(self) -> AsyncIterator[None]:
         async with AsyncExitStack() as stack:
             for camera in self._cameras.values():
                 await stack.enter_async_context(camera.writing)
+            await self._commits.wait_until_idle()
             yield
 
-    def _plan_report(self, report: CameraPlan) -> None:
-        with self._planning:
-            plan = self._writer.plan
-            if plan is not None and (changed := plans.add_report(plan, report)) != plan:
-                self._writer.set_plan(changed)
-
     def _finish(self) -> Path | None:
-        instants, cameras = len(self.burst.instants_ns), self._cameras.values()
         lost = {} if self._interrupted is None else self._interrupted.lost
-        missing = [gap for camera in cameras for gap in camera.missing_images(instants, lost)]
-        if missing:
-            reasons = sorted({f"{gap.camera}: {gap.reason}" for gap in missing})
-            self.message = f"{len(missing)} images are missing ({'; '.join(reasons)})"
-        if self.is_empty() and self._interrupted is None and not any(camera.silent for camera in cameras):
+        missing = [gap for c in self._cameras.values() for gap in c.missing_images(self._choice, lost)]
+        burst = self._choice.record(self._settlement.reports)
+        self.message = plans.result_text(burst, missing)
+        silent = any(camera.silent for camera in self._cameras.values())
+        if self.is_empty() and self._interrupted is None and not silent:
             self._writer.discard()
             self.message = f"no image came, so no session was made; {self.message}"
             return None
-        return plans.write_manifest(self._writer, self._cameras, plans.burst_record(self.burst), missing)
+        return plans.write_manifest(self._writer, self._cameras, burst, missing)

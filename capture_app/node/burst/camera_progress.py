@@ -1,40 +1,24 @@
 """What one camera owes to a burst, and how far it is."""
 
 import asyncio
-import functools
 from collections.abc import AsyncIterator, Callable, Mapping
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
-from typing import ParamSpec, TypeVar
 
+from msgspec.structs import replace
+
+from capture_app.node.burst.disk_threads import DiskThreads
+from capture_app.node.burst.instant_choice import InstantChoice
 from capture_app.node.transfer.partial_image import PartialImage, partial_receipts
-from capture_app.node.wire.messages import ImageReceipt, ImageUpload
+from capture_app.node.wire.messages import ImageReceipt
 from capture_app.node.wire.status import CameraTransfer
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord, MissingImage
-from capture_app.session.writing.received_image import ReceivedImage
 from capture_app.session.writing.session_writer import SessionWriter
 
 PATIENCE_NS = 10_000_000_000
 """A camera that has had no stream open for this long has left its images behind."""
 STALL_NS = 180_000_000_000
 """A camera that has a stream open and sends nothing for this long has too."""
-DISK_THREADS = 24
-
-P = ParamSpec("P")
-T = TypeVar("T")
-
-
-class DiskThreads:
-    """So many that images of many cameras wait together, and share the cost of the disk's syncs."""
-
-    def __init__(self) -> None:
-        self._threads = ThreadPoolExecutor(DISK_THREADS, "disk")
-
-    async def call(self, work: Callable[P, T], *arguments: P.args, **options: P.kwargs) -> T:
-        """Do work that blocks on the disk, and return or raise what it does."""
-        loop = asyncio.get_running_loop()
-        return await loop.run_in_executor(self._threads, functools.partial(work, *arguments, **options))
 
 
 @dataclass(slots=True)
@@ -45,19 +29,26 @@ class CameraProgress:
     heard_ns: int
     streams: int = 0
     report: CameraPlan | None = None
+    """What it has told, with the instants' numbers as they were ordered."""
     instants: set[int] = field(default_factory=set)
-    """Those whose images are in the session."""
+    """Those whose images are in the session, with their numbers there."""
     given_up: str = ""
     silent: bool = False
     """Given up because nothing was heard of it: it may still have its images."""
     partial: PartialImage | None = None
     """The image that is coming in."""
+    saving: "dict[int, asyncio.Future[str]]" = field(default_factory=dict)
+    """By their numbers in the session, the images that have come and are not safely on the disk yet."""
     # One write at a time: a node that sends again after a broken stream meets its own first try.
     writing: asyncio.Lock = field(default_factory=asyncio.Lock)
 
-    def is_complete(self) -> bool:
+    def is_complete(self, choice: InstantChoice) -> bool:
         """Whether nothing is waited for."""
-        return bool(self.given_up) or (self.report is not None and self.instants >= set(self.report.instants))
+        if self.given_up:
+            return True
+        if self.report is None or not choice.is_settled:
+            return False
+        return self.instants >= choice.numbers(self.report.instants).keys()
 
     def transfer(self, instants: int) -> CameraTransfer:
         """How much of so many instants it has brought."""
@@ -67,6 +58,8 @@ class CameraProgress:
 
     def why_silent(self, lost: Mapping[str, str], now_ns: int) -> str:
         """Why not to wait for it any longer, empty where there is no reason; `lost` are reasons by name."""
+        if self.saving:
+            return ""
         silent_ns, name = now_ns - self.heard_ns, self.camera.name
         if silent_ns >= PATIENCE_NS and (not self.streams or name in lost):
             return lost.get(name, "it sent nothing")
@@ -81,44 +74,49 @@ class CameraProgress:
         if self.partial is not None:
             self.partial.close()
 
-    def receipts(self, writer: SessionWriter) -> tuple[ImageReceipt, ...]:
-        """What is here of its images, whole or in part. Blocks on the disk."""
-        name = self.camera.name
+    def receipts(self, writer: SessionWriter, choice: InstantChoice) -> tuple[ImageReceipt, ...]:
+        """What is here of its images, whole or in part, numbered as ordered. Blocks on the disk."""
+        name, chosen = self.camera.name, choice.chosen or ()
         images = [writer.image(name, instant) for instant in sorted(self.instants)]
         stored = (
             ImageReceipt(instant=image.instant, sha256=image.sha256, bytes=image.bytes, stored=True)
             for image in images
             if image is not None
         )
-        return (*stored, *partial_receipts(writer.folder, name))
+        return tuple(
+            replace(receipt, instant=chosen[receipt.instant])
+            for receipt in (*stored, *partial_receipts(writer.folder, name))
+            if receipt.instant < len(chosen)
+        )
 
     def missing_images(
-        self, instants: int, lost: Mapping[tuple[str, int], MissingImage]
+        self, choice: InstantChoice, lost: Mapping[tuple[str, int], MissingImage]
     ) -> list[MissingImage]:
-        """What has not come of that many instants, and why; `lost` are reasons from before."""
-        name = self.camera.name
+        """What has not come of the session's instants, and why; `lost` are reasons from before."""
+        name, chosen = self.camera.name, choice.chosen or ()
         told = {gap.instant: gap for (camera, _), gap in lost.items() if camera == name}
-        told |= {gap.instant: gap for gap in self.report.missing} if self.report else {}
+        for gap in self.report.missing if self.report else ():
+            if gap.instant in chosen:
+                number = chosen.index(gap.instant)
+                told[number] = replace(gap, instant=number)
         return [
-            told.get(instant)
-            or MissingImage(camera=name, instant=instant, reason=self.given_up or "it never came")
-            for instant in range(instants)
-            if instant not in self.instants
+            told.get(number)
+            or MissingImage(camera=name, instant=number, reason=self.given_up or "it never came")
+            for number in range(len(chosen))
+            if number not in self.instants
         ]
 
     async def receive_image(
         self,
-        upload: ImageUpload,
+        partial: PartialImage,
         payload: AsyncIterator[bytes],
-        writer: SessionWriter,
         disk: DiskThreads,
         check_open: Callable[[], None],
     ) -> None:
-        """Write an image as it comes in; `check_open` raises where the burst takes no more.
+        """Write an image into its file as it comes in; `check_open` raises where the burst takes no more.
 
-        What came of it stays where the stream breaks off. Raises what `PartialImage` and the writer raise.
+        What came of it stays where the stream breaks off. Raises what `PartialImage` raises.
         """
-        partial = PartialImage(writer.folder, upload)
         async with self.writing:
             check_open()
             self.interrupt()
@@ -129,15 +127,3 @@ class CameraProgress:
                 await disk.call(partial.add, chunk)
         finally:
             partial.close()
-        async with self.writing:
-            check_open()
-            if upload.record.instant not in self.instants:
-                await disk.call(_add_to_session, writer, partial)
-                self.instants.add(upload.record.instant)
-
-
-def _add_to_session(writer: SessionWriter, partial: PartialImage) -> None:
-    truth, upload = partial.split_off_truth(), partial.upload
-    for error in writer.add_received([ReceivedImage(upload.record, partial.file, truth, upload.true_ns)]):
-        if error is not None:
-            raise error

@@ -1,5 +1,6 @@
 """What a session keeps of a burst under way, to be read and finished after a crash, and its manifest."""
 
+import asyncio
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,11 +10,14 @@ import msgspec
 
 from capture_app.errors import SimulshotError
 from capture_app.node.burst.camera_progress import CameraProgress
+from capture_app.node.burst.disk_threads import DiskThreads
+from capture_app.node.burst.instant_choice import InstantChoice
 from capture_app.node.wire.messages import CameraReport
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan
 from capture_app.session.format.calibration import Calibration
-from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
+from capture_app.session.format.manifest import BurstRecord, MissingImage
 from capture_app.session.reading.reader import Session
+from capture_app.session.reading.skipped_instants import skipped_text
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_picks import Burst
 
@@ -40,38 +44,57 @@ def write_manifest(
 
 
 def burst_record(burst: Burst) -> BurstRecord:
-    """The manifest's record of a burst."""
+    """The record of a burst as it was ordered."""
     return BurstRecord(
         instants_ns=burst.instants_ns, period_ns=burst.period_ns, requested_ns=burst.requested_ns
     )
 
 
-def first_plan(
-    writer: SessionWriter,
-    leader: int,
-    number: int,
-    burst: BurstRecord,
-    cameras: Iterable[CameraRecord],
-    note: str = "",
-) -> BurstPlan:
-    """What a session is to become, before any camera has reported."""
-    return BurstPlan(
-        name=writer.name,
-        created=writer.created,
-        software=writer.software,
-        leader=leader,
-        number=number,
-        burst=burst,
-        cameras=tuple(CameraPlan(camera=camera) for camera in cameras),
-        note=note,
-    )
+def result_text(burst: BurstRecord, missing: Sequence[MissingImage]) -> str:
+    """What a burst lacks and what was skipped, in a line; empty where neither is anything."""
+    told = ""
+    if missing:
+        reasons = sorted({f"{gap.camera}: {gap.reason}" for gap in missing})
+        told = f"{len(missing)} images are missing ({'; '.join(reasons)})"
+    return "; ".join(filter(None, (told, skipped_text(burst.skipped))))
 
 
-def add_report(plan: BurstPlan, report: CameraPlan) -> BurstPlan:
-    """A plan to which one of its cameras has reported."""
-    name = report.camera.name
-    cameras = tuple(report if camera.camera.name == name else camera for camera in plan.cameras)
-    return msgspec.structs.replace(plan, cameras=cameras)
+class SharedPlan:
+    """The plan on disk; what is to be in it while it is being written is written together."""
+
+    def __init__(self, writer: SessionWriter, disk: DiskThreads) -> None:
+        self._writer = writer
+        self._disk = disk
+        self._newest = self._saved = writer.plan
+        self._writing = asyncio.Lock()
+
+    def begin(self, leader: int, burst: Burst, note: str) -> None:
+        """The burst of a new session, by the run of its leader; `note` is for the manifest."""
+        self._newest = BurstPlan(
+            name=self._writer.name,
+            created=self._writer.created,
+            software=self._writer.software,
+            leader=leader,
+            number=burst.number,
+            burst=burst_record(burst),
+            cameras=(),
+            spare=burst.spare,
+            note=note,
+        )
+
+    async def save(self, cameras: Iterable[CameraPlan], chosen: tuple[int, ...] | None) -> None:
+        """Return once what the cameras have told, and the instants of the burst, are on the disk.
+
+        Raises DiskFullError. Without `begin` there is no plan, and nothing is done.
+        """
+        if self._newest is None:
+            return
+        self._newest = msgspec.structs.replace(self._newest, cameras=tuple(cameras), chosen=chosen)
+        async with self._writing:
+            newest = self._newest
+            if newest != self._saved:
+                await self._disk.call(self._writer.set_plan, newest)
+                self._saved = newest
 
 
 def camera_plan(report: CameraReport) -> CameraPlan:
@@ -93,6 +116,7 @@ class InterruptedBurst:
     burst: Burst
     writer: SessionWriter
     cameras: dict[str, CameraProgress]
+    choice: InstantChoice
     lost: dict[tuple[str, int], MissingImage]
     """Images that an earlier finish gave up, and why."""
 
@@ -112,12 +136,12 @@ class InterruptedBurst:
             plan.burst.period_ns,
             instants_ns[0] if requested_ns is None else requested_ns,
             tuple(told.camera.name for told in plan.cameras),
+            plan.spare,
         )
-        cameras = {}
+        choice, cameras = InstantChoice(burst, plan.chosen), {}
         for told in plan.cameras:
             name = told.camera.name
-            has = (writer.image(name, instant) is not None for instant in range(len(instants_ns)))
-            there = {instant for instant, is_there in enumerate(has) if is_there}
+            there = {n for n in range(len(choice.chosen or ())) if writer.image(name, n) is not None}
             report = told if told.reported else None
             cameras[name] = CameraProgress(told.camera, heard_ns, report=report, instants=there)
         reason = "its file was damaged or lost after it came"
@@ -125,7 +149,7 @@ class InterruptedBurst:
             (camera, instant): MissingImage(camera=camera, instant=instant, reason=reason)
             for camera, instant in writer.damaged
         }
-        return cls(burst, writer, cameras, lost | _given_up(folder, cameras))
+        return cls(burst, writer, cameras, choice, lost | _given_up(folder, cameras))
 
 
 def _given_up(folder: Path, cameras: dict[str, CameraProgress]) -> dict[tuple[str, int], MissingImage]:

@@ -7,6 +7,7 @@ from pathlib import Path
 from capture_app.errors import BadInputError, DiskFullError, SimulshotError, TryAgainError
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.camera_progress import PATIENCE_NS
+from capture_app.node.burst.disk_threads import DiskThreads
 from capture_app.node.wire.messages import CameraReport, ImageUpload
 from capture_app.session.files.disk import SPARE_BYTES, free_bytes
 from capture_app.session.format.burst_plan import PLAN, read_plan
@@ -22,8 +23,9 @@ Key = tuple[int, int]
 class ResumedBursts:
     """The sessions in a folder that are not of this run, opened when they are needed."""
 
-    def __init__(self, root: Path, on_resumed: Callable[[BurstSession], None]) -> None:
+    def __init__(self, root: Path, on_resumed: Callable[[BurstSession], None], disk: DiskThreads) -> None:
         self._root = root
+        self._disk = disk
         self._on_resumed = on_resumed
         self._open: dict[Key, BurstSession] = {}
         self._folders: dict[Key, Path] = {}
@@ -88,7 +90,8 @@ class ResumedBursts:
             await session.suspend()
 
     async def _resume(self, key: Key, folder: Path, heard_ns: int) -> BurstSession:
-        session = await asyncio.to_thread(BurstSession.resume, folder, heard_ns)
+        session = await asyncio.to_thread(BurstSession.resume, folder, heard_ns, self._disk)
+        self._open = {of: other for of, other in self._open.items() if not other.finished.is_set()}
         self._open[key] = session
         self._on_resumed(session)
         return session

@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import functools
 import random
 import secrets
 import socket
@@ -19,7 +20,13 @@ from capture_app.net.multicast import BeaconReceiver
 from capture_app.net.udp import Pump, client_socket
 from capture_app.node.camera.device_profiles import DeviceProfiles
 from capture_app.node.camera.journal import NodeJournal
-from capture_app.node.camera.records import camera_record, camera_report, event_line, true_clock
+from capture_app.node.camera.records import (
+    camera_record,
+    camera_report,
+    event_line,
+    missing_images,
+    true_clock,
+)
 from capture_app.node.camera.supervisor import CameraSupervisor
 from capture_app.node.camera.viewfinder import Viewfinder
 from capture_app.node.transfer.burst_upload import BurstUpload
@@ -187,8 +194,10 @@ class CameraNode:
     def _handle_event(self, event: events.ClientEvent[CapturedFrame]) -> None:
         now_ns = self._clock.now_ns()
         if isinstance(event, events.BurstPicked):
-            self._uploader.add_burst(self._upload_of(event))
+            self._upload(event)
             return
+        if isinstance(event, events.BurstCancelled):
+            self._uploader.cancel_burst(event.leader, event.burst)
         if isinstance(event, events.Joined):
             leader = Address(self._failover.leader[0], event.transfer_port)
             self._uploader.set_leader(leader)
@@ -206,11 +215,16 @@ class CameraNode:
         elif isinstance(event, ClockRateChanged):
             self._talk(node_message.RATE_CHANGED)
 
-    def _upload_of(self, ready: events.BurstPicked[CapturedFrame]) -> BurstUpload:
+    def _upload(self, ready: events.BurstPicked[CapturedFrame]) -> None:
         assert self._tolerance_ns is not None
+        if ready.further:
+            missing = missing_images(self.name, ready.gaps)
+            self._uploader.extend_burst(ready.leader, ready.burst, ready.picks, missing)
+            return
         camera, corrections = self._camera, self._engine.aligner.corrections
         record = camera_record(self.name, camera.facts, ready, corrections, self._tolerance_ns)
         truth = true_clock(self._clock, camera.facts)
         report = camera_report(record, ready, camera.calibration, truth, tuple(self._events))
         self._events.clear()
-        return BurstUpload(report, deque(ready.picks))
+        forget = functools.partial(self._engine.forget_burst, ready.leader, ready.burst)
+        self._uploader.add_burst(BurstUpload(report, deque(ready.picks), on_settled=forget))

@@ -1,5 +1,6 @@
 """A node's clock, phase and events as the manifest, the report and the event log record them."""
 
+from collections.abc import Iterable
 from typing import Any
 
 import msgspec
@@ -10,7 +11,7 @@ from capture_app.node.wire.messages import CameraReport, JsonValue
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.manifest import CameraRecord, ClockRecord, MissingImage, PhaseRecord
 from capture_app.sync.rig import events
-from capture_app.sync.rig.frame_picks import DROPPED
+from capture_app.sync.rig.frame_picks import DROPPED, Gap
 from capture_app.sync.timekeeping import clock_events
 
 
@@ -63,15 +64,18 @@ def camera_report(
         burst=ready.burst,
         camera=camera,
         instants=tuple(pick.instant for pick in ready.picks),
-        missing=tuple(
-            MissingImage(
-                camera=camera.name, instant=gap.instant, reason=gap.reason, dropped=gap.reason == DROPPED
-            )
-            for gap in ready.gaps
-        ),
+        missing=missing_images(camera.name, ready.gaps),
         calibration=calibration,
         true_clock=true_clock,
         events=events,
+    )
+
+
+def missing_images(camera: str, gaps: Iterable[Gap]) -> tuple[MissingImage, ...]:
+    """What a camera tells of instants that it has no frame of."""
+    return tuple(
+        MissingImage(camera=camera, instant=gap.instant, reason=gap.reason, dropped=gap.reason == DROPPED)
+        for gap in gaps
     )
 
 

@@ -7,26 +7,26 @@ from typing import Any
 
 from capture_app.errors import BadInputError, IncompleteError, SimulshotError
 from capture_app.names import check_name
+from capture_app.node.burst.answers import CancelledBurstError
 from capture_app.node.burst.burst_session import BurstSession
+from capture_app.node.burst.disk_threads import DiskThreads
 from capture_app.node.burst.resumed_bursts import RETURN_NS, ResumedBursts
 from capture_app.node.leader.readiness import check_room, expected_image_bytes
 from capture_app.node.leader.wording import News
 from capture_app.node.wire.messages import CameraReport, ImageUpload, SpoolSpace
+from capture_app.node.wire.status import BurstStatus
 from capture_app.session.writing.session_writer import SessionWriter
+from capture_app.sync.rig.complete_instants import usual_spare
 from capture_app.sync.rig.events import BurstRefused
 from capture_app.sync.rig.leader import Leader
 from capture_app.sync.wire.messages import NodeState
 
 CANCELLED = "the burst was cancelled"
-MAX_OPEN_BURSTS = 16
+MAX_OPEN_BURSTS, REMEMBERED = 16, 64
 UNNAMED = "burst"
 """What the sessions of takes without a name begin with."""
 MAX_FOLDER_NUMBER = 999_999
 SILENCE_CHECK_S = 0.25
-
-
-class CancelledBurstError(BadInputError):
-    """A node brings images of a burst that was cancelled: it may delete them."""
 
 
 class ActiveBursts:
@@ -47,13 +47,15 @@ class ActiveBursts:
         self.saved: list[str] = []
         """Paths of the sessions of this run, newest last."""
         self.newest: BurstSession | None = None
-        self.resumed = ResumedBursts(root, lambda session: self._spawn(self._follow(session)))
+        self._disk = DiskThreads()
+        self.resumed = ResumedBursts(root, lambda session: self._spawn(self._follow(session)), self._disk)
         """The sessions of earlier runs that are being finished."""
         self._root = root
         self._engine = engine
         self._on_news = on_news
         self._bursts: dict[int, BurstSession] = {}
         self._cancelled: set[int] = set()
+        self._finished: dict[int, BurstStatus] = {}
         self._last_number = 0
         self._last_folders: dict[str, int] = {}
         """The number in the name of the last session, by what is before it."""
@@ -68,22 +70,31 @@ class ActiveBursts:
         for task in tuple(self._tasks):
             task.cancel()
         await asyncio.gather(*self._tasks, return_exceptions=True)
-        for burst in self._bursts.values():
+        for burst in tuple(self._bursts.values()):
             if not burst.finished.is_set():
                 # Nodes still have what has not come, and the next start may fetch it.
                 await (burst.suspend() if burst.is_empty() else burst.finish_now("the leader was stopped"))
                 self._note_finished(burst)
         await self.resumed.suspend_all()
+        self._disk.close()
 
     async def order(
-        self, *, frames: int, spacing: int, at_leader_ns: int | None, name: str = "", note: str = ""
+        self,
+        *,
+        frames: int,
+        spacing: int = 1,
+        spare: int | None = None,
+        at_leader_ns: int | None = None,
+        name: str = "",
+        note: str = "",
     ) -> BurstSession:
         """Order a burst of all nodes that are here, and begin its session, which is named after the take.
 
+        Up to `spare` further instants make up for those that not every camera has; None for the usual number.
         Raises BadInputError for an impossible burst or a folder that cannot be written, NoCameraHereError
         where there is no camera, DiskFullError where it will hardly find room here or on a node.
         """
-        if sum(not burst.finished.is_set() for burst in self._bursts.values()) >= MAX_OPEN_BURSTS:
+        if len(self._bursts) >= MAX_OPEN_BURSTS:
             raise IncompleteError(
                 f"{MAX_OPEN_BURSTS} bursts are still being saved", hint="wait until they are there"
             )
@@ -100,13 +111,18 @@ class ActiveBursts:
         self._last_number = number
         try:
             burst = self._engine.trigger(
-                self.now_ns(), frames=frames, spacing=spacing, at_leader_ns=at_leader_ns, number=number
+                self.now_ns(),
+                frames=frames,
+                spacing=spacing,
+                spare=usual_spare(frames) if spare is None else spare,
+                at_leader_ns=at_leader_ns,
+                number=number,
             )
         except SimulshotError:
             await asyncio.to_thread(writer.discard)
             raise
         facts = {view.name: view.camera for view in self._engine.clients(self.now_ns())}
-        session = self._bursts[number] = self.newest = BurstSession(burst, facts, writer)
+        session = self._bursts[number] = self.newest = BurstSession(burst, facts, writer, self._disk)
         self._spawn(self._follow(session))
         # On disk before any node can hear of it, so that whatever is picked can be fetched after a crash.
         try:
@@ -128,9 +144,13 @@ class ActiveBursts:
         self._engine.cancel(session.burst, self.now_ns())
         await session.cancel(CANCELLED)
 
-    def session_by_number(self, burst: int) -> BurstSession:
-        """The session of a burst of this run, by its number."""
-        return self._bursts[burst]
+    async def wait_until_saved(self, burst: int) -> BurstStatus:
+        """Wait until a burst of this run is saved or given up, and return its last status."""
+        session = self._bursts.get(burst)
+        if session is not None:
+            await session.finished.wait()
+            return session.status
+        return self._finished[burst]
 
     async def find_session(self, message: CameraReport | ImageUpload) -> BurstSession:
         """Return the burst of an upload, of this run or of an earlier one whose session lacks it.
@@ -174,12 +194,18 @@ class ActiveBursts:
         self._note_finished(session)
 
     def _note_finished(self, session: BurstSession) -> None:
-        path = session.status.session
+        status = session.status
+        path, number = status.session, session.burst.number
         if path is not None and path not in self.saved:
             self.saved.append(path)
         if path is not None:
             self._image_bytes |= session.mean_image_bytes()
-        self._on_news(session.status)
+        if self._bursts.get(number) is session:
+            del self._bursts[number]
+            self._finished[number] = status
+            if len(self._finished) > REMEMBERED:
+                del self._finished[min(self._finished)]
+        self._on_news(status)
 
     async def _watch_silence(self) -> None:
         while True:
@@ -190,7 +216,7 @@ class ActiveBursts:
                 for view in self._engine.clients(now_ns)
                 if view.report.state is NodeState.LOST
             }
-            for session in (*self._bursts.values(), *self.resumed.sessions()):
+            for session in (*tuple(self._bursts.values()), *self.resumed.sessions()):
                 if not session.finished.is_set():
                     await session.give_up_silent_cameras(lost, now_ns)
 

@@ -176,31 +176,15 @@ class LeaderNode:
         """Wait until an operator wants this leader to end."""
         await self._orders.stop_wanted.wait()
 
-    async def trigger(
-        self,
-        *,
-        frames: int,
-        spacing: int = 1,
-        at_leader_ns: int | None = None,
-        name: str = "",
-        note: str = "",
-    ) -> BurstStatus:
-        """Order a burst of all nodes that are here, and begin its session, named after the take.
-
-        Raises BadInputError for an impossible burst or a folder that cannot be written, NoCameraHereError
-        where there is no camera, DiskFullError where it will hardly find room here or on a node.
-        """
-        session = await self._bursts.order(
-            frames=frames, spacing=spacing, at_leader_ns=at_leader_ns, name=name, note=note
-        )
+    async def trigger(self, *, frames: int) -> BurstStatus:
+        """Order a burst of all nodes that are here. Raises what `ActiveBursts.order` raises."""
+        session = await self._bursts.order(frames=frames)
         self._pump.turn()
         return session.status
 
     async def wait_until_saved(self, burst: int) -> BurstStatus:
         """Wait until a burst is saved or given up, and return its last status."""
-        session = self._bursts.session_by_number(burst)
-        await session.finished.wait()
-        return session.status
+        return await self._bursts.wait_until_saved(burst)
 
     async def wait_until_resumed(self) -> None:
         """Wait until the sessions of earlier runs that were taken up at the start are finished."""
@@ -228,14 +212,15 @@ class LeaderNode:
             asked_ns = self._clock.now_ns()
         if coarse := coarse_nodes(self._views()):
             yield replace(before, message=f"less accurate than asked for: {coarse}")
-        status = await self.trigger(
+        session = await self._bursts.order(
             frames=request.frames,
             spacing=request.spacing,
+            spare=request.spare,
             at_leader_ns=self._first_instant(request, asked_ns),
             name=request.name,
             note=request.note,
         )
-        session = self._bursts.session_by_number(status.burst)
+        self._pump.turn()
         while not session.finished.is_set():
             yield session.status
             with contextlib.suppress(TimeoutError):

@@ -7,6 +7,7 @@ from msgspec import Struct
 
 from capture_app.errors import BadInputError, NetworkError, SimulshotError
 from capture_app.node.burst.burst_session import BurstSession
+from capture_app.node.burst.disk_threads import DiskThreads
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.wording import News
 from capture_app.session.format.burst_plan import PLAN
@@ -45,7 +46,7 @@ async def repair(
     for folder in broken:
         if _problem(folder):
             try:
-                await BurstSession.resume(folder, heard_ns=0).finish_now(NOT_BROUGHT)
+                await _finish_as_it_is(folder)
             except SimulshotError as error:
                 problems[folder] = str(error)
     return [_result(folder, problems[folder], folder in broken) for folder in folders]
@@ -67,6 +68,14 @@ async def _ask_nodes(
         await leader.wait_until_resumed()
     finally:
         await leader.stop()
+
+
+async def _finish_as_it_is(folder: Path) -> None:
+    disk = DiskThreads()
+    try:
+        await BurstSession.resume(folder, 0, disk).finish_now(NOT_BROUGHT)
+    finally:
+        disk.close()
 
 
 def _sessions(path: Path) -> list[Path]:

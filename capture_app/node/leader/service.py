@@ -1,18 +1,22 @@
 """What a leader does for the streams that nodes and operators open to it."""
 
+import asyncio
 import contextlib
 from collections.abc import AsyncGenerator, Callable
 
-from capture_app.errors import DiskFullError, NetworkError, SimulshotError, TryAgainError
+from capture_app.errors import NetworkError, SimulshotError
 from capture_app.net.channel import Channel
+from capture_app.node.burst.answers import ImageAnswers, refusal_of
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.leader.active_bursts import ActiveBursts, CancelledBurstError
+from capture_app.node.leader.active_bursts import ActiveBursts
 from capture_app.node.leader.orders import OperatorOrders
 from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.node.leader.watchers import Watchers
 from capture_app.node.wire import messages, operating
 from capture_app.node.wire.status import BurstStatus, RigStatus
 
+UNDECIDED_S = 0.1
+"""So long an answer to a report waits for other cameras, on which it depends which instants are wanted."""
 WorkingOn = dict[tuple[int, int], tuple[BurstSession, str]]
 """By a leader's run and a burst's number, the session and the camera that a stream brings images of."""
 
@@ -40,19 +44,32 @@ class LeaderService:
     async def serve(self, channel: Channel[messages.ToLeader]) -> None:
         """Answer a stream until its peer closes it; the user's mistakes are told, not raised."""
         working_on: WorkingOn = {}
+        answers = ImageAnswers(channel)
         try:
             while (message := await channel.receive_header()) is not None:
                 try:
+                    if isinstance(message, messages.ImageUpload):
+                        answers.add(await self._take_image(channel, message))
+                        continue
+                    await answers.drain()
                     await self._answer(channel, message, working_on)
                 except NetworkError:
                     raise
                 except SimulshotError as error:
-                    retry = isinstance(error, DiskFullError | TryAgainError)
-                    forget = isinstance(error, CancelledBurstError)
-                    await channel.send(messages.Refusal.of_error(error, retry=retry, forget=forget))
+                    await answers.drain()
+                    await channel.send(refusal_of(error))
         finally:
+            await answers.close()
             for session, camera in working_on.values():
                 session.stream_closed(camera, self._bursts.now_ns())
+
+    async def _take_image(
+        self, channel: Channel[messages.ToLeader], message: messages.ImageUpload
+    ) -> "asyncio.Future[str]":
+        session = await self._bursts.find_session(message)
+        saving = await session.take_image(message, channel.payload(), self._bursts.now_ns())
+        saving.add_done_callback(lambda _: self._bursts.tell_progress(session))
+        return saving
 
     async def _answer(
         self, channel: Channel[messages.ToLeader], message: messages.ToLeader, working_on: WorkingOn
@@ -72,16 +89,11 @@ class LeaderService:
                     if key in working_on:
                         working_on[key][0].stream_closed(camera, self._bursts.now_ns())
                     working_on[key] = session, camera
-                receipts = await session.accept_report(message, self._bursts.now_ns())
-                await channel.send(messages.ReportAck(receipts=receipts))
+                now_ns = self._bursts.now_ns()
+                await channel.send(await session.accept_report(message, now_ns, wait_s=UNDECIDED_S))
             case messages.SpoolSpace():
                 self._bursts.note_spool_space(message)
                 await channel.send(messages.ReportAck())
-            case messages.ImageUpload():
-                session = await self._bursts.find_session(message)
-                sha256 = await session.receive_image(message, channel.payload(), self._bursts.now_ns())
-                self._bursts.tell_progress(session)
-                await channel.send(messages.ImageAck(sha256=sha256))
             case operating.WatchRequest():
                 await self._watchers.serve(channel)
             case operating.ViewfinderOpened():

@@ -2,8 +2,9 @@
 
 import hashlib
 from collections import deque
-from collections.abc import Collection
+from collections.abc import Callable, Collection, Iterable
 from dataclasses import dataclass, field
+from pathlib import Path
 
 from msgspec.structs import replace
 
@@ -19,16 +20,26 @@ class BurstUpload:
     """A burst's frames on their way to the leader: picked, then encoded, then confirmed."""
 
     report: CameraReport
+    """Its instants are those that were ordered; the leader may want fewer."""
     frames: deque[Pick[CapturedFrame]]
     images: deque[ImageUpload] = field(default_factory=deque)
     """Ready to send as often as it takes."""
     in_memory: dict[int, bytes] = field(default_factory=dict)
-    """By instant, the bytes of those images that are not in the spool."""
+    """By instant, the bytes of those images that are not safely in the spool."""
+    unsynced: dict[int, ImageUpload] = field(default_factory=dict)
+    """By instant, those that are written to the spool but not on its disk yet."""
     confirmed: set[int] = field(default_factory=set)
     """Instants that the leader has."""
     spooled: SpooledBurst | None = None
     spooling: bool = True
     """Whether the spool is to be used; False once it was full."""
+    is_settled: bool = False
+    """Whether the leader has said which instants it wants."""
+    wanted: frozenset[int] | None = None
+    """Those; None for all."""
+    cancelled: bool = False
+    on_settled: Callable[[], None] = lambda: None
+    """Called when no further instants are wanted."""
 
     def load(self, image: ImageUpload) -> bytes | None:
         """An image's bytes; None where the spool does not have them as they were."""
@@ -43,17 +54,42 @@ class BurstUpload:
         whole = len(data) == record.bytes + image.truth_bytes
         return data if whole and hashlib.sha256(data[: record.bytes]).hexdigest() == record.sha256 else None
 
-    def confirm(self, image: ImageUpload) -> None:
-        """Let go of an image that the leader has. Blocks on the disk."""
-        self.confirmed.add(image.record.instant)
-        self.in_memory.pop(image.record.instant, None)
-        if self.spooled is not None:
-            self.spooled.remove_image(image)
+    def extend(self, frames: Iterable[Pick[CapturedFrame]], missing: Iterable[MissingImage]) -> None:
+        """Add what was picked for further instants, unless the leader does without them."""
+        if self.is_settled or self.cancelled:
+            return
+        new = [*frames]
+        self.frames.extend(new)
+        instants = (*self.report.instants, *(frame.instant for frame in new))
+        self.report = replace(self.report, instants=instants, missing=(*self.report.missing, *missing))
+
+    def settle(self, wanted: Collection[int] | None) -> list[Path]:
+        """Keep only what the leader wants, None for all; return the files of the rest."""
+        first, self.is_settled = not self.is_settled, True
+        self.wanted = None if wanted is None else frozenset(wanted)
+        if first:
+            self.on_settled()
+        if wanted is None:
+            return []
+        self.frames = deque(frame for frame in self.frames if frame.instant in wanted)
+        return self._let_go(lambda instant: instant not in wanted)
+
+    def confirm(self, instants: Collection[int]) -> list[Path]:
+        """Let go of images that the leader has; return their files."""
+        self.confirmed.update(instants)
+        return self._let_go(lambda instant: instant in instants)
+
+    def cancel(self) -> None:
+        """Let go of all of it."""
+        self.cancelled = True
+        self.frames.clear()
+        self._let_go(lambda _: True)
 
     def lost_instants(self) -> list[int]:
-        """Those that were announced and are neither here nor with the leader."""
+        """Those that are wanted of what was announced, and are neither here nor with the leader."""
         here = {image.record.instant for image in self.images} | {frame.instant for frame in self.frames}
-        return sorted(set(self.report.instants) - here - self.confirmed)
+        wanted = set(self.report.instants) if self.wanted is None else self.wanted & {*self.report.instants}
+        return sorted(wanted - here - self.confirmed)
 
     def report_lost(self, instants: Collection[int], reason: str) -> None:
         """Move announced images that will not come to those that are missing."""
@@ -61,3 +97,11 @@ class BurstUpload:
         gone = tuple(MissingImage(camera=name, instant=instant, reason=reason) for instant in instants)
         left = tuple(instant for instant in self.report.instants if instant not in instants)
         self.report = replace(self.report, instants=left, missing=(*self.report.missing, *gone))
+
+    def _let_go(self, of: Callable[[int], bool]) -> list[Path]:
+        gone = [image for image in self.images if of(image.record.instant)]
+        for image in gone:
+            self.images.remove(image)
+            self.in_memory.pop(image.record.instant, None)
+            self.unsynced.pop(image.record.instant, None)
+        return [] if self.spooled is None else [self.spooled.image_file(image) for image in gone]

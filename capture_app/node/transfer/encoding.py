@@ -95,18 +95,25 @@ class FrameEncoder:
 
     def _encode(self, burst: BurstUpload, picked: Pick[CapturedFrame]) -> ImageUpload:
         image, data = encode_frame(burst.report, picked)
+        # It can be sent from here at once, while the spool's disk takes its time.
+        burst.in_memory[picked.instant] = data
         if self._spool is None or not burst.spooling:
-            burst.in_memory[picked.instant] = data
             return image
         try:
             if burst.spooled is None:
                 burst.spooled = self._spool.create_burst(burst.report)
             burst.spooled.add_image(image, data)
         except SimulshotError as error:
-            burst.spooling = False
-            burst.in_memory[picked.instant] = data
-            self._talk(f"burst {burst.report.burst} is kept in memory until the leader has it: {error}")
+            note_full_spool(burst, error, self._talk)
+        else:
+            burst.unsynced[picked.instant] = image
         return image
+
+
+def note_full_spool(burst: BurstUpload, error: SimulshotError, talk: Callable[[str], None]) -> None:
+    """Keep a burst in memory from now on."""
+    burst.spooling = False
+    talk(f"burst {burst.report.burst} is kept in memory until the leader has it: {error}")
 
 
 def lower_priority() -> None:

@@ -8,18 +8,17 @@ SPOOL/<camera>/<leader>-<burst>/
 
 import os
 import shutil
-from collections.abc import Iterator
-from contextlib import closing
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
 
-from capture_app.errors import BadInputError, SimulshotError, TryAgainError
+from capture_app.errors import BadInputError, TryAgainError
 from capture_app.names import check_name
 from capture_app.node.wire.messages import CameraReport, ImageUpload
 from capture_app.session.files.disk import disk_error
-from capture_app.session.files.durable import AppendOnlyFile, sync_folder, write_atomic
+from capture_app.session.files.durable import AppendOnlyFile, sync_all, write_atomic, write_unsynced
 from capture_app.session.files.locks import lock_folder
 from capture_app.session.format.checks import read_struct
 from capture_app.session.format.journal import lines_of_file
@@ -39,21 +38,39 @@ class SpooledBurst:
         return self.folder / f"{image.record.instant:06d}{Path(image.record.path).suffix}"
 
     def write_report(self, report: CameraReport) -> None:
-        """Keep the report. Raises SimulshotError."""
+        """Keep the report, through a power cut too. Raises SimulshotError."""
         try:
             write_atomic(self.folder / REPORT, msgspec.json.encode(report))
         except OSError as error:
             raise disk_error(error, self.folder) from error
 
     def add_image(self, image: ImageUpload, data: bytes) -> None:
-        """Keep an image; once this returns no crash can lose it. Raises DiskFullError, SimulshotError."""
+        """Keep an image: it outlives this process now, and a power cut after `sync`.
+
+        Raises DiskFullError, SimulshotError.
+        """
         try:
-            write_atomic(self.image_file(image), data)
-            with closing(AppendOnlyFile(self.folder / JOURNAL)) as journal:
-                journal.append(msgspec.json.encode(image), durable=True)
+            write_unsynced(self.image_file(image), data)
+            journal = AppendOnlyFile(self.folder / JOURNAL)
+            try:
+                journal.append(msgspec.json.encode(image), durable=False)
+            finally:
+                journal.close(synced=False)
         except OSError as error:
             self.image_file(image).unlink(missing_ok=True)
             raise disk_error(error, self.folder) from error
+
+    def sync(self, images: Iterable[ImageUpload]) -> None:
+        """Wait until these images, and the report, are on the disk; those that are gone are left out.
+
+        Their order does not matter: what a power cut has torn is noticed by its checksum. Raises
+        DiskFullError, SimulshotError.
+        """
+        folder = self.folder
+        files = [folder / REPORT, folder / JOURNAL, *map(self.image_file, images)]
+        for error in sync_all((*files, folder, folder.parent)).values():
+            if not isinstance(error, FileNotFoundError):
+                raise disk_error(error, folder) from error
 
     def read_report(self) -> CameraReport:
         """Read the report again. Raises BadInputError."""
@@ -71,10 +88,6 @@ class SpooledBurst:
                 continue
             if self.image_file(image).is_file():
                 yield image
-
-    def remove_image(self, image: ImageUpload) -> None:
-        """Delete an image that the leader has."""
-        self.image_file(image).unlink(missing_ok=True)
 
     def remove(self) -> None:
         """Delete the burst, of which the leader has all."""
@@ -109,18 +122,17 @@ class Spool:
         return [SpooledBurst(folder) for folder in sorted(found, key=lambda folder: folder.stat().st_mtime)]
 
     def create_burst(self, report: CameraReport) -> SpooledBurst:
-        """Make a burst's folder, with its report. Raises DiskFullError, SimulshotError."""
+        """Make a burst's folder, with its report; `SpooledBurst.sync` makes both outlive a power cut.
+
+        Raises DiskFullError, SimulshotError.
+        """
         burst = SpooledBurst(self.folder / f"{report.leader:08x}-{report.burst:06d}")
         try:
             burst.folder.mkdir(exist_ok=True)
-            sync_folder(self.folder)
+            write_unsynced(burst.folder / REPORT, msgspec.json.encode(report))
         except OSError as error:
-            raise disk_error(error, self.folder) from error
-        try:
-            burst.write_report(report)
-        except SimulshotError:
             burst.remove()
-            raise
+            raise disk_error(error, self.folder) from error
         return burst
 
     def close(self) -> None:

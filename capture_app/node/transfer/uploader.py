@@ -3,18 +3,23 @@
 import asyncio
 import contextlib
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
+from msgspec.structs import replace
+
+from capture_app.cameras.base import CapturedFrame
 from capture_app.errors import NetworkError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect
 from capture_app.node.transfer.burst_sender import BurstSender, PostponedError
 from capture_app.node.transfer.burst_upload import BurstUpload
-from capture_app.node.transfer.encoding import FrameEncoder
+from capture_app.node.transfer.encoding import FrameEncoder, note_full_spool
 from capture_app.node.transfer.spool import Spool
-from capture_app.node.wire.messages import FromLeader, SpoolSpace
+from capture_app.node.wire.messages import CameraReport, FromLeader, ImageUpload, SpoolSpace
 from capture_app.session.files.disk import free_bytes
+from capture_app.session.format.manifest import MissingImage
+from capture_app.sync.rig.frame_picks import Pick
 
 RETRY_S = (0.5, 1.0, 2.0, 4.0)
 SPACE_EVERY_S = 30.0
@@ -36,6 +41,7 @@ class Uploader:
         self._refused: deque[BurstUpload] = deque(maxlen=MAX_WAITING_BURSTS)
         self._news = asyncio.Event()
         self._to_encode = asyncio.Event()
+        self._to_sync = asyncio.Event()
         self._space_is_due = False
         self._encoder = FrameEncoder(talk, spool)
         self._stream: Channel[Any] | None = None
@@ -57,6 +63,7 @@ class Uploader:
                 spooled.remove()
                 continue
             self.talk(f"burst {report.burst}: {len(images)} images are still in {spooled.folder}")
+            report = _with_images(report, images)
             self._waiting.append(BurstUpload(report, deque(), images, spooled=spooled))
 
     def add_burst(self, burst: BurstUpload) -> None:
@@ -69,12 +76,29 @@ class Uploader:
         self._news.set()
         self._to_encode.set()
 
+    def extend_burst(
+        self, leader: int, burst: int, frames: Iterable[Pick[CapturedFrame]], missing: Iterable[MissingImage]
+    ) -> None:
+        """Add further instants to a burst that was taken on before, where they are still of use."""
+        for upload in self._uploads_of(leader, burst):
+            upload.extend(frames, missing)
+        self._news.set()
+        self._to_encode.set()
+
+    def cancel_burst(self, leader: int, burst: int) -> None:
+        """Let go of a burst: its leader wants nothing of it any more."""
+        for upload in self._uploads_of(leader, burst):
+            upload.cancel()
+            self.talk(f"burst {burst} was cancelled")
+        self._news.set()
+
     async def run(self) -> None:
         """Encode and send until cancelled."""
         try:
             async with asyncio.TaskGroup() as tasks:
                 tasks.create_task(self._encode_all())
                 tasks.create_task(self._send_all())
+                tasks.create_task(self._sync_spool())
                 tasks.create_task(self._watch_space())
         finally:
             self._encoder.close()
@@ -104,6 +128,26 @@ class Uploader:
                 continue
             await self._encoder.encode_next(burst)
             self._news.set()
+            self._to_sync.set()
+
+    async def _sync_spool(self) -> None:
+        """Sync the spool for all images that were written to it during the sync before."""
+        while True:
+            await self._to_sync.wait()
+            self._to_sync.clear()
+            for burst in tuple(self._waiting):
+                images, spooled = dict(burst.unsynced), burst.spooled
+                if not images or spooled is None:
+                    continue
+                try:
+                    await asyncio.to_thread(spooled.sync, images.values())
+                except SimulshotError as error:
+                    burst.unsynced.clear()
+                    note_full_spool(burst, error, self.talk)
+                    continue
+                for instant in images:
+                    if burst.unsynced.pop(instant, None) is not None:
+                        burst.in_memory.pop(instant, None)
 
     async def _send_all(self) -> None:
         failures = 0
@@ -149,6 +193,10 @@ class Uploader:
         with contextlib.suppress(ValueError):
             self._waiting.remove(burst)
 
+    def _uploads_of(self, leader: int, burst: int) -> list[BurstUpload]:
+        of = leader, burst
+        return [u for u in (*self._waiting, *self._refused) if (u.report.leader, u.report.burst) == of]
+
     async def _watch_space(self) -> None:
         while self.spool is not None:
             await asyncio.sleep(SPACE_EVERY_S)
@@ -162,3 +210,10 @@ class Uploader:
         folder = self.spool.folder
         space = SpoolSpace(camera=self.spool.camera, free_bytes=free_bytes(folder), spool=str(folder))
         await sender.ask(space)
+
+
+def _with_images(report: CameraReport, images: Iterable[ImageUpload]) -> CameraReport:
+    """A report with the spare instants, too, that were picked after it was written."""
+    instants = sorted({*report.instants, *(image.record.instant for image in images)})
+    missing = tuple(gap for gap in report.missing if gap.instant not in instants)
+    return replace(report, instants=tuple(instants), missing=missing)

@@ -64,6 +64,10 @@ class ImageAck(Message, frozen=True, kw_only=True, tag="image-ack"):
     sha256: str
 
 
+class StillSaving(Message, frozen=True, kw_only=True, tag="still-saving"):
+    """The leader's disk takes its time with the images that have come; the answer to each follows."""
+
+
 class ImageReceipt(Message, frozen=True, kw_only=True):
     """What the leader has of an image: all of it, safely on its disk, or the first bytes."""
 
@@ -79,6 +83,10 @@ class ReportAck(Message, frozen=True, kw_only=True, tag="report-ack"):
     """The leader has a node's report, and of that camera's images what `receipts` say."""
 
     receipts: tuple[ImageReceipt, ...] = ()
+    wanted: tuple[Count, ...] | None = None
+    """Which instants are to be sent, where that is not all."""
+    undecided: bool = False
+    """That depends on cameras that have not told yet: ask again."""
 
 
 class Refusal(Message, frozen=True, kw_only=True, tag="refusal"):
@@ -146,4 +154,6 @@ class BurstAnswer(Message, frozen=True, kw_only=True, tag="burst"):
 ToLeader = (
     CameraReport | ImageUpload | SpoolSpace | StatusRequest | BurstRequest | FromOperator | FromViewfinder
 )
-FromLeader = ImageAck | ReportAck | Refusal | StatusAnswer | BurstAnswer | ToOperator | ToViewfinder
+FromLeader = (
+    ImageAck | StillSaving | ReportAck | Refusal | StatusAnswer | BurstAnswer | ToOperator | ToViewfinder
+)

@@ -6,6 +6,7 @@ from msgspec import Struct
 
 from capture_app.camera_facts import Count
 from capture_app.clock import SimulatedClock
+from capture_app.errors import BadInputError
 from capture_app.names import Name, check_name
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.checks import read_struct
@@ -45,6 +46,10 @@ class BurstPlan(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     cameras: tuple[CameraPlan, ...]
     note: str = ""
     """What the manifest is to keep as a note."""
+    spare: Count = 0
+    """So many of the instants only make up for those that not every camera has."""
+    chosen: tuple[Count, ...] | None = None
+    """The instants that the session has; None while that is not settled, or where it has all."""
     schema_version: int = PLAN_VERSION
 
     @property
@@ -59,4 +64,6 @@ def read_plan(folder: Path) -> BurstPlan:
     check_name(plan.name, "session")
     for share in plan.cameras:
         check_name(share.camera.name, "camera")
+    if any(instant >= len(plan.burst.instants_ns) for instant in plan.chosen or ()):
+        raise BadInputError(f"{folder / PLAN} has chosen an instant that was not ordered")
     return plan

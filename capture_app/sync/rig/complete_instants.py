@@ -3,6 +3,13 @@
 from collections.abc import Collection
 from dataclasses import dataclass
 
+FEWEST_SPARE = 4
+
+
+def usual_spare(frames: int) -> int:
+    """How many spare instants a burst gets: as many again, for a camera that loses every other frame."""
+    return max(FEWEST_SPARE, frames)
+
 
 @dataclass(frozen=True, slots=True)
 class CameraInstants:

@@ -1,0 +1,108 @@
+"""Which of the instants that were ordered a burst gets, and what becomes of their numbers."""
+
+from collections.abc import Collection, Mapping
+
+from msgspec.structs import replace
+
+from capture_app.errors import BadInputError, TryAgainError
+from capture_app.session.format.burst_plan import CameraPlan
+from capture_app.session.format.manifest import (
+    BurstRecord,
+    ImageRecord,
+    SkippedFrame,
+    SkippedInstant,
+    image_path,
+)
+from capture_app.sync.rig.complete_instants import CameraInstants, choose_instants
+from capture_app.sync.rig.frame_picks import Burst
+
+Reports = Mapping[str, CameraPlan | None]
+"""By camera, what it has told; None where it has told nothing yet."""
+
+
+class InstantChoice:
+    """The instants of a session, numbered from 0, and those that were ordered, numbered by the nodes."""
+
+    def __init__(self, burst: Burst, chosen: tuple[int, ...] | None = None) -> None:
+        """`chosen` are the instants of a burst that was begun before; without spare ones it has all."""
+        self._burst = burst
+        self.chosen = chosen if burst.spare else tuple(range(burst.frames))
+        """Their numbers as ordered; None while it is not settled which they are."""
+
+    @property
+    def is_settled(self) -> bool:
+        """Whether the instants are known; they never change after that."""
+        return self.chosen is not None
+
+    @property
+    def wanted(self) -> tuple[int, ...] | None:
+        """What nodes are to send, where that is not all."""
+        return self.chosen if self._burst.spare else None
+
+    def find(self, awaited: Collection[CameraPlan | None]) -> tuple[int, ...] | None:
+        """The instants that can be settled on by what the cameras that are awaited have told."""
+        told = [
+            None
+            if report is None
+            else CameraInstants(frozenset(report.instants), frozenset(gap.instant for gap in report.missing))
+            for report in awaited
+        ]
+        return choose_instants(len(self._burst.instants_ns), self._burst.frames, told)
+
+    def settle_without_reports(self) -> None:
+        """Take the instants as they were ordered: no camera can be asked."""
+        self.chosen = tuple(range(self._burst.frames))
+
+    def check_ordered(self, instants: Collection[int]) -> None:
+        """Raise BadInputError for one that was not ordered."""
+        for instant in instants:
+            if not 0 <= instant < len(self._burst.instants_ns):
+                raise BadInputError(f"burst {self._burst.number} has no instant {instant}")
+
+    def numbers(self, ordered: Collection[int]) -> dict[int, int]:
+        """By their numbers in the session, those of these instants that it has."""
+        chosen = self.chosen or ()
+        return {number: instant for number, instant in enumerate(chosen) if instant in ordered}
+
+    def renumbered(self, record: ImageRecord) -> ImageRecord:
+        """An image's record as the session has it.
+
+        Raises BadInputError for one that no camera may send, TryAgainError while nothing is settled.
+        """
+        self.check_ordered([record.instant])
+        if self.chosen is None:
+            raise TryAgainError(f"it is not settled yet which instants burst {self._burst.number} has")
+        suffix = record.path[record.path.rfind(".") :]
+        if record.path != image_path(record.camera, record.instant, suffix):
+            raise BadInputError(f"{record.path!r} is not a valid path for an image of {record.camera}")
+        if record.instant not in self.chosen:
+            raise BadInputError(f"burst {self._burst.number} does without instant {record.instant}")
+        number = self.chosen.index(record.instant)
+        return replace(record, instant=number, path=image_path(record.camera, number, suffix))
+
+    def skipped(self, reports: Reports) -> tuple[SkippedInstant, ...]:
+        """The instants that later ones have taken the place of, and why."""
+        chosen = self.chosen or ()
+        skipped = []
+        for instant in range(chosen[-1] if chosen else 0):
+            if instant in chosen:
+                continue
+            gaps = (
+                SkippedFrame(camera=name, reason=gap.reason, dropped=gap.dropped)
+                for name, report in sorted(reports.items())
+                for gap in (report.missing if report is not None else ())
+                if gap.instant == instant
+            )
+            leader_ns = self._burst.instants_ns[instant]
+            skipped.append(SkippedInstant(leader_ns=leader_ns, missing=tuple(gaps)))
+        return tuple(skipped)
+
+    def record(self, reports: Reports) -> BurstRecord:
+        """The burst as the manifest has it."""
+        burst = self._burst
+        return BurstRecord(
+            instants_ns=tuple(burst.instants_ns[instant] for instant in self.chosen or ()),
+            period_ns=burst.period_ns,
+            requested_ns=burst.requested_ns,
+            skipped=self.skipped(reports),
+        )

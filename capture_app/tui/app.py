@@ -1,23 +1,29 @@
 """The app: four modes on a rig, what holds in all of them, and the one worker that hears of the rig."""
 
+import asyncio
+import contextlib
+import signal
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
-from typing import ClassVar, Literal
+from typing import Any, ClassVar, Literal
 
 from textual import work
-from textual.app import App
+from textual.app import App, SystemCommand
 from textual.binding import Binding, BindingType
 from textual.screen import Screen
 from textual.widget import Widget
 
+from capture_app.errors import SimulshotError
 from capture_app.node.wire.status import RigStatus
 from capture_app.node.wire.views import NewsLine
 from capture_app.text import printable
 from capture_app.tui.header import MODES
 from capture_app.tui.jobs.job_list import JobList
 from capture_app.tui.jobs.jobs_view import JobsView
+from capture_app.tui.keys.actions import keys_file_text, unknown_names
+from capture_app.tui.keys.help_screen import HelpScreen
 from capture_app.tui.library.catalogue import find_samples
 from capture_app.tui.library.sessions_view import SessionsView
 from capture_app.tui.messages import (
@@ -32,12 +38,16 @@ from capture_app.tui.messages import (
     message_of,
 )
 from capture_app.tui.mode import ModeScreen
-from capture_app.tui.placeholder import NotThereYet
+from capture_app.tui.question import Question
+from capture_app.tui.quitting import LEAVE, STOP, quit_question
 from capture_app.tui.record import RigRecord
 from capture_app.tui.rig.view import RigView
 from capture_app.tui.rig_source import RigSource
-from capture_app.tui.settings import Settings
+from capture_app.tui.settings import KEYS_FILE, Settings
+from capture_app.tui.shoot.view import ShootView
 from capture_app.tui.themes import DARK, PLAIN, THEMES
+
+STOP_TIMEOUT_S = 10.0
 
 
 class SimulshotApp(App[None]):
@@ -93,7 +103,11 @@ class SimulshotApp(App[None]):
         """Begin to follow the rig."""
         for warning in self._settings.warnings:
             self.show_mishap(warning, "warning")
+        if wrong := unknown_names(self._settings.keys):
+            self.show_mishap(f"{KEYS_FILE} names actions that do not exist: {', '.join(wrong)}", "warning")
         self._settings.on_change = self._save_soon
+        with contextlib.suppress(NotImplementedError, ValueError):  # not in the main thread, as in tests
+            asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, self.exit)
         self.screen_change_signal.subscribe(self, self._tell_screen)
         self.theme_changed_signal.subscribe(self, lambda theme: self._settings.remember("theme", theme.name))
         self._follow()
@@ -109,12 +123,12 @@ class SimulshotApp(App[None]):
     def _view(self, mode: str) -> Widget:
         if mode == "rig":
             return RigView(self._source, self._record, self._settings, self._sessions, local=self._local)
+        if mode == "shoot":
+            return ShootView(self._source, self._settings)
         if mode == "sessions":
             samples = find_samples(self._sessions)
             return SessionsView(self._sessions, self.jobs, samples=samples, settings=self._settings)
-        if mode == "jobs":
-            return JobsView(self.jobs)
-        return NotThereYet(MODES[mode])
+        return JobsView(self.jobs)
 
     # The rig
 
@@ -169,7 +183,77 @@ class SimulshotApp(App[None]):
         """Go to a mode."""
         self.switch_mode(mode)
 
+    def action_help(self) -> None:
+        """Show the keys of the present screen."""
+        if isinstance(self.screen, HelpScreen):
+            return
+        actions = [each.binding for each in self.screen.active_bindings.values()]
+        names = {binding.key: self.get_key_display(binding) for binding in actions}
+        folder = "" if self._settings.folder is None else str(self._settings.folder)
+        self.push_screen(HelpScreen(actions, names, folder))
+
+    def get_system_commands(self, screen: Screen[Any]) -> Iterable[SystemCommand]:
+        """Everything that has a key here, for the palette, and the themes."""
+        seen: set[str] = set()
+        for node, binding, enabled, _ in screen.active_bindings.values():
+            if enabled and binding.id is not None and binding.id not in seen:
+                seen.add(binding.id)
+                act = partial(self.run_action, binding.action, node)
+                yield SystemCommand(binding.description, f"key {self.get_key_display(binding)}", act)
+        yield SystemCommand("Theme", "dark, light, without colour, and others", self.action_change_theme)
+
+    def on_help_screen_write_keys(self) -> None:
+        """Write the file in which keys are changed, where there is none yet."""
+        self._write_keys()
+
+    # Leaving
+
+    async def action_quit(self) -> None:
+        """Close the screen; ask first where that ends something, or leaves a rig behind."""
+        status = None if self._record.lost else self._record.status
+        question = quit_question(
+            status, started=self._started, local=self._local, jobs=len(self.jobs.unfinished)
+        )
+        if isinstance(self.screen, Question):
+            self.exit()  # asked again, without an answer: leave, and let the rig be
+        elif question is not None:
+            self.push_screen(question, self._leave)
+        elif self._started and self._local and status is not None:
+            self._leave(STOP)  # a rig without a camera that was started for this screen
+        else:
+            self.exit()
+
+    def _leave(self, answer: str | None) -> None:
+        if answer == STOP:
+            self._stop_rig()
+        elif answer == LEAVE:
+            self.exit()
+
+    @work(group="leaving", exclusive=True)
+    async def _stop_rig(self) -> None:
+        try:
+            await asyncio.wait_for(self._source.stop_rig(), STOP_TIMEOUT_S)
+        except (SimulshotError, TimeoutError) as error:
+            self.exit(message=printable(f"The rig may still run: {error or 'it did not answer'}"))
+        else:
+            self.exit()
+
     # Settings
+
+    @work(thread=True, exclusive=True, group="settings")
+    def _write_keys(self) -> None:
+        assert self._settings.folder is not None
+        path = self._settings.folder / KEYS_FILE
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            with path.open("x", encoding="utf-8") as file:
+                file.write(keys_file_text())
+            words = f"{path} lists all actions; keys that you change there hold from the next start on"
+        except FileExistsError:
+            words = f"{path} is there already; delete it for a new one"
+        except OSError as error:
+            words = f"{path} cannot be written: {error}"
+        self.call_from_thread(self.notify, printable(words), markup=False, timeout=10)
 
     def _save_soon(self) -> None:
         self._save_settings()

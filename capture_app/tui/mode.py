@@ -28,6 +28,9 @@ class ModeView(Vertical, can_focus=True):
         if not self.has_focus_within:
             self.focus_first()
 
+    def on_mode_hidden(self) -> None:
+        """Called when another mode or a dialog covers this one."""
+
     def focus_first(self) -> None:
         """Put the focus on what the user drives here; on the view itself where that is all."""
         self.focus()
@@ -55,6 +58,11 @@ class ModeScreen(Screen[None]):
             self.call_after_refresh(self.view.on_mode_shown)
         elif self.focused is None:
             self.view.focus()
+
+    def on_screen_suspend(self, _: events.ScreenSuspend) -> None:
+        """Tell the view that it is not seen."""
+        if isinstance(self.view, ModeView):
+            self.view.on_mode_hidden()
 
     def on_status_changed(self, message: StatusChanged) -> None:
         """Show the rig in the header, and tell the view."""

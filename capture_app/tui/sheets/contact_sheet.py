@@ -101,7 +101,8 @@ class ContactSheet(ScrollView, can_focus=True):
         # Where there are few instants, large pictures must leave room for another row.
         high = int((self.size.height - 1) * 2 / max(2, min(self.sheet.instants, 3)) / self.sheet.aspect)
         width = round(min(max(min(room, high, MOST), LEAST) * self._zoom, 4 * MOST, self.size.width - GUTTER))
-        return Size(max(width, 4), max(2, round(width * self.sheet.aspect / 2)))
+        rows = max(2, round(width * self.sheet.aspect / 2))
+        return Size(max(4, min(width, round(2 * rows / self.sheet.aspect))), rows)
 
     def go_to(self, camera: str, instant: int) -> None:
         """Put the cursor on a picture."""

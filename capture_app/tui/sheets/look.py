@@ -172,7 +172,7 @@ class LookScreen(Screen[tuple[str, int]]):
         if self.motion is Motion.CAMERAS and (apart := self._apart_ns()) is not None:
             parts.append(Content.styled(f"{duration(apart)} apart", "bold"))
         if self.motion is not Motion.STILL:
-            parts.append(Content.styled(f"{self.motion.value}, {self._rate:.1f}/s", "$text-muted"))
+            parts.append(Content.styled(f"{self.motion.value}, {self._rate:.1f}/s", "$foreground-muted"))
         return Content(" · ").join(parts)
 
     def _apart_ns(self) -> int | None:

@@ -1,0 +1,95 @@
+"""All keys that do something here, made from the bindings themselves."""
+
+from collections.abc import Sequence
+from typing import ClassVar
+
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Vertical, VerticalScroll
+from textual.content import Content
+from textual.message import Message
+from textual.screen import ModalScreen
+
+from capture_app.tui.drawing.lines import Lines
+from capture_app.tui.settings import KEYS_FILE
+
+EVERYWHERE = "app"
+KEY_WIDTH, NAME_WIDTH = 16, 34
+
+
+class HelpScreen(ModalScreen[None]):
+    """A page over the screen; Escape leads back."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("escape,q,question_mark", "leave", "Back", id="help.back"),
+        Binding("w", "write", "Write keys.toml", id="help.write"),
+    ]
+    DEFAULT_CSS = """
+    HelpScreen { align: center middle; background: $background 60%; }
+    HelpScreen > Vertical {
+        width: 76; max-width: 96%; height: auto; max-height: 92%; padding: 0 2;
+        background: $panel; border: round $primary; border-title-color: $primary; border-title-style: bold;
+    }
+    HelpScreen VerticalScroll { height: auto; scrollbar-size-vertical: 1; }
+    HelpScreen #help-foot { height: auto; dock: bottom; padding: 1 0 0 0; }
+    HelpScreen #help-keys { margin-bottom: 3; }
+    """
+
+    class WriteKeys(Message):
+        """The user wants a file in which to change keys."""
+
+    def __init__(self, actions: Sequence[Binding], key_names: dict[str, str], folder: str) -> None:
+        """`actions` are those of the screen that help is asked for; `key_names`: how keys are shown.
+
+        `folder` is where keys.toml belongs; empty where nothing is kept.
+        """
+        super().__init__()
+        self._actions = tuple(actions)
+        self._names = key_names
+        self._folder = folder
+
+    def compose(self) -> ComposeResult:
+        """The keys, and how to change them."""
+        box = Vertical(VerticalScroll(Lines(id="help-keys")), Lines(id="help-foot"))
+        box.border_title = "keys"
+        yield box
+
+    def on_mount(self) -> None:
+        """Fill it."""
+        self.query_one("#help-keys", Lines).show(self._rows())
+        words = ["tab and shift+tab go around, ctrl+p finds an action by a few letters."]
+        if self._folder:
+            words.append(f"w writes {KEYS_FILE} to {self._folder}: there keys are changed.")
+        foot = [Content.styled(line, "$foreground-muted") for line in words]
+        self.query_one("#help-foot", Lines).show(foot)
+
+    def action_leave(self) -> None:
+        """Go back."""
+        self.dismiss(None)
+
+    def action_write(self) -> None:
+        """Ask for the file of keys."""
+        if self._folder:
+            self.app.post_message(self.WriteKeys())
+        self.dismiss(None)
+
+    def _rows(self) -> list[Content]:
+        # One line for each action, with all of its keys; what holds everywhere comes last.
+        actions: dict[str, list[Binding]] = {}
+        for binding in self._actions:
+            if binding.id is not None and binding.description:
+                actions.setdefault(binding.id, []).append(binding)
+        rooms: dict[str, list[Content]] = {}
+        for name, found in actions.items():
+            keys = " ".join(dict.fromkeys(self._names.get(each.key, each.key) for each in found))
+            row = Content.assemble(
+                (f"{keys:<{KEY_WIDTH}} ", "bold $primary"),
+                f"{found[0].description:<{NAME_WIDTH}}",
+                (name, "$foreground-muted"),
+            )
+            rooms.setdefault(name.partition(".")[0], []).append(row)
+        rows: list[Content] = []
+        for room in sorted(rooms, key=lambda room: room == EVERYWHERE):
+            title = "everywhere" if room == EVERYWHERE else room
+            rows += [Content(""), Content.styled(title, "bold $secondary"), *rooms[room]]
+        return rows[1:]

@@ -1,0 +1,118 @@
+"""The large part of the mode Shoot: what the cameras see, the countdown, or the sheet of the last take."""
+
+from textual.containers import Vertical
+from textual.content import Content
+from textual.message import Message
+from textual.widgets import ContentSwitcher, Digits
+
+from capture_app.session.reading.take_sheet import TakeSheet
+from capture_app.text import printable
+from capture_app.tui.drawing.lines import Lines
+from capture_app.tui.sheets.contact_sheet import ContactSheet
+from capture_app.tui.sheets.look import LookScreen, Motion
+from capture_app.tui.shoot.shooting import Moment
+from capture_app.tui.viewfinder.grid import PreviewGrid
+
+LIVE, SHEET, COUNTDOWN = "live", "sheet", "countdown"
+
+
+class Stage(ContentSwitcher):
+    """Shows one of the three, and says when it shows another."""
+
+    DEFAULT_CSS = """
+    Stage { width: 1fr; height: 1fr; border: round $border; }
+    Stage:focus-within { border: round $primary; }
+    Stage > #countdown { align: center middle; }
+    Stage > #countdown Digits { width: auto; color: $primary; }
+    Stage > #countdown Lines { width: auto; margin-top: 1; }
+    """
+
+    class Changed(Message):
+        """It shows something else."""
+
+    def __init__(self) -> None:
+        self.grid = PreviewGrid(id=LIVE)
+        self.sheet = ContactSheet(id=SHEET)
+        self._digits = Digits("")
+        self._words = Lines()
+        countdown = Vertical(self._digits, self._words, id=COUNTDOWN)
+        super().__init__(self.grid, self.sheet, countdown, id="shoot-stage", initial=LIVE)
+        self.border_title = "Live"
+
+    @property
+    def is_live(self) -> bool:
+        """Whether it shows what the cameras see."""
+        return self.current == LIVE
+
+    @property
+    def is_sheet(self) -> bool:
+        """Whether it shows the last take."""
+        return self.current == SHEET
+
+    def show_live(self) -> None:
+        """Show what the cameras see."""
+        self._go_to(LIVE, "Live")
+
+    def load_sheet(self, sheet: TakeSheet, instant: int) -> None:
+        """Have a take at hand, with the cursor at an instant."""
+        self.sheet.show(sheet)
+        self.sheet.go_to(sheet.cameras[0], min(instant, sheet.instants - 1))
+
+    def show_sheet(self) -> None:
+        """Show the take that is at hand."""
+        if self.sheet.sheet is not None:
+            self._go_to(SHEET, self.sheet.sheet.session.name)
+
+    def forget_sheet(self, sheet: TakeSheet) -> None:
+        """Show a take no more: it is gone."""
+        if self.sheet.sheet is sheet:
+            self.sheet.show(None)
+            self.show_live()
+
+    def show_moment(self, moment: Moment) -> None:
+        """Count down in digits that are read from afar, then show what the cameras see."""
+        if moment.seconds:
+            self._digits.update(str(moment.seconds))
+            self._words.show([Content.styled(f"{moment} · Space stops it", "$foreground-muted")])
+            self._go_to(COUNTDOWN, "Countdown")
+        else:
+            self.end_countdown()
+
+    def end_countdown(self) -> None:
+        """Count down no more."""
+        if self.current == COUNTDOWN:
+            self.show_live()
+
+    def switch(self) -> None:
+        """Switch between what the cameras see and the last take."""
+        if self.is_live:
+            self.show_sheet()
+        else:
+            self.show_live()
+
+    def wiggle(self) -> None:
+        """Wiggle through the cameras at the chosen instant of the last take."""
+        if (place := self.sheet.place) is not None:
+            self._look(place.camera, place.instant, Motion.WIGGLE)
+
+    def on_contact_sheet_chosen(self, message: ContactSheet.Chosen) -> None:
+        """Look at one picture."""
+        message.stop()
+        self._look(message.camera, message.instant, Motion.STILL)
+
+    def focus_first(self) -> bool:
+        """Give the sheet the focus where it is shown."""
+        if self.current == SHEET:
+            self.sheet.focus()
+        return self.current == SHEET
+
+    def _look(self, camera: str, instant: int, motion: Motion) -> None:
+        if self.sheet.sheet is not None:
+            look = LookScreen(self.sheet.sheet, camera, instant, motion)
+            self.app.push_screen(look, lambda at: None if at is None else self.sheet.go_to(*at))
+
+    def _go_to(self, stage: str, title: str) -> None:
+        self.border_title = Content(printable(title))
+        if self.current != stage:
+            self.current = stage
+            self.post_message(self.Changed())

@@ -1,0 +1,299 @@
+"""The mode Shoot: Space takes; what the cameras see beside the plan, then at once the contact sheet."""
+
+import asyncio
+from typing import ClassVar
+
+from msgspec.structs import replace
+from textual import work
+from textual.app import ComposeResult
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, Vertical
+from textual.content import Content
+from textual.worker import Worker
+
+from capture_app.errors import SimulshotError
+from capture_app.node.wire.messages import BurstRequest
+from capture_app.node.wire.status import BurstStatus, RigStatus
+from capture_app.session.library.trash import trash_session
+from capture_app.text import printable
+from capture_app.tui.drawing.lines import Lines
+from capture_app.tui.messages import Mishap, PreviewReceived, StatusChanged
+from capture_app.tui.mode import ModeView
+from capture_app.tui.rig_source import RigSource
+from capture_app.tui.settings import Settings
+from capture_app.tui.shoot.plan import TakePlan
+from capture_app.tui.shoot.plan_panel import PlanPanel
+from capture_app.tui.shoot.questions import again_question, not_ready_question
+from capture_app.tui.shoot.shooting import Moment, Shooting
+from capture_app.tui.shoot.stage import Stage
+from capture_app.tui.shoot.take import Take, describe_failure, judge_take
+from capture_app.tui.shoot.take_log import TakeLog
+from capture_app.tui.shoot.take_panel import TakePanel, verdict_line
+from capture_app.tui.states import cameras_of
+
+WAIT_READY_S = 120.0
+NARROW = 110
+"""Below so many columns the plan leaves the pictures more room."""
+
+
+class ShootView(ModeView):
+    """Takes pictures and shows what became of them."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("space", "take", "Take", id="shoot.take"),
+        Binding("r", "retake", "Retake", id="shoot.retake"),
+        Binding("v", "switch", "Live/sheet", id="shoot.switch"),
+        Binding("w", "wiggle", "Wiggle", id="shoot.wiggle"),
+        Binding("n", "edit('name')", "Name", id="shoot.name"),
+        Binding("t", "edit('notes')", "Notes", id="shoot.note"),
+        Binding("left_square_bracket", "frames(-1,0)", "Fewer before", id="shoot.before-less", show=False),
+        Binding("right_square_bracket", "frames(1,0)", "More before", id="shoot.before-more", show=False),
+        Binding("left_curly_bracket", "frames(0,-1)", "Fewer after", id="shoot.after-less", show=False),
+        Binding("right_curly_bracket", "frames(0,1)", "More after", id="shoot.after-more", show=False),
+        Binding("escape", "stop", "Stop, or back to live", id="shoot.stop", show=False),
+    ]
+    DEFAULT_CSS = """
+    ShootView #shoot-side { width: 40; height: 1fr; }
+    ShootView.narrow #shoot-side { width: 30; }
+    ShootView.narrow.sheet #shoot-side { display: none; }
+    ShootView #shoot-advice { height: 1; padding: 0 1; }
+    """
+
+    def __init__(self, rig: RigSource, settings: Settings) -> None:
+        super().__init__(id="shoot")
+        self._rig, self._settings = rig, settings
+        self._status: RigStatus | None = None
+        self._log = TakeLog()
+        self._shooting: Worker[None] | None = None
+        self._asked: tuple[int, float] = (0, 0.0)
+        self._seen = False
+        self.plan_panel = PlanPanel(TakePlan.recall(settings))
+        self.take_panel = TakePanel()
+        self.stage = Stage()
+        self._advice = Lines(id="shoot-advice")
+
+    def compose(self) -> ComposeResult:
+        """Plan and takes at the left, the pictures beside them."""
+        with Horizontal():
+            with Vertical(id="shoot-side"):
+                yield self.plan_panel
+                yield self.take_panel
+            yield self.stage
+        yield self._advice
+
+    @property
+    def takes(self) -> tuple[Take, ...]:
+        """The takes that the screen has heard of, the newest last."""
+        return tuple(self._log.takes)
+
+    def on_mount(self) -> None:
+        """Show that there is no take yet."""
+        self.take_panel.show(())
+
+    def on_resize(self) -> None:
+        """Leave the pictures most of a small window."""
+        self.set_class(self.size.width < NARROW, "narrow")
+        self._show_advice()
+        self.call_after_refresh(self._want_previews)
+
+    def on_mode_shown(self) -> None:
+        """Look again."""
+        self._seen = True
+        super().on_mode_shown()
+        self._want_previews()
+
+    def on_mode_hidden(self) -> None:
+        """No previews while nobody looks."""
+        self._seen = False
+        self._want_previews()
+
+    def focus_first(self) -> None:
+        """Arrows go over the sheet, or change the plan."""
+        if not self.stage.focus_first():
+            self.plan_panel.focus()
+
+    def on_status_changed(self, message: StatusChanged) -> None:
+        """Show the cameras, and takes that were ordered elsewhere."""
+        status = self._status = message.status
+        self.plan_panel.show_period(status.period_ns)
+        self.stage.grid.show_status(status)
+        if status.burst is not None:
+            self._note(status.burst)
+        self._show_advice()
+        self.call_after_refresh(self._want_previews)
+
+    def on_preview_received(self, message: PreviewReceived) -> None:
+        """Show what a camera sees."""
+        if self.stage.is_live:
+            self.stage.grid.show_preview(message.preview)
+
+    def on_plan_panel_changed(self, message: PlanPanel.Changed) -> None:
+        """Keep the plan for the next start."""
+        message.plan.remember(self._settings)
+
+    def on_stage_changed(self) -> None:
+        """Drive what is shown now."""
+        self.set_class(self.stage.is_sheet, "sheet")
+        self._show_advice()
+        if self._seen and self.app.screen is self.screen:
+            self.focus_first()
+        self._want_previews()
+
+    def action_take(self) -> None:
+        """Take as planned; stop what counts down or goes on by itself."""
+        if self._shooting is not None:
+            self.action_stop()
+        else:
+            self._begin(self.plan_panel.plan.request())
+
+    def action_stop(self) -> None:
+        """Stop a countdown, an interval or a sequence; what is taken already is saved."""
+        if self._shooting is not None:
+            self._shooting.cancel()
+        else:
+            self.stage.show_live()
+
+    def action_retake(self) -> None:
+        """Take again as the last time, keeping or trashing what there is."""
+        last = self._log.latest_ordered
+        request = self.plan_panel.plan.request() if last is None or last.request is None else last.request
+        if self._shooting is not None:
+            return
+        if last is None or last.judged is None or last.trashed:
+            self._begin(request)
+            return
+
+        def decide(answer: str | None) -> None:
+            if answer == "trash":
+                self._trash(last)
+            if answer is not None:
+                self._begin(request)
+
+        self.app.push_screen(again_question(last.judged), decide)
+
+    def action_edit(self, what: str) -> None:
+        """Type the name of the takes that follow, or notes for them."""
+        self.plan_panel.edit(what)
+
+    def action_frames(self, before: int, after: int) -> None:
+        """Take more or fewer frames before the key, or after it."""
+        plan = self.plan_panel.plan
+        plan = plan.with_before(plan.before + before)
+        self.plan_panel.set_plan(plan.with_after(plan.after + after))
+
+    def action_switch(self) -> None:
+        """Switch between what the cameras see and the last take."""
+        self.stage.switch()
+
+    def action_wiggle(self) -> None:
+        """Wiggle through the cameras at the chosen instant of the last take."""
+        self.stage.wiggle()
+
+    def _begin(self, request: BurstRequest) -> None:
+        """Take, but ask before a take that cannot be good."""
+        question = not_ready_question(self._status)
+        if self._status is None or question is None:
+            self._shooting = self._shoot(request)
+            return
+        cameras = len(cameras_of(self._status))
+
+        def decide(answer: str | None) -> None:
+            if answer == "wait":
+                self._shooting = self._shoot(replace(request, wait_ready_s=WAIT_READY_S, nodes=cameras))
+            elif answer == "take":
+                self._shooting = self._shoot(request)
+
+        self.app.push_screen(question, decide)
+
+    @work(exclusive=True, group="shooting")
+    async def _shoot(self, request: BurstRequest) -> None:
+        def take() -> asyncio.Event:
+            done = asyncio.Event()
+            self._follow(request, done)
+            return done
+
+        try:
+            loop = asyncio.get_running_loop()
+            await Shooting(take, self._show_moment, now=loop.time).run(self.plan_panel.plan)
+        finally:
+            self._shooting = None
+            self.stage.end_countdown()
+            self._show_advice()
+
+    @work(group="bursts")
+    async def _follow(self, request: BurstRequest, done: asyncio.Event) -> None:
+        """Follow a burst until it is saved, whatever becomes of the takes after it."""
+        try:
+            async for status in self._rig.burst(request):
+                self._note(status, request)
+        except SimulshotError as error:
+            self.post_message(Mishap(error))
+        finally:
+            done.set()
+
+    def _show_moment(self, moment: Moment) -> None:
+        self.stage.show_moment(moment)
+        self._show_advice(f"◉ {moment}")
+
+    def _note(self, status: BurstStatus, request: BurstRequest | None = None) -> None:
+        """Take note of how far a burst is."""
+        if not status.name:
+            self._show_advice(f"◔ {status.message}" if status.message else "")
+            return
+        take = self._log.note(status, request)
+        if take is not None and status.done:
+            self._judge(take)
+        if take is not None:
+            self.take_panel.show(self._log.takes)
+
+    @work(group="judging")
+    async def _judge(self, take: Take) -> None:
+        try:
+            take.judged = await asyncio.to_thread(judge_take, take.status)
+        except SimulshotError as error:
+            take.problem = describe_failure(error)
+        self.take_panel.show(self._log.takes)
+        if take.judged is not None and take is self._log.newest:
+            # The instant of the key is what the photographer meant.
+            before = 0 if take.request is None else take.request.before
+            self.stage.load_sheet(take.judged.sheet, before)
+            if take.is_new and self._shooting is None:
+                self.stage.show_sheet()
+
+    @work(group="trash")
+    async def _trash(self, take: Take) -> None:
+        assert take.judged is not None
+        try:
+            await asyncio.to_thread(trash_session, take.judged.sheet.session.folder)
+        except SimulshotError as error:
+            self.post_message(Mishap(error))
+            return
+        take.trashed = True
+        self.stage.forget_sheet(take.judged.sheet)
+        self.take_panel.show(self._log.takes)
+
+    def _show_advice(self, doing: str = "") -> None:
+        if doing:
+            self._advice.show([Content.styled(printable(doing), "bold $primary")])
+        elif (
+            self.has_class("narrow", "sheet")
+            and (take := self._log.of_sheet(self.stage.sheet.sheet)) is not None
+        ):
+            self._advice.show([verdict_line(take)])
+        elif self._shooting is None and self._status is not None:
+            self._advice.show([Content.styled(printable(self._status.advice), "$foreground-muted")])
+
+    def _want_previews(self) -> None:
+        """Ask for the previews that are looked at, where that has changed."""
+        looking = self._seen and self.stage.is_live and bool(self.stage.grid.tiles)
+        wanted = self.stage.grid.wanted if looking else (self._asked[0], 0.0)
+        if wanted != self._asked and (wanted[1] or self._asked[1]):
+            self._asked = wanted
+            self._ask_previews(*wanted)
+
+    @work(exclusive=True, group="previews")
+    async def _ask_previews(self, width: int, fps: float) -> None:
+        try:
+            await self._rig.want_previews(cameras=None, width=width, fps=fps)
+        except SimulshotError as error:
+            self.post_message(Mishap(error))

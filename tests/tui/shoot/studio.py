@@ -1,0 +1,70 @@
+"""An app on a fake rig, in the mode Shoot."""
+
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+
+from textual.pilot import Pilot
+
+from capture_app.node.wire.messages import BurstRequest
+from capture_app.tui.app import SimulshotApp
+from capture_app.tui.settings import Settings
+from capture_app.tui.shoot.view import ShootView
+from tests.tui.fake_rig import FakeRig, make_node
+from tests.tui.takes import make_take
+
+
+def ready_rig(cameras: int) -> FakeRig:
+    rig = FakeRig()
+    rig.nodes = tuple(make_node(f"cam{number:02d}") for number in range(cameras))
+    return rig
+
+
+def saves_into(folder: Path, *, cameras: int = 3) -> Callable[[BurstRequest], Awaitable[str]]:
+    """What makes a real session of each burst, as a leader does; each is worse than the one before."""
+    taken = 0
+
+    async def take(request: BurstRequest) -> str:
+        nonlocal taken
+        taken += 1
+        about = {"name": f"{request.name or 'burst'}-{taken:03d}", "note": request.note}
+        session = make_take(
+            folder, cameras=cameras, instants=request.frames, spread_ns=20_000 * taken, **about
+        )
+        return str(session.folder)
+
+    return take
+
+
+class Studio:
+    """The app, and what it asked of its rig."""
+
+    def __init__(self, rig: FakeRig, folder: Path, settings: Settings | None = None) -> None:
+        self.rig = rig
+        self.app = SimulshotApp(rig, settings=settings or Settings(), sessions=folder, clock=lambda: 100.0)
+
+    @property
+    def view(self) -> ShootView:
+        return self.app.screen_stack[0].query_one(ShootView)
+
+    @property
+    def requests(self) -> list[BurstRequest]:
+        return [asked[1] for asked in self.rig.asked if isinstance(asked[1], BurstRequest)]
+
+    @property
+    def wishes(self) -> list[tuple[object, ...]]:
+        return [asked[1:] for asked in self.rig.asked if asked[0] == "want_previews"]
+
+    async def enter(self, pilot: Pilot[None]) -> None:
+        await pilot.press("2")
+        await self.settle(pilot)
+
+    async def settle(self, pilot: Pilot[None]) -> None:
+        """Let messages come through, and what is done in threads be done."""
+        for _ in range(4):
+            await pilot.pause()
+        for _ in range(3):
+            brief = {"judging", "trash", "thumbs", "previews", "default", "measuring"}
+            workers = [worker for worker in self.app.workers if worker.group in brief]
+            if workers:
+                await self.app.workers.wait_for_complete(workers)
+            await pilot.pause()

@@ -1,0 +1,320 @@
+"""The mode Shoot as a photographer drives it: keys in, orders to the rig, takes on the screen."""
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from textual.pilot import Pilot
+from textual.widgets import Digits, Static
+from textual.widgets._toast import Toast
+
+from capture_app.errors import DiskFullError
+from capture_app.node.wire.messages import BurstRequest
+from capture_app.session.library.trash import trashed_sessions
+from capture_app.session.reading.reader import list_sessions
+from capture_app.sync.wire.messages import NodeState
+from capture_app.tui.question import Question
+from capture_app.tui.settings import Settings
+from capture_app.tui.sheets.look import LookScreen, Motion
+from tests.tui.fake_rig import make_node
+from tests.tui.shoot.studio import Studio, ready_rig, saves_into
+from tests.tui.takes import picture_of
+
+
+async def test_space_takes_as_planned_and_the_sheet_is_there_at_once(tmp_path: Path) -> None:
+    rig = ready_rig(3)
+    rig.take = saves_into(tmp_path)
+    studio = Studio(rig, tmp_path)
+    async with studio.app.run_test(size=(120, 40)) as pilot:
+        await studio.enter(pilot)
+        assert "No take yet: press Space." in studio.view.take_panel.plain
+        await pilot.press("right_square_bracket", "right_curly_bracket", "right_curly_bracket", "space")
+        await studio.settle(pilot)
+        assert [(r.frames, r.before) for r in studio.requests] == [(11, 4)]
+        sheet = studio.view.stage.sheet
+        assert studio.view.stage.is_sheet
+        assert sheet.sheet is not None
+        assert sheet.sheet.session.folder == tmp_path / "burst-001"
+        assert sheet.cursor == (0, 4), "the instant of the key"
+        text = studio.view.take_panel.plain
+        assert (
+            "burst-001\n◆ excellent: within a pixel for motion up to 26,000 px/s; all 33 images there" in text
+        )
+        assert "spread 20 µs ±18 µs" in text
+
+
+async def test_name_and_notes_go_with_the_take(tmp_path: Path) -> None:
+    rig = ready_rig(2)
+    rig.take = saves_into(tmp_path, cameras=2)
+    settings = Settings()
+    studio = Studio(rig, tmp_path, settings)
+    async with studio.app.run_test(size=(120, 40)) as pilot:
+        await studio.enter(pilot)
+        await pilot.press("n", *"dancer", "enter", "t", *"left light off", "enter", "space")
+        await studio.settle(pilot)
+        assert (studio.requests[0].name, studio.requests[0].note) == ("dancer", "left light off")
+        assert studio.view.take_panel.plain.startswith("dancer-001")
+    assert settings.recall("shoot.name", "") == "dancer"
+
+
+async def test_a_bad_name_is_not_taken(tmp_path: Path) -> None:
+    studio = Studio(ready_rig(1), tmp_path)
+    async with studio.app.run_test(size=(80, 24)) as pilot:
+        await studio.enter(pilot)
+        await pilot.press("n", *"../x", "enter")
+        await pilot.pause()
+        assert "letters, digits" in str(studio.app.screen.query_one(".wrong", Static).content)
+        await pilot.press("escape")
+        await pilot.pause()
+        assert studio.view.plan_panel.plan.name == ""
+
+
+async def test_the_plan_is_changed_with_arrows(tmp_path: Path) -> None:
+    studio = Studio(ready_rig(1), tmp_path)
+    async with studio.app.run_test(size=(80, 24)) as pilot:
+        await studio.enter(pilot)
+        await pilot.press("left", "down", "right", "down", "right", "down", "right")
+        plan = studio.view.plan_panel.plan
+        assert (plan.before, plan.after, plan.countdown_s, plan.mode) == (2, 6, 3, "interval")
+        lines = studio.view.plan_panel.plain
+        assert lines[0].startswith("before    2  -67 ms")
+        assert lines[3] == "mode      ‹ interval ›"
+        assert lines[4] == "every     5 s"
+
+
+async def test_while_cameras_sync_it_asks_first(tmp_path: Path) -> None:
+    rig = ready_rig(3)
+    rig.nodes = (
+        *rig.nodes[:1],
+        make_node("cam01", NodeState.ALIGNING, phase_error_ns=7_310_000),
+        make_node("cam02", NodeState.SYNCING, phase_error_ns=None, message="3 of 8 samples"),
+    )
+    studio = Studio(rig, tmp_path)
+    async with studio.app.run_test(size=(80, 24)) as pilot:
+        await studio.enter(pilot)
+        await pilot.press("space")
+        await pilot.pause()
+        assert isinstance(studio.app.screen, Question)
+        text = str(studio.app.screen.query_one(".question", Static).content)
+        assert "1 of 3 cameras are ready." in text
+        assert "cam01 is aligning: its pictures will be about 7.3 ms off." in text
+        assert "cam02 is syncing (3 of 8 samples): its pictures will be missing or at an unsure time." in text
+        await pilot.press("escape")
+        await studio.settle(pilot)
+        assert studio.requests == []
+        await pilot.press("space", "w")
+        await studio.settle(pilot)
+        assert (studio.requests[0].wait_ready_s, studio.requests[0].nodes) == (120.0, 3)
+        await pilot.press("space", "t")
+        await studio.settle(pilot)
+        assert studio.requests[1].wait_ready_s == 0
+
+
+async def test_a_lost_camera_does_not_hold_the_take_up(tmp_path: Path) -> None:
+    rig = ready_rig(2)
+    rig.nodes = (*rig.nodes, make_node("cam09", NodeState.LOST))
+    studio = Studio(rig, tmp_path)
+    async with studio.app.run_test(size=(80, 24)) as pilot:
+        await studio.enter(pilot)
+        await pilot.press("space")
+        await studio.settle(pilot)
+        assert len(studio.requests) == 1
+
+
+async def test_a_countdown_is_seen_from_afar_and_can_be_stopped(tmp_path: Path) -> None:
+    studio = Studio(ready_rig(1), tmp_path, Settings(choices={"shoot.countdown_s": 20.0}))
+    async with studio.app.run_test(size=(80, 24)) as pilot:
+        await studio.enter(pilot)
+        await pilot.press("space")
+        await pilot.pause()
+        assert studio.view.stage.current == "countdown"
+        assert studio.view.query_one(Digits).value in ("20", "19")
+        await pilot.press("space")
+        await studio.settle(pilot)
+        assert studio.view.stage.is_live
+        assert studio.requests == []
+
+
+async def test_a_sequence_takes_one_after_the_other(tmp_path: Path) -> None:
+    rig = ready_rig(3)
+    rig.take = saves_into(tmp_path)
+    studio = Studio(rig, tmp_path, Settings(choices={"shoot.mode": "sequence", "shoot.takes": 3}))
+    async with studio.app.run_test(size=(120, 40)) as pilot:
+        await studio.enter(pilot)
+        await pilot.press("space")
+        while len(studio.requests) < 3:
+            await pilot.pause(0.01)
+        await studio.settle(pilot)
+        text = studio.view.take_panel.plain
+        assert text.startswith("burst-003")
+        earlier = [line for line in text.splitlines() if line.startswith("burst-00")][1:]
+        assert earlier == ["burst-002  ◆ excellent 40 µs ±18 µs", "burst-001  ◆ excellent 20 µs ±18 µs"]
+        assert [one.name for one in list_sessions(tmp_path)] == ["burst-001", "burst-002", "burst-003"]
+
+
+@pytest.mark.parametrize(("answer", "kept"), [("k", True), ("t", False)])
+async def test_a_retake_keeps_or_trashes_the_take_before(tmp_path: Path, answer: str, kept: bool) -> None:
+    rig = ready_rig(2)
+    rig.take = saves_into(tmp_path, cameras=2)
+    studio = Studio(rig, tmp_path)
+    async with studio.app.run_test(size=(120, 40)) as pilot:
+        await studio.enter(pilot)
+        await pilot.press("space")
+        await studio.settle(pilot)
+        await pilot.press("v", "right", "right", "r")
+        await pilot.pause()
+        assert isinstance(studio.app.screen, Question)
+        await pilot.press(answer)
+        await studio.settle(pilot)
+        assert studio.requests[0] == studio.requests[1], "the same settings, whatever the plan says now"
+        assert (tmp_path / "burst-001").exists() is kept
+        assert [one.name for one in trashed_sessions(tmp_path)] == ([] if kept else ["burst-001"])
+        assert (tmp_path / "burst-002").is_dir()
+        assert ("in the trash" in studio.view.take_panel.plain) is not kept
+
+
+async def test_a_leader_elsewhere_has_the_session(tmp_path: Path) -> None:
+    rig = ready_rig(2)
+
+    async def take(request: BurstRequest) -> str:
+        return "/home/ada/sessions/burst-001"
+
+    rig.take = take
+    studio = Studio(rig, tmp_path)
+    async with studio.app.run_test(size=(120, 40)) as pilot:
+        await studio.enter(pilot)
+        await pilot.press("space")
+        await studio.settle(pilot)
+        text = studio.view.take_panel.plain
+        assert "saved where the leader runs:\n/home/ada/sessions/burst-001\n16 of 16 images" in text
+        assert "cam01    ██████████ 8/8 ✔" in text
+        assert studio.view.stage.is_live
+
+
+async def test_an_order_that_fails_is_said(tmp_path: Path) -> None:
+    rig = ready_rig(1)
+    studio = Studio(rig, tmp_path)
+    async with studio.app.run_test(size=(80, 24), notifications=True) as pilot:
+        await studio.enter(pilot)
+        rig.failure = DiskFullError("the burst may need 90.0 MB and 1.0 MB are free", hint="make room")
+        await pilot.press("space")
+        await studio.settle(pilot)
+        await studio.settle(pilot)
+        assert "make room" in str(studio.app.screen.query_one(Toast).render())
+        await pilot.press("space")
+        await studio.settle(pilot)
+        assert len(studio.requests) == 2
+
+
+async def test_a_take_that_cannot_be_read_says_why(tmp_path: Path) -> None:
+    rig = ready_rig(1)
+
+    async def take(request: BurstRequest) -> str:
+        (tmp_path / "burst-001").mkdir()
+        (tmp_path / "burst-001" / "session.json").write_text("{}")
+        return str(tmp_path / "burst-001")
+
+    rig.take = take
+    studio = Studio(rig, tmp_path)
+    async with studio.app.run_test(size=(80, 24)) as pilot:
+        await studio.enter(pilot)
+        await pilot.press("space")
+        await studio.settle(pilot)
+        assert "✖ it cannot be looked at" in studio.view.take_panel.plain
+
+
+async def test_previews_are_asked_for_only_while_they_are_seen(tmp_path: Path) -> None:
+    rig = ready_rig(4)
+    rig.take = saves_into(tmp_path, cameras=4)
+    studio = Studio(rig, tmp_path)
+    async with studio.app.run_test(size=(120, 40)) as pilot:
+        await pilot.pause()
+        assert studio.wishes == []
+        await studio.enter(pilot)
+        assert studio.wishes == [(None, 128, 2.0)]
+        rig.preview("cam02", picture_of(3), 64, 48)
+        await studio.settle(pilot)
+        tiles = studio.view.stage.grid.tiles
+        assert [tile.picture.cells is not None for tile in tiles] == [False, False, True, False]
+        assert tiles[2].title.strip() == "● cam02 ready 30.0 fps"
+        await pilot.press("1")
+        await studio.settle(pilot)
+        assert studio.wishes[1:] == [(None, 128, 0.0)]
+        await pilot.press("2")
+        await studio.settle(pilot)
+        assert studio.wishes[2:] == [(None, 128, 2.0)]
+        await pilot.press("space")
+        await studio.settle(pilot)
+        assert studio.wishes[3:] == [(None, 128, 0.0)], "the sheet is shown"
+
+
+async def test_enter_opens_a_picture_and_w_wiggles(tmp_path: Path) -> None:
+    rig = ready_rig(3)
+    rig.take = saves_into(tmp_path)
+    studio = Studio(rig, tmp_path)
+    async with studio.app.run_test(size=(120, 40)) as pilot:
+        await studio.enter(pilot)
+        await pilot.press("space")
+        await studio.settle(pilot)
+        await pilot.press("right", "down", "enter")
+        await pilot.pause()
+        look = studio.app.screen
+        assert isinstance(look, LookScreen)
+        assert look.shown == ("cam01", 4)
+        await pilot.press("right", "escape")
+        await studio.settle(pilot)
+        assert studio.view.stage.sheet.cursor == (2, 4)
+        await pilot.press("w")
+        await pilot.pause()
+        assert isinstance(studio.app.screen, LookScreen)
+        assert studio.app.screen.motion is Motion.WIGGLE
+
+
+async def test_a_take_from_before_is_shown_but_not_over_what_is_live(tmp_path: Path) -> None:
+    rig = ready_rig(3)
+    rig.take = saves_into(tmp_path)
+    async for _ in rig.burst(BurstRequest(frames=2, name="before")):
+        pass
+    studio = Studio(rig, tmp_path)
+    async with studio.app.run_test(size=(120, 40)) as pilot:
+        await studio.enter(pilot)
+        assert studio.view.take_panel.plain.startswith("before-001\n◆ excellent")
+        assert studio.view.stage.is_live
+        await pilot.press("v")
+        assert studio.view.stage.is_sheet
+
+
+@pytest.mark.parametrize("size", [(80, 24), (120, 40), (200, 50)])
+@pytest.mark.parametrize("stage", ["live", "sheet"])
+def test_the_mode_looks_as_it_did(
+    snap_compare: Any, size: tuple[int, int], stage: str, tmp_path: Path
+) -> None:
+    rig = ready_rig(5)
+    rig.take = saves_into(tmp_path, cameras=5)
+    rig.different["advice"] = "5 cameras ready, clocks sure to ±9.0 µs (95 %)"
+    studio = Studio(rig, tmp_path)
+
+    async def before(pilot: Pilot[None]) -> None:
+        await studio.enter(pilot)
+        for number, node in enumerate(rig.nodes):
+            rig.preview(node.name, picture_of(number), 64, 48)
+        await studio.settle(pilot)
+        if stage == "sheet":
+            await pilot.press("space")
+        await studio.settle(pilot)
+
+    assert snap_compare(studio.app, terminal_size=size, run_before=before)
+
+
+@pytest.mark.parametrize("theme", ["simulshot-light", "no-colour"])
+def test_other_colours_look_as_they_did(snap_compare: Any, theme: str, tmp_path: Path) -> None:
+    rig = ready_rig(5)
+    rig.take = saves_into(tmp_path, cameras=5)
+    studio = Studio(rig, tmp_path, Settings(choices={"theme": theme}))
+
+    async def before(pilot: Pilot[None]) -> None:
+        await studio.enter(pilot)
+        await pilot.press("space")
+        await studio.settle(pilot)
+
+    assert snap_compare(studio.app, terminal_size=(120, 40), run_before=before)

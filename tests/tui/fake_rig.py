@@ -65,6 +65,7 @@ class FakeRig:
         self.take: Callable[[BurstRequest], Awaitable[str | None]] | None = None
         """Makes the session of a burst, and returns its path."""
         self.details: dict[str, NodeDetail] = {}
+        self.detail_failure: SimulshotError | None = None
         self.different: dict[str, Any] = {}
         """Fields of the status that are not as usual."""
         self.burst_status: BurstStatus | None = None
@@ -168,6 +169,8 @@ class FakeRig:
         self.tell()
 
     async def detail(self, name: str) -> NodeDetail:
+        if self.detail_failure is not None:
+            raise self.detail_failure
         return self.details.get(name, NodeDetail(camera=name))
 
     async def stop_rig(self) -> None:

@@ -165,6 +165,7 @@ class CameraNode:
         spool = self._uploader.spool
         return self._journal.detail(
             self._viewfinder.vitals,
+            skew_ppm=self._engine.report(self._clock.now_ns()).skew_ppm,
             phase_errors_ns=tuple(error for error in errors_ns if error is not None),
             newest=self._viewfinder.newest,
             spool=None if spool is None else spool.folder,

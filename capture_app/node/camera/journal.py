@@ -19,12 +19,12 @@ class NodeJournal:
 
     def __init__(self, name: str) -> None:
         self._name = name
-        self._samples: deque[tuple[int, int]] = deque(maxlen=SAMPLES_KEPT)
+        self._samples: deque[ClockSample] = deque(maxlen=SAMPLES_KEPT)
         self._lines: deque[NewsLine] = deque(maxlen=LINES_KEPT)
 
     def add_sample(self, sample: ClockSample) -> None:
-        """Keep an exchange: by how much the leader's clock is ahead, as it shows it, and its round trip."""
-        self._samples.append(((sample.lower_ns + sample.upper_ns) // 2, sample.round_trip_ns))
+        """Keep an exchange with the leader."""
+        self._samples.append(sample)
 
     def forget_samples(self) -> None:
         """Another leader has another clock."""
@@ -38,14 +38,28 @@ class NodeJournal:
         self,
         vitals: Vitals,
         *,
+        skew_ppm: float | None,
         phase_errors_ns: tuple[int, ...],
         newest: CapturedFrame | None,
         spool: Path | None,
     ) -> NodeDetail:
-        """Return all of it, with how the camera runs and where its images wait."""
+        """Return all of it, with how the camera runs and where its images wait.
+
+        By `skew_ppm` the leader's clock gains on this one; its share is taken off the offsets, which then
+        show by what the exchanges erred.
+        """
+        rate = (skew_ppm or 0.0) * 1e-6
+        last_ns = self._samples[-1].t3_ns if self._samples else 0
+        samples = tuple(
+            (
+                (sample.lower_ns + sample.upper_ns) // 2 + round(rate * (last_ns - sample.t3_ns)),
+                sample.round_trip_ns,
+            )
+            for sample in self._samples
+        )
         return NodeDetail(
             camera=self._name,
-            samples=tuple(self._samples),
+            samples=samples,
             phase_errors_ns=phase_errors_ns,
             log=tuple(self._lines),
             fps=vitals.fps,

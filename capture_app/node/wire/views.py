@@ -35,7 +35,7 @@ class NodeDetail(Struct, frozen=True, kw_only=True):
 
     camera: str
     samples: tuple[tuple[int, int], ...] = ()
-    """Offset (leader minus local time) and round trip of the latest exchanges with the leader."""
+    """Offset (leader minus local time, as of the latest one) and round trip of exchanges with the leader."""
     phase_errors_ns: tuple[int, ...] = ()
     """Distance of the latest frames from the rig's grid."""
     log: tuple[NewsLine, ...] = ()

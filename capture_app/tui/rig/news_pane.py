@@ -1,38 +1,14 @@
 """What happened at the rig, with the time of the clock, newest at the bottom."""
 
-import textwrap
-import time
 from collections.abc import Iterable
 
 from textual.containers import VerticalScroll
-from textual.content import Content
 
 from capture_app.node.wire.views import NewsLine
-from capture_app.text import printable
 from capture_app.tui.drawing.lines import Lines
+from capture_app.tui.drawing.news import news_lines
 
-MARKS = {"info": ("·", "$foreground-muted"), "warning": ("!", "$warning"), "error": ("✖", "$error")}
-TIME = "%H:%M:%S"
 SCROLLBAR = 1
-INDENT = 11
-"""Cells of the time and the mark."""
-
-
-def news_lines(news: Iterable[NewsLine], width: int) -> list[Content]:
-    """The lines of some news, long ones wrapped."""
-    lines: list[Content] = []
-    for each in news:
-        mark, style = MARKS[each.level]
-        clock = time.strftime(TIME, time.localtime(each.unix_ns / 1e9))
-        text_style = "" if each.level == "info" else style
-        wrapped = textwrap.wrap(printable(each.text), max(width - INDENT, 10)) or [""]
-        lines.append(
-            Content.assemble(
-                (f"{clock} ", "$foreground-muted"), (f"{mark} ", f"bold {style}"), (wrapped[0], text_style)
-            )
-        )
-        lines += [Content.styled(" " * INDENT + line, text_style) for line in wrapped[1:]]
-    return lines
 
 
 class NewsPane(VerticalScroll, can_focus=True):
@@ -45,14 +21,16 @@ class NewsPane(VerticalScroll, can_focus=True):
         self._shown: tuple[NewsLine, ...] = ()
 
     def on_mount(self) -> None:
-        """Begin at the end."""
+        """Put the lines in."""
         self.mount(self._lines)
-        self.anchor()
 
     def draw(self, news: Iterable[NewsLine]) -> None:
         """Show the news."""
         self._shown = tuple(news)
+        following = self.scroll_y >= self.max_scroll_y
         self._lines.show(news_lines(self._shown, self.size.width - SCROLLBAR))
+        if following:
+            self.call_after_refresh(self.scroll_end, animate=False)
 
     def on_resize(self) -> None:
         """Wrap anew."""

@@ -13,6 +13,7 @@ from capture_app.errors import SimulshotError
 from capture_app.node.wire.status import RigStatus
 from capture_app.sync.wire.messages import NodeState
 from capture_app.text import printable
+from capture_app.tui.camera.screen import CameraScreen
 from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.messages import LinkChanged, Mishap, NewsReceived, StatusChanged
 from capture_app.tui.mode import ModeView
@@ -145,6 +146,10 @@ class RigView(ModeView):
             self.call_after_refresh(self._draw)  # what has just appeared has no size before
 
     # Doing
+
+    def on_camera_list_opened(self, message: CameraList.Opened) -> None:
+        """Look at a camera closely."""
+        self.app.push_screen(CameraScreen(message.name, self._source, self._record))
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """What can be done with a list of cameras, and what while some are added."""

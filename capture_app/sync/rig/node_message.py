@@ -1,5 +1,6 @@
 """The one sentence with which a node says why it is not ready, and what a person can do about it."""
 
+from capture_app.sync.clock.clock_filter import SIGMAS_95
 from capture_app.sync.clock.priors import ASYMMETRY
 from capture_app.sync.phase.frame_stamp import PhaseEstimate
 from capture_app.sync.rig.phase_loop import CameraGrid, PhaseLoop
@@ -27,7 +28,7 @@ def of_state(
 ) -> str:
     """Say what a client in that state is about; empty where there is nothing to say."""
     wanted_ns, time_map, aligner = keeper.goal.wanted_ns, keeper.time_map, loop.aligner
-    error_ns = None if time_map is None else time_map.uncertainty_at(now_ns)
+    error_ns = keeper.goal.error_ns
     match state:
         case NodeState.JOINING:
             return "asks to join"
@@ -59,13 +60,14 @@ def coarse(error_ns: float, wanted_ns: float, round_trip_ns: int, *, by_relay: b
 
     `by_relay`: the relay that is followed knows the time no better.
     """
+    remedy = "nearer the access point, a cable"
     if by_relay:
         why, remedy = "its relay knows the time no better", "bring the relay nearer to the leader"
-    elif 2.0 * ASYMMETRY * round_trip_ns / 2.0 > wanted_ns:
+    elif SIGMAS_95 * ASYMMETRY * round_trip_ns / 2.0 > wanted_ns:
         # Messages cannot tell how a round trip is shared between there and back, however many there are.
-        why, remedy = f"round trip of {duration(round_trip_ns)}", "a shorter way to the leader"
+        why = f"even its quickest messages take {duration(round_trip_ns)} there and back"
     else:
-        why, remedy = "bursty link", "nearer the access point, a cable"
+        why = "bursty link"
     enough = f"--tolerance-us {_rounded_up(REMEDY_MARGIN * error_ns / CLOCK_SHARE / 1000.0)}"
     return (
         f"clock sure to ±{duration(error_ns)} only, asked for ±{duration(wanted_ns)}:"

@@ -1,12 +1,17 @@
 """Whether a clock is known as well as was asked for, and whether asking on quickly still helps."""
 
+from capture_app.sync.clock.time_map import TimeMap
+
 CLOCK_SHARE = 1.0
 """The share of a node's tolerance that the 95 % error of its clock may take. All of it: the phase is held to
 the tolerance by that clock, so a picture is off by both, and its record says by how much each."""
 LEAVE_AT = 1.5
 """A clock that was good enough is so until its error is so many times what was asked for: an estimate of an
 error varies by as much from one second to the next."""
-GAIN, PATIENCE_NS = 0.9, 2_000_000_000
+AHEAD_NS = 500_000_000
+"""A clock is judged by its error so much later: the pictures of a burst that is asked for now come then. Soon
+after the first answers the rate is not known well enough for that."""
+GAIN, PATIENCE_NS = 0.9, 3_000_000_000
 """An error that does not become smaller by a tenth within so long will not become much smaller."""
 LONGEST_NS = 15_000_000_000
 """No node asks its leader in quick succession for longer."""
@@ -20,6 +25,8 @@ class AccuracyGoal:
         self.wanted_ns = wanted_ns
         self.met = wanted_ns is None
         """Whether the clock is good enough."""
+        self.error_ns: float | None = None
+        """The 95 % error by which it was judged last."""
         self._least_ns: float | None = None
         self._began_ns = self._gained_ns = 0
 
@@ -33,8 +40,9 @@ class AccuracyGoal:
         self.met = self.wanted_ns is None
         self._least_ns = None
 
-    def judge(self, error_ns: float, now_ns: int) -> bool:
-        """Take in the present 95 % error; whether it is good enough, or will not become much better."""
+    def judge(self, time_map: TimeMap, now_ns: int) -> bool:
+        """Take in the newest estimate; whether it is good enough, or will not become much better."""
+        error_ns = self.error_ns = time_map.uncertainty_at(now_ns + AHEAD_NS)
         if self.wanted_ns is None:
             return True
         self.met = error_ns <= self.wanted_ns * (LEAVE_AT if self.met else 1.0)

@@ -10,8 +10,6 @@ STILL_UNUSUAL_PPM = 80.0
 """A rate that was called unusual is called so until it is below this."""
 RECENT_NS = 30_000_000_000
 """For so long a change of the rate is spoken of: as long as the clock's samples of before it count."""
-NEWS_AGAIN_NS = 10_000_000_000
-"""A change is noticed bit by bit; those that follow one within so long are the same one."""
 
 
 class RateWatch:
@@ -22,7 +20,7 @@ class RateWatch:
         """By how much this node's clock runs faster than the leader's, where that is unusual."""
         self.host_slewing_ppm: float | None = None
         """By how much this node's host makes its clock run faster than usual, as the host says itself."""
-        self._change: RateChange | None = None
+        self._changed_ns: int | None = None
 
     def restart(self) -> None:
         """Judge anew: there is another leader, or a clock has stepped."""
@@ -36,14 +34,13 @@ class RateWatch:
         fast_ppm, doubt_ppm = -time_map.skew * 1e6, time_map.skew_uncertainty * 1e6
         least_ppm = USUAL_PPM + doubt_ppm if self.fast_ppm is None else STILL_UNUSUAL_PPM
         before, self.fast_ppm = self.fast_ppm, fast_ppm if abs(fast_ppm) > least_ppm else None
-        if change is not None and change != self._change:
-            earlier, self._change = self._change, change
-            if earlier is None or change.local_ns - earlier.local_ns > NEWS_AGAIN_NS:
-                return ClockRateChanged()
+        if change is not None and change.local_ns != self._changed_ns:
+            self._changed_ns = change.local_ns
+            return ClockRateChanged()
         if (before is None) is (self.fast_ppm is None):
             return None
         return ClockRateUsual() if self.fast_ppm is None else ClockRateUnusual(self.fast_ppm)
 
     def changed_lately(self, now_ns: int) -> bool:
         """Whether the rate of one of the two clocks has changed a short while ago."""
-        return self._change is not None and now_ns - self._change.local_ns < RECENT_NS
+        return self._changed_ns is not None and now_ns - self._changed_ns < RECENT_NS

@@ -229,7 +229,7 @@ class Timekeeper:
         self.time_is_known = True
         if news := self.rate.judge(time_map, self.clock.rate_change):
             self._events.append(news)
-        if self.goal.judge(time_map.uncertainty_at(now_ns), now_ns) and not self.synced:
+        if self.goal.judge(time_map, now_ns) and not self.synced:
             self.synced = True
             self._events.append(ClockSynced(time_map))
 

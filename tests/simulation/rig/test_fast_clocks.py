@@ -112,11 +112,11 @@ def test_a_clock_that_is_slewed_while_it_is_watched_is_noticed_at_both_ends() ->
 
     rig.run_for(8 * S - rig.now_true_ns)
     assert changes() == 0
-    rig.run_for(S)
+    rig.run_for(3 * S)
     assert changes() == 1
     rig.run_for(24 * S - rig.now_true_ns)
     assert changes() == 1
-    rig.run_for(2 * S)
+    rig.run_for(3 * S)
     assert changes() == 2
     local_ns = clock.local_from_true(rig.now_true_ns)
     assert "has just changed: an NTP daemon" in slewed.client.report(local_ns).message

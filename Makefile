@@ -11,6 +11,7 @@
 # make bench-relay   a rig with cameras below a relay, over two emulated WiFi links (root, 6 min)
 # make bench-rig   bursts of five cameras with two fast clocks, over emulated WiFi links (root, 4 min)
 # make bench-clients   a thousand clients of one leader over real UDP, half a minute
+# make bench-tui   what the terminal UI costs beside a rig of 20 cameras, and that the rig does not notice it (5 min)
 # make help   all targets
 
 PYTHON ?= python3
@@ -22,7 +23,7 @@ OUT ?= demo
 LIBRARIES := libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
 	libusb-1.0.so.0:libusb-1.0-0 libudev.so.1:libudev1 libidn2.so.0:libidn2-0
 
-.PHONY: help install demo samples test test-v4l2 test-slurm bench-sync bench-reference bench-relay bench-rig bench-clients bench-multiview test-crash check format system clean
+.PHONY: help install demo samples test test-v4l2 test-slurm bench-sync bench-reference bench-relay bench-rig bench-clients bench-multiview bench-tui test-crash check format system clean
 .DEFAULT_GOAL := help
 
 help:
@@ -70,6 +71,9 @@ bench-clients: $(VENV)/.installed
 
 bench-multiview: $(VENV)/.installed
 	$(BIN)/python benchmarks/multiview.py $(BENCH)
+
+bench-tui: $(VENV)/.installed
+	$(BIN)/python benchmarks/tui_load.py $(BENCH)
 
 test-crash: $(VENV)/.installed-dev
 	$(BIN)/pytest -m slow tests/session/crashes

@@ -45,7 +45,7 @@ class JobKind:
     def command_line(self, session: Path, out: Path | None, options: str) -> str:
         """What one would type to do the same."""
         words = self.arguments(session, out, options)[:-1]
-        return shlex.join((_PROGRAMS[self.module], *words))
+        return shlex.join((_PROGRAMS.get(self.module, self.module), *words))
 
 
 COMPARE = JobKind(

@@ -7,12 +7,12 @@ from typing import ClassVar
 from textual import events
 from textual.binding import Binding, BindingType
 from textual.content import Content
-from textual.message import Message
 
 from capture_app.names import is_name
 from capture_app.text import duration, printable
 from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.question import TextQuestion
+from capture_app.tui.settings import Settings
 from capture_app.tui.shoot.plan import (
     COUNTDOWNS_S,
     INTERVALS_S,
@@ -86,16 +86,11 @@ class PlanPanel(Lines, can_focus=True):
     PlanPanel:focus { border: round $primary; }
     """
 
-    class Changed(Message):
-        """The user changed the plan."""
-
-        def __init__(self, plan: TakePlan) -> None:
-            super().__init__()
-            self.plan = plan
-
-    def __init__(self, plan: TakePlan) -> None:
+    def __init__(self, settings: Settings) -> None:
+        """The plan is remembered in the settings."""
         super().__init__(id="plan")
-        self.plan = plan
+        self.plan = TakePlan.recall(settings)
+        self._settings = settings
         self.border_title = "Next take"
         self._chosen = 0
         self._period_ns: int | None = None
@@ -133,7 +128,7 @@ class PlanPanel(Lines, can_focus=True):
             self.plan = plan
             self._chosen = min(self._chosen, len(self._rows()) - 1)
             self._show()
-            self.post_message(self.Changed(plan))
+            plan.remember(self._settings)
 
     def action_choose(self, by: int) -> None:
         """Go to another setting."""

@@ -1,6 +1,7 @@
 """The mode Shoot: Space takes; what the cameras see beside the plan, then at once the contact sheet."""
 
 import asyncio
+import time
 from typing import ClassVar
 
 from msgspec.structs import replace
@@ -21,7 +22,6 @@ from capture_app.tui.messages import Mishap, PreviewReceived, StatusChanged
 from capture_app.tui.mode import ModeView
 from capture_app.tui.rig_source import RigSource
 from capture_app.tui.settings import Settings
-from capture_app.tui.shoot.plan import TakePlan
 from capture_app.tui.shoot.plan_panel import PlanPanel
 from capture_app.tui.shoot.questions import again_question, not_ready_question
 from capture_app.tui.shoot.shooting import Moment, Shooting
@@ -30,6 +30,8 @@ from capture_app.tui.shoot.take import Take, describe_failure, judge_take
 from capture_app.tui.shoot.take_log import TakeLog
 from capture_app.tui.shoot.take_panel import TakePanel, verdict_line
 from capture_app.tui.states import cameras_of
+from capture_app.tui.viewfinder.full import CameraScreen
+from capture_app.tui.viewfinder.grid import PreviewGrid
 
 WAIT_READY_S = 120.0
 NARROW = 110
@@ -61,13 +63,13 @@ class ShootView(ModeView):
 
     def __init__(self, rig: RigSource, settings: Settings) -> None:
         super().__init__(id="shoot")
-        self._rig, self._settings = rig, settings
+        self._rig = rig
         self._status: RigStatus | None = None
         self._log = TakeLog()
         self._shooting: Worker[None] | None = None
         self._asked: tuple[int, float] = (0, 0.0)
         self._seen = False
-        self.plan_panel = PlanPanel(TakePlan.recall(settings))
+        self.plan_panel = PlanPanel(settings)
         self.take_panel = TakePanel()
         self.stage = Stage()
         self._advice = Lines(id="shoot-advice")
@@ -80,11 +82,6 @@ class ShootView(ModeView):
                 yield self.take_panel
             yield self.stage
         yield self._advice
-
-    @property
-    def takes(self) -> tuple[Take, ...]:
-        """The takes that the screen has heard of, the newest last."""
-        return tuple(self._log.takes)
 
     def on_mount(self) -> None:
         """Show that there is no take yet."""
@@ -126,10 +123,6 @@ class ShootView(ModeView):
         """Show what a camera sees."""
         if self.stage.is_live:
             self.stage.grid.show_preview(message.preview)
-
-    def on_plan_panel_changed(self, message: PlanPanel.Changed) -> None:
-        """Keep the plan for the next start."""
-        message.plan.remember(self._settings)
 
     def on_stage_changed(self) -> None:
         """Drive what is shown now."""
@@ -180,6 +173,12 @@ class ShootView(ModeView):
         plan = self.plan_panel.plan
         plan = plan.with_before(plan.before + before)
         self.plan_panel.set_plan(plan.with_after(plan.after + after))
+
+    def on_preview_grid_chosen(self, message: PreviewGrid.Chosen) -> None:
+        """Look through one camera."""
+        grid = self.stage.grid
+        finder = CameraScreen(self._rig, grid.cameras, message.camera, clock=time.monotonic)
+        self.app.push_screen(finder, lambda camera: None if camera is None else grid.go_to(camera))
 
     def action_switch(self) -> None:
         """Switch between what the cameras see and the last take."""

@@ -142,6 +142,16 @@ class PreviewGrid(Container, can_focus=True):
         # In steps, so that nodes need not be asked anew for each column of a window being resized.
         return min(max(pixels + -pixels % 64, LEAST_PX), MOST_PX), fps
 
+    @property
+    def cameras(self) -> tuple[str, ...]:
+        """The cameras' names, in their order."""
+        return tuple(self._tiles)
+
+    def go_to(self, camera: str) -> None:
+        """Put the cursor on a camera."""
+        if camera in self._tiles:
+            self._choose(self.cameras.index(camera))
+
     def show_status(self, status: RigStatus) -> None:
         """Show these cameras."""
         nodes = {node.name: node for node in cameras_of(status)}

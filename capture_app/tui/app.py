@@ -16,6 +16,7 @@ from textual.screen import Screen
 from textual.widget import Widget
 
 from capture_app.errors import SimulshotError
+from capture_app.node.operator.updates import LinkLost
 from capture_app.node.wire.status import RigStatus
 from capture_app.node.wire.views import NewsLine
 from capture_app.text import printable
@@ -141,6 +142,8 @@ class SimulshotApp(App[None]):
             self._record.add(update)
             if isinstance(update, RigStatus):
                 self.jobs.hold_for(update)
+            elif isinstance(update, LinkLost):
+                self.jobs.hold(False)
             self._post(partial(message_of, update))
 
     def _post(self, message: Callable[[], RigMessage]) -> None:

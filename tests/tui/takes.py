@@ -30,9 +30,10 @@ def make_take(
     name: str = "take",
     note: str = "",
     spread_ns: int = 40_000,
+    created: str = "",
 ) -> Session:
     """A whole session of that many cameras and instants, its first and last camera so far apart."""
-    writer = SessionWriter.create(folder, name)
+    writer = SessionWriter.create(folder, name, created=created)
     records = [
         CameraRecord(
             name=f"cam{number:02d}", facts=make_facts(width=WIDTH, height=HEIGHT, period_ns=PERIOD_NS)

@@ -48,6 +48,11 @@ class Job:
     log: deque[str] = field(default_factory=lambda: deque(maxlen=LOG_LINES))
 
     @property
+    def place(self) -> Path:
+        """The session's folder, however it was named when the job was started."""
+        return self.session.absolute()
+
+    @property
     def command_line(self) -> str:
         """What one would type to do the same."""
         return self.kind.command_line(self.session, self.out, self.options)

@@ -53,6 +53,10 @@ class JobList:
         """Whether jobs stand still for a burst."""
         return self._held
 
+    def of(self, session: Path) -> list[Job]:
+        """The jobs of a session, the newest first."""
+        return [job for job in self.jobs if job.place == session.absolute()]
+
     def watch(self, tell: Callable[[Job], None]) -> Callable[[], None]:
         """Be told of each job that changes; the function that is returned ends that."""
         self._watchers.append(tell)
@@ -61,9 +65,9 @@ class JobList:
     async def find_earlier(self) -> None:
         """Add the jobs of earlier runs that are found on disk."""
         found = await asyncio.to_thread(lambda: list(find_jobs(self.root)))
-        known = {(job.kind.name, job.session) for job in self.jobs}
+        known = {(job.kind.name, job.place) for job in self.jobs}
         for job in reversed(found):
-            if (job.kind.name, job.session) not in known:
+            if (job.kind.name, job.place) not in known:
                 self._number(job)
                 self.jobs.append(job)
                 self._tell(job)
@@ -75,7 +79,7 @@ class JobList:
         over yet, or the options cannot be read.
         """
         options = kind.quick if options is None else options
-        same = [job for job in self.jobs if job.kind is kind and job.session == session]
+        same = [job for job in self.jobs if job.kind.name == kind.name and job in self.of(session)]
         if any(not job.state.is_over for job in same):
             raise BadInputError(f"{kind.title} of {session.name} is {same[0].state} already")
         if kind.writes and out is None:
@@ -105,6 +109,13 @@ class JobList:
         elif child is not None:
             await child.stop()
 
+    def drop(self, session: Path) -> None:
+        """Take a session's jobs off the list: it and its results are in the trash."""
+        gone = [job for job in self.of(session) if job.state.is_over]
+        self.jobs = [job for job in self.jobs if job not in gone]
+        for job in gone:
+            self._tell(job)
+
     def forget(self, job: Job) -> None:
         """Take a job that is over off the list; its results stay on disk."""
         if job.state.is_over and job in self.jobs:
@@ -115,7 +126,7 @@ class JobList:
     async def follow_rename(self, session: Path, renamed: Path) -> None:
         """Let the jobs of a session go with it to its new name, where its results are already."""
         for job in self.jobs:
-            if job.session == session and job.state.is_over:
+            if job in self.of(session) and job.state.is_over:
                 job.session = renamed
                 if job.out is not None and job.out.is_relative_to(results_folder(session, self.root)):
                     job.out = results_folder(renamed, self.root) / job.out.name

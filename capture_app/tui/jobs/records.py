@@ -75,7 +75,11 @@ def find_jobs(root: Path) -> Iterator[Job]:
     """
     places = [*(root / RESULTS).glob("*/*.json"), *(root / RESULTS).glob("_*/*/*.json")]
     found = [job for place in places if (job := _read(place, root)) is not None]
-    yield from sorted(found, key=lambda job: job.ended or datetime.min.replace(tzinfo=UTC))
+    yield from sorted(found, key=_age)
+
+
+def _age(job: Job) -> tuple[datetime, str]:
+    return job.ended or datetime.min.replace(tzinfo=UTC), f"{job.session} {job.kind.name}"
 
 
 def _read(place: Path, root: Path) -> Job | None:

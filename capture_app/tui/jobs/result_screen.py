@@ -25,7 +25,7 @@ from capture_app.tui.pictures.cells import Image
 from capture_app.tui.pictures.picture import Picture, Source
 
 BLINK_S = 0.8
-WIDE = 120
+WIDE = 150
 """From this width on pictures and figures stand side by side."""
 
 
@@ -49,7 +49,7 @@ class ResultScreen(Screen[None]):
     ResultScreen #result-sides { height: 1; padding: 0 2; }
     ResultScreen #result-verdict { height: auto; max-height: 6; padding: 0 2; margin-bottom: 1; }
     ResultScreen #result-caption { height: auto; max-height: 3; padding: 0 2; }
-    ResultScreen.-wide #result-words { width: 2fr; max-width: 84; }
+    ResultScreen.-wide #result-words { width: 2fr; min-width: 72; max-width: 84; }
     ResultScreen.-wide #result-pictures { width: 3fr; padding: 1 1 0 0; }
     ResultScreen.-wide #result-verdict { display: none; }
     """

@@ -106,6 +106,16 @@ class SessionBrowser(Horizontal):
         """Put the cursor on a session as soon as it is listed."""
         self._wanted = folder
 
+    def open_folder(self, folder: Path, session: str | None) -> None:
+        """Show the sessions of a folder; of the samples, where it is theirs, which are listed already."""
+        listings = [one for one in (self._listing, self._sample_listing) if one is not None]
+        known = next((one for one in listings if one.root.absolute() == folder.absolute()), None)
+        if known is None:
+            self.root, self._listing = folder, SessionListing(folder)
+        self.select(folder if session is None else folder / session)
+        self._read = False
+        self.look_at_disk()
+
     def sort(self, order: Order) -> None:
         """Sort otherwise, and go to the first."""
         self.order = order
@@ -131,11 +141,12 @@ class SessionBrowser(Horizontal):
     @work(exclusive=True, group="listing")
     async def look_at_disk(self) -> None:
         """Read the folder in a thread and show what has changed."""
-        self._cards = await asyncio.to_thread(self._listing.read)
+        cards = await asyncio.to_thread(self._listing.read)
         if self._sample_listing is not None and not self._read:
             self._samples = await asyncio.to_thread(self._sample_listing.read)
-        self._read = True
-        self._show()
+        if not self._read or cards != self._cards or self._wanted is not None:
+            self._cards, self._read = cards, True
+            self._show()
 
     async def open_sheet(self, entry: Entry) -> TakeSheet | None:
         """Open a session as a contact sheet; None, and a sentence on the screen, where that fails."""
@@ -168,11 +179,9 @@ class SessionBrowser(Horizontal):
         entries = arrange(self._cards, self._samples, self.order, words)
         jobs: dict[Path, list[Job]] = {}
         for job in self._jobs.jobs:
-            jobs.setdefault(job.session, []).append(job)
+            jobs.setdefault(job.place, []).append(job)
         self._rows.show_entries(entries, jobs)
-        if self._wanted is not None and str(self._wanted) in self._rows.keys:
-            self._rows.choose(str(self._wanted))
-            self._wanted = None
+        self._choose_wanted(entries)
         self._rows.display = bool(entries)
         self._empty.display = not entries and self._read
         where = printable(str(self.root))
@@ -181,6 +190,15 @@ class SessionBrowser(Horizontal):
         self._show_titles(entries)
         self._settle()
         self.post_message(self.Changed())
+
+    def _choose_wanted(self, entries: list[Entry]) -> None:
+        """Put the cursor on the session that is wanted, or the first one of the folder that is."""
+        if self._wanted is not None:
+            wanted = self._wanted.absolute()
+            found = (one.key for one in entries if wanted in (Path(one.key), Path(one.key).parent))
+            if key := next(found, ""):
+                self._rows.choose(key)
+                self._wanted = None
 
     def _show_titles(self, entries: list[Entry]) -> None:
         frame = self.query_one("#sessions-frame")
@@ -193,7 +211,7 @@ class SessionBrowser(Horizontal):
             frame.border_subtitle = subtitle
 
     def _show_job(self, job: Job) -> None:
-        self._rows.show_jobs(job.session, [one for one in self._jobs.jobs if one.session == job.session])
+        self._rows.show_jobs(job.place, self._jobs.of(job.session))
         if job.state.is_over:
             self.post_message(self.Changed())
 

@@ -39,7 +39,7 @@ class Entry:
     @property
     def key(self) -> str:
         """What tells it from others."""
-        return str(self.card.folder)
+        return str(self.card.folder.absolute())
 
 
 def arrange(

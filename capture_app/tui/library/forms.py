@@ -69,7 +69,7 @@ def export_form(card: SessionCard, folder: Path, format_name: str) -> ChoiceForm
     """Ask for the format and the folder of an export; `folder` is proposed to hold it."""
 
     def check(chosen: Chosen) -> str:
-        target = absolute(chosen.text)
+        target = typed_path(chosen.text)
         if not chosen.text.strip():
             return "name a folder"
         try:
@@ -79,7 +79,7 @@ def export_form(card: SessionCard, folder: Path, format_name: str) -> ChoiceForm
         return f"{target} exists already and has something in it" if taken else ""
 
     def command_line(chosen: Chosen) -> str:
-        target = absolute(chosen.text)
+        target = typed_path(chosen.text)
         return f"$ {EXPORTS[chosen.value].command_line(card.folder, target, '')}"
 
     return ChoiceForm(
@@ -95,6 +95,6 @@ def export_form(card: SessionCard, folder: Path, format_name: str) -> ChoiceForm
     )
 
 
-def absolute(text: str) -> Path:
+def typed_path(text: str) -> Path:
     """The path of a folder as a user types it."""
-    return Path(text.strip()).expanduser().absolute()
+    return Path(text.strip()).expanduser()

@@ -62,7 +62,7 @@ class SessionRows(RowList):
         before_jobs, self._jobs = self._jobs, jobs
         self.show_rows([entry.key for entry in entries])
         for key, entry in self._entries.items():
-            folder = entry.card.folder
+            folder = entry.card.folder.absolute()
             if before.get(key) != entry or before_jobs.get(folder) != jobs.get(folder):
                 self.show_again(key)
 
@@ -141,7 +141,7 @@ class SessionRows(RowList):
     def _tags(self, card: SessionCard, room: int) -> Content:
         """The newest job of each kind, as many as there is room for."""
         newest: dict[str, Job] = {}
-        for job in self._jobs.get(card.folder, ()):
+        for job in self._jobs.get(card.folder.absolute(), ()):
             newest.setdefault(job.kind.name, job)
         tags = Content("")
         for tag in map(job_tag, newest.values()):

@@ -23,9 +23,9 @@ from capture_app.tui.jobs.jobs_view import show_result
 from capture_app.tui.jobs.kinds import COMPARE, EXPORTS, KINDS, VERIFY, JobKind
 from capture_app.tui.library.browser import SessionBrowser
 from capture_app.tui.library.catalogue import Entry, Order
-from capture_app.tui.library.forms import absolute, export_form, job_form, name_question, note_question
+from capture_app.tui.library.forms import export_form, job_form, name_question, note_question, typed_path
 from capture_app.tui.library.take_screen import TakeScreen
-from capture_app.tui.messages import Mishap
+from capture_app.tui.messages import Mishap, ShowSessions
 from capture_app.tui.mode import ModeView
 from capture_app.tui.settings import Settings
 from capture_app.tui.sheets.contact_sheet import ContactSheet
@@ -98,6 +98,10 @@ class SessionsView(ModeView):
         self._browser.select(folder)
         self._browser.look_at_disk()
 
+    def on_show_sessions(self, message: ShowSessions) -> None:
+        """Show a folder of sessions, or one session in it; the cursor goes to the newest otherwise."""
+        self._browser.open_folder(message.folder, message.session)
+
     def on_session_browser_changed(self) -> None:
         """Offer what can be done now."""
         self.refresh_bindings()
@@ -158,8 +162,7 @@ class SessionsView(ModeView):
             await show_result(self, job)
 
     def _latest_result(self, entry: Entry) -> Job | None:
-        jobs = (job for job in self._jobs.jobs if job.session == entry.card.folder)
-        return next((job for job in jobs if job.result is not None), None)
+        return next((job for job in self._jobs.of(entry.card.folder) if job.result is not None), None)
 
     # Sorting and finding
 
@@ -206,7 +209,7 @@ class SessionsView(ModeView):
         name = self._settings.recall("sessions.export-format", "colmap")
         chosen = await self.app.push_screen_wait(export_form(entry.card, folder, name))
         if chosen is not None:
-            out = absolute(chosen.text)
+            out = typed_path(chosen.text)
             self._settings.remember("sessions.export-folder", str(out.parent))
             self._settings.remember("sessions.export-format", chosen.value)
             self._start(EXPORTS[chosen.value], entry, "", out)
@@ -253,10 +256,11 @@ class SessionsView(ModeView):
         entry = self.entry
         if entry is None:
             return
-        if any(job.session == entry.card.folder for job in self._jobs.unfinished):
+        if any(not job.state.is_over for job in self._jobs.of(entry.card.folder)):
             self.post_message(Mishap(SimulshotError("a job works on it", hint="cancel it first: key 4")))
             return
         if await self._do(lambda: trash_session(entry.card.folder)) is not None:
+            self._jobs.drop(entry.card.folder)
             self.app.notify(f"{printable(entry.card.name)} is in the trash: u brings it back", markup=False)
 
     @work
@@ -265,6 +269,7 @@ class SessionsView(ModeView):
         folder = await self._do(lambda: restore_session(self._browser.root))
         if folder is not None:
             self.select(folder)
+            await self._jobs.find_earlier()
 
     async def _do(self, change: Callable[[], T]) -> T | None:
         """Change something on disk in a thread, and show what is there then; None where that failed."""

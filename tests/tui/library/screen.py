@@ -42,7 +42,7 @@ def text(app: SimulshotApp) -> str:
 
 async def until(pilot: Any, true: Callable[[], object]) -> None:
     """Wait for what threads and other processes do."""
-    for _ in range(1500):
+    for _ in range(400):
         await settle(pilot)
         if true():
             return

@@ -17,6 +17,7 @@ from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.tui.jobs.job import JobState
 from capture_app.tui.jobs.result_screen import ResultScreen
 from capture_app.tui.library.take_screen import TakeScreen
+from capture_app.tui.messages import SessionsRequested
 from capture_app.tui.pictures.picture import Picture
 from capture_app.tui.settings import Settings
 from capture_app.tui.sheets.look import LookScreen
@@ -251,3 +252,22 @@ async def test_a_real_comparison_from_the_key_to_its_depth(sessions: Path) -> No
         assert screen.shows_offset
         assert screen.picture.offset.name == "stereo_depth_offset.png"
         await pilot.press("escape")
+
+
+async def test_another_view_can_ask_for_a_session_for_samples_and_for_another_folder(
+    sessions: Path, tmp_path: Path
+) -> None:
+    make_take(tmp_path / "elsewhere", name="far")
+    samples = Path(__file__).parents[3] / "sample_sessions"
+    async with library(sessions) as pilot:
+        for folder, session, expected in (
+            (sessions, "one", "one"),
+            (samples, None, "crossing"),
+            (sessions, None, "three"),
+            (tmp_path / "elsewhere", None, "far"),
+        ):
+            await pilot.press("1")
+            await settle(pilot)
+            pilot.app.screen.post_message(SessionsRequested(folder, session))
+            await until(pilot, lambda: pilot.app.current_mode == "sessions")
+            await until(pilot, lambda name=expected: view(pilot.app).entry.card.name == name)

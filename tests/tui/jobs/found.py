@@ -1,0 +1,146 @@
+"""Jobs of an earlier run and what they found, on disk."""
+
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from capture_app.tui.jobs.job import Job, JobState
+from capture_app.tui.jobs.kinds import COMPARE, DOSE, KINDS, MULTIVIEW, STITCH
+from capture_app.tui.jobs.records import default_out, save_record
+
+VERDICT = (
+    "When both pictures show the same instant, the right distance is found for 97 % of what moves; with one "
+    "picture 67 ms late, for 2 %. What stands still is found equally well both times."
+)
+ENDED = datetime(2026, 1, 31, 12, 0, tzinfo=UTC)
+
+
+def add_job(root: Path, name: str, session: str, state: JobState = JobState.DONE, message: str = "") -> Job:
+    """Keep a job of an earlier run."""
+    kind = KINDS[name]
+    folder = root / session
+    out = default_out(name, folder, root) if kind.writes else None
+    job = Job(kind, folder, out, kind.quick, 1, state, message=message, ended=ENDED, seconds=83.0)
+    job.log.extend(["[1/9] calibration", "[2/9] stereo cam00-cam01, instant 1", "[9/9] report"])
+    save_record(job, root)
+    return job
+
+
+def picture(path: Path, level: int) -> None:
+    """A picture of one grey level with a bright square."""
+    pixels = np.full((96, 128, 3), level, np.uint8)
+    pixels[32:64, 48:80] = 255
+    path.parent.mkdir(parents=True, exist_ok=True)
+    cv2.imwrite(str(path), pixels)
+
+
+def pair(key: str, title: str, folder: Path, *, form: str = "png") -> dict[str, object]:
+    paths = {side: f"pictures/{key}_{side}.{form}" for side in ("synced", "offset")}
+    picture(folder / paths["synced"], 60)
+    picture(folder / paths["offset"], 140)
+    return {"key": key, "title": title, "caption": "Bright is near, blue is far.", **paths}
+
+
+def add_comparison(root: Path, session: str) -> Job:
+    """A finished comparison with depth of a pair, a panorama and a table."""
+    job = add_job(root, COMPARE.name, session, message=VERDICT)
+    assert job.out is not None
+    table = {
+        "caption": "Depth from cameras cam00 and cam01",
+        "groups": ["Moving things", "Moving things", "Things at rest (control)", "Things at rest (control)"],
+        "columns": ["Synced", "67 ms late", "Synced", "67 ms late"],
+        "rows": [
+            ["Measured correctly", "96.8 %", "1.6 %", "86.0 %", "86.0 %"],
+            ["Given a distance", "98.0 %", "21.9 %", "96.8 %", "96.9 %"],
+        ],
+        "controls": [False, False],
+    }
+    found = {
+        "verdict": VERDICT,
+        "stereo": {
+            "pictures": [pair("stereo_late", "Late", job.out), pair("stereo_depth", "Distance", job.out)]
+        },
+        "stitch": {"pictures": [pair("panorama", "Panorama", job.out, form="jpg")]},
+        "multiview": None,
+        "multiview_skipped": "it was not asked for",
+        "words": {
+            "synced": "Synchronized",
+            "offset": "67 ms late",
+            "unsynchronized": "unsynchronized",
+            "tables": [table],
+        },
+        "report": "report.html",
+    }
+    (job.out / "report.html").write_text("<h1>report</h1>")
+    (job.out / "metrics.json").write_text(json.dumps(found))
+    return job
+
+
+def add_panorama(root: Path, session: str) -> Job:
+    """A panorama in both conditions."""
+    job = add_job(root, STITCH.name, session)
+    assert job.out is not None
+
+    def side(name: str, misfit: float) -> dict[str, object]:
+        for what in ("panorama", "ghosts"):
+            picture(job.out / f"{what}_{name}.jpg", 90)
+        overlap = {"first": "cam00", "second": "cam01", "flow_p95_px": misfit, "mad": 3.0}
+        paths = {what: f"{what}_{name}.jpg" for what in ("panorama", "ghosts")}
+        return {**paths, "ghosting_px": misfit, "overlaps": [overlap]}
+
+    found = {
+        "used": ["cam00", "cam01"],
+        "left_out": {"cam02": "it shows nothing that the others show"},
+        "synced": side("synced", 1.7),
+        "offset": side("offset", 11.8),
+        "actual_offset_ms": 66.7,
+    }
+    (job.out / "metrics.json").write_text(json.dumps(found))
+    return job
+
+
+def add_dose(root: Path, session: str) -> Job:
+    """A curve of three points."""
+    job = add_job(root, DOSE.name, session)
+    assert job.out is not None
+    job.out.mkdir(parents=True)
+    points = [
+        {"offset_ms": ms, "scores": {"mover_coverage": share, "static_coverage": 0.9}}
+        for ms, share in ((0.0, 0.97), (33.3, 0.2), (66.7, None))
+    ]
+    found = {
+        "measure": "mover_coverage",
+        "reference": "cam00",
+        "other": "cam01",
+        "points": points,
+        "tolerable_offset_ms": 3.87,
+        "report": "report.html",
+    }
+    (job.out / "metrics.json").write_text(json.dumps(found))
+    return job
+
+
+def add_depth(root: Path, session: str) -> Job:
+    """Depth maps of two cameras."""
+    job = add_job(root, MULTIVIEW.name, session)
+    assert job.out is not None
+    views = []
+    for camera in ("cam00", "cam01"):
+        picture(job.out / f"{camera}.png", 100)
+        views.append({"camera": camera, "coverage": 0.93, "within_2pct": None, "picture": f"{camera}.png"})
+    found = {
+        "views": views,
+        "reference": "cam00",
+        "within_2pct": None,
+        "fused_points": 46166,
+        "left_out": {},
+        "nearest": 1.2,
+        "farthest": 7.0,
+        "unit": "m",
+        "files": ["fused.ply", "depth.npz"],
+    }
+    (job.out / "multiview.json").write_text(json.dumps(found))
+    return job

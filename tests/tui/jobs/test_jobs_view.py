@@ -1,0 +1,214 @@
+"""The mode Jobs: what is seen of jobs, and what its keys do."""
+
+import asyncio
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from capture_app.node.wire.status import BurstStatus
+from capture_app.tui.jobs.job import JobState
+from capture_app.tui.jobs.job_log import JobLog
+from capture_app.tui.jobs.jobs_view import JobRows, JobsView
+from capture_app.tui.jobs.kinds import COMPARE
+from capture_app.tui.jobs.result_screen import ResultScreen
+from capture_app.tui.pictures.picture import Picture
+from tests.tui.driving import make_app, settle, toasts
+from tests.tui.fake_rig import FakeRig
+from tests.tui.jobs.found import add_comparison, add_depth, add_dose, add_job, add_panorama
+from tests.tui.takes import make_take
+
+QUICK = replace(COMPARE, module="tests.tui.jobs.quick_command", command=("compare",), quick="")
+SIZES = [(80, 24), (120, 40), (200, 50)]
+
+
+@pytest.fixture
+def root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A folder with a take, named as from beside it."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
+    make_take(tmp_path / "sessions", name="take")
+    return tmp_path / "sessions"
+
+
+@asynccontextmanager
+async def jobs_mode(root: Path, size: tuple[int, int] = (120, 40)) -> AsyncIterator[Any]:
+    """A pilot of the app in the mode Jobs; its rig is `pilot.rig`."""
+    rig = FakeRig(1)
+    app = make_app(rig, sessions=root)
+    async with app.run_test(size=size, notifications=True) as pilot:
+        pilot.rig = rig  # type: ignore[attr-defined]
+        await pilot.press("4")
+        await settle(pilot)
+        yield pilot
+
+
+async def until(pilot: Any, true: Callable[[], object]) -> None:
+    for _ in range(400):
+        await settle(pilot)
+        if true():
+            return
+        await asyncio.sleep(0.01)
+    raise AssertionError("it never was so")
+
+
+def view(pilot: Any) -> JobsView:
+    return pilot.app.screen_stack[0].query_one(JobsView)  # type: ignore[no-any-return]
+
+
+def text(pilot: Any) -> str:
+    listed = view(pilot).query_one(JobRows)
+    return "\n".join(listed.render_line(y).text.rstrip() for y in range(listed.size.height))
+
+
+def log(pilot: Any) -> str:
+    return "\n".join(view(pilot).query_one(JobLog).query_one("#job-lines").plain)
+
+
+async def test_jobs_of_earlier_runs_are_there(root: Path) -> None:
+    add_comparison(root, "take")
+    add_job(root, "dose", "take", JobState.FAILED, "the burst has one instant only")
+    async with jobs_mode(root) as pilot:
+        await until(pilot, lambda: "✖ failed" in text(pilot))
+        assert "✔ done" in text(pilot)
+        assert "the right distance is found for 97 %" in text(pilot)
+        assert "$ reconstruct dose" in log(pilot)
+        assert "the burst has one instant only" in log(pilot)
+
+
+async def test_a_running_job_is_followed_cancelled_and_run_again(root: Path, tmp_path: Path) -> None:
+    async with jobs_mode(root) as pilot:
+        go = tmp_path / "go"
+        job = pilot.app.jobs.add(QUICK, root / "take", f"say '[3/4] stereo [b]cam00[/b]' wait {go}")
+        await until(pilot, lambda: "50 %" in text(pilot))
+        assert "stereo [b]cam00[/b]" in text(pilot)
+        assert "▶ running" in text(pilot)
+        assert "[3/4] stereo [b]cam00[/b]" in log(pilot)
+        await pilot.press("x")
+        await until(pilot, lambda: "◌ cancelled" in text(pilot))
+        assert job.state is JobState.CANCELLED
+        go.touch()
+        await pilot.press("r")
+        await until(pilot, lambda: "✔ done" in text(pilot))
+        await pilot.press("delete")
+        await until(pilot, lambda: not pilot.app.jobs.jobs)
+
+
+async def test_jobs_stand_still_while_a_burst_is_taken(root: Path, tmp_path: Path) -> None:
+    async with jobs_mode(root) as pilot:
+        pilot.app.jobs.add(QUICK, root / "take", f"say '[1/2] begun' wait {tmp_path / 'go'}")
+        await until(pilot, lambda: "begun" in text(pilot))
+        burst = {"burst": 1, "name": "b", "cameras": 1, "instants": 5, "received": 0, "expected": 5}
+        pilot.rig.burst_status = BurstStatus(**burst)
+        pilot.rig.tell()
+        await until(pilot, lambda: "⏸ paused" in text(pilot))
+        pilot.rig.burst_status = BurstStatus(**burst, done=True)
+        pilot.rig.tell()
+        await until(pilot, lambda: "▶ running" in text(pilot))
+        (tmp_path / "go").touch()
+        await until(pilot, lambda: "✔ done" in text(pilot))
+
+
+@pytest.mark.parametrize("size", [(80, 24), (200, 50)])
+async def test_pictures_are_switched_by_one_key(root: Path, size: tuple[int, int]) -> None:
+    add_comparison(root, "take")
+    async with jobs_mode(root, size) as pilot:
+        await until(pilot, lambda: "✔ done" in text(pilot))
+        await pilot.press("enter")
+        await until(pilot, lambda: isinstance(pilot.app.screen, ResultScreen))
+        screen = pilot.app.screen
+        await until(pilot, lambda: screen.query_one(Picture).cells is not None)
+        titles = []
+        for _ in range(3):
+            titles.append((screen.picture.title, screen.shows_offset))
+            await pilot.press("space")
+            await settle(pilot)
+            titles.append((screen.picture.title, screen.shows_offset))
+            await pilot.press("space", "right")
+            await settle(pilot)
+        assert titles == [
+            (title, offset) for title in ("Distance", "Panorama", "Late") for offset in (False, True)
+        ]
+        grey = screen.query_one(Picture).cells.inks.min()
+        await pilot.press("space")
+        await until(pilot, lambda: screen.query_one(Picture).cells.inks.min() > grey + 50)
+        if size[0] < 120:
+            await pilot.press("f")
+            await settle(pilot)
+        figures = "\n".join(screen.query_one("#result-figures").plain)
+        assert "96.8 %" in figures
+        assert "no depth from all cameras" in figures
+        await pilot.press("escape")
+        await until(pilot, lambda: not isinstance(pilot.app.screen, ResultScreen))
+
+
+async def test_the_report_opens_in_the_browser_and_over_ssh_its_path_is_told(
+    root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    job = add_comparison(root, "take")
+    assert job.out is not None
+    report = job.out / "report.html"
+    opened: list[str] = []
+    async with jobs_mode(root) as pilot:
+        monkeypatch.setattr(pilot.app, "open_url", opened.append)
+        monkeypatch.delenv("SSH_CONNECTION", raising=False)
+        monkeypatch.delenv("SSH_TTY", raising=False)
+        await until(pilot, lambda: "✔ done" in text(pilot))
+        await pilot.press("o")
+        await until(pilot, lambda: opened)
+        assert opened == [report.as_uri()]
+        monkeypatch.setenv("SSH_CONNECTION", "1.2.3.4 5 6.7.8.9 22")
+        await pilot.press("o")
+        await until(pilot, lambda: any(str(report) in toast.replace("\n", "") for toast in toasts(pilot.app)))
+        assert len(opened) == 1
+
+
+async def test_a_result_that_is_gone_is_said_to_be(root: Path) -> None:
+    job = add_comparison(root, "take")
+    async with jobs_mode(root) as pilot:
+        await until(pilot, lambda: "✔ done" in text(pilot))
+        assert job.result is not None
+        job.result.unlink()
+        await pilot.press("enter")
+        await until(pilot, lambda: any("run it again" in toast for toast in toasts(pilot.app)))
+
+
+@pytest.mark.parametrize("size", SIZES)
+@pytest.mark.usefixtures("utc")
+def test_the_list_looks_as_it_did(
+    snap_compare: Any, size: tuple[int, int], root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(root.parent)
+    here = Path("sessions")
+    for add in (add_comparison, add_panorama, add_dose, add_depth):
+        add(here, "take")
+    add_job(here, "verify", "take", JobState.FAILED, "take is damaged: cam00/000001.jpg is missing")
+    app = make_app(FakeRig(1), sessions=here)
+
+    async def before(pilot: Any) -> None:
+        await pilot.press("4")
+        await until(pilot, lambda: "damaged" in text(pilot))
+
+    assert snap_compare(app, terminal_size=size, run_before=before)
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_a_result_looks_as_it_did(
+    snap_compare: Any, size: tuple[int, int], root: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(root.parent)
+    add_comparison(Path("sessions"), "take")
+    app = make_app(FakeRig(1), sessions=Path("sessions"))
+
+    async def before(pilot: Any) -> None:
+        await pilot.press("4")
+        await until(pilot, lambda: "✔ done" in text(pilot))
+        await pilot.press("enter")
+        await until(pilot, lambda: isinstance(pilot.app.screen, ResultScreen))
+        await pilot.press("space")
+        await until(pilot, lambda: pilot.app.screen.query_one(Picture).cells is not None)
+        await settle(pilot)
+
+    assert snap_compare(app, terminal_size=size, run_before=before)

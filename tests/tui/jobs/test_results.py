@@ -1,0 +1,66 @@
+"""Results are read as they were written, and what is not there is said."""
+
+from pathlib import Path
+
+import pytest
+
+from capture_app.errors import BadInputError
+from capture_app.tui.jobs.results import read_result
+from tests.tui.jobs.found import VERDICT, add_comparison, add_depth, add_dose, add_panorama
+
+
+def test_a_comparison(tmp_path: Path) -> None:
+    result = read_result(add_comparison(tmp_path, "take"))
+    assert result.verdict == VERDICT
+    assert [picture.title for picture in result.pictures] == ["Distance", "Panorama", "Late"]
+    assert all(picture.synced.is_file() for picture in result.pictures)
+    assert {picture.offset_words for picture in result.pictures} == {"67 ms late"}
+    assert result.tables[0].rows[0][:3] == ("Measured correctly", "96.8 %", "1.6 %")
+    assert result.remarks == ("no depth from all cameras: it was not asked for",)
+    assert result.report is not None
+    assert result.report.is_file()
+
+
+def test_a_panorama(tmp_path: Path) -> None:
+    result = read_result(add_panorama(tmp_path, "take"))
+    assert "overlaps fit to 1.7 px, 67 ms late to 11.8 px" in result.verdict
+    assert result.pictures[0].offset_words == "every second camera 67 ms late"
+    assert result.tables[0].rows == (("cam00 and cam01", "1.7 px", "11.8 px"),)
+    assert result.remarks == ("cam02 is left out: it shows nothing that the others show",)
+
+
+def test_a_dose(tmp_path: Path) -> None:
+    result = read_result(add_dose(tmp_path, "take"))
+    assert result.verdict == "this motion tolerates a delay of about 3.9 ms"
+    assert [row[:2] for row in result.tables[0].rows] == [
+        ("same instant", "97 %"),
+        ("33 ms late", "20 %"),
+        ("67 ms late", "–"),
+    ]
+
+
+def test_depth_from_all_cameras(tmp_path: Path) -> None:
+    result = read_result(add_depth(tmp_path, "take"))
+    assert result.verdict == "2 depth maps, 46,166 points"
+    assert [picture.offset for picture in result.pictures] == [None, None]
+    assert result.tables[0].rows[0] == ("cam00", "93 %", "–")
+    assert result.remarks[0].endswith("fused.ply")
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", '{"stereo": {"pictures": [1]}}', '{"words": {"tables": 5}}'])
+def test_a_file_that_is_not_ours_is_said_to_be_so(tmp_path: Path, text: str) -> None:
+    job = add_comparison(tmp_path, "take")
+    assert job.result is not None
+    job.result.write_text(text)
+    with pytest.raises(BadInputError, match="run it again"):
+        read_result(job)
+
+
+def test_pictures_outside_of_the_folder_are_not_read(tmp_path: Path) -> None:
+    job = add_comparison(tmp_path, "take")
+    assert job.result is not None
+    job.result.write_text(
+        job.result.read_text().replace("pictures/panorama_synced.jpg", "../../../../etc/passwd")
+    )
+    with pytest.raises(BadInputError):
+        read_result(job)

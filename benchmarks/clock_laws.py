@@ -14,14 +14,13 @@ from typing import Any
 from report import new_parser, print_report, print_rows
 
 from capture_app.clock import SimulatedClock
-from capture_app.experiments.clock_filters import coverage
 from capture_app.experiments.clock_filters.coverage import (
     FIRST_SECOND,
     SITUATIONS,
     Coverage,
     measure_coverage,
-    unequal_links,
 )
+from capture_app.experiments.clock_filters.links import ASYMMETRY, DrawLink, unequal_links
 from capture_app.simulation.network.exchanges import exchanges
 from capture_app.simulation.network.link import Link
 from capture_app.simulation.network.paper_link import LINKS_BY_LAW
@@ -139,7 +138,7 @@ class ShapedLaw:
         return round(delay_ns + (rng.random() * LATE_NS if rng.random() < LATE else 0.0))
 
 
-def drawn_link(name: str) -> coverage.DrawLink:
+def drawn_link(name: str) -> DrawLink:
     """Links with this law on the way to the leader."""
 
     def draw(rng: random.Random) -> Link:
@@ -147,7 +146,7 @@ def drawn_link(name: str) -> coverage.DrawLink:
         excess_ns = half_ns * exp(rng.uniform(log(LONGER[0]), log(LONGER[1])))
         unequal = exp(rng.uniform(-0.5, 0.5) * log(UNEQUAL))
         back = name if rng.random() < ALIKE else rng.choice(list(SHAPES))
-        shift_ns = rng.gauss(0.0, coverage.ASYMMETRY) * half_ns
+        shift_ns = rng.gauss(0.0, ASYMMETRY) * half_ns
         return Link(
             ShapedLaw(name, half_ns + shift_ns, excess_ns * unequal),
             ShapedLaw(back, half_ns - shift_ns, excess_ns / unequal),
@@ -165,7 +164,7 @@ def interval_score(one: Coverage) -> float:
     return sum(scores) / len(scores)
 
 
-def corrected_errors(draw: coverage.DrawLink, count: int, seed: str) -> list[float]:
+def corrected_errors(draw: DrawLink, count: int, seed: str) -> list[float]:
     """Mean error in us after a second of the middle of the two least delays, for each of `SHARES`.
 
     Each least delay is lowered by that share of how far the mean of the 24 least lies above it.
@@ -185,7 +184,7 @@ def corrected_errors(draw: coverage.DrawLink, count: int, seed: str) -> list[flo
     return [total / count for total in sums]
 
 
-def fixed(law: str) -> coverage.DrawLink:
+def fixed(law: str) -> DrawLink:
     """The experiments' link of that name, always the same."""
 
     def draw(_: random.Random) -> Link:

@@ -21,7 +21,12 @@ from capture_app.experiments.reference_broadcast import experiment as reference_
 from capture_app.experiments.scale import experiment as scale
 
 SHORT = clock_filters.StudySize(
-    messages=1000, convergence=(10, 300, 1000), convergence_trials=2, coverage_trials=1
+    messages=1000,
+    convergence=(10, 300, 1000),
+    convergence_trials=2,
+    coverage_trials=1,
+    cases=clock_filters.CASES[:1],
+    case_trials=1,
 )
 
 
@@ -62,11 +67,25 @@ def test_a_recorded_link_is_one_more_law(shared: Path) -> None:
     ours = outcome.result.ours
     assert ours["coverage_hard_bound"] == 1.0
     assert ours["gain_by_law"]["recorded"] > 2.0
+    recorded = msgspec.to_builtins(outcome.result)["cases"][-1]
+    assert recorded["name"] == "recorded link"
+    assert recorded["hard_bound_held"] == 1.0
 
 
 def test_the_command_prints_the_figures_as_json(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["experiment", "clock-filters", "--trials", "1", "--json"]) == ExitCode.OK
-    assert json.loads(capsys.readouterr().out)["name"] == "clock-filters"
+    result = json.loads(capsys.readouterr().out)
+    assert result["name"] == "clock-filters"
+    cases = {case["name"]: case for case in result["cases"]}
+    assert {"skew 1000 ppm", "slewed leader", "warming crystal", "asymmetry 20 %", "bursty link"} <= set(
+        cases
+    )
+    for case in cases.values():
+        assert case["hard_bound_held"] == 1.0, case
+        assert 0.0 <= case["stated_95_held"] <= 1.0
+        assert case["mean_us"] <= case["max_us"]
+    assert cases["slewed leader"]["mean_us"] < 100.0
+    assert cases["slewed leader"]["stated_95_held"] > 0.85
 
 
 def test_a_recording_that_is_not_there_is_told(capsys: pytest.CaptureFixture[str]) -> None:

@@ -4,13 +4,11 @@ Each trial has a link of its own whose least delays differ by chance, and a cloc
 """
 
 import random
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 
-from capture_app.simulation.network.delay_laws import DelayLaw, GammaDelay, LognormalDelay
+from capture_app.experiments.clock_filters.links import DrawLink
 from capture_app.simulation.network.exchanges import START_TRUE_NS, exchanges_at
-from capture_app.simulation.network.link import Link
-from capture_app.simulation.network.paper_link import LINKS_BY_LAW
 from capture_app.simulation.network.wandering_clock import draw_wandering_clock
 from capture_app.sync.clock.clock_filter import ClockFilter
 from capture_app.sync.timekeeping import poll_schedule
@@ -19,10 +17,6 @@ from capture_app.sync.tree.follower import WINDOW_NS
 _S = 1_000_000_000
 MOST_TRIALS = 100
 """Of each law in the situations after the first second; they take long."""
-HALF_LEAST_NS = 498_000
-"""Half the least round trip of the paper's link."""
-ASYMMETRY = 0.025
-"""One sigma of the least delays' difference from it."""
 FIRST_SECOND, AHEAD_1, AHEAD_5 = "first second", "1 s later", "5 s later"
 AHEAD = {FIRST_SECOND: 0, AHEAD_1: _S, AHEAD_5: 5 * _S}
 """How long after the last message of the first second; ns."""
@@ -50,21 +44,6 @@ class Coverage:
 
 Coverages = Mapping[str, Coverage]
 """By situation."""
-DrawLink = Callable[[random.Random], Link]
-
-
-def unequal_links(law: str) -> DrawLink:
-    """Links under one of the six laws, whose least delays differ by chance."""
-
-    def draw(rng: random.Random) -> Link:
-        shift_ns = round(rng.gauss(0.0, ASYMMETRY * HALF_LEAST_NS))
-        to_leader, to_client = LINKS_BY_LAW[law].to_leader, LINKS_BY_LAW[law].to_client
-        return Link(
-            _with_minimum(to_leader, HALF_LEAST_NS + shift_ns),
-            _with_minimum(to_client, HALF_LEAST_NS - shift_ns),
-        )
-
-    return draw
 
 
 def measure_coverage(draw: DrawLink, count: int, seed: str, *, most: int = MOST_TRIALS) -> Coverages:
@@ -76,6 +55,18 @@ def measure_coverage(draw: DrawLink, count: int, seed: str, *, most: int = MOST_
         _steady(found, _Trial(draw, f"{seed} steady {i}"))
         _rounds(found, _Trial(draw, f"{seed} rounds {i}"))
     return found
+
+
+def steady_times(until_ns: int) -> list[int]:
+    """When a client with a camera asks, in ns from the start: quickly at first, then less and less often."""
+    paces_ns = [poll_schedule.FIRST_PACE_NS] * poll_schedule.FIRST_SAMPLES
+    for pace_ns in poll_schedule.EASING_PACES_NS:
+        paces_ns += [pace_ns] * poll_schedule.EASING_SAMPLES
+    sent_ns = [0]
+    while sent_ns[-1] < until_ns:
+        pace_ns = paces_ns[len(sent_ns)] if len(sent_ns) < len(paces_ns) else poll_schedule.PACE_NS
+        sent_ns.append(sent_ns[-1] + pace_ns)
+    return sent_ns
 
 
 class _Trial:
@@ -116,13 +107,6 @@ class _Trial:
             coverage.stated_us.append(stated_ns / 1000.0)
 
 
-def _with_minimum(law: DelayLaw, minimum_ns: int) -> DelayLaw:
-    """The same law with another minimum, and the mean moved with it."""
-    assert isinstance(law, GammaDelay | LognormalDelay)
-    mean_ns = law.mean_ns + minimum_ns - law.minimum_ns
-    return replace(law, minimum_ns=minimum_ns, mean_ns=mean_ns)
-
-
 def _first_second(found: Coverages, trial: _Trial) -> None:
     sent_ns = [i * poll_schedule.FIRST_PACE_NS for i in range(poll_schedule.FIRST_SAMPLES)]
     clock = ClockFilter()
@@ -132,15 +116,8 @@ def _first_second(found: Coverages, trial: _Trial) -> None:
 
 def _steady(found: Coverages, trial: _Trial) -> None:
     """A client with a camera: it asks in quick succession, then less and less often."""
-    sent_ns, last_ns = [0], max(STEADY.values())
-    paces_ns = [poll_schedule.FIRST_PACE_NS] * poll_schedule.FIRST_SAMPLES
-    for pace_ns in poll_schedule.EASING_PACES_NS:
-        paces_ns += [pace_ns] * poll_schedule.EASING_SAMPLES
-    while sent_ns[-1] < last_ns:
-        pace_ns = paces_ns[len(sent_ns)] if len(sent_ns) < len(paces_ns) else poll_schedule.PACE_NS
-        sent_ns.append(sent_ns[-1] + pace_ns)
     clock, situations = ClockFilter(), iter(STEADY)
-    for now_ns in trial.feed(clock, sent_ns, sorted(STEADY.values())):
+    for now_ns in trial.feed(clock, steady_times(max(STEADY.values())), sorted(STEADY.values())):
         trial.judge(clock, now_ns, {next(situations): 0}, found)
 
 

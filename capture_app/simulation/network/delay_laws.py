@@ -1,4 +1,4 @@
-"""Laws of one-way delays: Gamma, lognormal, or recorded; times in ns."""
+"""Laws of one-way delays: Gamma, lognormal, rarely quick, or recorded; times in ns."""
 
 import random
 from dataclasses import dataclass
@@ -43,6 +43,26 @@ class LognormalDelay:
         """Return the delay of one datagram, in ns."""
         excess_ns = rng.lognormvariate(log(self.mean_ns - self.minimum_ns) - self.sigma**2 / 2.0, self.sigma)
         return round(self.minimum_ns + excess_ns + _outlier_ns(self, rng))
+
+
+@dataclass(frozen=True, slots=True)
+class BimodalDelay:
+    """Now and then a quick one, near the minimum; most wait for `gap_ns` and Gamma(2) more. Times in ns."""
+
+    minimum_ns: int
+    mean_ns: int
+    """Of those that wait."""
+    quick_share: float
+    gap_ns: int
+    quick_ns: int = 20_000
+    """Mean of the exponential delay of the quick ones beyond the minimum."""
+
+    def draw(self, rng: random.Random, true_ns: int = 0) -> int:
+        """Return the delay of one datagram, in ns."""
+        if rng.random() < self.quick_share:
+            return round(self.minimum_ns + rng.expovariate(1.0 / self.quick_ns))
+        least_ns = self.minimum_ns + self.gap_ns
+        return round(least_ns + rng.gammavariate(2.0, (self.mean_ns - least_ns) / 2.0))
 
 
 @dataclass(frozen=True, slots=True)

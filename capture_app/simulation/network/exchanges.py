@@ -5,12 +5,11 @@ import random
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Protocol
 
-from capture_app.clock import SimulatedClock
 from capture_app.errors import BadInputError
 from capture_app.simulation.network.delay_laws import ReplayedDelay
 from capture_app.simulation.network.link import Channel, Link
-from capture_app.simulation.network.wandering_clock import WanderingClock
 from capture_app.sync.clock.clock_filter import ClockSample
 
 COLUMNS = ("t_s", "rtt_ms")
@@ -50,8 +49,11 @@ TURNAROUND_NS = 30_000
 START_TRUE_NS = 10**12
 
 
-LocalClock = SimulatedClock | WanderingClock
-"""A client's clock, steady or not."""
+class LocalClock(Protocol):
+    """A client's clock, steady or not."""
+
+    def local_from_true(self, true_ns: int) -> int:
+        """Reading of this clock in ns at a true time in ns."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,7 @@ from capture_app.node.wire.status import RigStatus
 from capture_app.node.wire.views import NewsLine
 from capture_app.text import printable
 from capture_app.tui.header import MODES
+from capture_app.tui.jobs.job import Job, JobState
 from capture_app.tui.jobs.job_list import JobList
 from capture_app.tui.jobs.jobs_view import JobsView
 from capture_app.tui.keys.actions import keys_file_text, unknown_names
@@ -90,6 +91,7 @@ class SimulshotApp(App[None]):
         self._started = started
         self._record = RigRecord(clock)
         self.jobs = JobList(sessions)
+        self._told_jobs: set[Job] = set()
         for mode in MODES:
             self.add_mode(mode, partial(self._mode_screen, mode))
         for theme in THEMES.values():
@@ -112,6 +114,7 @@ class SimulshotApp(App[None]):
         self.screen_change_signal.subscribe(self, self._tell_screen)
         self.theme_changed_signal.subscribe(self, lambda theme: self._settings.remember("theme", theme.name))
         self._follow()
+        self.jobs.watch(self._tell_job)
         self.run_worker(self.jobs.find_earlier(), group="jobs")
 
     async def on_unmount(self) -> None:
@@ -240,6 +243,19 @@ class SimulshotApp(App[None]):
             self.exit(message=printable(f"The rig may still run: {error or 'it did not answer'}"))
         else:
             self.exit()
+
+    def _tell_job(self, job: Job) -> None:
+        """Say in every mode that a job has come to its end."""
+        ended = job.state in (JobState.DONE, JobState.FAILED)
+        if ended and not job.is_found and job not in self._told_jobs:
+            self._told_jobs.add(job)
+            what = f"{job.kind.title} of {printable(job.session.name)}"
+            if job.state is JobState.FAILED:
+                self.notify(f"{what} failed: {job.message}", severity="error", markup=False, timeout=10)
+            elif job.result is not None:
+                self.notify(f"{what} is done: o in Sessions shows it", markup=False)
+            else:
+                self.notify(f"{what}: {job.message}", markup=False)
 
     # Settings
 

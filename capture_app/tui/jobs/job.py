@@ -45,6 +45,8 @@ class Job:
     ended: datetime | None = None
     seconds: float = 0.0
     """How long it has run, without the time for which it was paused."""
+    is_found: bool = False
+    """It is of an earlier run of the screen, and was found on disk."""
     log: deque[str] = field(default_factory=lambda: deque(maxlen=LOG_LINES))
 
     @property
@@ -59,10 +61,11 @@ class Job:
 
     @property
     def result(self) -> Path | None:
-        """The file with its figures, if it has made one that can be looked at."""
-        if self.state is not JobState.DONE or self.out is None or not self.kind.result:
+        """The file with the figures, its own or those of an earlier run to the same folder, if any."""
+        if not self.state.is_over or self.out is None or not self.kind.result:
             return None
-        return self.out / self.kind.result
+        path = self.out / self.kind.result
+        return path if path.is_file() else None
 
     @property
     def share(self) -> float | None:

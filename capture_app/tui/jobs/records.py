@@ -57,7 +57,9 @@ def save_record(job: Job, root: Path) -> None:
         seconds=round(job.seconds, 1),
     )
     write_atomic_unsynced(place / f"{job.kind.name}.json", pretty_json(record))
-    if job.state.is_over:
+    if not job.state.is_over:
+        (place / f"{job.kind.name}.log").unlink(missing_ok=True)
+    else:
         log = "".join(f"{line}\n" for line in job.log)
         write_atomic_unsynced(place / f"{job.kind.name}.log", log.encode(errors="replace"))
 
@@ -102,7 +104,7 @@ def _read(place: Path, root: Path) -> Job | None:
     if state is JobState.DONE and kind.result and (out is None or not (out / kind.result).is_file()):
         return None
     job = Job(kind, session, out, record.options, 0, state, message=message, ended=ended)
-    job.seconds = record.seconds
+    job.seconds, job.is_found = record.seconds, True
     with suppress(OSError):
         job.log.extend(printable(place.with_suffix(".log").read_text(errors="replace")).splitlines())
     return job

@@ -57,6 +57,7 @@ async def test_what_goes_wrong_is_said_in_the_programs_own_words(jobs: JobList, 
     assert job.state is JobState.FAILED
     assert job.message == "the burst has one instant only"
     assert job.result is None
+    assert not job.is_found
     with pytest.raises(BadInputError, match="cannot be read"):
         jobs.add(QUICK, session.folder, "say 'open")
     with pytest.raises(BadInputError, match="set by the job"):

@@ -96,6 +96,17 @@ async def test_a_running_job_is_followed_cancelled_and_run_again(root: Path, tmp
         await until(pilot, lambda: not pilot.app.jobs.jobs)
 
 
+async def test_the_end_of_a_job_is_told_in_every_mode(root: Path) -> None:
+    async with jobs_mode(root) as pilot:
+        await pilot.press("1")
+        pilot.app.jobs.add(QUICK, root / "take", "")
+        await until(pilot, lambda: any("Compare of take is done" in toast for toast in toasts(pilot.app)))
+        pilot.app.jobs.add(QUICK, root / "take", "fail")
+        await until(pilot, lambda: any("one instant only" in toast for toast in toasts(pilot.app)))
+        # What the run before has found is still there.
+        assert pilot.app.jobs.jobs[0].result is not None
+
+
 async def test_jobs_stand_still_while_a_burst_is_taken(root: Path, tmp_path: Path) -> None:
     async with jobs_mode(root) as pilot:
         pilot.app.jobs.add(QUICK, root / "take", f"say '[1/2] begun' wait {tmp_path / 'go'}")
@@ -165,14 +176,16 @@ async def test_the_report_opens_in_the_browser_and_over_ssh_its_path_is_told(
         assert len(opened) == 1
 
 
-async def test_a_result_that_is_gone_is_said_to_be(root: Path) -> None:
+async def test_a_result_that_cannot_be_read_or_is_gone(root: Path) -> None:
     job = add_comparison(root, "take")
     async with jobs_mode(root) as pilot:
         await until(pilot, lambda: "✔ done" in text(pilot))
         assert job.result is not None
-        job.result.unlink()
+        job.result.write_text("{")
         await pilot.press("enter")
         await until(pilot, lambda: any("run it again" in toast for toast in toasts(pilot.app)))
+        job.result.unlink()
+        assert view(pilot).check_action("open", ()) is False
 
 
 @pytest.mark.parametrize("size", SIZES)

@@ -83,6 +83,11 @@ class ShootView(ModeView):
             yield self.stage
         yield self._advice
 
+    @property
+    def takes(self) -> tuple[Take, ...]:
+        """The takes that the screen has heard of, the newest last."""
+        return tuple(self._log.takes)
+
     def on_mount(self) -> None:
         """Show that there is no take yet."""
         self.take_panel.show(())
@@ -121,8 +126,7 @@ class ShootView(ModeView):
 
     def on_preview_received(self, message: PreviewReceived) -> None:
         """Show what a camera sees."""
-        if self.stage.is_live:
-            self.stage.grid.show_preview(message.preview)
+        self.stage.grid.show_preview(message.preview)
 
     def on_stage_changed(self) -> None:
         """Drive what is shown now."""
@@ -238,11 +242,9 @@ class ShootView(ModeView):
         """Take note of how far a burst is."""
         if not status.name:
             self._show_advice(f"◔ {status.message}" if status.message else "")
-            return
-        take = self._log.note(status, request)
-        if take is not None and status.done:
-            self._judge(take)
-        if take is not None:
+        elif (take := self._log.note(status, request)) is not None:
+            if status.done:
+                self._judge(take)
             self.take_panel.show(self._log.takes)
 
     @work(group="judging")

@@ -1,0 +1,104 @@
+"""The key on the screen, the session on the disk: a leader and simulated cameras over loopback."""
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator, Callable
+from dataclasses import replace
+from functools import partial
+from itertools import count
+from pathlib import Path
+
+import pytest
+
+from capture_app.cameras.catalog import open_camera
+from capture_app.clock import HostClock
+from capture_app.node.camera.camera_node import CameraNode
+from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.operator.link import RigLink
+from capture_app.session.reading.reader import Session
+from capture_app.session.reading.verify import verify
+from capture_app.sync.wire.messages import NodeState
+from capture_app.tui.app import SimulshotApp
+from capture_app.tui.settings import Settings
+from capture_app.tui.shoot.take import Take
+from capture_app.tui.shoot.view import ShootView
+
+PATIENCE_S = 120.0
+BEFORE, FRAMES = 3, 5
+
+
+@contextlib.asynccontextmanager
+async def rig_of(cameras: int, sessions: Path) -> AsyncIterator[LeaderNode]:
+    """A leader and so many cheap cameras, in this process."""
+    async with LeaderNode(sessions=sessions, host="127.0.0.1", port=0) as leader:
+        nodes = [
+            CameraNode(
+                name=name,
+                open_camera=partial(
+                    open_camera, "sim:perfect,scale=0.1,drops=0", clock=HostClock(), name=name
+                ),
+                leader=leader.own_address,
+            )
+            for name in (f"cam{number:02d}" for number in range(cameras))
+        ]
+        running = [asyncio.ensure_future(node.run()) for node in nodes]
+        try:
+            yield leader
+        finally:
+            for task in running:
+                task.cancel()
+            await asyncio.gather(*running, return_exceptions=True)
+
+
+async def until(holds: Callable[[], bool]) -> None:
+    async with asyncio.timeout(PATIENCE_S):
+        while True:
+            if holds():
+                return
+            await asyncio.sleep(0.05)
+
+
+async def take_until_whole(app: SimulshotApp, view: ShootView) -> Take:
+    """Take until a take has all images: a machine that is starved drops frames, and says so."""
+    for number in count(1):
+        app.simulate_key("space")
+        await until(lambda number=number: len(view.takes) == number and is_over(view.takes[-1]))
+        take = view.takes[-1]
+        if take.judged is not None and not take.judged.sheet.session.manifest.missing:
+            return take
+    raise AssertionError
+
+
+def is_over(take: Take) -> bool:
+    return take.judged is not None or (take.status.done and take.status.session is None)
+
+
+@pytest.mark.parametrize("cameras", [1, 5])
+async def test_space_puts_a_named_take_with_frames_around_the_key_on_disk(
+    tmp_path: Path, cameras: int
+) -> None:
+    plan = {"shoot.frames": FRAMES, "shoot.before": BEFORE, "shoot.name": "jump"}
+    async with rig_of(cameras, tmp_path) as leader:
+        app = SimulshotApp(RigLink(leader.own_address), settings=Settings(choices=plan), sessions=tmp_path)
+        async with app.run_test(size=(120, 40)) as pilot:
+            await pilot.press("2")
+            view = app.screen.query_one(ShootView)
+            ready = [NodeState.READY] * cameras
+            await until(lambda: [node.state for node in leader.status().nodes] == ready)
+            await until(lambda: all(tile.picture.cells is not None for tile in view.stage.grid.tiles))
+            assert len(view.stage.grid.tiles) == cameras, "each camera shows what it sees"
+            view.plan_panel.set_plan(replace(view.plan_panel.plan, note="first try"))
+            key_ns = HostClock().now_ns()
+            take = await take_until_whole(app, view)
+            await until(lambda: view.stage.is_sheet)
+            assert view.take_panel.plain.startswith(f"{take.name}\n")
+    session = Session.open(tmp_path / take.name)
+    manifest = session.manifest
+    assert take.name.startswith("jump-")
+    assert manifest.note.startswith("first try")
+    assert verify(session) == []
+    assert len(manifest.images) == cameras * FRAMES
+    instants_ns, period_ns = manifest.burst.instants_ns, manifest.burst.period_ns
+    assert len(instants_ns) == FRAMES
+    assert instants_ns[BEFORE] > key_ns - period_ns, "what comes after the key is not before it"
+    assert instants_ns[0] <= instants_ns[BEFORE] - BEFORE * period_ns

@@ -45,7 +45,7 @@ class Question(ModalScreen[str | None]):
         _CSS.format("Question")
         + """
     Question Horizontal { height: auto; }
-    Question Button { margin-right: 1; height: 1; border: none; min-width: 0; padding: 0 1; }
+    Question Button { margin-right: 1; min-width: 0; padding: 0 1; }
     """
     )
 
@@ -60,7 +60,7 @@ class Question(ModalScreen[str | None]):
             Static(Content(self._text), classes="question"),
             Horizontal(
                 *(
-                    Button(Content(f"{answer.key} {answer.label}"), id=f"answer-{answer.value}")
+                    Button(Content(f"{answer.key} {answer.label}"), id=f"answer-{answer.value}", compact=True)
                     for answer in self._answers
                 )
             ),

@@ -35,6 +35,10 @@ async def test_an_answer_by_its_key_by_enter_and_by_click() -> None:
             assert app.answers == [answer]
     app = AskingApp(Question("Again?", ANSWERS))
     async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        seen = app.export_screenshot().replace("&#160;", " ")
+        assert "k Keep both" in seen
+        assert "t Trash the earlier one" in seen
         await pilot.click("#answer-trash")
         await pilot.pause()
         assert app.answers == ["trash"]

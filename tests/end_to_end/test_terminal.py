@@ -1,0 +1,58 @@
+"""The whole way of a first user, in a real terminal: keys typed, screen read."""
+
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import pytest
+
+from capture_app.node.operator.requests import ask_status, give_order
+from capture_app.node.wire.operating import StopRig
+from capture_app.rig_process import list_rigs
+from capture_app.session.reading.reader import Session
+from capture_app.session.reading.verify import verify
+from capture_app.sync.wire.messages import NodeState
+
+from .terminal import Terminal, require_tmux
+
+
+@pytest.fixture
+async def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator[dict[str, str]]:
+    """A user without any settings; rigs that are left running are stopped."""
+    require_tmux()
+    folders = {
+        name: str(tmp_path / name.lower()) for name in ("XDG_STATE_HOME", "XDG_CONFIG_HOME", "XDG_DATA_HOME")
+    }
+    for name, folder in folders.items():
+        monkeypatch.setenv(name, folder)
+    yield folders
+    for rig in list_rigs():
+        await give_order(rig.address, StopRig())
+
+
+async def test_a_killed_screen_leaves_rig_and_take_whole_and_the_next_finds_both(
+    home: dict[str, str], tmp_path: Path
+) -> None:
+    camera = ("--camera", "sim:perfect,scale=0.2", "--camera", "sim:phone-b,scale=0.2,drops=0")
+    here = ("--host", "127.0.0.1", "--sessions", "takes", *camera)
+    async with Terminal(*here, environment=home, folder=tmp_path) as first:
+        await first.shows("2 of 2 ready")
+        first.press("2")
+        await first.shows("Next take")
+        first.press("Space")
+        await first.shows("burst-001")
+        first.kill()
+    (rig,) = list_rigs()
+    nodes = (await ask_status(rig.address)).nodes
+    assert [node.name for node in nodes if node.state is not NodeState.LOST] == ["perfect", "phone-b"]
+    async with Terminal(environment=home, folder=tmp_path) as again:
+        await again.shows("2 of 2 ready")
+        again.press("3")
+        await again.shows("burst-001")
+        again.press("q")
+        await again.shows("Leave it running", "Stop the rig")
+        again.press("s")
+        assert await again.ends() == 0
+    assert list_rigs() == []
+    session = Session.open(tmp_path / "takes" / "burst-001")
+    assert verify(session) == []
+    assert {image.camera for image in session.manifest.images} == {"perfect", "phone-b"}

@@ -69,7 +69,7 @@ class ClockFilter:
         self._blocks: dict[int, tuple[set[Bound], set[Bound]]] = {}
         """Upper and lower bounds by second: all of the newest one, those of the others that matter."""
         self._fitted: LikelyLine | None = None
-        self._drift = DRIFT
+        self._drift, self._stale = DRIFT, True
         self._changed: tuple[int, float] | None = None
 
     @property
@@ -103,7 +103,7 @@ class ClockFilter:
             return False
         if self._blocks and sample.t3_ns // BLOCK_NS > self._newest_ns // BLOCK_NS:
             self._end_block()
-        self._highest, self._lowest, self._fitted = highest, lowest, None
+        self._highest, self._lowest, self._stale = highest, lowest, True
         self.samples += 1
         self._newest_ns = max(self._newest_ns, sample.t3_ns)
         self._blocks.setdefault(sample.t0_ns // BLOCK_NS, (set(), set()))[0].add(upper)
@@ -139,8 +139,8 @@ class ClockFilter:
         )
 
     def _line(self) -> LikelyLine:
-        if self._fitted is None:
-            self._fitted = self._fit(self._blocks)
+        if self._fitted is None or self._stale:
+            self._fitted, self._stale = self._fit(self._blocks), False
         return self._fitted
 
     def _fit(self, indices: Iterable[int]) -> LikelyLine:
@@ -152,7 +152,7 @@ class ClockFilter:
     def _end_block(self) -> None:
         """Thin out the newest second, forget what is too old, and look for a change of the rate."""
         for bounds, slope in zip(self._blocks[max(self._blocks)], (1.0, -1.0), strict=True):
-            slope *= self._line().skew
+            slope *= (self._fitted or self._line()).skew
             levels = [(value - slope * (t - self._newest_ns), (t, value)) for t, value in bounds]
             bounds.intersection_update(lower_hull(bounds) + [b for _, b in nsmallest(TIGHTEST, levels)])
         oldest = (self._newest_ns - self._window_ns) // BLOCK_NS

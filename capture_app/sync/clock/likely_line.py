@@ -12,8 +12,8 @@ TIGHTEST = 8
 """So many bounds of each direction tell how near the tightest one is to the minimum delay."""
 WIDTH = 0.55
 """Share of their mean distance to it that is one e-fold of likelihood."""
-_NEAR = [0.0, *(sign * 3e-9 * 1.6**k for k in range(28) for sign in (-1.0, 1.0))]
-_USUAL = [k * 8e-6 for k in range(-12, 13)]
+_NEAR = [0.0, *(sign * 4e-9 * 2.0**k for k in range(18) for sign in (-1.0, 1.0))]
+_USUAL = [k * 12e-6 for k in range(-8, 9)]
 
 Point = tuple[float, float]
 """Time since the reference and bound, in ns; bounds from below with their sign turned."""

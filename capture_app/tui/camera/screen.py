@@ -144,9 +144,9 @@ class CameraScreen(Screen[None]):
         wedge, histogram, log = (
             self.query_one(f"#camera-{name}", Vertical) for name in ("wedge", "histogram", "log")
         )
-        wedge.border_title = wedge_title(detail.samples)
-        histogram.border_title = histogram_title(detail.phase_errors_ns, tolerance)
-        log.border_title = "log"
+        _set_title(wedge, wedge_title(detail.samples))
+        _set_title(histogram, histogram_title(detail.phase_errors_ns, tolerance))
+        _set_title(log, "log")
         self._wedge.show(wedge_rows(detail.samples, *wedge.size))
         self._histogram.show(histogram_rows(detail.phase_errors_ns, tolerance, *histogram.size))
         lines = news_lines(detail.log, log.size.width)[-max(log.size.height, 1) :]
@@ -173,7 +173,7 @@ class CameraScreen(Screen[None]):
             f"phase {duration(node.phase_error_ns, signed=True).replace('-', '−')}",
             clock,
             f"{clock_offset(node.offset_ns)} from the leader's",
-            f"{NO_VALUE if node.fps is None else f'{node.fps:.1f}'} fps",
+            f"{NO_VALUE if node.fps is None else f'{node.fps:.3g}'} fps",
             count(node.drops, "drop"),
         ]
         facts = node.camera
@@ -191,3 +191,8 @@ class CameraScreen(Screen[None]):
                 Content.styled("   ".join(third), "$foreground-muted"),
             ]
         )
+
+
+def _set_title(panel: Vertical, title: str) -> None:
+    if panel.border_title != title:  # setting it redraws the panel
+        panel.border_title = title

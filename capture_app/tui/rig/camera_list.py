@@ -102,8 +102,10 @@ class CameraList(Vertical, can_focus=True):
             rows += [_marked(line, width) for line in lines] if node.name == self._chosen else lines
         self._head.show([compact_head(width)] if height == 1 else [])
         self._rows.show(rows)
-        self.border_title = count(len(cameras_of(status)), "camera")
-        self.border_subtitle = f"phase error over the last {SPAN_S:.0f} s · {axis}"
+        title = count(len(cameras_of(status)), "camera")
+        subtitle = f"phase error over the last {SPAN_S:.0f} s · {axis}"
+        if (title, subtitle) != (self.border_title, self.border_subtitle):  # setting them redraws all
+            self.border_title, self.border_subtitle = title, subtitle
 
     def action_move(self, steps: int) -> None:
         """Choose another camera."""

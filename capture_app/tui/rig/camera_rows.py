@@ -56,7 +56,7 @@ def compact_row(node: NodeStatus, errors_ns: list[int | None], axis: PhaseAxis, 
         "state": _state(node),
         "phase": _styled(_phase(node), "" if gone else _phase_style(node, axis)),
         "clock": _styled(_clock(node)),
-        "fps": _styled(NO_VALUE if node.fps is None else f"{node.fps:.1f}"),
+        "fps": _styled(NO_VALUE if node.fps is None else f"{node.fps:.3g}"),
         "drops": _styled(str(node.drops), "$warning" if node.drops else ""),
         "exposure": _styled(_exposure(node)),
         "disk": _styled(_disk(node)),
@@ -115,7 +115,7 @@ def tall_rows(
     if node.camera.kind in WITHOUT_CAMERA:
         words.append(Content.styled(f"  {node.camera.kind}", "$foreground-muted"))
     else:
-        fps = NO_VALUE if node.fps is None else f"{node.fps:.1f}"
+        fps = NO_VALUE if node.fps is None else f"{node.fps:.3g}"
         words.append(Content.assemble("  ", f"{fps} fps  ", _exposure(node), "  ", drops))
     extra = [
         f"  {_disk(node)} free" if node.disk_free_bytes is not None else "",

@@ -28,6 +28,8 @@ from capture_app.tui.states import NO_LEADER, rig_sign
 ADVICE_LINES = 2
 SMALL = 30
 """Rows below which the news do with two lines and no frame."""
+CALM_S, MAX_CALM_S = 0.5, 6.0
+"""Between two drawings of a rig that is in step: so long for each camera, and at most."""
 REDRAW_S = 0.5
 """Between two drawings of figures that change all the time; a change of state is drawn at once."""
 
@@ -56,6 +58,7 @@ class RigView(ModeView):
         self._adding: int | None = None
         """How many cameras there were when the user asked for more; None when they did not."""
         self._drawn: tuple[object, ...] = ()
+        self._next_draw_s = 0.0
 
     def compose(self) -> ComposeResult:
         """Lay the mode out."""
@@ -66,7 +69,7 @@ class RigView(ModeView):
 
     def on_mount(self) -> None:
         """Let time pass in the strips."""
-        self.set_interval(REDRAW_S, self._draw)
+        self.set_interval(REDRAW_S, self._let_time_pass)
 
     def focus_first(self) -> None:
         """The list that is seen is what the keys are for."""
@@ -104,6 +107,15 @@ class RigView(ModeView):
     def on_news_received(self, message: NewsReceived) -> None:
         """Add it."""
         self._news.draw(self._record.news)
+
+    def _let_time_pass(self) -> None:
+        """Draw what is worth watching; a rig that only trembles is drawn now and then."""
+        status = self._record.status
+        if status is None or self._record.clock() < self._next_draw_s:
+            return
+        pause_s = min(max(CALM_S * len(status.nodes), REDRAW_S), MAX_CALM_S) if _is_calm(status) else 0.0
+        self._next_draw_s = self._record.clock() + pause_s
+        self._draw()
 
     def _draw(self) -> None:
         if not self.screen.is_current or self.size.height == 0:
@@ -189,3 +201,12 @@ class RigView(ModeView):
             await self._source.remove_camera(name)
         except SimulshotError as error:
             self.post_message(Mishap(error))
+
+
+def _is_calm(status: RigStatus) -> bool:
+    """Whether all that changes is how much phases tremble within their tolerance."""
+    return all(
+        node.state is NodeState.LOST
+        or (node.state is NodeState.READY and abs(node.phase_error_ns or 0) <= 2 * node.tolerance_ns)
+        for node in status.nodes
+    )

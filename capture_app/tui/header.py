@@ -1,6 +1,8 @@
 """The line on top: the modes with their keys, which rig this is, whether it is ready, room on its disk."""
 
 from textual import events
+from textual.app import ComposeResult
+from textual.containers import Horizontal
 from textual.content import Content
 
 from capture_app.node.wire.status import RigStatus
@@ -13,30 +15,47 @@ MODES = {"rig": "Rig", "shoot": "Shoot", "sessions": "Sessions", "jobs": "Jobs"}
 """By name, in the order of their keys 1 to 4."""
 
 
-class Header(Lines):
-    """One line; a click on a mode goes there."""
+class Header(Horizontal):
+    """One line: modes at the left, of which a click goes to one, and the rig at the right."""
 
-    DEFAULT_CSS = "Header { dock: top; height: 1; background: $panel; color: $foreground; }"
+    DEFAULT_CSS = """
+    Header { dock: top; height: 1; background: $panel; color: $foreground; }
+    Header #tabs { width: auto; }
+    Header #rig-line { width: 1fr; }
+    """
 
     def __init__(self, mode: str) -> None:
         super().__init__(id="header")
-        self._mode = mode
-        self._status: RigStatus | None = None
-        self._lost = ""
+        self._tabs = Tabs(mode)
+        self._rig_line = RigLine()
+
+    def compose(self) -> ComposeResult:
+        """Two parts: the one does not change with the other."""
+        yield self._tabs
+        yield self._rig_line
 
     def show_status(self, status: RigStatus) -> None:
         """Show how the rig is."""
-        self._status = status
-        self._show()
+        self._rig_line.show_rig(status, self._rig_line.lost)
 
     def show_link(self, reason: str) -> None:
         """Show that the leader does not answer; empty: that it does."""
-        self._lost = reason
-        self._show()
+        self._rig_line.show_rig(self._rig_line.status, reason)
 
-    def on_resize(self) -> None:
-        """Show what there is room for."""
-        self._show()
+
+class Tabs(Lines):
+    """The modes with their keys."""
+
+    def __init__(self, mode: str) -> None:
+        super().__init__(id="tabs")
+        tabs = [
+            Content.assemble(
+                (f" {number} ", "bold $primary" if name != mode else "reverse bold $primary"),
+                (f"{title} ", "$foreground" if name != mode else "reverse bold $primary"),
+            )
+            for number, (name, title) in enumerate(MODES.items(), 1)
+        ]
+        self.show([Content("").join(tabs)])
 
     def on_click(self, event: events.Click) -> None:
         """Go to the mode that was clicked."""
@@ -47,28 +66,34 @@ class Header(Lines):
                 self.post_message(ModeRequested(mode))
                 return
 
-    def _show(self) -> None:
-        tabs = [
-            Content.assemble(
-                (f" {number} ", "bold $primary" if mode != self._mode else "reverse bold $primary"),
-                (f"{title} ", "$foreground" if mode != self._mode else "reverse bold $primary"),
-            )
-            for number, (mode, title) in enumerate(MODES.items(), 1)
-        ]
-        left = Content("").join(tabs)
-        room = self.size.width - left.cell_length - 1
+
+class RigLine(Lines):
+    """How the rig is, in as many words as there is room for."""
+
+    def __init__(self) -> None:
+        super().__init__(id="rig-line")
+        self.status: RigStatus | None = None
+        self.lost = ""
+
+    def show_rig(self, status: RigStatus | None, lost: str) -> None:
+        """Show a rig, or that its leader is lost for a reason."""
+        self.status, self.lost = status, lost
+        room = self.size.width - 1
         parts: list[Content] = []
         for part in self._parts():  # the most important first; what does not fit is left out
             if part.cell_length + 3 <= room:
                 room -= part.cell_length + 3
                 parts.append(part)
-        right = Content(" · ").join(parts[::-1])
-        gap = self.size.width - left.cell_length - right.cell_length - 1
-        self.show([Content.assemble(left, " " * max(gap, 1), right)])
+        line = Content(" · ").join(parts[::-1])
+        self.show([Content(" " * max(self.size.width - line.cell_length - 1, 0)) + line])
+
+    def on_resize(self) -> None:
+        """Show what there is room for."""
+        self.show_rig(self.status, self.lost)
 
     def _parts(self) -> list[Content]:
-        status = self._status
-        sign = NO_LEADER if self._lost else WAITING if status is None else rig_sign(status)
+        status = self.status
+        sign = NO_LEADER if self.lost else WAITING if status is None else rig_sign(status)
         parts = [Content.styled(str(sign), f"bold {sign.style}")]
         if status is None:
             return parts

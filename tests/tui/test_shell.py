@@ -11,7 +11,7 @@ from tests.tui.fake_rig import FakeRig
 
 
 def header(app: SimulshotApp) -> str:
-    return text(app, "#header")
+    return text(app, "#tabs") + text(app, "#rig-line")
 
 
 async def test_the_header_says_which_rig_it_is_and_how_ready() -> None:
@@ -38,7 +38,7 @@ async def test_modes_are_a_key_and_a_click_away_and_hear_of_the_rig() -> None:
             await pilot.pause()
             assert app.current_mode == mode
             assert "● 1 of 1 ready" in header(app)
-        await pilot.click("#header", offset=(12, 0))
+        await pilot.click("#tabs", offset=(12, 0))
         await pilot.pause()
         assert app.current_mode == "shoot"
 

@@ -1,5 +1,6 @@
 """The mode Rig."""
 
+import re
 import textwrap
 from pathlib import Path
 from typing import ClassVar
@@ -10,7 +11,7 @@ from textual.binding import Binding, BindingType
 from textual.content import Content
 
 from capture_app.errors import SimulshotError
-from capture_app.node.wire.status import RigStatus
+from capture_app.node.wire.status import NodeStatus, RigStatus
 from capture_app.sync.wire.messages import NodeState
 from capture_app.text import printable
 from capture_app.tui.camera.screen import CameraScreen
@@ -26,9 +27,10 @@ from capture_app.tui.start.panel import StartPanel
 from capture_app.tui.states import NO_LEADER, rig_sign
 
 ADVICE_LINES = 2
+_FIGURES = re.compile(r"[\d.,]+ ?[nµm]?s?")
 SMALL = 30
 """Rows below which the news do with two lines and no frame."""
-CALM_S, MAX_CALM_S = 0.5, 6.0
+CALM_S, MAX_CALM_S = 0.6, 8.0
 """Between two drawings of a rig that is in step: so long for each camera, and at most."""
 REDRAW_S = 0.5
 """Between two drawings of figures that change all the time; a change of state is drawn at once."""
@@ -91,10 +93,10 @@ class RigView(ModeView):
     def on_status_changed(self, message: StatusChanged) -> None:
         """Draw at once what is not a mere figure."""
         status = message.status
+        words = (status.advice, status.message, *(node.message for node in status.nodes))
         seen = (
-            status.advice,
-            status.message,
-            *((node.name, node.state, node.message) for node in status.nodes),
+            *(_FIGURES.sub("", text) for text in words),
+            *((node.name, _is_settled(node) or node.state) for node in status.nodes),
         )
         if seen != self._drawn:
             self._drawn = seen
@@ -125,7 +127,7 @@ class RigView(ModeView):
             return
         self._choose_panel(status)
         self._start.show_leader(status.leader)
-        advice = [] if self._start.display else self._advise(status)[:ADVICE_LINES]
+        advice = [] if self._start.display else self._advise(status)
         self._advice.show(advice)
         # The news keep a few lines whatever comes, and more of them in a large window.
         small = self.size.height < SMALL
@@ -143,6 +145,8 @@ class RigView(ModeView):
             sign = rig_sign(status)
             words = " ".join(filter(None, (status.message, status.advice))) or sign.word
         lines = textwrap.wrap(f"{sign.glyph} {printable(words)}", self.size.width - 2, subsequent_indent="  ")
+        # Always as many lines, so that what is below does not jump.
+        lines = (lines + [""] * ADVICE_LINES)[:ADVICE_LINES]
         return [Content.styled(line, f"bold {sign.style}") for line in lines]
 
     def _choose_panel(self, status: RigStatus) -> None:
@@ -204,9 +208,11 @@ class RigView(ModeView):
 
 
 def _is_calm(status: RigStatus) -> bool:
-    """Whether all that changes is how much phases tremble within their tolerance."""
-    return all(
-        node.state is NodeState.LOST
-        or (node.state is NodeState.READY and abs(node.phase_error_ns or 0) <= 2 * node.tolerance_ns)
-        for node in status.nodes
-    )
+    """Whether all that changes is how much phases tremble."""
+    return all(node.state is NodeState.LOST or _is_settled(node) for node in status.nodes)
+
+
+def _is_settled(node: NodeStatus) -> bool:
+    """Whether a camera is in step; one that touches up its phase for a moment is, too."""
+    close = abs(node.phase_error_ns or 0) <= 2 * node.tolerance_ns
+    return close and node.state in (NodeState.READY, NodeState.ALIGNING)

@@ -46,7 +46,7 @@ async def test_the_advice_is_above_the_list_and_a_lost_leader_is_said_there() ->
     app = make_app(rig)
     async with app.run_test(size=(80, 24)) as pilot:
         await settle(pilot)
-        assert text(app, "#advice") == "◑ cam02 is aligning: wait a few seconds."
+        assert text(app, "#advice").strip() == "◑ cam02 is aligning: wait a few seconds."
         rig.lose_link("192.168.1.5:47010 does not answer; trying again")
         await settle(pilot)
         assert text(app, "#advice").startswith("✖ 192.168.1.5:47010 does not answer")

@@ -10,6 +10,7 @@ from capture_app.commands.options import ANY_PATH
 from capture_app.commands.sessions.export import export
 from capture_app.commands.sessions.organize import empty, list_trash, note, rename, restore, trash
 from capture_app.commands.sessions.repair import repair
+from capture_app.commands.sessions.sheet import sheet, wiggle
 from capture_app.commands.sessions.text import print_session, print_sessions
 from capture_app.errors import BadInputError, IncompleteError, SimulshotError
 from capture_app.session.files.output_folder import unfinished_outputs
@@ -26,7 +27,7 @@ def sessions() -> None:
     """List, show, verify, rename, annotate, trash, repair, import and export sessions."""
 
 
-for command in (export, repair, rename, note, trash, restore, empty):
+for command in (export, repair, rename, note, trash, restore, empty, sheet, wiggle):
     sessions.add_command(command)
 
 

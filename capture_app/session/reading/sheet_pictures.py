@@ -1,0 +1,134 @@
+"""A take as a picture to show around: its contact sheet, and the wiggle through its cameras."""
+
+from collections.abc import Callable, Iterator
+from typing import TYPE_CHECKING
+
+from capture_app.errors import BadInputError, NotAvailableError
+from capture_app.session.reading.take_sheet import TakeSheet
+from capture_app.text import duration
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    Picture = NDArray[np.uint8]
+
+GAP, HEAD, GUTTER = 6, 26, 84
+GROUND, INK, MUTED, WARNING = (31, 23, 22), (232, 208, 200), (150, 130, 120), (104, 175, 224)
+"""Colours, BGR."""
+MOST_PIXELS = 100_000_000
+
+
+def contact_sheet(
+    sheet: TakeSheet, width: int, progress: Callable[[int, int], None] = lambda done, total: None
+) -> "Picture":
+    """Cameras across, instants down, each picture `width` pixels wide: height x width x BGR.
+
+    Raises BadInputError where that would be larger than 100 megapixels.
+    """
+    import cv2
+    import numpy as np
+
+    height = round(width * sheet.aspect)
+    across, down = len(sheet.cameras), sheet.instants
+    size = HEAD + down * (height + GAP), GUTTER + across * (width + GAP)
+    if size[0] * size[1] > MOST_PIXELS:
+        raise BadInputError(
+            f"a sheet of {across} x {down} pictures would have {size[1]} x {size[0]} pixels",
+            hint="choose a smaller --width",
+        )
+    whole = np.empty((*size, 3), np.uint8)
+    whole[:] = GROUND
+    for x, camera in enumerate(sheet.cameras):
+        _write(whole, camera, (GUTTER + x * (width + GAP), 18), INK, room=width)
+    for y in range(down):
+        top = HEAD + y * (height + GAP)
+        since = duration(sheet.since_start_ns(y), signed=True) if y else "first"
+        _write(whole, since.replace("µ", "u"), (6, top + 16), INK, room=GUTTER - 8)
+        spread = duration(sheet.spread_ns(y)).replace("µ", "u")
+        _write(whole, spread, (6, top + 34), MUTED, room=GUTTER - 8)
+        for x, camera in enumerate(sheet.cameras):
+            left = GUTTER + x * (width + GAP)
+            image = sheet.load(camera, y, width)
+            if image is not None:
+                scaled = _fit(image, width, height)
+                whole[top : top + scaled.shape[0], left : left + scaled.shape[1]] = scaled
+            remark = sheet.place(camera, y).remark or ("" if image is not None else "cannot be read")
+            if remark:
+                cv2.rectangle(whole, (left, top), (left + width - 1, top + height - 1), WARNING, 1)
+                text = remark.replace("µ", "u")
+                _write(whole, text, (left + 4, top + height - 6), WARNING, room=width - 8)
+            progress(y * across + x + 1, across * down)
+    return whole
+
+
+def wiggle_frames(sheet: TakeSheet, instant: int, width: int) -> Iterator["Picture"]:
+    """The pictures of an instant along the cameras' arc, of one size; cameras without one are left out.
+
+    Raises BadInputError where the take has no such instant, or fewer than two pictures of it.
+    """
+    places = [sheet.place(camera, instant) for camera in sheet.cameras]
+    there = [place.camera for place in places if place.image is not None]
+    if len(there) < 2:
+        raise BadInputError(
+            f"{sheet.session.folder} has {len(there)} pictures of instant {instant}; a wiggle needs two",
+            hint="choose another --instant",
+        )
+    height = round(width * sheet.aspect)
+    for camera in there:
+        image = sheet.load(camera, instant, width)
+        if image is not None:
+            yield _centred(_fit(image, width, height), width, height)
+
+
+def encode_animation(frames: "list[Picture]", fps: float, suffix: str) -> bytes:
+    """There and back through the frames, for ever, as .gif or .webp.
+
+    Raises NotAvailableError where this OpenCV cannot write it.
+    """
+    import cv2
+
+    animation = cv2.Animation()
+    animation.frames = [*frames, *frames[-2:0:-1]]
+    animation.durations = [round(1000 / fps)] * len(animation.frames)
+    animation.loop_count = 0
+    # On a sample these give 30.5 dB as GIF (by OpenCV's defaults 21.4), 31.6 dB as WebP in half the bytes.
+    options = {
+        ".gif": [cv2.IMWRITE_GIF_DITHER, 3, cv2.IMWRITE_GIF_QUALITY, 8],
+        ".webp": [cv2.IMWRITE_WEBP_QUALITY, 80],
+    }
+    made, data = cv2.imencodeanimation(suffix, animation, options[suffix])
+    if not made:
+        raise NotAvailableError(f"this OpenCV cannot write {suffix}", hint="install opencv-python-headless 5")
+    return bytes(data.tobytes())
+
+
+def _fit(image: "Picture", width: int, height: int) -> "Picture":
+    import cv2
+    import numpy as np
+
+    scale = min(width / image.shape[1], height / image.shape[0])
+    size = max(1, round(image.shape[1] * scale)), max(1, round(image.shape[0] * scale))
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def _centred(image: "Picture", width: int, height: int) -> "Picture":
+    import numpy as np
+
+    whole = np.zeros((height, width, 3), np.uint8)
+    top, left = (height - image.shape[0]) // 2, (width - image.shape[1]) // 2
+    whole[top : top + image.shape[0], left : left + image.shape[1]] = image
+    return whole
+
+
+def _write(
+    whole: "Picture", text: str, at: tuple[int, int], colour: tuple[int, int, int], *, room: int
+) -> None:
+    """Write as much of a text as there is room for, in OpenCV's font, which knows ASCII only."""
+    import cv2
+
+    font, size = cv2.FONT_HERSHEY_SIMPLEX, 0.45
+    ascii_text = text.encode("ascii", "replace").decode()
+    while ascii_text and cv2.getTextSize(ascii_text, font, size, 1)[0][0] > room:
+        ascii_text = ascii_text[:-1]
+    cv2.putText(whole, ascii_text, at, font, size, colour, 1, cv2.LINE_AA)

@@ -13,6 +13,8 @@ from capture_app.sync.wire.messages import NodeState
 from capture_app.text import megabytes
 
 CHECK_EVERY_S = 0.1
+COARSE_WAIT_S = 5.0
+"""A clock that has just become less accurate than asked for may be better again within so long."""
 LOOK_EVERY_NS = 10_000_000_000
 GUESSED_PIXELS_PER_BYTE = 4
 """Of a camera's JPEG, before any of its images is known."""
@@ -58,21 +60,27 @@ def why_not_ready(views: Sequence[ClientView], cameras: int, *, coarse_will_do: 
 async def reasons_until_ready(
     get_views: Callable[[], Sequence[ClientView]], timeout_s: float, cameras: int
 ) -> AsyncGenerator[str, None]:
-    """Yield what keeps the rig from being ready until it is, or until the time is over.
+    """Yield what keeps the rig from being ready until it is, or as ready as it will be.
 
-    Nodes that are only less accurate than asked for do then, as more time does not help them. Raises
-    IncompleteError where others are not ready.
+    Nodes that are only less accurate than asked for do after COARSE_WAIT_S, as more time hardly helps them.
+    Raises IncompleteError where others are not ready when the time is over.
     """
     loop = asyncio.get_running_loop()
     deadline_s = loop.time() + timeout_s
+    usable_s: float | None = None
     while reason := why_not_ready(get_views(), cameras):
-        if loop.time() >= deadline_s:
-            if why_not_ready(get_views(), cameras, coarse_will_do=True):
+        now_s = loop.time()
+        if why_not_ready(get_views(), cameras, coarse_will_do=True):
+            usable_s = None
+            if now_s >= deadline_s:
                 raise IncompleteError(
                     f"not ready after {timeout_s:g} s: {reason}",
                     hint="capture-app status says why; without --wait-s a burst is taken as things are",
                 )
-            return
+        else:
+            usable_s = now_s if usable_s is None else usable_s
+            if now_s >= min(deadline_s, usable_s + COARSE_WAIT_S):
+                return
         yield reason
         # States change with a node's report, which is no event.
         await asyncio.sleep(CHECK_EVERY_S)

@@ -60,11 +60,12 @@ def coarse(error_ns: float, wanted_ns: float, round_trip_ns: int, *, by_relay: b
 
     `by_relay`: the relay that is followed knows the time no better.
     """
+    # Messages cannot tell how a round trip is shared between there and back, however many there are.
+    unseen_ns = SIGMAS_95 * ASYMMETRY * round_trip_ns / 2.0
     remedy = "nearer the access point, a cable"
     if by_relay:
         why, remedy = "its relay knows the time no better", "bring the relay nearer to the leader"
-    elif SIGMAS_95 * ASYMMETRY * round_trip_ns / 2.0 > wanted_ns:
-        # Messages cannot tell how a round trip is shared between there and back, however many there are.
+    elif wanted_ns < unseen_ns and error_ns < 2.0 * unseen_ns:
         why = f"even its quickest messages take {duration(round_trip_ns)} there and back"
     else:
         why = "bursty link"

@@ -16,6 +16,8 @@ class Progress(NamedTuple):
     synced: bool
     samples: int
     time_map: TimeMap | None
+    good_enough: bool = True
+    """Whether the clock is known as well as was asked for."""
 
 
 class PollSchedule(ABC):
@@ -133,9 +135,12 @@ class SteadySchedule(PollSchedule):
             return self.leader_pace_ns
         if self._samples_when_synced is None:
             self._samples_when_synced = progress.samples
-        stage = (progress.samples - self._samples_when_synced) // EASING_SAMPLES
         easing_ns = self._easing_paces_ns
-        return min(self._pace_ns, easing_ns[stage]) if stage < len(easing_ns) else self._pace_ns
+        stage = (progress.samples - self._samples_when_synced) // EASING_SAMPLES
+        if not progress.good_enough:
+            # Not as quickly as at first: several such nodes on one radio channel would make it worse.
+            stage = min(stage, len(easing_ns) - 1)
+        return min(self._pace_ns, easing_ns[stage]) if 0 <= stage < len(easing_ns) else self._pace_ns
 
 
 FIRST_EXCHANGES = 300

@@ -201,7 +201,7 @@ class Timekeeper:
 
     @property
     def _progress(self) -> Progress:
-        return Progress(self.synced, self.clock.samples, self.time_map)
+        return Progress(self.synced, self.clock.samples, self.time_map, self.goal.met)
 
     def _prepare_request(self, now_ns: int) -> None:
         self._report_due = self.schedule.request_sent(now_ns, self._progress)

@@ -57,6 +57,12 @@ def test_on_a_bursty_link_a_node_asks_on_and_says_that_the_tolerance_is_not_met(
     assert told.uncertainty_ns < suggested_ns < 10 * told.uncertainty_ns
     assert report(rig, "near").state is NodeState.READY
     assert report(rig, "near").message == ""
+    rig.run_for(5 * S)
+    keepers = {name: node.client.time.timekeeper for name, node in rig.nodes.items()}
+    before = {name: keeper.requests for name, keeper in keepers.items()}
+    rig.run_for(2 * S)
+    asked = {name: keeper.requests - before[name] for name, keeper in keepers.items()}
+    assert 1.5 * asked["near"] < asked["far"] < 3 * asked["near"], "it goes on asking more often"
 
 
 def test_a_coarse_node_takes_part_in_a_burst_with_honest_error_bars() -> None:

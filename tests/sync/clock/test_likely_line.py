@@ -1,0 +1,81 @@
+"""The line between upper and lower bounds, where the truth is known."""
+
+import random
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from capture_app.sync.clock.likely_line import LikelyLine, Point, fit_line, lower_hull
+from capture_app.sync.clock.priors import MAX_SKEW
+
+S = 1e9
+
+
+def bounds(
+    skew: float, offset: float, *, count: int, seconds: float, power: float, seed: int = 1
+) -> tuple[list[Point], list[Point]]:
+    """Bounds of exchanges over the last seconds; delays are 1 ms * u^(1/power), their minimum is 0.5 ms."""
+    rng, uppers, lowers = random.Random(seed), [], []
+    for i in range(count):
+        t = -seconds * S * i / count
+        there, back = (5e5 + 1e6 * rng.random() ** (1.0 / power) for _ in range(2))
+        uppers.append((t, offset + skew * t + there))
+        lowers.append((t, -offset - skew * t + back))
+    return uppers, lowers
+
+
+def fit(skew: float = 0.0, offset: float = 0.0, **drawn: float) -> LikelyLine:
+    usual = {"count": 300, "seconds": 10.0, "power": 1.0, "seed": 1} | drawn
+    count, seed = int(usual["count"]), int(usual["seed"])
+    return fit_line(
+        *bounds(skew, offset, count=count, seconds=usual["seconds"], power=usual["power"], seed=seed)
+    )
+
+
+@pytest.mark.parametrize("skew_ppm", [-990.0, -150.0, -20.0, 0.0, 40.0, 300.0, 990.0])
+def test_it_finds_any_skew_up_to_the_limit(skew_ppm: float) -> None:
+    line = fit(skew_ppm * 1e-6, 7e6)
+    assert line.skew * 1e6 == pytest.approx(skew_ppm, abs=4.0)
+    assert line.offset == pytest.approx(7e6, abs=30e3)
+    assert line.gap == pytest.approx(1e6, rel=0.05)
+
+
+def test_a_usual_skew_is_assumed_while_the_bounds_do_not_tell() -> None:
+    line = fit(count=300, seconds=0.01)
+    assert abs(line.skew) < 1e-6
+    assert 20e-6 < line.skew_variance**0.5 < 60e-6
+
+
+def test_what_the_line_does_not_know_grows_away_from_the_bounds() -> None:
+    line = fit()
+    assert line.variance_at(0.0) < line.variance_at(5 * S) < line.variance_at(50 * S)
+    assert line.variance_at(0.0) >= line.excess > 0.0
+
+
+def test_delays_that_rarely_come_near_their_minimum_leave_more_open() -> None:
+    assert fit(power=3.0).excess > 4.0 * fit(power=1.0).excess
+
+
+def test_one_bound_of_each_direction_gives_the_middle_and_is_not_trusted() -> None:
+    line = fit_line([(0.0, 900.0)], [(0.0, -100.0)])
+    assert (line.offset, line.gap) == pytest.approx((500.0, 800.0))
+    assert line.excess**0.5 > 0.4 * 800.0
+
+
+points = st.lists(st.tuples(st.integers(-(10**10), 0), st.integers(-(10**7), 10**7)), min_size=1, max_size=40)
+
+
+@given(points, st.floats(-MAX_SKEW, MAX_SKEW))
+def test_the_hull_keeps_the_tightest_bound_at_every_skew(given_points: list[Point], skew: float) -> None:
+    hull = lower_hull(given_points)
+    assert set(hull) <= set(given_points)
+    tightest = min(v - skew * t for t, v in given_points)
+    assert min(v - skew * t for t, v in hull) == pytest.approx(tightest, abs=1e-3)
+
+
+@given(points, points)
+def test_any_bounds_give_a_line(uppers: list[Point], lowers: list[Point]) -> None:
+    line = fit_line(uppers, lowers)
+    assert abs(line.skew) <= MAX_SKEW
+    assert line.variance_at(0.0) >= 0.0

@@ -6,21 +6,26 @@ python benchmarks/session_transfer.py send FOLDER PORT CAMERAS INSTANTS   upload
 
 import asyncio
 import json
+import os
 import resource
 import sys
 import time
 from collections import deque
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn, cast
+
+from slow_disk import SlowDisk
 
 from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.cameras.base import CapturedFrame
 from capture_app.net.address import Address
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.node.burst.burst_session import BurstSession
+from capture_app.node.burst.disk_threads import DiskThreads
 from capture_app.node.leader.service import LeaderService
 from capture_app.node.transfer.burst_upload import BurstUpload
+from capture_app.node.transfer.spool import Spool
 from capture_app.node.transfer.uploader import Uploader
 from capture_app.node.wire.messages import CameraReport, ImageUpload, SpoolSpace, ToLeader
 from capture_app.session.format.manifest import CameraRecord
@@ -37,6 +42,11 @@ CAMERA = CameraFacts(
     phase_control=PhaseControl.NONE,
     timestamp_source=TimestampSource.START_OF_EXPOSURE,
 )
+
+
+def slow_disk() -> SlowDisk:
+    """The disk that SYNC_MS and ONE_BY_ONE ask for, else one that only counts."""
+    return SlowDisk(float(os.environ.get("SYNC_MS", "0")), one_by_one="ONE_BY_ONE" in os.environ)
 
 
 def names(cameras: int) -> list[str]:
@@ -80,13 +90,14 @@ async def lead(root: Path, cameras: int, instants: int) -> None:
     cameras_of_burst = names(cameras)
     times_ns = instants_ns(instants)
     burst = Burst(1, times_ns, PERIOD_NS, times_ns[0], tuple(cameras_of_burst))
-    session = BurstSession(
-        burst, dict.fromkeys(cameras_of_burst, CAMERA), SessionWriter.create(root, "received")
-    )
+    disk = slow_disk()
+    writer = SessionWriter.create(root, "received")
+    threads = DiskThreads()
+    session = BurstSession(burst, dict.fromkeys(cameras_of_burst, CAMERA), writer, threads)
     await session.write_plan(1)
     datagrams, listening = bind_port("127.0.0.1", 0)
     datagrams.close()
-    service = LeaderService(OneBurst(session), nobody_asks, nobody_asks)
+    service = LeaderService(cast(Any, OneBurst(session)), *[cast(Any, nobody_asks)] * 5)
     server: TransferServer[ToLeader] = TransferServer(ToLeader, service.serve)
     await server.start(listening)
     print(listening.getsockname()[1], flush=True)
@@ -95,10 +106,11 @@ async def lead(root: Path, cameras: int, instants: int) -> None:
     status = await asyncio.to_thread(Path("/proc/self/status").read_text)
     peak_kb = int(status.split("VmHWM:")[1].split()[0])
     usage = resource.getrusage(resource.RUSAGE_SELF)
-    told = {"peak_kb": peak_kb, "cpu_s": usage.ru_utime + usage.ru_stime}
+    told = {"peak_kb": peak_kb, "cpu_s": usage.ru_utime + usage.ru_stime, "syncs": disk.syncs}
     print(json.dumps(told), flush=True)
     await asyncio.sleep(0.2)
     await server.stop()
+    threads.close()
 
 
 @dataclass(frozen=True)
@@ -113,7 +125,8 @@ class FromFile:
 
 
 async def send(source: Path, port: int, cameras: int, instants: int) -> None:
-    """The nodes' process: one uploader a camera."""
+    """The nodes' process: one uploader a camera, with a spool where SPOOL names a folder."""
+    disk = slow_disk()
     times_ns = instants_ns(instants)
     uploaders = []
     for name in names(cameras):
@@ -133,11 +146,18 @@ async def send(source: Path, port: int, cameras: int, instants: int) -> None:
         report = CameraReport(
             leader=1, burst=1, camera=CameraRecord(name=name, facts=CAMERA), instants=tuple(range(instants))
         )
-        uploader = Uploader(lambda line: print(line, file=sys.stderr))
+        spool = Spool(Path(os.environ["SPOOL"]), name) if "SPOOL" in os.environ else None
+        uploader = Uploader(lambda line: print(line, file=sys.stderr), spool)
+        uploader.load_spool()
         uploader.add_burst(BurstUpload(report, picks))
         uploader.set_leader(Address("127.0.0.1", port))
         uploaders.append(uploader)
-    await asyncio.gather(*(uploader.run() for uploader in uploaders))
+    tasks = [asyncio.create_task(uploader.run()) for uploader in uploaders]
+    await asyncio.to_thread(sys.stdin.readline)
+    print(disk.syncs, flush=True)
+    for task in tasks:
+        task.cancel()
+    await asyncio.gather(*tasks, return_exceptions=True)
 
 
 if __name__ == "__main__":

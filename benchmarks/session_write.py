@@ -1,10 +1,11 @@
 """How fast a session is written, beside `cp` and `sync` of the same bytes, and a leader's memory.
 
-    python benchmarks/session_write.py [--cameras 20] [--instants 25] [--rounds 6] [--dir DIR] [--json]
+    python benchmarks/session_write.py [--cameras 20] [--instants 25] [--rounds 6] [--sync-ms 30] [--dir DIR]
 
 Three ways in each round: `cp` of the images and `sync` of the disk; the session's writer, an image of each
 camera at a time; and a leader's transfer server in a process of its own, fed over loopback by one stream
 a camera from another process, from the first report to the manifest. Every session is verified.
+Then a small burst, with spools, whose processes need longer for each sync: a stand-in for a slow disk.
 """
 
 import json
@@ -21,7 +22,7 @@ from typing import Any
 
 import cv2
 import numpy as np
-from report import new_parser, print_report, print_table
+from report import Columns, new_parser, print_report, print_rows, print_table
 from session_transfer import CAMERA, HEIGHT, PERIOD_NS, WIDTH, instants_ns, names
 
 from capture_app.session.format.manifest import BurstRecord, CameraRecord
@@ -74,20 +75,54 @@ def write(images: dict[tuple[str, int], bytes], root: Path, cameras: int, instan
     return time.perf_counter() - began_s
 
 
-def receive(source: Path, root: Path, cameras: int, instants: int) -> tuple[float, dict[str, float]]:
-    """Seconds from the first report to the manifest, and the leader's memory in kB and CPU time."""
+def receive(
+    source: Path, root: Path, cameras: int, instants: int, environment: dict[str, str] | None = None
+) -> tuple[float, dict[str, float]]:
+    """Seconds from the first report to the manifest, and the leader's memory in kB, CPU time and syncs."""
     size = [str(cameras), str(instants)]
     command = [sys.executable, str(Path(__file__).with_name("session_transfer.py"))]
     lead = [*command, "lead", str(root), *size]
-    with subprocess.Popen(lead, stdout=subprocess.PIPE, text=True) as leader:
+    pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "text": True, "env": os.environ | (environment or {})}
+    with subprocess.Popen(lead, **pipes) as leader:
         assert leader.stdout is not None
         port = leader.stdout.readline().strip()
         began_s = time.perf_counter()
-        with subprocess.Popen([*command, "send", str(source), port, *size]) as nodes:
-            told = leader.stdout.readline()
+        send = [*command, "send", str(source), port, *size]
+        with subprocess.Popen(send, stdin=subprocess.PIPE, **pipes) as nodes:
+            told = json.loads(leader.stdout.readline())
             seconds = time.perf_counter() - began_s
-            nodes.kill()
-    return seconds, json.loads(told)
+            told["node_syncs"] = int(nodes.communicate("\n")[0])
+    return seconds, told
+
+
+SLOW_CAMERAS, SLOW_INSTANTS = 5, 5
+
+
+def measure_slow_disk(folder: Path, sync_ms: float) -> list[dict[str, Any]]:
+    """A burst of 5 x 5 images to leader and spools whose disks need so long for a sync, in ms."""
+    source = folder / "slow_source"
+    make_images(source, SLOW_CAMERAS, SLOW_INSTANTS)
+    rows = []
+    for name, environment in (
+        ("as it is", {}),
+        ("syncs together", {"SYNC_MS": str(sync_ms)}),
+        ("one after the other", {"SYNC_MS": str(sync_ms), "ONE_BY_ONE": "1"}),
+    ):
+        to = folder / "slow"
+        to.mkdir()
+        spool = {"SPOOL": str(to / "spool")}
+        seconds, told = receive(source, to, SLOW_CAMERAS, SLOW_INSTANTS, environment | spool)
+        rows.append(
+            {
+                "disk": name,
+                "sync_ms": sync_ms if environment else 0.0,
+                "seconds": round(seconds, 2),
+                "leader_syncs": told["syncs"],
+                "node_syncs": told["node_syncs"],
+            }
+        )
+        shutil.rmtree(to)
+    return rows
 
 
 def measure(folder: Path, cameras: int, instants: int, rounds: int) -> dict[str, Any]:
@@ -141,6 +176,15 @@ def measure(folder: Path, cameras: int, instants: int, rounds: int) -> dict[str,
     }
 
 
+SLOW_COLUMNS: Columns = {
+    "disk": ("disk", ""),
+    "sync_ms": ("a sync, ms", ".0f"),
+    "seconds": ("seconds", ".2f"),
+    "leader_syncs": ("leader's syncs", ""),
+    "node_syncs": ("nodes' syncs", ""),
+}
+
+
 def main() -> None:
     """Read the options, measure and print."""
     parser = new_parser(__doc__)
@@ -150,9 +194,13 @@ def main() -> None:
     parser.add_argument(
         "--dir", type=Path, help="a folder on the disk to measure; default: the temporary one"
     )
+    parser.add_argument(
+        "--sync-ms", type=float, default=30.0, help="what a sync takes longer on the slow disk (30)"
+    )
     options = parser.parse_args()
     with tempfile.TemporaryDirectory(dir=options.dir) as folder:
         figures = measure(Path(folder), options.cameras, options.instants, options.rounds)
+        figures["slow_disk"] = measure_slow_disk(Path(folder), options.sync_ms)
     print_report(figures, _print, as_json=options.json)
 
 
@@ -169,6 +217,8 @@ def _print(figures: dict[str, Any]) -> None:
     ]
     print_table(("", "MB/s", "times cp"), rows)
     print(f"the worst round wrote at {figures['write_to_copy_worst']:.2f} times cp's speed")
+    print(f"\n{SLOW_CAMERAS} x {SLOW_INSTANTS} images, to a leader and spools on a slow disk (a stand-in)")
+    print_rows(figures["slow_disk"], SLOW_COLUMNS)
     print(f"leader's peak memory {figures['leader_peak_mb']:.0f} MB, CPU {figures['leader_cpu_s']:.1f} s")
 
 

@@ -35,6 +35,18 @@ _FIGURE = re.compile(r"\d[\d.]* (ns|µs|ms|s)\b|--tolerance-us \d+")
     "--spacing", type=click.IntRange(1, 10_000), metavar="N", default=1, help="Take every Nth frame."
 )
 @click.option(
+    "--spare",
+    type=click.IntRange(0, 999),
+    metavar="N",
+    show_default="as many as frames, at least 4",
+    help="Skip up to this many instants of which some camera dropped its frame, and take later ones.",
+)
+@click.option(
+    "--consecutive",
+    is_flag=True,
+    help="Skip none: a frame that a camera dropped is missing, and the burst incomplete.",
+)
+@click.option(
     "--at-ns",
     type=int,
     metavar="NS",
@@ -83,6 +95,8 @@ def burst(
     leader: Address,
     frames: int,
     spacing: int,
+    spare: int | None,
+    consecutive: bool,
     at_ns: int | None,
     before: int,
     name: str,
@@ -105,9 +119,12 @@ def burst(
         return
     if at_ns is not None and repeat > 1:
         raise click.UsageError("--at-ns is for one burst, not with --repeat")
+    if consecutive and spare:
+        raise click.UsageError("--consecutive skips nothing: leave out --spare")
     request = BurstRequest(
         frames=frames,
         spacing=spacing,
+        spare=0 if consecutive else spare,
         at_leader_ns=at_ns,
         before=before,
         name=name,

@@ -26,6 +26,7 @@ NODE = ("node", "--leader", "127.0.0.1:1")
         (("status", "--leader", "127.0.0.1:1"), NETWORK, "no leader at 127.0.0.1:1"),
         (("burst", "--frames", "0"), USAGE, "--frames"),
         (("burst", "--spacing", "x"), USAGE, "--spacing"),
+        (("burst", "--consecutive", "--spare", "2"), USAGE, "--consecutive skips nothing"),
         (("burst", "--leader", "127.0.0.1:1"), NETWORK, "no leader at"),
         (("leader", "--port", "70000"), USAGE, "--port"),
         (("leader", "--fps", "0"), USAGE, "--fps"),
@@ -90,7 +91,7 @@ def test_sessions_cannot_go_into_a_file(tmp_path: Path, capfd: pytest.CaptureFix
         (("statsu",), "status"),
         (("sessions", "verfy"), "verify"),
         (("experiment", "clock-filter"), "clock-filters"),
-        (("burst", "--spacin", "3"), "--spacing"),
+        (("burst", "--consecutiv"), "--consecutive"),
     ],
 )
 def test_a_mistyped_name_is_answered_with_the_one_meant(

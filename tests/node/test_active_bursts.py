@@ -1,6 +1,10 @@
 """A leader's bursts: ordered, cancelled, and let go when they are saved."""
 
+import asyncio
+import gc
 import random
+import threading
+import weakref
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -79,3 +83,30 @@ async def test_what_was_confirmed_of_a_cancelled_burst_is_kept(tmp_path: Path) -
         manifest = Session.open(session.session).manifest
         assert len(manifest.images) == 1
         assert {gap.reason for gap in manifest.missing} == {"the burst was cancelled"}
+
+
+def open_files() -> int:
+    return len(list(Path("/proc/self/fd").iterdir()))
+
+
+async def test_two_hundred_bursts_leave_no_threads_and_no_open_files(tmp_path: Path) -> None:
+    engine = engine_of("a")
+    async with bursts_of(tmp_path, engine) as bursts:
+        begun: list[weakref.ref[BurstSession]] = []
+        threads, files = [], []
+        for _ in range(200):
+            session = await order(bursts, frames=1)
+            begun.append(weakref.ref(session))
+            number = session.burst.number
+            told = replace(report("a", 0), burst=number)
+            assert (await session.accept_report(told, NOW_NS)).wanted == (0,)
+            await session.receive_image(replace(upload("a", 0), burst=number), pieces(IMAGE), NOW_NS)
+            assert (await bursts.wait_until_saved(number)).received == 1
+            threads.append(threading.active_count())
+            files.append(await asyncio.to_thread(open_files))
+        assert max(threads[20:]) <= max(threads[:20]) + 8, "a pool may still grow"
+        assert max(files[20:]) <= max(files[:20]) + 8
+        del session
+        gc.collect()
+        assert sum(of() is not None for of in begun) <= 2
+    assert len(bursts.saved) == 200

@@ -67,7 +67,7 @@ async def test_an_instant_that_a_camera_dropped_is_skipped_and_said_so(tmp_path:
     assert session.finished.is_set()
     status = session.status
     assert (status.received, status.expected, status.instants) == (4, 4, 2)
-    assert status.message == "1 instant skipped: a dropped a frame"
+    assert status.message == "1 instant skipped: a dropped 1 frame"
     manifest = saved(session).manifest
     assert manifest.burst.instants_ns == (INSTANTS_NS[0], INSTANTS_NS[0] + 2 * PERIOD_NS)
     why = SkippedFrame(camera="a", reason="the camera dropped the frame", dropped=True)

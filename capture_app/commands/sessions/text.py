@@ -6,6 +6,7 @@ from statistics import median
 
 from capture_app.session.format.manifest import CameraRecord, Manifest
 from capture_app.session.reading.reader import Session, SessionSummary
+from capture_app.session.reading.skipped_instants import skipped_text
 from capture_app.session.reading.verdict import PX_PER_S, find_sync_record, judge, pixels
 from capture_app.terminal import print_line, print_table
 from capture_app.text import count, duration
@@ -35,6 +36,7 @@ def print_session(session: Session) -> None:
         f"frames {manifest.burst.period_ns / 1e6:.3f} ms apart",
         f"{count(len(manifest.cameras), 'camera')}, {count(len(manifest.images), 'image')}, "
         f"{len(manifest.missing)} missing",
+        *filter(None, (skipped_text(manifest.burst.skipped),)),
         *_describe_spread(session),
         judge(manifest).headline,
         "calibrated" if session.calibration() is not None else "not calibrated",

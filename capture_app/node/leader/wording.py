@@ -74,6 +74,6 @@ def burst_line(burst: BurstStatus) -> str:
         return burst.message
     so_far = f"burst {burst.burst}: {burst.received} of {burst.expected} images"
     if not burst.done:
-        return so_far
+        return so_far + (f", {burst.message}" if burst.message else "")
     where = f", saved as {burst.session}" if burst.session else ", no session"
     return so_far + where + (f"; {burst.message}" if burst.message else "")

@@ -30,8 +30,11 @@ from capture_app.tui.pictures.cells import (
 Source: TypeAlias = bytes | Image | Callable[[], "bytes | Image | None"]
 """An image file's bytes, pixels (BGR or grey), or what loads one of these, called in a thread."""
 
-ALIKE = 6
-"""Colours (of 255) by which a cell may differ from what is shown without being sent again."""
+NOISE = 12
+"""Colours (of 255) by which a cell of a live picture may differ from what is shown and is not sent again.
+
+A sensor's noise would else have nearly all sent each time: a third of the bytes, by `benchmarks/previews.py`.
+"""
 
 
 class Picture(Widget):
@@ -46,11 +49,14 @@ class Picture(Widget):
         source: Source | None = None,
         *,
         words: str = "",
+        noise: int = 0,
         id: str | None = None,
         classes: str | None = None,
     ) -> None:
+        """`noise`: cells that differ by no more are left as they are, see NOISE."""
         super().__init__(id=id, classes=classes)
         self._source = source
+        self._noise = noise
         self._words = printable(words)
         self._aids: tuple[Aid, ...] = ()
         self._cells: CellPicture | None = None
@@ -119,15 +125,16 @@ class Picture(Widget):
                 self._stale = False
                 size, palette = (self.size.width, self.size.height), palette_of(self.app)
                 light = not self.app.current_theme.dark
-                new = await asyncio.to_thread(
-                    _fit, self._source, *size, self._aids, palette, light=light, shown=self._cells
-                )
+                new = await asyncio.to_thread(_fit, self._source, *size, self._aids, palette, light=light)
                 self._put(new)
         finally:
             self._drawing = False
 
     def _put(self, new: CellPicture | None) -> None:
-        shown, self._cells = self._cells, new
+        shown = self._cells
+        if shown is not None and new is not None:
+            new = keep_what_looks_alike(shown, new, self._noise)
+        self._cells = new
         spans = None if shown is None or new is None else changed_spans(shown, new)
         if spans is None or new is None:
             self.refresh()
@@ -144,7 +151,6 @@ def _fit(
     palette: Palette,
     *,
     light: bool,
-    shown: CellPicture | None,
 ) -> CellPicture | None:
     loaded = source() if callable(source) else source
     image = decode_image(loaded, colour=True) if isinstance(loaded, bytes) else loaded
@@ -153,5 +159,4 @@ def _fit(
     across, down = fitted_cells(image.shape[1], image.shape[0], columns, rows)
     width, height = across * palette.pixels[0], down * palette.pixels[1]
     scaled = resample(np.ascontiguousarray(image), width, height)
-    new = draw_cells(paint_marks(scaled, image, aids), palette, light=light)
-    return new if shown is None else keep_what_looks_alike(shown, new, ALIKE)
+    return draw_cells(paint_marks(scaled, image, aids), palette, light=light)

@@ -21,7 +21,7 @@ from capture_app.tui.footer import KeyFooter
 from capture_app.tui.messages import Mishap, PreviewReceived, StatusChanged
 from capture_app.tui.pictures.aids import Aid, Exposure, exposure_of, peaking, sharpness, zebra
 from capture_app.tui.pictures.cells import Image
-from capture_app.tui.pictures.picture import Picture
+from capture_app.tui.pictures.picture import NOISE, Picture
 from capture_app.tui.rig_source import RigSource
 from capture_app.tui.states import SIGNS, cameras_of
 from capture_app.tui.viewfinder.meters import FocusMeter, exposure_line, focus_line, histogram_lines
@@ -68,7 +68,7 @@ class CameraScreen(Screen[str]):
         self._timer: Timer | None = None
         self._shows_second = False
         self._title = Lines(id="finder-title")
-        self._picture = Picture(words="no picture yet")
+        self._picture = Picture(words="no picture yet", noise=NOISE)
         self._meters = Lines(id="finder-meters")
 
     def compose(self) -> ComposeResult:

@@ -14,7 +14,7 @@ from capture_app.node.wire.status import NodeStatus, RigStatus
 from capture_app.node.wire.views import Preview
 from capture_app.text import printable
 from capture_app.tui.drawing.lines import Lines
-from capture_app.tui.pictures.picture import Picture
+from capture_app.tui.pictures.picture import NOISE, Picture
 from capture_app.tui.states import SIGNS, cameras_of
 
 ASPECT = 0.75
@@ -48,7 +48,7 @@ class PreviewTile(Vertical):
         super().__init__()
         self.camera = name
         self._title = Lines()
-        self._picture = Picture(words="no picture yet")
+        self._picture = Picture(words="no picture yet", noise=NOISE)
         self._marked = False
         self._node: NodeStatus | None = None
 

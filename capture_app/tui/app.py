@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+import os
 import signal
 import time
 from collections.abc import Callable, Iterable
@@ -83,7 +84,8 @@ class SimulshotApp(App[None]):
 
         `local`: the leader is on this machine; `started`: it was started for this screen.
         """
-        super().__init__()
+        # Textual leaves colours out only where it passes the terminal's own on; else it makes them grey.
+        super().__init__(ansi_color=True if "NO_COLOR" in os.environ else None)
         self._source = source
         self._settings = settings
         self._sessions = sessions

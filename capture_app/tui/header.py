@@ -20,8 +20,8 @@ class Header(Horizontal):
 
     DEFAULT_CSS = """
     Header { dock: top; height: 1; background: $panel; color: $foreground; }
-    Header #tabs { width: auto; }
-    Header #rig-line { width: 1fr; }
+    Header #tabs { width: auto; height: 1; }
+    Header #rig-line { width: 1fr; height: 1; }
     """
 
     def __init__(self, mode: str) -> None:

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from textual.content import Content
 
-from capture_app.text import count, duration
+from capture_app.text import duration
 
 SHOWN_SHARE = 0.98
 """Of the frames; those farther off are counted at the ends."""
@@ -43,4 +43,4 @@ def histogram_title(errors_ns: Sequence[int], tolerance_ns: int) -> str:
         return "phase error"
     inside = sum(abs(error) <= tolerance_ns for error in errors_ns)
     share = 100 * inside / len(errors_ns)
-    return f"phase error, {count(len(errors_ns), 'frame')}, {share:.0f} % within ±{duration(tolerance_ns)}"
+    return f"phase, {share:.0f} % of {len(errors_ns)} within ±{duration(tolerance_ns)}"

@@ -172,9 +172,9 @@ class CameraScreen(Screen[None]):
         second = [
             f"phase {duration(node.phase_error_ns, signed=True).replace('-', '−')}",
             clock,
-            f"{clock_offset(node.offset_ns)} from the leader's",
             f"{NO_VALUE if node.fps is None else f'{node.fps:.3g}'} fps",
             count(node.drops, "drop"),
+            f"{clock_offset(node.offset_ns)} from the leader",
         ]
         facts = node.camera
         third = [f"{printable(facts.model)} {facts.width}x{facts.height}"]
@@ -183,12 +183,14 @@ class CameraScreen(Screen[None]):
         if node.gain is not None:
             third.append(f"gain {node.gain:.1f}")
         if node.disk_free_bytes is not None:
-            third.append(f"{node.disk_free_bytes / 1e9:.0f} GB free in {printable(detail.spool or 'memory')}")
+            third.append(f"{node.disk_free_bytes / 1e9:.0f} GB free")
+        if detail.spool:
+            third.append(f"spool {printable(detail.spool)}")
         self._facts.show(
             [
                 Content.assemble(*first),
-                Content("   ".join(second)),
-                Content.styled("   ".join(third), "$foreground-muted"),
+                Content(_fitting(second, self._facts.size.width)),
+                Content.styled(_fitting(third, self._facts.size.width), "$foreground-muted"),
             ]
         )
 
@@ -196,3 +198,13 @@ class CameraScreen(Screen[None]):
 def _set_title(panel: Vertical, title: str) -> None:
     if panel.border_title != title:  # setting it redraws the panel
         panel.border_title = title
+
+
+def _fitting(parts: list[str], width: int) -> str:
+    """As many of the parts as fit in a line, the first of them first."""
+    line = ""
+    for part in parts:
+        longer = f"{line}   {part}" if line else part
+        if len(longer) <= width:
+            line = longer
+    return line

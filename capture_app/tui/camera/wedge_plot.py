@@ -57,9 +57,7 @@ def wedge_title(samples_ns: Sequence[tuple[int, int]]) -> str:
     """What the plot is of, in a few words."""
     if not samples_ns:
         return "clock"
-    shortest = min(trip for _, trip in samples_ns)
-    words = f", shortest {duration(shortest)}" if shortest >= MEASURABLE_NS else ""
-    return f"clock offset, {count(len(samples_ns), 'exchange')}{words}"
+    return f"clock offset, {count(len(samples_ns), 'exchange')}"
 
 
 def _over(upper: str, lower: str) -> Content:

@@ -32,7 +32,7 @@ COLUMNS = (
     Column("drops", 6),
     Column("exposure", 9, 100),
     Column("disk", 7, 110),
-    Column("model", 18, 140),
+    Column("  model", 20, 140),
 )
 
 
@@ -60,7 +60,7 @@ def compact_row(node: NodeStatus, errors_ns: list[int | None], axis: PhaseAxis, 
         "drops": _styled(str(node.drops), "$warning" if node.drops else ""),
         "exposure": _styled(_exposure(node)),
         "disk": _styled(_disk(node)),
-        "model": _styled(printable(node.camera.model)),
+        "  model": _styled(f"  {printable(node.camera.model)}"),
     }
     columns = [column for column in COLUMNS if width >= column.room]
     parts = [_name(node, NAME.width)]
@@ -201,7 +201,7 @@ def _strip_width(width: int) -> int:
 
 
 def _is_left(column: Column) -> bool:
-    return column.title in ("state", "model")
+    return column.title in ("state", "  model")
 
 
 def _styled(text: str, style: str = "") -> Content:

@@ -35,11 +35,9 @@ async def test_enter_opens_a_camera_and_escape_leads_back(utc: None) -> None:
         await settle(pilot)
         assert isinstance(app.screen, CameraScreen)
         facts = text(app, "#camera-facts")
-        for words in ("cam00", "● ready", "phase −45 µs", "clock ±9.0 µs, at most ±61 µs", "/var/spool"):
+        for words in ("cam00", "● ready", "phase −45 µs", "clock ±9.0 µs, at most ±61 µs", "34 GB free"):
             assert words in facts
-        assert app.screen.query_one("#camera-wedge").border_title == (
-            "clock offset, 100 exchanges, shortest 120 µs"
-        )
+        assert app.screen.query_one("#camera-wedge").border_title == "clock offset, 100 exchanges"
         assert "22:13:20 · ready" in text(app, "#camera-log Lines")
         assert rig.asked[-1] == ("want_previews", ("cam00",), 320, 2.0)
         await pilot.press("right")
@@ -93,7 +91,7 @@ def test_bars_are_as_high_as_frames_are_many() -> None:
     assert max(heights) == 8
     assert sorted(heights)[-2] == 4
     assert rows[-2][0] == "▁"  # the one beyond the axis is counted at its end
-    assert histogram_title([0, 0, 200_000, 0], 100_000) == "phase error, 4 frames, 75 % within ±100 µs"
+    assert histogram_title([0, 0, 200_000, 0], 100_000) == "phase, 75 % of 4 within ±100 µs"
 
 
 @given(

@@ -67,7 +67,7 @@ class BurstSender:
         told: messages.CameraReport | None = None
         receipts: dict[int, messages.ImageReceipt] = {}
         burst.is_settled = False
-        while not burst.cancelled:
+        while not burst.is_over:
             self._news.clear()
             refusal = None
             if told is not burst.report or not burst.is_settled:

@@ -37,7 +37,8 @@ class BurstUpload:
     """Whether the leader has said which instants it wants."""
     wanted: frozenset[int] | None = None
     """Those; None for all."""
-    cancelled: bool = False
+    is_over: bool = False
+    """Nothing of it is to be sent any more: the leader has it, or does not want it."""
     on_settled: Callable[[], None] = lambda: None
     """Called when no further instants are wanted."""
 
@@ -56,7 +57,7 @@ class BurstUpload:
 
     def extend(self, frames: Iterable[Pick[CapturedFrame]], missing: Iterable[MissingImage]) -> None:
         """Add what was picked for further instants, unless the leader does without them."""
-        if self.is_settled or self.cancelled:
+        if self.is_settled or self.is_over:
             return
         new = [*frames]
         self.frames.extend(new)
@@ -79,9 +80,9 @@ class BurstUpload:
         self.confirmed.update(instants)
         return self._let_go(lambda instant: instant in instants)
 
-    def cancel(self) -> None:
+    def end(self) -> None:
         """Let go of all of it."""
-        self.cancelled = True
+        self.is_over = True
         self.frames.clear()
         self._let_go(lambda _: True)
 

@@ -104,7 +104,9 @@ class FrameEncoder:
                 burst.spooled = self._spool.create_burst(burst.report)
             burst.spooled.add_image(image, data)
         except SimulshotError as error:
-            note_full_spool(burst, error, self._talk)
+            # The folder of a burst that is over is gone.
+            if not burst.is_over:
+                note_full_spool(burst, error, self._talk)
         else:
             burst.unsynced[picked.instant] = image
         return image

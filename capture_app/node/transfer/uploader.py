@@ -88,7 +88,7 @@ class Uploader:
     def cancel_burst(self, leader: int, burst: int) -> None:
         """Let go of a burst: its leader wants nothing of it any more."""
         for upload in self._uploads_of(leader, burst):
-            upload.cancel()
+            upload.end()
             self.talk(f"burst {burst} was cancelled")
         self._news.set()
 
@@ -127,6 +127,8 @@ class Uploader:
                 await self._to_encode.wait()
                 continue
             await self._encoder.encode_next(burst)
+            if burst.is_over and burst.spooled is not None:
+                await asyncio.to_thread(burst.spooled.remove)
             self._news.set()
             self._to_sync.set()
 
@@ -177,6 +179,8 @@ class Uploader:
 
     async def _send_burst(self, sender: BurstSender, burst: BurstUpload) -> None:
         refusal = await sender.send_burst(burst)
+        if refusal is None or refusal.forget:
+            burst.end()
         if refusal is None:
             if burst.spooled is not None:
                 await asyncio.to_thread(burst.spooled.remove)

@@ -48,7 +48,7 @@ class CameraProgress:
             return True
         if self.report is None or not choice.is_settled:
             return False
-        return self.instants >= choice.numbers(self.report.instants).keys()
+        return self.instants >= choice.numbers(self.report.instants)
 
     def transfer(self, instants: int) -> CameraTransfer:
         """How much of so many instants it has brought."""

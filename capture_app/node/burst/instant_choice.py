@@ -59,10 +59,10 @@ class InstantChoice:
             if not 0 <= instant < len(self._burst.instants_ns):
                 raise BadInputError(f"burst {self._burst.number} has no instant {instant}")
 
-    def numbers(self, ordered: Collection[int]) -> dict[int, int]:
-        """By their numbers in the session, those of these instants that it has."""
-        chosen = self.chosen or ()
-        return {number: instant for number, instant in enumerate(chosen) if instant in ordered}
+    def numbers(self, ordered: Collection[int]) -> set[int]:
+        """The numbers in the session of those of these instants that it has."""
+        told = frozenset(ordered)
+        return {number for number, instant in enumerate(self.chosen or ()) if instant in told}
 
     def renumbered(self, record: ImageRecord) -> ImageRecord:
         """An image's record as the session has it.
@@ -82,11 +82,9 @@ class InstantChoice:
 
     def skipped(self, reports: Reports) -> tuple[SkippedInstant, ...]:
         """The instants that later ones have taken the place of, and why."""
-        chosen = self.chosen or ()
+        chosen = self.chosen or (0,)
         skipped = []
-        for instant in range(chosen[-1] if chosen else 0):
-            if instant in chosen:
-                continue
+        for instant in sorted({*range(chosen[-1])} - {*chosen}):
             gaps = (
                 SkippedFrame(camera=name, reason=gap.reason, dropped=gap.dropped)
                 for name, report in sorted(reports.items())

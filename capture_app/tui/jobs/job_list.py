@@ -21,6 +21,9 @@ from capture_app.tui.jobs.records import default_out, find_jobs, forget_record, 
 AT_ONCE = 1
 """Jobs that run at the same time: each takes all the cores that are free."""
 
+HEARD_S = 0.1
+"""What a job says within this time is told at once."""
+
 
 class JobList:
     """Runs jobs in the order in which they were added; all methods are called in the event loop's thread.
@@ -39,6 +42,7 @@ class JobList:
         self._children: dict[Job, Child] = {}
         self._since: dict[Job, float] = {}
         self._tasks: set[asyncio.Task[None]] = set()
+        self._heard: set[Job] = set()
         self._held = False
         self._closing = False
         self._numbered = 0
@@ -252,6 +256,13 @@ class JobList:
         job.log.append(printable(line))
         if step := ProgressStep.parse(line):
             job.step = ProgressStep(step.done, step.total, printable(step.text))
+        # A program may say a thousand lines a second; nobody reads them one by one.
+        if job not in self._heard:
+            self._heard.add(job)
+            asyncio.get_running_loop().call_later(HEARD_S, self._tell_heard, job)
+
+    def _tell_heard(self, job: Job) -> None:
+        self._heard.discard(job)
         self.seconds_of(job)
         self._tell(job)
 

@@ -8,6 +8,9 @@ from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.jobs.job import Job
 from capture_app.tui.jobs.signs import SIGNS, rough_time
 
+SHOWN = 100
+"""The most lines of a log that are shown; all are in its file beside the results."""
+
 
 class JobLog(VerticalScroll):
     """Shows one job, and follows its end while it runs."""
@@ -59,6 +62,7 @@ class JobLog(VerticalScroll):
         if job.message:
             lines += Content(printable(job.message)).wrap(width)
         if job.log:
-            said = (Content.styled(printable(line), "$foreground-muted").wrap(width) for line in job.log)
+            last = list(job.log)[-SHOWN:]
+            said = (Content.styled(printable(line), "$foreground-muted").wrap(width) for line in last)
             lines += [Content(""), *(line for wrapped in said for line in wrapped)]
         return lines

@@ -1,11 +1,11 @@
 """A result on the whole screen: verdict, figures, and pictures switched between both conditions by a key."""
 
 import os
-import re
 from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
+from textual import events
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
@@ -18,8 +18,9 @@ from capture_app.errors import BadInputError
 from capture_app.text import printable
 from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.footer import KeyFooter
+from capture_app.tui.jobs.figures import figure_lines, verdict_lines
 from capture_app.tui.jobs.job import Job
-from capture_app.tui.jobs.results import ResultPicture, ResultTable, StudyResult
+from capture_app.tui.jobs.results import ResultPicture, StudyResult
 from capture_app.tui.messages import Mishap
 from capture_app.tui.pictures.cells import Image
 from capture_app.tui.pictures.picture import Picture, Source
@@ -130,6 +131,12 @@ class ResultScreen(Screen[None]):
         self._at = (self._at + by) % len(self._result.pictures)
         self._show_picture()
 
+    def on_click(self, event: events.Click) -> None:
+        """A click on the picture or the sides above it switches, as the key does."""
+        clickable = event.widget in (self._picture, self._sides)
+        if clickable and self.picture is not None and self.picture.offset is not None:
+            self.action_switch()
+
     def action_figures(self) -> None:
         """Show the figures instead of the pictures, or the pictures again."""
         self._figures = not self._figures
@@ -170,9 +177,9 @@ class ResultScreen(Screen[None]):
                 ).truncate(self.size.width, ellipsis=True)
             ]
         )
-        self._words.show(_words(self._result, width))
+        self._words.show(figure_lines(self._result, width))
         room = max(24, self.size.width - 4)
-        self._verdict.show(_verdict(self._result.verdict, room))
+        self._verdict.show(verdict_lines(self._result.verdict, room))
         self._show_picture()
 
     def _show_picture(self) -> None:
@@ -228,66 +235,3 @@ def _read(path: Path) -> bytes | Image | None:
 
 def _side(text: str, chosen: bool, style: str) -> Content:
     return Content.styled(f" {text} ", f"reverse bold {style}" if chosen else "$foreground-muted")
-
-
-def _verdict(text: str, width: int) -> list[Content]:
-    # A narrow space keeps a number and its unit on one line.
-    text = re.sub(r"(?<=\d) (?=(?:[mµn]?s|px|[cm]?m)\b|%)", "\u202f", printable(text))
-    first, dot, rest = text.partition(". ")
-    return Content.assemble((first + dot.strip(), "bold"), (f" {rest}" if rest else "", "$foreground")).wrap(
-        width
-    )
-
-
-def _words(result: StudyResult, width: int) -> list[Content]:
-    lines = [*_verdict(result.verdict, width), Content("")]
-    for table in result.tables:
-        lines += [*_table(table, width), Content("")]
-    for remark in result.remarks:
-        lines += Content.styled(printable(remark), "$foreground-muted").wrap(width)
-    return lines
-
-
-def _table(table: ResultTable, width: int) -> list[Content]:
-    """A table as lines: groups above the conditions, numbers to the right."""
-    columns = len(table.columns)
-    cells = [tuple(printable(cell) for cell in row) for row in table.rows]
-    widths = [
-        max([len(table.columns[at]), *(len(row[at + 1]) for row in cells if at + 1 < len(row))])
-        for at in range(columns)
-    ]
-    spans = _spans(table, widths)
-    name = max(12, min(max((len(row[0]) for row in cells), default=12), width - sum(widths) - 2 * columns))
-    lines = [Content.styled(printable(table.caption), "bold $primary").truncate(width, ellipsis=True)]
-    if any(table.groups):
-        groups = "".join(
-            f"  {_cut(group.replace('Things at rest', 'At rest'), room):>{room}}" for group, room in spans
-        )
-        lines.append(Content.styled(f"{'':<{name}}{groups}", "$foreground-muted"))
-    heads = "".join(f"  {head:>{room}}" for head, room in zip(table.columns, widths, strict=True))
-    lines.append(Content.styled(f"{'':<{name}}{heads}", "$foreground-muted"))
-    for row in cells:
-        line = Content(f"{_cut(row[0], name):<{name}}")
-        for at, (cell, room) in enumerate(zip(row[1:], widths, strict=False)):
-            synced = at % 2 == 0
-            style = "$foreground" if columns == 1 else "bold $success" if synced else "$error"
-            if "rest" in table.groups[at] or "still" in table.columns[at]:
-                style = "$foreground-muted"
-            line += Content.styled(f"  {cell:>{room}}", style)
-        lines.append(line)
-    return lines
-
-
-def _spans(table: ResultTable, widths: list[int]) -> list[tuple[str, int]]:
-    """Each group of neighbouring columns and the cells that it spans."""
-    spans: list[tuple[str, int]] = []
-    for at, (group, room) in enumerate(zip(table.groups, widths, strict=True)):
-        if spans and group and group == table.groups[at - 1]:
-            spans[-1] = (group, spans[-1][1] + room + 2)
-        else:
-            spans.append((group, room))
-    return spans
-
-
-def _cut(text: str, width: int) -> str:
-    return text if len(text) <= width else text[: max(0, width - 1)] + "…"

@@ -1,6 +1,6 @@
 """Results as a screen shows them, read from the files that `reconstruct` has written: nothing is computed."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -206,11 +206,3 @@ def _report(found: Mapping[str, Any], folder: Path) -> Path | None:
 def _bar(share: float | None, width: int = 20) -> str:
     eighths = round(8 * width * min(max(share or 0.0, 0.0), 1.0))
     return "█" * (eighths // 8) + ("▏▎▍▌▋▊▉"[eighths % 8 - 1] if eighths % 8 else "")
-
-
-def column_widths(table: ResultTable) -> Iterator[int]:
-    """How wide each column is, the names first."""
-    for at in range(len(table.columns) + 1):
-        cells = [row[at] for row in table.rows if at < len(row)]
-        head = [table.columns[at - 1]] if at else []
-        yield max((len(text) for text in (*cells, *head)), default=0)

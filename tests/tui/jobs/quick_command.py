@@ -1,6 +1,6 @@
 """Stands in for `reconstruct compare`: quick, and as the words after the session say.
 
-SESSION [say LINE] [wait FILE] [fail] [priority] --out DIR --json
+SESSION [say LINE] [wait FILE] [fail] [flood LINES] [priority] --out DIR --json
 """
 
 import json
@@ -25,6 +25,9 @@ def main() -> None:
                     time.sleep(0.01)
             elif word == "priority":
                 print(f"priority {os.nice(0)}", file=sys.stderr, flush=True)
+            elif word == "flood":
+                for number in range(int(next(words))):
+                    print(f"line {number}", file=sys.stderr)
             elif word == "fail":
                 sys.exit("quick: error: the burst has one instant only")
         metrics = {"verdict": "It is [bold]much[/bold] better. So it is."}

@@ -68,6 +68,16 @@ async def test_what_goes_wrong_is_said_in_the_programs_own_words(jobs: JobList, 
     assert jobs.jobs == [again]
 
 
+async def test_a_flood_of_lines_is_told_now_and_then(jobs: JobList, session: Session) -> None:
+    told: list[JobState] = []
+    jobs.watch(lambda job: told.append(job.state))
+    job = jobs.add(QUICK, session.folder, "flood 5000")
+    await jobs.wait()
+    assert job.state is JobState.DONE
+    assert job.log[-1] == "line 4999"
+    assert len(told) < 200
+
+
 async def test_one_at_a_time_and_none_twice(jobs: JobList, session: Session, tmp_path: Path) -> None:
     go = tmp_path / "go"
     first = jobs.add(QUICK, session.folder, f"say '[2/5] depth' wait {go}")

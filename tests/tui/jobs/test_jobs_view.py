@@ -145,7 +145,10 @@ async def test_pictures_are_switched_by_one_key(root: Path, size: tuple[int, int
         grey = screen.query_one(Picture).cells.inks.min()
         await pilot.press("space")
         await until(pilot, lambda: screen.query_one(Picture).cells.inks.min() > grey + 50)
-        if size[0] < 120:
+        await pilot.click("#result-sides")
+        await settle(pilot)
+        assert not screen.shows_offset
+        if size[0] < 150:
             await pilot.press("f")
             await settle(pilot)
         figures = "\n".join(screen.query_one("#result-figures").plain)

@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 from textual.widgets import Input, OptionList
 
-from capture_app.session.format.manifest import MANIFEST
+from capture_app.session.format.burst_plan import BurstPlan, CameraPlan
+from capture_app.session.format.manifest import MANIFEST, BurstRecord
 from capture_app.session.library.changes import set_note
 from capture_app.session.library.trash import trashed_sessions
 from capture_app.session.reading.reader import Session
@@ -21,6 +22,7 @@ from capture_app.tui.messages import SessionsRequested
 from capture_app.tui.pictures.picture import Picture
 from capture_app.tui.settings import Settings
 from capture_app.tui.sheets.look import LookScreen
+from tests.session.conftest import camera_record, jpeg
 from tests.tui.driving import settle, toasts
 from tests.tui.library.screen import choose, library, rows, text, type_text, until, view
 from tests.tui.takes import make_take
@@ -185,6 +187,25 @@ async def test_an_interrupted_session_says_what_to_do_and_can_be_thrown_away(ses
         await pilot.press("d")
         await until(pilot, lambda: "cut" not in names(pilot))
     assert [one.name for one in trashed_sessions(sessions)] == ["cut"]
+
+
+async def test_an_interrupted_session_is_repaired_by_a_job(sessions: Path) -> None:
+    camera = camera_record("left")
+    burst = BurstRecord(instants_ns=(10**9, 2 * 10**9), period_ns=33_000_000)
+    writer = SessionWriter.create(sessions, "cut")
+    plan = {"created": writer.created, "software": writer.software, "leader": 1, "number": 1}
+    writer.set_plan(BurstPlan(name="cut", burst=burst, cameras=(CameraPlan(camera=camera),), **plan))
+    writer.add_image(jpeg(1), camera="left", instant=0, leader_ns=10**9)
+    writer.abort()
+    async with library(sessions) as pilot:
+        await choose(pilot, "cut")
+        await pilot.press("a")
+        await settle(pilot)
+        await pilot.press("enter")
+        await until(pilot, lambda: jobs(pilot) and jobs(pilot)[0].state.is_over)
+        assert jobs(pilot)[0].message == "completed: 1 image, 1 missing"
+        await until(pilot, lambda: "! 1 image missing" in text(pilot.app))
+    assert len(Session.open(sessions / "cut").manifest.images) == 1
 
 
 async def test_samples_are_shown_and_left_as_they_are(sessions: Path) -> None:

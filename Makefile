@@ -12,6 +12,7 @@
 # make bench-rig   bursts of five cameras with two fast clocks, over emulated WiFi links (root, 4 min)
 # make bench-clients   a thousand clients of one leader over real UDP, half a minute
 # make bench-tui   what the terminal UI costs beside a rig of 20 cameras, and that the rig does not notice it (5 min)
+# make screenshots   the pictures of the screen in docs/images, from a real run with simulated cameras
 # make help   all targets
 
 PYTHON ?= python3
@@ -23,7 +24,7 @@ OUT ?= demo
 LIBRARIES := libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
 	libusb-1.0.so.0:libusb-1.0-0 libudev.so.1:libudev1 libidn2.so.0:libidn2-0
 
-.PHONY: help install demo samples test test-v4l2 test-slurm bench-sync bench-reference bench-relay bench-rig bench-clients bench-multiview bench-tui test-crash check format system clean
+.PHONY: help install demo screenshots samples test test-v4l2 test-slurm bench-sync bench-reference bench-relay bench-rig bench-clients bench-multiview bench-tui test-crash check format system clean
 .DEFAULT_GOAL := help
 
 help:
@@ -77,6 +78,9 @@ bench-tui: $(VENV)/.installed
 
 test-crash: $(VENV)/.installed-dev
 	$(BIN)/pytest -m slow tests/session/crashes
+
+screenshots: $(VENV)/.installed
+	$(BIN)/python docs/images/screenshots.py
 
 check: $(VENV)/.installed-dev
 	$(BIN)/ruff check .

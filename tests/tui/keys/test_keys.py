@@ -1,5 +1,6 @@
 """Help, palette, changed keys, and leaving."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -8,7 +9,7 @@ from textual.command import CommandPalette
 from capture_app.errors import NetworkError
 from capture_app.node.wire.status import BurstStatus
 from capture_app.tui.app import SimulshotApp
-from capture_app.tui.keys.actions import keys_file_text, known_actions
+from capture_app.tui.keys.actions import keys_file_text, known_actions, unknown_names
 from capture_app.tui.keys.help_screen import HelpScreen
 from capture_app.tui.question import Question
 from capture_app.tui.settings import Settings
@@ -146,3 +147,10 @@ async def test_leaving_twice_needs_no_answer() -> None:
         await settle(pilot)
     assert app.return_code == 0
     assert not rig.asked
+
+
+def test_the_page_names_actions_that_exist() -> None:
+    page = (Path(__file__).parents[3] / "docs" / "terminal-ui.md").read_text()
+    named = set(re.findall(r'^    "([\w.-]+)" = ', page, re.MULTILINE))
+    assert named
+    assert unknown_names(named) == []

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     type=FiniteRange(1.0, 100_000.0),
     metavar="US",
     show_default="100, or 2000 for a camera that can only restart its stream",
-    help="Largest phase error that is not corrected, in microseconds.",
+    help="Largest phase error that is not corrected, and how well to know the clock, in microseconds.",
 )
 @spool_option
 @click.option("--until-eof", is_flag=True, hidden=True, help="Stop when stdin closes: the parent is gone.")

@@ -21,6 +21,7 @@ from capture_app.tui.library.take_screen import TakeScreen
 from capture_app.tui.messages import SessionsRequested
 from capture_app.tui.pictures.picture import Picture
 from capture_app.tui.settings import Settings
+from capture_app.tui.sheets.contact_sheet import ContactSheet
 from capture_app.tui.sheets.look import LookScreen
 from tests.session.conftest import camera_record, jpeg
 from tests.tui.driving import settle, toasts
@@ -292,3 +293,18 @@ async def test_another_view_can_ask_for_a_session_for_samples_and_for_another_fo
             pilot.app.screen.post_message(SessionsRequested(folder, session))
             await until(pilot, lambda: pilot.app.current_mode == "sessions")
             await until(pilot, lambda name=expected: view(pilot.app).entry.card.name == name)
+
+
+async def test_any_size_is_drawn(sessions: Path) -> None:
+    async with library(sessions) as pilot:
+        for size in ((20, 8), (3, 2), (300, 90)):
+            await pilot.resize_terminal(*size)
+            await pilot.press("down", "a", "escape", "e", "escape", "slash", "escape")
+            await settle(pilot)
+        await pilot.press("enter")
+        await until(pilot, lambda: isinstance(pilot.app.screen, TakeScreen))
+        for size in ((20, 8), (3, 2), (80, 24)):
+            await pilot.resize_terminal(*size)
+            await pilot.press("right", "down")
+            await settle(pilot)
+        assert pilot.app.screen.query_one(ContactSheet).cursor.x > 0

@@ -13,6 +13,7 @@
 # make bench-clients   a thousand clients of one leader over real UDP, half a minute
 # make bench-tui   what the terminal UI costs beside a rig of 20 cameras, and that the rig does not notice it (5 min)
 # make screenshots   the pictures of the screen in docs/images, from a real run with simulated cameras
+# make animation   film a take on the real screen for README, a minute or two
 # make help   all targets
 
 PYTHON ?= python3
@@ -24,7 +25,7 @@ OUT ?= demo
 LIBRARIES := libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
 	libusb-1.0.so.0:libusb-1.0-0 libudev.so.1:libudev1 libidn2.so.0:libidn2-0
 
-.PHONY: help install demo screenshots samples test test-v4l2 test-slurm bench-sync bench-reference bench-relay bench-rig bench-clients bench-multiview bench-tui test-crash check format system clean
+.PHONY: help install demo animation screenshots samples test test-v4l2 test-slurm bench-sync bench-reference bench-relay bench-rig bench-clients bench-multiview bench-tui test-crash check format system clean
 .DEFAULT_GOAL := help
 
 help:
@@ -75,6 +76,9 @@ bench-multiview: $(VENV)/.installed
 
 bench-tui: $(VENV)/.installed
 	$(BIN)/python benchmarks/tui_load.py $(BENCH)
+
+animation: $(VENV)/.installed-dev
+	$(BIN)/python docs/images/take_animation.py
 
 test-crash: $(VENV)/.installed-dev
 	$(BIN)/pytest -m slow tests/session/crashes

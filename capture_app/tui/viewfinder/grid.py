@@ -67,6 +67,10 @@ class PreviewTile(Vertical):
         """The picture itself."""
         return self._picture
 
+    def on_resize(self) -> None:
+        """Say as much as there is room for."""
+        self._show()
+
     def show_node(self, node: NodeStatus) -> None:
         """Show how the camera is."""
         self._node = node
@@ -88,18 +92,17 @@ class PreviewTile(Vertical):
         if node is None:
             return
         sign = SIGNS[node.state]
-        rate = "" if node.fps is None else f" {node.fps:.1f} fps"
-        self._title.show(
-            [
-                Content.assemble(
-                    ("▸" if self._marked else " ", "bold $primary"),
-                    (f"{sign.glyph} ", sign.style),
-                    (printable(node.name), "bold"),
-                    (f" {sign.word}", sign.style),
-                    (rate, "$foreground-muted"),
-                )
-            ]
+        title = Content.assemble(
+            ("▸" if self._marked else " ", "bold $primary"),
+            (f"{sign.glyph} ", sign.style),
+            (printable(node.name), "bold"),
         )
+        rate = "" if node.fps is None else f" {node.fps:.1f} fps"
+        for more in (Content.styled(f" {sign.word}", sign.style), Content.styled(rate, "$foreground-muted")):
+            # What does not fit is left out rather than cut.
+            if title.cell_length + more.cell_length <= self.size.width:
+                title += more
+        self._title.show([title])
 
 
 class PreviewGrid(Container, can_focus=True):

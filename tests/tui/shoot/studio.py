@@ -60,11 +60,11 @@ class Studio:
 
     async def settle(self, pilot: Pilot[None]) -> None:
         """Let messages come through, and what is done in threads be done."""
-        for _ in range(4):
+        quiet = 0
+        while quiet < 4:
             await pilot.pause()
-        for _ in range(3):
             brief = {"judging", "trash", "thumbs", "previews", "default", "measuring"}
             workers = [worker for worker in self.app.workers if worker.group in brief]
             if workers:
                 await self.app.workers.wait_for_complete(workers)
-            await pilot.pause()
+            quiet = 0 if workers else quiet + 1

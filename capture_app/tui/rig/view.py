@@ -2,6 +2,7 @@
 
 import re
 import textwrap
+from functools import partial
 from pathlib import Path
 from typing import ClassVar
 
@@ -18,6 +19,7 @@ from capture_app.tui.camera.screen import CameraScreen
 from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.messages import LinkChanged, Mishap, NewsReceived, StatusChanged
 from capture_app.tui.mode import ModeView
+from capture_app.tui.question import Answer, Question
 from capture_app.tui.record import RigRecord
 from capture_app.tui.rig.camera_list import CameraList
 from capture_app.tui.rig.news_pane import NewsPane
@@ -193,11 +195,19 @@ class RigView(ModeView):
         node = self._cameras.chosen
         if node is None:
             return
-        if node.state is NodeState.LOST or node.on_leader:
+        if node.state is NodeState.LOST:
             self._remove(node.name)
+        elif node.on_leader:
+            answers = [Answer("keep", "k", "Keep it"), Answer("end", "e", "End it")]
+            question = Question(f"{node.name} is running. End it, and take it off the rig?", answers)
+            self.app.push_screen(question, partial(self._end, node.name))
         else:
             words = f"{node.name} runs on another machine ({node.address})"
             self.post_message(Mishap(SimulshotError(words, hint="stop it there")))
+
+    def _end(self, name: str, answer: str | None) -> None:
+        if answer == "end":
+            self._remove(name)
 
     @work(group="orders")
     async def _remove(self, name: str) -> None:

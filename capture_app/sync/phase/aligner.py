@@ -13,6 +13,7 @@ from capture_app.sync.phase.frame_stamp import FrameStamp, PhaseEstimate
 from capture_app.sync.phase.goal import Goal
 from capture_app.sync.phase.injection import InjectionActuator
 from capture_app.sync.phase.injection_history import InjectionProfile
+from capture_app.sync.phase.reach import Reach
 from capture_app.sync.phase.reset import ResetActuator
 from capture_app.sync.wire.camera_commands import CameraCommand
 
@@ -41,14 +42,17 @@ class Aligner:
         profile: InjectionProfile | None = None,
         aimed: bool = True,
     ) -> None:
-        self._tolerance_ns = tolerance_ns
+        self.reach = Reach(tolerance_ns)
+        """How near to its goal the stream can be brought, and for how long."""
         self._hold_ns = HOLD_NS[camera.phase_control]
         self._phase = PhaseEstimator(period_ns=camera.period_ns)
         self._actuator = choose_actuator(camera, rng=rng, profile=profile, aimed=aimed)
         self._commands = CommandTracker(self._phase, self._actuator)
         self._least_frames = SETTLED_FRAMES[0]
         self.aligned = False
-        """Whether the frames were within the tolerance at the last step."""
+        """Whether the frames were within the tolerance asked for at the last step."""
+        self.within_reach = False
+        """Whether they were within the tolerance in force, which the step of their stamps may widen."""
         self.problem = ""
         """Why this camera can never be aligned, in plain words; empty if it can."""
 
@@ -60,9 +64,16 @@ class Aligner:
             return False
         if phase.frames < WARM_FRAMES[1]:
             blur_ns = phase.period_sigma_ns / phase.period_ns * self._hold_ns
-            if phase.frames < WARM_FRAMES[0] or blur_ns > self._tolerance_ns / 4:
+            if phase.frames < WARM_FRAMES[0] or blur_ns > self.reach.tolerance_ns / 4:
                 return False
         return self._run_settled
+
+    @property
+    def meets_bursts(self) -> bool:
+        """Whether a stream that drifts too fast to be held is brought to its goal for each burst."""
+        if not isinstance(self._actuator, InjectionActuator) or self._commands.under_way:
+            return False
+        return self.reach.drifts_fast and self._actuator.meets_bursts
 
     @property
     def corrections(self) -> int:
@@ -73,6 +84,11 @@ class Aligner:
     def frames(self) -> int:
         """Frames seen in all."""
         return self._phase.frames
+
+    @property
+    def stamp_quantum_ns(self) -> float:
+        """Step that the camera's timestamps come in, in ns; 0 where it is too fine to matter."""
+        return self._phase.quantum_ns
 
     @property
     def drops(self) -> int:
@@ -103,7 +119,7 @@ class Aligner:
         restarts = isinstance(self._actuator, ResetActuator)
         if restarts and phase.run_frames == JUDGED_STARTS_FRAMES and phase.known:
             # Nine of ten restarts miss: if a start's first frame is as good as five, do not wait for five.
-            steady = phase.first_off_ns() < self._tolerance_ns / 4
+            steady = phase.first_off_ns() < self.reach.tolerance_ns / 4
             self._least_frames = 1 if steady else SETTLED_FRAMES[0]
         return dropped
 
@@ -135,6 +151,7 @@ class Aligner:
             sigma_ns=phase.sigma_at(frame_local_ns),
             frames=phase.run_frames,
             at_leader_ns=at_leader_ns,
+            quantum_error_ns=phase.quantum_error_ns,
         )
 
     def next_command(
@@ -158,14 +175,12 @@ class Aligner:
         now_leader_ns = time_map.leader_from_local(now_local_ns)
         now = self.estimate(time_map, goal, now_leader_ns)
         if now is None or not self.settled:
-            self.aligned = (
-                self.aligned and self._phase.unmoved and self._is_within(time_map, goal, now_local_ns)
-            )
+            still = self._phase.unmoved and self._phase.known
+            self._judge(self._error_ns(time_map, goal, now_local_ns) if still else None, 0.0, onset=False)
             return None
         self.problem = self._find_problem(now, goal)
-        # A phase at the very edge must not flicker in and out with its noise.
-        grace_ns = min(2.0 * now.sigma_ns, self._tolerance_ns / 2) if self.aligned else 0.0
-        self.aligned = not self.problem and abs(now.error_ns) <= self._tolerance_ns + grace_ns
+        self.reach.update(self._phase, now.drift_ppm)
+        self._judge(None if self.problem else now.error_ns, 2.0 * now.sigma_ns)
         if self.problem or self._actuator is None:
             return None
         if self._phase.as_expected and now.frames < FRAMES_TO_ACT:
@@ -174,8 +189,8 @@ class Aligner:
             now.error_ns + self._phase.shift_to_come(now_local_ns),
             now.drift_ppm * 1e-6,
             self._phase.period_ns,
-            self._tolerance_ns,
-            grace_ns,
+            self._inner_ns(self.reach.tolerance_ns),
+            min(2.0 * now.sigma_ns, self.reach.tolerance_ns / 2) if self.within_reach else 0.0,
             self._phase.shifts.latency_frames,
         )
         if burst_leader_ns is not None:
@@ -187,7 +202,7 @@ class Aligner:
         else:
             meeting_ns = 0 if meeting_leader_ns is None else max(0, meeting_leader_ns - now_leader_ns)
             aim = self._actuator.aim(
-                course, hold_ns=self._hold_ns, aligned=self.aligned, meeting_ns=meeting_ns
+                course, hold_ns=self._hold_ns, aligned=self.within_reach, meeting_ns=meeting_ns
             )
         if aim is None:
             return None
@@ -197,7 +212,7 @@ class Aligner:
             wanted_local_ns=self._wanted(time_map, goal, landing_local_ns) + round(aim.wanted_ns),
             shift_ns=round((aim.wanted_ns - aim.error_ns) % self._phase.period_ns),
             period_ns=self._phase.period_ns,
-            tolerance_ns=self._tolerance_ns,
+            tolerance_ns=course.tolerance_ns,
             aim_ns=aim.off_centre_ns,
         )
         command = self._actuator.command(move)
@@ -205,10 +220,27 @@ class Aligner:
             return None
         return command
 
-    def _is_within(self, time_map: TimeMap, goal: Goal, local_ns: int) -> bool:
-        """Whether the line of the frames, as it was before a command, is within the tolerance."""
-        frame_leader_ns = time_map.leader_from_local(self._phase.nearest_frame_ns(local_ns))
-        return abs(goal.phase_error(frame_leader_ns)) <= self._tolerance_ns
+    def _judge(self, error_ns: float | None, grace_ns: float, *, onset: bool = True) -> None:
+        """Say whether frames are aligned: at the edge up to `grace_ns` off, `onset` also if they were not."""
+
+        def judge(before: bool, tolerance_ns: int) -> bool:
+            limit_ns = inner_ns = self._inner_ns(tolerance_ns)
+            if self._phase.quantum_error_ns > grace_ns:
+                limit_ns = inner_ns - round(grace_ns)
+            elif before:
+                limit_ns += round(min(grace_ns, inner_ns / 2))
+            return error_ns is not None and (before or onset) and abs(error_ns) <= limit_ns
+
+        self.aligned = judge(self.aligned, self.reach.asked_ns)
+        self.within_reach = judge(self.within_reach, self.reach.tolerance_ns)
+
+    def _inner_ns(self, tolerance_ns: int) -> int:
+        """What stamps leave of a tolerance for the error that is seen."""
+        return max(0, round(tolerance_ns - self._phase.quantum_error_ns))
+
+    def _error_ns(self, time_map: TimeMap, goal: Goal, local_ns: int) -> int:
+        """Distance from the goal of the frame nearest to a local time."""
+        return goal.phase_error(time_map.leader_from_local(self._phase.nearest_frame_ns(local_ns)))
 
     @property
     def _frames_needed(self) -> int:
@@ -221,7 +253,7 @@ class Aligner:
         if frames < self._frames_needed:
             return False
         sigma_ns = self._phase.sigma_at(self._phase.last_ns)
-        return frames >= SETTLED_FRAMES[1] or sigma_ns < self._tolerance_ns / 4
+        return frames >= SETTLED_FRAMES[1] or sigma_ns < self.reach.tolerance_ns / 4
 
     def _wanted(self, time_map: TimeMap, goal: Goal, local_ns: float) -> int:
         """Local time of the goal's instant nearest to a local time."""

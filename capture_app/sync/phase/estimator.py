@@ -10,6 +10,7 @@ from statistics import median
 
 from capture_app.sync.phase.frame_line import MEDIAN_FACTOR, PHASE_FRAMES, FrameLine, PendingShifts, Point
 from capture_app.sync.phase.frame_stamp import FrameStamp
+from capture_app.sync.phase.stamp_quantum import StampQuantum
 
 FIRST_INTERVALS = 8
 """Intervals whose median gives the first period."""
@@ -33,6 +34,7 @@ class PhaseEstimator:
         """How far the last disturbance moved the phase, unwrapped, in ns; None if it is not known."""
         self._stream: int | None = None
         self._sequence = self._time_ns = self._origin_ns = self._index = 0
+        self._quantum = StampQuantum()
         self._first_intervals: list[float] | None = []
         self._intervals: deque[float] = deque(maxlen=RATE_FRAMES)
         self.shifts = PendingShifts()
@@ -60,6 +62,16 @@ class PhaseEstimator:
     def noise_ns(self) -> float:
         """Standard deviation of one timestamp, in ns."""
         return self._line.noise_ns
+
+    @property
+    def quantum_ns(self) -> float:
+        """Step that the timestamps come in, in ns; 0 where none was found."""
+        return self._quantum.ns
+
+    @property
+    def quantum_error_ns(self) -> float:
+        """What that step may hide of the phase, either way."""
+        return self._line.quantum_error_ns
 
     @property
     def known(self) -> bool:
@@ -111,6 +123,9 @@ class PhaseEstimator:
         self.frames += 1
         self.drops += dropped
         self._intervals.append(interval / steps)
+        if not self._disturbed:
+            self._quantum.add(interval)
+            self._line.quantum_ns = self._quantum.ns
         if self._first_intervals is not None:
             self._measure_first_period(interval / steps)
         elif self._runs_at_another_rate():
@@ -153,7 +168,7 @@ class PhaseEstimator:
     def first_off_ns(self) -> float:
         """How far in ns the first frame since the phase last moved lies off the line of those after it."""
         index, first_ns = self._line.run[0]
-        return abs(first_ns - self._line.period_ns * index - self._line.height_ns)
+        return abs(self._line.heights_of([(index, first_ns)])[0] - self._line.height_ns)
 
     def shift_to_come(self, local_ns: int) -> int:
         """Expected shifts in ns that may not be in effect yet at the frame near a local time."""
@@ -217,7 +232,7 @@ class PhaseEstimator:
 
     def _add_point(self) -> None:
         elapsed_ns = self._time_ns - self._origin_ns
-        seen_ns = elapsed_ns - self._line.height_ns - self._line.period_ns * self._index
+        seen_ns = self._line.heights_of([(self._index, elapsed_ns)])[0] - self._line.height_ns
         point = (self._index, elapsed_ns - self.shifts.effective_at(self._index, seen_ns))
         if self._disturbed:
             self._pending.append(point)

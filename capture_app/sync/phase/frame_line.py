@@ -6,6 +6,7 @@ to the camera's crystal.
 
 from collections import deque
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from math import isfinite
 from statistics import median
 
@@ -83,6 +84,13 @@ REFIT_SHARE = 0.1
 PHASE_FRAMES = 10
 MEDIAN_FACTOR = 1.25
 """A median of normal noise is this much noisier than a mean."""
+QUANTIZED_FRAMES = 60
+"""So many give the phase where timestamps come in steps: what one hides, another shows.
+
+No more of them, as over many the error of a period that was learned from such steps looks like drift.
+"""
+QUANTUM_NOISE = 0.3
+"""Standard deviation of a rounding error, as a share of the step."""
 FINEST_PHASE = 1e-4
 """More frames than PHASE_FRAMES are used until the phase is known to this share of a period."""
 
@@ -100,6 +108,9 @@ class FrameLine:
         """Standard deviation of one timestamp."""
         self.height_ns = 0.0
         """Of the run under way."""
+        self.quantum_ns = 0.0
+        """Step that the timestamps come in, 0 where it does not count."""
+        self._hidden_ns: float | None = None
         self.runs: deque[list[Point]] = deque([[]])
         self._frames = self._since_fit = 0
 
@@ -118,6 +129,8 @@ class FrameLine:
         """How many of the newest frames give the height."""
         finest_ns = FINEST_PHASE * self.period_ns
         enough = round((MEDIAN_FACTOR * self.noise_ns / finest_ns) ** 2)
+        if self.noise_ns < self.quantum_ns:
+            return QUANTIZED_FRAMES
         return max(PHASE_FRAMES, min(self._window, enough))
 
     @property
@@ -125,13 +138,36 @@ class FrameLine:
         """Largest distance of a frame from the line that noise explains."""
         return max(8.0 * self.noise_ns, 2_000.0)
 
+    @property
+    def quantum_error_ns(self) -> float:
+        """What the step of the timestamps may hide of the height, either way.
+
+        Whether a driver cuts or rounds cannot be told: between the two, a quarter of a step remains. Half
+        of the widest gap between the places within a step that frames take is what their mean does not see.
+        """
+        if not self.quantum_ns:
+            return 0.0
+        if self._hidden_ns is not None:
+            return self._hidden_ns
+        heights = self.heights_of(self.run[-self.phase_frames :])
+        places = sorted(height / self.quantum_ns % 1.0 for height in heights)
+        widest = max([b - a for a, b in pairwise(places)] + [places[0] + 1.0 - places[-1]]) if places else 1.0
+        self._hidden_ns = self.quantum_ns * (0.25 + widest / 2)
+        return self._hidden_ns
+
     def heights_of(self, points: Iterable[Point]) -> list[float]:
-        """The height of the line through each point, in ns."""
-        return [time_ns - self.period_ns * index for index, time_ns in points]
+        """The height of the line through each point, in ns, were its timestamp neither cut nor rounded."""
+        return [time_ns - self.period_ns * index + self.quantum_ns / 4 for index, time_ns in points]
 
     def update_height(self) -> None:
         """Set the height of the line from the newest frames."""
-        self.height_ns = median(self.heights_of(self.run[-self.phase_frames :]))
+        self._hidden_ns = None
+        heights = self.heights_of(self.run[-self.phase_frames :])
+        self.height_ns = median(heights)
+        if self.quantum_ns:
+            limit = self.quantum_ns
+            offs = (min(max(height - self.height_ns, -limit), limit) for height in heights)
+            self.height_ns += sum(offs) / len(heights)
 
     def begin_run(self, points: Sequence[Point] = ()) -> None:
         """Begin a run with these points, if there is anything in the one before."""
@@ -180,5 +216,9 @@ class FrameLine:
     def _fit(self) -> None:
         self._since_fit = 0
         period_ns, spread_ns, self.noise_ns = fit_shared_slope(self.runs, self.period_ns)
+        least_ns = QUANTUM_NOISE * self.quantum_ns
+        if self.noise_ns < least_ns:
+            spread_ns *= least_ns / max(self.noise_ns, 1.0)
+            self.noise_ns = least_ns
         if spread_ns < 0.01 * self._nominal_ns:
             self.period_ns, self.period_sigma_ns = period_ns, spread_ns

@@ -30,3 +30,10 @@ class PhaseEstimate:
     frames: int
     """Frames since the phase last moved."""
     at_leader_ns: int
+    quantum_error_ns: float = 0.0
+    """What the step that the timestamps come in may hide of the error, either way."""
+
+    @property
+    def uncertainty_ns(self) -> float:
+        """How far off the error may be, in 95 of 100 cases; the clock's uncertainty comes on top."""
+        return 2.0 * self.sigma_ns + self.quantum_error_ns

@@ -18,7 +18,10 @@ WAIT_NS = 1_000_000_000
 BURST_LEAD_FRAMES = 12
 """From the command to a burst: four of latency, three long ones in the time of six, two to spare."""
 BURST_SPARE_FRAMES = 4
-"""From the longest latency seen to a burst, where that is later: two that long ones add, two to spare."""
+"""From the longest latency seen to a burst, once enough were: two that long ones add, two to spare."""
+ENOUGH_LATENCIES = 3
+BURST_NOTICE_NS = 450_000_000
+"""A leader orders a burst half a second ahead, and the order takes its time."""
 FIRST_GAIN = 2
 FIRST_STRETCH_NS = 2_000_000
 RAISE_NS = 1_000_000
@@ -83,6 +86,16 @@ class InjectionActuator(PhaseActuator):
         return self.profile is not None and self._confirmed and not self._in_vain
 
     @property
+    def meets_bursts(self) -> bool:
+        """Whether a stream can be brought to its goal between the order of a burst and its first instant."""
+        return self.sure and self._burst_lead_frames * self._period_ns <= BURST_NOTICE_NS
+
+    @property
+    def _burst_lead_frames(self) -> int:
+        seen = max(self._latencies) + BURST_SPARE_FRAMES
+        return seen if len(self._latencies) > ENOUGH_LATENCIES else max(seen, BURST_LEAD_FRAMES)
+
+    @property
     def expected_shift_ns(self) -> float | None:
         """How far the last injection moves the phase, None where that is not sure."""
         if self.profile is None or self._asked is None or not self.sure:
@@ -95,6 +108,9 @@ class InjectionActuator(PhaseActuator):
         Right at the goal while it is not sure where it lands.
         """
         lead_ns = max(self._latencies) * course.period_ns
+        if self.sure and course.tolerance_ns * 2 < abs(course.drift) * lead_ns:
+            # It would be out again before the next injection counts: only bursts are worth one.
+            return None
         if any(abs(course.error_after(later_ns)) <= course.tolerance_ns for later_ns in (lead_ns, WAIT_NS)):
             return None
         return aim_to_stay(course, lead_ns, hold_ns if self.sure else 0)
@@ -104,7 +120,7 @@ class InjectionActuator(PhaseActuator):
         if not self.sure:
             return None
         lead_ns = max(self._latencies) * course.period_ns
-        ready_ns = max(BURST_LEAD_FRAMES * course.period_ns, lead_ns + BURST_SPARE_FRAMES * course.period_ns)
+        ready_ns = self._burst_lead_frames * course.period_ns
         return aim_at_burst(course, lead_ns, ready_ns, begins_ns, lasts_ns)
 
     def command(self, move: Move) -> InjectFrame | None:
@@ -134,7 +150,7 @@ class InjectionActuator(PhaseActuator):
             if rows * self._row_ns > self._period_ns:
                 self._fruitless += 1
             else:
-                self._history.add(rows, 0.0)
+                self._history.add(rows, 0.0, effect.noise_ns / self._row_ns)
                 self.profile = self._history.fit() if self._history.moved else self.profile
             if self.profile is None or self._in_vain > LOST_COMMANDS:
                 self._raised_ns += RAISE_NS
@@ -143,7 +159,7 @@ class InjectionActuator(PhaseActuator):
         if effect.latency_frames is not None:
             self._latencies.append(effect.latency_frames)
         known, history, shift_rows = self.profile, self._history, effect.shift_ns / self._row_ns
-        history.add(rows, shift_rows)
+        history.add(rows, shift_rows, effect.noise_ns / self._row_ns)
         self._confirmed = known is not None and history.miss_rows(known, rows, shift_rows) < SURE_ROWS
         if not self._confirmed:
             self.profile = history.fit()

@@ -59,7 +59,7 @@ class InjectionHistory:
         """What exposures are counted in."""
         self.row_known = row_time_ns is not None
         self._grain = 1.0 if self.row_known else USUAL_ROW_NS / self.row_ns
-        """The sensor's own rows, in those that exposures are counted in."""
+        """The sensor's own rows in those that exposures are counted in, or the stamps' noise if larger."""
         self._period_rows = period_ns / self.row_ns
         self._seen: deque[tuple[int, float]] = deque(maxlen=REMEMBERED)
 
@@ -73,8 +73,9 @@ class InjectionHistory:
         """Longest exposure that moved nothing, 0 where there was none."""
         return max((rows for rows, shift in self._seen if not shift), default=0)
 
-    def add(self, rows: int, shift_rows: float) -> None:
-        """Remember an injection."""
+    def add(self, rows: int, shift_rows: float, noise_rows: float) -> None:
+        """Remember an injection; what the noise of its frames' timestamps explains is no misfit."""
+        self._grain = max(self._grain, noise_rows)
         self._seen.append((rows, shift_rows))
 
     def miss_rows(self, profile: InjectionProfile, rows: int, shift_rows: float) -> float:

@@ -82,7 +82,8 @@ class Client(Generic[F]):
             return state
         if not self._phase_loop.ready:
             return NodeState.ALIGNING
-        return state if self.time.timekeeper.goal.met else NodeState.COARSE
+        fine = self.time.timekeeper.goal.met and not self._phase_loop.coarseness
+        return state if fine else NodeState.COARSE
 
     @property
     def time_map(self) -> TimeMap | None:

@@ -39,12 +39,16 @@ def of_state(
         case NodeState.ALIGNING:
             waits = grid is not None and loop.waits_for_others(grid)
             return aligning(phase, settled=aligner.settled, corrections=aligner.corrections, waits=waits)
+        case NodeState.COARSE if keeper.goal.met:
+            return loop.coarseness
         case NodeState.COARSE if time_map is not None and error_ns is not None and wanted_ns is not None:
             own = keeper.uncorrected_map
             by_relay = own is not None and own.uncertainty_at(now_ns) <= wanted_ns
             return coarse(error_ns, wanted_ns, time_map.round_trip_ns, by_relay=by_relay)
         case NodeState.READY if not loop.can_move:
             return off_grid(phase, loop.tolerance_ns)
+        case NodeState.READY:
+            return loop.fleetingness
     return ""
 
 

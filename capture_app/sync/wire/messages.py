@@ -134,7 +134,9 @@ class Report(Struct, frozen=True, kw_only=True):
     frame_leader_ns: int | None = None
     """Leader time of the aligned moment of a frame near now; None while the phase is not known."""
     tolerance_ns: int = 0
-    """Largest phase error that this client does not correct."""
+    """Largest phase error that this client does not correct: what was asked for, or what its stamps allow."""
+    stamp_quantum_ns: int = 0
+    """Step that the camera's timestamps come in, 0 where it is too fine to matter."""
     reference_correction_ns: int | None = None
     """By how much agreement with other clients moved this clock; None where there is none."""
     relative_uncertainty_ns: int | None = None

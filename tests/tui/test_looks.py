@@ -38,8 +38,8 @@ async def come_home(rig: FakeRig, now: list[float], pilot: Any) -> None:
     """Half a minute in which phases come into their band, one camera is lost and one fails."""
     await settle(pilot)
     nodes = rig.nodes
-    for step in range(15):
-        now[0] += 2.0
+    for step in range(8):
+        now[0] += 3.7
         rig.nodes = tuple(
             make_node(node.name, node.state, phase_error_ns=node.phase_error_ns + _away_ns(step - place))
             if node.phase_error_ns is not None and node.state is not NodeState.LOST

@@ -32,7 +32,7 @@ ADVICE_LINES = 2
 _FIGURES = re.compile(r"[\d.,]+ ?[nµm]?s?")
 SMALL = 30
 """Rows below which the news do with two lines and no frame."""
-CALM_S, MAX_CALM_S = 0.6, 8.0
+CALM_S, MAX_CALM_S = 0.8, 10.0
 """Between two drawings of a rig that is in step: so long for each camera, and at most."""
 REDRAW_S = 0.5
 """Between two drawings of figures that change all the time; a change of state is drawn at once."""

@@ -34,7 +34,9 @@ class Terminal:
         self, *arguments: str, environment: Mapping[str, str], folder: Path, size: tuple[int, int] = (120, 40)
     ) -> None:
         settings = {"TERM": "xterm-256color", "COLORTERM": "truecolor", "PYTHONPATH": str(Path.cwd())}
-        words = ["env", *(f"{name}={value}" for name, value in {**settings, **environment}.items())]
+        # Of these two the screen would believe the tests' own terminal rather than this one.
+        words = ["env", "-u", "COLUMNS", "-u", "LINES"]
+        words += [*(f"{name}={value}" for name, value in {**settings, **environment}.items())]
         words += [sys.executable, "-m", "capture_app.cli", *arguments]
         self._command = f"cd {shlex.quote(str(folder))} && exec {shlex.join(words)}"
         self._size = size
@@ -46,6 +48,7 @@ class Terminal:
         keep = (";", "set-option", "-g", "remain-on-exit", "on", ";", "set-option", "-g", "status", "off")
         new = ("new-session", "-d", "-x", columns, "-y", lines, "sleep 600")
         self._tmux("-f", "/dev/null", *new, *keep)
+        self._tmux("resize-window", "-x", columns, "-y", lines)
         self._tmux("respawn-pane", "-k", self._command)
         return self
 
@@ -54,8 +57,8 @@ class Terminal:
 
     @property
     def screen(self) -> str:
-        """What it shows now."""
-        return self._tmux("capture-pane", "-p")
+        """What it shows now; spaces that do not break are plain here."""
+        return self._tmux("capture-pane", "-p").replace("\u00a0", " ").replace("\u202f", " ")
 
     @property
     def pid(self) -> int:
@@ -81,10 +84,13 @@ class Terminal:
 
     async def ends(self) -> int:
         """Wait until the screen is closed, and return its exit code."""
+        code = ""
+        # The terminal may be closed a little before the code is known.
         async with asyncio.timeout(PATIENCE_S):
-            while self._tmux("display-message", "-p", "#{pane_dead}").strip() != "1":  # noqa: ASYNC110
+            while not code:
                 await asyncio.sleep(LOOK_EVERY_S)
-        return int(self._tmux("display-message", "-p", "#{pane_dead_status}"))
+                code = self._tmux("display-message", "-p", "#{pane_dead_status}").strip()
+        return int(code)
 
     def kill(self) -> None:
         """End the screen the hard way."""

@@ -1,5 +1,6 @@
 """The whole way of a first user, in a real terminal: keys typed, screen read."""
 
+import json
 from collections.abc import AsyncIterator
 from pathlib import Path
 
@@ -29,13 +30,63 @@ async def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> AsyncIterator
         await give_order(rig.address, StopRig())
 
 
+async def test_a_first_user_takes_compares_and_exports_by_keys_alone(
+    home: dict[str, str], tmp_path: Path
+) -> None:
+    here = ("--host", "127.0.0.1", "--sessions", "takes", "--frames", "4")
+    async with Terminal(*here, environment=home, folder=tmp_path) as terminal:
+        await terminal.shows("What shall take pictures?", "Simulate 5 cameras")
+        terminal.press("-", "-", "-")
+        await terminal.shows("Simulate 2 cameras")
+        terminal.press("s")
+        await terminal.shows("2 cameras ready")
+
+        terminal.press("2")
+        await terminal.shows("Next take")
+        terminal.press("Space")
+        # The verdict of the take, and its contact sheet: cameras across, instants down.
+        await terminal.shows("within a pixel for", "spread", "instant cam00", "first", "+33 ms")
+
+        terminal.press("3")
+        await terminal.shows("burst-001", "2 cameras × 4 instants")
+        terminal.press("c")
+        await terminal.shows("compare")
+        terminal.press("e")
+        await terminal.shows("Export burst-001", "burst-001-colmap")
+        terminal.press("Enter")
+        await terminal.shows("Export to colmap of burst-001 has begun")
+        terminal.press("4")
+        await terminal.shows("✔ done      Compare  burst-001", "✔ done      Export to colmap  burst-001")
+
+        terminal.press("3")
+        await terminal.shows("2 cameras × 4 instants")
+        terminal.press("o")
+        await terminal.shows("● synchronized", "○ 67 ms late")
+        terminal.press("Space")
+        await terminal.shows("○ synchronized", "● 67 ms late")
+        terminal.press("Escape")
+        await terminal.shows("2 cameras × 4 instants")
+
+        terminal.press("q")
+        await terminal.shows("Leave it running", "Stop the rig")
+        terminal.press("s")
+        assert await terminal.ends() == 0
+    assert list_rigs() == []
+    session = Session.open(tmp_path / "takes" / "burst-001")
+    assert verify(session) == []
+    results = tmp_path / "takes" / "_results" / "burst-001" / "compare"
+    assert "verdict" in json.loads((results / "metrics.json").read_text())
+    exported = tmp_path / "burst-001-colmap"
+    assert len(list(exported.glob("images/**/*.jpg"))) == len(session.manifest.images)
+
+
 async def test_a_killed_screen_leaves_rig_and_take_whole_and_the_next_finds_both(
     home: dict[str, str], tmp_path: Path
 ) -> None:
     camera = ("--camera", "sim:perfect,scale=0.2", "--camera", "sim:phone-b,scale=0.2,drops=0")
     here = ("--host", "127.0.0.1", "--sessions", "takes", *camera)
     async with Terminal(*here, environment=home, folder=tmp_path) as first:
-        await first.shows("2 of 2 ready")
+        await first.shows("2 cameras ready")
         first.press("2")
         await first.shows("Next take")
         first.press("Space")
@@ -45,7 +96,7 @@ async def test_a_killed_screen_leaves_rig_and_take_whole_and_the_next_finds_both
     nodes = (await ask_status(rig.address)).nodes
     assert [node.name for node in nodes if node.state is not NodeState.LOST] == ["perfect", "phone-b"]
     async with Terminal(environment=home, folder=tmp_path) as again:
-        await again.shows("2 of 2 ready")
+        await again.shows("2 cameras ready")
         again.press("3")
         await again.shows("burst-001")
         again.press("q")

@@ -1,32 +1,43 @@
-"""Dots in braille: two across and four down in each cell of the terminal."""
+"""Marks in the cells of a terminal, of block glyphs that every monospaced font has (braille many lack)."""
 
-_BITS = ((0x01, 0x08), (0x02, 0x10), (0x04, 0x20), (0x40, 0x80))
-_EMPTY = 0x2800
+_QUARTERS = " ▘▝▀▖▌▞▛▗▚▐▜▄▙▟█"
+_LINES = {0: " ", 1: "▔", 2: "─", 4: "▁"}
+_STROKE = "│"
 
 
 class DotCanvas:
-    """A grid of dots, (0, 0) at the top left; `width` and `height` count cells."""
+    """A grid of dots, two across and two down in each cell; (0, 0) is at the top left."""
 
     def __init__(self, width: int, height: int) -> None:
-        self.width = width
-        self.height = height
-        self._cells = [[0] * width for _ in range(height)]
-
-    @property
-    def dots(self) -> tuple[int, int]:
+        """`width` and `height` count cells."""
+        self.dots = 2 * width, 2 * height
         """How many dots there are across and down."""
-        return 2 * self.width, 4 * self.height
+        self._cells = [[0] * width for _ in range(height)]
 
     def put(self, x: int, y: int) -> None:
         """Put a dot; beyond the edge nothing happens."""
-        if 0 <= x < 2 * self.width and 0 <= y < 4 * self.height:
-            self._cells[y // 4][x // 2] |= _BITS[y % 4][x % 2]
+        if 0 <= x < self.dots[0] and 0 <= y < self.dots[1]:
+            self._cells[y // 2][x // 2] |= 1 << (2 * (y % 2) + x % 2)
 
-    def put_column(self, x: int, y: int, to_y: int) -> None:
-        """Put the dots of one column from `y` to `to_y`, both ends included."""
-        for each in range(min(y, to_y), max(y, to_y) + 1):
-            self.put(x, each)
+    def row(self, y: int) -> str:
+        """A row of cells as text."""
+        return "".join(_QUARTERS[marks] for marks in self._cells[y])
+
+
+class TraceCanvas:
+    """A thin line over time: one value a cell, at one of three levels in each row of cells."""
+
+    def __init__(self, width: int, height: int) -> None:
+        """`width` and `height` count cells."""
+        self.levels = 3 * height
+        """How many levels there are; 0 is the highest."""
+        self._cells = [[0] * width for _ in range(height)]
+
+    def put(self, x: int, level: int, to_level: int) -> None:
+        """Draw column `x` from one level to another, both ends included."""
+        for each in range(min(level, to_level), max(level, to_level) + 1):
+            self._cells[each // 3][x] |= 1 << (each % 3)
 
     def row(self, y: int, empty: str = " ") -> str:
-        """A row of cells as text, `empty` where there is no dot."""
-        return "".join(chr(_EMPTY + bits) if bits else empty for bits in self._cells[y])
+        """A row of cells as text, `empty` where the line is not."""
+        return "".join(_LINES.get(marks, _STROKE) if marks else empty for marks in self._cells[y])

@@ -126,7 +126,7 @@ class ImageRecord(_Record, frozen=True, kw_only=True):
     white_balance: tuple[float, float] | None = None
     sequence: Count | None = None
     outlier_ns: int = 0
-    """The driver's timestamp minus `local_ns`: not 0 where a single stamp was off the line of its stream."""
+    """The driver's timestamp minus `local_ns`: not 0 where the stamp was off the line of its stream."""
     alignment_offset_ns: int = 0
     """Time from the frame's stamp to `local_ns`: not 0 where the middle of a row's exposure is aligned."""
     substitute: bool = False

@@ -9,7 +9,7 @@ from capture_app.sync.phase.aim import Course
 from capture_app.sync.phase.command_tracker import CommandTracker
 from capture_app.sync.phase.estimator import PhaseEstimator
 from capture_app.sync.phase.frame_duration import FrameDurationActuator
-from capture_app.sync.phase.frame_stamp import FrameStamp, PhaseEstimate
+from capture_app.sync.phase.frame_stamp import FrameStamp, PhaseEstimate, StampError
 from capture_app.sync.phase.goal import Goal
 from capture_app.sync.phase.injection import InjectionActuator
 from capture_app.sync.phase.injection_history import InjectionProfile
@@ -123,9 +123,9 @@ class Aligner:
             self._least_frames = 1 if steady else SETTLED_FRAMES[0]
         return dropped
 
-    def outlier_ns(self, stamp_ns: int) -> int:
-        """How far in ns a driver's timestamp lies off the line of its stream's frames, 0 within the noise."""
-        return self._phase.outlier_ns(stamp_ns)
+    def stamp_error(self, stamp_ns: int) -> StampError:
+        """How far a driver's timestamp in ns lies off the line of its stream's frames, and what it hides."""
+        return self._phase.stamp_error(stamp_ns)
 
     def note_stream_start(self, local_ns: int) -> None:
         """Note that the stream was started or restarted at a local time; its next frame shows the latency."""

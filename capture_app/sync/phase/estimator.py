@@ -9,7 +9,7 @@ from math import sqrt
 from statistics import median
 
 from capture_app.sync.phase.frame_line import MEDIAN_FACTOR, PHASE_FRAMES, FrameLine, PendingShifts, Point
-from capture_app.sync.phase.frame_stamp import FrameStamp
+from capture_app.sync.phase.frame_stamp import FrameStamp, StampError
 from capture_app.sync.phase.stamp_quantum import StampQuantum
 
 FIRST_INTERVALS = 8
@@ -145,18 +145,24 @@ class PhaseEstimator:
         """Index of the frame nearest to a local time in ns."""
         return self._index + round((local_ns - self._time_at(self._index)) / self._line.period_ns)
 
-    def outlier_ns(self, stamp_ns: int) -> int:
-        """How far in ns a timestamp lies off the line of its stream's frames, 0 within the noise.
+    def stamp_error(self, stamp_ns: int) -> StampError:
+        """How far a timestamp lies off its stream's line, 0 within the noise, and what its step hides.
 
-        0 also for frames from before the phase last moved: their line is not kept.
+        A stamp in coarse steps is off by whatever the line shows, if the line hides less than a step. Frames
+        from before the phase last moved are not judged by the line: theirs is not kept.
         """
-        run = self._line.run
+        step_ns, run = self.quantum_ns, self._line.run
+        as_told = StampError(0, step_ns, step_ns)
         if self._disturbed or not self.known or len(run) < PHASE_FRAMES:
-            return 0
+            return as_told
         if stamp_ns < self._origin_ns + run[0][1]:
-            return 0
-        off_ns = stamp_ns - self.nearest_frame_ns(stamp_ns)
-        return off_ns if abs(off_ns) > self._line.tolerance_ns + 3.0 * self.sigma_at(stamp_ns) else 0
+            return as_told
+        off_ns, sigma_ns = stamp_ns - self.nearest_frame_ns(stamp_ns), self.sigma_at(stamp_ns)
+        line_ns = self.quantum_error_ns + 2.0 * sigma_ns
+        if line_ns < step_ns and self.shifts.all_in_effect(self.index_near(stamp_ns)):
+            return StampError(off_ns, line_ns, step_ns)
+        outlier = abs(off_ns) > self._line.tolerance_ns + 3.0 * sigma_ns
+        return StampError(off_ns, step_ns, step_ns) if outlier else as_told
 
     def sigma_at(self, local_ns: int) -> float:
         """One standard deviation in ns of a predicted frame time near a local time."""

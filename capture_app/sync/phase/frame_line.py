@@ -25,6 +25,7 @@ class PendingShifts:
         self.done_ns = 0
         self._waiting: deque[tuple[int, int]] = deque()
         self._latencies: deque[int] = deque([USUAL_LATENCY_FRAMES], maxlen=REMEMBERED_LATENCIES)
+        self._newest = -LATENCY_FRAMES[1]
         self._felt = 0
         """How many of those waiting the newest frame has shown to be in effect."""
 
@@ -41,11 +42,17 @@ class PendingShifts:
     def clear(self) -> None:
         """Forget all: the stream starts anew."""
         self.done_ns = self._felt = 0
+        self._newest = -LATENCY_FRAMES[1]
         self._waiting.clear()
 
     def expect(self, index: int, shift_ns: int) -> None:
         """A shift was commanded when `index` was the newest frame."""
         self._waiting.append((index, shift_ns))
+        self._newest = index
+
+    def all_in_effect(self, index: int) -> bool:
+        """Whether each shift so far is in effect for certain at the frame of an index."""
+        return index >= self._newest + LATENCY_FRAMES[1]
 
     def effective_at(self, index: int, seen_ns: float) -> int:
         """Sum of the shifts in effect at a frame that comes `seen_ns` later than without any of them."""

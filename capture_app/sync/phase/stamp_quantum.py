@@ -34,6 +34,9 @@ COARSEST = 0.25
 KNOWN_STEPS_NS = (1e6, 5e5, 2e5, 1e5, 5e4, 2e4, 1e9 / 90_000, 1e4, 5e3, 2e3, 1e3)
 """Steps of clocks that are looked for where the intervals hardly differ, the coarsest first."""
 
+COARSE_NS, CLOCKS_APART = 1e5, 3e-4
+"""Of steps that fine, the intervals of a stamping clock that runs so differently are still told apart."""
+
 
 class StampQuantum:
     """Feed it the intervals of a stream's timestamps, in ns; `ns` is their step, 0 while none is known."""
@@ -65,7 +68,11 @@ def find_quantum(intervals_ns: Sequence[int]) -> float:
         alike = max(offs) - min(offs) <= EXACT_NS
         steps = (step for step in KNOWN_STEPS_NS if not alike or step % 1000 == 0)
         fitting = (step for step in steps if _are_multiples(intervals_ns, step))
-        return next(fitting, 0.0)
+        if alike:
+            return _skewed_step(median(intervals_ns)) or next(fitting, 0.0)
+        found_ns = next(fitting, 0.0)
+        if found_ns:
+            return found_ns
     gaps = sorted((b - a for a, b in pairwise(sorted(offs)) if b - a > EXACT_NS), reverse=True)
     tried = sorted((gap * stretch for gap in gaps[:WIDEST_GAPS] for stretch in STRETCHES), reverse=True)
     coarsest_ns = COARSEST * median(intervals_ns)
@@ -76,6 +83,15 @@ def find_quantum(intervals_ns: Sequence[int]) -> float:
         step_ns = sum(off * count for off, count in others) / sum(count * count for _, count in others)
         if FINEST_NS < step_ns < coarsest_ns and _keep_to(step_ns, offs):
             return step_ns
+    return 0.0
+
+
+def _skewed_step(interval_ns: float) -> float:
+    """The coarse step of which an interval is a multiple by another clock, in ns of this one; 0 for none."""
+    for step_ns in KNOWN_STEPS_NS:
+        count = round(interval_ns / step_ns)
+        if step_ns >= COARSE_NS and abs(interval_ns / (count * step_ns) - 1.0) <= CLOCKS_APART:
+            return interval_ns / count
     return 0.0
 
 

@@ -268,7 +268,9 @@ class Client(Generic[F]):
         grid, time_map = self._grid, self.time_map
         if grid is None or time_map is None:
             return
-        outlier_ns = self.aligner.outlier_ns
+        stamp_error = self.aligner.stamp_error
         self._events.extend(
-            self._bursts.pick_due(self.ring, grid, time_map, now_ns, outlier_ns=outlier_ns, phase=self.phase)
+            self._bursts.pick_due(
+                self.ring, grid, time_map, now_ns, stamp_error=stamp_error, phase=self.phase
+            )
         )

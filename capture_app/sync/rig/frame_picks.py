@@ -6,9 +6,11 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from capture_app.sync.clock.time_map import TimeMap
+from capture_app.sync.phase.frame_stamp import StampError
 from capture_app.sync.phase.goal import Goal
 
 F = TypeVar("F")
+EXACT_STAMP = StampError()
 
 
 class RingBuffer(Generic[F]):
@@ -70,6 +72,7 @@ class Burst:
 class Pick(Generic[F]):
     """The frame picked for an instant; times in ns, the error bars those of its leader time.
 
+    They are the clock's and, where the driver's timestamps come in coarse steps, those of the stamp on top.
     `outlier_ns` is how far the driver's own stamp lay off the line of its stream's frames; where that is not
     0 the times are the line's.
     """
@@ -123,12 +126,13 @@ def pick_frame(
     period_ns: int,
     *,
     offset_ns: int = 0,
-    outlier_ns: Callable[[int], int] = lambda _: 0,
+    stamp_error: Callable[[int], StampError] = lambda _: EXACT_STAMP,
 ) -> Pick[F] | Gap:
     """Return the frame nearest to an instant, or why there is none within half a period.
 
-    `offset_ns` is the time from a frame's timestamp to its aligned moment, which the pick tells. `outlier_ns`
-    says how far a timestamp is off its stream's line: a stamp may be late though the frame is not.
+    `offset_ns` is the time from a frame's timestamp to its aligned moment, which the pick tells.
+    `stamp_error` says how far a timestamp is off its stream's line (a stamp may be late though the frame is
+    not), and how well that tells the frame's time.
     """
     wanted_ns = time_map.local_from_leader(instant_ns) - offset_ns
     nearest = ring.nearest(wanted_ns)
@@ -136,7 +140,7 @@ def pick_frame(
         return Gap(instant, "the camera gave no frames")
     stamp_ns, frame = nearest
     pick = timed_pick(
-        frame, stamp_ns, time_map, instant, instant_ns, offset_ns=offset_ns, outlier_ns=outlier_ns(stamp_ns)
+        frame, stamp_ns, time_map, instant, instant_ns, offset_ns=offset_ns, error=stamp_error(stamp_ns)
     )
     if abs(pick.residual_ns) > period_ns // 2:
         late = stamp_ns == ring.oldest_local_ns and stamp_ns > wanted_ns
@@ -152,12 +156,19 @@ def timed_pick(
     instant_ns: int,
     *,
     offset_ns: int,
-    outlier_ns: int,
+    error: StampError,
 ) -> Pick[F]:
     """Return the pick of a frame with its times by a map; `stamp_ns` is as the driver told it."""
-    local_ns = stamp_ns - outlier_ns + offset_ns
+    local_ns = stamp_ns - error.outlier_ns + offset_ns
     leader_ns = time_map.leader_from_local(local_ns)
-    errors_ns = round(time_map.uncertainty_at(local_ns)), round(time_map.hard_bound_at(local_ns))
     return Pick(
-        instant, local_ns, leader_ns, leader_ns - instant_ns, *errors_ns, outlier_ns, frame, offset_ns
+        instant,
+        local_ns,
+        leader_ns,
+        residual_ns=leader_ns - instant_ns,
+        uncertainty_ns=round(time_map.uncertainty_at(local_ns) + error.uncertainty_ns),
+        hard_bound_ns=round(time_map.hard_bound_at(local_ns) + error.hard_bound_ns),
+        outlier_ns=error.outlier_ns,
+        frame=frame,
+        alignment_offset_ns=offset_ns,
     )

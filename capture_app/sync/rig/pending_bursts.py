@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.phase.frame_stamp import PhaseEstimate
+from capture_app.sync.phase.frame_stamp import PhaseEstimate, StampError
 from capture_app.sync.rig.events import BurstPicked
 from capture_app.sync.rig.frame_picks import Gap, Pick, RingBuffer, pick_frame, timed_pick
 from capture_app.sync.rig.phase_loop import CameraGrid
@@ -85,12 +85,12 @@ class PendingBursts(Generic[F]):
         time_map: TimeMap,
         now_ns: int,
         *,
-        outlier_ns: Callable[[int], int],
+        stamp_error: Callable[[int], StampError],
         phase: Callable[[int], PhaseEstimate | None],
     ) -> list[BurstPicked[F]]:
         """Pick the frames of all bursts whose last frame is there, or waited for no longer.
 
-        Spare instants are told after that, each when it is over. `outlier_ns` as for `pick_frame`; `phase`
+        Spare instants are told after that, each when it is over. `stamp_error` as for `pick_frame`; `phase`
         tells the stream's at a local time in ns.
         """
         due = []
@@ -106,11 +106,11 @@ class PendingBursts(Generic[F]):
                         burst.instant_ns(instant),
                         grid.goal.period_ns,
                         offset_ns=grid.offset_ns,
-                        outlier_ns=outlier_ns,
+                        stamp_error=stamp_error,
                     )
                 )
             if burst.has_news:
-                due.append(_tell(burst, grid, burst.time_map or time_map, outlier_ns, phase))
+                due.append(_tell(burst, grid, burst.time_map or time_map, stamp_error, phase))
             if burst.told == burst.trigger.count:
                 self.forget(*key)
         return due
@@ -128,7 +128,7 @@ def _tell(
     burst: _PendingBurst[F],
     grid: CameraGrid,
     time_map: TimeMap,
-    outlier_ns: Callable[[int], int],
+    stamp_error: Callable[[int], StampError],
     phase: Callable[[int], PhaseEstimate | None],
 ) -> BurstPicked[F]:
     """What is new of a burst, with the times by this map."""
@@ -141,7 +141,7 @@ def _tell(
             pick.instant,
             burst.instant_ns(pick.instant),
             offset_ns=grid.offset_ns,
-            outlier_ns=outlier_ns(pick.stamp_ns),
+            error=stamp_error(pick.stamp_ns),
         )
         for pick in burst.picked
         if isinstance(pick, Pick)

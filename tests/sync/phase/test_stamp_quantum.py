@@ -56,6 +56,15 @@ def test_a_period_of_whole_steps_hides_nothing() -> None:
     assert find_quantum([40_000_000] * 60) == 1e6
 
 
+@pytest.mark.parametrize("ppm", [-200.0, -30.0, 30.0, 200.0])
+@pytest.mark.parametrize("period_ns", [PERIOD_NS, 40_000_000.0])
+def test_steps_of_a_clock_that_runs_differently_are_found(ppm: float, period_ns: float) -> None:
+    seen = [round(ns * (1 + ppm * 1e-6)) for ns in intervals(1e6, period_ns=period_ns, noise_ns=0.0)]
+    if period_ns == 40_000_000.0:
+        seen = [round(40_000_000 * (1 + ppm * 1e-6))] * 60
+    assert find_quantum(seen) == pytest.approx(1e6 * (1 + ppm * 1e-6), rel=1e-6)
+
+
 def test_a_step_that_is_known_stays_known_while_no_interval_shows_it() -> None:
     step = StampQuantum()
     for interval_ns in intervals(1e6):

@@ -41,6 +41,7 @@ from capture_app.tui.messages import (
     message_of,
 )
 from capture_app.tui.mode import ModeScreen
+from capture_app.tui.pictures.sharp import SharpTerminal
 from capture_app.tui.question import Question
 from capture_app.tui.quitting import LEAVE, STOP, quit_question
 from capture_app.tui.record import RigRecord
@@ -79,10 +80,12 @@ class SimulshotApp(App[None]):
         local: bool = True,
         started: bool = False,
         clock: Callable[[], float] = time.monotonic,
+        sharp_terminal: SharpTerminal | None = None,
     ) -> None:
         """`sessions`: the folder that is shown; `clock`: seconds that only grow, for what runs over time.
 
-        `local`: the leader is on this machine; `started`: it was started for this screen.
+        `local`: the leader is on this machine; `started`: it was started for this screen; `sharp_terminal`:
+        what draws still pictures, None for glyphs.
         """
         # Textual leaves colours out only where it passes the terminal's own on; else it makes them grey.
         super().__init__(ansi_color=True if "NO_COLOR" in os.environ else None)
@@ -91,6 +94,7 @@ class SimulshotApp(App[None]):
         self._sessions = sessions
         self._local = local
         self._started = started
+        self.sharp_terminal = sharp_terminal
         self._record = RigRecord(clock)
         self.jobs = JobList(sessions)
         self._told_jobs: set[Job] = set()

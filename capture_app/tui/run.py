@@ -3,6 +3,7 @@
 from capture_app.node.operator.link import RigLink
 from capture_app.rig_process import AttachedRig
 from capture_app.tui.app import SimulshotApp
+from capture_app.tui.pictures.sharp import find_sharp_terminal
 from capture_app.tui.settings import Settings
 
 
@@ -13,5 +14,10 @@ def run_screen(rig: AttachedRig, *, frames: int | None = None) -> None:
         settings.remember("shoot.frames", frames)
     link = RigLink(rig.leader)
     SimulshotApp(
-        link, settings=settings, sessions=rig.sessions, local=rig.is_local, started=rig.started
+        link,
+        settings=settings,
+        sessions=rig.sessions,
+        local=rig.is_local,
+        started=rig.started,
+        sharp_terminal=find_sharp_terminal(settings.recall("pictures", "local")),
     ).run()

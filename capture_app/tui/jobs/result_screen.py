@@ -123,6 +123,7 @@ class ResultScreen(Screen[None]):
         """Show both conditions in turn; the same key ends it."""
         if self._blinking is not None:
             self._stop_blinking()
+            self._show_picture()
         else:
             self._blinking = self.set_interval(BLINK_S, self._turn)
 
@@ -189,7 +190,8 @@ class ResultScreen(Screen[None]):
         self._offset = self._offset and picture.offset is not None
         path = picture.offset if self._offset and picture.offset is not None else picture.synced
         source = self._sources.setdefault(path, partial(_read, path))
-        self._picture.show(source, f"{path.name} is gone: run the job again")
+        sharp = source if self._blinking is None else None
+        self._picture.show(source, f"{path.name} is gone: run the job again", sharp=sharp)
         here, there = ("● ", "○ ") if not self._offset else ("○ ", "● ")
         sides = [_side(here + picture.synced_words, not self._offset, "$success")]
         if picture.offset is not None:

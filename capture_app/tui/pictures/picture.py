@@ -6,6 +6,7 @@ from typing import TypeAlias
 
 import numpy as np
 from rich.segment import Segment
+from rich.style import Style
 from textual import work
 from textual.geometry import Region
 from textual.strip import Strip
@@ -26,6 +27,7 @@ from capture_app.tui.pictures.cells import (
     resample,
     strip_of,
 )
+from capture_app.tui.pictures.sharp import SharpPicture, SharpTerminal, sharp_terminal_of
 
 Source: TypeAlias = bytes | Image | Callable[[], "bytes | Image | None"]
 """An image file's bytes, pixels (BGR or grey), or what loads one of these, called in a thread."""
@@ -35,6 +37,9 @@ NOISE = 12
 
 A sensor's noise would else have nearly all sent each time: a third of the bytes, by `benchmarks/previews.py`.
 """
+
+REST_S = 0.2
+"""How long a picture rests before it is sent in pixels: who leafs through a take wants none."""
 
 
 class Picture(Widget):
@@ -60,6 +65,11 @@ class Picture(Widget):
         self._words = printable(words)
         self._aids: tuple[Aid, ...] = ()
         self._cells: CellPicture | None = None
+        self._sharp_source: Source | None = None
+        self._sharp: SharpPicture | None = None
+        self._sharpening = False
+        self._turn = 0
+        """Counts what was asked for, so that what is done too late is known."""
         self._drawing = False
         self._stale = source is not None
 
@@ -73,14 +83,18 @@ class Picture(Widget):
         """What stands in the middle where there is no picture."""
         return self._words
 
-    def show(self, source: Source | None, words: str | None = None) -> None:
-        """Show this image instead; nothing happens where it is the same."""
+    def show(self, source: Source | None, words: str | None = None, *, sharp: Source | None = None) -> None:
+        """Show this image instead; nothing happens where it is the same.
+
+        `sharp`: the same with more pixels, which take the glyphs' place where the terminal can show them.
+        """
         if words is not None and printable(words) != self._words:
             self._words = printable(words)
             self.refresh()
-        if source is self._source or (isinstance(source, bytes) and source == self._source):
+        same = source is self._source or (isinstance(source, bytes) and source == self._source)
+        if same and sharp is self._sharp_source:
             return
-        self._source = source
+        self._source, self._sharp_source = source, sharp
         self._draw_again()
 
     def show_aids(self, aids: Sequence[Aid]) -> None:
@@ -97,10 +111,14 @@ class Picture(Widget):
         """Draw it again in the new size."""
         self._draw_again()
 
+    def on_unmount(self) -> None:
+        """Leave nothing in the terminal."""
+        self._put_sharp(None)
+
     def render_line(self, y: int) -> Strip:
         """One line of the picture."""
         width, plain = self.size.width, self.rich_style
-        cells = self._cells
+        cells = self._sharp or self._cells
         if cells is None:
             words = self._words if y == self.size.height // 2 else ""
             return Strip([Segment(words[:width].center(width), plain)], width)
@@ -108,11 +126,12 @@ class Picture(Widget):
         if not 0 <= row < cells.rows or cells.columns > width:
             return Strip.blank(width, plain)
         left = (width - cells.columns) // 2
-        strips = [Strip.blank(left, plain), strip_of(cells, row, plain)]
+        strips = [Strip.blank(left, plain), _strip(cells, row, plain)]
         return Strip.join([*strips, Strip.blank(width - left - cells.columns, plain)])
 
     def _draw_again(self) -> None:
         self._stale = True
+        self._turn += 1
         if not self._drawing and self.is_mounted and self.size:
             self._drawing = True
             self._draw()
@@ -129,9 +148,34 @@ class Picture(Widget):
                 self._put(new)
         finally:
             self._drawing = False
+        if not self._sharpening and self._sharp_source is not None:
+            self._sharpening = True
+            self._sharpen()
+
+    @work
+    async def _sharpen(self) -> None:
+        """Have pixels take the glyphs' place, unless another picture is wanted meanwhile."""
+        try:
+            while self._sharp is None and self.size:
+                terminal, source, turn = sharp_terminal_of(self.app), self._sharp_source, self._turn
+                if terminal is None or source is None:
+                    return
+                await asyncio.sleep(REST_S)
+                if turn != self._turn:
+                    continue
+                sent = await asyncio.to_thread(_send, terminal, source, self.size.width, self.size.height)
+                if sent is None:
+                    return
+                if turn == self._turn:
+                    self._put_sharp(sent)
+                else:
+                    sent.forget()
+        finally:
+            self._sharpening = False
 
     def _put(self, new: CellPicture | None) -> None:
-        shown = self._cells
+        was_sharp = self._put_sharp(None)
+        shown = None if was_sharp else self._cells
         if shown is not None and new is not None:
             new = keep_what_looks_alike(shown, new, self._noise)
         self._cells = new
@@ -141,6 +185,30 @@ class Picture(Widget):
         elif spans:
             left, top = (self.size.width - new.columns) // 2, (self.size.height - new.rows) // 2
             self.refresh(*(Region(left + start, top + row, end - start, 1) for row, start, end in spans))
+
+    def _put_sharp(self, new: SharpPicture | None) -> bool:
+        """Show this instead of glyphs, or glyphs again; returns whether another had been there."""
+        old, self._sharp = self._sharp, new
+        if old is not None:
+            old.forget()
+        if new is not None:
+            self.refresh()
+        return old is not None
+
+
+def _strip(cells: CellPicture | SharpPicture, row: int, plain: Style) -> Strip:
+    return cells.strip(row) if isinstance(cells, SharpPicture) else strip_of(cells, row, plain)
+
+
+def _load(source: Source | None) -> Image | None:
+    loaded = source() if callable(source) else source
+    image = decode_image(loaded, colour=True) if isinstance(loaded, bytes) else loaded
+    return None if image is None or not image.size else image
+
+
+def _send(terminal: SharpTerminal, source: Source, columns: int, rows: int) -> SharpPicture | None:
+    image = _load(source)
+    return None if image is None else terminal.send(image, columns, rows)
 
 
 def _fit(
@@ -152,9 +220,8 @@ def _fit(
     *,
     light: bool,
 ) -> CellPicture | None:
-    loaded = source() if callable(source) else source
-    image = decode_image(loaded, colour=True) if isinstance(loaded, bytes) else loaded
-    if image is None or not image.size:
+    image = _load(source)
+    if image is None:
         return None
     across, down = fitted_cells(image.shape[1], image.shape[0], columns, rows)
     width, height = across * palette.pixels[0], down * palette.pixels[1]

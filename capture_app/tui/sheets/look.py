@@ -17,6 +17,7 @@ from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.footer import KeyFooter
 from capture_app.tui.pictures.cells import Image
 from capture_app.tui.pictures.picture import Picture, Source
+from capture_app.tui.pictures.sharp import sharp_terminal_of
 
 SLOWEST, FASTEST = 1.0, 8.0
 """Pictures a second: more would be too much for a slow link."""
@@ -74,6 +75,7 @@ class LookScreen(Screen[tuple[str, int]]):
         self._title = Lines(id="look-title")
         self._picture = Picture(words="no picture")
         self._sources: dict[tuple[int, int], Source] = {}
+        self._sharp_sources: dict[tuple[int, int], Source] = {}
         self._load: Callable[[str, int], Image | None] = lru_cache(maxsize=KEPT)(self._load_now)
 
     def compose(self) -> ComposeResult:
@@ -153,7 +155,9 @@ class LookScreen(Screen[tuple[str, int]]):
         place = self._sheet.place(camera, instant)
         key = (self._sheet.cameras.index(camera), instant)
         source = self._sources.setdefault(key, partial(self._load, camera, instant))
-        self._picture.show(source, printable(place.remark) if place.image is None else "no picture")
+        words = printable(place.remark) if place.image is None else "no picture"
+        sharp = self._sharp_sources.setdefault(key, partial(self._load_sharp, camera, instant))
+        self._picture.show(source, words, sharp=sharp if self.motion is Motion.STILL else None)
         self._title.show([self._describe(camera, instant)])
 
     def _describe(self, camera: str, instant: int) -> Content:
@@ -180,6 +184,12 @@ class LookScreen(Screen[tuple[str, int]]):
         images = [self._sheet.place(self._sheet.cameras[at], when).image for at, when in self._frames()]
         times = [image.leader_ns for image in images if image is not None]
         return max(times) - min(times) if len(times) == 2 else None
+
+    def _load_sharp(self, camera: str, instant: int) -> Image | None:
+        """The same with as many pixels as the terminal shows; not kept, as these are large."""
+        terminal = sharp_terminal_of(self.app)
+        width = 0 if terminal is None else terminal.width_px(self.app.size.width)
+        return self._sheet.load(camera, instant, width) if width else None
 
     def _load_now(self, camera: str, instant: int) -> Image | None:
         return self._sheet.load(camera, instant, 2 * self.app.size.width)

@@ -17,6 +17,7 @@ from capture_app.experiments.common.result import Outcome
 from capture_app.experiments.led_panel import experiment as led_panel
 from capture_app.experiments.naive import experiment as naive
 from capture_app.experiments.phase import experiment as phase
+from capture_app.experiments.phase.cases import CASES, run_cases
 from capture_app.experiments.reference_broadcast import experiment as reference_broadcast
 from capture_app.experiments.scale import experiment as scale
 
@@ -94,7 +95,9 @@ def test_a_recording_that_is_not_there_is_told(capsys: pytest.CaptureFixture[str
 
 
 def test_phase_sets_ours_beside_the_papers_way(tmp_path: Path) -> None:
-    outcome = phase.run(trials=2, seed=3, talk=nothing, groups={2: 1.0, 3: 1.0}, servo_s=12, jobs=1)
+    outcome = phase.run(
+        trials=2, seed=3, talk=nothing, groups={2: 1.0, 3: 1.0}, servo_s=12, cases=CASES[:1], jobs=1
+    )
     ours, theirs = outcome.result.ours, outcome.result.baseline
     assert ours["injections_mean"]["unknown-phones"]["injection-with-profile"] <= 1.0
     assert ours["injections_mean"]["unknown-phones"]["injection"] <= 2.5
@@ -104,6 +107,23 @@ def test_phase_sets_ours_beside_the_papers_way(tmp_path: Path) -> None:
     assert len(theirs["ten_phones_seconds_mean"]) == 3
     assert any("webcam-x3" in row for table in outcome.shown() for row in table.rows)
     assert all(path.stat().st_size > 10_000 for path in draw(outcome, tmp_path))
+
+
+def test_cases_of_phase_are_judged_by_the_truth() -> None:
+    names = ("gain 1.45", "gain 2", "stamps of 1 ms, cut", "latency of 12 frames", "skew 300 ppm, injection")
+    some = tuple(case for case in CASES if case.name in names)
+    found = {case["name"]: case for case in run_cases(3, 5, cases=some, jobs=1)}
+    assert set(found) == set(names)
+    assert found == {case["name"]: case for case in run_cases(3, 5, cases=some, jobs=1)}
+    hopeless = found.pop("skew 300 ppm, injection")
+    assert hopeless["aligned_share"] == hopeless["called_aligned_time_share"] == 0.0
+    for case in found.values():
+        assert case["aligned_share"] == case["within_5_share"] == 1.0
+        assert case["false_aligned_share"] == case["false_stuck_share"] == 0.0
+        assert case["injections_mean"] <= case["injections_max"] <= 5
+    assert found["gain 1.45"]["injections_mean"] > found["gain 2"]["injections_mean"] <= 2.0
+    coarse = found["stamps of 1 ms, cut"]
+    assert 100.0 < coarse["worst_error_us"] <= coarse["tolerance_in_force_us"] < 1200.0
 
 
 def test_two_phones_take_pictures_of_the_panel_that_tell_their_times(tmp_path: Path) -> None:

@@ -16,9 +16,11 @@ from capture_app.tui.jobs.jobs_view import JobRows, JobsView
 from capture_app.tui.jobs.kinds import COMPARE
 from capture_app.tui.jobs.result_screen import ResultScreen
 from capture_app.tui.pictures.picture import Picture
+from capture_app.tui.pictures.sharp import SharpTerminal
 from tests.tui.driving import make_app, settle, toasts
 from tests.tui.fake_rig import FakeRig
 from tests.tui.jobs.found import add_comparison, add_depth, add_dose, add_job, add_panorama
+from tests.tui.pictures.sent import PLACEHOLDER, Sent
 from tests.tui.takes import make_take
 
 QUICK = replace(COMPARE, module="tests.tui.jobs.quick_command", command=("compare",), quick="")
@@ -34,10 +36,10 @@ def root(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @asynccontextmanager
-async def jobs_mode(root: Path, size: tuple[int, int] = (120, 40)) -> AsyncIterator[Any]:
+async def jobs_mode(root: Path, size: tuple[int, int] = (120, 40), **different: Any) -> AsyncIterator[Any]:
     """A pilot of the app in the mode Jobs; its rig is `pilot.rig`."""
     rig = FakeRig(1)
-    app = make_app(rig, sessions=root)
+    app = make_app(rig, sessions=root, **different)
     async with app.run_test(size=size, notifications=True) as pilot:
         pilot.rig = rig  # type: ignore[attr-defined]
         await pilot.press("4")
@@ -156,6 +158,30 @@ async def test_pictures_are_switched_by_one_key(root: Path, size: tuple[int, int
         assert "no depth from all cameras" in figures
         await pilot.press("escape")
         await until(pilot, lambda: not isinstance(pilot.app.screen, ResultScreen))
+
+
+async def test_a_result_is_sharp_unless_it_blinks(root: Path) -> None:
+    add_comparison(root, "take")
+    async with jobs_mode(root, sharp_terminal=SharpTerminal(Sent, (10, 20))) as pilot:
+        await until(pilot, lambda: "✔ done" in text(pilot))
+        await pilot.press("enter")
+        await until(pilot, lambda: isinstance(pilot.app.screen, ResultScreen))
+        screen, picture = pilot.app.screen, pilot.app.screen.query_one(Picture)
+
+        def sharp() -> bool:
+            return PLACEHOLDER in picture.render_line(picture.size.height // 2).text
+
+        await until(pilot, sharp)
+        await pilot.press("space")
+        assert screen.shows_offset
+        await until(pilot, sharp)
+        await pilot.press("b")
+        await until(pilot, lambda: not screen.shows_offset and not sharp())
+        for worker in [worker for worker in pilot.app.workers if worker.node is picture]:
+            await worker.wait()
+        assert not sharp()
+        await pilot.press("b")
+        await until(pilot, sharp)
 
 
 async def test_the_report_opens_in_the_browser_and_over_ssh_its_path_is_told(

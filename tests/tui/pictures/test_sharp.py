@@ -16,9 +16,6 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from rich.console import Console, ConsoleOptions
-from rich.segment import Segment
-from rich.style import Style
 from textual.app import App
 from textual.pilot import Pilot
 
@@ -26,8 +23,8 @@ from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.tui.pictures.picture import Picture
 from capture_app.tui.pictures.sharp import SharpTerminal
 from capture_app.tui.sheets.look import LookScreen
+from tests.tui.pictures.sent import PLACEHOLDER, Sent
 
-PLACEHOLDER = "\U0010eeee"
 GLYPHS = re.compile("[▀▘▌▚▛▜▙]")
 ASKED_ATTRIBUTES, ASKED_KITTY = b"\x1b[c", re.compile(rb"\x1b_Gi=(\d+),[^\x1b]*a=q[^\x1b]*\x1b\\")
 KITTY, WEZTERM, XTERM = (b"\x1b[?62;c", True), (b"\x1b[?65;4;6;18;22c", True), (b"\x1b[?64;1;2;6;22c", False)
@@ -113,24 +110,6 @@ def test_who_wants_glyphs_is_asked_nothing() -> None:
     assert not ASKED_KITTY.search(sent.encode())
     assert GLYPHS.search(sent)
     assert PLACEHOLDER not in sent
-
-
-class Sent:
-    """Stands in for textual-image's picture: a mark in each cell."""
-
-    held = 0
-
-    def __init__(self, picture: object, columns: int, rows: int) -> None:
-        self._size = columns, rows
-
-    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Segment]:
-        columns, rows = self._size
-        Sent.held += 1
-        for _ in range(rows):
-            yield Segment(PLACEHOLDER * columns + "\n", Style(color="#010203"))
-
-    def cleanup(self) -> None:
-        Sent.held -= 1
 
 
 class SharpApp(App[None]):

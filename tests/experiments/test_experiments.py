@@ -123,7 +123,7 @@ def test_cases_of_phase_are_judged_by_the_truth() -> None:
         assert case["injections_mean"] <= case["injections_max"] <= 5
     assert found["gain 1.45"]["injections_mean"] > found["gain 2"]["injections_mean"] <= 2.0
     coarse = found["stamps of 1 ms, cut"]
-    assert 100.0 < coarse["worst_error_us"] <= coarse["tolerance_in_force_us"] < 1200.0
+    assert 100.0 < coarse["worst_error_us"] <= coarse["tolerance_in_force_max_us"] < 1200.0
 
 
 def test_two_phones_take_pictures_of_the_panel_that_tell_their_times(tmp_path: Path) -> None:

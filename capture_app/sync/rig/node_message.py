@@ -14,8 +14,10 @@ RATE_CHANGED = (
     "its clock's rate against the leader's has just changed: an NTP daemon is slewing one of the two,"
     " so wait for half a minute, or stop it while you take pictures"
 )
-REMEDY_MARGIN = 1.2
+REMEDY_MARGIN = 1.5
 """The tolerance that is suggested is so many times what would do now: the next minute may be worse."""
+NETWORK_NS = 200_000
+"""A round trip of a wireless network is never so short; one within a machine, or by cable to the next, is."""
 
 
 def of_state(
@@ -36,12 +38,15 @@ def of_state(
             return syncing(keeper.clock.samples, keeper.schedule.synced_samples, error_ns, wanted_ns)
         case NodeState.ALIGNING | NodeState.COARSE | NodeState.READY if odd := rate(keeper.rate, now_ns):
             return odd
-        case NodeState.ALIGNING:
+        case NodeState.ALIGNING if keeper.goal.met or time_map is None:
             waits = grid is not None and loop.waits_for_others(grid)
             return aligning(phase, settled=aligner.settled, corrections=aligner.corrections, waits=waits)
         case NodeState.COARSE if keeper.goal.met:
             return loop.coarseness
-        case NodeState.COARSE if time_map is not None and error_ns is not None and wanted_ns is not None:
+        case NodeState.ALIGNING | NodeState.COARSE if (
+            time_map is not None and error_ns is not None and wanted_ns is not None
+        ):
+            # By such a clock frames are aligned again and again: the clock is the reason in both states.
             own = keeper.uncorrected_map
             by_relay = own is not None and own.uncertainty_at(now_ns) <= wanted_ns
             return coarse(error_ns, wanted_ns, time_map.round_trip_ns, by_relay=by_relay)
@@ -53,9 +58,9 @@ def of_state(
 
 
 def syncing(samples: int, needed: int, error_ns: float | None, wanted_ns: float | None) -> str:
-    """Say how far the clock is: answers of the leader, or its 95 % error and the one asked for, in ns."""
+    """Say how far the clock is: answers counted, or its 95 % error and the one asked for, in ns."""
     if samples < needed or error_ns is None or wanted_ns is None:
-        return f"{samples} of {needed} answers of the leader"
+        return f"measuring clock {samples}/{needed}"
     return f"clock sure to ±{duration(error_ns)} so far, asked for ±{duration(wanted_ns)}"
 
 
@@ -66,17 +71,18 @@ def coarse(error_ns: float, wanted_ns: float, round_trip_ns: int, *, by_relay: b
     """
     # Messages cannot tell how a round trip is shared between there and back, however many there are.
     unseen_ns = SIGMAS_95 * ASYMMETRY * round_trip_ns / 2.0
-    remedy = "nearer the access point, a cable"
+    remedy = "nearer the access point, a cable, or "
     if by_relay:
-        why, remedy = "its relay knows the time no better", "bring the relay nearer to the leader"
+        why, remedy = "its relay knows the time no better", "bring the relay nearer to the leader, or "
     elif wanted_ns < unseen_ns and error_ns < 2.0 * unseen_ns:
         why = f"even its quickest messages take {duration(round_trip_ns)} there and back"
     else:
         why = "bursty link"
+    if round_trip_ns < NETWORK_NS and not by_relay:
+        why, remedy = f"messages of {duration(round_trip_ns)} there and back are held up at times", "use "
     enough = f"--tolerance-us {_rounded_up(REMEDY_MARGIN * error_ns / CLOCK_SHARE / 1000.0)}"
     return (
-        f"clock sure to ±{duration(error_ns)} only, asked for ±{duration(wanted_ns)}:"
-        f" {why}; {remedy}, or {enough}"
+        f"clock sure to ±{duration(error_ns)} only, asked for ±{duration(wanted_ns)}: {why}; {remedy}{enough}"
     )
 
 
@@ -130,8 +136,8 @@ def off_grid(phase: PhaseEstimate | None, tolerance_ns: int) -> str:
 
 
 def _rounded_up(us: float) -> int:
-    """Return a number with one digit that is not zero, no less than this one."""
+    """Return the next of 1, 2, 5, 10, 20 … that is no less: one that stays while an estimate wavers."""
     unit = 1
     while us > 10 * unit:
         unit *= 10
-    return -(-round(us + 0.5) // unit) * unit
+    return next(step * unit for step in (1, 2, 5, 10) if us <= step * unit)

@@ -1,0 +1,30 @@
+"""Why a clock is coarser than asked for, and what would help, in one sentence that holds."""
+
+import pytest
+
+from capture_app.sync.rig.node_message import coarse, syncing
+
+WIRELESS_NS, LOOPBACK_NS = 3_000_000, 60_000
+
+
+@pytest.mark.parametrize(
+    ("error_ns", "advised"), [(600.0, 1), (1_900.0, 5), (2_200.0, 5), (3_300.0, 5), (41_000.0, 100)]
+)
+def test_the_advised_tolerance_has_room_and_stays_while_the_estimate_wavers(
+    error_ns: float, advised: int
+) -> None:
+    sentence = coarse(error_ns, 500.0, WIRELESS_NS, by_relay=False)
+    assert sentence.endswith(f" --tolerance-us {advised}")
+
+
+def test_only_what_talks_by_a_network_is_sent_nearer_to_the_access_point() -> None:
+    assert "nearer the access point" in coarse(2_200.0, 1_000.0, WIRELESS_NS, by_relay=False)
+    assert coarse(2_200.0, 1_000.0, LOOPBACK_NS, by_relay=False) == (
+        "clock sure to ±2.2 µs only, asked for ±1.0 µs:"
+        " messages of 60 µs there and back are held up at times; use --tolerance-us 5"
+    )
+    assert "bring the relay nearer" in coarse(2_200.0, 1_000.0, LOOPBACK_NS, by_relay=True)
+
+
+def test_a_clock_that_is_measured_says_how_far_that_is() -> None:
+    assert syncing(169, 300, None, 1_000.0) == "measuring clock 169/300"

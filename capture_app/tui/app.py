@@ -223,9 +223,8 @@ class SimulshotApp(App[None]):
     async def action_quit(self) -> None:
         """Close the screen; ask first where that ends something, or leaves a rig behind."""
         status = None if self._record.lost else self._record.status
-        question = quit_question(
-            status, started=self._started, local=self._local, jobs=len(self.jobs.unfinished)
-        )
+        jobs = [job.standing for job in self.jobs.unfinished]
+        question = quit_question(status, started=self._started, local=self._local, jobs=jobs)
         if isinstance(self.screen, Question):
             self.exit()  # asked again, without an answer: leave, and let the rig be
         elif question is not None:

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from capture_app.node.wire.status import NodeStatus, RigStatus
+from capture_app.node.wire.status import LOST_IS_NEWS_NS, NodeStatus, RigStatus
 from capture_app.sync.wire.messages import WITHOUT_CAMERA, NodeState
 
 
@@ -31,6 +31,8 @@ SIGNS = {
 }
 NO_LEADER = Sign("✖", "leader lost", "$error")
 WAITING = Sign("○", "connecting", "$foreground-muted")
+MISSING = "!"
+"""The glyph of a rig whose cameras are ready, but one of which was lost a short while ago."""
 EMPTY = Sign("○", "no camera", "$foreground-muted")
 
 
@@ -39,12 +41,22 @@ def cameras_of(status: RigStatus) -> tuple[NodeStatus, ...]:
     return tuple(node for node in status.nodes if node.camera.kind not in WITHOUT_CAMERA)
 
 
+def fresh_losses(status: RigStatus) -> int:
+    """How many cameras were lost a short while ago: a rig that misses one is not simply ready."""
+    return sum(
+        node.state is NodeState.LOST and node.last_seen_ns <= LOST_IS_NEWS_NS for node in cameras_of(status)
+    )
+
+
 def rig_sign(status: RigStatus) -> Sign:
     """How far the whole rig is: ready, or how many of its cameras are."""
     here = [node for node in cameras_of(status) if node.state is not NodeState.LOST]
     ready = sum(node.state is NodeState.READY for node in here)
     if not here:
         return EMPTY
+    lost = fresh_losses(status)
+    if ready == len(here) and lost:
+        return Sign(MISSING, f"{ready} of {ready} ready, {lost} lost", "$warning")
     if ready == len(here):
         return Sign("●", f"{ready} of {ready} ready", "$success")
     failed = any(node.state is NodeState.FAILED for node in here)

@@ -68,7 +68,7 @@ async def test_a_first_user_takes_compares_and_exports_by_keys_alone(
         await terminal.shows("2 cameras × 4 instants")
 
         terminal.press("q")
-        await terminal.shows("Leave it running", "Stop the rig")
+        await terminal.shows("Leave the rig running", "Stop the rig")
         terminal.press("s")
         assert await terminal.ends() == 0
     assert list_rigs() == []
@@ -100,7 +100,7 @@ async def test_a_killed_screen_leaves_rig_and_take_whole_and_the_next_finds_both
         again.press("3")
         await again.shows("burst-001")
         again.press("q")
-        await again.shows("Leave it running", "Stop the rig")
+        await again.shows("Leave the rig running", "Stop the rig")
         again.press("s")
         assert await again.ends() == 0
     assert list_rigs() == []

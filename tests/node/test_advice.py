@@ -37,3 +37,10 @@ def test_the_node_that_waits_for_a_person_is_named_first() -> None:
 def test_a_node_that_is_less_accurate_than_asked_for_speaks_for_itself() -> None:
     sentence = "clock sure to ±1.7 ms only, asked for ±100 µs: bursty link; nearer the access point"
     assert rig_advice([view("a"), view("b", NodeState.COARSE, sentence)], LEADER) == f"b: {sentence}"
+
+
+def test_a_lost_camera_is_news_for_a_minute() -> None:
+    lost = view("b", NodeState.LOST, "it left")
+    late = ClientView(lost.name, lost.address, lost.camera, lost.report, 61_000_000_000)
+    assert rig_advice([view("a"), lost], LEADER) == "b is lost: it left"
+    assert rig_advice([view("a"), late], LEADER) == "1 camera ready, clocks sure to ±41 µs (95 %)"

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 
 from capture_app.node.leader.snapshots import present_cameras
 from capture_app.node.leader.wording import off_rate_line
+from capture_app.node.wire.status import LOST_IS_NEWS_NS
 from capture_app.sync.rig.roster import ClientView
 from capture_app.sync.timekeeping.rate_jury import LEADER, HostAtRate, HostOffRate, RateJury
 from capture_app.sync.wire.messages import NodeState
@@ -55,10 +56,14 @@ def rig_advice(
 
 def _of_states(views: Sequence[ClientView], states: Sequence[NodeState]) -> str:
     for state in states:
-        concerned = [view for view in views if view.report.state is state]
+        concerned = [view for view in views if view.report.state is state and not _is_old_loss(view)]
         if concerned:
             return _shortfall(concerned[0]) + _and_more(len(concerned))
     return ""
+
+
+def _is_old_loss(view: ClientView) -> bool:
+    return view.report.state is NodeState.LOST and view.age_ns > LOST_IS_NEWS_NS
 
 
 def _and_more(all_of_them: int) -> str:

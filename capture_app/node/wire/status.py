@@ -6,6 +6,9 @@ from capture_app.camera_facts import CameraFacts
 from capture_app.session.format.manifest import SkippedInstant
 from capture_app.sync.wire.messages import Report
 
+LOST_IS_NEWS_NS = 60_000_000_000
+"""That a camera is lost is said of the whole rig so long after its last message; its own line goes on to."""
+
 
 class NodeStatus(Report, frozen=True, kw_only=True):
     """A node's own report, with what the leader knows of it; times in ns, None where not known yet."""

@@ -78,6 +78,13 @@ class Job:
         return min(1.0, max(0.0, (self.step.done - 1) / self.step.total))
 
     @property
+    def standing(self) -> str:
+        """What it is of, and how far it is: Compare of burst-001 (11 %)."""
+        waits = self.state is JobState.WAITING or self.share is None
+        far = str(self.state) if waits else f"{100 * (self.share or 0.0):.0f} %"
+        return f"{self.kind.title} of {self.session.name} ({far})"
+
+    @property
     def seconds_left(self) -> float | None:
         """How long it will take yet, were all its steps alike; None before there is a ground for that."""
         share = self.share

@@ -26,7 +26,7 @@ from capture_app.tui.rig.news_pane import NewsPane
 from capture_app.tui.rig_source import RigSource
 from capture_app.tui.settings import Settings
 from capture_app.tui.start.panel import StartPanel
-from capture_app.tui.states import NO_LEADER, rig_sign
+from capture_app.tui.states import MISSING, NO_LEADER, rig_sign
 
 ADVICE_LINES = 2
 _FIGURES = re.compile(r"[\d.,]+ ?[nµm]?s?")
@@ -146,6 +146,8 @@ class RigView(ModeView):
         else:
             sign = rig_sign(status)
             words = " ".join(filter(None, (status.message, status.advice))) or sign.word
+            if sign.glyph == MISSING:
+                words += "; del takes a lost camera off the list"
         lines = textwrap.wrap(f"{sign.glyph} {printable(words)}", self.size.width - 2, subsequent_indent="  ")
         # Always as many lines, so that what is below does not jump.
         lines = (lines + [""] * ADVICE_LINES)[:ADVICE_LINES]

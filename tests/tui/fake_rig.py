@@ -64,6 +64,10 @@ class FakeRig:
         """Raised by the next order."""
         self.take: Callable[[BurstRequest], Awaitable[str | None]] | None = None
         """Makes the session of a burst, and returns its path."""
+        self.is_ready: asyncio.Event | None = None
+        """A burst that waits for the rig waits for this."""
+        self.saves: asyncio.Event | None = None
+        """The images of a burst come when this is set."""
         self.details: dict[str, NodeDetail] = {}
         self.detail_failure: SimulshotError | None = None
         self.different: dict[str, Any] = {}
@@ -129,6 +133,11 @@ class FakeRig:
             raise NoCameraHereError("no camera is here")
         number = sum(order[0] == "burst" for order in self.asked)
         name = f"{request.name or 'burst'}-{number:03d}"
+        if self.is_ready is not None and request.wait_ready_s:
+            empty = {"cameras": 0, "instants": 0, "received": 0, "expected": 0}
+            yield BurstStatus(burst=0, name="", message="waiting for the rig: cam01 is aligning", **empty)
+            await self.is_ready.wait()
+            self._fail()
         session = await self.take(request) if self.take else None
         for received in range(request.frames + 1):
             transfer = tuple(
@@ -147,6 +156,8 @@ class FakeRig:
             )
             yield self.burst_status
             self.tell()
+            if self.saves is not None:
+                await self.saves.wait()
 
     async def cancel_burst(self, burst: int) -> None:
         self._ask("cancel_burst", burst)
@@ -178,6 +189,9 @@ class FakeRig:
 
     def _ask(self, *order: object) -> None:
         self.asked.append(order)
+        self._fail()
+
+    def _fail(self) -> None:
         if self.failure is not None:
             failure, self.failure = self.failure, None
             raise failure

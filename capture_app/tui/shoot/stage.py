@@ -1,16 +1,23 @@
 """The large part of the mode Shoot: what the cameras see, the countdown, or the sheet of the last take."""
 
+from collections.abc import Callable
+
+from textual import work
 from textual.containers import Vertical
 from textual.content import Content
 from textual.message import Message
 from textual.widgets import ContentSwitcher, Digits
 
+from capture_app.errors import SimulshotError
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.text import printable
 from capture_app.tui.drawing.lines import Lines
+from capture_app.tui.messages import Mishap
+from capture_app.tui.rig_source import RigSource
 from capture_app.tui.sheets.contact_sheet import ContactSheet
 from capture_app.tui.sheets.look import LookScreen, Motion
 from capture_app.tui.shoot.shooting import Moment
+from capture_app.tui.viewfinder.full import CameraScreen
 from capture_app.tui.viewfinder.grid import PreviewGrid
 
 LIVE, SHEET, COUNTDOWN = "live", "sheet", "countdown"
@@ -30,7 +37,10 @@ class Stage(ContentSwitcher):
     class Changed(Message):
         """It shows something else."""
 
-    def __init__(self) -> None:
+    def __init__(self, rig: RigSource, clock: Callable[[], float]) -> None:
+        """`clock`: seconds."""
+        self._rig, self._clock = rig, clock
+        self._asked: tuple[int, float] = (0, 0.0)
         self.grid = PreviewGrid(id=LIVE)
         self.sheet = ContactSheet(id=SHEET)
         self._digits = Digits("")
@@ -57,6 +67,8 @@ class Stage(ContentSwitcher):
         """Have a take at hand, with the cursor at an instant."""
         self.sheet.show(sheet)
         self.sheet.go_to(sheet.cameras[0], min(instant, sheet.instants - 1))
+        if self.is_sheet:
+            self.show_sheet()
 
     def show_sheet(self) -> None:
         """Show the take that is at hand."""
@@ -95,6 +107,12 @@ class Stage(ContentSwitcher):
         if (place := self.sheet.place) is not None:
             self._look(place.camera, place.instant, Motion.WIGGLE)
 
+    def on_preview_grid_chosen(self, message: PreviewGrid.Chosen) -> None:
+        """Look through one camera."""
+        message.stop()
+        finder = CameraScreen(self._rig, self.grid.cameras, message.camera, clock=self._clock)
+        self.app.push_screen(finder, lambda camera: None if camera is None else self.grid.go_to(camera))
+
     def on_contact_sheet_chosen(self, message: ContactSheet.Chosen) -> None:
         """Look at one picture."""
         message.stop()
@@ -105,6 +123,21 @@ class Stage(ContentSwitcher):
         if self.current == SHEET:
             self.sheet.focus()
         return self.current == SHEET
+
+    def want_previews(self, seen: bool) -> None:
+        """Ask for the previews that are looked at, where that has changed."""
+        looking = seen and self.is_live and bool(self.grid.tiles)
+        wanted = self.grid.wanted if looking else (self._asked[0], 0.0)
+        if wanted != self._asked and (wanted[1] or self._asked[1]):
+            self._asked = wanted
+            self._ask_previews(*wanted)
+
+    @work(exclusive=True, group="previews")
+    async def _ask_previews(self, width: int, fps: float) -> None:
+        try:
+            await self._rig.want_previews(cameras=None, width=width, fps=fps)
+        except SimulshotError as error:
+            self.post_message(Mishap(error))
 
     def _look(self, camera: str, instant: int, motion: Motion) -> None:
         if self.sheet.sheet is not None:

@@ -31,6 +31,10 @@ class Take:
     trashed: bool = False
     is_new: bool = True
     """It was taken while the screen was open."""
+    begun_s: float = 0.0
+    """When the screen heard of it first."""
+    retake_of: str = ""
+    """The take that it was taken again for."""
 
     @property
     def name(self) -> str:

@@ -28,17 +28,29 @@ class TakeLog:
         """The take that a sheet shows."""
         return next((take for take in self.takes if take.judged and take.judged.sheet is sheet), None)
 
-    def note(self, status: BurstStatus, request: BurstRequest | None) -> Take | None:
-        """Note how far a burst is; return its take where that is news.
+    def is_newer(self, take: Take, than: Take | None) -> bool:
+        """Whether a take was ordered after another, or there is no other."""
+        return than is None or self.takes.index(take) > self.takes.index(than)
+
+    def note(
+        self, status: BurstStatus, request: BurstRequest | None, now_s: float, retake_of: str = ""
+    ) -> Take | None:
+        """Note how far a burst is at `now_s`; return its take where that is news.
 
         It is told twice: by the answer to the request, which is known then, and by the rig's status.
         """
         take = next((take for take in self.takes if take.name == status.name), None)
         if take is None:
-            take = Take(status, request, is_new=not status.done or request is not None)
+            take = Take(
+                status,
+                request,
+                is_new=not status.done or request is not None,
+                begun_s=now_s,
+                retake_of=retake_of,
+            )
             self.takes = [*self.takes, take][-MOST_TAKES:]
             return take
-        take.request = request or take.request
+        take.request, take.retake_of = request or take.request, retake_of or take.retake_of
         if take.status.done or status == take.status:
             return None
         take.status = status

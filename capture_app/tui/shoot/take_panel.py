@@ -7,9 +7,10 @@ from textual.containers import VerticalScroll
 from textual.content import Content
 from textual.widgets import Static
 
-from capture_app.node.wire.status import BurstStatus, CameraTransfer
+from capture_app.node.wire.status import CameraTransfer
 from capture_app.session.reading.verdict import Grade
 from capture_app.text import printable
+from capture_app.tui.shoot.status_line import progress_words
 from capture_app.tui.shoot.take import Take
 
 SIGNS = {
@@ -49,13 +50,13 @@ class TakePanel(VerticalScroll, can_focus=False):
         """What it says."""
         return "" if self._shown is None else self._shown.plain
 
-    def show(self, takes: Sequence[Take]) -> None:
+    def show(self, takes: Sequence[Take], now_s: float = 0.0) -> None:
         """Show these, the newest last."""
         lines = [Content.styled("No take yet: press Space.", "$foreground-muted")]
         if takes:
-            lines = [*_in_full(takes[-1], wide=self.size.width >= WIDE)]
+            lines = [*_in_full(takes[-1], now_s, wide=self.size.width >= WIDE)]
             if len(takes) > 1:
-                lines += [Content(""), *(_in_short(take) for take in takes[-2 : -2 - EARLIER : -1])]
+                lines += [Content(""), *(_in_short(take, now_s) for take in takes[-2 : -2 - EARLIER : -1])]
         text = Content("\n").join(lines)
         if self._shown is None or text.markup != self._shown.markup:
             self._shown = text
@@ -90,9 +91,11 @@ def transfer_line(transfer: CameraTransfer, width: int = BAR) -> Content:
     )
 
 
-def _in_full(take: Take, *, wide: bool) -> list[Content]:
+def _in_full(take: Take, now_s: float, *, wide: bool) -> list[Content]:
     status = take.status
     lines = [Content.styled(printable(take.name) or "the take", "bold")]
+    if take.retake_of:
+        lines.append(Content.styled(f"retake of {printable(take.retake_of)}", "$foreground-muted"))
     if take.trashed:
         return [*lines, Content.styled("in the trash", "$foreground-muted")]
     if take.judged is not None:
@@ -105,35 +108,31 @@ def _in_full(take: Take, *, wide: bool) -> list[Content]:
     elif take.problem:
         lines.append(Content.styled(f"✖ {printable(take.problem)}", "$error"))
     elif not status.done:
-        lines.append(Content.styled(_progress(status), "$primary"))
+        lines.append(Content.styled(f"◔ {progress_words(status, now_s - take.begun_s)}", "$primary"))
     elif status.session is not None:
         lines.append(Content.styled("✔ saved where the leader runs:", "$success"))
         lines.append(Content(printable(status.session)))
         lines.append(Content(f"{status.received} of {status.expected} images"))
     else:
         lines.append(Content.styled("✖ no session", "$error"))
-    if status.message and take.judged is None:
+    if status.message and take.judged is None and (status.done or status.received):
         lines.append(Content.styled(printable(status.message), "$warning"))
     whole = status.done and all(one.received >= one.expected for one in status.transfer)
-    if status.transfer and not (whole and take.judged is not None):
+    begun = status.done or any(one.received or one.problem for one in status.transfer)
+    if begun and not (whole and take.judged is not None):
         lines += [Content(""), *(transfer_line(one) for one in status.transfer)]
     return lines
 
 
-def _progress(status: BurstStatus) -> str:
-    if not status.expected:
-        return f"◔ {printable(status.message) or 'ordered'}"
-    return f"◔ {status.received} of {status.expected} images are here"
-
-
-def _in_short(take: Take) -> Content:
+def _in_short(take: Take, now_s: float) -> Content:
     name = f"{printable(take.name):<10} "
     if take.trashed:
         return Content.assemble((name, "$foreground-muted strike"), ("in the trash", "$foreground-muted"))
     if take.judged is None:
-        state = (
-            "saved" if take.status.session else "no session" if take.status.done else _progress(take.status)
-        )
+        status = take.status
+        state = progress_words(status, now_s - take.begun_s)
+        if status.done:
+            state = "saved" if status.session else "no session"
         return Content.assemble(name, (state, "$foreground-muted"))
     verdict = take.judged.verdict
     glyph, style = SIGNS[verdict.grade]

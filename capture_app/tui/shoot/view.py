@@ -2,6 +2,7 @@
 
 import asyncio
 import time
+from collections.abc import Callable
 from typing import ClassVar
 
 from msgspec.structs import replace
@@ -10,14 +11,13 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 from textual.content import Content
-from textual.worker import Worker
+from textual.worker import Worker, get_current_worker
 
 from capture_app.errors import SimulshotError
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.node.wire.status import BurstStatus, RigStatus
 from capture_app.session.library.trash import trash_session
 from capture_app.text import printable
-from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.messages import Mishap, PreviewReceived, StatusChanged
 from capture_app.tui.mode import ModeView
 from capture_app.tui.rig_source import RigSource
@@ -26,12 +26,11 @@ from capture_app.tui.shoot.plan_panel import PlanPanel
 from capture_app.tui.shoot.questions import again_question, not_ready_question
 from capture_app.tui.shoot.shooting import Moment, Shooting
 from capture_app.tui.shoot.stage import Stage
+from capture_app.tui.shoot.status_line import StatusLine
 from capture_app.tui.shoot.take import Take, describe_failure, judge_take
 from capture_app.tui.shoot.take_log import TakeLog
 from capture_app.tui.shoot.take_panel import TakePanel, verdict_line
 from capture_app.tui.states import cameras_of
-from capture_app.tui.viewfinder.full import CameraScreen
-from capture_app.tui.viewfinder.grid import PreviewGrid
 
 WAIT_READY_S = 120.0
 NARROW = 110
@@ -58,21 +57,23 @@ class ShootView(ModeView):
     ShootView #shoot-side { width: 40; height: 1fr; }
     ShootView.narrow #shoot-side { width: 30; }
     ShootView.narrow.sheet #shoot-side { display: none; }
-    ShootView #shoot-advice { height: 1; padding: 0 1; }
     """
 
-    def __init__(self, rig: RigSource, settings: Settings) -> None:
+    def __init__(
+        self, rig: RigSource, settings: Settings, clock: Callable[[], float] = time.monotonic
+    ) -> None:
+        """`clock`: seconds."""
         super().__init__(id="shoot")
-        self._rig = rig
+        self._rig, self._clock = rig, clock
         self._status: RigStatus | None = None
         self._log = TakeLog()
         self._shooting: Worker[None] | None = None
-        self._asked: tuple[int, float] = (0, 0.0)
+        self._waiting: Worker[None] | None = None  # an order for which the leader waits for the rig
         self._seen = False
         self.plan_panel = PlanPanel(settings)
         self.take_panel = TakePanel()
-        self.stage = Stage()
-        self._advice = Lines(id="shoot-advice")
+        self.stage = Stage(rig, clock)
+        self._line = StatusLine()
 
     def compose(self) -> ComposeResult:
         """Plan and takes at the left, the pictures beside them."""
@@ -81,7 +82,7 @@ class ShootView(ModeView):
                 yield self.plan_panel
                 yield self.take_panel
             yield self.stage
-        yield self._advice
+        yield self._line
 
     @property
     def takes(self) -> tuple[Take, ...]:
@@ -89,13 +90,14 @@ class ShootView(ModeView):
         return tuple(self._log.takes)
 
     def on_mount(self) -> None:
-        """Show that there is no take yet."""
+        """Show that there is no take yet, and from then on how long one takes."""
         self.take_panel.show(())
+        self.set_interval(1.0, self._show_course)
 
     def on_resize(self) -> None:
         """Leave the pictures most of a small window."""
         self.set_class(self.size.width < NARROW, "narrow")
-        self._show_advice()
+        self._show_course()
         self.call_after_refresh(self._want_previews)
 
     def on_mode_shown(self) -> None:
@@ -121,7 +123,7 @@ class ShootView(ModeView):
         self.stage.grid.show_status(status)
         if status.burst is not None:
             self._note(status.burst)
-        self._show_advice()
+        self._show_course()
         self.call_after_refresh(self._want_previews)
 
     def on_preview_received(self, message: PreviewReceived) -> None:
@@ -131,30 +133,31 @@ class ShootView(ModeView):
     def on_stage_changed(self) -> None:
         """Drive what is shown now."""
         self.set_class(self.stage.is_sheet, "sheet")
-        self._show_advice()
+        self._show_course()
         if self._seen and self.app.screen is self.screen:
             self.focus_first()
         self._want_previews()
 
     def action_take(self) -> None:
-        """Take as planned; stop what counts down or goes on by itself."""
-        if self._shooting is not None:
+        """Take as planned; stop what counts down, goes on by itself or waits for the rig."""
+        if self._shooting is not None or self._waiting is not None:
             self.action_stop()
         else:
             self._begin(self.plan_panel.plan.request())
 
     def action_stop(self) -> None:
-        """Stop a countdown, an interval or a sequence; what is taken already is saved."""
-        if self._shooting is not None:
-            self._shooting.cancel()
-        else:
+        """Stop a countdown, an interval, a sequence, a wait; what is taken already is saved."""
+        under_way = [worker for worker in (self._shooting, self._waiting) if worker is not None]
+        for worker in under_way:
+            worker.cancel()
+        if not under_way:
             self.stage.show_live()
 
     def action_retake(self) -> None:
         """Take again as the last time, keeping or trashing what there is."""
         last = self._log.latest_ordered
         request = self.plan_panel.plan.request() if last is None or last.request is None else last.request
-        if self._shooting is not None:
+        if self._shooting is not None or self._waiting is not None:
             return
         if last is None or last.judged is None or last.trashed:
             self._begin(request)
@@ -164,7 +167,7 @@ class ShootView(ModeView):
             if answer == "trash":
                 self._trash(last)
             if answer is not None:
-                self._begin(request)
+                self._begin(request, retake_of=last.name)
 
         self.app.push_screen(again_question(last.judged), decide)
 
@@ -178,12 +181,6 @@ class ShootView(ModeView):
         plan = plan.with_before(plan.before + before)
         self.plan_panel.set_plan(plan.with_after(plan.after + after))
 
-    def on_preview_grid_chosen(self, message: PreviewGrid.Chosen) -> None:
-        """Look through one camera."""
-        grid = self.stage.grid
-        finder = CameraScreen(self._rig, grid.cameras, message.camera, clock=time.monotonic)
-        self.app.push_screen(finder, lambda camera: None if camera is None else grid.go_to(camera))
-
     def action_switch(self) -> None:
         """Switch between what the cameras see and the last take."""
         self.stage.switch()
@@ -192,27 +189,28 @@ class ShootView(ModeView):
         """Wiggle through the cameras at the chosen instant of the last take."""
         self.stage.wiggle()
 
-    def _begin(self, request: BurstRequest) -> None:
+    def _begin(self, request: BurstRequest, *, retake_of: str = "") -> None:
         """Take, but ask before a take that cannot be good."""
         question = not_ready_question(self._status)
         if self._status is None or question is None:
-            self._shooting = self._shoot(request)
+            self._shooting = self._shoot(request, retake_of)
             return
         cameras = len(cameras_of(self._status))
 
         def decide(answer: str | None) -> None:
             if answer == "wait":
-                self._shooting = self._shoot(replace(request, wait_ready_s=WAIT_READY_S, nodes=cameras))
+                waiting = replace(request, wait_ready_s=WAIT_READY_S, nodes=cameras)
+                self._shooting = self._shoot(waiting, retake_of)
             elif answer == "take":
-                self._shooting = self._shoot(request)
+                self._shooting = self._shoot(request, retake_of)
 
         self.app.push_screen(question, decide)
 
     @work(exclusive=True, group="shooting")
-    async def _shoot(self, request: BurstRequest) -> None:
+    async def _shoot(self, request: BurstRequest, retake_of: str) -> None:
         def take() -> asyncio.Event:
             done = asyncio.Event()
-            self._follow(request, done)
+            self._follow(request, retake_of, done)
             return done
 
         try:
@@ -220,32 +218,45 @@ class ShootView(ModeView):
             await Shooting(take, self._show_moment, now=loop.time).run(self.plan_panel.plan)
         finally:
             self._shooting = None
+            self._line.moment = ""
             self.stage.end_countdown()
-            self._show_advice()
+            self._show_course()
 
     @work(group="bursts")
-    async def _follow(self, request: BurstRequest, done: asyncio.Event) -> None:
+    async def _follow(self, request: BurstRequest, retake_of: str, done: asyncio.Event) -> None:
         """Follow a burst until it is saved, whatever becomes of the takes after it."""
+        self._line.failure = ""
         try:
             async for status in self._rig.burst(request):
-                self._note(status, request)
+                if not status.name:
+                    self._waiting, self._line.waiting = get_current_worker(), status.message or "ordered"
+                    self._show_course()
+                    continue
+                self._end_wait()
+                self._note(status, request, retake_of)
         except SimulshotError as error:
+            self._line.failure = error.what
             self.post_message(Mishap(error))
         finally:
+            self._end_wait()
             done.set()
+
+    def _end_wait(self) -> None:
+        if self._waiting is get_current_worker():
+            self._waiting, self._line.waiting = None, ""
+        self._show_course()
 
     def _show_moment(self, moment: Moment) -> None:
         self.stage.show_moment(moment)
-        self._show_advice(f"◉ {moment}")
+        self._line.moment = str(moment)
+        self._show_course()
 
-    def _note(self, status: BurstStatus, request: BurstRequest | None = None) -> None:
+    def _note(self, status: BurstStatus, request: BurstRequest | None = None, retake_of: str = "") -> None:
         """Take note of how far a burst is."""
-        if not status.name:
-            self._show_advice(f"◔ {status.message}" if status.message else "")
-        elif (take := self._log.note(status, request)) is not None:
+        if status.name and (take := self._log.note(status, request, self._clock(), retake_of)) is not None:
             if status.done:
                 self._judge(take)
-            self.take_panel.show(self._log.takes)
+            self._show_course()
 
     @work(group="judging")
     async def _judge(self, take: Take) -> None:
@@ -253,13 +264,14 @@ class ShootView(ModeView):
             take.judged = await asyncio.to_thread(judge_take, take.status)
         except SimulshotError as error:
             take.problem = describe_failure(error)
-        self.take_panel.show(self._log.takes)
-        if take.judged is not None and take is self._log.newest:
+        shown = self._log.of_sheet(self.stage.sheet.sheet)
+        if take.judged is not None and self._log.is_newer(take, shown):
             # The instant of the key is what the photographer meant.
             before = 0 if take.request is None else take.request.before
             self.stage.load_sheet(take.judged.sheet, before)
             if take.is_new and self._shooting is None:
                 self.stage.show_sheet()
+        self._show_course()
 
     @work(group="trash")
     async def _trash(self, take: Take) -> None:
@@ -271,30 +283,18 @@ class ShootView(ModeView):
             return
         take.trashed = True
         self.stage.forget_sheet(take.judged.sheet)
-        self.take_panel.show(self._log.takes)
+        self._show_course()
 
-    def _show_advice(self, doing: str = "") -> None:
-        if doing:
-            self._advice.show([Content.styled(printable(doing), "bold $primary")])
-        elif (
-            self.has_class("narrow", "sheet")
-            and (take := self._log.of_sheet(self.stage.sheet.sheet)) is not None
-        ):
-            self._advice.show([verdict_line(take)])
-        elif self._shooting is None and self._status is not None:
-            self._advice.show([Content.styled(printable(self._status.advice), "$foreground-muted")])
+    def _show_course(self) -> None:
+        """Show what is under way, in the takes and in the line below."""
+        now_s = self._clock()
+        self.take_panel.show(self._log.takes, now_s)
+        shown = self._log.of_sheet(self.stage.sheet.sheet)
+        advice = "" if self._status is None else printable(self._status.advice)
+        otherwise = Content.styled(advice, "$foreground-muted")
+        if self.has_class("narrow", "sheet") and shown is not None:
+            otherwise = verdict_line(shown)
+        self._line.show_course(self._log.newest, now_s, otherwise)
 
     def _want_previews(self) -> None:
-        """Ask for the previews that are looked at, where that has changed."""
-        looking = self._seen and self.stage.is_live and bool(self.stage.grid.tiles)
-        wanted = self.stage.grid.wanted if looking else (self._asked[0], 0.0)
-        if wanted != self._asked and (wanted[1] or self._asked[1]):
-            self._asked = wanted
-            self._ask_previews(*wanted)
-
-    @work(exclusive=True, group="previews")
-    async def _ask_previews(self, width: int, fps: float) -> None:
-        try:
-            await self._rig.want_previews(cameras=None, width=width, fps=fps)
-        except SimulshotError as error:
-            self.post_message(Mishap(error))
+        self.stage.want_previews(self._seen)

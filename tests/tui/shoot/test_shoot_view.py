@@ -6,17 +6,13 @@ from typing import Any
 import pytest
 from textual.pilot import Pilot
 from textual.widgets import Digits, Static
-from textual.widgets._toast import Toast
 
-from capture_app.errors import DiskFullError
 from capture_app.node.wire.messages import BurstRequest
 from capture_app.session.library.trash import trashed_sessions
 from capture_app.session.reading.reader import list_sessions
-from capture_app.sync.wire.messages import NodeState
 from capture_app.tui.question import Question
 from capture_app.tui.settings import Settings
 from capture_app.tui.sheets.look import LookScreen, Motion
-from tests.tui.fake_rig import make_node
 from tests.tui.shoot.studio import Studio, ready_rig, saves_into
 from tests.tui.takes import picture_of
 
@@ -82,45 +78,6 @@ async def test_the_plan_is_changed_with_arrows(tmp_path: Path) -> None:
         assert lines[4] == "every     5 s"
 
 
-async def test_while_cameras_sync_it_asks_first(tmp_path: Path) -> None:
-    rig = ready_rig(3)
-    rig.nodes = (
-        *rig.nodes[:1],
-        make_node("cam01", NodeState.ALIGNING, phase_error_ns=7_310_000),
-        make_node("cam02", NodeState.SYNCING, phase_error_ns=None, message="3 of 8 samples"),
-    )
-    studio = Studio(rig, tmp_path)
-    async with studio.app.run_test(size=(80, 24)) as pilot:
-        await studio.enter(pilot)
-        await pilot.press("space")
-        await pilot.pause()
-        assert isinstance(studio.app.screen, Question)
-        text = str(studio.app.screen.query_one(".question", Static).content)
-        assert "1 of 3 cameras are ready." in text
-        assert "cam01 is aligning: its pictures will be about 7.3 ms off." in text
-        assert "cam02 is syncing (3 of 8 samples): its pictures will be missing or at an unsure time." in text
-        await pilot.press("escape")
-        await studio.settle(pilot)
-        assert studio.requests == []
-        await pilot.press("space", "w")
-        await studio.settle(pilot)
-        assert (studio.requests[0].wait_ready_s, studio.requests[0].nodes) == (120.0, 3)
-        await pilot.press("space", "t")
-        await studio.settle(pilot)
-        assert studio.requests[1].wait_ready_s == 0
-
-
-async def test_a_lost_camera_does_not_hold_the_take_up(tmp_path: Path) -> None:
-    rig = ready_rig(2)
-    rig.nodes = (*rig.nodes, make_node("cam09", NodeState.LOST))
-    studio = Studio(rig, tmp_path)
-    async with studio.app.run_test(size=(80, 24)) as pilot:
-        await studio.enter(pilot)
-        await pilot.press("space")
-        await studio.settle(pilot)
-        assert len(studio.requests) == 1
-
-
 async def test_a_countdown_is_seen_from_afar_and_can_be_stopped(tmp_path: Path) -> None:
     studio = Studio(ready_rig(1), tmp_path, Settings(choices={"shoot.countdown_s": 20.0}))
     async with studio.app.run_test(size=(80, 24)) as pilot:
@@ -171,56 +128,6 @@ async def test_a_retake_keeps_or_trashes_the_take_before(tmp_path: Path, answer:
         assert [one.name for one in trashed_sessions(tmp_path)] == ([] if kept else ["burst-001"])
         assert (tmp_path / "burst-002").is_dir()
         assert ("in the trash" in studio.view.take_panel.plain) is not kept
-
-
-async def test_a_leader_elsewhere_has_the_session(tmp_path: Path) -> None:
-    rig = ready_rig(2)
-
-    async def take(request: BurstRequest) -> str:
-        return "/home/ada/sessions/burst-001"
-
-    rig.take = take
-    studio = Studio(rig, tmp_path)
-    async with studio.app.run_test(size=(120, 40)) as pilot:
-        await studio.enter(pilot)
-        await pilot.press("space")
-        await studio.settle(pilot)
-        text = studio.view.take_panel.plain
-        assert "saved where the leader runs:\n/home/ada/sessions/burst-001\n16 of 16 images" in text
-        assert "cam01    ██████████ 8/8 ✔" in text
-        assert studio.view.stage.is_live
-
-
-async def test_an_order_that_fails_is_said(tmp_path: Path) -> None:
-    rig = ready_rig(1)
-    studio = Studio(rig, tmp_path)
-    async with studio.app.run_test(size=(80, 24), notifications=True) as pilot:
-        await studio.enter(pilot)
-        rig.failure = DiskFullError("the burst may need 90.0 MB and 1.0 MB are free", hint="make room")
-        await pilot.press("space")
-        await studio.settle(pilot)
-        await studio.settle(pilot)
-        assert "make room" in str(studio.app.screen.query_one(Toast).render())
-        await pilot.press("space")
-        await studio.settle(pilot)
-        assert len(studio.requests) == 2
-
-
-async def test_a_take_that_cannot_be_read_says_why(tmp_path: Path) -> None:
-    rig = ready_rig(1)
-
-    async def take(request: BurstRequest) -> str:
-        (tmp_path / "burst-001").mkdir()
-        (tmp_path / "burst-001" / "session.json").write_text("{}")
-        return str(tmp_path / "burst-001")
-
-    rig.take = take
-    studio = Studio(rig, tmp_path)
-    async with studio.app.run_test(size=(80, 24)) as pilot:
-        await studio.enter(pilot)
-        await pilot.press("space")
-        await studio.settle(pilot)
-        assert "✖ it cannot be looked at" in studio.view.take_panel.plain
 
 
 async def test_previews_are_asked_for_only_while_they_are_seen(tmp_path: Path) -> None:

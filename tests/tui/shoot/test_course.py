@@ -1,0 +1,189 @@
+"""What Space does while the rig is not ready, or cannot save; and what the line below says of a take."""
+
+import asyncio
+from pathlib import Path
+
+from textual.widgets import Static
+from textual.widgets._toast import Toast
+
+from capture_app.errors import DiskFullError, IncompleteError
+from capture_app.node.wire.messages import BurstRequest
+from capture_app.sync.wire.messages import NodeState
+from capture_app.tui.question import Question
+from capture_app.tui.shoot.status_line import StatusLine
+from tests.tui.fake_rig import FakeRig, make_node
+from tests.tui.shoot.studio import Studio, ready_rig, saves_into
+
+
+def line_of(studio: Studio) -> str:
+    return studio.view.query_one("#shoot-advice", StatusLine).plain[0]
+
+
+async def test_while_cameras_sync_it_asks_first(tmp_path: Path) -> None:
+    rig = ready_rig(3)
+    rig.nodes = (
+        *rig.nodes[:1],
+        make_node("cam01", NodeState.ALIGNING, phase_error_ns=7_310_000),
+        make_node("cam02", NodeState.SYNCING, phase_error_ns=None, message="3 of 8 samples"),
+    )
+    studio = Studio(rig, tmp_path)
+    async with studio.app.run_test(size=(80, 24)) as pilot:
+        await studio.enter(pilot)
+        await pilot.press("space")
+        await pilot.pause()
+        assert isinstance(studio.app.screen, Question)
+        text = str(studio.app.screen.query_one(".question", Static).content)
+        assert "1 of 3 cameras are ready." in text
+        assert "cam01 is aligning: its pictures will be about 7.3 ms off." in text
+        assert "cam02 is syncing (3 of 8 samples): its pictures will be missing or at an unsure time." in text
+        await pilot.press("escape")
+        await studio.settle(pilot)
+        assert studio.requests == []
+        await pilot.press("space", "w")
+        await studio.settle(pilot)
+        assert (studio.requests[0].wait_ready_s, studio.requests[0].nodes) == (120.0, 3)
+        await pilot.press("space", "t")
+        await studio.settle(pilot)
+        assert studio.requests[1].wait_ready_s == 0
+
+
+async def test_a_lost_camera_does_not_hold_the_take_up(tmp_path: Path) -> None:
+    rig = ready_rig(2)
+    rig.nodes = (*rig.nodes, make_node("cam09", NodeState.LOST))
+    studio = Studio(rig, tmp_path)
+    async with studio.app.run_test(size=(80, 24)) as pilot:
+        await studio.enter(pilot)
+        await pilot.press("space")
+        await studio.settle(pilot)
+        assert len(studio.requests) == 1
+
+
+async def test_on_the_sheet_a_take_is_seen_from_the_key_to_its_pictures(tmp_path: Path) -> None:
+    rig = ready_rig(3)
+    rig.take = saves_into(tmp_path)
+    studio = Studio(rig, tmp_path)
+    async with studio.app.run_test(size=(80, 24)) as pilot:
+        await studio.enter(pilot)
+        await pilot.press("space")
+        await studio.settle(pilot)
+        assert studio.view.stage.border_title == "burst-001"
+        for number, keys in ((2, ("space",)), (3, ("r", "k"))):
+            rig.saves = asyncio.Event()
+            await pilot.press(*keys)
+            await studio.settle(pilot)
+            assert line_of(studio) == f"◔ burst-{number:03d}: taken; cameras are saving"
+            assert studio.view.stage.border_title == f"burst-{number - 1:03d}"
+            rig.saves.set()
+            await studio.settle(pilot)
+            sheet = studio.view.stage.sheet.sheet
+            assert sheet is not None
+            assert sheet.session.name == f"burst-{number:03d}"
+            assert studio.view.stage.border_title == f"burst-{number:03d}"
+            assert f"{20 * number} µs" in line_of(studio), "its verdict"
+        assert studio.view.take_panel.plain.startswith("burst-003\nretake of burst-002\n")
+
+
+def waiting_rig() -> FakeRig:
+    rig = ready_rig(2)
+    rig.nodes = (rig.nodes[0], make_node("cam01", NodeState.ALIGNING))
+    rig.different["advice"] = "cam01 is aligning"
+    rig.is_ready = asyncio.Event()
+    return rig
+
+
+WAITING = "◔ esc cancels; waiting for the rig: cam01 is aligning"
+
+
+async def test_a_wait_for_the_rig_stays_on_the_screen_until_it_takes(tmp_path: Path) -> None:
+    rig = waiting_rig()
+    rig.take = saves_into(tmp_path, cameras=2)
+    studio = Studio(rig, tmp_path)
+    async with studio.app.run_test(size=(80, 24)) as pilot:
+        await studio.enter(pilot)
+        await pilot.press("space", "w")
+        await studio.settle(pilot)
+        for _ in range(3):
+            rig.tell()
+            await studio.settle(pilot)
+            assert line_of(studio) == WAITING
+        assert rig.is_ready is not None
+        rig.is_ready.set()
+        await studio.settle(pilot)
+        assert [take.name for take in studio.view.takes] == ["burst-001"]
+        assert "waiting" not in line_of(studio)
+
+
+async def test_a_wait_that_is_given_up_says_why_and_one_is_cancelled_by_escape(tmp_path: Path) -> None:
+    rig = waiting_rig()
+    studio = Studio(rig, tmp_path)
+    async with studio.app.run_test(size=(80, 24)) as pilot:
+        await studio.enter(pilot)
+        await pilot.press("space", "w")
+        await studio.settle(pilot)
+        assert rig.is_ready is not None
+        rig.failure = IncompleteError("not ready after 120 s: cam01 is aligning", hint="look")
+        rig.is_ready.set()
+        await studio.settle(pilot)
+        rig.tell()
+        await studio.settle(pilot)
+        assert line_of(studio) == "! no take: not ready after 120 s: cam01 is aligning"
+        rig.is_ready.clear()
+        await pilot.press("space", "w")
+        await studio.settle(pilot)
+        assert line_of(studio) == WAITING
+        await pilot.press("escape")
+        await studio.settle(pilot)
+        assert line_of(studio) == "cam01 is aligning", "the rig's advice again"
+        rig.is_ready.set()
+        await studio.settle(pilot)
+        assert studio.view.takes == ()
+
+
+async def test_a_leader_elsewhere_has_the_session(tmp_path: Path) -> None:
+    rig = ready_rig(2)
+
+    async def take(request: BurstRequest) -> str:
+        return "/home/ada/sessions/burst-001"
+
+    rig.take = take
+    studio = Studio(rig, tmp_path)
+    async with studio.app.run_test(size=(120, 40)) as pilot:
+        await studio.enter(pilot)
+        await pilot.press("space")
+        await studio.settle(pilot)
+        text = studio.view.take_panel.plain
+        assert "saved where the leader runs:\n/home/ada/sessions/burst-001\n16 of 16 images" in text
+        assert "cam01    ██████████ 8/8 ✔" in text
+        assert studio.view.stage.is_live
+
+
+async def test_an_order_that_fails_is_said(tmp_path: Path) -> None:
+    rig = ready_rig(1)
+    studio = Studio(rig, tmp_path)
+    async with studio.app.run_test(size=(80, 24), notifications=True) as pilot:
+        await studio.enter(pilot)
+        rig.failure = DiskFullError("the burst may need 90.0 MB and 1.0 MB are free", hint="make room")
+        await pilot.press("space")
+        await studio.settle(pilot)
+        await studio.settle(pilot)
+        assert "make room" in str(studio.app.screen.query_one(Toast).render())
+        await pilot.press("space")
+        await studio.settle(pilot)
+        assert len(studio.requests) == 2
+
+
+async def test_a_take_that_cannot_be_read_says_why(tmp_path: Path) -> None:
+    rig = ready_rig(1)
+
+    async def take(request: BurstRequest) -> str:
+        (tmp_path / "burst-001").mkdir()
+        (tmp_path / "burst-001" / "session.json").write_text("{}")
+        return str(tmp_path / "burst-001")
+
+    rig.take = take
+    studio = Studio(rig, tmp_path)
+    async with studio.app.run_test(size=(80, 24)) as pilot:
+        await studio.enter(pilot)
+        await pilot.press("space")
+        await studio.settle(pilot)
+        assert "✖ it cannot be looked at" in studio.view.take_panel.plain

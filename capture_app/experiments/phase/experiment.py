@@ -29,7 +29,7 @@ from capture_app.experiments.phase.trials import (
 from capture_app.simulation.devices.profiles import PROFILES, SensorProfile
 from capture_app.simulation.rig.bench import Bench
 
-TRIALS = 100
+TRIALS = 20
 TOLERANCE_NS = 20_000
 """Of injections, as in the paper."""
 WIDE_NS = 1_000_000

@@ -14,6 +14,8 @@ from textual.widgets import Button, Input, Static
 
 from capture_app.text import printable
 
+BESIDE, BUTTON_EXTRA = 56, 7
+"""Cells for answers beside each other, else one is below the other; what a button adds to its words."""
 _CSS = """
 {0} {{ align: center middle; background: $background 60%; }}
 {0} > Vertical {{
@@ -38,13 +40,13 @@ class Question(ModalScreen[str | None]):
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "leave", "Cancel", id="question.cancel"),
-        Binding("left", "app.focus_previous", "Answer before", show=False, id="question.left"),
-        Binding("right", "app.focus_next", "Answer after", show=False, id="question.right"),
+        Binding("left,up", "app.focus_previous", "Answer before", show=False, id="question.left"),
+        Binding("right,down", "app.focus_next", "Answer after", show=False, id="question.right"),
     ]
     DEFAULT_CSS = (
         _CSS.format("Question")
         + """
-    Question Horizontal { height: auto; }
+    Question #answers { height: auto; }
     Question Button { margin-right: 1; min-width: 0; padding: 0 1; }
     """
     )
@@ -56,13 +58,16 @@ class Question(ModalScreen[str | None]):
 
     def compose(self) -> ComposeResult:
         """The question above its answers."""
+        fits = sum(len(answer.label) + BUTTON_EXTRA for answer in self._answers) <= BESIDE
+        row = Horizontal if fits else Vertical
         box = Vertical(
             Static(Content(self._text), classes="question"),
-            Horizontal(
+            row(
                 *(
                     Button(Content(f"{answer.key} {answer.label}"), id=f"answer-{answer.value}", compact=True)
                     for answer in self._answers
-                )
+                ),
+                id="answers",
             ),
         )
         box.border_title = Content(self._title) if self._title else None

@@ -59,3 +59,15 @@ async def test_a_text_is_taken_only_where_nothing_is_wrong_with_it() -> None:
         await pilot.press("x", "escape")
         await pilot.pause()
         assert app.answers == [None]
+
+
+async def test_answers_too_long_to_stand_beside_each_other_are_whole_below_each_other() -> None:
+    long = tuple(Answer(str(n), str(n), f"This is an answer in many words, number {n}") for n in range(3))
+    app = AskingApp(Question("Which?", long))
+    async with app.run_test(size=(80, 24)) as pilot:
+        await pilot.pause()
+        seen = app.export_screenshot().replace("&#160;", " ")
+        assert all(f"{answer.key} {answer.label}" in seen for answer in long)
+        await pilot.press("down", "enter")
+        await pilot.pause()
+        assert app.answers == ["1"]

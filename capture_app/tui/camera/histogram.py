@@ -14,7 +14,7 @@ BARS = " ▁▂▃▄▅▆▇█"
 def histogram_rows(errors_ns: Sequence[int], tolerance_ns: int, width: int, height: int) -> list[Content]:
     """Bars of how many frames were how far off; what is within the tolerance in another colour."""
     if not errors_ns or width < 12 or height < 3:
-        return [Content.styled("No frame has been held against the grid yet.", "$foreground-muted")]
+        return [Content.styled("No frame on the grid yet.", "$foreground-muted")]
     sizes = sorted(abs(error) for error in errors_ns)
     reach = max(1.25 * tolerance_ns, sizes[int(SHOWN_SHARE * (len(sizes) - 1))], 1.0)
     bins = [0] * width

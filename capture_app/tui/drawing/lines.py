@@ -10,7 +10,7 @@ from textual.widget import Widget
 
 
 class Lines(Widget):
-    """Shows styled lines, cut at its width; as high as there are lines where its height is auto."""
+    """Shows styled lines, cut with an ellipsis at its width; as high as they are where its height is auto."""
 
     DEFAULT_CSS = "Lines { height: auto; }"
 
@@ -54,7 +54,11 @@ class Lines(Widget):
         """The line as it was drawn when it was shown."""
         if y >= len(self._strips):
             return Strip.blank(self.size.width, self.rich_style)
-        return self._strips[y].adjust_cell_length(self.size.width, self.rich_style)
+        strip, width = self._strips[y], self.size.width
+        if strip.cell_length > width > 1 and strip.text[width - 1 :].strip():
+            kept = strip.crop(0, width - 1)
+            strip = Strip([*kept, Segment("…", list(kept)[-1].style)])
+        return strip.adjust_cell_length(width, self.rich_style)
 
     def on_mount(self) -> None:
         """Draw what was shown before there was a place for it."""

@@ -118,7 +118,8 @@ def tall_rows(
         fps = NO_VALUE if node.fps is None else f"{node.fps:.3g}"
         words.append(Content.assemble("  ", f"{fps} fps  ", _exposure(node), "  ", drops))
     extra = [
-        f"  {_disk(node)} free" if node.disk_free_bytes is not None else "",
+        # Cameras of the leader's machine share its disk, whose room the header tells.
+        f"  {_disk(node)} free" if node.disk_free_bytes is not None and not node.on_leader else "",
         f"  {printable(node.camera.model)}",
     ]
     words += [Content.styled(_cut(line, room), "$foreground-muted") for line in extra if line.strip()]

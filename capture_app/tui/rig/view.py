@@ -150,7 +150,9 @@ class RigView(ModeView):
                 words += "; del takes a lost camera off the list"
         lines = textwrap.wrap(f"{sign.glyph} {printable(words)}", self.size.width - 2, subsequent_indent="  ")
         # Always as many lines, so that what is below does not jump.
-        lines = (lines + [""] * ADVICE_LINES)[:ADVICE_LINES]
+        more, lines = lines[ADVICE_LINES:], (lines + [""] * ADVICE_LINES)[:ADVICE_LINES]
+        if more:  # one line that is cut shows that there is more
+            lines[-1] += f" {more[0].strip()}"
         return [Content.styled(line, f"bold {sign.style}") for line in lines]
 
     def _choose_panel(self, status: RigStatus) -> None:
@@ -173,7 +175,9 @@ class RigView(ModeView):
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """What can be done with a list of cameras, and what while some are added."""
-        if action in ("remove", "add", "news"):
+        if action == "remove":
+            return self._cameras.has_focus
+        if action in ("add", "news"):
             return self._cameras.display
         return self._adding is not None if action == "back" else True
 

@@ -148,3 +148,19 @@ async def test_a_phase_that_comes_home_is_a_trace_into_the_band() -> None:
         above, band = lines(app, ROWS)[:3], lines(app, ROWS)[3:6]
         assert any("▁" in line or "▔" in line for line in above)
         assert any("─" in line or "▔" in line for line in band)
+
+
+async def test_only_what_concerns_the_list_is_offered_with_the_news_and_own_disks_are_told_once() -> None:
+    rig = FakeRig(1)
+    rig.nodes += (make_node("own", on_leader=True),)
+    rig.different["advice"] = "cam00: " + "this sentence goes on and on " * 9
+    app = make_app(rig)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await settle(pilot)
+        assert text(app, ROWS).count("34 GB free") == 1
+        seen = app.export_screenshot().replace("&#160;", " ")
+        assert "…" in seen, "a sentence that is cut says so"
+        assert "Remove camera" in text(app, "#footer")
+        await pilot.press("n")
+        await settle(pilot)
+        assert "Remove camera" not in text(app, "#footer")

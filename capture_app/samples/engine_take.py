@@ -41,7 +41,7 @@ def take_synchronized(recipe: Recipe, sources: Mapping[str, PictureSource]) -> T
     rig = VirtualRig(specs, seed=recipe.seed)
     log = _Log(rig)
     ready = rig.run_until(
-        lambda: log.follow() or (len(rig.nodes) == len(specs) and rig.all_ready()), limit_ns=_READY_WITHIN_NS
+        lambda: log.follow() or (len(rig.nodes) == len(specs) and rig.all_usable()), limit_ns=_READY_WITHIN_NS
     )
     if not ready:
         raise IncompleteError(f"the rig of {recipe.name} was not ready after {_READY_WITHIN_NS / 1e9:g} s")

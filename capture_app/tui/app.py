@@ -68,7 +68,7 @@ class SimulshotApp(App[None]):
             for number, (mode, title) in enumerate(MODES.items(), 1)
         ),
         Binding("question_mark", "help", "Help", id="app.help", key_display="?"),
-        Binding("q", "quit", "Quit", id="app.quit"),
+        Binding("q", "quit", "Quit", id="app.quit", tooltip="asks where something would end"),
     ]
 
     def __init__(

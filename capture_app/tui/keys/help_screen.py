@@ -9,12 +9,13 @@ from textual.containers import Vertical, VerticalScroll
 from textual.content import Content
 from textual.message import Message
 from textual.screen import ModalScreen
+from textual.widgets import Static
 
 from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.settings import KEYS_FILE
 
 EVERYWHERE = "app"
-KEY_WIDTH, NAME_WIDTH = 16, 34
+KEY_WIDTH, NAME_WIDTH = 16, 22
 
 
 class HelpScreen(ModalScreen[None]):
@@ -31,7 +32,7 @@ class HelpScreen(ModalScreen[None]):
         background: $panel; border: round $primary; border-title-color: $primary; border-title-style: bold;
     }
     HelpScreen VerticalScroll { height: auto; scrollbar-size-vertical: 1; }
-    HelpScreen #help-foot { height: auto; dock: bottom; padding: 1 0 0 0; }
+    HelpScreen #help-foot { height: auto; dock: bottom; padding: 1 0 0 0; color: $foreground-muted; }
     HelpScreen #help-keys { margin-bottom: 3; }
     """
 
@@ -50,18 +51,17 @@ class HelpScreen(ModalScreen[None]):
 
     def compose(self) -> ComposeResult:
         """The keys, and how to change them."""
-        box = Vertical(VerticalScroll(Lines(id="help-keys")), Lines(id="help-foot"))
+        box = Vertical(VerticalScroll(Lines(id="help-keys")), Static(id="help-foot"))
         box.border_title = "keys"
         yield box
 
     def on_mount(self) -> None:
         """Fill it."""
         self.query_one("#help-keys", Lines).show(self._rows())
-        words = ["tab and shift+tab go around, ctrl+p finds an action by a few letters."]
+        words = ["esc closes; tab goes around; ctrl+p finds an action by a few letters."]
         if self._folder:
-            words.append(f"w writes {KEYS_FILE} to {self._folder}: there keys are changed.")
-        foot = [Content.styled(line, "$foreground-muted") for line in words]
-        self.query_one("#help-foot", Lines).show(foot)
+            words.append(f"w writes {KEYS_FILE} to {self._folder}: keys are changed there.")
+        self.query_one("#help-foot", Static).update(Content("\n".join(words)))
 
     def action_leave(self) -> None:
         """Go back."""
@@ -85,7 +85,7 @@ class HelpScreen(ModalScreen[None]):
             row = Content.assemble(
                 (f"{keys:<{KEY_WIDTH}} ", "bold $primary"),
                 f"{found[0].description:<{NAME_WIDTH}}",
-                (name, "$foreground-muted"),
+                (found[0].tooltip, "$foreground-muted"),
             )
             rooms.setdefault(name.partition(".")[0], []).append(row)
         rows: list[Content] = []

@@ -38,17 +38,17 @@ class SessionsView(ModeView):
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("enter", "look", "Look", id="sessions.look"),
-        Binding("c", "compare", "Compare", id="sessions.compare"),
-        Binding("o", "results", "Results", id="sessions.results"),
+        Binding("c", "compare", "Compare", id="sessions.compare", tooltip="synchronized against offset"),
+        Binding("o", "results", "Results", id="sessions.results", tooltip="figures of its last job"),
         Binding("e", "export", "Export", id="sessions.export"),
-        Binding("a", "analyse", "Analyse", id="sessions.analyse"),
+        Binding("a", "analyse", "Analyse", id="sessions.analyse", tooltip="depth, panorama, many views"),
         Binding("r", "rename", "Rename", id="sessions.rename"),
         Binding("n", "note", "Note", id="sessions.note"),
         Binding("d,delete", "trash", "Trash", id="sessions.trash"),
         Binding("u", "undo", "Undo", id="sessions.undo"),
         Binding("s", "sort", "Sort", id="sessions.sort"),
         Binding("slash", "filter", "Find", id="sessions.filter", key_display="/"),
-        Binding("v", "verify", "Verify", id="sessions.verify"),
+        Binding("v", "verify", "Verify", id="sessions.verify", tooltip="whether all files are whole"),
         Binding("escape", "show_all", "Show all", id="sessions.show-all", key_display="esc"),
     ]
 

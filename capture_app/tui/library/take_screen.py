@@ -21,8 +21,10 @@ class TakeScreen(Screen[None]):
     """Shows a session; Escape closes it."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("b", "look('CAMERAS')", "Blink cameras", id="take.blink"),
-        Binding("w", "look('WIGGLE')", "Wiggle", id="take.wiggle"),
+        Binding(
+            "b", "look('CAMERAS')", "Blink cameras", id="take.blink", tooltip="one camera after the other"
+        ),
+        Binding("w", "look('WIGGLE')", "Wiggle", id="take.wiggle", tooltip="to and fro between cameras"),
         Binding("escape,backspace", "close", "Back", id="take.back", key_display="esc"),
     ]
     DEFAULT_CSS = """

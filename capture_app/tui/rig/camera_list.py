@@ -40,7 +40,7 @@ class CameraList(Vertical, can_focus=True):
         Binding("pagedown", "move(5)", "Five cameras down", show=False, id="rig.page-down"),
         Binding("home", "move(-9999)", "First camera", show=False, id="rig.first"),
         Binding("end", "move(9999)", "Last camera", show=False, id="rig.last"),
-        Binding("enter", "open", "Look closely", id="rig.open"),
+        Binding("enter", "open", "Look closely", id="rig.open", tooltip="its clock, phase and picture"),
     ]
 
     class Opened(Message):

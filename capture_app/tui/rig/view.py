@@ -42,9 +42,11 @@ class RigView(ModeView):
     """Every camera, whether the rig is ready, and what happened."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("delete,d", "remove", "Remove camera", id="rig.remove"),
-        Binding("a", "add", "Add cameras", id="rig.add"),
-        Binding("n", "news", "News", id="rig.news"),
+        Binding(
+            "delete,d", "remove", "Remove camera", id="rig.remove", tooltip="end it, or forget a lost one"
+        ),
+        Binding("a", "add", "Add cameras", id="rig.add", tooltip="start or invite more"),
+        Binding("n", "news", "News", id="rig.news", tooltip="scroll in what happened"),
         Binding("escape", "back", "Back", id="rig.back"),
     ]
 

@@ -42,9 +42,9 @@ class ShootView(ModeView):
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space", "take", "Take", id="shoot.take"),
-        Binding("r", "retake", "Retake", id="shoot.retake"),
-        Binding("v", "switch", "Live/sheet", id="shoot.switch"),
-        Binding("w", "wiggle", "Wiggle", id="shoot.wiggle"),
+        Binding("r", "retake", "Retake", id="shoot.retake", tooltip="the newest take once more"),
+        Binding("v", "switch", "Live/sheet", id="shoot.switch", tooltip="live pictures or contact sheet"),
+        Binding("w", "wiggle", "Wiggle", id="shoot.wiggle", tooltip="to and fro between cameras"),
         Binding("n", "edit('name')", "Name", id="shoot.name"),
         Binding("t", "edit('notes')", "Notes", id="shoot.note"),
         Binding("left_square_bracket", "frames(-1,0)", "Fewer before", id="shoot.before-less", show=False),

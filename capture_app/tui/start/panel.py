@@ -15,6 +15,7 @@ from textual.widgets import OptionList
 from textual.widgets.option_list import Option
 
 from capture_app.errors import SimulshotError
+from capture_app.net.address import DEFAULT_PORT
 from capture_app.text import count, printable
 from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.messages import Mishap, SessionsRequested
@@ -56,14 +57,21 @@ class StartPanel(Vertical):
     """Offers cameras found here, other machines, a simulated rig, and sessions; remembers what was chosen."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("i", "invite", "Invite", id="start.invite"),
-        Binding("s", "simulate", "Simulate", id="start.simulate"),
-        Binding("plus,equals_sign,right", "more(1)", "More cameras", key_display="+", id="start.more"),
-        Binding("minus,left", "more(-1)", "Fewer", key_display="-", id="start.fewer"),
-        Binding("t", "scene", "Scene", id="start.scene"),
-        Binding("o", "sessions", "Sessions", show=False, id="start.sessions"),
-        Binding("b", "samples", "Samples", show=False, id="start.samples"),
-        Binding("r", "rescan", "Look again", id="start.rescan"),
+        Binding("i", "invite", "Invite", id="start.invite", tooltip="how other machines join"),
+        Binding("s", "simulate", "Simulate", id="start.simulate", tooltip="start cameras of a scene"),
+        Binding(
+            "plus,equals_sign,right",
+            "more(1)",
+            "More cameras",
+            key_display="+",
+            id="start.more",
+            tooltip="to simulate",
+        ),
+        Binding("minus,left", "more(-1)", "Fewer", key_display="-", id="start.fewer", tooltip="to simulate"),
+        Binding("t", "scene", "Scene", id="start.scene", tooltip="what simulated cameras see"),
+        Binding("o", "sessions", "Sessions", id="start.sessions", tooltip="takes that are on disk"),
+        Binding("b", "samples", "Samples", show=False, id="start.samples", tooltip="takes that came with it"),
+        Binding("r", "rescan", "Look again", id="start.rescan", tooltip="for cameras of this machine"),
     ]
 
     def __init__(self, source: RigSource, settings: Settings, sessions: Path, *, local: bool) -> None:
@@ -159,9 +167,12 @@ class StartPanel(Vertical):
         self._code.show(qr_lines(line) if self._code.display else [])
         self._title.show([Content.styled("What shall take pictures?", "bold $primary")])
         self._meaning.show([Content.styled(self._busy, "$warning")] if self._busy else self._meanings())
+        join = "To join from another machine, type there:"
+        if self._leader and not self._leader.endswith(f":{DEFAULT_PORT}"):
+            join = f"This rig's port is not the usual {DEFAULT_PORT}. {join}"
         self._line.show(
             [
-                Content.styled("To join from another machine, type there:", "$foreground-muted"),
+                Content.styled(join, "$foreground-muted"),
                 Content.styled(f"  {line}", "bold $secondary"),
             ]
         )

@@ -41,10 +41,10 @@ class CameraScreen(Screen[str]):
         Binding("escape", "close", "Back", id="finder.back"),
         Binding("left,up", "move(-1)", "Camera before", id="finder.before", show=False),
         Binding("right,down", "move(1)", "Next camera", id="finder.after"),
-        Binding("f", "aid('focus')", "Focus peaking", id="finder.focus"),
-        Binding("z", "aid('zebra')", "Zebra", id="finder.zebra"),
+        Binding("f", "aid('focus')", "Focus peaking", id="finder.focus", tooltip="marks what is sharp"),
+        Binding("z", "aid('zebra')", "Zebra", id="finder.zebra", tooltip="marks what is too bright"),
         Binding("m", "meters", "Meters", id="finder.meters"),
-        Binding("b", "blink", "Blink with next", id="finder.blink"),
+        Binding("b", "blink", "Blink with next", id="finder.blink", tooltip="this camera and the next"),
     ]
     DEFAULT_CSS = """
     CameraScreen { background: $background; }

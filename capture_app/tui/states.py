@@ -1,8 +1,9 @@
-"""The state of a camera and of a rig as a word, a glyph and a colour: never by colour alone."""
+"""The state of a camera or a rig, or the grade of a take: a word, a glyph, a colour; never colour alone."""
 
 from dataclasses import dataclass
 
 from capture_app.node.wire.status import LOST_IS_NEWS_NS, NodeStatus, RigStatus
+from capture_app.session.reading.verdict import Grade
 from capture_app.sync.wire.messages import WITHOUT_CAMERA, NodeState
 
 
@@ -29,6 +30,14 @@ SIGNS = {
     NodeState.LOST: Sign("◌", "lost", "$foreground-muted"),
     NodeState.FAILED: Sign("✖", "failed", "$error"),
 }
+GRADES = {
+    Grade.EXCELLENT: Sign("●", "excellent", "$success"),
+    Grade.GOOD: Sign("◕", "good", "$success"),
+    Grade.FAIR: Sign("◑", "fair", "$warning"),
+    Grade.POOR: Sign("○", "poor", "$error"),
+    Grade.UNKNOWN: Sign("–", "not measured", "$foreground-muted"),
+}
+"""How good a take is, in every mode; `GRADE_LIMITS` says what the words mean."""
 NO_LEADER = Sign("✖", "leader lost", "$error")
 WAITING = Sign("○", "connecting", "$foreground-muted")
 MISSING = "!"

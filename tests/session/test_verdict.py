@@ -5,7 +5,7 @@ from msgspec.structs import replace
 
 from capture_app.session.format.manifest import BurstRecord, ImageRecord, Manifest, MissingImage
 from capture_app.session.reading.synchronization import sync_record
-from capture_app.session.reading.verdict import Grade, describe_displacement, judge
+from capture_app.session.reading.verdict import GRADE_LIMITS, Grade, describe_displacement, grade_of, judge
 
 from .conftest import camera_record
 
@@ -58,10 +58,23 @@ def test_what_is_missing_is_said() -> None:
     assert "all 4 images there" in whole.headline
 
 
+def test_the_grades_are_explained_by_the_limits_that_hold() -> None:
+    limits = (100 * US, 1 * MS, 10 * MS)
+    assert GRADE_LIMITS == (
+        "spread and error together: excellent below 100 µs, good below 1.0 ms, fair below 10 ms"
+    )
+    graded = [(grade_of(limit - 1 - US, US)[0], grade_of(limit, US)[0]) for limit in limits]
+    assert graded == [
+        (Grade.EXCELLENT, Grade.GOOD),
+        (Grade.GOOD, Grade.FAIR),
+        (Grade.FAIR, Grade.POOR),
+    ]
+
+
 def test_what_cannot_be_judged_is_unknown() -> None:
     unsure = judge(take(image("left", 0, 0, None), image("right", 0, 63 * US)))
     assert unsure.grade is Grade.UNKNOWN
-    assert "63 µs apart by the recorded times, whose error is not known" in unsure.headline
+    assert "not measured: 63 µs apart by the recorded times, whose error is not known" in unsure.headline
     assert unsure.spread == "63 µs"
     alone = judge(take(image("left", 0, 0), image("right", 1, 0)))
     assert alone.grade is Grade.UNKNOWN

@@ -27,6 +27,10 @@ class Grade(StrEnum):
 
 
 _LIMITS_PX = ((0.1, Grade.EXCELLENT), (1.0, Grade.GOOD), (10.0, Grade.FAIR))
+GRADE_LIMITS = "spread and error together: " + ", ".join(
+    f"{grade} below {duration(limit / PX_PER_S * 1e9)}" for limit, grade in _LIMITS_PX
+)
+"""What the words mean, as times."""
 
 
 class Verdict(Struct, frozen=True, kw_only=True):
@@ -125,7 +129,7 @@ def _purpose(grade: Grade, motion: float | None, spread_ns: int | None) -> str:
         return (
             "nothing to compare: no two images of one instant"
             if spread_ns is None
-            else f"{duration(spread_ns)} apart by the recorded times, whose error is not known"
+            else f"not measured: {duration(spread_ns)} apart by the recorded times, whose error is not known"
         )
     speed = float(f"{motion:.2g}")
     return f"{grade}: within a pixel for motion up to {speed:,.0f} px/s"

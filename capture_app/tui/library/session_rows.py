@@ -11,7 +11,7 @@ from textual.strip import Strip
 
 from capture_app.session.library.listing import SessionCard, SessionState
 from capture_app.session.library.thumbnails import ThumbnailCache
-from capture_app.session.reading.verdict import Grade, grade_of
+from capture_app.session.reading.verdict import grade_of
 from capture_app.text import count, duration, printable
 from capture_app.tui.drawing.row_list import RowList
 from capture_app.tui.jobs.job import Job
@@ -26,18 +26,11 @@ from capture_app.tui.pictures.cells import (
     resample,
     strip_of,
 )
-from capture_app.tui.states import Sign
+from capture_app.tui.states import GRADES, Sign
 
 ROWS = 3
 THUMB = 8
 """Columns of the small picture."""
-GRADES = {
-    Grade.EXCELLENT: Sign("●", "excellent", "$success"),
-    Grade.GOOD: Sign("●", "good", "$success"),
-    Grade.FAIR: Sign("◑", "fair", "$warning"),
-    Grade.POOR: Sign("○", "poor", "$error"),
-    Grade.UNKNOWN: Sign("–", "", "$foreground-muted"),
-}
 STATES = {
     SessionState.WRITING: Sign("◔", "being saved", "$warning"),
     SessionState.INTERRUPTED: Sign("✖", "interrupted", "$error"),

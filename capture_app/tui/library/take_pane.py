@@ -10,8 +10,9 @@ from capture_app.session.reading.verdict import judge
 from capture_app.text import printable
 from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.library.catalogue import Entry
-from capture_app.tui.library.session_rows import GRADES, STATES
+from capture_app.tui.library.session_rows import STATES
 from capture_app.tui.sheets.contact_sheet import ContactSheet
+from capture_app.tui.states import GRADES
 
 LOW = 30
 """Below this height pictures need the room more than words."""

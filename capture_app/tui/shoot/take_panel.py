@@ -8,19 +8,12 @@ from textual.content import Content
 from textual.widgets import Static
 
 from capture_app.node.wire.status import CameraTransfer
-from capture_app.session.reading.verdict import Grade
+from capture_app.session.reading.verdict import GRADE_LIMITS
 from capture_app.text import printable
 from capture_app.tui.shoot.status_line import progress_words
 from capture_app.tui.shoot.take import Take
+from capture_app.tui.states import GRADES
 
-SIGNS = {
-    Grade.EXCELLENT: ("◆", "$success"),
-    Grade.GOOD: ("●", "$success"),
-    Grade.FAIR: ("◐", "$warning"),
-    Grade.POOR: ("✖", "$error"),
-    Grade.UNKNOWN: ("○", "$foreground-muted"),
-}
-"""Glyph and style of each grade; its word stands beside it."""
 EARLIER = 8
 BAR = 10
 WIDE = 34
@@ -67,12 +60,12 @@ def verdict_line(take: Take) -> Content:
     """The verdict of a judged take in one line."""
     assert take.judged is not None
     verdict = take.judged.verdict
-    glyph, style = SIGNS[verdict.grade]
+    sign = GRADES[verdict.grade]
     return Content.assemble(
-        (f"{glyph} ", style),
+        (f"{sign.glyph} ", sign.style),
         (verdict.spread, "bold"),
         (" · ", "$foreground-muted"),
-        (verdict.headline, style),
+        (verdict.headline, sign.style),
     )
 
 
@@ -100,11 +93,12 @@ def _in_full(take: Take, now_s: float, *, wide: bool) -> list[Content]:
         return [*lines, Content.styled("in the trash", "$foreground-muted")]
     if take.judged is not None:
         verdict = take.judged.verdict
-        glyph, style = SIGNS[verdict.grade]
-        lines.append(Content.styled(f"{glyph} {verdict.headline}", style))
+        sign = GRADES[verdict.grade]
+        lines.append(Content.styled(f"{sign.glyph} {verdict.headline}", sign.style))
         lines.append(Content.assemble(("spread ", "$foreground-muted"), (verdict.spread, "bold")))
         if wide:
             lines.append(Content.styled(verdict.sentence, "$foreground-muted"))
+            lines.append(Content.styled(GRADE_LIMITS, "$foreground-muted"))
     elif take.problem:
         lines.append(Content.styled(f"✖ {printable(take.problem)}", "$error"))
     elif not status.done:
@@ -135,5 +129,5 @@ def _in_short(take: Take, now_s: float) -> Content:
             state = "saved" if status.session else "no session"
         return Content.assemble(name, (state, "$foreground-muted"))
     verdict = take.judged.verdict
-    glyph, style = SIGNS[verdict.grade]
-    return Content.assemble(name, (f"{glyph} {verdict.grade} ", style), verdict.spread)
+    sign = GRADES[verdict.grade]
+    return Content.assemble(name, (f"{sign} ", sign.style), verdict.spread)

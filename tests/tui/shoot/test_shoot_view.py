@@ -34,7 +34,7 @@ async def test_space_takes_as_planned_and_the_sheet_is_there_at_once(tmp_path: P
         assert sheet.cursor == (0, 4), "the instant of the key"
         text = studio.view.take_panel.plain
         assert (
-            "burst-001\n◆ excellent: within a pixel for motion up to 26,000 px/s; all 33 images there" in text
+            "burst-001\n● excellent: within a pixel for motion up to 26,000 px/s; all 33 images there" in text
         )
         assert "spread 20 µs ±18 µs" in text
 
@@ -105,7 +105,7 @@ async def test_a_sequence_takes_one_after_the_other(tmp_path: Path) -> None:
         text = studio.view.take_panel.plain
         assert text.startswith("burst-003")
         earlier = [line for line in text.splitlines() if line.startswith("burst-00")][1:]
-        assert earlier == ["burst-002  ◆ excellent 40 µs ±18 µs", "burst-001  ◆ excellent 20 µs ±18 µs"]
+        assert earlier == ["burst-002  ● excellent 40 µs ±18 µs", "burst-001  ● excellent 20 µs ±18 µs"]
         assert [one.name for one in list_sessions(tmp_path)] == ["burst-001", "burst-002", "burst-003"]
 
 
@@ -185,7 +185,7 @@ async def test_a_take_from_before_is_shown_but_not_over_what_is_live(tmp_path: P
     studio = Studio(rig, tmp_path)
     async with studio.app.run_test(size=(120, 40)) as pilot:
         await studio.enter(pilot)
-        assert studio.view.take_panel.plain.startswith("before-001\n◆ excellent")
+        assert studio.view.take_panel.plain.startswith("before-001\n● excellent")
         assert studio.view.stage.is_live
         await pilot.press("v")
         assert studio.view.stage.is_sheet

@@ -35,6 +35,10 @@ class Answer:
     label: str
 
 
+CANCEL = Answer("", "esc", "Cancel")
+"""The answer None, to be clicked where Escape is not thought of."""
+
+
 class Question(ModalScreen[str | None]):
     """Asks and gives the value of the answer; None where it was closed by Escape."""
 
@@ -83,7 +87,7 @@ class Question(ModalScreen[str | None]):
 
     def on_button_pressed(self, event: Button.Pressed) -> None:
         """Give the answer that was clicked."""
-        self.dismiss((event.button.id or "").removeprefix("answer-"))
+        self.dismiss((event.button.id or "").removeprefix("answer-") or None)
 
     def action_leave(self) -> None:
         """Give no answer."""

@@ -1,20 +1,33 @@
 """What is asked before a take: whether to wait for cameras that still sync, and whether to keep the last."""
 
+from textual.content import Content
+from textual.widgets import Static
+
 from capture_app.node.wire.status import NodeStatus, RigStatus
 from capture_app.sync.wire.messages import NodeState
-from capture_app.text import count, duration
-from capture_app.tui.question import Answer, Question
+from capture_app.text import count, duration, printable
+from capture_app.tui.messages import StatusChanged
+from capture_app.tui.question import CANCEL, Answer, Question
 from capture_app.tui.shoot.take import JudgedTake
 from capture_app.tui.states import cameras_of
 
-ANYWAY = (Answer("wait", "w", "Wait until ready, then take"), Answer("take", "t", "Take now"))
-AGAIN = (Answer("keep", "k", "Keep it, take again"), Answer("trash", "t", "Trash it, take again"))
+ANYWAY = (Answer("wait", "w", "Wait, then take"), Answer("take", "t", "Take now"), CANCEL)
+AGAIN = (Answer("keep", "k", "Keep, take again"), Answer("trash", "t", "Trash, take again"), CANCEL)
+
+
+class NotReadyQuestion(Question):
+    """Says what keeps the cameras from being ready, as it is now."""
+
+    def on_status_changed(self, message: StatusChanged) -> None:
+        """Say it anew."""
+        text = doubts_about(message.status) or "All cameras are ready now."
+        self.query_one(".question", Static).update(Content(printable(text)))
 
 
 def not_ready_question(status: RigStatus | None) -> Question | None:
     """Ask whether to `wait` until the rig is ready, or to `take` all the same; None where it is."""
     doubts = "" if status is None else doubts_about(status)
-    return Question(doubts, ANYWAY, title="Not ready") if doubts else None
+    return NotReadyQuestion(doubts, ANYWAY, title="Not ready") if doubts else None
 
 
 def again_question(take: JudgedTake) -> Question:
@@ -36,8 +49,6 @@ def doubts_about(status: RigStatus) -> str:
     lines += [_doubt(node, status.period_ns) for node in here[:6]]
     if len(here) > 6:
         lines.append(f"and {count(len(here) - 6, 'more camera')}")
-    if status.advice:
-        lines.append(f"\n{status.advice}")
     return "\n".join(lines)
 
 

@@ -36,6 +36,15 @@ async def test_while_cameras_sync_it_asks_first(tmp_path: Path) -> None:
         assert "1 of 3 cameras are ready." in text
         assert "cam01 is aligning: its pictures will be about 7.3 ms off." in text
         assert "cam02 is syncing (3 of 8 samples): its pictures will be missing or at an unsure time." in text
+        rig.change("cam01", state=NodeState.READY)
+        await studio.settle(pilot)
+        text = str(studio.app.screen.query_one(".question", Static).content)
+        assert text.startswith("2 of 3 cameras are ready.\ncam02"), "the text is that of now"
+        await pilot.click("#answer-")
+        await studio.settle(pilot)
+        assert not isinstance(studio.app.screen, Question)
+        await pilot.press("space")
+        await pilot.pause()
         await pilot.press("escape")
         await studio.settle(pilot)
         assert studio.requests == []

@@ -23,7 +23,8 @@ from capture_app.tui.settings import Settings
 from capture_app.tui.shoot.take import Take
 from capture_app.tui.shoot.view import ShootView
 
-PATIENCE_S = 120.0
+PATIENCE_S = 400.0
+"""Of each wait, which ends as soon as what it waits for is there: a slow machine may take its time."""
 BEFORE, FRAMES = 3, 5
 
 

@@ -1,7 +1,6 @@
 """The contact sheet of a take: cameras across, instants down, as large as the room allows."""
 
 import asyncio
-from collections.abc import Iterator
 from typing import ClassVar
 
 from rich.segment import Segment
@@ -24,11 +23,7 @@ from capture_app.tui.pictures.cells import (
     resample,
     strip_of,
 )
-
-GUTTER = 9
-"""Columns for the time of an instant."""
-LEAST, MOST = 10, 60
-"""Columns of a picture."""
+from capture_app.tui.sheets.sheet_layout import GUTTER, places_in_sight, region_of, thumb_size_of
 
 
 class ContactSheet(ScrollView, can_focus=True):
@@ -97,12 +92,7 @@ class ContactSheet(ScrollView, can_focus=True):
         """Columns and rows of a picture."""
         if self.sheet is None:
             return Size(0, 0)
-        room = (self.size.width - GUTTER) // max(1, len(self.sheet.cameras)) - 1
-        # Where there are few instants, large pictures must leave room for another row.
-        high = int((self.size.height - 1) * 2 / max(2, min(self.sheet.instants, 3)) / self.sheet.aspect)
-        width = round(min(max(min(room, high, MOST), LEAST) * self._zoom, 4 * MOST, self.size.width - GUTTER))
-        rows = max(2, round(width * self.sheet.aspect / 2))
-        return Size(max(4, min(width, round(2 * rows / self.sheet.aspect))), rows)
+        return thumb_size_of(self.sheet, self.size, self._zoom)
 
     def go_to(self, camera: str, instant: int) -> None:
         """Put the cursor on a picture."""
@@ -269,26 +259,13 @@ class ContactSheet(ScrollView, can_focus=True):
 
     def _region(self, x: int, y: int) -> Region:
         """A picture's region in the whole sheet."""
-        size = self.thumb_size
-        return Region(GUTTER + x * (size.width + 1), 1 + y * (size.height + 1), size.width, size.height)
+        return region_of(x, y, self.thumb_size)
 
     def _refresh_region(self, region: Region, *, scrolls_sideways: bool = True) -> None:
         left = self.scroll_offset.x if scrolls_sideways else 0
         seen = region.translate((-left, -self.scroll_offset.y)).intersection(self.size.region)
         if seen:
             self.refresh(seen)
-
-    def _visible(self) -> Iterator[tuple[int, int]]:
-        assert self.sheet is not None
-        size = self.thumb_size
-        left, top = self.scroll_offset
-        for y in range(top // (size.height + 1), self.sheet.instants):
-            if y * (size.height + 1) - top >= self.size.height:
-                break
-            for x in range(left // (size.width + 1), len(self.sheet.cameras)):
-                if x * (size.width + 1) - left >= self.size.width - GUTTER:
-                    break
-                yield x, y
 
     def _load_visible(self) -> None:
         if self.sheet is not None and self.is_mounted and self.size.width > GUTTER and self.size.height > 1:
@@ -299,8 +276,10 @@ class ContactSheet(ScrollView, can_focus=True):
         """Draw the pictures in sight that are not drawn yet, one after the other, in a thread."""
         sheet, size = self.sheet, self.thumb_size
         palette, light = palette_of(self.app), not self.app.current_theme.dark
-        for x, y in list(self._visible()):
-            if sheet is None or sheet is not self.sheet or size != self.thumb_size:
+        if sheet is None:
+            return
+        for x, y in list(places_in_sight(sheet, size, self.scroll_offset, self.size)):
+            if sheet is not self.sheet or size != self.thumb_size:
                 return
             if (x, y) not in self._thumbs:
                 drawn = await asyncio.to_thread(_draw, sheet, sheet.cameras[x], y, size, palette, light)

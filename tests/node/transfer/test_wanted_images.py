@@ -15,7 +15,7 @@ from capture_app.node.wire.messages import (
     ToLeader,
 )
 from capture_app.session.format.manifest import MissingImage
-from tests.node.test_uploader import Picture, burst_upload, images, until, uploading
+from tests.node.transfer.test_uploader import Picture, burst_upload, images, until, uploading
 
 
 def pictures(count: int) -> list[Picture]:

@@ -10,6 +10,8 @@ from capture_app.text import ProgressStep
 from capture_app.tui.jobs.kinds import JobKind
 
 LOG_LINES = 500
+MEASURED_SHARE = 1 / 3
+"""From this share of a job's steps on its pace tells how long the others take."""
 
 
 class JobState(StrEnum):
@@ -68,6 +70,15 @@ class Job:
         return path if path.is_file() else None
 
     @property
+    def report(self) -> Path | None:
+        """The report that comes with the result, if any."""
+        result = self.result
+        if result is None or not self.kind.report:
+            return None
+        path = result.with_name(self.kind.report)
+        return path if path.is_file() else None
+
+    @property
     def share(self) -> float | None:
         """How much of it is done, 0 to 1, by its steps; None where that is not known."""
         if self.state is JobState.DONE:
@@ -86,8 +97,9 @@ class Job:
 
     @property
     def seconds_left(self) -> float | None:
-        """How long it will take yet, were all its steps alike; None before there is a ground for that."""
+        """How long it will take yet, were all its steps alike; None before a third of them is done."""
         share = self.share
-        if share is None or share < 0.05 or self.state.is_over:
+        # The first steps are the shortest ones: by them alone a quarter of an hour looks like seconds.
+        if share is None or share < MEASURED_SHARE or self.state.is_over:
             return None
         return self.seconds * (1 - share) / share

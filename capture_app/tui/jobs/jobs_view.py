@@ -26,7 +26,7 @@ from capture_app.tui.mode import ModeView
 
 EMPTY = (
     "No job yet.",
-    "In Sessions (key 3), c compares a take, e exports it, and j offers all that can be done with it.",
+    "In Sessions (key 3), c compares a take, e exports it, and a offers all that can be done with it.",
 )
 
 
@@ -147,6 +147,7 @@ class JobsView(ModeView):
             (self._tick.resume if unfinished else self._tick.pause)()
         if changed is None or changed is self.chosen:
             self._log.show(self.chosen)
+        self.refresh_bindings()
 
     def _show_time(self) -> None:
         """The time that is left goes on between a job's lines."""
@@ -175,7 +176,7 @@ class JobsView(ModeView):
         over = job is not None and job.state.is_over
         return {
             "open": job is not None and job.result is not None,
-            "report": job is not None and job.result is not None,
+            "report": job is not None and job.report is not None,
             "cancel": job is not None and not over,
             "retry": over,
             "forget": over,
@@ -187,13 +188,10 @@ class JobsView(ModeView):
         if self.chosen is not None and self.chosen.result is not None:
             await show_result(self, self.chosen)
 
-    @work
-    async def action_report(self) -> None:
+    def action_report(self) -> None:
         """Open the chosen job's report in the browser."""
         if self.chosen is not None:
-            result = await load_result(self, self.chosen)
-            if result is not None:
-                open_report(self, result.report)
+            open_report(self, self.chosen.report)
 
     @work
     async def action_cancel(self) -> None:

@@ -28,6 +28,8 @@ class JobKind:
     """It writes a folder, which it is given by --out."""
     result: str = ""
     """The file of its folder that holds its figures; empty where there is nothing to look at."""
+    report: str = ""
+    """The file of its folder that a browser shows; empty where it writes none."""
     fixed: tuple[str, ...] = field(default=())
 
     def arguments(self, session: Path, out: Path | None, options: str) -> tuple[str, ...]:
@@ -51,16 +53,17 @@ class JobKind:
 COMPARE = JobKind(
     "compare",
     "Compare",
-    "what synchronization is worth here: depth, panorama and poses, synchronized and offset",
+    "what synchronization is worth in this take",
     RECONSTRUCT,
     ("compare",),
     "--max-multiview-instants 3 --multiview-width 320",
     result="metrics.json",
+    report="report.html",
 )
 MULTIVIEW = JobKind(
     "multiview",
     "Depth from all cameras",
-    "a depth map of each camera and a point cloud, of one instant",
+    "depth maps and a point cloud of one instant",
     RECONSTRUCT,
     ("multiview",),
     "--instant 0 --no-mesh",
@@ -69,7 +72,7 @@ MULTIVIEW = JobKind(
 STITCH = JobKind(
     "stitch",
     "Panorama",
-    "one wide picture of an instant, and the same with every second camera late",
+    "one wide picture, of one instant and late",
     RECONSTRUCT,
     ("stitch",),
     "--instant 0 --offset-ms 66",
@@ -78,16 +81,17 @@ STITCH = JobKind(
 DOSE = JobKind(
     "dose",
     "Tolerable delay",
-    "how late one camera may be before the motion spoils the depth",
+    "how late a camera may be for good depth",
     RECONSTRUCT,
     ("dose",),
     "--max-instants 4",
     result="metrics.json",
+    report="report.html",
 )
 VERIFY = JobKind(
     "verify",
     "Verify",
-    "whether every file and every number of it is as it was saved",
+    "whether every file is as it was saved",
     CAPTURE,
     ("sessions", "verify"),
     writes=False,
@@ -95,7 +99,7 @@ VERIFY = JobKind(
 REPAIR = JobKind(
     "repair",
     "Repair",
-    "finish an interrupted session with the images that are there",
+    "finish it with the images that are there",
     CAPTURE,
     ("sessions", "repair"),
     "--wait-s 0",

@@ -193,9 +193,12 @@ class ResultScreen(Screen[None]):
         sharp = source if self._blinking is None else None
         self._picture.show(source, f"{path.name} is gone: run the job again", sharp=sharp)
         here, there = ("● ", "○ ") if not self._offset else ("○ ", "● ")
-        sides = [_side(here + picture.synced_words, not self._offset, "$success")]
+        sides = []
         if picture.offset is not None:
-            sides.append(_side(there + picture.offset_words, self._offset, "$error"))
+            sides = [
+                _side(here + picture.synced_words, not self._offset, "$success"),
+                _side(there + picture.offset_words, self._offset, "$error"),
+            ]
         place = f"{self._at + 1}/{len(self._result.pictures)}  {printable(picture.title)}"
         line = Content("  ").join(sides)
         gap = self._sides.scrollable_content_region.width - line.cell_length - len(place)
@@ -217,7 +220,7 @@ class ResultScreen(Screen[None]):
 def open_report(widget: Widget, report: Path | None) -> None:
     """Open a report in the browser; over ssh, where there is none, say where it lies."""
     if report is None or not report.is_file():
-        error = BadInputError("this job has no report", hint="Compare and Tolerable delay write one")
+        error = BadInputError("the report is gone", hint="run the job again")
         widget.post_message(Mishap(error))
         return
     path = report.resolve()

@@ -185,6 +185,9 @@ def test_each_kind_has_a_line_that_one_could_type(session: Session, tmp_path: Pa
 def test_time_left_is_reckoned_from_the_steps(tmp_path: Path) -> None:
     job = Job(COMPARE, tmp_path, None, "", 1, state=JobState.RUNNING, seconds=30.0)
     assert job.seconds_left is None
+    job.step = ProgressStep(3, 9, "stereo")
+    assert job.share == pytest.approx(2 / 9)
+    assert job.seconds_left is None, "the first steps are short and tell nothing of the others"
     job.step = ProgressStep(4, 9, "stereo")
     assert job.seconds_left == pytest.approx(60.0)
     job.step = ProgressStep(5, 0, "odd")

@@ -10,6 +10,8 @@ from typing import Any
 import pytest
 
 from capture_app.node.wire.status import BurstStatus
+from capture_app.tui.drawing.lines import Lines
+from capture_app.tui.footer import KeyFooter
 from capture_app.tui.jobs.job import JobState
 from capture_app.tui.jobs.job_log import JobLog
 from capture_app.tui.jobs.jobs_view import JobRows, JobsView
@@ -203,6 +205,36 @@ async def test_the_report_opens_in_the_browser_and_over_ssh_its_path_is_told(
         await pilot.press("o")
         await until(pilot, lambda: any(str(report) in toast.replace("\n", "") for toast in toasts(pilot.app)))
         assert len(opened) == 1
+
+
+async def test_the_footer_offers_what_the_chosen_job_has_whatever_is_focused(
+    root: Path, tmp_path: Path
+) -> None:
+    add_depth(root, "take")
+    async with jobs_mode(root) as pilot:
+        await until(pilot, lambda: "✔ done" in text(pilot))
+        footer = pilot.app.screen.query_one(KeyFooter)
+        assert "Results" in footer.plain[0]
+        assert "Report" not in footer.plain[0], "depth from all cameras writes none"
+        job = pilot.app.jobs.add(QUICK, root / "take", f"say begun wait {tmp_path / 'go'}")
+        view(pilot).choose(job)
+        view(pilot).query_one(JobLog).focus()
+        await until(pilot, lambda: "Cancel" in footer.plain[0])
+        (tmp_path / "go").touch()
+        await until(pilot, lambda: "Run again" in footer.plain[0])
+        assert "Cancel" not in footer.plain[0]
+        assert "Results" in footer.plain[0]
+
+
+async def test_a_picture_of_one_condition_has_no_switch(root: Path) -> None:
+    add_depth(root, "take")
+    async with jobs_mode(root) as pilot:
+        await until(pilot, lambda: "✔ done" in text(pilot))
+        await pilot.press("enter")
+        await until(pilot, lambda: isinstance(pilot.app.screen, ResultScreen))
+        await until(pilot, lambda: pilot.app.screen.query_one(Picture).cells is not None)
+        (sides,) = pilot.app.screen.query_one("#result-sides", Lines).plain
+        assert sides.split() == ["1/2", "Distance,", "cam00"]
 
 
 async def test_a_result_that_cannot_be_read_or_is_gone(root: Path) -> None:

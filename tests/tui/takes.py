@@ -30,6 +30,7 @@ def make_take(
     name: str = "take",
     note: str = "",
     spread_ns: int = 40_000,
+    uncertainty_ns: int | None = 9_000,
     created: str = "",
 ) -> Session:
     """A whole session of that many cameras and instants, its first and last camera so far apart."""
@@ -49,8 +50,8 @@ def make_take(
                 instant=instant,
                 leader_ns=10**9 + instant * PERIOD_NS + residual_ns,
                 residual_ns=residual_ns,
-                uncertainty_ns=9_000,
-                hard_bound_ns=61_000,
+                uncertainty_ns=uncertainty_ns,
+                hard_bound_ns=None if uncertainty_ns is None else 61_000,
             )
     burst = BurstRecord(
         instants_ns=tuple(10**9 + instant * PERIOD_NS for instant in range(instants)), period_ns=PERIOD_NS

@@ -1,13 +1,13 @@
 """The formats that a session can be exported to."""
 
 FORMATS = {
-    "colmap": "images and rig_config.json of one rig; with a calibration a sparse model",
+    "colmap": "images and rig_config.json; a model where calibrated",
     "nerfstudio": "transforms.json with the time of every image",
     "n3dv": "Neural 3D Video: camNN.mp4 and poses_bounds.npy",
-    "freemocap": "a recording folder: synchronized_videos and the camera calibration",
-    "caliscope": "a workspace: recordings, timestamps.csv and camera_array.toml",
+    "freemocap": "synchronized_videos and the camera calibration",
+    "caliscope": "recordings, timestamps.csv and camera_array.toml",
     "pose2sim": "a trial: videos and calibration/Calib.toml",
-    "mcap": "one .mcap of Foxglove's messages, for Foxglove and Rerun",
+    "mcap": "one .mcap for Foxglove and Rerun",
     "mp4": "a video of each camera with its exact timestamps",
     "rrd": "one .rrd for Rerun",
 }

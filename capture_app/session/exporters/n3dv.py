@@ -122,12 +122,15 @@ def _one_size(burst: ExportedBurst) -> tuple[int, int]:
 
 
 def _notes(burst: ExportedBurst, together: list[int], options: ExportOptions) -> list[str]:
-    notes = [f"cam{number:02d} is {camera}" for number, camera in enumerate(burst.cameras)]
+    names = {f"cam{number:02d}": camera for number, camera in enumerate(burst.cameras)}
+    notes = [f"{name} is {camera}" for name, camera in names.items() if name != camera]
     left_out = len(burst.instants_ns) - len(together)
     if left_out:
         notes.append(
             f"{left_out} of {len(burst.instants_ns)} instants are left out: not every camera has them"
         )
     if options.near is None or options.far is None:
-        notes.append("near and far are guessed from where the cameras look; --near and --far give them")
+        notes.append(
+            "near and far are guessed from where the cameras look; `sessions export` takes --near and --far"
+        )
     return notes + spacing_notes([burst.instants_ns[instant] for instant in together], burst.period_ns)

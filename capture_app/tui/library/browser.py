@@ -1,6 +1,7 @@
 """The list of sessions as they are on disk now, and beside it the one under the cursor."""
 
 import asyncio
+from collections.abc import Sequence
 from pathlib import Path
 
 from textual import work
@@ -180,7 +181,10 @@ class SessionBrowser(Horizontal):
         jobs: dict[Path, list[Job]] = {}
         for job in self._jobs.jobs:
             jobs.setdefault(job.place, []).append(job)
+        nothing_chosen = not self._rows.chosen
         self._rows.show_entries(entries, jobs)
+        if nothing_chosen:
+            _choose_saved(self._rows, entries)
         self._choose_wanted(entries)
         self._rows.display = bool(entries)
         self._empty.display = not entries and self._read
@@ -192,19 +196,17 @@ class SessionBrowser(Horizontal):
         self.post_message(self.Changed())
 
     def _choose_wanted(self, entries: list[Entry]) -> None:
-        """Put the cursor on the session that is wanted, or the first one of the folder that is."""
+        """Put the cursor on the session that is wanted; of a folder's, the first that is saved."""
         if self._wanted is not None:
             wanted = self._wanted.absolute()
-            found = (one.key for one in entries if wanted in (Path(one.key), Path(one.key).parent))
-            if key := next(found, ""):
-                self._rows.choose(key)
+            if _choose_saved(self._rows, [e for e in entries if wanted in (Path(e.key), Path(e.key).parent)]):
                 self._wanted = None
 
     def _show_titles(self, entries: list[Entry]) -> None:
         frame = self.query_one("#sessions-frame")
         here = sum(not entry.is_sample for entry in entries)
         samples = f" · {count(len(entries) - here, 'sample')}" if len(entries) > here else ""
-        title, subtitle = f"{count(here, 'session')}{samples}", f"{self.order} · s sorts"
+        title, subtitle = f"{count(here, 'session')}{samples}", f"{self.order} · s sorts · / finds"
         if frame.border_title != title:
             frame.border_title = title
         if frame.border_subtitle != subtitle:
@@ -230,3 +232,11 @@ class SessionBrowser(Horizontal):
             self._pane.show(entry, None)
         elif entry != self._pane.entry:
             self._pane.show(entry, await self.open_sheet(entry))
+
+
+def _choose_saved(rows: SessionRows, entries: Sequence[Entry]) -> bool:
+    """Put the cursor on the first session that is saved, else on the first; whether there is any."""
+    saved = (entry for entry in entries if entry.card.state is SessionState.COMPLETE)
+    for entry in (*saved, *entries)[:1]:
+        rows.choose(entry.key)
+    return bool(entries)

@@ -54,6 +54,7 @@ class ChoiceForm(ModalScreen[Chosen | None]):
     ChoiceForm .label { margin-top: 1; color: $foreground-muted; height: auto; }
     ChoiceForm .preview { color: $foreground-muted; height: auto; margin-top: 1; }
     ChoiceForm .wrong { color: $error; height: auto; }
+    ChoiceForm .wrong.-refused { background: $error; color: $background; text-style: bold; }
     """
 
     def __init__(
@@ -95,7 +96,7 @@ class ChoiceForm(ModalScreen[Chosen | None]):
             Static("", classes="preview"),
         )
         box.border_title = Content(self._title)
-        box.border_subtitle = "enter starts · tab changes the line · esc cancels"
+        box.border_subtitle = f"enter starts · tab edits the {self._label} · esc cancels"
         yield box
 
     def on_mount(self) -> None:
@@ -106,6 +107,7 @@ class ChoiceForm(ModalScreen[Chosen | None]):
 
     def on_option_list_option_highlighted(self, event: OptionList.OptionHighlighted) -> None:
         """Show the line of what is chosen now."""
+        self.query_one(".wrong").remove_class("-refused")
         self.query_one(Input).value = self._texts[self._choices[event.option_index].value]
         self._show()
 
@@ -115,6 +117,7 @@ class ChoiceForm(ModalScreen[Chosen | None]):
 
     def on_input_changed(self, event: Input.Changed) -> None:
         """Keep the line of each choice."""
+        self.query_one(".wrong").remove_class("-refused")
         if (chosen := self.chosen) is not None:
             self._texts[chosen.value] = event.value
             self._show()
@@ -138,7 +141,13 @@ class ChoiceForm(ModalScreen[Chosen | None]):
 
     def _take(self) -> None:
         chosen = self.chosen
-        if chosen is not None and not self._check(chosen):
+        if chosen is None:
+            return
+        if self._check(chosen):
+            # Where nothing can be started the line is what has to change.
+            self.query_one(".wrong").add_class("-refused")
+            self.query_one(Input).focus()
+        else:
             self.dismiss(chosen)
 
     def _show(self) -> None:

@@ -59,7 +59,7 @@ def job_form(card: SessionCard, jobs: JobList) -> ChoiceForm:
     return ChoiceForm(
         f"What is to be made of {card.name}?",
         [Choice(kind.name, kind.title, kind.what, kind.quick) for kind in kinds],
-        label="options; these are quick",
+        label="options",
         preview=command_line,
         check=check,
     )
@@ -76,7 +76,7 @@ def export_form(card: SessionCard, folder: Path, format_name: str) -> ChoiceForm
             taken = target.exists() and (not target.is_dir() or any(target.iterdir()))
         except OSError as error:
             return f"{target}: {error.strerror}"
-        return f"{target} exists already and has something in it" if taken else ""
+        return f"{target} exists already: choose another folder" if taken else ""
 
     def command_line(chosen: Chosen) -> str:
         target = typed_path(chosen.text)
@@ -85,14 +85,20 @@ def export_form(card: SessionCard, folder: Path, format_name: str) -> ChoiceForm
     return ChoiceForm(
         f"Export {card.name}",
         [
-            Choice(name, name, kind.what, str(folder / f"{card.name}-{name}"))
+            Choice(name, name, kind.what, str(_free_folder(folder / f"{card.name}-{name}")))
             for name, kind in EXPORTS.items()
         ],
-        label="new folder",
+        label="folder",
         preview=command_line,
         check=check,
         chosen=format_name,
     )
+
+
+def _free_folder(folder: Path) -> Path:
+    """The folder itself, or the first of NAME-2, NAME-3 ... that is not there yet."""
+    names = (folder, *(folder.with_name(f"{folder.name}-{number}") for number in range(2, 1000)))
+    return next((one for one in names if not one.exists()), folder)
 
 
 def typed_path(text: str) -> Path:

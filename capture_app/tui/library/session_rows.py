@@ -106,7 +106,7 @@ class SessionRows(RowList):
         card = entry.card
         left = Content.styled(printable(card.name), "bold")
         if entry.is_best:
-            left = Content.assemble(left, ("  ★ best synchronized", "bold $warning"))
+            left = Content.assemble(left, ("  ★ best", "bold $warning"))
         if entry.is_sample:
             left = Content.assemble(left, ("  sample", "$secondary"))
         return _justify(left, Content.styled(_when(card.created), "$foreground-muted"), room)
@@ -179,7 +179,7 @@ class SessionRows(RowList):
 
 
 def spread_of(card: SessionCard) -> Content:
-    """How well synchronized a session is: the grade, and the spread with its error bar."""
+    """How well synchronized a session is: the grade, and the total that it judges, error included."""
     if card.spread_ns is None:
         return Content.styled(
             "one camera" if len(card.cameras) == 1 else "nothing to compare", "$foreground-muted"
@@ -188,11 +188,10 @@ def spread_of(card: SessionCard) -> Content:
     grade, _ = grade_of(card.spread_ns, error_ns)
     sign = GRADES[grade]
     if error_ns is None:
-        return Content.styled(
-            f"{sign.glyph} {duration(card.spread_ns)} apart, error not known", "$foreground-muted"
-        )
+        return Content.styled(f"{sign.glyph} not measured", "$foreground-muted")
     return Content.assemble(
-        (str(sign), f"bold {sign.style}"), f"  {duration(card.spread_ns)} ±{duration(error_ns)} apart"
+        (str(sign), f"bold {sign.style}"),
+        f"  within {duration(card.worst_ns)}",
     )
 
 

@@ -42,9 +42,9 @@ class SessionsView(ModeView):
         Binding("o", "results", "Results", id="sessions.results", tooltip="figures of its last job"),
         Binding("e", "export", "Export", id="sessions.export"),
         Binding("a", "analyse", "Analyse", id="sessions.analyse", tooltip="depth, panorama, many views"),
+        Binding("d,delete", "trash", "Trash", id="sessions.trash"),
         Binding("r", "rename", "Rename", id="sessions.rename"),
         Binding("n", "note", "Note", id="sessions.note"),
-        Binding("d,delete", "trash", "Trash", id="sessions.trash"),
         Binding("u", "undo", "Undo", id="sessions.undo"),
         Binding("s", "sort", "Sort", id="sessions.sort"),
         Binding("slash", "filter", "Find", id="sessions.filter", key_display="/"),
@@ -123,23 +123,33 @@ class SessionsView(ModeView):
         if entry is None:
             return action not in _OF_ONE
         whole = entry.card.state is SessionState.COMPLETE
-        writing = entry.card.state is SessionState.WRITING
+        has_result = self._latest_result(entry) is not None
+        if entry.card.state is SessionState.WRITING:
+            # Soon it can be done: the key says so, where a key that is gone says nothing.
+            return has_result if action == "results" else True
         return {
             "look": whole,
             "compare": whole and len(entry.card.cameras) > 1,
-            "results": self._latest_result(entry) is not None,
+            "results": has_result,
             "export": whole,
             "verify": whole,
-            "analyse": not writing,
             "rename": whole and not entry.is_sample,
             "note": whole and not entry.is_sample,
-            "trash": not writing and not entry.is_sample,
+            "trash": not entry.is_sample,
         }.get(action, True)
+
+    def _saved_entry(self) -> Entry | None:
+        """The session under the cursor; None, and a sentence on the screen, while it is being saved."""
+        entry = self.entry
+        if entry is not None and entry.card.state is SessionState.WRITING:
+            self.app.notify(f"{printable(entry.card.name)} is being saved: press it after that", markup=False)
+            return None
+        return entry
 
     @work
     async def action_look(self) -> None:
         """Show the session on the whole screen."""
-        entry = self.entry
+        entry = self._saved_entry()
         if entry is not None and entry.card.state is SessionState.COMPLETE:
             sheet = await self._browser.open_sheet(entry)
             if sheet is not None:
@@ -193,7 +203,7 @@ class SessionsView(ModeView):
     @work
     async def action_analyse(self) -> None:
         """Choose what is to be made of it, and how."""
-        entry = self.entry
+        entry = self._saved_entry()
         if entry is not None:
             chosen = await self.app.push_screen_wait(job_form(entry.card, self._jobs))
             if chosen is not None:
@@ -202,7 +212,7 @@ class SessionsView(ModeView):
     @work
     async def action_export(self) -> None:
         """Choose a format and a folder, and export."""
-        entry = self.entry
+        entry = self._saved_entry()
         if entry is None:
             return
         folder = Path(self._settings.recall("sessions.export-folder", str(self._browser.root.parent)))
@@ -217,7 +227,7 @@ class SessionsView(ModeView):
     def _start(
         self, kind: JobKind, entry: Entry | None = None, options: str | None = None, out: Path | None = None
     ) -> None:
-        entry = entry or self.entry
+        entry = entry or self._saved_entry()
         if entry is None:
             return
         try:
@@ -226,7 +236,9 @@ class SessionsView(ModeView):
             self.post_message(Mishap(error))
             return
         self.app.notify(
-            f"{kind.title} of {printable(entry.card.name)} has begun: key 4 shows how far it is", markup=False
+            f"{kind.title} of {printable(entry.card.name)} has begun: key 4 shows how far it is; "
+            "it ends when the screen is closed",
+            markup=False,
         )
 
     # Changing
@@ -234,7 +246,7 @@ class SessionsView(ModeView):
     @work
     async def action_rename(self) -> None:
         """Ask for another name."""
-        entry = self.entry
+        entry = self._saved_entry()
         name = None if entry is None else await self.app.push_screen_wait(name_question(entry.card))
         if entry is not None and name:
             self._browser.select(entry.card.folder.with_name(name))
@@ -245,7 +257,7 @@ class SessionsView(ModeView):
     @work
     async def action_note(self) -> None:
         """Ask for a note."""
-        entry = self.entry
+        entry = self._saved_entry()
         note = None if entry is None else await self.app.push_screen_wait(note_question(entry.card))
         if entry is not None and note is not None:
             await self._do(lambda: set_note(entry.card.folder, note))
@@ -253,7 +265,7 @@ class SessionsView(ModeView):
     @work
     async def action_trash(self) -> None:
         """Move it to the trash at once: undo brings it back."""
-        entry = self.entry
+        entry = self._saved_entry()
         if entry is None:
             return
         if any(not job.state.is_over for job in self._jobs.of(entry.card.folder)):

@@ -9,6 +9,7 @@ import pytest
 
 from capture_app.errors import BadInputError
 from capture_app.session.exporters.n3dv import focus_depths
+from capture_app.session.reading.reader import Session
 from tests.session.exporters.conftest import (
     GRID,
     HEIGHT,
@@ -88,6 +89,16 @@ def test_n3dv(make: Make, export: Export, tmp_path: Path) -> None:
         assert seen == pytest.approx(expected, abs=0.35)
     assert any("2 of 4 instants are left out" in note for note in report.notes)
     assert not any("guessed" in note for note in report.notes)
+    assert "cam01 is mid" in report.notes
+
+
+def test_n3dv_says_only_which_cameras_it_renames(export: Export) -> None:
+    session = Session.open(Path(__file__).parents[3] / "sample_sessions" / "jumper")
+    assert session.manifest.cameras[0].name == "cam00"
+    report = export(session, "n3dv", near=0.1, far=9.0)
+    renamed = [note.split(" is ") for note in report.notes if note.startswith("cam")]
+    assert ["cam02", "cam04"] in renamed
+    assert all(old != new for new, old in renamed)
 
 
 def test_n3dv_counts_instants_not_images(make: Make, export: Export, tmp_path: Path) -> None:

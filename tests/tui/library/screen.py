@@ -34,6 +34,11 @@ def rows(app: SimulshotApp) -> SessionRows:
     return view(app).query_one(SessionRows)
 
 
+def names(pilot: Any) -> list[str]:
+    """The sessions of the folder that are listed, without the samples."""
+    return [Path(key).name for key in rows(pilot.app).keys if "sample_sessions" not in key]
+
+
 def text(app: SimulshotApp) -> str:
     """What the list shows."""
     listed = rows(app)

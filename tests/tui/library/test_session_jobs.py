@@ -1,0 +1,151 @@
+"""Jobs that are started from the list of sessions: their forms, and what they leave."""
+
+import json
+import shutil
+from pathlib import Path
+from typing import Any
+
+import pytest
+from textual.widgets import Input, OptionList, Static
+
+from capture_app.session.format.burst_plan import BurstPlan, CameraPlan
+from capture_app.session.format.manifest import BurstRecord
+from capture_app.session.reading.reader import Session
+from capture_app.session.writing.session_writer import SessionWriter
+from capture_app.tui.jobs.job import JobState
+from capture_app.tui.jobs.result_screen import ResultScreen
+from capture_app.tui.pictures.picture import Picture
+from tests.session.conftest import camera_record, jpeg
+from tests.tui.driving import settle, toasts
+from tests.tui.library.screen import choose, library, names, rows, text, type_text, until
+
+
+def jobs(pilot: Any) -> list[Any]:
+    return pilot.app.jobs.jobs
+
+
+async def test_export_to_colmap(sessions: Path, tmp_path: Path) -> None:
+    async with library(sessions) as pilot:
+        await choose(pilot, "one")
+        await pilot.press("e")
+        await settle(pilot)
+        line = pilot.app.screen.query_one(Input)
+        assert line.value == str(tmp_path / "one-colmap")
+        await pilot.press("tab")
+        await type_text(pilot, str(sessions))
+        await pilot.press("enter")
+        await settle(pilot)
+        assert pilot.app.screen.query(OptionList), "a folder with something in it is refused"
+        await type_text(pilot, str(tmp_path / "for colmap"))
+        await pilot.press("enter")
+        await until(pilot, lambda: jobs(pilot) and jobs(pilot)[0].state is JobState.DONE)
+    found = sorted(p.name for p in (tmp_path / "for colmap" / "images" / "rig1" / "cam00").iterdir())
+    assert found == ["000000.jpg", "000001.jpg", "000002.jpg"]
+    assert json.loads((tmp_path / "for colmap" / "rig_config.json").read_text())
+
+
+async def test_an_export_proposes_a_folder_that_is_free_and_says_when_one_is_not(
+    sessions: Path, tmp_path: Path
+) -> None:
+    (tmp_path / "one-colmap").mkdir()
+    async with library(sessions) as pilot:
+        await choose(pilot, "one")
+        await pilot.press("e")
+        await settle(pilot)
+        line = pilot.app.screen.query_one(Input)
+        assert line.value == str(tmp_path / "one-colmap-2")
+        await pilot.press("tab")
+        await type_text(pilot, str(sessions))
+        await pilot.press("tab", "enter")
+        await settle(pilot)
+        wrong = pilot.app.screen.query_one(".wrong", Static)
+        assert "choose another folder" in str(wrong.content)
+        assert wrong.has_class("-refused")
+        assert line.has_focus
+        assert not jobs(pilot)
+        await pilot.press("x")
+        await settle(pilot)
+        assert not wrong.has_class("-refused")
+
+
+@pytest.mark.parametrize("key", ["a", "e"])
+async def test_no_explanation_is_cut_at_80_columns(sessions: Path, key: str) -> None:
+    async with library(sessions, (80, 24)) as pilot:
+        await choose(pilot, "one")
+        await pilot.press(key)
+        await settle(pilot)
+        options = pilot.app.screen.query_one(OptionList)
+        width = options.scrollable_content_region.width
+        assert all(option.prompt.cell_length <= width - 2 for option in options.options)
+
+
+async def test_a_job_that_begins_says_that_it_ends_with_the_screen(sessions: Path) -> None:
+    async with library(sessions) as pilot:
+        await choose(pilot, "one")
+        await pilot.press("v")
+        await until(pilot, lambda: any("ends when the screen is closed" in t for t in toasts(pilot.app)))
+        await until(pilot, lambda: jobs(pilot)[0].state.is_over)
+
+
+async def test_verify_tells_what_is_wrong(sessions: Path) -> None:
+    image = sessions / "one" / "images" / "rig1" / "cam01" / "000002.jpg"
+    image.write_bytes(image.read_bytes()[:-1])
+    async with library(sessions) as pilot:
+        await choose(pilot, "one")
+        await pilot.press("v")
+        await until(pilot, lambda: jobs(pilot) and jobs(pilot)[0].state.is_over)
+        assert jobs(pilot)[0].state is JobState.FAILED
+        await until(pilot, lambda: "✖ verify" in text(pilot.app))
+        await pilot.press("4")
+        await settle(pilot)
+        assert "cam01/000002.jpg" in jobs(pilot)[0].message
+
+
+async def test_an_interrupted_session_is_repaired_by_a_job(sessions: Path) -> None:
+    camera = camera_record("left")
+    burst = BurstRecord(instants_ns=(10**9, 2 * 10**9), period_ns=33_000_000)
+    writer = SessionWriter.create(sessions, "cut")
+    plan = {"created": writer.created, "software": writer.software, "leader": 1, "number": 1}
+    writer.set_plan(BurstPlan(name="cut", burst=burst, cameras=(CameraPlan(camera=camera),), **plan))
+    writer.add_image(jpeg(1), camera="left", instant=0, leader_ns=10**9)
+    writer.abort()
+    async with library(sessions) as pilot:
+        await choose(pilot, "cut")
+        await pilot.press("a")
+        await settle(pilot)
+        await pilot.press("enter")
+        await until(pilot, lambda: jobs(pilot) and jobs(pilot)[0].state.is_over)
+        assert jobs(pilot)[0].message == "completed: 1 image, 1 missing"
+        await until(pilot, lambda: "! 1 image missing" in text(pilot.app))
+    assert len(Session.open(sessions / "cut").manifest.images) == 1
+
+
+@pytest.mark.slow
+async def test_a_real_comparison_from_the_key_to_its_depth(sessions: Path) -> None:
+    sample = Path(__file__).parents[3] / "sample_sessions" / "crossing"
+    shutil.copytree(sample, sessions / "crossing")
+    async with library(sessions) as pilot:
+        await until(pilot, lambda: "crossing" in names(pilot))
+        rows(pilot.app).choose(str(sessions / "crossing"))
+        await settle(pilot)
+        await pilot.press("a", "tab")
+        await settle(pilot)
+        await type_text(pilot, "--max-multiview-instants 0 --max-instants 1 --no-poses")
+        await pilot.press("enter")
+        await until(pilot, lambda: jobs(pilot) and jobs(pilot)[0].state.is_over)
+        (job,) = jobs(pilot)
+        assert (job.state, job.kind.name) == (JobState.DONE, "compare"), job.message
+        assert job.out == sessions / "_results" / "crossing" / "compare"
+        assert (job.out / "report.html").is_file()
+        await pilot.press("o")
+        await until(pilot, lambda: isinstance(pilot.app.screen, ResultScreen))
+        screen = pilot.app.screen
+        picture = screen.query_one(Picture)
+        await until(pilot, lambda: picture.cells is not None)
+        synced = picture.cells
+        assert screen.picture.title == "Distance"
+        await pilot.press("space")
+        await until(pilot, lambda: picture.cells is not synced)
+        assert screen.shows_offset
+        assert screen.picture.offset.name == "stereo_depth_offset.png"
+        await pilot.press("escape")

@@ -263,7 +263,8 @@ def test_the_list_looks_as_it_did(
 
     async def before(pilot: Any) -> None:
         await pilot.press("4")
-        await until(pilot, lambda: "damaged" in text(pilot))
+        await until(pilot, lambda: "damaged" in text(pilot) and view(pilot).query_one(JobRows).has_focus)
+        await settle(pilot)
 
     assert snap_compare(app, terminal_size=size, run_before=before)
 

@@ -59,15 +59,8 @@ class StartPanel(Vertical):
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("i", "invite", "Invite", id="start.invite", tooltip="how other machines join"),
         Binding("s", "simulate", "Simulate", id="start.simulate", tooltip="start cameras of a scene"),
-        Binding(
-            "plus,equals_sign,right",
-            "more(1)",
-            "More cameras",
-            key_display="+",
-            id="start.more",
-            tooltip="to simulate",
-        ),
-        Binding("minus,left", "more(-1)", "Fewer", key_display="-", id="start.fewer", tooltip="to simulate"),
+        Binding("plus,equals_sign,right", "more(1)", "More cameras", key_display="+", id="start.more"),
+        Binding("minus,left", "more(-1)", "Fewer", key_display="-", id="start.fewer"),
         Binding("t", "scene", "Scene", id="start.scene", tooltip="what simulated cameras see"),
         Binding("o", "sessions", "Sessions", id="start.sessions", tooltip="takes that are on disk"),
         Binding("b", "samples", "Samples", show=False, id="start.samples", tooltip="takes that came with it"),

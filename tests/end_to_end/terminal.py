@@ -83,14 +83,19 @@ class Terminal:
             raise AssertionError(f"{texts} did not all come; the screen is\n{screen}") from None
 
     async def ends(self) -> int:
-        """Wait until the screen is closed, and return its exit code."""
-        code = ""
-        # The terminal may be closed a little before the code is known.
-        async with asyncio.timeout(PATIENCE_S):
-            while not code:
-                await asyncio.sleep(LOOK_EVERY_S)
-                code = self._tmux("display-message", "-p", "#{pane_dead_status}").strip()
-        return int(code)
+        """Wait until the screen is closed, and return its exit code, or less the signal that ended it."""
+        try:
+            async with asyncio.timeout(PATIENCE_S):
+                while True:
+                    # The terminal may be closed a little before the code is known.
+                    code, number = self._tmux(
+                        "display-message", "-p", "#{pane_dead_status},#{pane_dead_signal}"
+                    ).split(",")
+                    if code.strip() or number.strip():
+                        return int(code) if code.strip() else -int(number)
+                    await asyncio.sleep(LOOK_EVERY_S)
+        except TimeoutError:
+            raise AssertionError(f"the screen did not close; it is\n{self.screen}") from None
 
     def kill(self) -> None:
         """End the screen the hard way."""

@@ -38,9 +38,11 @@ class Terminal:
         words = ["env", "-u", "COLUMNS", "-u", "LINES"]
         words += [*(f"{name}={value}" for name, value in {**settings, **environment}.items())]
         words += [sys.executable, "-m", "capture_app.cli", *arguments]
-        self._command = f"cd {shlex.quote(str(folder))} && exec {shlex.join(words)}"
         self._size = size
         self._server = f"simulshot-{uuid.uuid4().hex[:12]}"
+        # tmux loses the exit code now and then: the terminal closes, and the process is never waited for.
+        self._code = folder / f".{self._server}"
+        self._command = f"cd {shlex.quote(str(folder))} && {shlex.join(words)}; echo $? >{self._code.name}"
 
     async def __aenter__(self) -> Self:
         columns, lines = map(str, self._size)
@@ -63,7 +65,8 @@ class Terminal:
     @property
     def pid(self) -> int:
         """The process of the screen."""
-        return int(self._tmux("display-message", "-p", "#{pane_pid}"))
+        shell = self._tmux("display-message", "-p", "#{pane_pid}").strip()
+        return int(Path(f"/proc/{shell}/task/{shell}/children").read_text().split()[0])
 
     def press(self, *keys: str) -> None:
         """Press keys, by the names that tmux has for them."""
@@ -83,16 +86,12 @@ class Terminal:
             raise AssertionError(f"{texts} did not all come; the screen is\n{screen}") from None
 
     async def ends(self) -> int:
-        """Wait until the screen is closed, and return its exit code, or less the signal that ended it."""
+        """Wait until the screen is closed, and return its exit code, over 128 where a signal ended it."""
         try:
             async with asyncio.timeout(PATIENCE_S):
                 while True:
-                    # The terminal may be closed a little before the code is known.
-                    code, number = self._tmux(
-                        "display-message", "-p", "#{pane_dead_status},#{pane_dead_signal}"
-                    ).split(",")
-                    if code.strip() or number.strip():
-                        return int(code) if code.strip() else -int(number)
+                    if self._code.exists() and (code := self._code.read_text().strip()):
+                        return int(code)
                     await asyncio.sleep(LOOK_EVERY_S)
         except TimeoutError:
             raise AssertionError(f"the screen did not close; it is\n{self.screen}") from None

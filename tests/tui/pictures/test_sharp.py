@@ -37,7 +37,8 @@ def sent_to(terminal: tuple[bytes, bool], choice: str = "local", **environment: 
     attributes, knows_kitty = terminal
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 12, 40, 40 * 8, 12 * 16))
-    never = ("SSH_CONNECTION", "SSH_TTY", "NO_COLOR")
+    # A screen believes the size that earlier tests may have put there rather than its terminal.
+    never = ("SSH_CONNECTION", "SSH_TTY", "NO_COLOR", "COLUMNS", "LINES")
     kept = {name: value for name, value in os.environ.items() if name not in never}
     command = [sys.executable, "-m", "tests.tui.pictures.screen_of_a_picture", choice]
     child = subprocess.Popen(

@@ -14,6 +14,9 @@ from capture_app.tui.states import cameras_of
 ANYWAY = (Answer("wait", "w", "Wait, then take"), Answer("take", "t", "Take now"), CANCEL)
 AGAIN = (Answer("keep", "k", "Keep, take again"), Answer("trash", "t", "Trash, take again"), CANCEL)
 
+DRIFT_TOLERANCES = 2
+"""So many tolerances off is still a camera in step whose drift is being corrected."""
+
 
 class NotReadyQuestion(Question):
     """Says what keeps the cameras from being ready, as it is now."""
@@ -40,7 +43,7 @@ def again_question(take: JudgedTake) -> Question:
 def doubts_about(status: RigStatus) -> str:
     """Say in sentences which cameras are not ready and what their pictures will be; empty: none."""
     cameras = cameras_of(status)
-    unready = [node for node in cameras if node.state is not NodeState.READY]
+    unready = [node for node in cameras if node.state is not NodeState.READY and not _touches_up(node)]
     here = [node for node in unready if node.state is not NodeState.LOST]
     if not here:
         return ""
@@ -50,6 +53,13 @@ def doubts_about(status: RigStatus) -> str:
     if len(here) > 6:
         lines.append(f"and {count(len(here) - 6, 'more camera')}")
     return "\n".join(lines)
+
+
+def _touches_up(node: NodeStatus) -> bool:
+    """Whether a camera in step is just correcting a drift: for a moment, which is no reason to ask."""
+    error_ns = node.phase_error_ns
+    aligning = node.state is NodeState.ALIGNING and error_ns is not None
+    return aligning and abs(error_ns or 0) <= DRIFT_TOLERANCES * node.tolerance_ns
 
 
 def _doubt(node: NodeStatus, period_ns: int | None) -> str:

@@ -94,7 +94,7 @@ async def test_on_the_sheet_a_take_is_seen_from_the_key_to_its_pictures(tmp_path
 
 def waiting_rig() -> FakeRig:
     rig = ready_rig(2)
-    rig.nodes = (rig.nodes[0], make_node("cam01", NodeState.ALIGNING))
+    rig.nodes = (rig.nodes[0], make_node("cam01", NodeState.ALIGNING, phase_error_ns=7_310_000))
     rig.different["advice"] = "cam01 is aligning"
     rig.is_ready = asyncio.Event()
     return rig
@@ -120,6 +120,18 @@ async def test_a_wait_for_the_rig_stays_on_the_screen_until_it_takes(tmp_path: P
         await studio.settle(pilot)
         assert [take.name for take in studio.view.takes] == ["burst-001"]
         assert "waiting" not in line_of(studio)
+
+
+async def test_a_camera_that_corrects_a_drift_is_no_reason_to_ask(tmp_path: Path) -> None:
+    rig = FakeRig(2)
+    rig.nodes = (rig.nodes[0], make_node("cam01", NodeState.ALIGNING, phase_error_ns=-110_000))
+    rig.take = saves_into(tmp_path, cameras=2)
+    studio = Studio(rig, tmp_path)
+    async with studio.app.run_test(size=(80, 24)) as pilot:
+        await studio.enter(pilot)
+        await pilot.press("space")
+        await studio.settle(pilot)
+        assert [take.name for take in studio.view.takes] == ["burst-001"]
 
 
 async def test_a_wait_that_is_given_up_says_why_and_one_is_cancelled_by_escape(tmp_path: Path) -> None:

@@ -57,25 +57,25 @@ samples: $(VENV)/.installed
 	$(BIN)/capture-app sessions render --replace --out sample_sessions $(dir $(wildcard sample_sessions/*/recipe.json))
 
 bench-sync: $(VENV)/.installed
-	$(BIN)/python benchmarks/sync_link.py $(BENCH)
+	$(BIN)/python -m benchmarks.clock.sync_link $(BENCH)
 
 bench-reference: $(VENV)/.installed
-	$(BIN)/python benchmarks/reference_broadcast.py $(BENCH)
+	$(BIN)/python -m benchmarks.clock.reference_broadcast $(BENCH)
 
 bench-relay: $(VENV)/.installed
-	$(BIN)/python benchmarks/relay_link.py $(BENCH)
+	$(BIN)/python -m benchmarks.clock.relay_link $(BENCH)
 
 bench-rig: $(VENV)/.installed
-	$(BIN)/python benchmarks/rig_link.py $(BENCH)
+	$(BIN)/python -m benchmarks.clock.rig_link $(BENCH)
 
 bench-clients: $(VENV)/.installed
-	$(BIN)/python benchmarks/many_clients.py $(BENCH)
+	$(BIN)/python -m benchmarks.clock.many_clients $(BENCH)
 
 bench-multiview: $(VENV)/.installed
-	$(BIN)/python benchmarks/multiview.py $(BENCH)
+	$(BIN)/python -m benchmarks.reconstruction.multiview $(BENCH)
 
 bench-tui: $(VENV)/.installed
-	$(BIN)/python benchmarks/tui_load.py $(BENCH)
+	$(BIN)/python -m benchmarks.screen.tui_load $(BENCH)
 
 animation: $(VENV)/.installed-dev
 	$(BIN)/python docs/images/take_animation.py

@@ -35,7 +35,8 @@ Source: TypeAlias = bytes | Image | Callable[[], "bytes | Image | None"]
 NOISE = 12
 """Colours (of 255) by which a cell of a live picture may differ from what is shown and is not sent again.
 
-A sensor's noise would else have nearly all sent each time: a third of the bytes, by `benchmarks/previews.py`.
+A sensor's noise would else have nearly all sent each time: a third of the bytes
+(`benchmarks/screen/previews.py`).
 """
 
 REST_S = 0.2

@@ -9,7 +9,7 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from report import print_rows, talk
+from benchmarks.report import print_rows, talk
 
 OFFSETS_MS = "66,-33,0,33,-66"
 """One for each of five cameras, all different: cameras that share one would agree with each other."""

@@ -1,7 +1,7 @@
 """The two processes that `session_write.py` lets a session be transferred between, over loopback.
 
-python benchmarks/session_transfer.py lead ROOT CAMERAS INSTANTS          take one burst
-python benchmarks/session_transfer.py send FOLDER PORT CAMERAS INSTANTS   upload its images
+python -m benchmarks.sessions.session_transfer lead ROOT CAMERAS INSTANTS          take one burst
+python -m benchmarks.sessions.session_transfer send FOLDER PORT CAMERAS INSTANTS   upload its images
 """
 
 import asyncio
@@ -15,8 +15,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NoReturn, cast
 
-from slow_disk import SlowDisk
-
+from benchmarks.sessions.slow_disk import SlowDisk
 from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.cameras.base import CapturedFrame
 from capture_app.net.address import Address

@@ -1,6 +1,6 @@
 """Accuracy of the stereo path on a real pair with ground truth, beside OpenCV's matcher as documented.
 
-    python benchmarks/stereo_motorcycle.py FOLDER
+    python -m benchmarks.reconstruction.stereo_motorcycle FOLDER
 
 FOLDER holds the Middlebury 2014 Motorcycle pair (Scharstein et al. 2014) as motorcycle_left.png,
 motorcycle_right.png and motorcycle_disp.npz (disparity, px). bad-2.0 is the share of all pixels with a true
@@ -14,8 +14,8 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-from report import print_rows
 
+from benchmarks.report import print_rows
 from reconstruction.common.geometry import Array, View
 from reconstruction.stereo.stereo_pair import StereoPair
 

@@ -1,6 +1,7 @@
 """How fast a session is written, beside `cp` and `sync` of the same bytes, and a leader's memory.
 
-    python benchmarks/session_write.py [--cameras 20] [--instants 25] [--rounds 6] [--sync-ms 30] [--dir DIR]
+    python -m benchmarks.sessions.session_write [--cameras 20] [--instants 25] [--rounds 6]
+        [--sync-ms 30] [--dir DIR]
 
 Three ways in each round: `cp` of the images and `sync` of the disk; the session's writer, an image of each
 camera at a time; and a leader's transfer server in a process of its own, fed over loopback by one stream
@@ -22,9 +23,9 @@ from typing import Any
 
 import cv2
 import numpy as np
-from report import Columns, new_parser, print_report, print_rows, print_table
-from session_transfer import CAMERA, HEIGHT, PERIOD_NS, WIDTH, instants_ns, names
 
+from benchmarks.report import Columns, new_parser, print_report, print_rows, print_table
+from benchmarks.sessions.session_transfer import CAMERA, HEIGHT, PERIOD_NS, WIDTH, instants_ns, names
 from capture_app.session.format.manifest import BurstRecord, CameraRecord
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
@@ -80,7 +81,7 @@ def receive(
 ) -> tuple[float, dict[str, float]]:
     """Seconds from the first report to the manifest, and the leader's memory in kB, CPU time and syncs."""
     size = [str(cameras), str(instants)]
-    command = [sys.executable, str(Path(__file__).with_name("session_transfer.py"))]
+    command = [sys.executable, "-m", "benchmarks.sessions.session_transfer"]
     lead = [*command, "lead", str(root), *size]
     pipes: dict[str, Any] = {"stdout": subprocess.PIPE, "text": True, "env": os.environ | (environment or {})}
     with subprocess.Popen(lead, **pipes) as leader:

@@ -19,9 +19,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from report import Report, new_parser, print_report, print_table, talk
-from screen_process import ScreenProcess, processor_s
-
+from benchmarks.report import Report, new_parser, print_report, print_table, talk
+from benchmarks.screen.screen_process import ScreenProcess, processor_s
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel
 from capture_app.net.server import TransferServer, bind_port

@@ -11,9 +11,9 @@ import os
 import sys
 from typing import Any
 
-from emulated_link.delays import EmulatedLink
-from emulated_link.network import CAPTURE_APP, Network, read_output, running
-from report import new_parser, print_circumstances, print_report, print_rows, talk
+from benchmarks.emulated_link.delays import EmulatedLink
+from benchmarks.emulated_link.network import CAPTURE_APP, Network, read_output, running
+from benchmarks.report import new_parser, print_circumstances, print_report, print_rows, talk
 
 PORT = 47010
 WIRELESS, CABLE = "10.77.0.1", "10.78.0.1"

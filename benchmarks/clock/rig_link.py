@@ -15,10 +15,9 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any, NamedTuple
 
-from emulated_link.delays import EmulatedLink
-from emulated_link.network import CAPTURE_APP, Network, read_output, running
-from report import new_parser, print_circumstances, print_report, print_rows, talk
-
+from benchmarks.emulated_link.delays import EmulatedLink
+from benchmarks.emulated_link.network import CAPTURE_APP, Network, read_output, running
+from benchmarks.report import new_parser, print_circumstances, print_report, print_rows, talk
 from capture_app.session.reading.reader import Session
 
 PORT = 47010

@@ -11,8 +11,7 @@ from dataclasses import dataclass
 from math import exp, log, sqrt
 from typing import Any
 
-from report import new_parser, print_report, print_rows
-
+from benchmarks.report import new_parser, print_report, print_rows
 from capture_app.clock import SimulatedClock
 from capture_app.experiments.clock_filters.coverage import (
     FIRST_SECOND,

@@ -16,14 +16,14 @@ from itertools import combinations
 from statistics import mean
 from typing import Any
 
-from emulated_link.delays import Delays, EmulatedLink
-from emulated_link.network import CAPTURE_APP, Network, read_output, running
-from report import new_parser, print_circumstances, print_report, print_rows, talk
-
+from benchmarks.emulated_link.delays import Delays, EmulatedLink
+from benchmarks.emulated_link.network import CAPTURE_APP, Network, read_output, running
+from benchmarks.report import new_parser, print_circumstances, print_report, print_rows, talk
 from capture_app.errors import SimulshotError
 from capture_app.net.address import Address
 from capture_app.node.operator.requests import ask_status
 
+ITSELF = "benchmarks.clock.reference_broadcast"
 PORT = 47010
 LEADER, NODE = "10.79.0.1", "10.79.0.1{}"
 TAILS_US = (1399.0, 616.0)
@@ -91,7 +91,7 @@ def _measure(
             camera = ("--name", f"node{k}", "--camera", "sim:perfect", "--tolerance-us", "5000")
             follow = ("--leader", f"{LEADER}:{PORT}", "--spool", f"{scratch}/spool{k}")
             start(running(node, *CAPTURE_APP, "node", *camera, *follow))
-        poll = read_output(leader, sys.executable, __file__, "--poll", str(options.seconds))
+        poll = read_output(leader, sys.executable, "-m", ITSELF, "--poll", str(options.seconds))
     return [json.loads(line) for line in poll.splitlines()], reports
 
 

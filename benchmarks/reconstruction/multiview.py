@@ -1,9 +1,9 @@
 """Accuracy, time and memory of multi-view depth, beside a straightforward sweep and plain SGBM, in one run.
 
-    python benchmarks/multiview.py                       the package's studio and a plainer scene, 640x480
-    python benchmarks/multiview.py --scene plain --size 1920x1080
-    python benchmarks/multiview.py --scene path/to/scene.py --json
-    python benchmarks/multiview.py --session sample_sessions/jumper --instants 13
+    python -m benchmarks.reconstruction.multiview        the package's studio and a plainer scene, 640x480
+    python -m benchmarks.reconstruction.multiview --scene plain --size 1920x1080
+    python -m benchmarks.reconstruction.multiview --scene path/to/scene.py --json
+    python -m benchmarks.reconstruction.multiview --session sample_sessions/jumper --instants 13
 
 Each method runs in a process of its own, on the same pictures, after the other. Shares are of all pixels
 that have a true depth, empty ones counted as wrong, of the rig's middle camera. Simulated pictures.
@@ -21,12 +21,12 @@ from typing import Any
 
 import cv2
 import numpy as np
-from multiview_cloud import cloud_scores, normal_error_deg
-from multiview_plain import sgbm_pairs, simple_sweep
-from multiview_scenes import Condition, Rendered, from_file, plain, studio
-from multiview_session import medians, print_session, render_longer, run_session
-from report import new_parser, print_report, print_rows, talk
 
+from benchmarks.reconstruction.multiview_cloud import cloud_scores, normal_error_deg
+from benchmarks.reconstruction.multiview_plain import sgbm_pairs, simple_sweep
+from benchmarks.reconstruction.multiview_scenes import Condition, Rendered, from_file, plain, studio
+from benchmarks.reconstruction.multiview_session import medians, print_session, render_longer, run_session
+from benchmarks.report import new_parser, print_report, print_rows, talk
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth.colmap_workspace import fuse_depth_maps, write_workspace
 from reconstruction.depth.depth_range import find_depth_range

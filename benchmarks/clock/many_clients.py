@@ -20,8 +20,7 @@ from multiprocessing.connection import Connection
 from random import Random
 from typing import cast
 
-from report import new_parser, print_report, print_table, talk
-
+from benchmarks.report import new_parser, print_report, print_table, talk
 from capture_app.camera_facts import SIMULATED, CameraFacts, PhaseControl, TimestampSource
 from capture_app.clock import HostClock
 from capture_app.net.address import Address

@@ -3,7 +3,7 @@
 The mode Shoot runs in a terminal of its own on a rig that is not there; its cameras show the pictures of a
 sample session, moving, with a sensor's noise on each. Figures are of this machine and simulated pictures.
 
-    python benchmarks/previews.py --cameras 5 --size 120x40
+    python -m benchmarks.screen.previews --cameras 5 --size 120x40
 """
 
 import argparse
@@ -24,7 +24,7 @@ import cv2
 import numpy as np
 import psutil
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 NOISE = 3.0
 """Standard deviation of a pixel, of 255: a webcam by lamp light."""
 WARM_UP_S, SPAN_S = 4.0, 10.0
@@ -33,7 +33,6 @@ READ = 1 << 16
 
 def show(cameras: int, stop: Path) -> None:
     """Run the screen; previews come as it asks for them."""
-    sys.path.insert(0, str(ROOT))
     from capture_app.node.wire.views import Preview
     from capture_app.tui.app import SimulshotApp
     from capture_app.tui.settings import Settings
@@ -81,7 +80,7 @@ def measure(cameras: int, size: tuple[int, int]) -> dict[str, float]:
     ours, theirs = pty.openpty()
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", size[1], size[0], 0, 0))
     environment = os.environ | {"TERM": "xterm-256color", "COLORTERM": "truecolor", "PYTHONPATH": str(ROOT)}
-    command = [sys.executable, __file__, "--show", str(cameras)]
+    command = [sys.executable, "-m", "benchmarks.screen.previews", "--show", str(cameras)]
     child = subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs, env=environment)
     os.close(theirs)
     process, began, total = psutil.Process(child.pid), time.monotonic(), 0

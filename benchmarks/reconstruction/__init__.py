@@ -1,0 +1,1 @@
+"""What depth and clouds are worth beside a truth and beside simpler ways."""

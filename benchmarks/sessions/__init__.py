@@ -1,0 +1,1 @@
+"""What a burst costs on its way to the disk."""

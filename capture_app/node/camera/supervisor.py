@@ -10,8 +10,8 @@ from capture_app.cameras.base import Camera, CapturedFrame
 from capture_app.clock import NodeClock
 from capture_app.errors import CameraError, SimulshotError
 from capture_app.session.format.calibration import CameraCalibration
-from capture_app.sync.phase.frame_stamp import FrameStamp
 from capture_app.sync.rig.client import Client
+from capture_app.sync.stamps.frame_stamp import FrameStamp
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 
 RETRY_S = 2.0

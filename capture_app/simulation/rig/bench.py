@@ -14,9 +14,9 @@ from capture_app.simulation.devices.profiles import SensorProfile, facts_of
 from capture_app.simulation.devices.sensor import DELIVERY_NS, Sensor, SensorFrame
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.aligner import Aligner
-from capture_app.sync.phase.frame_stamp import FrameStamp
 from capture_app.sync.phase.goal import Goal
 from capture_app.sync.phase.injection_history import InjectionProfile
+from capture_app.sync.stamps.frame_stamp import FrameStamp
 from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, RestartStream, SetFrameDuration
 
 START_NS = 1_000_000_000

@@ -11,13 +11,13 @@ from capture_app.simulation.network.link import Channel, Link, MediumQueue, Shar
 from capture_app.simulation.network.paper_link import PAPER_LINK
 from capture_app.simulation.network.radio_cell import RadioCell, Receiver, deliver_broadcast
 from capture_app.simulation.rig.virtual_time import Timer, VirtualTime
-from capture_app.sync.phase.frame_stamp import FrameStamp
 from capture_app.sync.phase.injection_history import InjectionProfile
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.events import BurstPicked, ClientEvent, LeaderEvent
 from capture_app.sync.rig.frame_picks import Burst
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.phase_loop import ClientConfig
+from capture_app.sync.stamps.frame_stamp import FrameStamp
 from capture_app.sync.timekeeping.poll_schedule import PollSchedule, SteadySchedule
 from capture_app.sync.wire.beacon import Group
 from capture_app.sync.wire.camera_commands import InjectFrame, RestartStream, SetFrameDuration

@@ -7,14 +7,14 @@ from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.actuator import Move, MoveEffect, PhaseActuator
 from capture_app.sync.phase.aim import Course
 from capture_app.sync.phase.command_tracker import CommandTracker
-from capture_app.sync.phase.estimator import PhaseEstimator
 from capture_app.sync.phase.frame_duration import FrameDurationActuator
-from capture_app.sync.phase.frame_stamp import FrameStamp, PhaseEstimate, StampError
 from capture_app.sync.phase.goal import Goal
 from capture_app.sync.phase.injection import InjectionActuator
 from capture_app.sync.phase.injection_history import InjectionProfile
 from capture_app.sync.phase.reach import Reach
 from capture_app.sync.phase.reset import ResetActuator
+from capture_app.sync.stamps.estimator import PhaseEstimator
+from capture_app.sync.stamps.frame_stamp import FrameStamp, PhaseEstimate, StampError
 from capture_app.sync.wire.camera_commands import CameraCommand
 
 WARM_FRAMES = (30, 90)

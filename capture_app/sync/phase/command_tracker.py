@@ -3,11 +3,11 @@
 from dataclasses import dataclass
 
 from capture_app.sync.phase.actuator import MoveEffect, PhaseActuator
-from capture_app.sync.phase.estimator import TIMEOUT_FRAMES, PhaseEstimator
 from capture_app.sync.phase.frame_duration import FrameDurationActuator
-from capture_app.sync.phase.frame_stamp import FrameStamp
 from capture_app.sync.phase.injection import InjectionActuator
 from capture_app.sync.phase.reset import ResetActuator
+from capture_app.sync.stamps.estimator import TIMEOUT_FRAMES, PhaseEstimator
+from capture_app.sync.stamps.frame_stamp import FrameStamp
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 
 INJECTION_TIMEOUT_NS = 5_000_000_000

@@ -1,6 +1,6 @@
 """How near to its goal a stream can be brought, and for how long it stays, by its stamps and its drift."""
 
-from capture_app.sync.phase.estimator import PhaseEstimator
+from capture_app.sync.stamps.estimator import PhaseEstimator
 from capture_app.text import duration
 
 STEADY_FRAMES = 60

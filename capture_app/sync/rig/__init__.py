@@ -1,4 +1,4 @@
 """The leader and the client: who is in the rig, whose time it is, what is triggered, who takes over.
 
-Puts `clock`, `phase`, `reference_broadcast` and `wire` together into the two engines that nodes run.
+Puts all below it together into the two engines that nodes run.
 """

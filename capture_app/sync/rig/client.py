@@ -7,7 +7,6 @@ from typing import Generic, TypeVar
 
 from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.phase.frame_stamp import FrameStamp, PhaseEstimate
 from capture_app.sync.rig import node_message
 from capture_app.sync.rig.events import BurstCancelled, ClientEvent, FramesDropped, Joined
 from capture_app.sync.rig.frame_picks import RingBuffer, is_possible_burst
@@ -15,6 +14,7 @@ from capture_app.sync.rig.orders import CANCELLED
 from capture_app.sync.rig.pending_bursts import PendingBursts
 from capture_app.sync.rig.phase_loop import CameraGrid, ClientConfig, PhaseLoop
 from capture_app.sync.rig.time_client import TimeClient
+from capture_app.sync.stamps.frame_stamp import FrameStamp, PhaseEstimate
 from capture_app.sync.timekeeping.accuracy_goal import AccuracyGoal
 from capture_app.sync.timekeeping.leader_terms import LeaderTerms
 from capture_app.sync.timekeeping.poll_schedule import PollSchedule

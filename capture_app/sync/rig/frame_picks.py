@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from typing import Generic, TypeVar
 
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.phase.frame_stamp import StampError
 from capture_app.sync.phase.goal import Goal
+from capture_app.sync.stamps.frame_stamp import StampError
 
 F = TypeVar("F")
 EXACT_STAMP = StampError()

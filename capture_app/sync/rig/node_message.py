@@ -2,8 +2,8 @@
 
 from capture_app.sync.clock.clock_filter import SIGMAS_95
 from capture_app.sync.clock.priors import ASYMMETRY
-from capture_app.sync.phase.frame_stamp import PhaseEstimate
 from capture_app.sync.rig.phase_loop import CameraGrid, PhaseLoop
+from capture_app.sync.stamps.frame_stamp import PhaseEstimate
 from capture_app.sync.timekeeping.accuracy_goal import CLOCK_SHARE
 from capture_app.sync.timekeeping.rate_watch import RateWatch
 from capture_app.sync.timekeeping.timekeeper import Timekeeper

@@ -6,10 +6,10 @@ from dataclasses import dataclass, field
 from typing import Generic, TypeVar
 
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.phase.frame_stamp import PhaseEstimate, StampError
 from capture_app.sync.rig.events import BurstPicked
 from capture_app.sync.rig.frame_picks import Gap, Pick, RingBuffer, pick_frame, timed_pick
 from capture_app.sync.rig.phase_loop import CameraGrid
+from capture_app.sync.stamps.frame_stamp import PhaseEstimate, StampError
 from capture_app.sync.wire.messages import Trigger
 
 F = TypeVar("F")

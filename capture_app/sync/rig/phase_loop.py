@@ -9,10 +9,10 @@ from msgspec.structs import replace
 from capture_app.camera_facts import CameraFacts
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.aligner import Aligner
-from capture_app.sync.phase.frame_stamp import PhaseEstimate
 from capture_app.sync.phase.goal import Goal
 from capture_app.sync.phase.injection_history import InjectionProfile
 from capture_app.sync.rig.events import AlignmentFailed, PhaseCorrected
+from capture_app.sync.stamps.frame_stamp import PhaseEstimate
 from capture_app.sync.timekeeping.leader_terms import LeaderTerms
 from capture_app.sync.wire.camera_commands import CameraCommand
 from capture_app.sync.wire.messages import Report

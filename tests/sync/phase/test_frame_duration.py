@@ -8,7 +8,7 @@ from capture_app.simulation.devices.profiles import PROFILES
 from capture_app.simulation.rig.bench import Bench
 from capture_app.sync.phase.actuator import Move
 from capture_app.sync.phase.frame_duration import FrameDurationActuator
-from capture_app.sync.phase.frame_line import LATENCY_FRAMES, PendingShifts
+from capture_app.sync.stamps.frame_line import LATENCY_FRAMES, PendingShifts
 
 ROW = 20_000
 PERIOD = 1667 * ROW

@@ -10,7 +10,7 @@ from itertools import pairwise
 from math import isfinite
 from statistics import median
 
-from capture_app.sync.phase.robust_slope import fit_shared_slope
+from capture_app.sync.stamps.robust_slope import fit_shared_slope
 
 LATENCY_FRAMES = (2, 13)
 """A command takes effect so many frames after the newest one, at the earliest and at the latest."""

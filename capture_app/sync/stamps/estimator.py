@@ -8,9 +8,9 @@ from collections import deque
 from math import sqrt
 from statistics import median
 
-from capture_app.sync.phase.frame_line import MEDIAN_FACTOR, PHASE_FRAMES, FrameLine, PendingShifts, Point
-from capture_app.sync.phase.frame_stamp import FrameStamp, StampError
-from capture_app.sync.phase.stamp_quantum import StampQuantum
+from capture_app.sync.stamps.frame_line import MEDIAN_FACTOR, PHASE_FRAMES, FrameLine, PendingShifts, Point
+from capture_app.sync.stamps.frame_stamp import FrameStamp, StampError
+from capture_app.sync.stamps.stamp_quantum import StampQuantum
 
 FIRST_INTERVALS = 8
 """Intervals whose median gives the first period."""

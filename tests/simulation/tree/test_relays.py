@@ -11,8 +11,8 @@ from capture_app.sync.rig.events import BurstAccepted, JoinRefused, NodeLost, No
 from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.wire.codec import decode
 from capture_app.sync.wire.messages import Hello, NodeState
-from tests.simulation.rig.relay_rig import CAMERA, Camera, RelayRig, S, camera_below_a_relay
 from tests.simulation.rig.rigs import checked_error_ns
+from tests.simulation.tree.relay_rig import CAMERA, Camera, RelayRig, S, camera_below_a_relay
 
 
 def test_a_burst_reaches_cameras_below_relays_of_relays_in_the_roots_time() -> None:

@@ -9,6 +9,7 @@ import click
 from capture_app import __version__
 from capture_app.terminal import run_command_line
 from reconstruction.commands.batch import batch
+from reconstruction.commands.board import board
 from reconstruction.commands.calibrate import calibrate
 from reconstruction.commands.compare import compare
 from reconstruction.commands.dose import dose
@@ -25,7 +26,7 @@ def app() -> None:
     """Compute depth and panoramas from a session, and measure what synchronization does for them."""
 
 
-for command in (batch, calibrate, compare, dose, multiview, stereo, stitch):
+for command in (batch, board, calibrate, compare, dose, multiview, stereo, stitch):
     app.add_command(command)
 
 

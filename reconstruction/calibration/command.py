@@ -8,13 +8,13 @@ from pathlib import Path
 
 import msgspec
 
+from capture_app.board.charuco import DEFAULT_BOARD, CharucoBoard
 from capture_app.errors import BadInputError
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION
 from capture_app.text import pretty_json
 from reconstruction.calibration.charuco import (
-    CharucoBoard,
     calibrate_from_board,
     detect_board,
     shared_corners,
@@ -51,7 +51,7 @@ class CalibrateOptions:
     """`recording`: the session that shows the board, None = the session itself."""
 
     source: CalibrationSource = CalibrationSource.SFM
-    board: CharucoBoard | None = None
+    board: CharucoBoard = DEFAULT_BOARD
     recording: Path | None = None
     force: bool = False
 
@@ -102,8 +102,6 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
 
 def _from_board(dataset: Dataset, options: CalibrateOptions) -> Candidate:
     """The calibration by a recording of a board, judged by the board's corners."""
-    if options.board is None:
-        raise BadInputError("--from charuco needs a board", hint="--board 7x5 --square-mm 40 --marker-mm 30")
     recording = Dataset.open(options.recording) if options.recording is not None else dataset
     if recording.cameras != dataset.cameras:
         raise BadInputError(

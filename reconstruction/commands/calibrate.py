@@ -1,11 +1,12 @@
 """`reconstruct calibrate`."""
 
-import re
 from pathlib import Path
 
 import click
 
-from capture_app.terminal import FiniteRange, json_option, print_json, print_line
+from capture_app.board.charuco import CharucoBoard
+from capture_app.board.options import board_options
+from capture_app.terminal import json_option, print_json, print_line
 from reconstruction.commands.options import session_argument
 
 
@@ -24,49 +25,24 @@ from reconstruction.commands.options import session_argument
     metavar="SESSION",
     help="For charuco: session that shows the board.",
 )
-@click.option("--board", default="7x5", metavar="COLUMNSxROWS", help="For charuco: squares of the board.")
-@click.option(
-    "--square-mm",
-    type=FiniteRange(min=0, min_open=True),
-    metavar="MM",
-    default=40.0,
-    help="For charuco: side of a square.",
-)
-@click.option(
-    "--marker-mm",
-    type=FiniteRange(min=0, min_open=True),
-    metavar="MM",
-    default=30.0,
-    help="For charuco: side of a marker.",
-)
-@click.option("--dictionary", default="4X4_50", help="For charuco: ArUco dictionary of the markers.")
+@board_options
 @click.option("--replace", is_flag=True, help="Replace an earlier calibration of the session.")
 @json_option
 def calibrate(
     session: Path,
     source: str,
     recording: Path | None,
-    board: str,
-    square_mm: float,
-    marker_mm: float,
-    dictionary: str,
+    board: CharucoBoard,
     replace: bool,
     as_json: bool,
 ) -> None:
     """Calibrate the cameras of SESSION, check the result and save it in the session."""
-    from reconstruction.calibration.charuco import CharucoBoard
     from reconstruction.calibration.command import CalibrateOptions, CalibrationSource
     from reconstruction.calibration.command import calibrate as run
 
-    size = re.fullmatch(r"(\d{1,2})x(\d{1,2})", board)
-    if size is None or min(map(int, size.groups())) < 3:
-        raise click.BadParameter(
-            f"{board!r} is not columns x rows of squares, as in 7x5", param_hint="--board"
-        )
-    across, down = map(int, size.groups())
     options = CalibrateOptions(
         source=CalibrationSource(source),
-        board=CharucoBoard(across, down, square_mm / 1000, marker_mm / 1000, dictionary),
+        board=board,
         recording=recording,
         force=replace,
     )

@@ -8,11 +8,13 @@ import msgspec
 import numpy as np
 import pytest
 
+from capture_app.board.charuco import CharucoBoard
+from capture_app.board.detector import is_flat_board
 from capture_app.errors import BadInputError
 from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
-from reconstruction.calibration.charuco import CharucoBoard, detect_board, is_flat_board
+from reconstruction.calibration.charuco import detect_board
 from reconstruction.calibration.quality import CalibrationQuality, refuse_bad_calibration
 from reconstruction.common.geometry import View, other_from_reference
 from reconstruction.session.dataset import Dataset

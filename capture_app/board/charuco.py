@@ -1,0 +1,98 @@
+"""A ChArUco board: its squares, its markers and its inner corners."""
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from capture_app.errors import BadInputError
+
+if TYPE_CHECKING:
+    import cv2
+    import numpy as np
+    from numpy.typing import NDArray
+
+DICTIONARIES = {"ARUCO_ORIGINAL": 1024} | {
+    f"{side}X{side}_{words}": words for side in (4, 5, 6, 7) for words in (50, 100, 250, 1000)
+}
+"""How many markers each of OpenCV's dictionaries has."""
+
+MIN_CORNERS = 6
+"""Pictures with fewer corners of the board do not count."""
+
+
+@dataclass(frozen=True)
+class CharucoBoard:
+    """Squares across and down, lengths in m, and the name of the markers' dictionary (as `4X4_50`)."""
+
+    across: int
+    down: int
+    square_m: float
+    marker_m: float
+    dictionary: str
+
+    def __post_init__(self) -> None:
+        """Raise BadInputError for an unknown dictionary or a shape that no camera could tell."""
+        words = DICTIONARIES.get(self.dictionary.upper())
+        if words is None:
+            raise BadInputError(f"unknown dictionary {self.dictionary!r}", hint="such as 4X4_50 or 6X6_250")
+        if not 0 < self.square_m < 10:
+            raise BadInputError(f"squares of {1000 * self.square_m:g} mm", hint="as measured on the print")
+        if not 0 < self.marker_m < self.square_m:
+            raise BadInputError("a board's markers must be smaller than its squares")
+        if min(self.across, self.down) < 3 or self.corners < MIN_CORNERS:
+            raise BadInputError(
+                f"a board of {self.shape} squares has {max(self.corners, 0)} inner corners; "
+                f"{MIN_CORNERS} are needed",
+                hint="such as 7x5",
+            )
+        if self.markers > words:
+            raise BadInputError(
+                f"a board of {self.shape} squares has {self.markers} markers; {self.dictionary} has {words}, "
+                "so that some would look alike",
+                hint="fewer squares, or a larger dictionary, such as 5X5_250",
+            )
+
+    @property
+    def shape(self) -> str:
+        """Squares across x squares down."""
+        return f"{self.across}x{self.down}"
+
+    @property
+    def corners(self) -> int:
+        """Inner corners, which are what is measured."""
+        return (self.across - 1) * (self.down - 1)
+
+    @property
+    def markers(self) -> int:
+        """Markers: one in each white square."""
+        return self.across * self.down // 2
+
+    @property
+    def places(self) -> "NDArray[np.float32]":
+        """The inner corners on the board by their number, (n, 3) in m, z = 0; x right, y down."""
+        import numpy as np
+
+        return np.asarray(self.to_opencv().getChessboardCorners(), np.float32)
+
+    def to_opencv(self) -> "cv2.aruco.CharucoBoard":
+        """OpenCV's board."""
+        import cv2
+
+        size = (self.across, self.down)
+        return cv2.aruco.CharucoBoard(size, self.square_m, self.marker_m, self.words_of_markers())
+
+    def words_of_markers(self) -> "cv2.aruco.Dictionary":
+        """OpenCV's dictionary of the markers."""
+        import cv2
+
+        return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{self.dictionary.upper()}"))
+
+    def picture(self, square_px: int) -> "NDArray[np.uint8]":
+        """The board without a margin, uint8 grey, each square so many pixels."""
+        import numpy as np
+
+        size = (self.across * square_px, self.down * square_px)
+        return np.asarray(self.to_opencv().generateImage(size, marginSize=0), np.uint8)
+
+
+DEFAULT_BOARD = CharucoBoard(7, 5, 0.035, 0.026, "4X4_50")
+"""What is printed and expected unless something else is asked for: it fits A4 and Letter."""

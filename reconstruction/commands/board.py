@@ -1,0 +1,48 @@
+"""`reconstruct board`."""
+
+from pathlib import Path
+
+import click
+
+from capture_app.board.charuco import CharucoBoard
+from capture_app.board.options import board_options
+from capture_app.errors import SimulshotError
+from capture_app.terminal import json_option, print_json, print_line
+
+
+@click.command()
+@click.argument("file", type=click.Path(path_type=Path, dir_okay=False))
+@click.option(
+    "--page",
+    type=click.Choice(["a4", "a3", "letter"], case_sensitive=False),
+    default="a4",
+    help="Paper to print on.",
+)
+@board_options
+@json_option
+def board(file: Path, page: str, board: CharucoBoard, as_json: bool) -> None:
+    """Write a ChArUco board to FILE (.pdf or .svg) to print at true size and calibrate with.
+
+    By default it is the board that `reconstruct calibrate` and `capture-app coverage` expect. A bar on the
+    page shows whether the printer kept the size. The whole way is in docs/calibration.md.
+    """
+    from capture_app.board.printed_page import PrintedPage, calibrate_options, to_pdf, to_svg
+
+    formats = {".pdf": to_pdf, ".svg": to_svg}
+    write = formats.get(file.suffix.lower())
+    if write is None:
+        raise click.BadParameter(f"{file} ends neither in .pdf nor in .svg", param_hint="FILE")
+    printed = PrintedPage(board, page)
+    try:
+        file.write_bytes(write(printed))
+    except OSError as error:
+        raise SimulshotError(f"cannot write {file}: {error.strerror or error}") from error
+    options = calibrate_options(board)
+    if as_json:
+        facts = {"width_mm": printed.width, "height_mm": printed.height, "options": options}
+        print_json({"file": str(file), "squares": board.shape, "square_mm": 1000 * board.square_m, **facts})
+        return
+    print_line(str(file))
+    print_line("print it at 100 %, and measure the bar below the board: it is 100 mm long")
+    if options:
+        print_line(f"tell it to calibrate and coverage: {' '.join(options)}")

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from textual import work
 from textual.content import Content
+from textual.geometry import Size
 from textual.strip import Strip
 
 from capture_app.session.library.listing import SessionCard, SessionState
@@ -17,15 +18,7 @@ from capture_app.tui.drawing.row_list import RowList
 from capture_app.tui.jobs.job import Job
 from capture_app.tui.jobs.signs import job_tag
 from capture_app.tui.library.catalogue import Entry
-from capture_app.tui.pictures.cells import (
-    CellPicture,
-    Palette,
-    draw_cells,
-    fitted_cells,
-    palette_of,
-    resample,
-    strip_of,
-)
+from capture_app.tui.pictures.cells import CellPicture, Palette, draw_fitted, palette_of, strip_of_middle
 from capture_app.tui.states import GRADES, Sign
 
 ROWS = 3
@@ -149,13 +142,7 @@ class SessionRows(RowList):
             if images and images not in self._thumbs:
                 self._want(entry.key)
             return Strip.blank(THUMB, self.rich_style)
-        row = line - (ROWS - thumb.rows) // 2
-        if not 0 <= row < thumb.rows:
-            return Strip.blank(THUMB, self.rich_style)
-        left = (THUMB - thumb.columns) // 2
-        drawn = strip_of(thumb, row, self.rich_style)
-        right = THUMB - left - thumb.columns
-        return Strip.join([Strip.blank(left, self.rich_style), drawn, Strip.blank(right, self.rich_style)])
+        return strip_of_middle(thumb, line, Size(THUMB, ROWS), self.rich_style, self.rich_style)
 
     def _want(self, key: str) -> None:
         if key not in self._wanted:
@@ -197,11 +184,7 @@ def spread_of(card: SessionCard) -> Content:
 
 def _draw(cache: ThumbnailCache, image: Path, palette: Palette, light: bool) -> CellPicture | None:
     small = cache.load(image)
-    if small is None:
-        return None
-    columns, rows = fitted_cells(small.shape[1], small.shape[0], THUMB, ROWS)
-    scaled = resample(small, columns * palette.pixels[0], rows * palette.pixels[1])
-    return draw_cells(scaled, palette, light=light)
+    return None if small is None else draw_fitted(small, THUMB, ROWS, palette, light=light)
 
 
 def _justify(left: Content, right: Content, width: int) -> Content:

@@ -13,6 +13,7 @@ from rich.color_triplet import ColorTriplet
 from rich.segment import Segment
 from rich.style import Style
 from textual.app import App
+from textual.geometry import Size
 from textual.strip import Strip
 
 Image: TypeAlias = NDArray[np.uint8]
@@ -115,6 +116,16 @@ def draw_cells(scaled: Image, palette: Palette, *, light: bool = False) -> CellP
     return CellPicture(palette, glyphs, inks)
 
 
+def draw_fitted(
+    image: Image, columns: int, rows: int, palette: Palette, *, light: bool = False
+) -> CellPicture:
+    """Draw an image as large as it can be in so much room."""
+    across, down = fitted_cells(image.shape[1], image.shape[0], columns, rows)
+    return draw_cells(
+        resample(image, across * palette.pixels[0], down * palette.pixels[1]), palette, light=light
+    )
+
+
 def keep_what_looks_alike(shown: CellPicture, new: CellPicture, threshold: int) -> CellPicture:
     """The new picture, but with the shown cell wherever nothing seen in it differs by over `threshold`.
 
@@ -163,6 +174,16 @@ def strip_of(cells: CellPicture, row: int, plain: Style) -> Strip:
         )
     ]
     return Strip(segments, cells.columns)
+
+
+def strip_of_middle(cells: CellPicture, line: int, size: Size, plain: Style, around: Style) -> Strip:
+    """A line of a box of this size that has the picture in its middle; `around` is the style of the rest."""
+    row = line - (size.height - cells.rows) // 2
+    if not 0 <= row < cells.rows:
+        return Strip.blank(size.width, around)
+    left = (size.width - cells.columns) // 2
+    right = size.width - left - cells.columns
+    return Strip.join([Strip.blank(left, around), strip_of(cells, row, plain), Strip.blank(right, around)])
 
 
 @lru_cache(maxsize=16384)

@@ -14,15 +14,7 @@ from textual.strip import Strip
 
 from capture_app.session.reading.take_sheet import SheetPlace, TakeSheet
 from capture_app.text import duration, printable
-from capture_app.tui.pictures.cells import (
-    CellPicture,
-    Palette,
-    draw_cells,
-    fitted_cells,
-    palette_of,
-    resample,
-    strip_of,
-)
+from capture_app.tui.pictures.cells import CellPicture, Palette, draw_fitted, palette_of, strip_of_middle
 from capture_app.tui.sheets.sheet_layout import GUTTER, places_in_sight, region_of, thumb_size_of
 
 
@@ -215,19 +207,13 @@ class ContactSheet(ScrollView, can_focus=True):
 
     def _thumb_line(self, at: int, instant: int, line: int) -> Strip:
         size = self.thumb_size
-        empty = self.get_component_rich_style("sheet--empty")
         thumb = self._thumbs.get((at, instant))
         if thumb is None:
             known = (at, instant) in self._thumbs
             text = "no picture" if known and line == size.height // 2 else ""
             return self._words(text.center(size.width), size.width, "sheet--empty")
-        row = line - (size.height - thumb.rows) // 2
-        if not 0 <= row < thumb.rows:
-            return Strip.blank(size.width, empty)
-        left = (size.width - thumb.columns) // 2
-        right = size.width - left - thumb.columns
-        drawn = strip_of(thumb, row, self.rich_style)
-        return Strip.join([Strip.blank(left, empty), drawn, Strip.blank(right, empty)])
+        empty = self.get_component_rich_style("sheet--empty")
+        return strip_of_middle(thumb, line, size, self.rich_style, empty)
 
     def _words(self, text: str, width: int, style: str, *, gap: int = 0) -> Strip:
         look: Style = self.get_component_rich_style(style)
@@ -291,9 +277,4 @@ def _draw(
     sheet: TakeSheet, camera: str, instant: int, size: Size, palette: Palette, light: bool
 ) -> CellPicture | None:
     image = sheet.load(camera, instant, size.width * palette.pixels[0])
-    if image is None:
-        return None
-    columns, rows = fitted_cells(image.shape[1], image.shape[0], size.width, size.height)
-    return draw_cells(
-        resample(image, columns * palette.pixels[0], rows * palette.pixels[1]), palette, light=light
-    )
+    return None if image is None else draw_fitted(image, *size, palette, light=light)

@@ -12,9 +12,14 @@ from click.core import ParameterSource
 
 from capture_app import __version__
 from capture_app.commands.lazy_group import LazyGroup
-from capture_app.commands.options import FOLDER, AddressType
+from capture_app.commands.options import (
+    AddressType,
+    attached_sessions_option,
+    cameras_option,
+    rig_port_option,
+)
 from capture_app.errors import NotAvailableError
-from capture_app.net.address import DEFAULT_PORT, Address
+from capture_app.net.address import Address
 from capture_app.terminal import run_command_line
 
 COMMANDS = {
@@ -55,28 +60,14 @@ def load(name: str) -> click.Command:
     metavar="HOST:PORT",
     help="Show the rig of a leader that runs elsewhere.",
 )
-@click.option(
-    "--sessions",
-    type=FOLDER,
-    metavar="DIR",
-    show_default="that of the running rig, else sessions",
-    help="Folder for the sessions.",
-)
+@attached_sessions_option
 @click.option(
     "--host",
     default="0.0.0.0",  # noqa: S104 - cameras are other machines
     help="Address that a new rig listens on; 127.0.0.1 accepts this machine only.",
 )
-@click.option(
-    "--port",
-    type=click.IntRange(1, 65535),
-    metavar="PORT",
-    show_default=f"{DEFAULT_PORT}, or a free one",
-    help="UDP and TCP port of the rig.",
-)
-@click.option(
-    "--camera", "cameras", multiple=True, metavar="SPEC", help="Run a camera of this machine. Repeatable."
-)
+@rig_port_option
+@cameras_option
 @click.option(
     "--frames",
     type=click.IntRange(1, 1000),

@@ -12,11 +12,11 @@ import msgspec
 
 from capture_app.commands.options import (
     ANY_PATH,
-    FOLDER,
     beacons_option,
     host_option,
     port_option,
     run_until_stopped,
+    sessions_option,
     spool_option,
 )
 from capture_app.terminal import FiniteRange, json_option, print_json_line, talk
@@ -29,9 +29,7 @@ if TYPE_CHECKING:
 @click.command()
 @host_option
 @port_option
-@click.option(
-    "--sessions", type=FOLDER, default=Path("sessions"), metavar="DIR", help="Folder for the sessions."
-)
+@sessions_option
 @click.option(
     "--fps",
     type=FiniteRange(0.1, 1000.0),

@@ -103,6 +103,26 @@ port_option = click.option(
     metavar="PORT",
     help="UDP and TCP port; 0 chooses a free one.",
 )
+rig_port_option = click.option(
+    "--port",
+    type=click.IntRange(1, 65535),
+    metavar="PORT",
+    show_default=f"{DEFAULT_PORT}, or a free one",
+    help="UDP and TCP port of the rig.",
+)
+cameras_option = click.option(
+    "--camera", "cameras", multiple=True, metavar="SPEC", help="Run a camera of this machine. Repeatable."
+)
+sessions_option = click.option(
+    "--sessions", type=FOLDER, default=Path("sessions"), metavar="DIR", help="Folder for the sessions."
+)
+attached_sessions_option = click.option(
+    "--sessions",
+    type=FOLDER,
+    metavar="DIR",
+    show_default="that of the running rig, else sessions",
+    help="Folder for the sessions.",
+)
 clock_option = click.option(
     "--clock",
     "clock_text",

@@ -5,7 +5,13 @@ from pathlib import Path
 
 import click
 
-from capture_app.commands.options import FOLDER, host_option, leader_option
+from capture_app.commands.options import (
+    cameras_option,
+    host_option,
+    leader_option,
+    rig_port_option,
+    sessions_option,
+)
 from capture_app.net.address import Address
 from capture_app.terminal import json_option, print_json, print_line, print_table, talk
 
@@ -20,19 +26,9 @@ def rig() -> None:
 
 @rig.command()
 @host_option
-@click.option(
-    "--port",
-    type=click.IntRange(1, 65535),
-    metavar="PORT",
-    show_default="47010, or a free one",
-    help="UDP and TCP port.",
-)
-@click.option(
-    "--sessions", type=FOLDER, default=Path("sessions"), metavar="DIR", help="Folder for the sessions."
-)
-@click.option(
-    "--camera", "cameras", multiple=True, metavar="SPEC", help="Run a camera of this machine. Repeatable."
-)
+@rig_port_option
+@sessions_option
+@cameras_option
 @json_option
 def start(host: str, port: int | None, sessions: Path, cameras: tuple[str, ...], as_json: bool) -> None:
     """Start a rig that keeps running, and print its address."""

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from capture_app.commands.options import FOLDER, AddressType, run_until_stopped
+from capture_app.commands.options import AddressType, attached_sessions_option, run_until_stopped
 from capture_app.net.address import Address
 from capture_app.terminal import json_option, print_json, print_line, talk
 
@@ -30,13 +30,7 @@ if TYPE_CHECKING:
     show_default="the rig of this machine that runs, else a new one",
     help="Address of the leader whose rig is shown.",
 )
-@click.option(
-    "--sessions",
-    type=FOLDER,
-    metavar="DIR",
-    show_default="that of the running rig, else sessions",
-    help="Folder for the sessions.",
-)
+@attached_sessions_option
 @json_option
 def serve(host: str, port: int, leader: Address | None, sessions: Path | None, as_json: bool) -> None:
     """Show the terminal UI in a browser, until Ctrl-C; the rig keeps running.

@@ -1,13 +1,14 @@
 """Which two cameras make the best depth, and which two the best panorama."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from itertools import combinations
 
 import numpy as np
 
 from reconstruction.calibration.features import CELLS, MIN_MATCHES, Features, grid_cells, match_features
 from reconstruction.calibration.homography import fit_homography
+from reconstruction.calibration.pair_geometry import canvas_bounds
 from reconstruction.common.geometry import View, angle_deg, angles_deg, other_from_reference
 
 OVERLAP_LIMITS = (0.15, 0.8)
@@ -16,27 +17,50 @@ EPIPOLAR_PX = 3.0
 BEST_PARALLAX_DEG = 10.0
 """Beyond this the two views look too different to match densely."""
 
+MAX_TOLD = 3
+"""Pairs whose reasons are told in a sentence."""
+
 
 @dataclass(frozen=True)
 class PairChoice:
-    """A pair of cameras, or None, and the reason in words."""
+    """A pair of cameras, or None, and the reason in words.
+
+    `left_out`: by two names with a comma between, why those cameras can make no depth whatever they see.
+    """
 
     cameras: tuple[str, str] | None
     why: str
+    left_out: Mapping[str, str] = field(default_factory=dict)
 
 
 def choose_stereo_pair(views: Mapping[str, View], points: Mapping[str, Features]) -> PairChoice:
     """The pair that sees most in common, with enough parallax and nearly parallel axes.
 
     Scored by the share of the picture with matched still points times a factor that rises with
-    parallax (depth needs it) and falls beyond `BEST_PARALLAX_DEG` (matching suffers).
+    parallax (depth needs it) and falls beyond `BEST_PARALLAX_DEG` (matching suffers). Pairs that cannot
+    be rectified are left out.
     """
     best, choice = -np.inf, PairChoice(None, "no two cameras see the same things with enough parallax")
+    left_out = {}
     for a, b in combinations((name for name in points if name in views), 2):
+        try:
+            canvas_bounds(views[a], views[b])
+        except ValueError as error:
+            left_out[f"{a},{b}"] = str(error)
+            continue
         scored = _stereo_score(views[a], views[b], points[a], points[b])
         if scored is not None and scored[0] > best:
             best, choice = scored[0], PairChoice((a, b), scored[1])
-    return choice
+    if choice.cameras is None and left_out:
+        choice = PairChoice(None, f"{choice.why}; {describe_left_out(left_out)}")
+    return replace(choice, left_out=left_out)
+
+
+def describe_left_out(left_out: Mapping[str, str]) -> str:
+    """Why pairs are left out, in words; of many the first few."""
+    told = [f"{pair}: {why}" for pair, why in list(left_out.items())[:MAX_TOLD]]
+    more = [f"and {len(left_out) - MAX_TOLD} more pairs"] if len(left_out) > MAX_TOLD else []
+    return "; ".join(told + more)
 
 
 def _stereo_score(a: View, b: View, points_a: Features, points_b: Features) -> tuple[float, str] | None:
@@ -45,8 +69,6 @@ def _stereo_score(a: View, b: View, points_a: Features, points_b: Features) -> t
         return None
     rays_a, rays_b = a.rays(at_a), b.rays(at_b)
     rotation, translation = other_from_reference(a, b)
-    if np.linalg.norm(translation) == 0:
-        return None
     normals = np.cross(translation, rays_a @ rotation.T)
     off = np.abs((rays_b * normals).sum(1)) / np.maximum(np.linalg.norm(normals[:, :2], axis=1), 1e-12)
     kept = off * b.focal < EPIPOLAR_PX

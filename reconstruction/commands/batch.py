@@ -7,7 +7,7 @@ import click
 
 from capture_app.errors import ExitCode, SimulshotError
 from capture_app.terminal import json_option, print_json, print_line, talk
-from reconstruction.commands.options import CONDITION_HELP, out_option, parse_condition
+from reconstruction.commands.options import CONDITION_HELP, memory_option, out_option, parse_condition
 from reconstruction.session.conditions import SYNCED
 
 MAX_INSTANTS = 100_000
@@ -74,6 +74,7 @@ def _parse_instants(text: str) -> tuple[int, ...]:
     help="Number of instants to process in parallel.",
 )
 @out_option
+@memory_option
 @json_option
 def batch(
     sessions: tuple[Path, ...],

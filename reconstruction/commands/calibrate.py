@@ -7,7 +7,7 @@ import click
 from capture_app.board.charuco import CharucoBoard
 from capture_app.board.options import board_options
 from capture_app.terminal import json_option, print_json, print_line
-from reconstruction.commands.options import session_argument
+from reconstruction.commands.options import memory_option, session_argument
 
 
 @click.command()
@@ -27,6 +27,7 @@ from reconstruction.commands.options import session_argument
 )
 @board_options
 @click.option("--replace", is_flag=True, help="Replace an earlier calibration of the session.")
+@memory_option
 @json_option
 def calibrate(
     session: Path,

@@ -67,6 +67,7 @@ def _refuse_synced(
     help="Compare with another session of the same cameras too, such as one without synchronization.",
 )
 @options.out_option
+@options.memory_option
 @json_option
 def compare(session: Path, out: Path, as_json: bool, **chosen: Any) -> None:
     """Compare synchronized images of SESSION with images that are some time apart.

@@ -27,6 +27,7 @@ from reconstruction.session.conditions import SYNCED, Condition
 )
 @click.option("--mesh/--no-mesh", default=True, help="Also compute a mesh and render it.")
 @options.out_option
+@options.memory_option
 @json_option
 def multiview(
     session: Path, instant: int, condition: Condition, matcher: str, mesh: bool, out: Path, as_json: bool

@@ -1,12 +1,15 @@
 """Options that several commands share, and how their values are read."""
 
 from collections.abc import Callable
+from functools import wraps
 from pathlib import Path
 from typing import Any
 
 import click
 
 from capture_app.errors import BadInputError
+from capture_app.terminal import talk
+from reconstruction.common.memory_budget import limited_memory, parse_size
 from reconstruction.session.conditions import DISTINCT, DISTINCT_MS, SYNCED, Condition
 
 
@@ -24,6 +27,34 @@ def parse_condition(text: str) -> Condition:
         return Condition.parse(text)
     except BadInputError as error:
         raise click.BadParameter(str(error)) from error
+
+
+def parse_memory(text: str) -> int:
+    """Read a size of memory, bytes."""
+    try:
+        return parse_size(text)
+    except ValueError as error:
+        raise click.BadParameter(str(error)) from error
+
+
+def memory_option(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command the option `--memory`, keep its dense work within, and say what that changed."""
+
+    @click.option(
+        "--memory",
+        type=parse_memory,
+        metavar="SIZE",
+        show_default="half of what is free, at most 3 GiB",
+        help="Memory for pictures and dense work, as in 800MB or 8GB; what takes more is made smaller.",
+    )
+    @wraps(command)
+    def limited(*arguments: Any, memory: int | None, **options: Any) -> None:
+        with limited_memory(memory) as budget:
+            command(*arguments, **options)
+        for note in budget.notes:
+            talk(note)
+
+    return limited
 
 
 OFFSETS_HELP = (

@@ -5,8 +5,14 @@ from typing import Any
 
 import click
 
-from capture_app.terminal import json_option, print_json, print_line
-from reconstruction.commands.options import instant_option, out_option, pair_option, session_argument
+from capture_app.terminal import json_option, print_json, print_line, talk
+from reconstruction.commands.options import (
+    instant_option,
+    memory_option,
+    out_option,
+    pair_option,
+    session_argument,
+)
 
 
 @click.command()
@@ -21,13 +27,17 @@ from reconstruction.commands.options import instant_option, out_option, pair_opt
 )
 @pair_option("--pair", use="the depth map")
 @out_option
+@memory_option
 @json_option
 def stereo(session: Path, out: Path, as_json: bool, **options: Any) -> None:
     """Compute a depth map from two cameras of SESSION, with its confidence and a picture."""
+    from reconstruction.calibration.pair_choice import describe_left_out
     from reconstruction.stereo.command import StereoOptions
     from reconstruction.stereo.command import stereo as run
 
     result = run(session, out, StereoOptions(**options))
+    if result.pairs_left_out:
+        talk(f"left out: {describe_left_out(result.pairs_left_out)}")
     if as_json:
         print_json(result)
         return

@@ -6,7 +6,7 @@ from typing import Any
 import click
 
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line
-from reconstruction.commands.options import instant_option, out_option
+from reconstruction.commands.options import instant_option, memory_option, out_option
 from reconstruction.session.conditions import MAX_OFFSET_MS
 
 
@@ -22,6 +22,7 @@ from reconstruction.session.conditions import MAX_OFFSET_MS
     help="Also make the panorama with every second camera late by this much.",
 )
 @out_option
+@memory_option
 @json_option
 def stitch(sources: tuple[Path, ...], out: Path, as_json: bool, **options: Any) -> None:
     """Stitch a panorama from one instant of SESSION, or from image files or a folder of them.

@@ -12,6 +12,7 @@ from capture_app.terminal import Progress
 from reconstruction.bullet_time.burst_grid import render_burst_grid
 from reconstruction.bullet_time.camera_sweep import render_camera_sweep
 from reconstruction.calibration.rig import Rig
+from reconstruction.common.memory_budget import memory_budget
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.output_folder import STAGES, comparison_folder, write_metrics
 from reconstruction.compare.dose import measure_curve, whole_frame_offsets
@@ -152,6 +153,7 @@ class Comparison:
             dose=self.dose,
             burst=render_burst_grid(self.dataset, self.folder),
             bullet_time=render_camera_sweep(self.dataset, self.rig.motion, self.rig.views, self.folder),
+            memory_notes=memory_budget().notes,
             versions=library_versions(),
         )
 

@@ -12,6 +12,7 @@ import numpy as np
 from capture_app.errors import BadInputError
 from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
+from reconstruction.common.memory_budget import memory_budget
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.output_folder import comparison_folder, write_metrics
 from reconstruction.compare.stereo_study import StereoStudy
@@ -82,6 +83,7 @@ def _dose(session: Path, stages: Path, options: DoseOptions) -> DoseResult:
         reason=choice.why,
         calibration=rig.source,
         seconds=time.monotonic() - began,
+        memory_notes=memory_budget().notes,
         versions=library_versions(),
     )
 

@@ -108,6 +108,7 @@ class StereoStudy(PairStudy):
             other,
             repr((rig.views[reference], rig.views[other])),
             disparities,
+            matcher.scale,
             now,
             shown,
         )

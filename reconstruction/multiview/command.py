@@ -16,6 +16,7 @@ from capture_app.text import pretty_json
 from reconstruction.common.drawing import colour_depth, display_range
 from reconstruction.common.geometry import View
 from reconstruction.common.image_files import write_image
+from reconstruction.common.memory_budget import memory_budget
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.depth.colmap_workspace import fuse_depth_maps, read_maps, write_workspace
 from reconstruction.depth.depth_range import find_depth_range
@@ -144,6 +145,7 @@ def multiview(
             files=("fused.ply", *model.files, "workspace", RESULT),
             seconds=stopwatch.total(),
             seconds_of=stopwatch.seconds,
+            memory_notes=memory_budget().notes,
             versions=library_versions(),
         )
         write_atomic(part / RESULT, pretty_json(result))

@@ -54,4 +54,6 @@ class MultiviewResult(Struct, frozen=True, kw_only=True):
     """All of it."""
     seconds_of: dict[str, float]
     """Wall seconds of each stage."""
+    memory_notes: tuple[str, ...] = ()
+    """What the memory budget changed."""
     versions: dict[str, str] = {}

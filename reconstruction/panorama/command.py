@@ -12,6 +12,7 @@ from capture_app.errors import BadInputError
 from capture_app.session.format.manifest import MANIFEST
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import read_image, save_picture
+from reconstruction.common.memory_budget import memory_budget
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.output_folder import comparison_folder, write_metrics
 from reconstruction.panorama.ghosting import OverlapScore
@@ -54,6 +55,8 @@ class PanoramaResult(msgspec.Struct, frozen=True, kw_only=True):
     offset: ConditionPanorama | None = None
     actual_offset_ms: float = 0.0
     seconds: float = 0.0
+    memory_notes: tuple[str, ...] = ()
+    """What the memory budget changed."""
     versions: dict[str, str] = {}
 
 
@@ -90,6 +93,7 @@ def stitch(sources: tuple[Path, ...], out: Path, options: StitchOptions) -> Pano
             offset=offset,
             actual_offset_ms=given.offset_ms,
             seconds=time.monotonic() - began,
+            memory_notes=memory_budget().notes,
             versions=library_versions(),
         )
         write_metrics(output.folder, result)

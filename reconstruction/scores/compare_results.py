@@ -117,4 +117,6 @@ class CompareResult(Struct, frozen=True, kw_only=True):
     words: ReportWords | None = None
     report: str = ""
     seconds: float = 0.0
+    memory_notes: tuple[str, ...] = ()
+    """What the memory budget changed."""
     versions: dict[str, str] = {}

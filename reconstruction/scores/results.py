@@ -223,4 +223,6 @@ class DoseResult(Struct, frozen=True, kw_only=True):
     calibration: str = ""
     report: str = ""
     seconds: float = 0.0
+    memory_notes: tuple[str, ...] = ()
+    """What the memory budget changed."""
     versions: dict[str, str] = {}

@@ -12,6 +12,7 @@ from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.drawing import colour_depth, display_range, side_by_side
 from reconstruction.common.image_files import save_picture, write_image
+from reconstruction.common.memory_budget import memory_budget
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.output_folder import STAGES, comparison_folder, write_metrics
 from reconstruction.scores.depth_truth import share_right
@@ -52,6 +53,10 @@ class StereoDepth(Struct, frozen=True, kw_only=True):
     """Of the pixels that have a true depth, empty ones counted as wrong."""
     calibration: str
     why: str = ""
+    pairs_left_out: dict[str, str] = {}
+    """By two names with a comma between, why those cameras can make no depth."""
+    memory_notes: tuple[str, ...] = ()
+    """What the memory budget changed."""
     seconds: float = 0.0
     versions: dict[str, str]
 
@@ -88,7 +93,14 @@ def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
             raise BadInputError(f"{reference} and {other}: {error}") from error
         result = _save_result(rig, choice.cameras, (options.instant, later), found, output.folder)
         seconds = time.monotonic() - began
-        result = structs.replace(result, session=str(session), why=choice.why, seconds=seconds)
+        result = structs.replace(
+            result,
+            session=str(session),
+            why=choice.why,
+            pairs_left_out=dict(choice.left_out),
+            memory_notes=memory_budget().notes,
+            seconds=seconds,
+        )
         write_metrics(output.folder, result)
     return result
 

@@ -1,11 +1,12 @@
 """Rectification of a pair: both views rotated so that a point lies in the same row of both."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import cv2
 import numpy as np
 
-from reconstruction.common.geometry import Array, View, other_from_reference
+from reconstruction.calibration.pair_geometry import canvas_bounds, rectifying_rotations
+from reconstruction.common.geometry import Array, View
 
 
 @dataclass(frozen=True)
@@ -72,34 +73,6 @@ class Rectification:
         return np.array([[sign * self.focal, 0, -self.left], [0, self.focal, -self.top], [0, 0, 1.0]])
 
 
-def rectifying_rotations(reference: View, other: View) -> tuple[Array, Array, float, bool]:
-    """The rotations of both views onto a common plane, the baseline's length, and whether to mirror.
-
-    The common x axis is the baseline, kept as close to the reference's x (or y) axis as it can be, so
-    that pictures stay upright; z is as close as possible to both viewing directions.
-
-    Raises:
-        ValueError: the two cameras stand at the same place, or one looks along the baseline.
-    """
-    rotation, translation = other_from_reference(reference, other)
-    step = -rotation.T @ translation
-    length = float(np.linalg.norm(step))
-    if length == 0.0:
-        raise ValueError("both cameras stand at the same place")
-    x = step / length
-    lead = int(np.argmax(np.abs(x[:2])))
-    mirror = bool(x[lead] < 0)
-    if mirror:
-        x = -x
-    z = np.array([0.0, 0.0, 1.0]) + rotation.T @ np.array([0.0, 0.0, 1.0])
-    z -= (z @ x) * x
-    if np.linalg.norm(z) < 0.2:
-        raise ValueError("the cameras stand one behind the other")
-    z /= np.linalg.norm(z)
-    reference_rotation = np.stack([x, np.cross(z, x), z])
-    return reference_rotation, reference_rotation @ rotation.T, length, mirror
-
-
 def rectify(
     reference: View, other: View, disparities: tuple[float, float], scale: float = 1.0
 ) -> Rectification:
@@ -107,17 +80,28 @@ def rectify(
 
     The canvas holds all of the reference view and, beside it, what its matches in the other need;
     `scale` makes it smaller or larger than the reference's own resolution.
+
+    Raises:
+        ValueError: the two cannot be rectified, as `canvas_bounds` says.
     """
+    low, high = canvas_bounds(reference, other)
     reference_rotation, other_rotation, length, mirror = rectifying_rotations(reference, other)
-    focal = reference.focal * scale
-    rotations = reference_rotation, other_rotation
-    bare = Rectification(reference, other, *rotations, focal, length, 0.0, 0.0, 1, 1, mirror)
-    outline = bare.project(reference.rays(reference.border()))
-    low, high = outline.min(0), outline.max(0)
-    limit = 3 * scale * max(reference.width, reference.height)
-    low, high = np.maximum(low, -limit), np.minimum(high, limit)
+    if mirror:
+        low, high = np.array([-high[0], low[1]]), np.array([-low[0], high[1]])
+    low, high = low * scale, high * scale
     left = np.floor(low[0] - max(disparities[1] * scale, 0.0)) - 1
     right = np.ceil(high[0] - min(disparities[0] * scale, 0.0)) + 1
     top, bottom = np.floor(low[1]) - 1, np.ceil(high[1]) + 1
-    width, height = int(right - left) + 1, int(bottom - top) + 1
-    return replace(bare, left=float(left), top=float(top), width=width, height=height)
+    return Rectification(
+        reference,
+        other,
+        reference_rotation,
+        other_rotation,
+        focal=reference.focal * scale,
+        baseline=length,
+        left=float(left),
+        top=float(top),
+        width=int(right - left) + 1,
+        height=int(bottom - top) + 1,
+        mirror=mirror,
+    )

@@ -11,6 +11,17 @@ from reconstruction.common.geometry import Array
 BLOCK = 5
 """Side of the matched window, px."""
 
+BYTES_PER_CELL = 4.2
+"""Memory that matching takes for each pixel and disparity (measured, both directions one after the other)."""
+BYTES_PER_PIXEL = 100
+"""And for each pixel: maps in float, flow, checks."""
+
+
+def matching_bytes(width: float, height: float, disparities: float) -> float:
+    """Memory that matching a rectified pair of this size takes."""
+    count = disparities + 16
+    return height * (width + count) * (count * BYTES_PER_CELL + BYTES_PER_PIXEL)
+
 
 def match_rectified(reference: Array, other: Array, low: int, count: int) -> Array:
     """Disparity (height x width, px, NaN = none) of a rectified pair; reference minus other, in

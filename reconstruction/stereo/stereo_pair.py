@@ -10,15 +10,20 @@ import numpy as np
 
 from reconstruction.common.brightness import match_brightness, noise_level
 from reconstruction.common.geometry import Array, View
+from reconstruction.common.memory_budget import memory_budget
 from reconstruction.stereo.rectification import Rectification, rectify
 from reconstruction.stereo.sgbm import (
     MatchChecks,
     fill_small_holes,
     match_rectified,
     match_rectified_back,
+    matching_bytes,
     same_appearance,
     warp_by_disparity,
 )
+
+VOLUME_SHARE = 0.6
+"""Of the memory budget, for matching; the rest is for pictures and maps."""
 
 
 @dataclass(frozen=True)
@@ -41,11 +46,26 @@ class StereoPair:
     """Depth from one calibrated pair, with everything that is not in the images fixed beforehand."""
 
     def __init__(self, reference: View, other: View, disparities: tuple[float, float]) -> None:
-        """The disparity range (px) comes from `find_disparity_range`, the same for all conditions."""
-        self.min_disparity = max(0, int(np.floor(disparities[0])))
-        self.num_disparities = int(np.ceil((disparities[1] - self.min_disparity + 1) / 16)) * 16
+        """The disparity range (px) comes from `find_disparity_range`, the same for all conditions.
+
+        A range and a canvas that take more than the memory budget are matched at a smaller scale.
+
+        Raises:
+            ValueError: the two cannot be rectified.
+        """
+        low, high = max(0, int(np.floor(disparities[0]))), disparities[1]
+        bare = rectify(reference, other, (low, high))
+        self.scale = memory_budget().fit_scale(
+            f"depth of a pair ({bare.width}x{bare.height} pixels, {high - low:.0f} disparities)",
+            lambda scale: matching_bytes(bare.width * scale, bare.height * scale, (high - low) * scale),
+            share=VOLUME_SHARE,
+        )
+        """Of the rectified pictures, against the reference's own resolution."""
+        self.min_disparity = int(low * self.scale)
+        self.num_disparities = int(np.ceil((high * self.scale - self.min_disparity + 1) / 16)) * 16
         end = self.min_disparity + self.num_disparities
-        self.rectification: Rectification = rectify(reference, other, (self.min_disparity, end))
+        reach = self.min_disparity / self.scale, end / self.scale
+        self.rectification: Rectification = rectify(reference, other, reach, self.scale)
         self.checks = MatchChecks()
 
     def compute_depth(self, reference: Array, other: Array) -> DepthMap:
@@ -110,7 +130,7 @@ def find_disparity_range(
     vote, and a few wrong ones are left out. Movers vote separately: they are few, and often the nearest.
 
     Raises:
-        ValueError: the two views have nothing in common.
+        ValueError: the two views have nothing in common, or cannot be rectified.
     """
     reference, other = pair
     scale = min(1.0, 320 / max(reference.width, reference.height))
@@ -156,7 +176,7 @@ LIKENESS = 0.75
 
 
 def epipolar_errors(pair: StereoPair, reference: Array, other: Array, mask: Array) -> list[float]:
-    """How far matched patches on a mask lie from their row, px of the rectified pictures.
+    """How far matched patches on a mask lie from their row, px at the reference's own resolution.
 
     Patches of the reference (grey, uint8) are looked for freely in two dimensions; only sure finds count.
     """
@@ -186,7 +206,8 @@ def epipolar_errors(pair: StereoPair, reference: Array, other: Array, mask: Arra
         likeness = cv2.matchTemplate(strip, patch, cv2.TM_CCOEFF_NORMED)
         _, best, _, at = cv2.minMaxLoc(likeness)
         if best >= LIKENESS and 0 < at[1] < likeness.shape[0] - 1:
-            errors.append(abs(at[1] + _peak(likeness[at[1] - 1 : at[1] + 2, at[0]]) + top + half - y))
+            found = at[1] + _peak(likeness[at[1] - 1 : at[1] + 2, at[0]]) + top + half
+            errors.append(abs(found - y) / pair.scale)
     return errors
 
 

@@ -1,0 +1,107 @@
+"""The memory that dense work may take: one budget for a whole command, kept by scale or by fewer at once.
+
+A command sets it (`limited_memory`); whatever is about to take much memory asks `memory_budget()` at which
+scale, or how many at once, it may work. What the budget changes is noted, for the user and the result.
+"""
+
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+from capture_app.errors import BadInputError
+from reconstruction.common.free_memory import free_memory
+
+DEFAULT_SHARE = 0.5
+"""Of the memory that is free when a command begins."""
+MOST_BY_DEFAULT = 3 << 30
+"""So that on all but small machines a result does not depend on how much memory happened to be free."""
+LEAST_BYTES = 128 << 20
+SCALE_STEP = 2**-0.25
+LEAST_SCALE = 1 / 16
+_UNITS = {"K": 1e3, "M": 1e6, "G": 1e9, "T": 1e12, "Ki": 2**10, "Mi": 2**20, "Gi": 2**30, "Ti": 2**40}
+
+
+class MemoryBudget:
+    """Bytes that arrays of one command may take together, and what was made smaller to keep within."""
+
+    def __init__(self, limit_bytes: int) -> None:
+        self.limit_bytes = max(int(limit_bytes), LEAST_BYTES)
+        self._notes: dict[str, None] = {}
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """What the budget changed, a sentence each; empty where it did not bind."""
+        return tuple(self._notes)
+
+    def note(self, text: str) -> None:
+        """Tell the user and the result about something that the budget changed."""
+        self._notes[text] = None
+
+    def fit_scale(self, what: str, bytes_at: Callable[[float], float], *, share: float = 1.0) -> float:
+        """The largest scale, 1 or less, at which `what` takes no more than this share of the budget.
+
+        `bytes_at` is the memory it takes at a scale of its pictures' sides.
+
+        Raises:
+            BadInputError: even a sixteenth of its size takes more.
+        """
+        limit, scale = share * self.limit_bytes, 1.0
+        while bytes_at(scale) > limit:
+            scale *= SCALE_STEP
+            if scale < LEAST_SCALE:
+                raise BadInputError(
+                    f"{what} takes {gigabytes(bytes_at(1.0))} of memory, and {gigabytes(limit)} may be used",
+                    hint="--memory gives it more",
+                )
+        if scale < 1.0:
+            self.note(
+                f"{what} is computed at {100 * scale:.0f} % of its size: it would take "
+                f"{gigabytes(bytes_at(1.0))} of memory, and {gigabytes(limit)} may be used (--memory)"
+            )
+        return scale
+
+    def fit_count(self, bytes_each: float, most: int, *, share: float = 1.0) -> int:
+        """How many things of this size fit into a share of the budget at once: 1 to `most`."""
+        return max(1, min(most, int(share * self.limit_bytes // max(bytes_each, 1.0))))
+
+
+def memory_budget() -> MemoryBudget:
+    """The budget of the running command; outside of any, that of this process's free memory."""
+    return _running[-1] if _running else MemoryBudget(default_budget())
+
+
+@contextmanager
+def limited_memory(limit_bytes: int | None = None) -> Iterator[MemoryBudget]:
+    """Set the budget of what runs within; None = `default_budget`."""
+    budget = MemoryBudget(default_budget() if limit_bytes is None else limit_bytes)
+    _running.append(budget)
+    try:
+        yield budget
+    finally:
+        _running.remove(budget)
+
+
+_running: list[MemoryBudget] = []
+"""Of this process, the innermost last: memory is the process's, whichever thread asks."""
+
+
+def default_budget() -> int:
+    """Half of the memory that is free, at most `MOST_BY_DEFAULT`; bytes."""
+    return min(int(DEFAULT_SHARE * free_memory()), MOST_BY_DEFAULT)
+
+
+def parse_size(text: str) -> int:
+    """Bytes of a size such as 800MB, 4G or 2GiB.
+
+    Raises:
+        ValueError: it is no size.
+    """
+    found = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([KMGT]i?)B?\s*", text)
+    if found is None:
+        raise ValueError(f"{text!r} is not a size of memory, as in 800MB or 4GB")
+    return int(float(found[1]) * _UNITS[found[2]])
+
+
+def gigabytes(size: float) -> str:
+    """A size in words: 850 MB, 20.9 GB."""
+    return f"{size / 1e6:.0f} MB" if size < 1e9 else f"{size / 1e9:.1f} GB"

@@ -6,6 +6,7 @@
 # make samples   render the sample sessions again from their recipes: the same bytes
 # make bench-sync   clock synchronization on an emulated WiFi link, beside other filters (root, 10 min; BENCH=--quick: 1 min)
 # make bench-multiview   depth from many views, beside a plain sweep and SGBM (BENCH="--scene plain ...")
+# make bench-pairs   wrong pixels of rectified pairs with a truth, beside OpenCV's SGBM (BENCH="FOLDER ...": other pairs)
 # make test-crash   writers and outputs killed at every step, every bit flipped (slow)
 # make bench-reference   nodes that hear the same multicast beacons, on emulated links (root, 3 min)
 # make bench-relay   a rig with cameras below a relay, over two emulated WiFi links (root, 6 min)
@@ -25,7 +26,7 @@ OUT ?= demo
 LIBRARIES := libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
 	libusb-1.0.so.0:libusb-1.0-0 libudev.so.1:libudev1 libidn2.so.0:libidn2-0
 
-.PHONY: help install demo animation screenshots samples test test-v4l2 test-slurm bench-sync bench-reference bench-relay bench-rig bench-clients bench-multiview bench-tui test-crash check format system clean
+.PHONY: help install demo animation screenshots samples test test-v4l2 test-slurm bench-sync bench-reference bench-relay bench-rig bench-clients bench-multiview bench-pairs bench-tui test-crash check format system clean
 .DEFAULT_GOAL := help
 
 help:
@@ -73,6 +74,9 @@ bench-clients: $(VENV)/.installed
 
 bench-multiview: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.reconstruction.multiview $(BENCH)
+
+bench-pairs: $(VENV)/.installed
+	@$(BIN)/python -m benchmarks.reconstruction.stereo_pairs $(BENCH)
 
 bench-tui: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.screen.tui_load $(BENCH)

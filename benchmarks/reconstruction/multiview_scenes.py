@@ -106,6 +106,17 @@ def plain(width: int = 640, height: int = 480) -> Rendered:
     return Rendered(f"plain {width}x{height}", views, shoot((0,) * 5), shoot(OFFSETS_MS))
 
 
+def plain_pair(baseline: float = 0.2) -> tuple[Array, Array, Array, float]:
+    """Two parallel views of the plain scene (uint8 BGR), the left one's depth (m), and focal x baseline."""
+    o3d = load_open3d()
+    left = View(640, 480, _matrix(640, 480), np.zeros(5), np.eye(3), np.zeros(3))
+    right = replace(left, translation=np.array([-baseline, 0, 0]))
+    things = [*_still_things(o3d), *_moving_things(o3d, 0.0)]
+    first, depth, _ = _shoot(o3d, left, things, np.random.default_rng(0))
+    second, _, _ = _shoot(o3d, right, things, np.random.default_rng(1))
+    return first, second, depth, left.focal * baseline
+
+
 def _matrix(width: int, height: int) -> Array:
     focal = 0.8 * width
     return np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1.0]])

@@ -16,6 +16,7 @@ from capture_app.session.library.trash import (
     trashed_sessions,
 )
 from capture_app.terminal import json_option, print_json, print_line, print_table, talk
+from capture_app.text import count
 
 _root_argument = click.argument("root", type=ANY_PATH, default=Path("sessions"), required=False)
 
@@ -104,9 +105,9 @@ def empty(root: Path, yes: bool, as_json: bool) -> None:
     if found and not yes:
         if not sys.stdin.isatty():
             raise NotAvailableError(
-                f"{len(found)} sessions would be deleted for good", hint="--yes does not ask"
+                f"this would delete {count(len(found), 'session')} for good", hint="--yes does not ask"
             )
-        click.confirm(f"Delete {len(found)} sessions in {root} for good?", abort=True, err=True)
+        click.confirm(f"Delete {count(len(found), 'session')} in {root} for good?", abort=True, err=True)
     deleted = empty_trash(root)
     if as_json:
         print_json({"root": str(root), "deleted": deleted})

@@ -11,6 +11,7 @@ from capture_app.errors import BadInputError
 from capture_app.net.address import DEFAULT_PORT, Address
 from capture_app.session.files.output_folder import clear_leftovers
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line, talk
+from capture_app.text import count
 
 if TYPE_CHECKING:
     from capture_app.node.leader.repair import RepairResult
@@ -67,4 +68,4 @@ def _describe_result(one: "RepairResult") -> str:
         return f"{one.session}: {one.what}"
     state = "completed" if one.changed else "complete already"
     lost = f", {one.missing} missing ({one.what})" if one.missing else ""
-    return f"{one.session}: {state}, {one.images} images saved{lost}"
+    return f"{one.session}: {state}, {count(one.images, 'image')} saved{lost}"

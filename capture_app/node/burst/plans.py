@@ -20,6 +20,7 @@ from capture_app.session.reading.reader import Session
 from capture_app.session.reading.skipped_instants import skipped_text
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_picks import Burst
+from capture_app.text import count
 
 
 def write_manifest(
@@ -55,7 +56,7 @@ def result_text(burst: BurstRecord, missing: Sequence[MissingImage]) -> str:
     told = ""
     if missing:
         reasons = sorted({f"{gap.camera}: {gap.reason}" for gap in missing})
-        told = f"{len(missing)} images are missing ({'; '.join(reasons)})"
+        told = f"{count(len(missing), 'image')} missing ({'; '.join(reasons)})"
     return "; ".join(filter(None, (told, skipped_text(burst.skipped))))
 
 

@@ -20,6 +20,7 @@ from capture_app.node.wire.messages import CameraReport, FromLeader, ImageUpload
 from capture_app.session.files.disk import free_bytes
 from capture_app.session.format.manifest import MissingImage
 from capture_app.sync.rig.frame_picks import Pick
+from capture_app.text import count
 
 RETRY_S = (0.5, 1.0, 2.0, 4.0)
 SPACE_EVERY_S = 30.0
@@ -62,7 +63,8 @@ class Uploader:
             if not images:
                 spooled.remove()
                 continue
-            self.talk(f"burst {report.burst}: {len(images)} images are still in {spooled.folder}")
+            waiting = count(len(images), "image")
+            self.talk(f"burst {report.burst}: {waiting} still in {spooled.folder}")
             report = _with_images(report, images)
             self._waiting.append(BurstUpload(report, deque(), images, spooled=spooled))
 

@@ -17,6 +17,7 @@ from capture_app.session.exporters.common.poses import (
 from capture_app.session.exporters.common.tables import Frame, write_frames
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.manifest import RIG, ImageRecord
+from capture_app.text import count
 
 _HALF_PIXEL = 0.5  # COLMAP's first pixel has its centre at (0.5, 0.5)
 _SPARSE = "sparse/0"
@@ -45,8 +46,8 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
     write_frames(burst, folder, frames)
     notes = []
     if len(kept) < len(burst.images):
-        left_out = len(burst.images) - len(kept)
-        notes.append(f"{left_out} images are left out: they are of other moments than their instants")
+        left_out = count(len(burst.images) - len(kept), "image")
+        notes.append(f"without {left_out} of other moments than their instants")
     if calibration is None:
         return [*notes, "the session has no calibration: COLMAP finds the cameras itself"]
     _write_model(burst, calibration, kept, names, folder / _SPARSE)

@@ -18,6 +18,7 @@ from capture_app.session.importers.sources import Source
 from capture_app.session.importers.time_source import TimeOptions, make_timeline
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
+from capture_app.text import count
 
 Progress = Callable[[int, int], None]
 """Called after each frame with the number of frames done and of all."""
@@ -120,7 +121,7 @@ def _chosen(timeline: Timeline, options: ImportOptions) -> Sequence[Instant]:
         raise BadInputError("--start counts from 0, --count and --every from 1")
     chosen = timeline.instants[options.start :: options.every][: options.count]
     if not chosen:
-        raise BadInputError(f"the recording has {total} instants, none from {options.start} on")
+        raise BadInputError(f"the recording has {count(total, 'instant')}, none from {options.start} on")
     return chosen
 
 

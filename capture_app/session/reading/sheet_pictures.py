@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from capture_app.errors import BadInputError, NotAvailableError
 from capture_app.session.reading.take_sheet import TakeSheet
-from capture_app.text import duration
+from capture_app.text import count, duration
 
 if TYPE_CHECKING:
     import numpy as np
@@ -71,7 +71,8 @@ def wiggle_frames(sheet: TakeSheet, instant: int, width: int) -> Iterator["Pictu
     there = [place.camera for place in places if place.image is not None]
     if len(there) < 2:
         raise BadInputError(
-            f"{sheet.session.folder} has {len(there)} pictures of instant {instant}; a wiggle needs two",
+            f"{sheet.session.folder} has {count(len(there), 'picture')} of instant {instant}; "
+            "a wiggle needs two",
             hint="choose another --instant",
         )
     height = round(width * sheet.aspect)

@@ -131,7 +131,7 @@ async def test_with_too_few_complete_instants_the_burst_has_those_of_the_most_ca
     await deliver(session, "b", 0, 2)
     manifest = saved(session).manifest
     assert [(gap.camera, gap.instant, gap.dropped) for gap in manifest.missing] == [("a", 0, True)]
-    assert "1 images are missing" in session.status.message
+    assert "1 image missing" in session.status.message
 
 
 async def test_a_leader_that_is_killed_goes_on_with_the_instants_it_told(tmp_path: Path) -> None:

@@ -31,6 +31,7 @@ COMMANDS = {
     "burst": "Take a burst with a running leader.",
     "cameras": "List the cameras of this machine; add, show and remove those of a running rig.",
     "preview": "Save a small picture of what a camera of a running rig sees.",
+    "coverage": "Count live what a calibration board has covered, and say what is missing.",
     "serve": "Show the terminal UI in a browser.",
     "sessions": "List, show, verify, rename, annotate, trash, repair, import and export sessions.",
     "experiment": "Measure clock and phase synchronization, beside the paper's figures.",

@@ -3,33 +3,46 @@
 The board may be printed light or dark, and seen from its front or its back.
 """
 
+from collections.abc import Sequence
 from itertools import combinations
 
 import cv2
 import numpy as np
 
 from capture_app.board.charuco import MIN_CORNERS, CharucoBoard
-from capture_app.board.detector import BoardDetector
+from capture_app.board.coverage import BoardCoverage, CoverageCount
+from capture_app.board.detector import BoardDetector, Corners
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
 from reconstruction.common.geometry import Array, View
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import evenly_spread
 
-BoardCorners = dict[tuple[str, int], dict[int, Array]]
-"""By camera and instant, pixels (2,) of the board's corners by their number."""
+BoardCorners = dict[tuple[str, int], Corners]
+"""By camera and moment, pixels of the board's corners; moments are instants, counted over all recordings."""
 
 
-def detect_board(dataset: Dataset, board: CharucoBoard) -> BoardCorners:
+def detect_board(recordings: Sequence[Dataset], board: CharucoBoard) -> BoardCorners:
     """Detect the board in every image; images with fewer than MIN_CORNERS are left out."""
     found: BoardCorners = {}
-    for camera in dataset.cameras:
-        finder = BoardDetector(board)
-        for instant in dataset.instants(camera):
-            corners = finder.detect(dataset.grey(camera, instant))
-            if corners:
-                found[camera, instant] = corners
+    finders = {camera: BoardDetector(board) for camera in recordings[0].cameras}
+    before = 0
+    for recording in recordings:
+        for camera in recording.cameras:
+            for instant in recording.instants(camera):
+                corners = finders[camera].detect(recording.grey(camera, instant))
+                if corners:
+                    found[camera, before + instant] = corners
+        before += len(recording.instants_ns)
     return found
+
+
+def count_coverage(dataset: Dataset, board: CharucoBoard, corners: BoardCorners) -> BoardCoverage:
+    """What the board has covered in recordings of this dataset's cameras."""
+    count = CoverageCount(board, {name: dataset.size(name) for name in dataset.cameras})
+    for moment in sorted({moment for _, moment in corners}):
+        count.add({name: seen for (name, at), seen in corners.items() if at == moment})
+    return count.coverage()
 
 
 def shared_corners(corners: BoardCorners) -> dict[tuple[str, str], tuple[Array, Array]]:
@@ -92,8 +105,9 @@ def _rig_poses(
 ) -> dict[str, tuple[Array, Array]]:
     """`cam_from_rig`: the first camera is the rig; each other is joined to the one it shares most with."""
     shared: dict[frozenset[str], list[tuple[int, list[int]]]] = {}
+    moments = sorted({moment for _, moment in corners})
     for a, b in combinations(dataset.cameras, 2):
-        for k in range(len(dataset.instants_ns)):
+        for k in moments:
             ids = sorted(corners.get((a, k), {}).keys() & corners.get((b, k), {}).keys())
             if len(ids) >= MIN_CORNERS:
                 shared.setdefault(frozenset((a, b)), []).append((k, ids))

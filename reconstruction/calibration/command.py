@@ -9,6 +9,7 @@ from pathlib import Path
 import msgspec
 
 from capture_app.board.charuco import DEFAULT_BOARD, CharucoBoard
+from capture_app.board.coverage import BoardCoverage
 from capture_app.errors import BadInputError
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.format.calibration import Calibration
@@ -16,6 +17,7 @@ from capture_app.session.format.manifest import CALIBRATION
 from capture_app.text import pretty_json
 from reconstruction.calibration.charuco import (
     calibrate_from_board,
+    count_coverage,
     detect_board,
     shared_corners,
 )
@@ -48,11 +50,11 @@ class CalibrationSource(StrEnum):
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrateOptions:
-    """`recording`: the session that shows the board, None = the session itself."""
+    """`recordings`: the sessions that show the board, none = the session itself."""
 
     source: CalibrationSource = CalibrationSource.SFM
     board: CharucoBoard = DEFAULT_BOARD
-    recording: Path | None = None
+    recordings: tuple[Path, ...] = ()
     force: bool = False
 
 
@@ -66,6 +68,8 @@ class CalibrateResult(msgspec.Struct, frozen=True, kw_only=True):
     """Cameras of the session without a calibration."""
     unit: str
     quality: CalibrationQuality
+    board: BoardCoverage | None = None
+    """For a board: what it has covered, and what would make the calibration better."""
     stored: bool
 
 
@@ -81,8 +85,9 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
     stores = options.source is not CalibrationSource.SESSION
     if stores and target.exists() and not options.force:
         raise BadInputError(f"{session} has a calibration already", hint="--replace overwrites it")
+    coverage = None
     if options.source is CalibrationSource.CHARUCO:
-        found, views, shared = _from_board(dataset, options)
+        (found, views, shared), coverage = _from_board(dataset, options)
     else:
         found, views, shared = _from_still_points(dataset, stores)
     quality = judge_calibration(views, shared)
@@ -96,21 +101,46 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
         missing=tuple(name for name in dataset.cameras if name not in views),
         unit=found.unit,
         quality=quality,
+        board=coverage,
         stored=stores,
     )
 
 
-def _from_board(dataset: Dataset, options: CalibrateOptions) -> Candidate:
-    """The calibration by a recording of a board, judged by the board's corners."""
-    recording = Dataset.open(options.recording) if options.recording is not None else dataset
-    if recording.cameras != dataset.cameras:
-        raise BadInputError(
-            f"{options.recording} was taken by other cameras ({', '.join(recording.cameras)})",
-            hint=f"{dataset.name} has {', '.join(dataset.cameras)}",
-        )
-    corners = detect_board(recording, options.board)
-    found = calibrate_from_board(recording, options.board, corners)
-    return found, calibrated_views(recording, found), shared_corners(corners)
+def cover(session: Path, options: CalibrateOptions) -> BoardCoverage:
+    """What the board has covered in a session, or in its recordings.
+
+    Raises:
+        SimulshotError: a session cannot be read, or is of other cameras.
+    """
+    dataset = Dataset.open(session)
+    return count_coverage(dataset, options.board, detect_board(_recordings(dataset, options), options.board))
+
+
+def _recordings(dataset: Dataset, options: CalibrateOptions) -> list[Dataset]:
+    recordings = [Dataset.open(path) for path in options.recordings] or [dataset]
+    for recording in recordings:
+        if recording.cameras != dataset.cameras:
+            raise BadInputError(
+                f"{recording.name} was taken by other cameras ({', '.join(recording.cameras)})",
+                hint=f"{dataset.name} has {', '.join(dataset.cameras)}",
+            )
+        for name in dataset.cameras:
+            if recording.size(name) != dataset.size(name):
+                sizes = ["x".join(map(str, of.size(name))) for of in (recording, dataset)]
+                raise BadInputError(
+                    f"{name} has pictures of {sizes[0]} in {recording.name}, of {sizes[1]} in {dataset.name}",
+                    hint="record the board in the mode that is used later: another may show another part",
+                )
+    return recordings
+
+
+def _from_board(dataset: Dataset, options: CalibrateOptions) -> tuple[Candidate, BoardCoverage]:
+    """The calibration by recordings of a board, judged by the board's corners."""
+    recordings = _recordings(dataset, options)
+    corners = detect_board(recordings, options.board)
+    coverage = count_coverage(dataset, options.board, corners)
+    found = calibrate_from_board(recordings[0], options.board, corners)
+    return (found, calibrated_views(dataset, found), shared_corners(corners)), coverage
 
 
 def _from_still_points(dataset: Dataset, solve: bool) -> Candidate:

@@ -1,13 +1,17 @@
 """`reconstruct calibrate`."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from capture_app.board.charuco import CharucoBoard
 from capture_app.board.options import board_options
-from capture_app.terminal import json_option, print_json, print_line
+from capture_app.terminal import json_option, print_json, print_line, print_table
 from reconstruction.commands.options import memory_option, session_argument
+
+if TYPE_CHECKING:
+    from capture_app.board.coverage import BoardCoverage
 
 
 @click.command()
@@ -21,32 +25,43 @@ from reconstruction.commands.options import memory_option, session_argument
 )
 @click.option(
     "--recording",
+    "recordings",
     type=click.Path(path_type=Path),
+    multiple=True,
     metavar="SESSION",
-    help="For charuco: session that shows the board.",
+    show_default="SESSION itself",
+    help="For charuco: session that shows the board. Repeat for several.",
 )
 @board_options
+@click.option("--coverage", is_flag=True, help="Only show what the board has covered, and what is missing.")
 @click.option("--replace", is_flag=True, help="Replace an earlier calibration of the session.")
 @memory_option
 @json_option
 def calibrate(
     session: Path,
     source: str,
-    recording: Path | None,
+    recordings: tuple[Path, ...],
+    coverage: bool,
     board: CharucoBoard,
     replace: bool,
     as_json: bool,
 ) -> None:
-    """Calibrate the cameras of SESSION, check the result and save it in the session."""
-    from reconstruction.calibration.command import CalibrateOptions, CalibrationSource
+    """Calibrate the cameras of SESSION, check the result and save it in the session.
+
+    docs/calibration.md shows the whole way, from the board to print (reconstruct board) on.
+    """
+    from reconstruction.calibration.command import CalibrateOptions, CalibrationSource, cover
     from reconstruction.calibration.command import calibrate as run
 
     options = CalibrateOptions(
         source=CalibrationSource(source),
         board=board,
-        recording=recording,
+        recordings=recordings,
         force=replace,
     )
+    if coverage:
+        _show_coverage(cover(session, options), as_json)
+        return
     result = run(session, options)
     if as_json:
         print_json(result)
@@ -62,4 +77,20 @@ def calibrate(
     )
     for name, share in quality.coverage.items():
         print_line(f"{name}: points in {100 * share:.0f} % of the picture")
+    if result.board is not None:
+        for line in result.board.missing:
+            print_line(f"would make it better: {line}")
     print_line("saved in the session" if result.stored else "the session has this calibration already")
+
+
+def _show_coverage(found: "BoardCoverage", as_json: bool) -> None:
+    from capture_app.board.coverage import coverage_table
+
+    if as_json:
+        print_json(found)
+        return
+    print_table(*coverage_table(found))
+    for line in found.missing:
+        print_line(f"missing: {line}")
+    if found.enough:
+        print_line("nothing is missing")

@@ -23,9 +23,11 @@ from tests.reconstruction.conftest import (
     VIEWS,
     WIDTH,
     Reconstruct,
+    Scene,
     add_image,
     finish_session,
     make_view,
+    write_session,
 )
 
 BOARD = CharucoBoard(6, 5, 0.10, 0.075, "4X4_50")
@@ -129,8 +131,8 @@ def test_few_cameras_or_few_points_are_refused() -> None:
 
 
 def test_a_board_on_glass_printed_light_on_dark_is_found_from_both_sides(tmp_path: Path) -> None:
-    plain = detect_board(Dataset.open(board_session(tmp_path / "plain").folder), BOARD)
-    other = detect_board(Dataset.open(board_session(tmp_path / "other", two_sided=True).folder), BOARD)
+    plain = detect_board([Dataset.open(board_session(tmp_path / "plain").folder)], BOARD)
+    other = detect_board([Dataset.open(board_session(tmp_path / "other", two_sided=True).folder)], BOARD)
     assert len(plain) == 16
     for (camera, instant), corners in plain.items():
         seen = other[camera, instant]
@@ -193,3 +195,27 @@ def test_a_recording_without_the_board_is_refused(
     assert refused.code == 3
     assert "shows the board in 0 images" in refused.complaint
     assert not (folder / "calibration.json").exists()
+
+
+def test_coverage_says_what_is_missing_and_stores_nothing(tmp_path: Path, reconstruct: Reconstruct) -> None:
+    session = board_session(tmp_path)
+    board = "--board", "6x5", "--square-mm", 100, "--marker-mm", 75
+    found = reconstruct("calibrate", session.folder, "--coverage", *board, "--json").result
+    assert set(found["cameras"]) == {"left", "right"}
+    assert found["cameras"]["left"]["views"] >= 5
+    assert found["shared"][0]["cameras"] == ["left", "right"]
+    assert any(line.startswith("move it to the") for line in found["missing"])
+    assert "missing: " in reconstruct("calibrate", session.folder, "--coverage", *board).out
+    assert not (session.folder / "calibration.json").exists()
+
+
+def test_several_recordings_are_one(tmp_path: Path, reconstruct: Reconstruct) -> None:
+    first, second = (board_session(tmp_path / name) for name in ("one", "two"))
+    bare = write_session(tmp_path / "bare", Scene([]), SEEN_BY, instants=1, calibrated=False, truth=False)
+    board = "--board", "6x5", "--square-mm", 100, "--marker-mm", 75
+    recordings = "--recording", first.folder, "--recording", second.folder
+    options = "calibrate", bare.folder, "--from", "charuco", *board, "--json"
+    done = reconstruct(*options, *recordings).result
+    assert done["stored"]
+    assert done["source"].startswith("ChArUco board in 32 images")
+    assert done["board"]["shared"][0]["views"] >= 5

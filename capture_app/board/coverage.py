@@ -1,0 +1,235 @@
+"""What a board has covered while it was held before a rig's cameras, and what is still missing.
+
+A view counts when the board stands differently from every view that counted before, so that a board that is
+held still counts once.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import combinations
+from typing import Any
+
+import cv2
+import numpy as np
+from msgspec import Struct
+from numpy.typing import NDArray
+
+from capture_app.board.charuco import MIN_CORNERS, CharucoBoard
+from capture_app.board.detector import Corners
+
+MIN_VIEWS = 10
+"""Different views of the board that a camera's lens needs; OpenCV's own advice."""
+MIN_SHARED = 6
+"""Different views that two neighbours need to see together."""
+GRID = (8, 6)
+"""Cells across and down of which `covered` is the share that a corner fell into."""
+MIN_COVERED = 0.6
+TILT_DEG = 15.0
+"""A board that is turned less than this counts as face on."""
+MIN_TILTED = 2
+"""Views tilted each way: left or right, and up or down."""
+NEW_PLACE = 0.06
+"""A view is another one when its corners moved by this share of the picture's diagonal ..."""
+NEW_TILT_DEG = 8.0
+"""... or it is turned by this much."""
+NAMES = (
+    ("upper left", "top", "upper right"),
+    ("left", "middle", "right"),
+    ("lower left", "bottom", "lower right"),
+)
+
+
+class CameraCoverage(Struct, frozen=True, kw_only=True):
+    """What one camera has seen of the board."""
+
+    views: int
+    covered: float
+    """Share of the picture where corners were."""
+    empty: tuple[str, ...]
+    """Ninths of the picture where hardly any corner was, in words."""
+    tilted_across: int
+    """Views turned to the left or right, and up or down."""
+    tilted_along: int
+
+
+class SharedViews(Struct, frozen=True, kw_only=True):
+    """How many different views two cameras have seen together."""
+
+    cameras: tuple[str, str]
+    views: int
+
+
+class BoardCoverage(Struct, frozen=True, kw_only=True):
+    """What a board has covered so far; `missing` is what to do next, the most urgent first."""
+
+    cameras: dict[str, CameraCoverage]
+    shared: tuple[SharedViews, ...]
+    missing: tuple[str, ...]
+
+    @property
+    def enough(self) -> bool:
+        """Whether nothing is missing."""
+        return not self.missing
+
+
+@dataclass(frozen=True)
+class _View:
+    """A board as it stood in a picture: its four outer corners in shares of the diagonal, and its normal."""
+
+    outline: NDArray[Any]
+    normal: NDArray[Any]
+
+    def is_like(self, other: "_View") -> bool:
+        moved = float(np.linalg.norm(self.outline - other.outline, axis=1).mean())
+        turned = float(np.degrees(np.arccos(np.clip(self.normal @ other.normal, -1, 1))))
+        return moved < NEW_PLACE and turned < NEW_TILT_DEG
+
+
+class _CameraCount:
+    """The views of one camera."""
+
+    def __init__(self) -> None:
+        self.views: list[_View] = []
+        self.corners = np.zeros((GRID[1], GRID[0]), int)
+        self.ninths = np.zeros((3, 3), int)
+
+    def add(self, view: _View, at: NDArray[Any]) -> bool:
+        """Whether it is another view; `at`: its corners (n, 2) in shares of width and height."""
+        inside = at.clip(0, 1 - 1e-9)
+        for counted in (self.corners, self.ninths):
+            columns, rows = np.floor(inside * counted.shape[::-1]).astype(int).T
+            np.add.at(counted, (rows, columns), 1)
+        is_new = not any(view.is_like(known) for known in self.views)
+        if is_new:
+            self.views.append(view)
+        return is_new
+
+    def coverage(self) -> CameraCoverage:
+        normals = np.array([view.normal for view in self.views]).reshape(-1, 3)
+        tilts = np.degrees(np.arcsin(np.abs(normals[:, :2]).clip(0, 1)))
+        few = np.argwhere(self.ninths < MIN_CORNERS).tolist()
+        return CameraCoverage(
+            views=len(self.views),
+            covered=float((self.corners > 0).mean()),
+            empty=tuple(NAMES[row][column] for row, column in few),
+            tilted_across=int((tilts[:, 0] > TILT_DEG).sum()),
+            tilted_along=int((tilts[:, 1] > TILT_DEG).sum()),
+        )
+
+
+class CoverageCount:
+    """Counts what the board covers, moment by moment."""
+
+    def __init__(self, board: CharucoBoard, sizes: Mapping[str, tuple[int, int]]) -> None:
+        """`sizes`: width and height of each camera's pictures, px."""
+        self._places = np.asarray(board.places, np.float64)[:, :2]
+        ends = self._places.min(0), self._places.max(0)
+        self._outline = np.array([[ends[i][0], ends[j][1]] for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))])
+        self._sizes = dict(sizes)
+        self._cameras = {name: _CameraCount() for name in sizes}
+        self._shared = dict.fromkeys(combinations(sizes, 2), 0)
+
+    def add(self, moment: Mapping[str, Corners], earlier: Mapping[str, Corners] | None = None) -> None:
+        """Count what the cameras saw at one moment; those that did not see the board may be left out.
+
+        `earlier`: what others saw of the same moment that was counted for itself before.
+        """
+        new = set()
+        for name, corners in moment.items():
+            if len(corners) >= MIN_CORNERS and self._add_view(name, corners):
+                new.add(name)
+        seen = {**(earlier or {}), **moment}
+        for pair in self._shared:
+            a, b = (seen.get(name, {}) for name in pair)
+            if len(a.keys() & b.keys()) >= MIN_CORNERS and new & set(pair):
+                self._shared[pair] += 1
+
+    def coverage(self) -> BoardCoverage:
+        """What is covered so far."""
+        cameras = {name: counted.coverage() for name, counted in self._cameras.items()}
+        shared = tuple(SharedViews(cameras=pair, views=n) for pair, n in self._shared.items() if n)
+        missing = [*_unjoined(cameras, self._shared), *_missing_views(cameras)]
+        return BoardCoverage(cameras=cameras, shared=shared, missing=tuple(missing))
+
+    def _add_view(self, name: str, corners: Corners) -> bool:
+        ids = sorted(corners)
+        pixels = np.array([corners[number] for number in ids], np.float64)
+        matrix, _ = cv2.findHomography(self._places[ids], pixels)
+        if matrix is None:
+            return False
+        width, height = self._sizes[name]
+        diagonal = float(np.hypot(width, height))
+        outline = cv2.perspectiveTransform(self._outline[None], matrix)[0] / diagonal
+        view = _View(outline, _normal(matrix, width, height))
+        return self._cameras[name].add(view, (pixels + 0.5) / (width, height))
+
+
+def _normal(matrix: NDArray[Any], width: int, height: int) -> NDArray[Any]:
+    """The board's normal (3,) in the camera's frame, as a lens of usual width sees it."""
+    focal = float(max(width, height))
+    lens = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1.0]])
+    axes = np.linalg.inv(lens) @ matrix
+    normal = np.cross(axes[:, 0], axes[:, 1])
+    return np.asarray(normal / max(float(np.linalg.norm(normal)), 1e-12))
+
+
+def _missing_views(cameras: Mapping[str, CameraCoverage]) -> list[str]:
+    missing = []
+    for name, seen in sorted(cameras.items(), key=lambda item: (item[1].views, item[0])):
+        if not seen.views:
+            missing.append(f"{name} has not seen the board yet: hold it nearer, and all of it in the picture")
+            continue
+        if seen.covered < MIN_COVERED and seen.empty:
+            missing.append(f"move it to the {' and the '.join(seen.empty[:2])} of {name}")
+        if seen.tilted_across < MIN_TILTED:
+            missing.append(f"tilt it more to the left and right for {name}")
+        if seen.tilted_along < MIN_TILTED:
+            missing.append(f"tilt it more up and down for {name}")
+        if seen.views < MIN_VIEWS:
+            missing.append(f"{MIN_VIEWS - seen.views} more different views for {name}")
+    return missing
+
+
+def _unjoined(cameras: Mapping[str, CameraCoverage], shared: Mapping[tuple[str, str], int]) -> list[str]:
+    """What joins the rig: each group of cameras with the one that it shares most with."""
+    groups = [{name} for name in cameras]
+    for (a, b), views in sorted(shared.items(), key=lambda item: -item[1]):
+        if views < MIN_SHARED:
+            break
+        first, second = (next(group for group in groups if name in group) for name in (a, b))
+        if first is not second:
+            groups.remove(second)
+            first |= second
+    missing = []
+    while len(groups) > 1:
+        pairs = [pair for pair in shared if not any(set(pair) <= group for group in groups)]
+        best = max(pairs, key=lambda pair: shared[pair])
+        missing.append(
+            f"hold it where {best[0]} and {best[1]} both see it ({shared[best]} of {MIN_SHARED} views)"
+        )
+        first, second = (next(group for group in groups if name in group) for name in best)
+        groups.remove(second)
+        first |= second
+    return missing
+
+
+def coverage_table(found: BoardCoverage) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
+    """Head and rows of a table: each camera, and with whom it shares views."""
+    rows: list[tuple[str, ...]] = []
+    for name, seen in found.cameras.items():
+        with_others = [
+            f"{one.cameras[1 - one.cameras.index(name)]} {one.views}"
+            for one in found.shared
+            if name in one.cameras
+        ]
+        rows.append(
+            (
+                name,
+                str(seen.views),
+                f"{100 * seen.covered:.0f} %",
+                str(seen.tilted_across),
+                str(seen.tilted_along),
+                ", ".join(with_others) or "–",
+            )
+        )
+    return ("camera", "views", "covered", "tilted ↔", "tilted ↕", "shared with"), rows

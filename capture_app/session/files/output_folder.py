@@ -242,6 +242,10 @@ def unfinished_outputs(parent: Path) -> list[Path]:
 
 def clear_leftovers(parent: Path) -> None:
     """Mend what killed runs left of any output folder in `parent`, but not what is being worked on."""
+    for workplace in parent.glob(f".*{PART}"):
+        # A run that was killed just before it had the lock, or after it gave it back, left an empty one.
+        with suppress(OSError):
+            workplace.rmdir()
     for target in unfinished_outputs(parent):
         with suppress(TryAgainError), OutputFolder(target, lambda _: None) as output:
             output.discard()

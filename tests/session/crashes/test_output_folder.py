@@ -149,8 +149,11 @@ def test_leftovers_of_all_targets_in_a_folder(tmp_path: Path, caplog: pytest.Log
         (place / "lock").touch()
     (tmp_path / ".one.part" / "earlier").mkdir()
     (tmp_path / ".one.part" / "earlier" / "result").write_text("first")
+    (tmp_path / ".three.part").mkdir()
+    (tmp_path / ".letters.part").mkdir()
+    (tmp_path / ".letters.part" / "mine").touch()
     clear_leftovers(tmp_path)
-    assert names(tmp_path) == ["one"]
+    assert names(tmp_path) == [".letters.part", "one"]
     assert (tmp_path / "one" / "result").read_text() == "first"
     assert [word in caplog.text for word in (".one.part", ".two.part", "restored")] == [True] * 3
 

@@ -9,6 +9,7 @@ import pytest
 from capture_app.errors import BadInputError, NetworkError, NotAvailableError
 from capture_app.net.address import Address
 from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.news_log import NewsLog
 from capture_app.node.operator.link import RigLink
 from capture_app.node.operator.requests import ask_status, give_order
@@ -126,6 +127,23 @@ async def test_cameras_of_the_leaders_machine_come_and_go_by_order(tmp_path: Pat
         await link.remove_camera("desk")
         assert (await ask_status(leader.own_address)).nodes == ()
         await updates.aclose()
+
+
+async def test_a_camera_that_is_being_ended_is_ended_once_and_keeps_its_name(
+    tmp_path: Path,
+) -> None:
+    async with (
+        leader_at(tmp_path / "sessions") as leader,
+        LocalNodes(leader.own_address, tmp_path / "spool") as nodes,
+    ):
+        await nodes.add_camera("sim:webcam,scale=0.1", "desk")
+        removals = [asyncio.create_task(nodes.remove("desk")) for _ in range(2)]
+        await asyncio.sleep(0)
+        with pytest.raises(BadInputError, match="desk is here already"):
+            await nodes.add_camera("sim:webcam,scale=0.1", "desk")
+        await asyncio.gather(*removals)
+        assert list(nodes.names) == []
+        assert await nodes.add_camera("sim:webcam,scale=0.1", "desk") == "desk"
 
 
 async def test_a_scene_has_so_many_views(tmp_path: Path) -> None:

@@ -37,6 +37,7 @@ class LocalNodes:
         self._news = news or NewsLog()
         self._children: dict[str, Child] = {}
         self._watching: dict[str, asyncio.Task[None]] = {}
+        """Of those that are not being ended; a name is free again when its process is gone."""
         self._specs: dict[str, str] = {}
         """The node that was started last for each spec."""
         self._adding = asyncio.Lock()
@@ -63,7 +64,9 @@ class LocalNodes:
         async with self._adding:
             known = None if parsed.kind == "sim" else self._specs.get(spec)
             if known is not None and known in self._children and name in (None, known):
-                return known
+                if known in self._watching:
+                    return known
+                await self._children[known].process.wait()  # it has the device until then
             if name is None:
                 wished = name_like(Path(parsed.device).name, "camera")
                 name = self._free_name(wished, taken)
@@ -117,11 +120,18 @@ class LocalNodes:
 
     async def remove(self, name: str) -> None:
         """End a node. Raises BadInputError where there is none of that name."""
-        child = self._children.pop(name, None)
+        child = self._children.get(name)
         if child is None:
             raise BadInputError(f"{name} is no node of this leader's machine")
-        self._watching.pop(name).cancel()
-        await child.stop()
+        watching = self._watching.pop(name, None)
+        if watching is None:  # it is being ended already
+            await child.process.wait()
+            return
+        watching.cancel()
+        try:
+            await child.stop()
+        finally:
+            del self._children[name]
 
     async def close(self) -> None:
         """End all of them."""

@@ -17,9 +17,8 @@ from msgspec import Struct
 from platformdirs import user_state_path
 
 from capture_app.errors import ExitCode, NetworkError, SimulshotError
-from capture_app.net.address import DEFAULT_PORT, Address, parse_address
+from capture_app.net.address import Address, parse_address
 from capture_app.net.interfaces import own_hosts
-from capture_app.net.server import bind_port
 from capture_app.node.child import kind_of_exit
 from capture_app.node.operator.requests import ask_status, give_order
 from capture_app.node.wire.operating import AddCamera
@@ -125,8 +124,6 @@ async def start_rig(
     Without a `port` it is the usual one, or any where that is taken. Raises NetworkError for a port that is
     taken or a host that is not this machine's, and what the rig's process ended with.
     """
-    if port is None:
-        port = DEFAULT_PORT if _is_free(host, DEFAULT_PORT) else 0
     log = _new_log()
     process = _spawn(sessions, host, port, cameras, log)
     for _ in range(round(START_TIMEOUT_S / CHECK_EVERY_S)):
@@ -186,9 +183,10 @@ def _new_log() -> Path:
 
 
 def _spawn(
-    sessions: Path, host: str, port: int, cameras: Sequence[str], log: Path
+    sessions: Path, host: str, port: int | None, cameras: Sequence[str], log: Path
 ) -> subprocess.Popen[bytes]:
-    arguments = ["leader", "--host", host, "--port", str(port), "--sessions", str(sessions.absolute())]
+    arguments = ["leader", "--host", host, "--sessions", str(sessions.absolute())]
+    arguments += ["--or-free-port"] if port is None else ["--port", str(port)]
     for camera in cameras:
         arguments += ["--camera", camera]
     with log.open("wb") as output:
@@ -211,15 +209,6 @@ def _runs(pid: int) -> bool:
         return False
     except PermissionError:
         return True
-    return True
-
-
-def _is_free(host: str, port: int) -> bool:
-    try:
-        for sock in bind_port(host, port):
-            sock.close()
-    except NetworkError:
-        return False
     return True
 
 

@@ -66,6 +66,7 @@ if TYPE_CHECKING:
 )
 @beacons_option
 @spool_option
+@click.option("--or-free-port", is_flag=True, hidden=True, help="Take a free port where --port is taken.")
 @click.option("--log", type=ANY_PATH, hidden=True, help="The file that stderr is: a rig in the background.")
 @json_option
 def leader(
@@ -79,6 +80,7 @@ def leader(
     reference_broadcast: bool,
     cameras: tuple[str, ...],
     spool: Path,
+    or_free_port: bool,
     log: Path | None,
     as_json: bool,
 ) -> None:
@@ -101,6 +103,7 @@ def leader(
     node = LeaderNode(
         host=host,
         port=port,
+        or_free_port=or_free_port,
         sessions=sessions,
         period_ns=None if fps is None else round(1e9 / fps),
         align_row=align_row if align == "mid-exposure" else None,

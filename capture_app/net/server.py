@@ -3,6 +3,7 @@
 import asyncio
 import socket
 from collections.abc import Awaitable, Callable
+from contextlib import suppress
 from typing import Any, Generic, TypeVar
 
 import msgspec
@@ -53,11 +54,17 @@ class TransferServer(Generic[M]):
             self._streams.discard(task)
 
 
-def bind_port(host: str, port: int) -> tuple[socket.socket, socket.socket]:
+def bind_port(host: str, port: int, *, or_free: bool = False) -> tuple[socket.socket, socket.socket]:
     """Return a UDP and a listening TCP socket on one port number; port 0 takes any that is free for both.
+
+    `or_free`: any such port where the one asked for cannot be had.
 
     Raises NetworkError where the port is in use or the host is not this machine's.
     """
+    if or_free:
+        with suppress(NetworkError):
+            return bind_port(host, port)
+        port = 0
     for _ in range(20):
         try:
             stream = _bound(host, port, socket.SOCK_STREAM)

@@ -99,6 +99,17 @@ async def test_a_port_without_a_leader_is_an_error_for_one_request() -> None:
         await ask_status(Address("127.0.0.1", 9))
 
 
+async def test_a_leader_takes_another_port_where_it_may(leader: LeaderNode, tmp_path: Path) -> None:
+    taken = leader.own_address.port
+    with pytest.raises(NetworkError, match="cannot listen on"):
+        await leader_at(tmp_path / "other", taken).start()
+    async with LeaderNode(
+        sessions=tmp_path / "other", host="127.0.0.1", port=taken, or_free_port=True
+    ) as other:
+        assert other.own_address.port not in (0, taken)
+        await ask_status(other.own_address)
+
+
 async def test_a_leader_without_a_spool_starts_no_cameras(leader: LeaderNode) -> None:
     with pytest.raises(NotAvailableError, match="runs no cameras"):
         await give_order(leader.own_address, AddSimulated(cameras=2))

@@ -52,6 +52,7 @@ class LeaderNode:
         sessions: Path,
         host: str = "0.0.0.0",  # noqa: S104 - cameras are other machines
         port: int = DEFAULT_PORT,
+        or_free_port: bool = False,
         period_ns: int | None = None,
         align_row: float | None = None,
         max_delay_ns: int = 0,
@@ -64,12 +65,14 @@ class LeaderNode:
     ) -> None:
         """`resume` are the interrupted sessions to finish, else all; nodes have `return_ns` to come back.
 
+        With `or_free_port` it takes another port where `port` is in use.
         With a `spool` folder for their images, operators may have it run nodes on this machine.
         `period_ns`, `align_row` and `max_delay_ns` are the engine's, see `LeaderConfig`. With
         `beacons` nodes that hear the same multicast packets agree with each other.
         """
         self.sessions = sessions
         self.address = Address(host, port)
+        self._or_free_port = or_free_port
         self._period_ns, self._align_row, self._max_delay_ns = period_ns, align_row, max_delay_ns
         self._beacons = beacons
         self._clock: NodeClock = clock or HostClock()
@@ -101,7 +104,7 @@ class LeaderNode:
 
     async def start(self) -> None:
         """Bind and serve. Raises NetworkError where the port is in use or the host is not this machine's."""
-        datagrams, listening = bind_port(self.address.host, self.address.port)
+        datagrams, listening = bind_port(self.address.host, self.address.port, or_free=self._or_free_port)
         port = listening.getsockname()[1]
         self.own_address = own_machine_address(self.address.host, listening.family, port)
         self.address = Address(reachable_host(self.address.host, listening.family), port)

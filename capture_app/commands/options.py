@@ -45,11 +45,13 @@ def _usual_leader() -> str:
     return rigs[0].leader if rigs else str(Address("127.0.0.1", DEFAULT_PORT))
 
 
+_USUAL_LEADER = f"that of this machine's newest rig, else 127.0.0.1:{DEFAULT_PORT}"
+
 leader_option = click.option(
     "--leader",
     type=AddressType(),
     default=_usual_leader,
-    show_default=f"that of this machine's newest rig, else 127.0.0.1:{DEFAULT_PORT}",
+    show_default=_USUAL_LEADER,
     metavar="HOST:PORT",
     help="Address of the leader or a relay.",
 )
@@ -59,7 +61,8 @@ leaders_option = click.option(
     "leaders",
     type=AddressType(),
     multiple=True,
-    default=(str(Address("127.0.0.1", DEFAULT_PORT)),),
+    default=lambda: (_usual_leader(),),
+    show_default=_USUAL_LEADER,
     metavar="HOST:PORT",
     help="Address of the leader or a relay. Repeat for failover, preferred first.",
 )

@@ -9,8 +9,11 @@ from pathlib import Path
 import pytest
 
 from capture_app.cli import COMMANDS, run
+from capture_app.commands.node import node
 from capture_app.errors import ExitCode
+from capture_app.net.address import Address
 from capture_app.net.server import bind_port
+from capture_app.rig_process import recorded_rig
 
 USAGE, BAD_INPUT = ExitCode.USAGE, ExitCode.BAD_INPUT
 NO_CAMERA, NETWORK = ExitCode.NO_CAMERA, ExitCode.NETWORK
@@ -141,6 +144,19 @@ def test_a_table_has_lines_on_a_terminal_only() -> None:
 def test_every_command_explains_itself(command: str, capfd: pytest.CaptureFixture[str]) -> None:
     assert run((command, "--help")) == ExitCode.OK
     assert "Usage: capture-app" in capfd.readouterr().out
+
+
+def test_a_node_joins_the_rig_of_its_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+
+    def leaders(*given: str) -> list[str]:
+        context = node.make_context("node", ["--camera", "sim:webcam", *given])
+        return [str(leader) for leader in context.params["leaders"]]
+
+    assert leaders() == ["127.0.0.1:47010"]
+    with recorded_rig(Address("127.0.0.1", 4711), tmp_path):
+        assert leaders() == ["127.0.0.1:4711"]
+        assert leaders("--leader", "10.0.0.1", "--leader", "10.0.0.2:5") == ["10.0.0.1:47010", "10.0.0.2:5"]
 
 
 HEAVY = {"textual", "rich", "numpy", "cv2", "open3d", "pycolmap"}

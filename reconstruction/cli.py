@@ -1,12 +1,15 @@
 """The command `reconstruct`; what is heavy is imported when it is needed."""
 
+import os
 import signal
 import sys
 from collections.abc import Sequence
+from typing import Any
 
 import click
 
 from capture_app import __version__
+from capture_app.errors import SimulshotError
 from capture_app.terminal import run_command_line
 from reconstruction.commands.batch import batch
 from reconstruction.commands.board import board
@@ -16,10 +19,27 @@ from reconstruction.commands.dose import dose
 from reconstruction.commands.multiview import multiview
 from reconstruction.commands.stereo import stereo
 from reconstruction.commands.stitch import stitch
+from reconstruction.common.foreign_calls import TRACEBACK, claim_stdout, unexpected_error
+
+
+class _Application(click.Group):
+    """The command's group, in which nothing ends in a traceback."""
+
+    def invoke(self, ctx: click.Context) -> Any:
+        """Run the command; what nobody has foreseen becomes an error that says where it came from."""
+        try:
+            return super().invoke(ctx)
+        except (SimulshotError, click.ClickException, click.exceptions.Exit, click.Abort, OSError):
+            raise
+        except Exception as error:
+            if os.environ.get(TRACEBACK):
+                raise
+            raise unexpected_error(error) from error
 
 
 @click.group(
-    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True}
+    cls=_Application,
+    context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True},
 )
 @click.version_option(__version__, prog_name="reconstruct")
 def app() -> None:
@@ -39,6 +59,7 @@ def main() -> None:
     """Run the command line of this process."""
     # Whoever ends this process means it to tidy up as after Ctrl-C.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
+    claim_stdout()
     sys.exit(run(sys.argv[1:]))
 
 

@@ -3,6 +3,7 @@
 import shutil
 import tempfile
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import Calibration, CameraCalibration
+from reconstruction.common.foreign_calls import ForeignError
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import write_image
 from reconstruction.common.native_libraries import load_pycolmap
@@ -33,11 +35,17 @@ def calibrate_from_images(
     pycolmap = load_pycolmap(
         "finding the cameras' positions from the images", hint=", or give it a calibration.json"
     )
-    chosen = [instants[int(i)] for i in np.linspace(0, len(instants) - 1, min(MAX_INSTANTS, len(instants)))]
+    chosen = _choose_instants(dataset, instants)
+    cameras = [name for name in dataset.cameras if any(dataset.has_image(name, k) for k in chosen)]
+    if len(cameras) < 2:
+        raise BadInputError(
+            "no calibration in the session, and fewer than two cameras with an image to find it from",
+            hint="add a calibration.json",
+        )
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
         root = Path(scratch)
-        _write_images(dataset, movers, sorted(set(chosen)), root)
-        rec = _solve(pycolmap, dataset.cameras, root)
+        _write_images(dataset, movers, chosen, cameras, root)
+        rec = _solve(pycolmap, cameras, root)
     if rec is None:
         raise BadInputError(
             "no calibration in the session, and none can be found from its images",
@@ -54,10 +62,28 @@ def calibrate_from_images(
     )
 
 
+def _choose_instants(dataset: Dataset, instants: Sequence[int]) -> list[int]:
+    """Instants with pictures of most cameras, spread over the burst, and one for each camera they lack."""
+    present = {k: {name for name in dataset.cameras if dataset.has_image(name, k)} for k in instants}
+    most = max((len(names) for names in present.values()), default=0)
+    fullest = [k for k in instants if len(present[k]) == most]
+    spread = np.linspace(0, len(fullest) - 1, min(MAX_INSTANTS, len(fullest)))
+    chosen = {fullest[int(i)] for i in spread}
+    for name in dataset.cameras:
+        there = [k for k in instants if name in present[k]]
+        if there and not chosen & set(there):
+            chosen.add(max(there, key=lambda k: len(present[k])))
+    return sorted(chosen)
+
+
 def _write_images(
-    dataset: Dataset, movers: Callable[[str, int], Array], instants: Sequence[int], root: Path
+    dataset: Dataset,
+    movers: Callable[[str, int], Array],
+    instants: Sequence[int],
+    cameras: Sequence[str],
+    root: Path,
 ) -> None:
-    for camera in dataset.cameras:
+    for camera in cameras:
         for folder in ("images", "masks"):
             (root / folder / camera).mkdir(parents=True)
         for k in instants:
@@ -84,12 +110,16 @@ def _solve(pycolmap: Any, cameras: Sequence[str], root: Path) -> Any | None:
     pycolmap.match_exhaustive(database, device=pycolmap.Device.cpu)
     plain = root / "plain.db"
     shutil.copy(database, plain)
-    found = _map_rig(pycolmap, cameras, database, root)
+    found = None
+    # Where the rig as a whole has no solution, the images one by one may have.
+    with suppress(ForeignError):
+        found = _map_rig(pycolmap, cameras, database, root)
     if found is None or found.num_reg_images() < 2:
         # Little depth in the scene can be too little for the global way; one image after the other is surer.
         (root / "plain").mkdir()
         options = pycolmap.IncrementalPipelineOptions(random_seed=0, multiple_models=False, min_model_size=2)
-        found = _largest(pycolmap.incremental_mapping(plain, root / "images", root / "plain", options))
+        with suppress(ForeignError):
+            found = _largest(pycolmap.incremental_mapping(plain, root / "images", root / "plain", options))
     return found
 
 
@@ -112,19 +142,32 @@ def _largest(models: dict[int, Any]) -> Any | None:
 
 
 def _cameras(rec: Any, dataset: Dataset) -> dict[str, CameraCalibration]:
+    """The placed cameras: those of the fullest instant, then of others by a camera that is in both."""
+    placed: dict[str, dict[str, Any]] = {}
+    for image in rec.images.values():
+        if image.has_pose:
+            name, instant = image.name.split("/")
+            placed.setdefault(instant, {})[name] = image
     found: dict[str, CameraCalibration] = {}
-    placed = [image for image in rec.images.values() if image.has_pose]
-    instants = [image.name.split("/")[1] for image in placed]
-    fullest = max(sorted(set(instants)), key=instants.count)
-    for image, instant in zip(placed, instants, strict=True):
-        if instant != fullest:
+    poses: dict[str, Any] = {}
+    for instant in sorted(placed, key=lambda instant: (-len(placed[instant]), instant)):
+        images = placed[instant]
+        link = next((name for name in images if name in poses), None)
+        if poses and link is None:
             continue
-        name = image.name.split("/")[0]
-        matrix = np.asarray(image.cam_from_world().matrix())
-        focal, cx, cy, radial = (float(value) for value in image.camera.params)
-        # COLMAP's first pixel has its centre at (0.5, 0.5).
-        intrinsics = np.array([[focal, 0, cx - 0.5], [0, focal, cy - 0.5], [0, 0, 1]])
-        distortion = np.array([radial, 0, 0, 0, 0])
-        view = View(*dataset.size(name), intrinsics, distortion, matrix[:, :3], matrix[:, 3])
-        found[name] = view.to_calibration()
-    return found
+        for name in [name for name in images if name not in poses]:
+            pose = images[name].cam_from_world()
+            if link is not None:
+                pose = pose * images[link].cam_from_world().inverse() * poses[link]
+            poses[name] = pose
+            found[name] = _calibration(images[name], pose, dataset.size(name))
+    return {name: found[name] for name in dataset.cameras if name in found}
+
+
+def _calibration(image: Any, pose: Any, size: tuple[int, int]) -> CameraCalibration:
+    matrix = np.asarray(pose.matrix())
+    focal, cx, cy, radial = (float(value) for value in image.camera.params)
+    # COLMAP's first pixel has its centre at (0.5, 0.5).
+    intrinsics = np.array([[focal, 0, cx - 0.5], [0, focal, cy - 0.5], [0, 0, 1]])
+    distortion = np.array([radial, 0, 0, 0, 0])
+    return View(*size, intrinsics, distortion, matrix[:, :3], matrix[:, 3]).to_calibration()

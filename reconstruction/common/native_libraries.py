@@ -1,19 +1,16 @@
 """The one door to native libraries that are heavy, optional, or must be imported in a fixed order."""
 
 import importlib
-import os
 import platform
-import sys
-from collections.abc import Iterator
-from contextlib import contextmanager
 from importlib import metadata
 from types import ModuleType
 
 from capture_app.errors import NotAvailableError
+from reconstruction.common.foreign_calls import GuardedModule, silenced_output
 
 
 def load_pycolmap(purpose: str, *, hint: str = "") -> ModuleType:
-    """COLMAP's Python module, with its chatter turned off; `purpose` is what the error says it is for.
+    """COLMAP's Python module, guarded and silent; `purpose` is what the error says it is for.
 
     OpenCV must be imported first: in the other order the first PNG that OpenCV writes aborts the process.
 
@@ -23,31 +20,19 @@ def load_pycolmap(purpose: str, *, hint: str = "") -> ModuleType:
     importlib.import_module("cv2")
     module = _load("pycolmap", purpose, hint)
     module.logging.minloglevel = 3
-    return module
+    return GuardedModule(module, "COLMAP")
 
 
 def load_open3d() -> ModuleType:
-    """Open3D, for clouds and meshes.
+    """Open3D, for clouds and meshes; guarded and silent.
 
     Raises:
         NotAvailableError: it is not installed or cannot be loaded on this machine.
     """
-    return _load("open3d", "making a mesh")
-
-
-@contextmanager
-def silenced_stderr() -> Iterator[None]:
-    """Discard what native code writes to stderr: its failures become errors of our own."""
-    sys.stderr.flush()
-    kept = os.dup(2)
-    nowhere = os.open(os.devnull, os.O_WRONLY)
-    try:
-        os.dup2(nowhere, 2)
-        yield
-    finally:
-        os.dup2(kept, 2)
-        os.close(kept)
-        os.close(nowhere)
+    module = _load("open3d", "making a mesh")
+    # Its warnings would go through Python's own stdout.
+    module.utility.set_verbosity_level(module.utility.VerbosityLevel.Error)
+    return GuardedModule(module, "Open3D")
 
 
 def library_versions() -> dict[str, str]:
@@ -63,7 +48,8 @@ def library_versions() -> dict[str, str]:
 
 def _load(name: str, purpose: str, hint: str = "") -> ModuleType:
     try:
-        return importlib.import_module(name)
+        with silenced_output():
+            return importlib.import_module(name)
     except (ImportError, OSError) as error:
         raise NotAvailableError(
             f"{purpose} needs {name}, which this machine cannot load: {error}",

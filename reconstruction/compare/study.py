@@ -11,6 +11,7 @@ from capture_app.errors import NotAvailableError
 from capture_app.terminal import Progress
 from reconstruction.calibration.pair_choice import PairChoice
 from reconstruction.calibration.rig import Rig
+from reconstruction.common.foreign_calls import ForeignError, opencv_calls
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import save_picture
 from reconstruction.scores.results import (
@@ -151,10 +152,11 @@ class StudyRun(Generic[Result]):
     def run_study(self, middle: int, progress: Progress, folder: Path) -> None:
         """Prepare the study and compare its own condition; pictures go into the folder."""
         try:
-            self.study.prepare(middle, progress)
-            self.result = self.study.compare(self.study.condition, progress, folder)
+            with opencv_calls(self.study.subject):
+                self.study.prepare(middle, progress)
+                self.result = self.study.compare(self.study.condition, progress, folder)
             self.skipped = ""
-        except (ValueError, NotAvailableError) as error:
+        except (ValueError, ForeignError, NotAvailableError) as error:
             self.skipped = str(error)
 
     def compare_condition(self, condition: Condition, skipped: list[str]) -> Result | None:
@@ -162,8 +164,9 @@ class StudyRun(Generic[Result]):
         if self.result is None or condition == self.study.condition:
             return self.result
         try:
-            return self.study.compare(condition, Progress(0, silent=True))
-        except ValueError as error:
+            with opencv_calls(self.study.subject):
+                return self.study.compare(condition, Progress(0, silent=True))
+        except (ValueError, ForeignError) as error:
             skipped.append(f"{self.study.subject}: {error}")
             return None
 
@@ -174,9 +177,10 @@ class StudyRun(Generic[Result]):
         theirs = self.study.for_session(rig)
         quiet = Progress(0, silent=True)
         try:
-            theirs.prepare(len(rig.dataset.instants_ns) // 2, quiet)
-            found = theirs.compare(SYNCHRONIZED, quiet)
-        except ValueError as error:
+            with opencv_calls(self.study.subject):
+                theirs.prepare(len(rig.dataset.instants_ns) // 2, quiet)
+                found = theirs.compare(SYNCHRONIZED, quiet)
+        except (ValueError, ForeignError) as error:
             skipped.append(f"{self.study.subject}: {error}")
             return None
         return msgspec.structs.replace(

@@ -8,9 +8,10 @@ from typing import Any
 import cv2
 import numpy as np
 
+from reconstruction.common.foreign_calls import foreign_calls
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import write_image
-from reconstruction.common.native_libraries import load_open3d, silenced_stderr
+from reconstruction.common.native_libraries import load_open3d
 
 NEIGHBOURS = 16
 MAX_POISSON_DEPTH = 9
@@ -40,7 +41,7 @@ def build_mesh(fused: Path, folder: Path, centre: Array, up: Array) -> MeshModel
         OSError: a file could not be written.
     """
     o3d = load_open3d()
-    with silenced_stderr():
+    with foreign_calls("Open3D", "making a mesh"):
         cloud = _drop_outliers(o3d.io.read_point_cloud(str(fused)))
         mesh = _poisson_mesh(o3d, cloud)
         written = o3d.io.write_point_cloud(str(folder / "cloud.ply"), cloud)

@@ -97,11 +97,4 @@ def load_input_images(
 def _found_calibration(dataset: Dataset) -> Calibration:
     """The calibration found from the pictures, with what moves masked out."""
     motion = SceneMotion(dataset, 1)
-    instants = range(len(dataset.instants_ns))
-    whole = [k for k in instants if dataset.has_images((camera, k) for camera in dataset.cameras)]
-    if not whole:
-        raise BadInputError(
-            "no calibration in the session, and no instant with a picture of every camera to find it from",
-            hint="add a calibration.json",
-        )
-    return calibrate_from_images(dataset, motion.widened_movers, whole)
+    return calibrate_from_images(dataset, motion.widened_movers, range(len(dataset.instants_ns)))

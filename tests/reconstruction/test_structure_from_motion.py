@@ -51,6 +51,30 @@ def test_colmap_places_the_cameras_from_what_stands_still(tmp_path: Path) -> Non
     assert found["a"].focal == pytest.approx(views["a"].focal, rel=0.1)
 
 
+def test_a_camera_without_an_image_is_left_out_and_one_with_few_is_not(tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap", reason="pycolmap has no package for this machine")
+    views = {
+        "none": make_view((-0.6, 0.1, 0.0), yaw=11),
+        "a": make_view((-0.5, 0.0, 0.0), yaw=9),
+        "b": make_view((0.0, -0.2, 0.1), pitch=-2),
+        "late": make_view((0.5, 0.0, 0.0), yaw=-9),
+    }
+    missing = {("none", 0), ("none", 1), ("late", 0), ("a", 1)}
+    session = write_session(
+        tmp_path, rubble(), views, instants=2, calibrated=False, truth=False, missing=missing
+    )
+    dataset = Dataset(session)
+    found = calibrate_from_images(dataset, SceneMotion(dataset, 1).detected_movers, range(2))
+    assert list(found.cameras) == ["a", "b", "late"]
+    assert "3 of 4 cameras" in found.source
+    views_found = calibrated_views(dataset, found)
+    # The two that never took a picture at one instant are placed by the third.
+    for name in ("b", "late"):
+        turned, _ = other_from_reference(views["a"], views[name])
+        turned_found, _ = other_from_reference(views_found["a"], views_found[name])
+        assert np.degrees(np.arccos(min((np.trace(turned @ turned_found.T) - 1) / 2, 1))) < 3
+
+
 def test_a_calibration_is_scaled_to_the_images() -> None:
     small = make_view((0, 0, 0))
     large = View.from_calibration(small.to_calibration(), small.width * 2, small.height * 2)

@@ -68,6 +68,10 @@ class Dataset:
         """Whether there are all of these, each a camera and an instant."""
         return all(image in self._records for image in images)
 
+    def record(self, camera: str, instant: int) -> ImageRecord:
+        """The record of an image that there is."""
+        return self._records[camera, instant]
+
     def instants(self, camera: str) -> tuple[int, ...]:
         """The instants that this camera has images of."""
         return tuple(k for k in range(len(self.instants_ns)) if self.has_image(camera, k))

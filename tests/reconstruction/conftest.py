@@ -2,7 +2,7 @@
 
 import json
 import zlib
-from collections.abc import Callable, Container, Iterable
+from collections.abc import Callable, Container, Iterable, Mapping
 from dataclasses import dataclass
 from io import BytesIO
 from pathlib import Path
@@ -134,14 +134,21 @@ def write_session(
     truth: bool = True,
     frozen: bool = False,
     missing: Container[tuple[str, int]] = (),
+    late: Mapping[str, float] | None = None,
+    moved: Callable[[View, float], View] = lambda view, time: view,
 ) -> Session:
-    """A simulated session of a scene; `frozen` lets nothing move, `missing` images are left out."""
+    """A simulated session of a scene; `frozen` lets nothing move, `missing` images are left out.
+
+    `late`: periods by which a camera's pictures are later than their times say; `moved`: where a camera
+    stands at a time.
+    """
     writer = SessionWriter.create(root, "boards")
     for k in range(instants):
         for name, view in views.items():
             if (name, k) in missing:
                 continue
-            image, depth, movers = scene.look(view, 0.0 if frozen else float(k))
+            time = 0.0 if frozen else k + (late or {}).get(name, 0.0)
+            image, depth, movers = scene.look(moved(view, time), time)
             add_image(writer, name, k, image)
             if truth:
                 packed = BytesIO()

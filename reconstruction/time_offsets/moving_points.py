@@ -1,0 +1,88 @@
+"""Points on what moves in one image, and where they are in the images before and after."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from reconstruction.common.geometry import Array
+
+MAX_POINTS = 400
+MARGIN_PX = 16
+"""Of the picture around what moves, so that points at its edge are described too."""
+MAX_DRIFT_PX = 0.5
+"""A point followed to the neighbouring image and back must return to within this."""
+WINDOW_PX = 15
+LEVELS = 4
+"""Of the pyramid in which points are followed."""
+
+
+@dataclass(frozen=True)
+class MovingPoints:
+    """Points of one image: `at` (n, 2) px, unit descriptors (n, 128), `before` and `after` (n, 2) px.
+
+    The latter are the places in the image before and the one after, NaN where a point was not followed.
+    """
+
+    at: Array
+    descriptors: Array
+    before: Array
+    after: Array
+
+
+def find_moving_points(
+    image: Array, movers: Array, before: Array | None, after: Array | None
+) -> MovingPoints:
+    """SIFT points (RootSIFT) of a grey image (uint8) on its movers (bool), followed by Lucas-Kanade.
+
+    Descriptors are square roots of SIFT's, normalized to sum 1 (Arandjelovic and Zisserman 2012).
+    """
+    nothing = np.zeros((0, 2))
+    if not movers.any():
+        return MovingPoints(nothing, np.zeros((0, 128), np.float32), nothing, nothing)
+    ys, xs = np.nonzero(movers)
+    left, top = max(0, int(xs.min()) - MARGIN_PX), max(0, int(ys.min()) - MARGIN_PX)
+    part = np.s_[top : int(ys.max()) + MARGIN_PX, left : int(xs.max()) + MARGIN_PX]
+    sift = cv2.SIFT.create(nfeatures=MAX_POINTS, contrastThreshold=0.01)
+    keypoints, raw = sift.detectAndCompute(
+        np.ascontiguousarray(image[part]), np.ascontiguousarray(movers[part]).astype(np.uint8)
+    )
+    if raw is None:
+        return MovingPoints(nothing, np.zeros((0, 128), np.float32), nothing, nothing)
+    at = np.array([point.pt for point in keypoints]) + np.array([left, top])
+    roots = np.sqrt(raw / np.maximum(raw.sum(1, keepdims=True), 1e-7)).astype(np.float32)
+    return MovingPoints(at, roots, _follow(image, before, at), _follow(image, after, at))
+
+
+def match_moving_points(a: MovingPoints, b: MovingPoints, ratio: float = 0.8) -> tuple[Array, Array]:
+    """Indices (n,) into a and b of points that are each other's best match, by Lowe's ratio test."""
+    if len(a.at) < 2 or len(b.at) < 2:
+        return np.zeros(0, int), np.zeros(0, int)
+    distance = 2.0 - 2.0 * (a.descriptors @ b.descriptors.T)
+    rows = np.arange(len(distance))
+    best = distance.argmin(1)
+    mutual = distance.argmin(0)[best] == rows
+    first = distance[rows, best].copy()
+    distance[rows, best] = np.inf
+    keep = mutual & (first < ratio**2 * distance.min(1))
+    return rows[keep], best[keep]
+
+
+def _follow(image: Array, other: Array | None, at: Array) -> Array:
+    """Where points (n, 2) lie in another image; NaN where they do not return."""
+    if other is None:
+        return np.full_like(at, np.nan)
+    start = at.astype(np.float32).reshape(-1, 1, 2)
+    there, found = _flow(image, other, start)
+    back, returned = _flow(other, image, there)
+    sure = found & returned
+    sure &= np.linalg.norm((back - start).reshape(-1, 2), axis=1) < MAX_DRIFT_PX
+    return np.where(sure[:, None], there.reshape(-1, 2).astype(np.float64), np.nan)
+
+
+def _flow(image: Array, other: Array, points: Array) -> tuple[Array, Array]:
+    """Where points (n, 1, 2) lie in the other image, and whether they were found (n,)."""
+    there, found, _ = cv2.calcOpticalFlowPyrLK(
+        image, other, points, None, winSize=(WINDOW_PX, WINDOW_PX), maxLevel=LEVELS
+    )
+    return np.asarray(there), np.asarray(found.ravel() > 0)

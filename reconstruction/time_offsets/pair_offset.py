@@ -1,0 +1,122 @@
+"""How late one camera of a session is against another, by all that moves before both."""
+
+from collections.abc import Sequence
+from functools import lru_cache
+
+import numpy as np
+
+from capture_app.session.format.row_exposures import RowExposures, row_exposures
+from reconstruction.calibration.features import match_features
+from reconstruction.calibration.rig import Rig
+from reconstruction.common.geometry import Array
+from reconstruction.session.dataset import Dataset
+from reconstruction.time_offsets.epipolar_crossings import (
+    Crossings,
+    Path,
+    epipolar_errors_px,
+    find_crossings,
+)
+from reconstruction.time_offsets.moving_points import MovingPoints, find_moving_points, match_moving_points
+from reconstruction.time_offsets.offset_fit import OffsetFit, StillErrors, fit_offset
+
+REACH_MS = 300.0
+"""Offsets up to this are looked for."""
+MAX_FRAMES = 20
+"""And no more frames to either side than this."""
+
+
+class PairOffsets:
+    """Time offsets between cameras of a calibrated rig, each image's points found once."""
+
+    def __init__(self, rig: Rig, *, reach_ms: float = REACH_MS) -> None:
+        self.rig = rig
+        self.dataset = rig.dataset
+        self.reach_ms = min(reach_ms, MAX_FRAMES * self.dataset.period_ns / 1e6)
+        self._points = lru_cache(maxsize=None)(self._find_points)
+
+    def measure(self, first: str, second: str, instants: Sequence[int] | None = None) -> OffsetFit:
+        """How much later than its times say the second camera's images were taken, against the first's.
+
+        `instants` are those of the first camera that are asked; None = all.
+        """
+        views = self.rig.views
+        for name in (first, second):
+            if name not in views:
+                return OffsetFit(reason=f"{name} has no calibration")
+        if np.linalg.norm(views[first].centre - views[second].centre) == 0:
+            return OffsetFit(reason="both cameras stand at the same place")
+        times = ImageTimes(self.dataset, (first, second))
+        found = [
+            self._cross(times, first, now, second, other)
+            for now in self.dataset.instants(first)
+            if instants is None or now in instants
+            for other in self.dataset.instants(second)
+            if abs(times.at_ms(second, other) - times.at_ms(first, now)) <= self.reach_ms
+        ]
+        still = self._still_errors(first, second)
+        return fit_offset(Crossings.join(found), still, self.dataset.period_ns / 1e6)
+
+    def _cross(self, times: "ImageTimes", first: str, now: int, second: str, other: int) -> Crossings:
+        here, there = self._points(first, now), self._points(second, other)
+        a, b = match_moving_points(here, there)
+        at_a = here.at[a]
+        path = [there.before[b], there.at[b], there.after[b]]
+        when = [
+            times.of_rows_ms(second, other + step, at[:, 1])
+            for step, at in zip((-1, 0, 1), path, strict=True)
+        ]
+        views = self.rig.views[first], self.rig.views[second]
+        return find_crossings(
+            views, now, at_a, times.of_rows_ms(first, now, at_a[:, 1]), Path(np.stack(path), np.stack(when))
+        )
+
+    def _find_points(self, camera: str, instant: int) -> MovingPoints:
+        data = self.dataset
+        before, after = (
+            data.grey(camera, k) if data.has_image(camera, k) else None for k in (instant - 1, instant + 1)
+        )
+        movers = self.rig.motion.widened_movers(camera, instant)
+        return find_moving_points(data.grey(camera, instant), movers, before, after)
+
+    def _still_errors(self, first: str, second: str) -> StillErrors:
+        points = self.rig.features(len(self.dataset.instants_ns) // 2)
+        if first not in points or second not in points:
+            return StillErrors()
+        at_a, at_b = match_features(points[first], points[second])
+        if not len(at_a):
+            return StillErrors()
+        return StillErrors.of(epipolar_errors_px(self.rig.views[first], self.rig.views[second], at_a, at_b))
+
+
+class ImageTimes:
+    """When the rows of some cameras' images were taken by the session's record, ms since its first instant.
+
+    The middle of each row's exposure where all of these cameras tell it, else the image's one time.
+    """
+
+    def __init__(self, dataset: Dataset, cameras: Sequence[str]) -> None:
+        self.dataset = dataset
+        self._epoch_ns = dataset.instants_ns[0]
+        self._by_rows = all(
+            self._rows(camera, instant) is not None
+            for camera in cameras
+            for instant in dataset.instants(camera)
+        )
+
+    def at_ms(self, camera: str, instant: int) -> float:
+        """The image's one time."""
+        return (self.dataset.record(camera, instant).leader_ns - self._epoch_ns) / 1e6
+
+    def of_rows_ms(self, camera: str, instant: int, rows: Array) -> Array:
+        """The times of rows (n,), px from the top; NaN where there is no such image."""
+        if not self.dataset.has_image(camera, instant):
+            return np.full(len(rows), np.nan)
+        known = self._rows(camera, instant) if self._by_rows else None
+        if known is None:
+            return np.full(len(rows), self.at_ms(camera, instant))
+        start_ms = (known.middle_ns(0) - self._epoch_ns) / 1e6
+        return np.asarray(start_ms + known.row_time_ns / 1e6 * rows)
+
+    def _rows(self, camera: str, instant: int) -> RowExposures | None:
+        dataset = self.dataset
+        return row_exposures(dataset.session.camera(camera), dataset.record(camera, instant))

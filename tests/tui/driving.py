@@ -1,5 +1,7 @@
 """What tests of the screen share: the app on a fake rig, and what it shows."""
 
+import asyncio
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +23,16 @@ async def settle(pilot: Any) -> None:
     """Let messages of messages come through."""
     for _ in range(4):
         await pilot.pause()
+
+
+async def until(pilot: Any, true: Callable[[], object]) -> None:
+    """Wait for what threads and other processes do."""
+    for _ in range(400):
+        await settle(pilot)
+        if true():
+            return
+        await asyncio.sleep(0.01)
+    raise AssertionError("it never was so")
 
 
 def lines(app: SimulshotApp, selector: str) -> tuple[str, ...]:

@@ -1,7 +1,6 @@
 """The mode Sessions on a fake rig, and what it shows."""
 
-import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -11,7 +10,7 @@ from textual.widgets import Input
 from capture_app.tui.app import SimulshotApp
 from capture_app.tui.library.session_rows import SessionRows
 from capture_app.tui.library.sessions_view import SessionsView
-from tests.tui.driving import make_app, settle
+from tests.tui.driving import make_app, settle, until
 from tests.tui.fake_rig import FakeRig
 
 
@@ -43,16 +42,6 @@ def text(app: SimulshotApp) -> str:
     """What the list shows."""
     listed = rows(app)
     return "\n".join(listed.render_line(y).text.rstrip() for y in range(listed.size.height))
-
-
-async def until(pilot: Any, true: Callable[[], object]) -> None:
-    """Wait for what threads and other processes do."""
-    for _ in range(400):
-        await settle(pilot)
-        if true():
-            return
-        await asyncio.sleep(0.01)
-    raise AssertionError("it never was so")
 
 
 async def choose(pilot: Any, name: str) -> None:

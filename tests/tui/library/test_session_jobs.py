@@ -16,8 +16,8 @@ from capture_app.tui.jobs.job import JobState
 from capture_app.tui.jobs.result_screen import ResultScreen
 from capture_app.tui.pictures.picture import Picture
 from tests.session.conftest import camera_record, jpeg
-from tests.tui.driving import settle, toasts
-from tests.tui.library.screen import choose, library, names, rows, text, type_text, until
+from tests.tui.driving import settle, toasts, until
+from tests.tui.library.screen import choose, library, names, rows, text, type_text
 
 
 def jobs(pilot: Any) -> list[Any]:

@@ -18,8 +18,8 @@ from capture_app.tui.messages import SessionsRequested
 from capture_app.tui.settings import Settings
 from capture_app.tui.sheets.contact_sheet import ContactSheet
 from capture_app.tui.sheets.look import LookScreen
-from tests.tui.driving import settle, toasts
-from tests.tui.library.screen import choose, library, names, rows, text, type_text, until, view
+from tests.tui.driving import settle, toasts, until
+from tests.tui.library.screen import choose, library, names, rows, text, type_text, view
 from tests.tui.takes import make_take
 
 

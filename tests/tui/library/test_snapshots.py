@@ -10,10 +10,10 @@ from capture_app.tui.app import SimulshotApp
 from capture_app.tui.library.sessions_view import SessionsView
 from capture_app.tui.settings import Settings
 from capture_app.tui.sheets.contact_sheet import ContactSheet
-from tests.tui.driving import make_app, settle
+from tests.tui.driving import make_app, settle, until
 from tests.tui.fake_rig import FakeRig
 from tests.tui.jobs.found import add_comparison, add_job
-from tests.tui.library.screen import text, until, view
+from tests.tui.library.screen import text, view
 from tests.tui.takes import make_take
 
 pytestmark = pytest.mark.usefixtures("utc")

@@ -1,6 +1,7 @@
 """Rectification of a pair: both views rotated so that a point lies in the same row of both."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numpy as np
@@ -33,17 +34,8 @@ class Rectification:
 
     def remap(self, image: Array, *, other: bool = False, nearest: bool = False) -> tuple[Array, Array]:
         """The image on the canvas, and where the canvas sees it (bool)."""
-        view = self.other if other else self.reference
-        turn = self.other_rotation if other else self.reference_rotation
-        maps = cv2.initUndistortRectifyMap(
-            view.matrix, view.distortion, turn, self._projection(), (self.width, self.height), cv2.CV_32FC1
-        )
-        how = cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR
-        picture = cv2.remap(image, maps[0], maps[1], how)
-        outline = self.project(view.rays(view.border()), other=other)
-        seen = np.zeros((self.height, self.width), np.uint8)
-        cv2.fillPoly(seen, [np.round(outline).astype(np.int32)], 1)
-        return picture, cv2.erode(seen, np.ones((3, 3), np.uint8)) > 0
+        xs, ys, seen = self._other_canvas if other else self._reference_canvas
+        return cv2.remap(image, xs, ys, cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR), seen
 
     def project(self, rays: Array, *, other: bool = False) -> Array:
         """Canvas pixels (n, 2) of directions (n, 3) in one of the two camera frames."""
@@ -54,19 +46,43 @@ class Rectification:
 
     def depth(self, disparity: Array) -> Array:
         """Depth in the reference view's pixels (height x width, 0 = none) from the canvas's disparity."""
-        view = self.reference
-        turned = view.rays(view.grid()) @ self.reference_rotation.T
         shift = self.to_reference(disparity.astype(np.float32))
         near = shift > 0
         rectified = np.where(near, self.focal * self.baseline / np.where(near, shift, 1.0), 0.0)
-        return np.asarray(rectified / turned[:, 2].reshape(shift.shape), np.float32)
+        return np.asarray(rectified / self._reference_pixels[2], np.float32)
 
     def to_reference(self, canvas: Array) -> Array:
         """A canvas's values (nearest) in the reference view's pixels; 0 where the canvas does not reach."""
-        view = self.reference
-        where = self.project(view.rays(view.grid())).astype(np.float32)
-        xs, ys = where.T.reshape(2, view.height, view.width)
+        xs, ys, _ = self._reference_pixels
         return np.asarray(cv2.remap(canvas, xs, ys, cv2.INTER_NEAREST, borderValue=(0.0,)))
+
+    @cached_property
+    def _reference_canvas(self) -> tuple[Array, Array, Array]:
+        return self._canvas(self.reference, self.reference_rotation, other=False)
+
+    @cached_property
+    def _other_canvas(self) -> tuple[Array, Array, Array]:
+        return self._canvas(self.other, self.other_rotation, other=True)
+
+    def _canvas(self, view: View, turn: Array, *, other: bool) -> tuple[Array, Array, Array]:
+        """A view's pixel for each of the canvas's (x, y: float32), and where the canvas sees it (bool)."""
+        size = (self.width, self.height)
+        xs, ys = cv2.initUndistortRectifyMap(
+            view.matrix, view.distortion, turn, self._projection(), size, cv2.CV_32FC1
+        )
+        outline = self.project(view.rays(view.border()), other=other)
+        seen = np.zeros((self.height, self.width), np.uint8)
+        cv2.fillPoly(seen, [np.round(outline).astype(np.int32)], 1)
+        return xs, ys, cv2.erode(seen, np.ones((3, 3), np.uint8)) > 0
+
+    @cached_property
+    def _reference_pixels(self) -> tuple[Array, Array, Array]:
+        """The canvas's pixel for each of the reference's (x, y: float32), and its ray's z on the canvas."""
+        view = self.reference
+        shape = view.height, view.width
+        rays = view.rays(view.grid())
+        xs, ys = self.project(rays).astype(np.float32).T.reshape(2, *shape)
+        return xs, ys, (rays @ self.reference_rotation.T)[:, 2].reshape(shape)
 
     def _projection(self) -> Array:
         sign = -1.0 if self.mirror else 1.0

@@ -7,23 +7,81 @@ import cv2
 import numpy as np
 
 from capture_app.errors import BadInputError
+from reconstruction.common.foreign_calls import opencv_calls, silenced_output
 from reconstruction.common.geometry import Array
+from reconstruction.common.memory_budget import gigabytes, memory_budget
+from reconstruction.common.picture_size import picture_size
 
 FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
 """For pictures that are read once and deleted."""
 JPEG_QUALITY = 92
 
 
-def read_image(path: Path) -> Array:
-    """A picture's colours, uint8 height x width x 3, BGR.
+MIN_SIDE_PX, MAX_ASPECT = 16, 40
+"""Narrower pictures hold nothing that could be found again in another."""
+DECODED_SHARE = 0.25
+"""Of the memory budget that one decoded picture may take."""
+REDUCTIONS = {8: cv2.IMREAD_REDUCED_COLOR_8, 4: cv2.IMREAD_REDUCED_COLOR_4, 2: cv2.IMREAD_REDUCED_COLOR_2}
+
+
+def read_image(path: Path, size: tuple[int, int] | None = None) -> Array:
+    """A picture's colours, uint8 height x width x 3, BGR; `size` (width, height): made smaller to this.
 
     Raises:
-        BadInputError: it is not an image, or its format is not supported.
+        BadInputError: it is not an image, of a format that is not supported, or too large to decode.
     """
-    image = cv2.imread(str(path), cv2.IMREAD_COLOR)
+    found = image_size(path)
+    reduction = 1
+    if size is not None:
+        least = min(max(found) / max(size), min(found) / min(size))
+        reduction = max([1, *(factor for factor in REDUCTIONS if factor <= least)])
+    # Only JPEG is decoded at a smaller size; other formats are decoded whole.
+    decoded = 3 * found[0] * found[1] / (reduction**2 if path.suffix.lower() in (".jpg", ".jpeg") else 1)
+    if decoded > DECODED_SHARE * memory_budget().limit_bytes:
+        raise BadInputError(
+            f"{path} is {found[0]}x{found[1]} pixels: decoded it takes {gigabytes(decoded)} of memory, "
+            f"and a picture may take {gigabytes(DECODED_SHARE * memory_budget().limit_bytes)}",
+            hint="make it smaller, or give more with --memory",
+        )
+    # Decoders complain of broken files on stderr.
+    with silenced_output(), opencv_calls(f"decoding {path.name}"):
+        image = cv2.imread(str(path), REDUCTIONS.get(reduction, cv2.IMREAD_COLOR))
+        # A picture that is turned by its EXIF orientation keeps its shape, and is refused for it.
+        if image is not None and size is not None and _alike(image.shape[1::-1], size):
+            image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     if image is None:
         raise BadInputError(f"{path} is not an image, or its format is not supported")
     return np.asarray(image, np.uint8)
+
+
+def _alike(a: Sequence[int], b: Sequence[int]) -> bool:
+    """Whether two sizes have the same shape."""
+    return abs(a[0] * b[1] - a[1] * b[0]) < 0.1 * a[0] * b[1]
+
+
+def image_size(path: Path) -> tuple[int, int]:
+    """A picture's width and height as its file's header says (before any EXIF orientation), px.
+
+    Raises:
+        BadInputError: it is not an image, of a format that is not supported, or of an unusable shape.
+    """
+    try:
+        found = picture_size(path)
+    except OSError as error:
+        raise BadInputError(f"cannot read {path}: {error.strerror or error}") from error
+    if found is None:
+        raise BadInputError(f"{path} is not an image, or its format is not supported")
+    refuse_odd_shape(str(path), *found)
+    return found
+
+
+def refuse_odd_shape(what: str, width: int, height: int) -> None:
+    """Raise BadInputError for pictures that are too small or narrow to find anything in."""
+    if min(width, height) < MIN_SIDE_PX or max(width, height) > MAX_ASPECT * min(width, height):
+        raise BadInputError(
+            f"{what} is {width}x{height} pixels, which nothing can be matched in",
+            hint=f"it takes {MIN_SIDE_PX} pixels across and down, and no side {MAX_ASPECT} times the other",
+        )
 
 
 def write_image(path: Path, image: Array, parameters: Sequence[int] = ()) -> None:

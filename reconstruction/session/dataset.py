@@ -2,7 +2,6 @@
 
 import hashlib
 from collections.abc import Iterable, Sequence
-from functools import lru_cache
 from pathlib import Path
 
 import cv2
@@ -12,14 +11,23 @@ from capture_app.errors import BadInputError, IncompleteError
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import ImageRecord
 from capture_app.session.reading.reader import Session
+from reconstruction.common.byte_cache import ByteCache
 from reconstruction.common.geometry import Array
-from reconstruction.common.image_files import read_image
+from reconstruction.common.image_files import image_size, read_image, refuse_odd_shape
+from reconstruction.common.memory_budget import memory_budget
 
-KEPT_IMAGES = 96
+KEPT_SHARE = 0.12
+"""Of the memory budget, for decoded images that may be asked for again."""
+WORK_SHARE = 0.3
+WORK_BYTES_PER_PIXEL = 60
+"""What a command takes at least for each pixel of the images it works on at once."""
 
 
 class Dataset:
-    """The images of one burst, read when they are needed."""
+    """The images of one burst, read when they are needed, at a size that fits the memory budget.
+
+    A dataset that is made smaller is so in all: images, sizes, calibrated views, ground truth.
+    """
 
     def __init__(self, session: Session) -> None:
         """Frames that a camera dropped are left out: their images are those of another instant."""
@@ -32,7 +40,8 @@ class Dataset:
         self._records = {
             (record.camera, record.instant): record for record in manifest.images if not record.substitute
         }
-        self._read = lru_cache(maxsize=KEPT_IMAGES)(self._read_image)
+        self._scale = 1.0
+        self._read = ByteCache(self._read_image, int(KEPT_SHARE * memory_budget().limit_bytes))
 
     @classmethod
     def open(cls, path: Path) -> "Dataset":
@@ -45,7 +54,28 @@ class Dataset:
         dataset = cls(Session.open(path))
         for record in dataset._records.values():
             dataset._check(record)
+        for camera in dataset.cameras:
+            refuse_odd_shape(f"a picture of camera {camera}", *dataset.size(camera))
+        dataset.fit_memory(images=1)
         return dataset
+
+    def fit_memory(self, *, images: int, bytes_per_pixel: int = WORK_BYTES_PER_PIXEL) -> None:
+        """Make the dataset smaller where work on so many images at once would take more than the budget.
+
+        To be called before images are read.
+
+        Raises:
+            BadInputError: even a sixteenth of their size takes more.
+        """
+        sizes = sorted((self.size(camera) for camera in self.cameras), key=lambda size: -size[0] * size[1])
+        pixels = sum(width * height for width, height in sizes[:images])
+        largest = "{}x{}".format(*sizes[0]) if sizes else ""
+        what = f"work on {images} pictures" if images > 1 else "work on a picture"
+        self._scale *= memory_budget().fit_scale(
+            f"{what} of {self.name} ({largest} pixels)",
+            lambda scale: pixels * scale**2 * bytes_per_pixel,
+            share=WORK_SHARE,
+        )
 
     def require_cameras(self, count: int, hint: str) -> None:
         """Raises BadInputError where the session has fewer cameras."""
@@ -91,7 +121,9 @@ class Dataset:
     def size(self, camera: str) -> tuple[int, int]:
         """Width and height of a camera's images, px."""
         facts = self.session.camera(camera).facts
-        return facts.width, facts.height
+        if self._scale == 1.0:
+            return facts.width, facts.height
+        return max(1, round(facts.width * self._scale)), max(1, round(facts.height * self._scale))
 
     def calibration(self) -> Calibration | None:
         """The session's own calibration."""
@@ -108,8 +140,13 @@ class Dataset:
             return None
         try:
             with np.load(path) as data:
-                depth = np.asarray(data["depth_m"], np.float32)
-                return np.where(np.isfinite(depth), depth, np.float32(0)), np.asarray(data["movers"], bool)
+                depth, movers = np.asarray(data["depth_m"], np.float32), np.asarray(data["movers"], np.uint8)
+                if self._scale < 1.0:
+                    size, how = self.size(camera), cv2.INTER_NEAREST_EXACT
+                    depth, movers = (
+                        np.asarray(cv2.resize(a, size, interpolation=how)) for a in (depth, movers)
+                    )
+                return np.where(np.isfinite(depth), depth, np.float32(0)), movers > 0
         except (OSError, ValueError, KeyError, EOFError) as error:
             raise BadInputError(f"{path} is not a ground-truth file: {error}") from error
 
@@ -119,6 +156,8 @@ class Dataset:
         for (camera, instant), record in sorted(self._records.items()):
             digest.update(f"{camera} {instant} {record.sha256}\n".encode())
         digest.update(repr(self.calibration()).encode())
+        if self._scale < 1.0:
+            digest.update(repr([self.size(camera) for camera in self.cameras]).encode())
         return digest.hexdigest()
 
     def worst_residual_us(self) -> float | None:
@@ -175,11 +214,16 @@ class Dataset:
 
     def _read_image(self, camera: str, instant: int) -> Array:
         path = self.session.image_file(self._records[camera, instant])
-        image = read_image(path)
-        width, height = self.size(camera)
-        if image.shape[:2] != (height, width):
+        facts = self.session.camera(camera).facts
+        width, height = facts.width, facts.height
+        found = image_size(path)
+        if sorted(found) == sorted((width, height)):
+            image = read_image(path, self.size(camera) if self._scale < 1.0 else None)
+            found = image.shape[1], image.shape[0]
+            width, height = self.size(camera)
+        if found != (width, height):
             raise BadInputError(
-                f"{path} is {image.shape[1]}x{image.shape[0]}, but {camera} is {width}x{height}",
+                f"{path} is {found[0]}x{found[1]}, but {camera} is {width}x{height}",
                 hint="the image does not belong to this session's manifest",
             )
         return image

@@ -1,12 +1,13 @@
 """Detection of movers: pixels that differ over time in the pictures of a camera that stands still."""
 
 from collections.abc import Sequence
-from functools import lru_cache
 
 import cv2
 import numpy as np
 
+from reconstruction.common.byte_cache import ByteCache
 from reconstruction.common.geometry import Array
+from reconstruction.common.memory_budget import memory_budget
 from reconstruction.session.dataset import Dataset
 
 MIN_AREA_PX = 24
@@ -16,12 +17,19 @@ MIN_GREY_STEP = 8.0
 SHAKE_PX = 0.7
 """A still edge may tremble by this much (a camera that vibrates) before it counts as motion."""
 BACKGROUND_FRAMES = 25
+BACKGROUND_ROWS = 256
 
 
 def median_background(images: Sequence[Array]) -> Array:
     """What stands still in a burst: the median over time of its grey images, uint8."""
     step = max(1, len(images) // BACKGROUND_FRAMES)
-    return np.asarray(np.median(np.stack(images[::step]), axis=0), np.uint8)
+    chosen = images[::step]
+    background = np.empty_like(chosen[0])
+    # The median works on copies: of some rows at a time, they stay small.
+    for top in range(0, len(background), BACKGROUND_ROWS):
+        rows = slice(top, top + BACKGROUND_ROWS)
+        background[rows] = np.median(np.stack([image[rows] for image in chosen]), axis=0)
+    return background
 
 
 def detect_movers(image: Array, neighbours: Sequence[Array], still: Array) -> Array:
@@ -77,6 +85,8 @@ def _fill_spots(mask: Array) -> Array:
 
 
 MARGIN_PX = 5
+MOVERS_SHARE = 0.05
+"""Of the memory budget, for masks and for backgrounds that may be asked for again."""
 
 
 class SceneMotion:
@@ -86,10 +96,15 @@ class SceneMotion:
         """`step`: an image is compared with those so many instants before and after it."""
         self.dataset = dataset
         self.step = step
-        self.detected_movers = lru_cache(maxsize=None)(self._detect_movers)
-        """What moves by the images alone; no computation uses other knowledge."""
-        self.background = lru_cache(maxsize=None)(self._background)
+        self._packed_movers = ByteCache(self._detect_movers, int(MOVERS_SHARE * memory_budget().limit_bytes))
+        self.background = ByteCache(self._background, int(MOVERS_SHARE * memory_budget().limit_bytes))
         """The camera's still background, grey uint8."""
+
+    def detected_movers(self, camera: str, instant: int) -> Array:
+        """What moves by the images alone; no computation uses other knowledge."""
+        width, height = self.dataset.size(camera)
+        packed = self._packed_movers(camera, instant)
+        return np.unpackbits(packed, count=width * height).reshape(height, width).view(bool)
 
     def widened_movers(self, camera: str, instant: int) -> Array:
         """What moves, and `MARGIN_PX` around it: what calibration and registration must leave out."""
@@ -105,12 +120,16 @@ class SceneMotion:
         return np.asarray(self.moving(camera, instant) | self.detected_movers(camera, instant))
 
     def _background(self, camera: str) -> Array:
-        return median_background([self.dataset.grey(camera, k) for k in self.dataset.instants(camera)])
+        there = self.dataset.instants(camera)
+        step = max(1, len(there) // BACKGROUND_FRAMES)
+        return median_background([self.dataset.grey(camera, k) for k in there[::step]])
 
     def _detect_movers(self, camera: str, instant: int) -> Array:
+        """The moving pixels, eight in a byte."""
         there = self.dataset.instants(camera)
         near = [k for k in (instant - self.step, instant + self.step) if k in there]
         if not near:
             near = [k for k in there if k != instant][:1]
         others = [self.dataset.grey(camera, k) for k in near]
-        return detect_movers(self.dataset.grey(camera, instant), others, self.background(camera))
+        found = detect_movers(self.dataset.grey(camera, instant), others, self.background(camera))
+        return np.packbits(found)

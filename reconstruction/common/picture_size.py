@@ -1,0 +1,118 @@
+"""The size of a picture as its file's first bytes tell it, before a single pixel is decoded."""
+
+import struct
+from collections.abc import Callable
+from pathlib import Path
+from typing import BinaryIO
+
+Size = tuple[int, int]
+"""Width and height, px; of a JPEG before its EXIF orientation is applied."""
+
+MAX_HEADER_BYTES = 1 << 20
+"""Of a JPEG's profiles and thumbnails before its first frame."""
+
+
+def picture_size(path: Path) -> Size | None:
+    """Width and height of a JPEG, PNG, TIFF, BMP or WebP file; None for anything else.
+
+    Raises:
+        OSError: the file cannot be read.
+    """
+    with path.open("rb") as file:
+        start = file.read(32)
+        for magic, read in _READERS:
+            if start.startswith(magic):
+                file.seek(0)
+                try:
+                    return read(file)
+                except (struct.error, ValueError, OverflowError):
+                    return None
+    return None
+
+
+def _png(file: BinaryIO) -> Size:
+    file.seek(16)
+    return _numbers(">II", file)
+
+
+def _jpeg(file: BinaryIO) -> Size | None:
+    file.seek(2)
+    while file.tell() < MAX_HEADER_BYTES:
+        byte = file.read(1)
+        if byte != b"\xff":
+            if not byte:
+                return None
+            continue
+        marker = file.read(1)
+        while marker == b"\xff":
+            marker = file.read(1)
+        # A frame of any kind; the three others in this span are tables.
+        if marker and 0xC0 <= marker[0] <= 0xCF and marker[0] not in (0xC4, 0xC8, 0xCC):
+            height, width = _numbers(">3xHH", file)
+            return width, height
+        if marker and (0xD0 <= marker[0] <= 0xD8 or marker[0] in (0x00, 0x01)):
+            continue
+        (length,) = struct.unpack(">H", file.read(2))
+        file.seek(max(length - 2, 0), 1)
+    return None
+
+
+def _bmp(file: BinaryIO) -> Size:
+    file.seek(18)
+    width, height = _numbers("<ii", file)
+    return abs(width), abs(height)
+
+
+def _tiff(file: BinaryIO) -> Size | None:
+    order = "<" if file.read(2) == b"II" else ">"
+    (version,) = struct.unpack(f"{order}H", file.read(2))
+    if version not in (42, 43):
+        return None
+    # BigTIFF, version 43, has 64-bit offsets and counts.
+    big = version == 43
+    file.seek(8 if big else 4)
+    directory = _number(file, order, "Q" if big else "I")
+    file.seek(directory)
+    found: dict[int, int] = {}
+    for _ in range(min(_number(file, order, "Q" if big else "H"), 4096)):
+        tag, kind = struct.unpack(f"{order}HH", file.read(4))
+        file.read(8 if big else 4)
+        field = file.read(8 if big else 4)
+        if tag in (256, 257):
+            form, size = ("H", 2) if kind == 3 else ("I", 4)
+            (found[tag],) = struct.unpack(f"{order}{form}", field[:size])
+    return (found[256], found[257]) if len(found) == 2 else None
+
+
+def _number(file: BinaryIO, order: str, form: str) -> int:
+    (number,) = struct.unpack(f"{order}{form}", file.read(struct.calcsize(f"{order}{form}")))
+    return int(number)
+
+
+def _webp(file: BinaryIO) -> Size | None:
+    data = file.read(30)
+    kind = data[12:16]
+    if data[8:12] != b"WEBP" or len(data) < 30:
+        return None
+    if kind == b"VP8X":
+        return 1 + int.from_bytes(data[24:27], "little"), 1 + int.from_bytes(data[27:30], "little")
+    if kind == b"VP8L":
+        bits = int.from_bytes(data[21:25], "little")
+        return 1 + (bits & 0x3FFF), 1 + (bits >> 14 & 0x3FFF)
+    width, height = struct.unpack("<HH", data[26:30])
+    return width & 0x3FFF, height & 0x3FFF
+
+
+def _numbers(form: str, file: BinaryIO) -> Size:
+    first, second = struct.unpack(form, file.read(struct.calcsize(form)))
+    return first, second
+
+
+_READERS: tuple[tuple[bytes, Callable[[BinaryIO], Size | None]], ...] = (
+    (b"\x89PNG\r\n\x1a\n", _png),
+    (b"\xff\xd8", _jpeg),
+    (b"BM", _bmp),
+    (b"II", _tiff),
+    (b"MM", _tiff),
+    (b"RIFF", _webp),
+)

@@ -1,5 +1,6 @@
 """A burst of two instants, and spare ones, and what its cameras tell and send of it."""
 
+import asyncio
 import hashlib
 from collections.abc import AsyncIterator
 from pathlib import Path
@@ -44,6 +45,15 @@ def upload(name: str, instant: int, offset: int = 0) -> ImageUpload:
         sha256=hashlib.sha256(IMAGE).hexdigest(),
     )
     return ImageUpload(leader=LEADER, burst=1, record=record, offset=offset)
+
+
+async def receive_image(
+    session: BurstSession, upload: ImageUpload, payload: AsyncIterator[bytes], now_ns: int = 0
+) -> str:
+    """Bring an image and wait until it is on disk, and the session where it was the last one."""
+    sha256 = await asyncio.shield(await session.take_image(upload, payload, now_ns))
+    await session.finish_if_complete()
+    return sha256
 
 
 async def pieces(data: bytes) -> AsyncIterator[bytes]:

@@ -19,7 +19,7 @@ from capture_app.session.reading.reader import Session
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.wire.codec import decode
 from capture_app.sync.wire.messages import Hello, Trigger
-from tests.node.bursts import CAMERA, IMAGE, LEADER, pieces, report, upload
+from tests.node.bursts import CAMERA, IMAGE, LEADER, pieces, receive_image, report, upload
 
 NOW_NS = 10**12
 
@@ -77,7 +77,7 @@ async def test_what_was_confirmed_of_a_cancelled_burst_is_kept(tmp_path: Path) -
         session = await order(bursts)
         for name in ("a", "b"):
             await session.accept_report(report(name, 0, 1), NOW_NS)
-        await session.receive_image(upload("a", 0), pieces(IMAGE), NOW_NS)
+        await receive_image(session, upload("a", 0), pieces(IMAGE), NOW_NS)
         await bursts.cancel(session.burst.number)
         assert session.session is not None
         manifest = Session.open(session.session).manifest
@@ -100,7 +100,7 @@ async def test_two_hundred_bursts_leave_no_threads_and_no_open_files(tmp_path: P
             number = session.burst.number
             told = replace(report("a", 0), burst=number)
             assert (await session.accept_report(told, NOW_NS)).wanted == (0,)
-            await session.receive_image(replace(upload("a", 0), burst=number), pieces(IMAGE), NOW_NS)
+            await receive_image(session, replace(upload("a", 0), burst=number), pieces(IMAGE), NOW_NS)
             assert (await bursts.wait_until_saved(number)).received == 1
             threads.append(threading.active_count())
             files.append(await asyncio.to_thread(open_files))

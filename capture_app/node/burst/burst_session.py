@@ -1,7 +1,7 @@
 """A burst on the leader's side: reports and images come in, a session comes out, whatever is missing."""
 
 import asyncio
-from collections.abc import AsyncIterator, Callable, Coroutine, Mapping, Sequence
+from collections.abc import AsyncIterator, Coroutine, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -136,12 +136,6 @@ class BurstSession:
         await self.finish_if_complete()
         return ReportAck(receipts=receipts, wanted=self._choice.wanted)
 
-    async def receive_image(self, upload: ImageUpload, payload: AsyncIterator[bytes], now_ns: int) -> str:
-        """Take an image in and return its checksum once it is on disk. Raises what `take_image` raises."""
-        sha256 = await asyncio.shield(await self.take_image(upload, payload, now_ns))
-        await self.finish_if_complete()
-        return sha256
-
     async def take_image(
         self, upload: ImageUpload, payload: AsyncIterator[bytes], now_ns: int
     ) -> "asyncio.Future[str]":
@@ -219,8 +213,12 @@ class BurstSession:
 
     async def suspend(self) -> None:
         """Go away without finishing: `resume` goes on from here."""
-        how = f"the next leader goes on, or capture-app sessions repair {self.folder}"
-        await self._end(self._writer.abort, f"left unfinished: {how}")
+        async with self._no_image_written():
+            if not self.finished.is_set():
+                await self._disk.call(self._writer.abort)
+                how = f"the next leader goes on, or capture-app sessions repair {self.folder}"
+                self.message = f"left unfinished: {how}"
+                self.finished.set()
 
     async def cancel(self, reason: str) -> None:
         """Wait for nothing more: what has come is saved, and without any image there is no session."""
@@ -231,13 +229,6 @@ class BurstSession:
         return not any(camera.instants for camera in self._cameras.values())
 
     # The parts
-
-    async def _end(self, work: Callable[[], None], message: str) -> None:
-        async with self._no_image_written():
-            if not self.finished.is_set():
-                await self._disk.call(work)
-                self.message = message
-                self.finished.set()
 
     def _camera(self, name: str) -> CameraProgress:
         try:

@@ -11,13 +11,13 @@ from capture_app.node.burst.camera_progress import PATIENCE_NS, STALL_NS
 from capture_app.node.leader.active_bursts import create_numbered
 from capture_app.session.format.manifest import MissingImage
 from capture_app.session.reading.reader import Session, list_sessions
-from tests.node.bursts import IMAGE, INSTANTS_NS, burst_session, pieces, report, upload
+from tests.node.bursts import IMAGE, INSTANTS_NS, burst_session, pieces, receive_image, report, upload
 
 
 async def deliver(session: BurstSession, name: str, *instants: int) -> None:
     await session.accept_report(report(name, *instants), now_ns=0)
     for instant in instants:
-        await session.receive_image(upload(name, instant), pieces(IMAGE), now_ns=0)
+        await receive_image(session, upload(name, instant), pieces(IMAGE))
 
 
 def files_in(folder: Path) -> list[Path]:
@@ -42,9 +42,9 @@ async def test_it_is_finished_when_every_camera_has_delivered(tmp_path: Path) ->
 async def test_an_image_that_is_sent_again_is_stored_once(tmp_path: Path) -> None:
     session = burst_session(tmp_path, "a")
     await session.accept_report(report("a", 0, 1), now_ns=0)
-    first = await session.receive_image(upload("a", 0), pieces(IMAGE), now_ns=0)
-    assert await session.receive_image(upload("a", 0), pieces(IMAGE), now_ns=0) == first
-    await session.receive_image(upload("a", 1), pieces(IMAGE), now_ns=0)
+    first = await receive_image(session, upload("a", 0), pieces(IMAGE))
+    assert await receive_image(session, upload("a", 0), pieces(IMAGE)) == first
+    await receive_image(session, upload("a", 1), pieces(IMAGE))
     assert len(saved(session).manifest.images) == 2
 
 
@@ -60,7 +60,7 @@ async def test_a_node_writes_to_its_own_place_only(tmp_path: Path, path: str) ->
     honest = upload("a", 0)
     sly = msgspec.structs.replace(honest, record=msgspec.structs.replace(honest.record, path=path))
     with pytest.raises(BadInputError):
-        await session.receive_image(sly, pieces(IMAGE), now_ns=0)
+        await receive_image(session, sly, pieces(IMAGE))
     written = files_in(tmp_path)
     assert all(file.is_relative_to(root / "burst-001") for file in written)
     assert not {file.suffix for file in written} & {".jpg", ".exe"}
@@ -70,7 +70,7 @@ async def test_what_a_camera_says_it_lacks_is_in_the_manifest(tmp_path: Path) ->
     session = burst_session(tmp_path, "a")
     gap = MissingImage(camera="a", instant=1, reason="the camera dropped the frame")
     await session.accept_report(report("a", 0, missing=(gap,)), now_ns=0)
-    await session.receive_image(upload("a", 0), pieces(IMAGE), now_ns=0)
+    await receive_image(session, upload("a", 0), pieces(IMAGE))
     assert saved(session).manifest.missing == (gap,)
     assert "dropped" in session.status.message
 
@@ -101,7 +101,7 @@ async def test_a_camera_that_stalls_is_given_up_in_the_end(tmp_path: Path) -> No
     session = burst_session(tmp_path, "a")
     session.stream_opened("a")
     await session.accept_report(report("a", 0, 1), now_ns=5_000_000_000)
-    await session.receive_image(upload("a", 0), pieces(IMAGE), now_ns=5_000_000_000)
+    await receive_image(session, upload("a", 0), pieces(IMAGE), now_ns=5_000_000_000)
     await session.give_up_silent_cameras({}, 5_000_000_000 + STALL_NS)
     assert len(saved(session).manifest.images) == 1
 
@@ -117,12 +117,12 @@ async def test_without_any_image_there_is_no_session(tmp_path: Path) -> None:
 async def test_damaged_foreign_and_late_images_are_refused(tmp_path: Path) -> None:
     session = burst_session(tmp_path, "a")
     with pytest.raises(BadInputError, match="damaged"):
-        await session.receive_image(upload("a", 0), pieces(IMAGE[:-1] + b"3"), now_ns=0)
+        await receive_image(session, upload("a", 0), pieces(IMAGE[:-1] + b"3"))
     with pytest.raises(BadInputError, match="not in burst"):
-        await session.receive_image(upload("b", 0), pieces(IMAGE), now_ns=0)
+        await receive_image(session, upload("b", 0), pieces(IMAGE))
     await deliver(session, "a", 0, 1)
     with pytest.raises(BadInputError, match="is over"):
-        await session.receive_image(upload("a", 0), pieces(IMAGE), now_ns=0)
+        await receive_image(session, upload("a", 0), pieces(IMAGE))
 
 
 def test_numbers_of_sessions_are_never_used_twice(tmp_path: Path) -> None:

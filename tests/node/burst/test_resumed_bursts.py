@@ -17,7 +17,7 @@ from capture_app.node.transfer.spool import Spool
 from capture_app.node.wire.messages import SpoolSpace
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import ProblemKind, verify
-from tests.node.bursts import DISK, IMAGE, LEADER, burst_session, pieces, report, upload
+from tests.node.bursts import DISK, IMAGE, LEADER, burst_session, pieces, receive_image, report, upload
 
 
 async def begun_session(root: Path, *names: str) -> BurstSession:
@@ -40,16 +40,16 @@ async def test_a_broken_stream_goes_on_at_the_byte(tmp_path: Path) -> None:
     session = await begun_session(tmp_path, "a")
     assert (await session.accept_report(report("a", 0, 1), 0)).receipts == ()
     with pytest.raises(NetworkError):
-        await session.receive_image(upload("a", 0), breaking_off(IMAGE[:10]), 0)
+        await receive_image(session, upload("a", 0), breaking_off(IMAGE[:10]))
     # The leader is killed too; what had come is still there.
     await session.suspend()
     session = await asyncio.to_thread(BurstSession.resume, session.folder, 0, DISK)
     (receipt,) = (await session.accept_report(report("a", 0, 1), 0)).receipts
     assert (receipt.instant, receipt.bytes, receipt.stored) == (0, 10, False)
-    await session.receive_image(upload("a", 0, offset=10), pieces(IMAGE[10:]), 0)
+    await receive_image(session, upload("a", 0, offset=10), pieces(IMAGE[10:]))
     (receipt,) = (await session.accept_report(report("a", 0, 1), 0)).receipts
     assert (receipt.stored, receipt.sha256) == (True, hashlib.sha256(IMAGE).hexdigest())
-    await session.receive_image(upload("a", 1), pieces(IMAGE), 0)
+    await receive_image(session, upload("a", 1), pieces(IMAGE))
     assert session.session is not None
     opened = Session.open(session.session)
     assert lies(opened) == []
@@ -61,9 +61,9 @@ async def test_a_stream_that_skips_or_changes_bytes_is_told_to_try_again(tmp_pat
     session = await begun_session(tmp_path, "a")
     await session.accept_report(report("a", 0, 1), 0)
     with pytest.raises(TryAgainError, match="have arrived"):
-        await session.receive_image(upload("a", 0, offset=7), pieces(IMAGE[7:]), 0)
+        await receive_image(session, upload("a", 0, offset=7), pieces(IMAGE[7:]))
     with pytest.raises(TryAgainError, match="damaged"):
-        await session.receive_image(upload("a", 0), pieces(IMAGE[:-1] + b"?"), 0)
+        await receive_image(session, upload("a", 0), pieces(IMAGE[:-1] + b"?"))
     assert (await session.accept_report(report("a", 0, 1), 0)).receipts == (), "nothing of it is kept"
     await session.suspend()
 
@@ -71,7 +71,7 @@ async def test_a_stream_that_skips_or_changes_bytes_is_told_to_try_again(tmp_pat
 async def test_the_next_run_takes_up_what_was_interrupted_and_what_comes_late(tmp_path: Path) -> None:
     session = await begun_session(tmp_path, "a", "b")
     await session.accept_report(report("a", 0, 1), 0)
-    await session.receive_image(upload("a", 0), pieces(IMAGE), 0)
+    await receive_image(session, upload("a", 0), pieces(IMAGE))
     await session.suspend()
     assert list(interrupted_folders(tmp_path)) == [session.folder]
 
@@ -80,7 +80,7 @@ async def test_the_next_run_takes_up_what_was_interrupted_and_what_comes_late(tm
     await resumed.resume_all(0)
     (again,) = resumed.sessions()
     assert list(interrupted_folders(tmp_path)) == [], "it is locked"
-    await again.receive_image(upload("a", 1), pieces(IMAGE), 0)
+    await receive_image(again, upload("a", 1), pieces(IMAGE))
     await again.finish_now("the rest never came")
     assert len(Session.open(session.folder).manifest.missing) == 2
     before = {path: path.read_bytes() for path in session.folder.glob("images/**/*.jpg")}
@@ -90,7 +90,7 @@ async def test_the_next_run_takes_up_what_was_interrupted_and_what_comes_late(tm
     late = await other.reopen(report("b", 0, 1), 0)
     await late.accept_report(report("b", 0, 1), 0)
     for instant in (0, 1):
-        await late.receive_image(upload("b", instant), pieces(IMAGE), 0)
+        await receive_image(late, upload("b", instant), pieces(IMAGE))
     whole = Session.open(session.folder)
     assert lies(whole) == []
     assert (len(whole.manifest.images), whole.manifest.missing) == (4, ())
@@ -103,7 +103,7 @@ async def test_the_next_run_takes_up_what_was_interrupted_and_what_comes_late(tm
 async def test_repair_without_nodes_finishes_with_what_is_there(tmp_path: Path) -> None:
     session = await begun_session(tmp_path, "a", "b")
     await session.accept_report(report("a", 0, 1), 0)
-    await session.receive_image(upload("a", 0), pieces(IMAGE), 0)
+    await receive_image(session, upload("a", 0), pieces(IMAGE))
     busy = await repair(tmp_path, wait_s=0, host="127.0.0.1", port=0, on_news=lambda _: None)
     assert "being written" in busy[0].what
     await session.suspend()

@@ -22,6 +22,7 @@ from tests.node.bursts import (
     PERIOD_NS,
     burst_session,
     pieces,
+    receive_image,
     report,
     upload,
 )
@@ -44,7 +45,7 @@ async def begun(root: Path, *names: str) -> BurstSession:
 
 async def deliver(session: BurstSession, name: str, *instants: int) -> None:
     for instant in instants:
-        await session.receive_image(upload(name, instant), pieces(IMAGE), 0)
+        await receive_image(session, upload(name, instant), pieces(IMAGE))
 
 
 def saved(session: BurstSession) -> Session:

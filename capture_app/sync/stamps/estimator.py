@@ -8,8 +8,9 @@ from collections import deque
 from math import sqrt
 from statistics import median
 
-from capture_app.sync.stamps.frame_line import MEDIAN_FACTOR, PHASE_FRAMES, FrameLine, PendingShifts, Point
+from capture_app.sync.stamps.frame_line import MEDIAN_FACTOR, PHASE_FRAMES, FrameLine, Point
 from capture_app.sync.stamps.frame_stamp import FrameStamp, StampError
+from capture_app.sync.stamps.pending_shifts import PendingShifts
 from capture_app.sync.stamps.stamp_quantum import StampQuantum
 
 FIRST_INTERVALS = 8

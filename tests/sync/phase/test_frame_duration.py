@@ -8,7 +8,6 @@ from capture_app.simulation.devices.profiles import PROFILES
 from capture_app.simulation.rig.bench import Bench
 from capture_app.sync.phase.actuator import Move
 from capture_app.sync.phase.frame_duration import FrameDurationActuator
-from capture_app.sync.stamps.frame_line import LATENCY_FRAMES, PendingShifts
 
 ROW = 20_000
 PERIOD = 1667 * ROW
@@ -55,27 +54,6 @@ def test_frames_that_cannot_be_shorter_go_round() -> None:
 def test_a_camera_without_room_is_a_problem() -> None:
     assert controller(most_rows=1667).problem
     assert not controller().problem
-
-
-def test_each_frame_tells_by_its_time_which_shifts_it_felt() -> None:
-    shifts = PendingShifts()
-    shifts.expect(100, ROW)
-    assert shifts.effective_at(101, 19_000.0) == 0, "no device is so quick"
-    assert shifts.effective_at(103, 1_000.0) == 0
-    assert shifts.effective_at(104, 17_000.0) == ROW
-    assert shifts.effective_at(105, 3_000.0) == 0, "each frame by itself"
-    assert shifts.total_ns == ROW
-    latest = 100 + LATENCY_FRAMES[1]
-    assert shifts.certain_at(latest) == ROW
-    assert shifts.effective_at(latest, 0.0) == ROW, "by now it counts"
-
-
-def test_shifts_count_in_their_order() -> None:
-    shifts = PendingShifts()
-    shifts.expect(100, 3 * ROW)
-    shifts.expect(101, -ROW)
-    assert shifts.effective_at(104, 2.9 * ROW) == 3 * ROW
-    assert shifts.effective_at(105, 2.1 * ROW) == 2 * ROW
 
 
 @pytest.mark.parametrize("latency", [(2, 4), (6, 12)])

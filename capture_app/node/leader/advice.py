@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
+from capture_app.node.leader.readiness import shortfall
 from capture_app.node.leader.snapshots import present_cameras
 from capture_app.node.leader.wording import off_rate_line
 from capture_app.node.wire.status import LOST_IS_NEWS_NS
@@ -58,7 +59,7 @@ def _of_states(views: Sequence[ClientView], states: Sequence[NodeState]) -> str:
     for state in states:
         concerned = [view for view in views if view.report.state is state and not _is_old_loss(view)]
         if concerned:
-            return _shortfall(concerned[0]) + _and_more(len(concerned))
+            return shortfall(concerned[0], why=True) + _and_more(len(concerned))
     return ""
 
 
@@ -68,11 +69,3 @@ def _is_old_loss(view: ClientView) -> bool:
 
 def _and_more(all_of_them: int) -> str:
     return "" if all_of_them == 1 else f" (and {count(all_of_them - 1, 'more node')})"
-
-
-def _shortfall(view: ClientView) -> str:
-    """Say how a node is not ready, with its own sentence."""
-    state, message = view.report.state, view.report.message
-    if state is NodeState.COARSE:
-        return f"{view.name}: {message}"
-    return f"{view.name} is {state}" + (f": {message}" if message else "")

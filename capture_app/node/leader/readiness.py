@@ -36,10 +36,12 @@ class FolderRoom:
         return self._free_bytes
 
 
-def shortfall(view: ClientView) -> str:
-    """Say how a node is not ready: its state, or how much less accurate than asked for it will be."""
+def shortfall(view: ClientView, *, why: bool = False) -> str:
+    """Say how a node is not ready: its state, `why` with its own sentence, or how coarse it will be."""
     state, message = view.report.state, view.report.message
-    return f"{view.name}: {message}" if state is NodeState.COARSE else f"{view.name} is {state}"
+    if state is NodeState.COARSE:
+        return f"{view.name}: {message}"
+    return f"{view.name} is {state}" + (f": {message}" if why and message else "")
 
 
 def coarse_nodes(views: Sequence[ClientView]) -> str:

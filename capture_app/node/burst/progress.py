@@ -9,6 +9,7 @@ from capture_app.node.burst.instant_choice import InstantChoice
 from capture_app.node.wire.status import BurstStatus
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_picks import Burst
+from capture_app.text import count
 
 SAID_AFTER_S = 1.0
 """A wait for the disk that takes longer is told."""
@@ -18,7 +19,7 @@ def waiting_text(commits: ImageCommits, undecided: Sequence[str]) -> str:
     """What a burst waits for: the disk, or cameras that have not told what they have; empty for neither."""
     images, seconds = commits.waiting()
     if seconds >= SAID_AFTER_S:
-        return f"waiting for the disk: {images} image{'s' if images != 1 else ''}, {seconds:.0f} s"
+        return f"waiting for the disk: {count(images, 'image')}, {seconds:.0f} s"
     return f"waiting to hear from {', '.join(undecided)}" if undecided else ""
 
 

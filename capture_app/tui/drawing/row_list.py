@@ -97,12 +97,6 @@ class RowList(ScrollView, can_focus=True):
         if key in self._keys:
             self._go(self._keys.index(key))
 
-    def set_row_height(self, row_height: int) -> None:
-        """Draw all rows in another height."""
-        if row_height != self.row_height:
-            self.row_height = row_height
-            self._draw_anew()
-
     # Keys and mouse
 
     def action_move(self, rows: int) -> None:

@@ -7,7 +7,7 @@ from textual.content import Content
 
 from capture_app.node.wire.status import NodeStatus
 from capture_app.sync.wire.messages import WITHOUT_CAMERA, NodeState
-from capture_app.text import NO_VALUE, duration, printable
+from capture_app.text import NO_VALUE, count, duration, printable
 from capture_app.tui.rig.phase_strip import AXIS_WIDTH, PhaseAxis, strip_rows
 from capture_app.tui.states import SIGNS
 
@@ -111,7 +111,7 @@ def tall_rows(
             _clock(node),
         )
     )
-    drops = (f"{node.drops} drop{'' if node.drops == 1 else 's'}", "$warning" if node.drops else "")
+    drops = (count(node.drops, "drop"), "$warning" if node.drops else "")
     if node.camera.kind in WITHOUT_CAMERA:
         words.append(Content.styled(f"  {node.camera.kind}", "$foreground-muted"))
     else:

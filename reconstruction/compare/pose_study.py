@@ -43,9 +43,11 @@ class InstantPoses:
         right = sum(max(error) <= TOLERANCE_DEG for error in self.errors)
         errors = np.array(self.errors, float).reshape(-1, 2)
         return Measurements(
-            shares={"correct_pairs": (right, pairs)},
             medians={"rotation_deg": errors[:, 0], "direction_deg": errors[:, 1]},
-            means={"registered": np.array([float(self.registered)])},
+            means={
+                "registered": np.array([float(self.registered)]),
+                "correct_pairs": np.array([right / pairs]),
+            },
         )
 
 

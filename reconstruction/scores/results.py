@@ -4,7 +4,7 @@ from msgspec import Struct
 
 
 class Interval(Struct, frozen=True, kw_only=True):
-    """A value and the middle 95 % of its bootstrap over the instants."""
+    """A median over the instants, and the middle 95 % of its bootstrap over them."""
 
     value: float
     low: float
@@ -24,7 +24,9 @@ class Picture(Struct, frozen=True, kw_only=True):
 
 
 class DepthScores(Struct, frozen=True, kw_only=True):
-    """Stereo depth in one condition; shares are of all pixels of that kind, empty ones counted as wrong.
+    """Stereo depth in one condition: medians over the instants.
+
+    Shares are of all pixels of that kind at an instant, empty ones counted as wrong.
 
     Movers are pixels of moving things, static ones the rest. `*_within_*pct` need ground truth.
     """
@@ -79,7 +81,7 @@ class MultiviewScores(DepthScores, frozen=True, kw_only=True):
     """Share of pixels whose depth two other cameras found too, each by itself, before any other check."""
     static_consistency: float | None = None
     mover_points: float | None = None
-    """Fused points on moving things, of an instant; the mean over the instants."""
+    """Fused points on moving things, of an instant."""
     static_points: float | None = None
     mover_f_score: float | None = None
     """Of the fused cloud against the true surfaces of the instant, within the comparison's tolerance."""
@@ -158,9 +160,9 @@ class PoseScores(Struct, frozen=True, kw_only=True):
     """
 
     registered: float
-    """Cameras that were placed at an instant; the mean over the instants."""
+    """Cameras that were placed at an instant."""
     correct_pairs: float
-    """Share of all pairs of cameras that were placed right."""
+    """Share of all pairs of cameras that were placed right at an instant."""
     rotation_deg: float | None = None
     """Error of the rotation between two cameras, the median over the pairs that were placed; degrees."""
     direction_deg: float | None = None

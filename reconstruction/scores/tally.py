@@ -1,9 +1,10 @@
-"""The scores of a condition: measurements of every instant, pooled, with bootstrap intervals over them.
+"""The scores of a condition: the median over the instants, with bootstrap intervals over them.
 
-All conditions use the same bootstrap draws, and stay paired.
+Every instant counts the same, however much moves in it. All conditions use the same bootstrap draws, and stay
+paired.
 """
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import TypeVar
 
@@ -16,10 +17,10 @@ from reconstruction.scores.results import Interval
 
 F_SCORE = "f_score"
 MAX_DIFFERENCES = 20000
-MAX_DRAWN_VALUES = 1500
-"""Values of an instant that its bootstrap draws are made of."""
+MIN_COUNT = 30
+"""A share of fewer than this is no measurement of its instant."""
 MIN_FOR_INTERVAL = 3
-"""With fewer instants there are no intervals."""
+"""With fewer instants that have a value there is no interval."""
 RESAMPLES = 500
 LEVEL_PERCENT = 95.0
 
@@ -30,8 +31,8 @@ Form = TypeVar("Form", bound=Struct)
 class Measurements:
     """What was measured at one instant, by measure.
 
-    `shares`: (how many, of how many), pooled over the instants; `medians` and `means`: values (n,) of which
-    the median or the mean over all instants counts.
+    `shares`: (how many, of how many); `medians` and `means`: values (n,) of which the median or the mean is
+    the instant's.
     """
 
     shares: dict[str, tuple[int, int]] = field(default_factory=dict)
@@ -48,6 +49,23 @@ class Measurements:
         self.shares.update({prefix + name: share for name, share in other.shares.items()})
         self.medians.update({prefix + name: values for name, values in other.medians.items()})
         self.means.update({prefix + name: values for name, values in other.means.items()})
+
+    def value(self, measure: str) -> float:
+        """The instant's value of a measure; NaN where there is nothing to measure.
+
+        `*f_score` is the harmonic mean of `*precision` and `*recall`.
+        """
+        if measure.endswith(F_SCORE):
+            prefix = measure.removesuffix(F_SCORE)
+            precision, recall = self.value(f"{prefix}precision"), self.value(f"{prefix}recall")
+            return _harmonic_mean(0.0 if np.isnan(precision) else precision, recall)
+        if measure in self.shares:
+            part, whole = self.shares[measure]
+            return part / whole if whole >= MIN_COUNT else np.nan
+        if measure in self.means:
+            return float(np.mean(self.means[measure])) if len(self.means[measure]) else np.nan
+        values = self.medians.get(measure, np.zeros(0))
+        return float(np.median(values)) if len(values) else np.nan
 
 
 def measure_depth(depth: Array, difference: Array, mask: Array, truth: Array | None) -> Measurements:
@@ -67,10 +85,9 @@ def measure_depth(depth: Array, difference: Array, mask: Array, truth: Array | N
 
 
 class Tally:
-    """Measurements of one condition, added up over instants; every pixel counts the same.
+    """Measurements of one condition, instant by instant.
 
-    A measure is named as the field of the scores that it becomes. `*f_score` is the harmonic mean of
-    `*precision` and `*recall`.
+    A measure is named as the field of the scores that it becomes.
     """
 
     def __init__(self, instants: Iterable[Measurements] = ()) -> None:
@@ -86,27 +103,21 @@ class Tally:
         return len(self._instants)
 
     def value(self, measure: str) -> float | None:
-        """A measure over all instants; None where there is nothing to measure."""
-        if measure.endswith(F_SCORE):
-            precision, recall = (self.value(name) for name in _precision_and_recall(measure))
-            return None if recall is None else float(_harmonic_mean(precision or 0.0, recall))
-        if self._is_share(measure):
-            parts, wholes = self._shares(measure)
-            return float(parts.sum() / wholes.sum()) if wholes.sum() else None
-        known = np.concatenate([np.zeros(0), *self._values(measure)])
-        return self._middle(measure, known) if len(known) else None
+        """The median over the instants; None where there is nothing to measure in any."""
+        values = self._values(measure)
+        known = values[np.isfinite(values)]
+        return float(np.median(known)) if len(known) else None
 
     def samples(self, measure: str) -> Array:
         """The measure of every bootstrap draw of the instants; draws of two tallies belong together."""
-        if self.instants < MIN_FOR_INTERVAL:
+        values = self._values(measure)
+        if np.isfinite(values).sum() < MIN_FOR_INTERVAL:
             return np.zeros(0)
-        if measure.endswith(F_SCORE):
-            drawn, recalls = (self.samples(name) for name in _precision_and_recall(measure))
-            return np.asarray(_harmonic_mean(np.nan_to_num(drawn), recalls))
-        if self._is_share(measure):
-            return _share_samples(*self._shares(measure))
-        thinned = [v[:: max(1, len(v) // MAX_DRAWN_VALUES)] for v in self._values(measure)]
-        return _pooled_samples(thinned, lambda values: self._middle(measure, values))
+        drawn = values[_draw_instants(len(values))]
+        known = np.isfinite(drawn).any(1)
+        medians = np.full(RESAMPLES, np.nan)
+        medians[known] = np.nanmedian(drawn[known], axis=1)
+        return medians
 
     def intervals(self, measures: Iterable[str]) -> dict[str, Interval]:
         """Measures with their intervals over the instants, where there are enough."""
@@ -120,19 +131,8 @@ class Tally:
         values = {name: self.value(name) for name in names}
         return form(**values, intervals=self.intervals(names), instants=self.instants)
 
-    def _is_share(self, measure: str) -> bool:
-        return any(measure in one.shares for one in self._instants)
-
-    def _shares(self, measure: str) -> tuple[Array, Array]:
-        pairs = [one.shares.get(measure, (0, 0)) for one in self._instants]
-        return np.array([part for part, _ in pairs]), np.array([whole for _, whole in pairs])
-
-    def _values(self, measure: str) -> list[Array]:
-        return [one.means.get(measure, one.medians.get(measure, np.zeros(0))) for one in self._instants]
-
-    def _middle(self, measure: str, values: Array) -> float:
-        mean = any(measure in one.means for one in self._instants)
-        return float(np.mean(values) if mean else np.median(values))
+    def _values(self, measure: str) -> Array:
+        return np.array([one.value(measure) for one in self._instants])
 
 
 def measures_of(form: type[Struct]) -> tuple[str, ...]:
@@ -147,20 +147,17 @@ def differences(synced: Tally, other: Tally, form: type[Struct]) -> dict[str, In
         before, after = synced.value(name), other.value(name)
         if before is None or after is None or synced.instants != other.instants:
             continue
-        one = _bootstrap_interval(after - before, other.samples(name) - synced.samples(name))
+        samples = synced.samples(name), other.samples(name)
+        if not all(map(len, samples)):
+            continue
+        one = _bootstrap_interval(after - before, samples[1] - samples[0])
         if one is not None:
             found[name] = one
     return found
 
 
-def _precision_and_recall(measure: str) -> tuple[str, str]:
-    prefix = measure.removesuffix(F_SCORE)
-    return prefix + "precision", prefix + "recall"
-
-
-def _harmonic_mean(precision: Array | float, recall: Array | float) -> Array:
-    total = np.asarray(precision) + recall
-    return np.asarray(2 * np.asarray(precision) * recall / np.maximum(total, 1e-12))
+def _harmonic_mean(precision: float, recall: float) -> float:
+    return 2 * precision * recall / max(precision + recall, 1e-12)
 
 
 def _draw_instants(instants: int) -> Array:
@@ -168,25 +165,8 @@ def _draw_instants(instants: int) -> Array:
     return np.random.default_rng(0).integers(0, instants, (RESAMPLES, instants))
 
 
-def _share_samples(parts: Array, wholes: Array) -> Array:
-    """The pooled share, sum of parts over sum of wholes, of every draw (RESAMPLES,); NaN = nothing there."""
-    drawn = _draw_instants(len(parts))
-    total = wholes[drawn].sum(1)
-    return np.asarray(np.where(total > 0, parts[drawn].sum(1) / np.maximum(total, 1), np.nan))
-
-
-def _pooled_samples(values: list[Array], estimate: Callable[[Array], float]) -> Array:
-    """An estimate over the pooled values (one array for each instant) of every draw (RESAMPLES,)."""
-    found = np.full(RESAMPLES, np.nan)
-    for i, drawn in enumerate(_draw_instants(len(values))):
-        pooled = np.concatenate([values[k] for k in drawn])
-        if len(pooled):
-            found[i] = estimate(pooled)
-    return found
-
-
 def _bootstrap_interval(value: float | None, samples: Array) -> Interval | None:
-    """The middle 95 % of the draws around a value; None where there is no value or only one instant."""
+    """The middle 95 % of the draws around a value; None where there is no value or too few instants."""
     known = samples[np.isfinite(samples)]
     if value is None or not len(known):
         return None

@@ -14,7 +14,6 @@ from textual import work
 from textual.app import App, SystemCommand
 from textual.binding import Binding, BindingType
 from textual.screen import Screen
-from textual.widget import Widget
 
 from capture_app.errors import SimulshotError
 from capture_app.node.operator.updates import LinkLost
@@ -40,7 +39,7 @@ from capture_app.tui.messages import (
     StatusChanged,
     message_of,
 )
-from capture_app.tui.mode import ModeScreen
+from capture_app.tui.mode import ModeScreen, ModeView
 from capture_app.tui.pictures.sharp import SharpTerminal
 from capture_app.tui.question import Question
 from capture_app.tui.quitting import LEAVE, STOP, quit_question
@@ -130,7 +129,7 @@ class SimulshotApp(App[None]):
     def _mode_screen(self, mode: str) -> ModeScreen:
         return ModeScreen(mode, self._view(mode))
 
-    def _view(self, mode: str) -> Widget:
+    def _view(self, mode: str) -> ModeView:
         if mode == "rig":
             return RigView(self._source, self._record, self._settings, self._sessions, local=self._local)
         if mode == "shoot":

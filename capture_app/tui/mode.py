@@ -6,7 +6,6 @@ from textual import events
 from textual.app import ComposeResult
 from textual.containers import Vertical
 from textual.screen import Screen
-from textual.widget import Widget
 
 from capture_app.tui.footer import KeyFooter
 from capture_app.tui.header import Header
@@ -41,7 +40,7 @@ class ModeScreen(Screen[None]):
 
     AUTO_FOCUS: ClassVar[str | None] = ""
 
-    def __init__(self, mode: str, view: Widget) -> None:
+    def __init__(self, mode: str, view: ModeView) -> None:
         super().__init__(id=f"mode-{mode}")
         self.view = view
         self._header = Header(mode)
@@ -54,15 +53,11 @@ class ModeScreen(Screen[None]):
 
     def on_screen_resume(self, _: events.ScreenResume) -> None:
         """Tell the view that it is seen."""
-        if isinstance(self.view, ModeView):
-            self.call_after_refresh(self.view.on_mode_shown)
-        elif self.focused is None:
-            self.view.focus()
+        self.call_after_refresh(self.view.on_mode_shown)
 
     def on_screen_suspend(self, _: events.ScreenSuspend) -> None:
         """Tell the view that it is not seen."""
-        if isinstance(self.view, ModeView):
-            self.view.on_mode_hidden()
+        self.view.on_mode_hidden()
 
     def on_status_changed(self, message: StatusChanged) -> None:
         """Show the rig in the header, and tell the view."""

@@ -14,6 +14,7 @@ from textual import work
 from textual.app import App, SystemCommand
 from textual.binding import Binding, BindingType
 from textual.screen import Screen
+from textual.widget import Widget
 
 from capture_app.errors import SimulshotError
 from capture_app.node.operator.updates import LinkLost
@@ -39,7 +40,7 @@ from capture_app.tui.messages import (
     StatusChanged,
     message_of,
 )
-from capture_app.tui.mode import ModeScreen, ModeView
+from capture_app.tui.mode import ModeScreen
 from capture_app.tui.pictures.sharp import SharpTerminal
 from capture_app.tui.question import Question
 from capture_app.tui.quitting import LEAVE, STOP, quit_question
@@ -129,7 +130,7 @@ class SimulshotApp(App[None]):
     def _mode_screen(self, mode: str) -> ModeScreen:
         return ModeScreen(mode, self._view(mode))
 
-    def _view(self, mode: str) -> ModeView:
+    def _view(self, mode: str) -> Widget:
         if mode == "rig":
             return RigView(self._source, self._record, self._settings, self._sessions, local=self._local)
         if mode == "shoot":

@@ -6,6 +6,7 @@ from textual import events
 from textual.app import ComposeResult
 from textual.containers import Vertical
 from textual.screen import Screen
+from textual.widget import Widget
 
 from capture_app.tui.footer import KeyFooter
 from capture_app.tui.header import Header
@@ -40,7 +41,7 @@ class ModeScreen(Screen[None]):
 
     AUTO_FOCUS: ClassVar[str | None] = ""
 
-    def __init__(self, mode: str, view: ModeView) -> None:
+    def __init__(self, mode: str, view: Widget) -> None:
         super().__init__(id=f"mode-{mode}")
         self.view = view
         self._header = Header(mode)
@@ -53,11 +54,15 @@ class ModeScreen(Screen[None]):
 
     def on_screen_resume(self, _: events.ScreenResume) -> None:
         """Tell the view that it is seen."""
-        self.call_after_refresh(self.view.on_mode_shown)
+        if isinstance(self.view, ModeView):
+            self.call_after_refresh(self.view.on_mode_shown)
+        elif self.focused is None:
+            self.view.focus()
 
     def on_screen_suspend(self, _: events.ScreenSuspend) -> None:
         """Tell the view that it is not seen."""
-        self.view.on_mode_hidden()
+        if isinstance(self.view, ModeView):
+            self.view.on_mode_hidden()
 
     def on_status_changed(self, message: StatusChanged) -> None:
         """Show the rig in the header, and tell the view."""

@@ -13,6 +13,7 @@ from capture_app.session.files.durable import write_atomic
 from capture_app.text import pretty_json
 from reconstruction.batch.rows import Row
 from reconstruction.batch.units import RESULT, Unit
+from reconstruction.calibration.adoption import adopt_kept_calibration
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.multiview.command import RESULT as MULTIVIEW_RESULT
 from reconstruction.multiview.command import Matcher, MultiviewOptions, multiview
@@ -57,6 +58,7 @@ def plan(session: Path, options: BatchOptions) -> tuple[list[Unit], list[Row]]:
             f"the session has one camera only ({', '.join(dataset.cameras)})",
             hint="depth needs two that see the same from different places",
         )
+    adopt_kept_calibration(dataset)
     name = session.resolve().name
     source = dataset.fingerprint()
     units: list[Unit] = []

@@ -1,9 +1,6 @@
-"""`reconstruct calibrate`: find a session's calibration, judge it, and store it in the session once."""
+"""`reconstruct calibrate`: find a session's calibration, judge it, store it in the session and keep it."""
 
-import tempfile
 from dataclasses import dataclass
-from enum import StrEnum
-from itertools import combinations
 from pathlib import Path
 
 import msgspec
@@ -15,47 +12,57 @@ from capture_app.session.files.durable import write_atomic
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION
 from capture_app.text import pretty_json
-from reconstruction.calibration.charuco import (
-    calibrate_from_board,
-    count_coverage,
-    detect_board,
-    shared_corners,
-)
-from reconstruction.calibration.features import match_features
+from reconstruction.calibration.charuco import count_coverage, detect_board
+from reconstruction.calibration.consistency import RigCheck
+from reconstruction.calibration.kept import CalibrationShelf
 from reconstruction.calibration.quality import (
     CalibrationQuality,
-    SharedPoints,
     judge_calibration,
     refuse_bad_calibration,
+    refuse_equal_poses,
 )
-from reconstruction.calibration.rig import Rig, calibrated_views
-from reconstruction.calibration.structure_from_motion import calibrate_from_images
-from reconstruction.common.geometry import View, angle_deg
+from reconstruction.calibration.rig import calibrated_views
+from reconstruction.calibration.scale import (
+    KnownDistance,
+    metres_per_unit,
+    metres_per_unit_by_board,
+    scaled,
+)
+from reconstruction.calibration.sources import (
+    CalibrationSource,
+    Candidate,
+    from_board,
+    from_elsewhere,
+    from_still_points,
+    open_recordings,
+)
 from reconstruction.session.dataset import Dataset
 
-MAX_AXIS_ANGLE_DEG = 45.0
-"""Between cameras with a larger angle between their axes features match by chance only."""
-
-Candidate = tuple[Calibration, dict[str, View], SharedPoints]
-"""A calibration, its views at the size of the pictures it is judged by, and the points that they share."""
-
-
-class CalibrationSource(StrEnum):
-    """Where a calibration comes from."""
-
-    SESSION = "session"
-    SFM = "sfm"
-    CHARUCO = "charuco"
+FOUND_HERE = (CalibrationSource.SFM, CalibrationSource.CHARUCO)
 
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrateOptions:
     """`recordings`: the sessions that show the board, none = the session itself."""
 
-    source: CalibrationSource = CalibrationSource.SFM
+    source: CalibrationSource | Path = CalibrationSource.SFM
+    """A path: another session, or its calibration.json."""
     board: CharucoBoard = DEFAULT_BOARD
     recordings: tuple[Path, ...] = ()
+    field_of_view_deg: float | None = None
+    """How wide the cameras see, for structure from motion; None = by EXIF, else unknown."""
+    distance: KnownDistance | None = None
+    """Sets the scale."""
+    scale_by_board: bool = False
+    """Set the scale by the board, where it lies in the scene."""
+    keep: bool | None = None
+    """Keep the calibration for the rig's later sessions; None = if it was found here."""
     force: bool = False
+
+    @property
+    def rescales(self) -> bool:
+        """Whether the calibration gets another scale."""
+        return self.distance is not None or self.scale_by_board
 
 
 class CalibrateResult(msgspec.Struct, frozen=True, kw_only=True):
@@ -68,9 +75,13 @@ class CalibrateResult(msgspec.Struct, frozen=True, kw_only=True):
     """Cameras of the session without a calibration."""
     unit: str
     quality: CalibrationQuality
+    check: RigCheck | None = None
+    """Of a calibration that was not found here: whether a camera has moved since."""
     board: BoardCoverage | None = None
     """For a board: what it has covered, and what would make the calibration better."""
     stored: bool
+    kept: bool = False
+    """Whether it is kept for the rig's later sessions."""
 
 
 def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
@@ -82,18 +93,27 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
     dataset = Dataset.open(session)
     dataset.require_cameras(2, "a rig is two cameras or more that see the same")
     target = session / CALIBRATION
-    stores = options.source is not CalibrationSource.SESSION
+    own = options.source is CalibrationSource.SESSION
+    stores = not own or options.rescales
     if stores and target.exists() and not options.force:
         raise BadInputError(f"{session} has a calibration already", hint="--replace overwrites it")
-    coverage = None
-    if options.source is CalibrationSource.CHARUCO:
-        (found, views, shared), coverage = _from_board(dataset, options)
-    else:
-        found, views, shared = _from_still_points(dataset, stores)
-    quality = judge_calibration(views, shared)
-    refuse_bad_calibration(quality, len(dataset.cameras))
+    candidate = _candidate(dataset, options)
+    found = candidate.calibration
+    views = calibrated_views(dataset, found)
+    quality = judge_calibration(views, candidate.shared)
+    if options.source in FOUND_HERE or own:
+        refuse_bad_calibration(quality, len(dataset.cameras))
+    refuse_equal_poses(views)
+    if candidate.check is not None and not candidate.check.holds:
+        raise BadInputError(
+            f"this calibration no longer holds: {candidate.check}",
+            hint="calibrate the rig again, from a board",
+        )
+    if options.rescales:
+        found = _rescaled(dataset, found, options)
     if stores:
         _store(target, found)
+    keeps = options.source in FOUND_HERE or options.rescales if options.keep is None else options.keep
     return CalibrateResult(
         session=str(session),
         source=found.source,
@@ -101,8 +121,10 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
         missing=tuple(name for name in dataset.cameras if name not in views),
         unit=found.unit,
         quality=quality,
-        board=coverage,
+        check=candidate.check,
+        board=candidate.board,
         stored=stores,
+        kept=keeps and CalibrationShelf().keep(dataset, found),
     )
 
 
@@ -113,58 +135,28 @@ def cover(session: Path, options: CalibrateOptions) -> BoardCoverage:
         SimulshotError: a session cannot be read, or is of other cameras.
     """
     dataset = Dataset.open(session)
-    return count_coverage(dataset, options.board, detect_board(_recordings(dataset, options), options.board))
+    corners = detect_board(open_recordings(dataset, options.recordings), options.board)
+    return count_coverage(dataset, options.board, corners)
 
 
-def _recordings(dataset: Dataset, options: CalibrateOptions) -> list[Dataset]:
-    recordings = [Dataset.open(path) for path in options.recordings] or [dataset]
-    for recording in recordings:
-        if recording.cameras != dataset.cameras:
-            raise BadInputError(
-                f"{recording.name} was taken by other cameras ({', '.join(recording.cameras)})",
-                hint=f"{dataset.name} has {', '.join(dataset.cameras)}",
-            )
-        for name in dataset.cameras:
-            if recording.size(name) != dataset.size(name):
-                sizes = ["x".join(map(str, of.size(name))) for of in (recording, dataset)]
-                raise BadInputError(
-                    f"{name} has pictures of {sizes[0]} in {recording.name}, of {sizes[1]} in {dataset.name}",
-                    hint="record the board in the mode that is used later: another may show another part",
-                )
-    return recordings
+def _candidate(dataset: Dataset, options: CalibrateOptions) -> Candidate:
+    match options.source:
+        case CalibrationSource.CHARUCO:
+            return from_board(dataset, options.board, options.recordings)
+        case CalibrationSource.SFM:
+            return from_still_points(dataset, options.field_of_view_deg)
+        case _:
+            return from_elsewhere(dataset, options.source)
 
 
-def _from_board(dataset: Dataset, options: CalibrateOptions) -> tuple[Candidate, BoardCoverage]:
-    """The calibration by recordings of a board, judged by the board's corners."""
-    recordings = _recordings(dataset, options)
-    corners = detect_board(recordings, options.board)
-    coverage = count_coverage(dataset, options.board, corners)
-    found = calibrate_from_board(recordings[0], options.board, corners)
-    return (found, calibrated_views(dataset, found), shared_corners(corners)), coverage
-
-
-def _from_still_points(dataset: Dataset, solve: bool) -> Candidate:
-    """The calibration by structure from motion, or the session's own, judged by points at rest."""
-    with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
-        rig = Rig(dataset, Path(scratch))
-        found = None if solve else dataset.calibration()
-        if solve:
-            instants = range(len(dataset.instants_ns))
-            found = calibrate_from_images(dataset, rig.motion.widened_movers, instants)
-        if found is None:
-            raise BadInputError(f"{dataset.name} has no calibration of its own", hint="--from sfm finds one")
-        views = calibrated_views(dataset, found)
-        return found, views, _still_points(rig, views)
-
-
-def _still_points(rig: Rig, views: dict[str, View]) -> SharedPoints:
-    """Points at rest that pairs of cameras share, at the middle of the burst."""
-    features = rig.features(len(rig.dataset.instants_ns) // 2)
-    return {
-        (a, b): match_features(features[a], features[b])
-        for a, b in combinations([name for name in features if name in views], 2)
-        if angle_deg(views[a].axis, views[b].axis) < MAX_AXIS_ANGLE_DEG
-    }
+def _rescaled(dataset: Dataset, found: Calibration, options: CalibrateOptions) -> Calibration:
+    views = calibrated_views(dataset, found)
+    if options.distance is not None:
+        factor = metres_per_unit(views, options.distance)
+        return scaled(found, factor, f"a distance of {options.distance.metres:g} m")
+    corners = detect_board(open_recordings(dataset, options.recordings), options.board)
+    factor, times = metres_per_unit_by_board(views, options.board, corners)
+    return scaled(found, factor, f"a ChArUco board seen by {times} pairs")
 
 
 def _store(target: Path, calibration: Calibration) -> None:

@@ -2,7 +2,7 @@
 
 import shutil
 import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -22,11 +22,15 @@ MAX_INSTANTS = 3
 
 
 def calibrate_from_images(
-    dataset: Dataset, movers: Callable[[str, int], Array], instants: Sequence[int]
+    dataset: Dataset,
+    movers: Callable[[str, int], Array],
+    instants: Sequence[int],
+    focal_px: Mapping[str, float] | None = None,
 ) -> Calibration:
     """Calibrate the rig by COLMAP from the burst's still content; the unit of length is arbitrary.
 
-    The cameras form one rig and each instant is one frame of it; moving pixels are masked out.
+    The cameras form one rig and each instant is one frame of it; moving pixels are masked out. `focal_px`:
+    likely focal lengths by camera, px, to start from.
 
     Raises:
         NotAvailableError: COLMAP is not installed here.
@@ -45,7 +49,7 @@ def calibrate_from_images(
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
         root = Path(scratch)
         _write_images(dataset, movers, chosen, cameras, root)
-        rec = _solve(pycolmap, cameras, root)
+        rec = _solve(pycolmap, cameras, root, focal_px or {})
     if rec is None:
         raise BadInputError(
             "no calibration in the session, and none can be found from its images",
@@ -94,7 +98,7 @@ def _write_images(
                 write_image(root / "masks" / f"{name}.png", still)
 
 
-def _solve(pycolmap: Any, cameras: Sequence[str], root: Path) -> Any | None:
+def _solve(pycolmap: Any, cameras: Sequence[str], root: Path, focal_px: Mapping[str, float]) -> Any | None:
     database = root / "database.db"
     reader = pycolmap.ImageReaderOptions()
     reader.camera_model = "SIMPLE_RADIAL"
@@ -107,6 +111,7 @@ def _solve(pycolmap: Any, cameras: Sequence[str], root: Path) -> Any | None:
         reader_options=reader,
         device=pycolmap.Device.cpu,
     )
+    _set_focal_lengths(pycolmap, database, focal_px)
     pycolmap.match_exhaustive(database, device=pycolmap.Device.cpu)
     plain = root / "plain.db"
     shutil.copy(database, plain)
@@ -121,6 +126,18 @@ def _solve(pycolmap: Any, cameras: Sequence[str], root: Path) -> Any | None:
         with suppress(ForeignError):
             found = _largest(pycolmap.incremental_mapping(plain, root / "images", root / "plain", options))
     return found
+
+
+def _set_focal_lengths(pycolmap: Any, database: Path, focal_px: Mapping[str, float]) -> None:
+    opened = pycolmap.Database.open(database)
+    lenses = {camera.camera_id: camera for camera in opened.read_all_cameras()}
+    for image in opened.read_all_images():
+        if (focal := focal_px.get(image.name.split("/")[0])) is not None:
+            lens = lenses[image.camera_id]
+            lens.focal_length = focal
+            lens.has_prior_focal_length = True
+            opened.update_camera(lens)
+    opened.close()
 
 
 def _map_rig(pycolmap: Any, cameras: Sequence[str], database: Path, root: Path) -> Any | None:

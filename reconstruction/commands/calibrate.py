@@ -1,5 +1,7 @@
 """`reconstruct calibrate`."""
 
+import math
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -7,11 +9,26 @@ import click
 
 from capture_app.board.charuco import CharucoBoard
 from capture_app.board.options import board_options
-from capture_app.terminal import json_option, print_json, print_line, print_table
+from capture_app.terminal import FiniteRange, json_option, print_json, print_line, print_table
 from reconstruction.commands.options import memory_option, session_argument
 
 if TYPE_CHECKING:
     from capture_app.board.coverage import BoardCoverage
+    from reconstruction.calibration.command import CalibrateResult
+
+Mark = tuple[str, tuple[tuple[float, float], tuple[float, float]]]
+
+
+def _parse_mark(text: str) -> Mark:
+    """Read a camera and two points in its picture."""
+    name, _, numbers = text.partition("=")
+    try:
+        x1, y1, x2, y2 = (float(number) for number in numbers.split(","))
+    except ValueError:
+        x1 = y1 = x2 = y2 = math.nan
+    if not name or not all(map(math.isfinite, (x1, y1, x2, y2))):
+        raise click.BadParameter(f"{text!r} is not a camera and two points, as in cam00=120,340,560,352")
+    return name, ((x1, y1), (x2, y2))
 
 
 @click.command()
@@ -19,9 +36,10 @@ if TYPE_CHECKING:
 @click.option(
     "--from",
     "source",
-    type=click.Choice(["session", "sfm", "charuco"]),
     default="sfm",
-    help="sfm: from static features of the burst. charuco: from a board. session: check the one it has.",
+    metavar="sfm|charuco|kept|session|PATH",
+    help="sfm: from static features of the burst. charuco: from a board. kept: the one kept of the rig. "
+    "session: check the one it has. PATH: that of another session of the same cameras.",
 )
 @click.option(
     "--recording",
@@ -33,8 +51,38 @@ if TYPE_CHECKING:
     help="For charuco: session that shows the board. Repeat for several.",
 )
 @board_options
+@click.option(
+    "--field-of-view",
+    "field_of_view_deg",
+    type=FiniteRange(5.0, 175.0),
+    metavar="DEG",
+    show_default="from EXIF, else unknown",
+    help="For sfm: how wide the cameras see, from the left to the right edge.",
+)
+@click.option(
+    "--mark",
+    "marks",
+    type=_parse_mark,
+    multiple=True,
+    metavar="CAMERA=X1,Y1,X2,Y2",
+    help="Pixels of two points in a camera's picture, whose distance sets the scale. Give it for two cameras "
+    "or more.",
+)
+@click.option(
+    "--distance-m",
+    type=FiniteRange(min=0, min_open=True, max=1e5),
+    metavar="M",
+    help="How far apart the two points of --mark are, in metres.",
+)
+@click.option("--scale-by-board", is_flag=True, help="Set the scale by the board, where SESSION shows it.")
 @click.option("--coverage", is_flag=True, help="Only show what the board has covered, and what is missing.")
 @click.option("--replace", is_flag=True, help="Replace an earlier calibration of the session.")
+@click.option(
+    "--keep/--no-keep",
+    default=None,
+    show_default="if it is found here, by sfm, charuco or a distance",
+    help="Keep the calibration for later sessions of the same cameras in the same modes.",
+)
 @memory_option
 @json_option
 def calibrate(
@@ -43,20 +91,38 @@ def calibrate(
     recordings: tuple[Path, ...],
     coverage: bool,
     board: CharucoBoard,
+    field_of_view_deg: float | None,
+    marks: tuple[Mark, ...],
+    distance_m: float | None,
+    scale_by_board: bool,
     replace: bool,
+    keep: bool | None,
     as_json: bool,
 ) -> None:
     """Calibrate the cameras of SESSION, check the result and save it in the session.
 
     docs/calibration.md shows the whole way, from the board to print (reconstruct board) on.
     """
-    from reconstruction.calibration.command import CalibrateOptions, CalibrationSource, cover
+    from reconstruction.calibration.command import CalibrateOptions, cover
     from reconstruction.calibration.command import calibrate as run
+    from reconstruction.calibration.scale import KnownDistance
+    from reconstruction.calibration.sources import CalibrationSource
+
+    if bool(marks) != (distance_m is not None):
+        raise click.UsageError("--mark and --distance-m belong together: two points and their distance")
+    if source not in set(CalibrationSource) and not Path(source).exists():
+        raise click.BadParameter(
+            f"{source!r} is neither {', '.join(CalibrationSource)} nor a session", param_hint="--from"
+        )
 
     options = CalibrateOptions(
-        source=CalibrationSource(source),
+        source=CalibrationSource(source) if source in set(CalibrationSource) else Path(source),
         board=board,
         recordings=recordings,
+        field_of_view_deg=field_of_view_deg,
+        distance=None if distance_m is None else KnownDistance(dict(marks), distance_m),
+        scale_by_board=scale_by_board,
+        keep=keep,
         force=replace,
     )
     if coverage:
@@ -66,21 +132,34 @@ def calibrate(
     if as_json:
         print_json(result)
         return
+    for line in _summary(result):
+        print_line(line)
+
+
+def _summary(result: "CalibrateResult") -> Iterator[str]:
     quality = result.quality
-    print_line(f"{len(result.cameras)} cameras from {result.source or 'the session'}")
+    yield f"{len(result.cameras)} cameras from {result.source or 'the session'}"
     if result.missing:
-        print_line(f"without calibration: {', '.join(result.missing)}")
-    print_line(
-        f"reprojection error {quality.reprojection_error_px:.2f} px, triangulation angle "
-        f"{quality.triangulation_angle_deg:.1f} degrees, {100 * quality.inlier_share:.0f} % inliers "
-        f"of {quality.points} points"
-    )
+        yield f"without calibration: {', '.join(result.missing)}"
+    if quality.reprojection_error_px is None or quality.triangulation_angle_deg is None:
+        yield "the cameras share too little that stands still to judge it here"
+    else:
+        yield (
+            f"reprojection error {quality.reprojection_error_px:.2f} px, triangulation angle "
+            f"{quality.triangulation_angle_deg:.1f} degrees, {100 * quality.inlier_share:.0f} % inliers "
+            f"of {quality.points} points"
+        )
     for name, share in quality.coverage.items():
-        print_line(f"{name}: points in {100 * share:.0f} % of the picture")
-    if result.board is not None:
-        for line in result.board.missing:
-            print_line(f"would make it better: {line}")
-    print_line("saved in the session" if result.stored else "the session has this calibration already")
+        yield f"{name}: points in {100 * share:.0f} % of the picture"
+    if result.check is not None and result.check.error_px is not None:
+        yield f"{result.check}: points at rest fit within {result.check.error_px:.1f} px"
+    for line in result.board.missing if result.board else ():
+        yield f"would make it better: {line}"
+    if result.unit == "arbitrary":
+        yield "its scale is unknown: --mark and --distance-m set it, or --scale-by-board"
+    yield "saved in the session" if result.stored else "the session has this calibration already"
+    if result.kept:
+        yield "kept for later sessions of these cameras"
 
 
 def _show_coverage(found: "BoardCoverage", as_json: bool) -> None:

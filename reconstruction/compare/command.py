@@ -11,6 +11,7 @@ from capture_app.errors import NotAvailableError
 from capture_app.terminal import Progress
 from reconstruction.bullet_time.burst_grid import render_burst_grid
 from reconstruction.bullet_time.camera_sweep import render_camera_sweep
+from reconstruction.calibration.adoption import adopt_kept_calibration
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.memory_budget import memory_budget
 from reconstruction.common.native_libraries import library_versions
@@ -65,6 +66,7 @@ def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
     """
     began = time.monotonic()
     dataset = Dataset.open(session)
+    adopt_kept_calibration(dataset)
     offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, options.offset_ms)
     with comparison_folder(out) as output:
         result = Comparison(dataset, offset, options, output.folder).run_studies(session)

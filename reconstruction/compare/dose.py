@@ -11,6 +11,7 @@ import numpy as np
 
 from capture_app.errors import BadInputError
 from capture_app.terminal import Progress
+from reconstruction.calibration.adoption import adopt_kept_calibration
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.memory_budget import memory_budget
 from reconstruction.common.native_libraries import library_versions
@@ -62,6 +63,7 @@ def dose(session: Path, out: Path | None, options: DoseOptions) -> DoseResult:
 def _dose(session: Path, stages: Path, options: DoseOptions) -> DoseResult:
     began = time.monotonic()
     dataset = Dataset.open(session)
+    adopt_kept_calibration(dataset)
     steps = whole_frame_offsets(dataset, options.max_offset_ms)
     rig = Rig(dataset, stages, steps[-1].step)
     rig.check_pair(options.stereo)

@@ -13,6 +13,7 @@ from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import OutputFolder, replaces_only
 from capture_app.terminal import Progress
 from capture_app.text import pretty_json
+from reconstruction.calibration.adoption import adopt_kept_calibration
 from reconstruction.common.drawing import colour_depth, display_range
 from reconstruction.common.geometry import View
 from reconstruction.common.image_files import write_image
@@ -88,6 +89,7 @@ def multiview(
     gpu, note = _choose_matcher(options.matcher)
     stopwatch = _Stopwatch()
     dataset = Dataset.open(session)
+    adopt_kept_calibration(dataset)
     instants = dataset.nearest_instants(options.instant, options.offsets_ms)
     images, left_out, calibration, unit = load_input_images(dataset, instants)
 

@@ -40,6 +40,7 @@ class Dataset:
         self._records = {
             (record.camera, record.instant): record for record in manifest.images if not record.substitute
         }
+        self._adopted: Calibration | None = None
         self._scale = 1.0
         self._read = ByteCache(self._read_image, int(KEPT_SHARE * memory_budget().limit_bytes))
 
@@ -114,6 +115,10 @@ class Dataset:
         """
         return self._read(camera, instant)
 
+    def image_bytes(self, camera: str, instant: int) -> bytes:
+        """The image's file. Raises OSError where it cannot be read."""
+        return self.session.image_file(self._records[camera, instant]).read_bytes()
+
     def grey(self, camera: str, instant: int) -> Array:
         """The image's brightness, uint8 height x width."""
         return np.asarray(cv2.cvtColor(self.image(camera, instant), cv2.COLOR_BGR2GRAY))
@@ -126,8 +131,12 @@ class Dataset:
         return max(1, round(facts.width * self._scale)), max(1, round(facts.height * self._scale))
 
     def calibration(self) -> Calibration | None:
-        """The session's own calibration."""
-        return self.session.calibration()
+        """The session's own calibration, else the one it has adopted."""
+        return self.session.calibration() or self._adopted
+
+    def adopt_calibration(self, calibration: Calibration) -> None:
+        """Take a calibration from elsewhere for this session's, where it has none; nothing is written."""
+        self._adopted = calibration
 
     def ground_truth(self, camera: str, instant: int) -> tuple[Array, Array] | None:
         """True depth (m, float32, 0 = unknown) and movers (bool) of a simulated image, or None.

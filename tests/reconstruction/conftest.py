@@ -91,6 +91,12 @@ def jump(time: float) -> tuple[float, float]:
     return 0.05 * time - 0.1, 0.25 - 0.09 * time
 
 
+@pytest.fixture(autouse=True)
+def own_data_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Calibrations that one test keeps are not found by another."""
+    monkeypatch.setenv("XDG_DATA_HOME", str(tmp_path / "data"))
+
+
 @pytest.fixture(scope="session")
 def scene() -> Scene:
     """A wall, three boards at rest, and one that jumps."""

@@ -2,7 +2,6 @@
 
 import importlib
 import re
-import struct
 from collections.abc import Container, Iterator, Sequence
 from datetime import UTC, datetime
 from enum import StrEnum
@@ -14,13 +13,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_app.errors import BadInputError, NotAvailableError
+from capture_app.session.reading.exif import read_exif
 
 _DATE = re.compile(
     r"((?:19|20)\d{2})[-_.:]?(\d{2})[-_.:]?(\d{2})[-_.T ]?(\d{2})[-_.:h]?(\d{2})[-_.:m]?(\d{2})[-_.,]?(\d*)"
 )
 _EPOCH_NS = {10: 9, 13: 6, 16: 3, 19: 0}
 """Digits of a time since 1970, and the power of ten that makes ns of it."""
-_EXIF_IFD, _DATE_TAG, _PART_TAG = 0x8769, 0x9003, 0x9291
 
 
 class TimeSource(StrEnum):
@@ -112,16 +111,15 @@ def name_time_ns(path: Path) -> int:
 def exif_time_ns(path: Path) -> int:
     """The time in ns at which a JPEG was taken by its EXIF. Raises BadInputError where it does not say."""
     try:
-        data = path.read_bytes()
-        date, part = _exif(data)
+        exif = read_exif(path.read_bytes())
     except OSError as error:
         raise BadInputError(f"cannot read {path}: {error.strerror}") from error
-    except (struct.error, IndexError, ValueError) as error:
+    except ValueError as error:
         raise BadInputError(f"the EXIF of {path} is broken: {error}") from error
-    found = _DATE.search(date)
+    found = _DATE.search(exif.date)
     if found is None:
         raise BadInputError(f"{path} has no EXIF that says when it was taken")
-    return _date_ns(path, found.groups()[:6], part)
+    return _date_ns(path, found.groups()[:6], exif.part_of_second)
 
 
 def _date_ns(path: Path, parts: Sequence[str], fraction: str) -> int:
@@ -131,44 +129,6 @@ def _date_ns(path: Path, parts: Sequence[str], fraction: str) -> int:
     except ValueError as error:
         raise BadInputError(f"{path} has an invalid time: {error}") from error
     return round(moment.timestamp()) * 1_000_000_000 + int((fraction or "0")[:9].ljust(9, "0"))
-
-
-def _exif(data: bytes) -> tuple[str, str]:
-    """DateTimeOriginal and SubSecTimeOriginal of a JPEG; empty where it has none (CIPA DC-008)."""
-    place = 2
-    while data[place : place + 1] == b"\xff" and data[place + 1] != 0xDA:
-        length = struct.unpack_from(">H", data, place + 2)[0]
-        if data[place + 1] == 0xE1 and data[place + 4 : place + 10] == b"Exif\0\0":
-            return _exif_texts(data[place + 10 : place + 2 + length])
-        place += 2 + length
-    return "", ""
-
-
-def _exif_texts(tiff: bytes) -> tuple[str, str]:
-    order = {b"II": "<", b"MM": ">"}[bytes(tiff[:2])] if tiff[:2] in (b"II", b"MM") else ""
-    if not order:
-        raise ValueError("neither II nor MM")
-    first = _entries(tiff, order, struct.unpack_from(f"{order}I", tiff, 4)[0])
-    if _EXIF_IFD not in first:
-        return "", ""
-    inner = _entries(tiff, order, struct.unpack(f"{order}I", first[_EXIF_IFD][1])[0])
-    return _text(tiff, order, inner.get(_DATE_TAG)), _text(tiff, order, inner.get(_PART_TAG))
-
-
-def _entries(tiff: bytes, order: str, place: int) -> dict[int, tuple[int, bytes]]:
-    """By tag, the count of values and the four bytes that hold them or where they are."""
-    count = struct.unpack_from(f"{order}H", tiff, place)[0]
-    entries = (struct.unpack_from(f"{order}HHI4s", tiff, place + 2 + 12 * n) for n in range(count))
-    return {tag: (number, value) for tag, _, number, value in entries}
-
-
-def _text(tiff: bytes, order: str, entry: tuple[int, bytes] | None) -> str:
-    if entry is None:
-        return ""
-    count, value = entry
-    start = struct.unpack(f"{order}I", value)[0]
-    found = value[:count] if count <= 4 else tiff[start : start + count]
-    return found.rstrip(b"\0 ").decode("ascii")
 
 
 def _nanoseconds(ticks: int, base: Fraction) -> int:

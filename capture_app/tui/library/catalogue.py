@@ -5,9 +5,11 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
+import capture_app
 from capture_app.names import natural_order
-from capture_app.samples.bundled import bundled_folders
 from capture_app.session.library.listing import SessionCard, SessionState, best_synchronized
+
+SAMPLES = "sample_sessions"
 
 
 class Order(StrEnum):
@@ -54,7 +56,10 @@ def arrange(
 
 def find_samples(sessions: Path) -> Path | None:
     """The folder of the bundled samples: here, else beside the program; None where they are not there."""
-    return next((folder for folder in bundled_folders() if folder.resolve() != sessions.resolve()), None)
+    for folder in (Path(SAMPLES), Path(capture_app.__file__).parents[1] / SAMPLES):
+        if folder.is_dir() and folder.resolve() != sessions.resolve():
+            return folder
+    return None
 
 
 def _sort(cards: Sequence[SessionCard], order: Order) -> list[SessionCard]:

@@ -14,7 +14,7 @@ from capture_app.tui.footer import KeyFooter
 from capture_app.tui.library.catalogue import Entry
 from capture_app.tui.library.take_pane import TakePane
 from capture_app.tui.sheets.contact_sheet import ContactSheet
-from capture_app.tui.sheets.look import Motion
+from capture_app.tui.sheets.look import LookScreen, Motion
 
 
 class TakeScreen(Screen[None]):
@@ -65,12 +65,21 @@ class TakeScreen(Screen[None]):
 
     def on_contact_sheet_chosen(self, message: ContactSheet.Chosen) -> None:
         """Look at one picture."""
-        self._pane.sheet.look(message.camera, message.instant)
+        self._look(message.camera, message.instant)
 
     def action_look(self, motion: str) -> None:
         """Look at the picture under the cursor, in motion."""
-        self._pane.sheet.look_here(Motion[motion])
+        place = self._pane.sheet.place
+        if place is not None:
+            self._look(place.camera, place.instant, Motion[motion])
 
     def action_close(self) -> None:
         """Go back."""
         self.dismiss(None)
+
+    def _look(self, camera: str, instant: int, motion: Motion = Motion.STILL) -> None:
+        def come_back(seen: tuple[str, int] | None) -> None:
+            if seen is not None:
+                self._pane.sheet.go_to(*seen)
+
+        self.app.push_screen(LookScreen(self._sheet, camera, instant, motion), come_back)

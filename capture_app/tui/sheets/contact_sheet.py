@@ -15,7 +15,6 @@ from textual.strip import Strip
 from capture_app.session.reading.take_sheet import SheetPlace, TakeSheet
 from capture_app.text import duration, printable
 from capture_app.tui.pictures.cells import CellPicture, Palette, draw_fitted, palette_of, strip_of_middle
-from capture_app.tui.sheets.look import LookScreen, Motion
 from capture_app.tui.sheets.sheet_layout import GUTTER, places_in_sight, region_of, thumb_size_of
 
 
@@ -91,17 +90,6 @@ class ContactSheet(ScrollView, can_focus=True):
         """Put the cursor on a picture."""
         if self.sheet is not None and camera in self.sheet.cameras:
             self._put_cursor(self.sheet.cameras.index(camera), instant)
-
-    def look(self, camera: str, instant: int, motion: Motion = Motion.STILL) -> None:
-        """Show a picture on the whole screen; the cursor goes where the user leaves that."""
-        if self.sheet is not None:
-            screen = LookScreen(self.sheet, camera, instant, motion)
-            self.app.push_screen(screen, lambda at: None if at is None else self.go_to(*at))
-
-    def look_here(self, motion: Motion) -> None:
-        """Show the picture under the cursor, in motion."""
-        if (place := self.place) is not None:
-            self.look(place.camera, place.instant, motion)
 
     def action_move(self, cameras: int, instants: int) -> None:
         """Move the cursor."""

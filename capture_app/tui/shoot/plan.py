@@ -11,6 +11,7 @@ from capture_app.tui.settings import Settings
 MOST_BEFORE = 60
 """Frames before the key: a node's ring buffer holds 90, and the order takes its time to get there."""
 MOST_FRAMES = 300
+MOST_NOTE = 1000
 COUNTDOWNS_S = (0, 3, 5, 10, 20)
 INTERVALS_S = (2.0, 5.0, 10.0, 30.0, 60.0, 300.0)
 TAKES = (2, 3, 5, 10, 20, 50, 100)
@@ -88,9 +89,16 @@ class TakePlan:
         """As many before the key as now, and so many after."""
         return replace(self, frames=max(self.before + max(after, 0), 1))
 
-    def request(self) -> BurstRequest:
-        """What a leader is asked for."""
-        return BurstRequest(frames=self.frames, before=self.before, name=self.name, note=self.note)
+    def request(self, *, wait_ready_s: float = 0.0, cameras: int = 1) -> BurstRequest:
+        """What a leader is asked for; it waits so long until so many cameras are ready."""
+        return BurstRequest(
+            frames=self.frames,
+            before=self.before,
+            name=self.name,
+            note=self.note,
+            wait_ready_s=wait_ready_s,
+            nodes=max(cameras, 1),
+        )
 
 
 def stepped(values: tuple[float, ...], value: float, steps: int) -> float:

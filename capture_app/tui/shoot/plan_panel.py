@@ -9,7 +9,6 @@ from textual.binding import Binding, BindingType
 from textual.content import Content
 
 from capture_app.names import is_name
-from capture_app.session.library.changes import MAX_NOTE
 from capture_app.text import duration, printable
 from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.question import TextQuestion
@@ -17,6 +16,7 @@ from capture_app.tui.settings import Settings
 from capture_app.tui.shoot.plan import (
     COUNTDOWNS_S,
     INTERVALS_S,
+    MOST_NOTE,
     TAKES,
     TakeMode,
     TakePlan,
@@ -188,4 +188,4 @@ def _check_name(name: str) -> str:
 
 
 def _check_note(note: str) -> str:
-    return f"at most {MAX_NOTE} characters" if len(note) > MAX_NOTE else ""
+    return f"at most {MOST_NOTE} characters" if len(note) > MOST_NOTE else ""

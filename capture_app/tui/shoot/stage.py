@@ -15,7 +15,7 @@ from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.messages import Mishap
 from capture_app.tui.rig_source import RigSource
 from capture_app.tui.sheets.contact_sheet import ContactSheet
-from capture_app.tui.sheets.look import Motion
+from capture_app.tui.sheets.look import LookScreen, Motion
 from capture_app.tui.shoot.shooting import Moment
 from capture_app.tui.viewfinder.full import CameraScreen
 from capture_app.tui.viewfinder.grid import PreviewGrid
@@ -104,7 +104,8 @@ class Stage(ContentSwitcher):
 
     def wiggle(self) -> None:
         """Wiggle through the cameras at the chosen instant of the last take."""
-        self.sheet.look_here(Motion.WIGGLE)
+        if (place := self.sheet.place) is not None:
+            self._look(place.camera, place.instant, Motion.WIGGLE)
 
     def on_preview_grid_chosen(self, message: PreviewGrid.Chosen) -> None:
         """Look through one camera."""
@@ -115,7 +116,7 @@ class Stage(ContentSwitcher):
     def on_contact_sheet_chosen(self, message: ContactSheet.Chosen) -> None:
         """Look at one picture."""
         message.stop()
-        self.sheet.look(message.camera, message.instant)
+        self._look(message.camera, message.instant, Motion.STILL)
 
     def focus_first(self) -> bool:
         """Give the sheet the focus where it is shown."""
@@ -137,6 +138,11 @@ class Stage(ContentSwitcher):
             await self._rig.want_previews(cameras=None, width=width, fps=fps)
         except SimulshotError as error:
             self.post_message(Mishap(error))
+
+    def _look(self, camera: str, instant: int, motion: Motion) -> None:
+        if self.sheet.sheet is not None:
+            look = LookScreen(self.sheet.sheet, camera, instant, motion)
+            self.app.push_screen(look, lambda at: None if at is None else self.sheet.go_to(*at))
 
     def _go_to(self, stage: str, title: str) -> None:
         self.border_title = Content(printable(title))

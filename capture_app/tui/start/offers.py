@@ -7,8 +7,8 @@ from capture_app.camera_facts import SIMULATED
 from capture_app.cameras.base import CameraListing
 from capture_app.cameras.catalog import DRIVERS
 from capture_app.node.leader.local_nodes import VIEWS
-from capture_app.samples.bundled import bundled_folders
 
+SAMPLES = "sample_sessions"
 SCENES = {scene: len(views) for scene, views in VIEWS.items()}
 """What simulated cameras can look at, and how many of them at once."""
 
@@ -31,7 +31,8 @@ def find_offers(sessions: Path, *, local: bool) -> Offers:
         for kind, driver in DRIVERS.items():
             if kind != SIMULATED:
                 cameras += driver.load().list_cameras()
-    samples = next((folder for folder in bundled_folders() if _count(folder)), None)
+    places = (Path(SAMPLES), Path(__file__).resolve().parents[3] / SAMPLES)
+    samples = next((place for place in places if _count(place)), None)
     return Offers(tuple(cameras), _count(sessions), samples)
 
 

@@ -211,14 +211,14 @@ class StartPanel(Vertical):
             case "samples":
                 self.action_samples()
             case str(spec):
-                self._start_camera(spec)
+                self._start(spec, self._source.add_camera(spec), f"Starting {spec} …")
 
     def on_key(self, event: events.Key) -> None:
         """Start the camera of a key."""
         for key, camera in zip(CAMERA_KEYS, self._offers.cameras, strict=False):
             if event.character == key and camera.usable:
                 event.stop()
-                self._start_camera(camera.spec)
+                self._start(camera.spec, self._source.add_camera(camera.spec), f"Starting {camera.spec} …")
 
     def action_invite(self) -> None:
         """Show how other machines join."""
@@ -272,9 +272,6 @@ class StartPanel(Vertical):
     def _highlight(self, choice: str) -> None:
         self._list.highlighted = self._list.get_option_index(choice)
         self._explain()
-
-    def _start_camera(self, spec: str) -> None:
-        self._start(spec, self._source.add_camera(spec), f"Starting {spec} …")
 
     @work(group="start")
     async def _start(self, choice: str, order: Awaitable[None], words: str) -> None:

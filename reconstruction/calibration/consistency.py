@@ -1,0 +1,240 @@
+"""Whether a calibration still holds for a session, and which camera has moved, by points that stand still.
+
+A camera that turned along the line to its neighbour breaks no epipolar constraint of a pair, so points that
+three cameras see are asked too.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import cv2
+import numpy as np
+from msgspec import Struct
+
+from reconstruction.calibration.features import MAX_SIDE_PX, MIN_MATCHES, Features, match_features
+from reconstruction.common.geometry import Array, View, angle_deg, angles_deg
+
+NEIGHBOURS = 4
+"""Each camera is held against this many nearest others that look the same way."""
+MAX_AXIS_ANGLE_DEG = 45.0
+"""Between cameras with a larger angle between their axes features match by chance only."""
+MIN_PAIR_POINTS = 50
+"""Points that two cameras need to share to be asked."""
+MIN_TRACKS = 15
+"""Points that three cameras need to share to be asked."""
+RANSAC_PX = 2.0
+MIN_INLIER_SHARE = 0.4
+"""Pairs of which no epipolar geometry at all explains more were matched wrongly."""
+INCONSISTENT_PX = 1.0
+"""Standard deviation of reprojection errors above which cameras contradict each other; as REFUSED_PX in
+pictures MAX_SIDE_PX wide or narrower."""
+REFUSED_PX = 3.0
+"""A camera that moved by more makes depth worthless: rows of a pair no longer meet."""
+MIN_BLAME = 0.3
+"""A camera that contradicts others in a smaller share of its pairs and triples was matched wrongly there."""
+MIN_RAY_ANGLE_DEG = 1.0
+FAR_PX = 1000.0
+FAR_AWAY = 1e6
+"""Against the size of a rig."""
+
+
+class MovedCamera(Struct, frozen=True, kw_only=True):
+    """A camera that stands otherwise than it is calibrated; several names: one of these."""
+
+    cameras: tuple[str, ...]
+    shift_px: float
+    """How far what it sees is from where the calibration has it, median."""
+
+    def __str__(self) -> str:
+        """As in `cam02 moved: 4.0 px`."""
+        return f"{' or '.join(self.cameras)} moved: {self.shift_px:.1f} px"
+
+
+class RigCheck(Struct, frozen=True, kw_only=True):
+    """How well a calibration fits points at rest."""
+
+    points: int
+    """That two cameras or more share."""
+    error_px: float | None
+    """Median over all pairs and triples of cameras, as a standard deviation; None where nothing is shared."""
+    unchecked: tuple[str, ...]
+    """Cameras that share too little with others."""
+    moved: tuple[MovedCamera, ...]
+    holds: bool
+    """Whether no camera moved by so much that depth is worthless."""
+
+    def __str__(self) -> str:
+        """Who moved, in words."""
+        return ", ".join(map(str, self.moved)) or "no camera has moved"
+
+
+@dataclass(frozen=True)
+class _Group:
+    """Two or three cameras, their pixels (k, n, 2) of points that all see, and how badly they agree."""
+
+    cameras: tuple[str, ...]
+    pixels: Array
+    errors: Array
+    """Reprojection errors (k, n), px."""
+
+    @property
+    def deviation(self) -> float:
+        """Median standard deviation of the pixels: k views have 2k - 3 more measurements than unknowns."""
+        freedom = 2 * len(self.cameras) - 3
+        return float(np.median(np.sqrt((self.errors**2).sum(0) / freedom)))
+
+
+def check_rig(views: Mapping[str, View], features: Mapping[str, Features]) -> RigCheck:
+    """Hold the views against features at rest, all of one instant."""
+    pairs = _neighbours({name: view for name, view in views.items() if name in features})
+    matches = {pair: _sure_matches(views, pair, features) for pair in pairs}
+    matches = {pair: found for pair, found in matches.items() if len(found[0]) >= MIN_PAIR_POINTS}
+    groups = [_measured(views, pair, np.stack(found)) for pair, found in matches.items()]
+    groups += [_measured(views, names, pixels) for names, pixels in _triples(matches).items()]
+    scale = max([1.0, *(max(view.width, view.height) / MAX_SIDE_PX for view in views.values())])
+    shared = {name for group in groups for name in group.cameras}
+    guilty = _blamed(groups, INCONSISTENT_PX * scale)
+    moved = [MovedCamera(cameras=names, shift_px=_shift(views, names, groups, guilty)) for names in guilty]
+    return RigCheck(
+        points=sum(len(found[0]) for found in matches.values()),
+        error_px=float(np.median([group.deviation for group in groups])) if groups else None,
+        unchecked=tuple(name for name in views if name not in shared),
+        moved=tuple(moved),
+        holds=all(camera.shift_px <= REFUSED_PX * scale for camera in moved),
+    )
+
+
+def _neighbours(views: Mapping[str, View]) -> list[tuple[str, str]]:
+    found = set()
+    for name, view in views.items():
+        others = [
+            other
+            for other in views
+            if other != name and angle_deg(view.axis, views[other].axis) < MAX_AXIS_ANGLE_DEG
+        ]
+        others.sort(key=lambda other: float(np.linalg.norm(views[other].centre - view.centre)))
+        found |= {tuple(sorted((name, other))) for other in others[:NEIGHBOURS]}
+    return sorted((a, b) for a, b in found)
+
+
+def _sure_matches(
+    views: Mapping[str, View], pair: tuple[str, str], features: Mapping[str, Features]
+) -> tuple[Array, Array]:
+    """Matches that some epipolar geometry explains, whatever the calibration says."""
+    a, b = (views[name] for name in pair)
+    at_a, at_b = match_features(features[pair[0]], features[pair[1]])
+    if len(at_a) < MIN_MATCHES:
+        return at_a[:0], at_b[:0]
+    flat_a, flat_b = (view.rays(at)[:, :2] * view.focal for view, at in ((a, at_a), (b, at_b)))
+    matrix, kept = cv2.findFundamentalMat(flat_a, flat_b, cv2.USAC_MAGSAC, RANSAC_PX, 0.999, 5000)
+    if matrix is None or kept is None or kept.mean() < MIN_INLIER_SHARE:
+        return at_a[:0], at_b[:0]
+    sure = kept.ravel().astype(bool)
+    return at_a[sure], at_b[sure]
+
+
+def _triples(matches: Mapping[tuple[str, str], tuple[Array, Array]]) -> dict[tuple[str, ...], Array]:
+    """For three cameras, the pixels (3, n, 2) of points that all three pairs of them agree on."""
+    partner = {
+        pair: {tuple(x): tuple(y) for x, y in zip(a.tolist(), b.tolist(), strict=True)}
+        for pair, (a, b) in matches.items()
+    }
+    found: dict[tuple[str, ...], Array] = {}
+    for a, b, c in combinations(sorted({name for pair in matches for name in pair}), 3):
+        if not {(a, b), (b, c), (a, c)} <= partner.keys():
+            continue
+        tracks = [
+            (x, y, z)
+            for x, y in partner[a, b].items()
+            if (z := partner[a, c].get(x)) is not None and partner[b, c].get(y) == z
+        ]
+        if len(tracks) >= MIN_TRACKS:
+            found[a, b, c] = np.array(tracks).transpose(1, 0, 2)
+    return found
+
+
+def _measured(views: Mapping[str, View], names: Sequence[str], pixels: Array) -> _Group:
+    points = triangulate([views[name] for name in names], pixels)
+    errors = [reprojection_errors(views[name], points, at) for name, at in zip(names, pixels, strict=True)]
+    return _Group(tuple(names), pixels, np.stack(errors))
+
+
+def triangulate(views: Sequence[View], pixels: Array) -> Array:
+    """Points (n, 3) of the rig from pixels (k, n, 2) of k views (Hartley and Sturm's linear method).
+
+    Where that is behind a view, as rays part, the point is far away between the rays.
+    """
+    rows, towards = [], np.zeros((pixels.shape[1], 3))
+    for view, at in zip(views, pixels, strict=True):
+        rays = view.rays(at)
+        matrix = np.column_stack([view.rotation, view.translation])
+        rows += [rays[:, i, None] * matrix[2] - matrix[i] for i in (0, 1)]
+        towards += rays / np.linalg.norm(rays, axis=1, keepdims=True) @ view.rotation
+    system = np.stack(rows, axis=1)
+    system /= np.linalg.norm(system, axis=2, keepdims=True).clip(1e-12)
+    found = np.linalg.svd(system)[2][:, -1]
+    far = np.where(np.abs(found[:, 3]) < 1e-12, 1e-12, found[:, 3])
+    points = found[:, :3] / far[:, None]
+    behind = np.any([points @ view.rotation[2] + view.translation[2] <= 0 for view in views], axis=0)
+    points[behind] = FAR_AWAY * towards[behind]
+    return np.asarray(points)
+
+
+def reprojection_errors(view: View, points: Array, at: Array) -> Array:
+    """Distances (n,) in px of points (n, 3) of the rig from pixels (n, 2); at most FAR_PX."""
+    there = points @ view.rotation.T + view.translation
+    front = there[:, 2] > 1e-9
+    distance = np.linalg.norm(view.project(np.where(front[:, None], there, (0.0, 0.0, 1.0))) - at, axis=1)
+    return np.asarray(np.where(front, distance, FAR_PX).clip(0, FAR_PX))
+
+
+def _blamed(groups: Sequence[_Group], limit: float) -> list[tuple[str, ...]]:
+    """The fewest cameras without which nothing contradicts; together where no more can be told."""
+    blamed: list[tuple[str, ...]] = []
+    left = list(groups)
+    while bad := [group for group in left if group.deviation > limit]:
+        names = sorted({name for group in bad for name in group.cameras})
+        counts = {
+            name: (
+                sum(name in group.cameras for group in bad) / sum(name in group.cameras for group in left),
+                sum(name in group.cameras for group in bad),
+            )
+            for name in names
+        }
+        most = max(counts.values())
+        if most[0] < MIN_BLAME:
+            break
+        worst = tuple(name for name in names if counts[name] == most)
+        blamed.append(worst)
+        left = [group for group in left if not set(worst) & set(group.cameras)]
+    return blamed
+
+
+def _shift(
+    views: Mapping[str, View],
+    names: tuple[str, ...],
+    groups: Sequence[_Group],
+    blamed: Sequence[tuple[str, ...]],
+) -> float:
+    """How far a camera sees points from where others have them; else how far from their epipolar lines."""
+    (name, *unsure) = names
+    guilty = {camera for group in blamed for camera in group}
+    away = []
+    for group in () if unsure else groups:
+        others = [i for i, camera in enumerate(group.cameras) if camera != name]
+        if len(group.cameras) - len(others) != 1 or len(others) != 2:
+            continue
+        if {group.cameras[i] for i in others} & guilty:
+            continue
+        first, second = (views[group.cameras[i]] for i in others)
+        points = triangulate([first, second], group.pixels[others])
+        rays = points - first.centre, points - second.centre
+        clear = angles_deg(*rays) > MIN_RAY_ANGLE_DEG
+        at = group.pixels[group.cameras.index(name)]
+        if clear.any():
+            away.append(reprojection_errors(views[name], points[clear], at[clear]))
+    if away and len(found := np.concatenate(away)) >= MIN_TRACKS:
+        return float(np.median(found))
+    concerned = [group for group in groups if set(names) & set(group.cameras)]
+    return max(float(np.median(group.errors.sum(0))) for group in concerned)

@@ -1,0 +1,111 @@
+"""Calibrations of rigs, kept in the user's data folder and found again by cameras and modes."""
+
+import hashlib
+from pathlib import Path
+
+import msgspec
+from platformdirs import user_data_path
+
+from capture_app.session.files.durable import write_atomic
+from capture_app.session.format.calibration import Calibration
+from capture_app.text import pretty_json
+from reconstruction.session.dataset import Dataset
+
+FOLDER = "calibrations"
+
+
+class CameraMode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What a camera must be and how it must be set for its calibration to hold."""
+
+    kind: str
+    model: str
+    width: int
+    height: int
+
+
+class KeptCalibration(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A calibration with the cameras that it is of, and the session that it was made for."""
+
+    modes: dict[str, CameraMode]
+    session: str
+    created: str
+    """When that session was taken, RFC 3339, UTC."""
+    calibration: Calibration
+    schema_version: int = 1
+
+    @property
+    def with_origin(self) -> Calibration:
+        """The calibration, whose source says where it was kept from."""
+        source = f"{self.calibration.source or 'unknown'}, kept from {self.session} of {self.created[:10]}"
+        return msgspec.structs.replace(self.calibration, source=source)
+
+
+class CalibrationShelf:
+    """The kept calibrations in one folder, a file each; one that cannot be read is left alone."""
+
+    def __init__(self, folder: Path | None = None) -> None:
+        """`folder`: another one than the user's data folder, $XDG_DATA_HOME/simulshot on Linux."""
+        self.folder = folder or user_data_path("simulshot") / FOLDER
+
+    def keep(self, dataset: Dataset, calibration: Calibration) -> bool:
+        """Keep a session's calibration in the place of what was known of these cameras.
+
+        One without a scale does not replace one in metres. False where it is not kept.
+        """
+        modes = {name: mode for name, mode in camera_modes(dataset).items() if name in calibration.cameras}
+        path = self._path(modes)
+        known = _read(path)
+        if known is not None and calibration.unit == "arbitrary" != known.calibration.unit:
+            return False
+        manifest = dataset.session.manifest
+        kept = KeptCalibration(
+            modes=modes, session=manifest.name, created=manifest.created, calibration=calibration
+        )
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            write_atomic(path, pretty_json(kept))
+        except OSError:
+            return False
+        return True
+
+    def find(self, dataset: Dataset) -> KeptCalibration | None:
+        """The newest of those that know most of a session's cameras in their modes; two at least."""
+        modes = camera_modes(dataset)
+        found = [kept for path in sorted(self.folder.glob("*.json")) if (kept := _read(path)) is not None]
+        known = [(sum(kept.modes.get(name) == mode for name, mode in modes.items()), kept) for kept in found]
+        ranked = [(count, kept.created, kept.session) for count, kept in known]
+        best = max(range(len(known)), key=lambda i: ranked[i], default=None)
+        if best is None or known[best][0] < max(2, (len(modes) + 1) // 2):
+            return None
+        return _of_modes(known[best][1], modes)
+
+    def _path(self, modes: dict[str, CameraMode]) -> Path:
+        key = hashlib.sha256(msgspec.json.encode(dict(sorted(modes.items())))).hexdigest()[:12]
+        return self.folder / f"{len(modes)}-cameras-{key}.json"
+
+
+def camera_modes(dataset: Dataset) -> dict[str, CameraMode]:
+    """The mode of each of a session's cameras."""
+    facts = {camera.name: camera.facts for camera in dataset.session.manifest.cameras}
+    return {
+        name: CameraMode(kind=of.kind, model=of.model, width=of.width, height=of.height)
+        for name, of in facts.items()
+    }
+
+
+def _of_modes(kept: KeptCalibration, modes: dict[str, CameraMode]) -> KeptCalibration:
+    """Without cameras that are set otherwise now."""
+    cameras = {
+        name: camera
+        for name, camera in kept.calibration.cameras.items()
+        if kept.modes.get(name) == modes.get(name)
+    }
+    calibration = msgspec.structs.replace(kept.calibration, cameras=cameras)
+    return msgspec.structs.replace(kept, calibration=calibration)
+
+
+def _read(path: Path) -> KeptCalibration | None:
+    try:
+        return msgspec.json.decode(path.read_bytes(), type=KeptCalibration)
+    except (OSError, msgspec.DecodeError, UnicodeDecodeError):
+        return None

@@ -1,0 +1,121 @@
+"""The scale of a calibration: from two points a known distance apart, or from a board in the scene."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import combinations
+
+import msgspec
+import numpy as np
+
+from capture_app.board.charuco import MIN_CORNERS, CharucoBoard
+from capture_app.errors import BadInputError
+from capture_app.session.format.calibration import Calibration
+from reconstruction.calibration.charuco import BoardCorners
+from reconstruction.calibration.consistency import reprojection_errors, triangulate
+from reconstruction.calibration.features import MAX_SIDE_PX
+from reconstruction.common.geometry import Array, View, angle_deg
+
+MAX_MARK_ERROR_PX = 8.0
+"""In pictures MAX_SIDE_PX wide or narrower: marks are set by hand, on one thing in all pictures."""
+MIN_ANGLE_DEG = 1.0
+MAX_BOARD_ERROR_PX = 3.0
+
+
+@dataclass(frozen=True)
+class KnownDistance:
+    """Two points' pixels (x, y) in each of two cameras or more, and how far apart they are in metres."""
+
+    marks: Mapping[str, tuple[tuple[float, float], tuple[float, float]]]
+    metres: float
+
+
+def scaled(calibration: Calibration, factor: float, how: str) -> Calibration:
+    """The calibration in metres: every translation times `factor`."""
+    cameras = {
+        name: msgspec.structs.replace(
+            camera, translation=tuple(factor * value for value in camera.translation)
+        )
+        for name, camera in calibration.cameras.items()
+    }
+    source = f"{calibration.source}; scale from {how}"
+    return msgspec.structs.replace(calibration, cameras=cameras, unit="m", source=source)
+
+
+def metres_per_unit(views: Mapping[str, View], known: KnownDistance) -> float:
+    """Metres in a unit of the views, from two points that are marked in their pictures.
+
+    Raises:
+        BadInputError: a camera is unknown, or its marks are not of the same things as the others'.
+    """
+    for name in known.marks:
+        if name not in views:
+            raise BadInputError(
+                f"the mark in {name} cannot be used: it has no calibration", hint=f"use {', '.join(views)}"
+            )
+    if len(known.marks) < 2:
+        raise BadInputError(
+            "a distance needs its two ends marked in two cameras", hint="--mark CAMERA=X1,Y1,X2,Y2 for each"
+        )
+    seen = [views[name] for name in known.marks]
+    pixels = np.array(list(known.marks.values()), float)
+    ends = triangulate(seen, pixels)
+    for name, view, at in zip(known.marks, seen, pixels, strict=True):
+        limit = MAX_MARK_ERROR_PX * max(1.0, max(view.width, view.height) / MAX_SIDE_PX)
+        for which, error in zip(("first", "second"), reprojection_errors(view, ends, at), strict=True):
+            if error > limit:
+                raise BadInputError(
+                    f"the {which} mark in {name} is {error:.0f} px from where the others' marks have it",
+                    hint="mark the same two things, in the same order, in every camera",
+                )
+    for end in ends:
+        if max(angle_deg(end - a.centre, end - b.centre) for a, b in combinations(seen, 2)) < MIN_ANGLE_DEG:
+            raise BadInputError(
+                f"{' and '.join(known.marks)} see the marks from nearly the same place",
+                hint="mark them in cameras that stand further apart",
+            )
+    return known.metres / float(np.linalg.norm(ends[0] - ends[1]))
+
+
+def metres_per_unit_by_board(
+    views: Mapping[str, View], board: CharucoBoard, corners: BoardCorners
+) -> tuple[float, int]:
+    """Metres in a unit of the views from a board that two cameras see, and at how many moments they do.
+
+    Raises:
+        BadInputError: no two cameras see enough of it at one moment.
+    """
+    factors = []
+    for moment in sorted({at for _, at in corners}):
+        seen = {name: found for (name, at), found in corners.items() if at == moment and name in views}
+        factors += [
+            factor
+            for a, b in combinations(seen, 2)
+            if (factor := _board_factor((views[a], views[b]), board, (seen[a], seen[b]))) is not None
+        ]
+    if not factors:
+        raise BadInputError(
+            "no two cameras see the board well enough at one instant to tell the scale from it",
+            hint="lay it where two cameras see it large; check --board and --square-mm",
+        )
+    return float(np.median(factors)), len(factors)
+
+
+def _board_factor(
+    views: tuple[View, View], board: CharucoBoard, corners: tuple[dict[int, Array], dict[int, Array]]
+) -> float | None:
+    both = sorted(corners[0].keys() & corners[1].keys())
+    if len(both) < MIN_CORNERS:
+        return None
+    pixels = np.array([[found[number] for number in both] for found in corners], float)
+    points = triangulate(views, pixels)
+    if angle_deg(*(points.mean(0) - view.centre for view in views)) < MIN_ANGLE_DEG:
+        return None
+    worst = max(
+        float(np.median(reprojection_errors(v, points, at))) for v, at in zip(views, pixels, strict=True)
+    )
+    if worst > MAX_BOARD_ERROR_PX * max(1.0, max(views[0].width, views[0].height) / MAX_SIDE_PX):
+        return None
+    places = board.places[both].astype(float)
+    spreads = (float(np.linalg.norm(of - of.mean(0))) for of in (places, points))
+    true, found = spreads
+    return true / found if found > 0 else None

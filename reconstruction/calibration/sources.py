@@ -1,0 +1,158 @@
+"""Where a calibration can come from: a board, what stands still, the session, its rig, another session."""
+
+import tempfile
+from dataclasses import dataclass
+from enum import StrEnum
+from itertools import combinations
+from pathlib import Path
+
+from capture_app.board.charuco import CharucoBoard
+from capture_app.board.coverage import BoardCoverage
+from capture_app.errors import BadInputError
+from capture_app.session.format.calibration import Calibration
+from capture_app.session.format.checks import read_struct
+from reconstruction.calibration.charuco import (
+    calibrate_from_board,
+    count_coverage,
+    detect_board,
+    shared_corners,
+)
+from reconstruction.calibration.consistency import MAX_AXIS_ANGLE_DEG, RigCheck, check_rig
+from reconstruction.calibration.features import match_features
+from reconstruction.calibration.kept import CalibrationShelf, camera_modes
+from reconstruction.calibration.likely_lens import likely_focal_lengths
+from reconstruction.calibration.quality import SharedPoints
+from reconstruction.calibration.rig import Rig, calibrated_views
+from reconstruction.calibration.structure_from_motion import calibrate_from_images
+from reconstruction.common.geometry import View, angle_deg
+from reconstruction.session.dataset import Dataset
+
+
+class CalibrationSource(StrEnum):
+    """Where a calibration comes from; a path is another session, or its calibration.json."""
+
+    SESSION = "session"
+    SFM = "sfm"
+    CHARUCO = "charuco"
+    KEPT = "kept"
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """A calibration, and pixels of points that pairs of cameras share to judge it by."""
+
+    calibration: Calibration
+    shared: SharedPoints
+    board: BoardCoverage | None = None
+    """What the board has covered."""
+    check: RigCheck | None = None
+    """Whether a camera has moved since, of a calibration that was not found here."""
+
+
+def from_board(dataset: Dataset, board: CharucoBoard, recordings: tuple[Path, ...]) -> Candidate:
+    """The calibration by recordings of a board, or by the session itself; judged by the board's corners."""
+    opened = open_recordings(dataset, recordings)
+    corners = detect_board(opened, board)
+    found = calibrate_from_board(opened[0], board, corners)
+    return Candidate(found, shared_corners(corners), count_coverage(dataset, board, corners))
+
+
+def from_still_points(dataset: Dataset, field_of_view_deg: float | None = None) -> Candidate:
+    """The calibration by structure from motion; how wide the cameras see is a help."""
+    with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
+        rig = Rig(dataset, Path(scratch))
+        instants = range(len(dataset.instants_ns))
+        focal_px = likely_focal_lengths(dataset, field_of_view_deg)
+        found = calibrate_from_images(dataset, rig.motion.widened_movers, instants, focal_px)
+        return Candidate(found, _still_points(rig, calibrated_views(dataset, found)))
+
+
+def from_elsewhere(dataset: Dataset, source: CalibrationSource | Path) -> Candidate:
+    """The session's own calibration, that of its rig, or another session's; judged by points at rest."""
+    if source is CalibrationSource.SESSION:
+        found = dataset.calibration()
+        if found is None:
+            raise BadInputError(f"{dataset.name} has no calibration of its own", hint="--from sfm finds one")
+    elif source is CalibrationSource.KEPT:
+        kept = CalibrationShelf().find(dataset)
+        if kept is None:
+            raise BadInputError(
+                f"no calibration is kept of these cameras in these modes: {describe_modes(dataset)}",
+                hint="reconstruct calibrate keeps one; another session's can be given by its path",
+            )
+        found = kept.with_origin
+    else:
+        found = read_calibration(dataset, Path(source))
+    with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
+        rig, views = Rig(dataset, Path(scratch)), calibrated_views(dataset, found)
+        check = check_rig(views, rig.features(_middle(rig)))
+        return Candidate(found, _still_points(rig, views), check=check)
+
+
+def read_calibration(dataset: Dataset, path: Path) -> Calibration:
+    """Another session's calibration, by its folder or by its calibration.json.
+
+    Raises:
+        BadInputError: there is none, or that session's cameras were set to other sizes.
+    """
+    if path.is_file():
+        return read_struct(path, Calibration, 1)
+    other = Dataset.open(path)
+    found = other.calibration()
+    if found is None:
+        raise BadInputError(f"{path} has no calibration to give", hint="reconstruct calibrate it first")
+    ours, theirs = camera_modes(dataset), camera_modes(other)
+    for name in ours.keys() & theirs.keys():
+        if ours[name] != theirs[name]:
+            of = {
+                where.name: f"{mode.model} {mode.width}x{mode.height}"
+                for where, mode in ((dataset, ours[name]), (other, theirs[name]))
+            }
+            what = ", ".join(f"{mode} in {where}" for where, mode in of.items())
+            raise BadInputError(f"{name} is not the same camera in the same mode: {what}")
+    source = f"{found.source or 'unknown'}, given by {other.name}"
+    return Calibration(cameras=found.cameras, unit=found.unit, source=source)
+
+
+def describe_modes(dataset: Dataset) -> str:
+    """A session's cameras and their modes in words."""
+    return ", ".join(
+        f"{name} {mode.width}x{mode.height}" for name, mode in sorted(camera_modes(dataset).items())
+    )
+
+
+def open_recordings(dataset: Dataset, paths: tuple[Path, ...]) -> list[Dataset]:
+    """Sessions that show the board to a session's cameras; without paths the session itself.
+
+    Raises:
+        BadInputError: one is of other cameras, or they were set to other sizes.
+    """
+    recordings = [Dataset.open(path) for path in paths] or [dataset]
+    for recording in recordings:
+        if recording.cameras != dataset.cameras:
+            raise BadInputError(
+                f"{recording.name} was taken by other cameras ({', '.join(recording.cameras)})",
+                hint=f"{dataset.name} has {', '.join(dataset.cameras)}",
+            )
+        for name in dataset.cameras:
+            if recording.size(name) != dataset.size(name):
+                sizes = ["x".join(map(str, of.size(name))) for of in (recording, dataset)]
+                raise BadInputError(
+                    f"{name} has pictures of {sizes[0]} in {recording.name}, of {sizes[1]} in {dataset.name}",
+                    hint="record the board in the mode that is used later: another may show another part",
+                )
+    return recordings
+
+
+def _still_points(rig: Rig, views: dict[str, View]) -> SharedPoints:
+    """Points at rest that pairs of cameras share, at the middle of the burst."""
+    features = rig.features(_middle(rig))
+    return {
+        (a, b): match_features(features[a], features[b])
+        for a, b in combinations([name for name in features if name in views], 2)
+        if angle_deg(views[a].axis, views[b].axis) < MAX_AXIS_ANGLE_DEG
+    }
+
+
+def _middle(rig: Rig) -> int:
+    return len(rig.dataset.instants_ns) // 2

@@ -1,0 +1,206 @@
+"""A rig's calibration is kept, found again, checked against each session, and refused when a camera moved."""
+
+import json
+import shutil
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import msgspec
+import numpy as np
+import pytest
+
+from capture_app.session.format.calibration import Calibration
+from capture_app.session.format.manifest import Manifest
+from capture_app.session.reading.reader import Session
+from reconstruction.calibration.adoption import adopt_kept_calibration
+from reconstruction.calibration.consistency import check_rig
+from reconstruction.calibration.features import Features, detect_features
+from reconstruction.calibration.kept import CalibrationShelf
+from reconstruction.common.geometry import View
+from reconstruction.session.dataset import Dataset
+from tests.reconstruction.conftest import (
+    HEIGHT,
+    WIDTH,
+    Board,
+    Reconstruct,
+    Scene,
+    make_view,
+    texture,
+    write_session,
+)
+
+RIG = {
+    "a": make_view((-0.3, 0.0, 0.0), yaw=4),
+    "b": make_view((-0.1, 0.02, 0.0), yaw=1),
+    "c": make_view((0.1, -0.02, 0.0), yaw=-1),
+    "d": make_view((0.3, 0.0, 0.0), yaw=-4),
+}
+ROOM = Scene(
+    [
+        Board((-9, -9, 9, 9), 4.5, texture(61)),
+        Board((-1.5, 0.3, -0.6, 1.4), 3.0, texture(62)),
+        Board((0.5, -0.9, 1.4, 0.1), 3.4, texture(63)),
+        Board((-0.4, -1.0, 0.2, -0.3), 2.6, texture(64)),
+    ]
+)
+
+
+def turned(view: View, *, yaw_px: float = 0.0, pitch_px: float = 0.0) -> View:
+    """The view turned so that what it sees moves by so many pixels."""
+    turn = cv2.Rodrigues(np.array([pitch_px, yaw_px, 0.0]) / view.focal)[0]
+    return replace(view, rotation=turn @ view.rotation, translation=turn @ view.translation)
+
+
+@pytest.fixture(scope="module")
+def bare(tmp_path_factory: pytest.TempPathFactory) -> Session:
+    """A session of the rig without a calibration."""
+    return write_session(
+        tmp_path_factory.mktemp("bare"), ROOM, RIG, instants=2, calibrated=False, truth=False
+    )
+
+
+def calibration(views: dict[str, View], unit: str = "m") -> Calibration:
+    cameras = {name: view.to_calibration() for name, view in views.items()}
+    return Calibration(cameras=cameras, unit=unit, source="a board")
+
+
+def test_the_rig_s_calibration_is_found_and_said(
+    bare: Session, reconstruct: Reconstruct, tmp_path: Path
+) -> None:
+    assert CalibrationShelf().keep(Dataset(bare), calibration(RIG))
+    out = tmp_path / "depth"
+    done = reconstruct("stereo", bare.folder, "--pair", "b,c", "--out", out, "--json")
+    assert done.result["calibration"].startswith("a board, kept from boards of ")
+    assert done.result["unit"] == "m"
+    assert "calibration kept from boards" in done.err
+    assert "no camera has moved (points at rest fit within" in done.err
+    assert not (bare.folder / "calibration.json").exists()
+
+
+@pytest.fixture(scope="module")
+def features(bare: Session) -> dict[str, Features]:
+    """What stands still in it."""
+    still = np.zeros((HEIGHT, WIDTH), bool)
+    return {name: detect_features(Dataset(bare).grey(name, 0), still) for name in RIG}
+
+
+@pytest.mark.parametrize(
+    ("name", "turn"), [("a", {"pitch_px": 5.0}), ("a", {"yaw_px": 6.0}), ("c", {"yaw_px": -6.0})]
+)
+def test_the_camera_that_moved_is_named(
+    features: dict[str, Features], name: str, turn: dict[str, float]
+) -> None:
+    # A row of cameras: a yaw leaves every pair's epipolar lines as they were.
+    moved = {**RIG, name: turned(RIG[name], **turn)}
+    check = check_rig(moved, features)
+    assert [camera.cameras for camera in check.moved] == [(name,)]
+    assert check.moved[0].shift_px == pytest.approx(abs(sum(turn.values())), rel=0.35)
+    assert not check.holds
+    assert str(check).startswith(f"{name} moved: ")
+
+
+def test_a_calibration_that_holds_is_not_blamed(features: dict[str, Features]) -> None:
+    check = check_rig(RIG, features)
+    assert check.moved == ()
+    assert check.holds
+    assert check.unchecked == ()
+    assert check.error_px is not None
+    assert check.error_px < 0.6
+
+
+def test_a_camera_that_moved_keeps_the_calibration_from_being_used(
+    bare: Session, capsys: pytest.CaptureFixture[str]
+) -> None:
+    CalibrationShelf().keep(Dataset(bare), calibration({**RIG, "c": turned(RIG["c"], pitch_px=9.0)}))
+    dataset = Dataset(bare)
+    adopt_kept_calibration(dataset)
+    assert dataset.calibration() is None
+    said = capsys.readouterr().err
+    assert "kept from boards is not used: c moved: " in said
+    assert "calibrate the rig again" in said
+
+
+def test_other_modes_and_other_rigs_get_none(bare: Session, tmp_path: Path) -> None:
+    shelf = CalibrationShelf()
+    shelf.keep(Dataset(bare), calibration(RIG))
+    other = write_session(
+        tmp_path, ROOM, {"a": RIG["a"], "x": RIG["b"]}, instants=1, calibrated=False, truth=False
+    )
+    assert shelf.find(Dataset(other)) is None
+    larger = change_manifest(bare, tmp_path / "larger", "width", 640)
+    assert shelf.find(Dataset(larger)) is None
+    # A camera less than the rig has is no matter.
+    fewer = write_session(
+        tmp_path / "fewer", ROOM, {n: RIG[n] for n in "bcd"}, instants=1, calibrated=False, truth=False
+    )
+    assert shelf.find(Dataset(fewer)) is not None
+
+
+def change_manifest(session: Session, folder: Path, fact: str, value: object) -> Session:
+    """A copy whose cameras say another fact of themselves."""
+    shutil.copytree(session.folder, folder)
+    manifest = json.loads((folder / "session.json").read_text())
+    for camera in manifest["cameras"]:
+        camera["facts"][fact] = value
+    return Session(folder, msgspec.convert(manifest, Manifest))
+
+
+def test_one_without_a_scale_does_not_replace_one_in_metres(bare: Session) -> None:
+    shelf, dataset = CalibrationShelf(), Dataset(bare)
+    assert shelf.keep(dataset, calibration(RIG, "arbitrary"))
+    assert shelf.keep(dataset, calibration(RIG, "m"))
+    assert not shelf.keep(dataset, calibration(RIG, "arbitrary"))
+    kept = shelf.find(dataset)
+    assert kept is not None
+    assert kept.calibration.unit == "m"
+    assert len(list(shelf.folder.glob("*.json"))) == 1
+
+
+def test_what_cannot_be_read_is_left_alone(bare: Session) -> None:
+    shelf = CalibrationShelf()
+    shelf.keep(Dataset(bare), calibration(RIG))
+    (shelf.folder / "broken.json").write_text("{")
+    (shelf.folder / "other.json").write_text('{"schema_version": 9}')
+    assert shelf.find(Dataset(bare)) is not None
+
+
+def test_a_calibration_is_given_from_one_session_to_another(
+    bare: Session, tmp_path: Path, reconstruct: Reconstruct
+) -> None:
+    giver = write_session(tmp_path / "giver", ROOM, RIG, instants=1, truth=False)
+    taker = tmp_path / "taker"
+    shutil.copytree(bare.folder, taker)
+    done = reconstruct("calibrate", taker, "--from", giver.folder, "--json").result
+    assert done["stored"]
+    assert not done["kept"]
+    assert done["source"] == "boards, given by boards"
+    assert done["check"]["moved"] == []
+    stored = Session.open(taker).calibration()
+    assert stored is not None
+    assert stored.cameras == calibration(RIG).cameras
+
+    refused = reconstruct("calibrate", bare.folder, "--from", "kept")
+    assert refused.code == 3
+    assert "no calibration is kept of these cameras in these modes: a 320x240" in refused.complaint
+    nowhere = reconstruct("calibrate", bare.folder, "--from", tmp_path / "nowhere")
+    assert nowhere.code == 2
+    moved = {**RIG, "d": turned(RIG["d"], pitch_px=12.0)}
+    file = tmp_path / "moved.json"
+    file.write_bytes(msgspec.json.encode(calibration(moved)))
+    refused = reconstruct("calibrate", bare.folder, "--from", file)
+    assert refused.code == 3
+    assert "this calibration no longer holds: d moved: 1" in refused.complaint
+    assert not (bare.folder / "calibration.json").exists()
+
+
+def test_two_cameras_with_one_pose_are_refused(
+    bare: Session, tmp_path: Path, reconstruct: Reconstruct
+) -> None:
+    twice = {**RIG, "b": replace(RIG["b"], rotation=RIG["a"].rotation, translation=RIG["a"].translation)}
+    folder = tmp_path / "twice"
+    shutil.copytree(bare.folder, folder)
+    (folder / "calibration.json").write_bytes(msgspec.json.encode(calibration(twice)))
+    refused = reconstruct("calibrate", folder, "--from", "session")
+    assert refused.code == 3
+    assert "a and b have one pose, as if they were one camera" in refused.complaint

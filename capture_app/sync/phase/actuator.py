@@ -45,6 +45,11 @@ class PhaseActuator(ABC):
         """How far the last command moves the phase, None where that is not sure."""
         return None
 
+    @property
+    def small_shift_ns(self) -> int | None:
+        """How far the last command moves the phase where that is so little that nobody waits for it."""
+        return None
+
     @abstractmethod
     def aim(self, course: Course, *, hold_ns: int, aligned: bool, meeting_ns: int) -> Aim | None:
         """Where the stream should be moved to stay for `hold_ns`; None if nothing is to be done.

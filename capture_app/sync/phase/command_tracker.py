@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 from capture_app.sync.phase.actuator import MoveEffect, PhaseActuator
-from capture_app.sync.phase.frame_duration import FrameDurationActuator
 from capture_app.sync.phase.injection import InjectionActuator
 from capture_app.sync.phase.reset import ResetActuator
 from capture_app.sync.stamps.estimator import TIMEOUT_FRAMES, PhaseEstimator
@@ -48,12 +47,11 @@ class CommandTracker:
     def begin(self, command: CameraCommand, now_local_ns: int) -> bool:
         """Expect the effect of a command; False if it must wait for a smaller one before it."""
         actuator = self._actuator
-        if isinstance(actuator, FrameDurationActuator):
-            if abs(actuator.shift_ns) <= actuator.fine_ns:
-                self._phase.expect_shift(actuator.shift_ns)
-                return True
-            if self._phase.shift_to_come(now_local_ns):
-                return False
+        if actuator is not None and actuator.small_shift_ns is not None:
+            self._phase.expect_shift(actuator.small_shift_ns)
+            return True
+        if self._phase.shift_to_come(now_local_ns):
+            return False
         self._under_way = _CommandUnderWay(command, now_local_ns, self._stream)
         self.corrections += 1
         if not isinstance(command, RestartStream):

@@ -49,6 +49,11 @@ class FrameDurationActuator(PhaseActuator):
         """Largest shift in ns that is a small step."""
         return FINE_ROWS * self._row_ns
 
+    @property
+    def small_shift_ns(self) -> int | None:
+        """What the last command does to the phase, None where it is more than a small step."""
+        return self.shift_ns if abs(self.shift_ns) <= self.fine_ns else None
+
     def aim(self, course: Course, *, hold_ns: int, aligned: bool, meeting_ns: int) -> Aim | None:
         """Straight at the goal: a step of a row costs nothing."""
         lead_ns = course.latency_frames * course.period_ns

@@ -13,6 +13,7 @@ from textual.timer import Timer
 
 from capture_app.errors import BadInputError
 from capture_app.text import count, printable
+from capture_app.tui.drawing.line_parts import chosen_line, justified
 from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.drawing.row_list import RowList
 from capture_app.tui.jobs.job import Job, JobState
@@ -53,7 +54,7 @@ class JobRows(RowList):
             (f"{job.kind.title}  ", "bold"),
             (printable(job.session.name), "$foreground"),
         )
-        first = _justify(left, Content.styled(f"{when} ", "$foreground-muted"), width)
+        first = justified(left, Content.styled(f"{when} ", "$foreground-muted"), width)
         if job.state.is_over:
             style = "$error" if job.state is JobState.FAILED else "$foreground-muted"
             second = Content.styled(f"{'':<{_INDENT}}{printable(job.message)}", style)
@@ -66,9 +67,7 @@ class JobRows(RowList):
             )
         lines = [first, second.truncate(width, ellipsis=True)]
         if chosen:
-            style = "on $block-cursor-background"
-            lines = [line.pad_right(max(0, width - line.cell_length)).stylize_before(style) for line in lines]
-            lines = [Content.assemble(("▌", "$primary"), line[1:]).stylize_before(style) for line in lines]
+            lines = [chosen_line(line, width) for line in lines]
         return list(lines)
 
 
@@ -233,12 +232,6 @@ async def show_result(view: ModeView, job: Job) -> None:
 
 _WORD = 9
 _INDENT = 4
-
-
-def _justify(left: Content, right: Content, width: int) -> Content:
-    room = width - right.cell_length
-    left = left.truncate(max(0, room - 1), ellipsis=True)
-    return Content.assemble(left, " " * max(0, room - left.cell_length), right)
 
 
 def _when(moment: datetime | None) -> str:

@@ -10,11 +10,14 @@ import msgspec
 from capture_app.errors import BadInputError
 from capture_app.session.format.checks import inside
 from capture_app.text import count
+from capture_app.tui.drawing.line_parts import filled_cells
 from capture_app.tui.jobs.job import Job
 from capture_app.tui.jobs.kinds import COMPARE, DOSE, MULTIVIEW, STITCH
 from capture_app.tui.jobs.outcome import outcome, percent
 
 SYNCED, LATE = "same instant", "late"
+BAR = 20
+"""Cells of a share of 100 %."""
 _FIRST = ("multiview_depth", "stereo_depth", "panorama", "multiview_movers", "stereo_movers", "stereo_late")
 """The pictures that tell most come first."""
 _STUDIES = {"stereo": "depth of a pair", "multiview": "depth from all cameras", "stitch": "panorama"}
@@ -169,7 +172,7 @@ def _dose(found: Mapping[str, Any], folder: Path, verdict: str) -> StudyResult:
         (
             f"{point['offset_ms']:.0f} ms late" if point["offset_ms"] else "same instant",
             percent(point["scores"][measure]),
-            _bar(point["scores"][measure]),
+            filled_cells(point["scores"][measure] or 0.0, BAR),
             percent(point["scores"][still]),
         )
         for point in found["points"]
@@ -201,8 +204,3 @@ _READERS = {
 
 def _report(found: Mapping[str, Any], folder: Path) -> Path | None:
     return inside(folder, found["report"]) if found.get("report") else None
-
-
-def _bar(share: float | None, width: int = 20) -> str:
-    eighths = round(8 * width * min(max(share or 0.0, 0.0), 1.0))
-    return "█" * (eighths // 8) + ("▏▎▍▌▋▊▉"[eighths % 8 - 1] if eighths % 8 else "")

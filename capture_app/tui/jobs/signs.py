@@ -3,6 +3,7 @@
 from textual.content import Content
 
 from capture_app.text import printable
+from capture_app.tui.drawing.line_parts import filled_cells
 from capture_app.tui.jobs.job import Job, JobState
 from capture_app.tui.states import Sign
 
@@ -26,8 +27,7 @@ def rough_time(seconds: float) -> str:
 
 def progress_bar(share: float | None, width: int) -> Content:
     """A bar of cells that is filled as far as the share."""
-    eighths = round(8 * width * (share or 0.0))
-    full = "█" * (eighths // 8) + ("▏▎▍▌▋▊▉"[eighths % 8 - 1] if eighths % 8 else "")
+    full = filled_cells(share or 0.0, width)
     return Content.assemble((full, "$primary"), ("─" * (width - len(full)), "$border"))
 
 

@@ -14,6 +14,7 @@ from capture_app.session.library.listing import SessionCard, SessionState
 from capture_app.session.library.thumbnails import ThumbnailCache
 from capture_app.session.reading.verdict import grade_of
 from capture_app.text import count, duration, printable
+from capture_app.tui.drawing.line_parts import justified
 from capture_app.tui.drawing.row_list import RowList
 from capture_app.tui.jobs.job import Job
 from capture_app.tui.jobs.signs import job_tag
@@ -102,14 +103,14 @@ class SessionRows(RowList):
             left = Content.assemble(left, ("  ★ best", "bold $warning"))
         if entry.is_sample:
             left = Content.assemble(left, ("  sample", "$secondary"))
-        return _justify(left, Content.styled(_when(card.created), "$foreground-muted"), room)
+        return justified(left, Content.styled(_when(card.created), "$foreground-muted"), room)
 
     def _facts(self, card: SessionCard, room: int) -> Content:
         if card.state is not SessionState.COMPLETE:
             sign = STATES[card.state]
             return Content.styled(f"{sign}: {printable(card.problem)}", sign.style)
         spread = spread_of(card)
-        return _justify(spread, self._tags(card, room - spread.cell_length - 2), room)
+        return justified(spread, self._tags(card, room - spread.cell_length - 2), room)
 
     def _remarks(self, card: SessionCard, room: int) -> Content:
         if card.state is not SessionState.COMPLETE:
@@ -185,12 +186,6 @@ def spread_of(card: SessionCard) -> Content:
 def _draw(cache: ThumbnailCache, image: Path, palette: Palette, light: bool) -> CellPicture | None:
     small = cache.load(image)
     return None if small is None else draw_fitted(small, THUMB, ROWS, palette, light=light)
-
-
-def _justify(left: Content, right: Content, width: int) -> Content:
-    room = width - right.cell_length - (1 if right.cell_length else 0)
-    left = left.truncate(max(0, room), ellipsis=True)
-    return Content.assemble(left, " " * max(0, width - left.cell_length - right.cell_length), right)
 
 
 def _when(created: str) -> str:

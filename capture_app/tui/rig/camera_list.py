@@ -13,6 +13,7 @@ from textual.message import Message
 from capture_app.node.leader.snapshots import in_tree_order
 from capture_app.node.wire.status import NodeStatus
 from capture_app.text import count
+from capture_app.tui.drawing.line_parts import chosen_line
 from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.record import RigRecord, phases_at
 from capture_app.tui.rig.camera_rows import (
@@ -99,7 +100,7 @@ class CameraList(Vertical, can_focus=True):
                 lines = tall_rows(node, errors, axis, width=width, height=height)
             else:
                 lines = [compact_row(node, errors, axis, width)]
-            rows += [_marked(line, width) for line in lines] if node.name == self._chosen else lines
+            rows += [chosen_line(line, width) for line in lines] if node.name == self._chosen else lines
         self._head.show([compact_head(width)] if height == 1 else [])
         self._rows.show(rows)
         title = count(len(cameras_of(status)), "camera")
@@ -136,9 +137,3 @@ class CameraList(Vertical, can_focus=True):
 
 def _height_for(cameras: int, room: int) -> int:
     return next((height for height in HEIGHTS if cameras * height <= room), 1)
-
-
-def _marked(line: Content, width: int) -> Content:
-    """A line of the chosen camera."""
-    line = Content.assemble(("▌", "$primary"), line[1:])
-    return line.pad_right(max(width - line.cell_length, 0)).stylize_before("on $block-cursor-background")

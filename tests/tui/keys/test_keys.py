@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
-from textual.command import CommandPalette
+from textual.command import Command, CommandList, CommandPalette
 
 from capture_app.errors import NetworkError
 from capture_app.node.wire.status import BurstStatus
@@ -13,7 +13,7 @@ from capture_app.tui.keys.actions import keys_file_text, known_actions, unknown_
 from capture_app.tui.keys.help_screen import HelpScreen
 from capture_app.tui.question import Question
 from capture_app.tui.settings import Settings
-from tests.tui.driving import make_app, settle, text, toasts
+from tests.tui.driving import make_app, settle, text, toasts, until
 from tests.tui.fake_rig import FakeRig, make_node
 
 
@@ -47,7 +47,11 @@ async def test_the_palette_does_what_a_key_does() -> None:
         await pilot.press("ctrl+p")
         assert isinstance(app.screen, CommandPalette)
         await pilot.press(*"add cameras")
-        await pilot.pause(0.3)
+        found = app.screen.query_one(CommandList)
+        await until(
+            pilot,
+            lambda: [one.hit.text for one in found.options if isinstance(one, Command)] == ["Add cameras"],
+        )
         await pilot.press("down", "enter")
         await settle(pilot)
         assert app.screen.query_one("#start").display

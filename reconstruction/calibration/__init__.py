@@ -1,4 +1,4 @@
-"""The command `calibrate`, the rig, its calibration (from a board, from motion or from a file) and its pairs.
+"""The command `calibrate`, the rig and its calibration: from a board, from motion or from a file.
 
-Imports `session` and `common`.
+Imports `session`, `pairs` and `common`.
 """

@@ -4,9 +4,9 @@ from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
 from capture_app.terminal import talk
 from reconstruction.calibration.consistency import RigCheck, check_rig
-from reconstruction.calibration.features import detect_features
 from reconstruction.calibration.kept import CalibrationShelf
 from reconstruction.calibration.rig import calibrated_views
+from reconstruction.pairs.features import detect_features
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.mover_detection import SceneMotion
 

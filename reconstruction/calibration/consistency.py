@@ -12,8 +12,8 @@ import cv2
 import numpy as np
 from msgspec import Struct
 
-from reconstruction.calibration.features import MAX_SIDE_PX, MIN_MATCHES, Features, match_features
 from reconstruction.common.geometry import Array, View, angle_deg, angles_deg
+from reconstruction.pairs.features import MAX_SIDE_PX, MIN_MATCHES, Features, match_features
 
 NEIGHBOURS = 4
 """Each camera is held against this many nearest others that look the same way."""

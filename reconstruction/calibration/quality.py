@@ -8,8 +8,8 @@ import numpy as np
 from msgspec import Struct
 
 from capture_app.errors import BadInputError
-from reconstruction.calibration.features import CELLS, MIN_MATCHES, grid_cells
 from reconstruction.common.geometry import Array, View, angles_deg, other_from_reference
+from reconstruction.pairs.features import CELLS, MIN_MATCHES, grid_cells
 
 SharedPoints = Mapping[tuple[str, str], tuple[Array, Array]]
 """For pairs of cameras, pixels (n, 2) of the same points in the first and in the second."""

@@ -7,11 +7,11 @@ import numpy as np
 
 from capture_app.errors import BadInputError, NotAvailableError
 from capture_app.session.format.calibration import Calibration
-from reconstruction.calibration.features import Features, detect_features
-from reconstruction.calibration.pair_choice import PairChoice, choose_panorama_pair, choose_stereo_pair
 from reconstruction.calibration.structure_from_motion import calibrate_from_images
 from reconstruction.common.geometry import View
 from reconstruction.common.stage_cache import StageCache
+from reconstruction.pairs.features import Features, detect_features
+from reconstruction.pairs.pair_choice import PairChoice, choose_panorama_pair, choose_stereo_pair
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.mover_detection import SceneMotion
 

@@ -12,8 +12,8 @@ from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
 from reconstruction.calibration.charuco import BoardCorners
 from reconstruction.calibration.consistency import reprojection_errors, triangulate
-from reconstruction.calibration.features import MAX_SIDE_PX
 from reconstruction.common.geometry import Array, View, angle_deg
+from reconstruction.pairs.features import MAX_SIDE_PX
 
 MAX_MARK_ERROR_PX = 8.0
 """In pictures MAX_SIDE_PX wide or narrower: marks are set by hand, on one thing in all pictures."""

@@ -18,13 +18,13 @@ from reconstruction.calibration.charuco import (
     shared_corners,
 )
 from reconstruction.calibration.consistency import MAX_AXIS_ANGLE_DEG, RigCheck, check_rig
-from reconstruction.calibration.features import match_features
 from reconstruction.calibration.kept import CalibrationShelf, camera_modes
 from reconstruction.calibration.likely_lens import likely_focal_lengths
 from reconstruction.calibration.quality import SharedPoints
 from reconstruction.calibration.rig import Rig, calibrated_views
 from reconstruction.calibration.structure_from_motion import calibrate_from_images
 from reconstruction.common.geometry import View, angle_deg
+from reconstruction.pairs.features import match_features
 from reconstruction.session.dataset import Dataset
 
 

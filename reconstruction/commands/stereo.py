@@ -31,7 +31,7 @@ from reconstruction.commands.options import (
 @json_option
 def stereo(session: Path, out: Path, as_json: bool, **options: Any) -> None:
     """Compute a depth map from two cameras of SESSION, with its confidence and a picture."""
-    from reconstruction.calibration.pair_choice import describe_left_out
+    from reconstruction.pairs.pair_choice import describe_left_out
     from reconstruction.stereo.command import StereoOptions
     from reconstruction.stereo.command import stereo as run
 

@@ -6,12 +6,12 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.terminal import Progress
-from reconstruction.calibration.features import detect_features, match_features
-from reconstruction.calibration.homography import fit_homography
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.drawing import box_with_most, enlarge_crop, trim_empty_sides
 from reconstruction.common.geometry import Array
 from reconstruction.compare.study import SIDES, ComparisonTally, Pair, PairStudy, write_pictures
+from reconstruction.pairs.features import detect_features, match_features
+from reconstruction.pairs.homography import fit_homography
 from reconstruction.panorama.pair_panorama import (
     PairRegistration,
     blend_pair,

@@ -9,11 +9,11 @@ from msgspec import Struct
 
 from capture_app.errors import NotAvailableError
 from capture_app.terminal import Progress
-from reconstruction.calibration.pair_choice import PairChoice
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.foreign_calls import ForeignError, opencv_calls
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import save_picture
+from reconstruction.pairs.pair_choice import PairChoice
 from reconstruction.scores.results import (
     Interval,
     MultiviewComparison,

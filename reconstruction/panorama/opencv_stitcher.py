@@ -11,8 +11,8 @@ import cv2
 import numpy as np
 
 from capture_app.errors import BadInputError
-from reconstruction.calibration.features import MIN_MATCHES, Features, detect_features, match_features
 from reconstruction.common.geometry import Array
+from reconstruction.pairs.features import MIN_MATCHES, Features, detect_features, match_features
 from reconstruction.panorama.ghosting import OverlapScore, all_seen, mark_ghosts
 
 MAX_SIDE_PX = 2000

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from reconstruction.calibration.homography import Homography
 from reconstruction.common.brightness import gain_and_bias, match_brightness
 from reconstruction.common.geometry import Array, View
+from reconstruction.pairs.homography import Homography
 from reconstruction.panorama.optical_flow import dense_flow
 from reconstruction.scores.tally import Measurements
 from reconstruction.session.mover_detection import dilate

@@ -6,8 +6,8 @@ from functools import cached_property
 import cv2
 import numpy as np
 
-from reconstruction.calibration.pair_geometry import canvas_bounds, rectifying_rotations
 from reconstruction.common.geometry import Array, View
+from reconstruction.pairs.pair_geometry import canvas_bounds, rectifying_rotations
 
 
 @dataclass(frozen=True)

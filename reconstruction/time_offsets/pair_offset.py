@@ -6,9 +6,9 @@ from functools import lru_cache
 import numpy as np
 
 from capture_app.session.format.row_exposures import RowExposures, row_exposures
-from reconstruction.calibration.features import match_features
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.geometry import Array
+from reconstruction.pairs.features import match_features
 from reconstruction.session.dataset import Dataset
 from reconstruction.time_offsets.epipolar_crossings import (
     Crossings,

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from reconstruction.calibration.pair_geometry import rectifying_rotations
 from reconstruction.common.geometry import View
+from reconstruction.pairs.pair_geometry import rectifying_rotations
 from reconstruction.stereo.rectification import rectify
 from tests.reconstruction.conftest import make_view
 

@@ -15,9 +15,9 @@ from capture_app.session.format.manifest import Manifest
 from capture_app.session.reading.reader import Session
 from reconstruction.calibration.adoption import adopt_kept_calibration
 from reconstruction.calibration.consistency import check_rig
-from reconstruction.calibration.features import Features, detect_features
 from reconstruction.calibration.kept import CalibrationShelf
 from reconstruction.common.geometry import View
+from reconstruction.pairs.features import Features, detect_features
 from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import (
     HEIGHT,

@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from capture_app.errors import BadInputError
-from reconstruction.calibration.features import Features
-from reconstruction.calibration.pair_choice import choose_stereo_pair
-from reconstruction.calibration.pair_geometry import canvas_bounds
 from reconstruction.common.memory_budget import limited_memory, memory_budget, parse_size
+from reconstruction.pairs.features import Features
+from reconstruction.pairs.pair_choice import choose_stereo_pair
+from reconstruction.pairs.pair_geometry import canvas_bounds
 from reconstruction.stereo.rectification import rectify
 from reconstruction.stereo.stereo_pair import StereoPair
 from tests.reconstruction.conftest import Scene, make_view

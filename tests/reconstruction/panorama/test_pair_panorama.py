@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from reconstruction.calibration.features import detect_features, match_features
-from reconstruction.calibration.homography import Homography, fit_homography
-from reconstruction.calibration.pair_choice import choose_panorama_pair, choose_stereo_pair
+from reconstruction.pairs.features import detect_features, match_features
+from reconstruction.pairs.homography import Homography, fit_homography
+from reconstruction.pairs.pair_choice import choose_panorama_pair, choose_stereo_pair
 from reconstruction.panorama.pair_panorama import (
     blend_pair,
     measure_misfit,

@@ -6,10 +6,10 @@ from itertools import combinations
 
 import numpy as np
 
-from reconstruction.calibration.features import CELLS, MIN_MATCHES, Features, grid_cells, match_features
-from reconstruction.calibration.homography import fit_homography
-from reconstruction.calibration.pair_geometry import canvas_bounds
 from reconstruction.common.geometry import View, angle_deg, angles_deg, other_from_reference
+from reconstruction.pairs.features import CELLS, MIN_MATCHES, Features, grid_cells, match_features
+from reconstruction.pairs.homography import fit_homography
+from reconstruction.pairs.pair_geometry import canvas_bounds
 
 OVERLAP_LIMITS = (0.15, 0.8)
 """Share of a picture that its neighbour in a panorama shows too."""

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from reconstruction.calibration.features import MIN_MATCHES
 from reconstruction.common.geometry import Array
+from reconstruction.pairs.features import MIN_MATCHES
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
 """The command `batch`: many sessions and instants as independent units, in processes or on SLURM.
 
-Imports `multiview`, `report`, `session` and `common`.
+Imports `multiview`, `report`, `calibration`, `session` and `common`.
 """

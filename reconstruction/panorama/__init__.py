@@ -1,4 +1,4 @@
 """The command `stitch`: a panorama by OpenCV's stitcher, or of a registered pair for comparisons.
 
-Imports `calibration`, `session` and `common`.
+Imports `pairs`, `scores`, `session` and `common`.
 """

@@ -1,4 +1,4 @@
 """The command `stereo`: depth from a pair by rectification and semi-global matching.
 
-Imports `scores`, `calibration`, `session` and `common`.
+Imports `scores`, `calibration`, `pairs`, `session` and `common`.
 """

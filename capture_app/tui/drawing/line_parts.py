@@ -1,6 +1,20 @@
 """Parts of lines that several lists draw: two ends, the mark of what is chosen, a bar."""
 
+from rich.segment import Segment
 from textual.content import Content
+from textual.strip import Strip
+from textual.widget import Widget
+
+
+def strip_of_line(widget: Widget, line: Content) -> Strip:
+    """A styled line as a widget sends it to the terminal."""
+    parse = widget.app.stylesheet.parse_style
+    return Strip(
+        Segment(text, style.rich_style)
+        for text, style in line.render(
+            widget.visual_style, end="", parse_style=lambda style: parse(str(style))
+        )
+    )
 
 
 def justified(left: Content, right: Content, width: int) -> Content:

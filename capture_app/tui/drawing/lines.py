@@ -8,6 +8,8 @@ from textual.geometry import Region, Size
 from textual.strip import Strip
 from textual.widget import Widget
 
+from capture_app.tui.drawing.line_parts import strip_of_line
+
 
 class Lines(Widget):
     """Shows styled lines, cut with an ellipsis at its width; as high as they are where its height is auto."""
@@ -30,7 +32,7 @@ class Lines(Widget):
         self._lines = tuple(lines)
         if not self.is_attached:
             return
-        self._strips = [self._strip(line) for line in lines]
+        self._strips = [strip_of_line(self, line) for line in lines]
         if len(before) != len(self._strips):
             self.refresh(layout=True)
             return
@@ -71,17 +73,8 @@ class Lines(Widget):
 
     def _draw_anew(self) -> None:
         if self.is_attached:
-            self._strips = [self._strip(line) for line in self._lines]
+            self._strips = [strip_of_line(self, line) for line in self._lines]
             self.refresh(layout=True)
-
-    def _strip(self, line: Content) -> Strip:
-        parse = self.app.stylesheet.parse_style
-        return Strip(
-            Segment(text, style.rich_style)
-            for text, style in line.render(
-                self.visual_style, end="", parse_style=lambda style: parse(str(style))
-            )
-        )
 
 
 def _difference(old: Strip, new: Strip) -> tuple[int, int] | None:

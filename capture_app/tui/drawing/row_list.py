@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 from typing import ClassVar
 
-from rich.segment import Segment
 from textual import events
 from textual.binding import Binding, BindingType
 from textual.content import Content
@@ -11,6 +10,8 @@ from textual.geometry import Region, Size
 from textual.message import Message
 from textual.scroll_view import ScrollView
 from textual.strip import Strip
+
+from capture_app.tui.drawing.line_parts import strip_of_line
 
 
 class RowList(ScrollView, can_focus=True):
@@ -141,22 +142,12 @@ class RowList(ScrollView, can_focus=True):
             return Strip.blank(self.size.width, self.rich_style)
         return self._lines(self._keys[at])[line]
 
-    def strip_of_content(self, line: Content) -> Strip:
-        """A styled line for the terminal."""
-        parse = self.app.stylesheet.parse_style
-        return Strip(
-            Segment(text, style.rich_style)
-            for text, style in line.render(
-                self.visual_style, end="", parse_style=lambda style: parse(str(style))
-            )
-        )
-
     def _lines(self, key: str) -> list[Strip]:
         lines = self._drawn.get(key)
         if lines is None:
             width = self.size.width
             drawn = self.draw_row(key, width, chosen=key == self.chosen)
-            strips = [self.strip_of_content(line) if isinstance(line, Content) else line for line in drawn]
+            strips = [strip_of_line(self, line) if isinstance(line, Content) else line for line in drawn]
             lines = [strip.adjust_cell_length(width, self.rich_style) for strip in strips]
             self._drawn[key] = lines
         return lines

@@ -14,7 +14,7 @@ from capture_app.session.library.listing import SessionCard, SessionState
 from capture_app.session.library.thumbnails import ThumbnailCache
 from capture_app.session.reading.verdict import grade_of
 from capture_app.text import count, duration, printable
-from capture_app.tui.drawing.line_parts import justified
+from capture_app.tui.drawing.line_parts import justified, strip_of_line
 from capture_app.tui.drawing.row_list import RowList
 from capture_app.tui.jobs.job import Job
 from capture_app.tui.jobs.signs import job_tag
@@ -83,9 +83,9 @@ class SessionRows(RowList):
             strips.append(
                 Strip.join(
                     [
-                        self.strip_of_content(mark.stylize_before(style)),
+                        strip_of_line(self, mark.stylize_before(style)),
                         self._thumb_line(entry, number),
-                        self.strip_of_content(line.stylize_before(style)),
+                        strip_of_line(self, line.stylize_before(style)),
                     ]
                 )
             )

@@ -22,11 +22,13 @@ from reconstruction.compare.panorama_study import PanoramaStudy
 from reconstruction.compare.pose_study import LARGE_MOVING_SHARE, PoseStudy
 from reconstruction.compare.stereo_study import StereoStudy
 from reconstruction.compare.study import Result, StudyRun
+from reconstruction.compare.timing_study import measure_timing
 from reconstruction.report import wording
 from reconstruction.report.comparison_report import report_words, write_report
 from reconstruction.report.verdict import verdict
 from reconstruction.scores.compare_results import CompareResult, ConditionResult
-from reconstruction.scores.results import DoseResult
+from reconstruction.scores.dose_result import DoseResult
+from reconstruction.scores.timing import Timing
 from reconstruction.session.conditions import DEFAULT_OFFSET_MS, Condition
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import FrameOffset, evenly_spread, nearest_frame_offset
@@ -103,8 +105,9 @@ class Comparison:
         asked += [self.multiview.study.steps] * (options.multiview_instants > 0)
         asked += [self.poses.study.steps] * (options.poses is not False)
         further = len(options.conditions) + (self.against is not None)
-        self.progress = Progress(4 + sum(asked) + further + 1)
+        self.progress = Progress(5 + sum(asked) + further + 1)
         self.dose: DoseResult | None = None
+        self.timing: Timing | None = None
 
     def run_studies(self, session: Path) -> CompareResult:
         """Run every study in turn; one that is impossible is skipped with its reason."""
@@ -139,7 +142,9 @@ class Comparison:
                 moving,
                 self.poses.result,
                 self.multiview.result,
+                self.timing,
             ),
+            timing=self.timing,
             calibration=self.rig.source,
             stereo=self.stereo.result,
             stitch=self.panorama.result,
@@ -166,12 +171,15 @@ class Comparison:
         """The stereo pair's depth against offset, over fewer instants."""
         if self.stereo.result is None:
             return
+        pair = (self.stereo.result.reference, self.stereo.result.other)
+        self.progress.step(f"lateness of {pair[1]} against {pair[0]}")
+        self.timing = measure_timing(self.rig, pair, self.options.max_instants)
         self.progress.step("depth against offset")
         with suppress(ValueError):
             most = min(DOSE_INSTANTS, self.options.max_instants)
             steps = whole_frame_offsets(self.dataset, max(self.offset.actual_ms, DEFAULT_OFFSET_MS))
-            pair = (self.stereo.result.reference, self.stereo.result.other)
-            self.dose = measure_curve(self.rig, pair, steps, most, Progress(0, silent=True))
+            self.dose = measure_curve(self.rig, pair, steps, most, Progress(0, silent=True), self.timing)
+            self.timing = self.dose.timing
 
     def _run_poses(self, moving: float) -> None:
         """Estimate poses if asked for or if much moves; `moving` is the share of moving pixels."""

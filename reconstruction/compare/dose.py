@@ -1,4 +1,4 @@
-"""`reconstruct dose`: how much delay of one camera the motion of a burst tolerates."""
+"""`reconstruct dose`: depth of a pair against offset to both sides, and how much the motion tolerates."""
 
 import tempfile
 import time
@@ -17,21 +17,24 @@ from reconstruction.common.memory_budget import memory_budget
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.output_folder import comparison_folder, write_metrics
 from reconstruction.compare.stereo_study import StereoStudy
+from reconstruction.compare.timing_study import measure_timing
 from reconstruction.panorama.optical_flow import dense_flow
 from reconstruction.report.dose_report import write_dose_report
-from reconstruction.scores.results import DosePoint, DoseResult
+from reconstruction.scores.dose_curve import DoseCurve, is_decreasing, tolerable_offset_ms
+from reconstruction.scores.dose_result import DoseResult
+from reconstruction.scores.tally import MIN_FOR_INTERVAL
+from reconstruction.scores.timing import Timing, with_curve_peak
 from reconstruction.session.conditions import DEFAULT_OFFSET_MS
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import (
     FrameOffset,
-    evenly_spread,
     nearest_frame_offset,
     pairs_with_images,
 )
+from reconstruction.session.instant_choice import choose_moving_instants
 
-MAX_STEPS = 8
-LOSS = 0.1
-"""The share of the synchronized value whose loss an offset may cause and still be tolerable."""
+MAX_STEPS = 4
+"""To either side."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -67,15 +70,17 @@ def _dose(session: Path, stages: Path, options: DoseOptions) -> DoseResult:
     steps = whole_frame_offsets(dataset, options.max_offset_ms)
     rig = Rig(dataset, stages, steps[-1].step)
     rig.check_pair(options.stereo)
-    progress = Progress(3)
+    progress = Progress(4)
     progress.step("calibration")
     rig.calibrate()
     progress.step("choosing cameras")
     choice = rig.choose_stereo_pair(options.stereo, steps[-1].pairs[len(steps[-1].pairs) // 2][0])
     if choice.cameras is None:
         raise BadInputError(f"no depth can be made from {session}: {choice.why}")
+    progress.step("lateness of what moves")
+    timing = measure_timing(rig, choice.cameras, options.max_instants)
     try:
-        curve = measure_curve(rig, choice.cameras, steps, options.max_instants, progress)
+        curve = measure_curve(rig, choice.cameras, steps, options.max_instants, progress, timing)
     except ValueError as error:
         raise BadInputError(f"{choice.cameras[0]} and {choice.cameras[1]}: {error}") from error
     progress.last("curve")
@@ -91,7 +96,9 @@ def _dose(session: Path, stages: Path, options: DoseOptions) -> DoseResult:
 
 
 def whole_frame_offsets(dataset: Dataset, most_ms: float) -> list[FrameOffset]:
-    """The whole-frame offsets up to `most_ms`, or as far as the burst reaches; at most `MAX_STEPS`.
+    """The whole-frame offsets up to `most_ms` to either side, from the earliest to the latest; without zero.
+
+    As far as half the burst reaches; at most `MAX_STEPS` to either side.
 
     Raises:
         BadInputError: there is one instant only.
@@ -105,71 +112,65 @@ def whole_frame_offsets(dataset: Dataset, most_ms: float) -> list[FrameOffset]:
     # Half the burst must be left to measure on, and a frame may be a little longer than asked for.
     count = min(int(most_ms * 1e6 / spacing_ns + 0.25), max(1, len(dataset.instants_ns) // 2))
     wanted = sorted({round(k) for k in np.linspace(1, max(1, count), min(max(1, count), MAX_STEPS))})
-    return [
+    late = [
         nearest_frame_offset(dataset.instants_ns, dataset.period_ns, k * spacing_ns / 1e6) for k in wanted
     ]
+    return [*(one.reversed for one in reversed(late)), *late]
 
 
 def measure_curve(
-    rig: Rig, cameras: tuple[str, str], steps: list[FrameOffset], max_instants: int, progress: Progress
+    rig: Rig,
+    cameras: tuple[str, str],
+    steps: list[FrameOffset],
+    max_instants: int,
+    progress: Progress,
+    timing: Timing,
 ) -> DoseResult:
-    """Measure the curve of a pair at these offsets, every point on the same instants and moving pixels.
+    """Measure the curve of a pair at these offsets, every point on the same moving pixels.
+
+    And on the same instants, where the burst has enough that reach all offsets.
 
     Raises:
-        ValueError: the two views overlap too little, or no instant has all its frames.
+        ValueError: the two views overlap too little, or no instant has its frames.
     """
-    later = [dict(pairs_with_images(rig.dataset, step, *cameras)) for step in steps]
-    common = [now for now in later[0] if all(now in partners for partners in later)]
-    if not common:
-        raise ValueError("no instant has its images at all the offsets")
-    nows = evenly_spread(common, max_instants)
-    progress.total += len(nows) * len(steps) + len(steps)
+    partners = [dict(pairs_with_images(rig.dataset, step, *cameras)) for step in steps]
+    some = sorted(set().union(*partners))
+    everywhere = [now for now in some if all(now in one for one in partners)]
+    reach = everywhere if len(everywhere) >= MIN_FOR_INTERVAL else some
+    if not reach:
+        raise ValueError("no instant has its images at any of the offsets")
+    nows = choose_moving_instants(rig.motion, cameras, reach, max_instants)
+    progress.total += (len(nows) + 1) * len(steps)
     study = StereoStudy(rig, None, cameras, max_instants)
     study.prepare(nows[0], progress)
-    points: list[DosePoint] = []
-    for step, partners in zip(steps, later, strict=True):
-        pairs = [(now, partners[now]) for now in nows]
-        scored, _ = study.compare_instants(pairs, progress)
-        if not points:
-            points.append(DosePoint(offset_ms=0.0, offset_frames=0, scores=scored.synced))
-        points.append(DosePoint(offset_ms=step.actual_ms, offset_frames=step.frames, scores=scored.offset))
-    true = points[0].scores.mover_within_2pct is not None
-    name = "mover_within_2pct" if true else "mover_coverage"
+    curve = DoseCurve()
+    for step, later in zip(steps, partners, strict=True):
+        pairs = [(now, later[now]) for now in nows if now in later]
+        if pairs:
+            curve.add(step.actual_ms, step.frames, study.compare_instants(pairs, progress, nows)[0])
+    points = curve.points
+    peaks = [one.peak_ms for one in curve.instants if one.peak_ms is not None]
+    peak_ms = float(np.median(peaks)) if peaks else None
+    spacing_ms = min(abs(step.actual_ms) for step in steps)
+    judged = with_curve_peak(timing, peak_ms, len(peaks), spacing_ms)
     speed = _speed_px_per_ms(rig, cameras[0], nows)
     own = rig.dataset.worst_residual_us()
+    tolerable = tolerable_offset_ms(points, curve.measure, speed)
     return DoseResult(
         reference=cameras[0],
         other=cameras[1],
-        measure=name,
-        points=tuple(points),
+        measure=curve.measure,
+        points=points,
         instants=len(nows),
-        decreasing=is_decreasing(points, name),
-        tolerable_offset_ms=tolerable_offset_ms(points, name, speed),
+        decreasing=is_decreasing(points, curve.measure),
+        timing=judged,
+        peak_ms=peak_ms,
+        per_instant=curve.instants,
+        tolerable_offset_ms=tolerable if judged.synchronized else None,
         speed_px_per_ms=speed,
         sync_residual_us=own,
         sync_residual_px=own / 1000 * speed if own is not None and speed is not None else None,
     )
-
-
-def is_decreasing(points: list[DosePoint], measure: str) -> bool:
-    """Whether no point's interval lies wholly above that of the one before it."""
-    known = [one for point in points if (one := point.scores.interval_of(measure)) is not None]
-    return len(known) > 1 and all(after.low <= before.high for before, after in pairwise(known))
-
-
-def tolerable_offset_ms(points: list[DosePoint], measure: str, speed_px_per_ms: float | None) -> float | None:
-    """The offset at which a tenth is lost or half of what moves has moved by a pixel; None = neither."""
-    limits = []
-    known = [(p.offset_ms, one.value) for p in points if (one := p.scores.interval_of(measure)) is not None]
-    if known:
-        least = (1 - LOSS) * known[0][1]
-        for (before, high), (after, low) in pairwise(known):
-            if low < least <= high:
-                limits.append(before + (after - before) * (high - least) / (high - low))
-                break
-    if speed_px_per_ms:
-        limits.append(1 / speed_px_per_ms)
-    return min(limits) if limits else None
 
 
 def _speed_px_per_ms(rig: Rig, camera: str, nows: list[int]) -> float | None:

@@ -43,9 +43,11 @@ class StereoStudy(PairStudy):
         return msgspec.structs.replace(result, offset_ms=offset_ms, pictures=pictures)
 
     def compare_instants(
-        self, pairs: Sequence[tuple[int, int]], progress: Progress
+        self, pairs: Sequence[tuple[int, int]], progress: Progress, range_instants: Sequence[int] = ()
     ) -> tuple[StereoComparison, list[StereoInstant]]:
         """Compute depth and scores of both conditions; `pairs` are (instant, instant of the second camera).
+
+        The range of disparities is that of `range_instants`, or of the pairs' own.
 
         Raises:
             ValueError: the two views overlap too little.
@@ -53,10 +55,11 @@ class StereoStudy(PairStudy):
         rig, (reference, other) = self.rig, self.cameras
         views = rig.views[reference], rig.views[other]
         progress.step(f"depth range of {reference} and {other}")
-        key = (reference, other, tuple(now for now, _ in pairs), repr(views))
+        nows = tuple(range_instants) or tuple(now for now, _ in pairs)
+        key = (reference, other, nows, repr(views))
         try:
             disparities = rig.stages.record(
-                "disparities", tuple[float, float], lambda: self._disparities(pairs), *key
+                "disparities", tuple[float, float], lambda: self._disparities(nows), *key
             )
         except ValueError as error:
             raise ValueError(f"{reference} and {other}: {error}") from error
@@ -83,16 +86,16 @@ class StereoStudy(PairStudy):
         )
         return result, instants
 
-    def _disparities(self, pairs: Sequence[tuple[int, int]]) -> tuple[float, float]:
+    def _disparities(self, nows: Sequence[int]) -> tuple[float, float]:
         reference, other = self.cameras
-        chosen = pairs[:: max(1, len(pairs) // RANGE_INSTANTS)]
+        chosen = nows[:: max(1, len(nows) // RANGE_INSTANTS)]
         images = [
             (
                 self.dataset.grey(reference, now),
                 self.dataset.grey(other, now),
                 self.motion.detected_movers(reference, now),
             )
-            for now, _ in chosen
+            for now in chosen
         ]
         return find_disparity_range((self.rig.views[reference], self.rig.views[other]), images)
 

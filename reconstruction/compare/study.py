@@ -24,7 +24,8 @@ from reconstruction.scores.results import (
 )
 from reconstruction.scores.tally import Measurements, Tally, differences
 from reconstruction.session.conditions import DISTINCT, SYNCED, Condition
-from reconstruction.session.frame_offset import FrameOffset, evenly_spread
+from reconstruction.session.frame_offset import FrameOffset
+from reconstruction.session.instant_choice import choose_moving_instants
 from reconstruction.session.shown_instants import pair_instants
 
 SYNCHRONIZED, ALL_APART = Condition(SYNCED), Condition(DISTINCT)
@@ -124,7 +125,7 @@ class PairStudy:
         self.cameras, self.reason = choice.cameras, self.reason or choice.why
 
     def instant_pairs(self, condition: Condition) -> tuple[list[tuple[int, int]], float | None]:
-        """The instants that the two cameras show, spread over the burst, and how late the second is, ms.
+        """The instants that the two cameras show, where something moves, and how late the second is, ms.
 
         None for the latter where both are of one instant, or where every instant is drawn for itself.
 
@@ -136,9 +137,14 @@ class PairStudy:
             found = [(k, k) for k in self.dataset.instants(first) if self.dataset.has_image(second, k)]
             if not found:
                 raise ValueError(f"{self.dataset.name} has no images of {first} and {second} of one instant")
-            return evenly_spread(found, self.max_instants), None
+            return self._where_things_move(found), None
         found, late_ms = pair_instants(self.dataset, condition, first, second)
-        return evenly_spread(found, self.max_instants), late_ms
+        return self._where_things_move(found), late_ms
+
+    def _where_things_move(self, pairs: list[tuple[int, int]]) -> list[tuple[int, int]]:
+        nows = [now for now, _ in pairs]
+        chosen = set(choose_moving_instants(self.motion, self.cameras, nows, self.max_instants))
+        return [pair for pair in pairs if pair[0] in chosen]
 
 
 class StudyRun(Generic[Result]):

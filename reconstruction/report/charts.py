@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from reconstruction.report import wording
-from reconstruction.scores.results import DoseResult, PoseComparison
+from reconstruction.scores.dose_result import DoseResult
+from reconstruction.scores.results import PoseComparison
 
 
 @dataclass(frozen=True)
@@ -67,11 +68,14 @@ class DoseChart:
 
 def dose_chart(dose: DoseResult) -> DoseChart:
     """The share of what moves that is found, against offset; what stands still beside it, as control."""
-    last = max(point.offset_ms for point in dose.points) or 1.0
+    first, last = dose.points[0].offset_ms, dose.points[-1].offset_ms
+    reach = last - first or 1.0
 
     def x(offset_ms: float) -> float:
         axes = DOSE_AXES
-        return round(axes.left + 10 + (axes.width - axes.left - axes.right - 26) * offset_ms / last, 1)
+        return round(
+            axes.left + 10 + (axes.width - axes.left - axes.right - 26) * (offset_ms - first) / reach, 1
+        )
 
     curves = []
     for control, name in ((True, dose.measure.replace("mover_", "static_")), (False, dose.measure)):

@@ -36,7 +36,7 @@ def write_report(result: CompareResult, out: Path) -> Path:
 
 def report_words(result: CompareResult) -> ReportWords:
     """The tables of the measurements and what they call the conditions, without a page around them."""
-    sides = wording.name_sides(result.stereo.synced if result.stereo else None, result.actual_offset_ms)
+    sides = wording.name_sides(result.timing, result.actual_offset_ms)
     everybody = sides.for_all_cameras()
     all_cameras, pair = _all_cameras(result, everybody), _tables(result, sides)
     tables = (
@@ -65,7 +65,7 @@ def _in_words(table: Table) -> WordTable:
 
 def _page(result: CompareResult, out: Path) -> str:
     name = Path(result.session).name or result.session
-    sides = wording.name_sides(result.stereo.synced if result.stereo else None, result.actual_offset_ms)
+    sides = wording.name_sides(result.timing, result.actual_offset_ms)
     pictures = pair_pictures(result)
     two_claims, claims_note = _claims(result, sides)
     return render_page(

@@ -10,9 +10,10 @@ from reconstruction.report.charts import DoseChart, dose_chart
 from reconstruction.report.measures import COVERAGE, EPIPOLAR, STILL_COVERAGE, WITHIN, pixels
 from reconstruction.report.page import Section, render_page, write_page
 from reconstruction.report.provenance import Entry
-from reconstruction.report.tables import Column, Row, Table, score_cell
-from reconstruction.report.verdict import plausibly_synchronized
-from reconstruction.scores.results import DoseResult
+from reconstruction.report.tables import Cell, Column, Row, Table, score_cell
+from reconstruction.report.timing_words import instant_lateness, motion_sentence, timing_sentences
+from reconstruction.scores.dose_result import DoseResult
+from reconstruction.scores.results import DepthScores
 
 COLUMNS = (
     ("mover_within_2pct", WITHIN, wording.share),
@@ -30,38 +31,62 @@ class DoseView:
     notes: Sequence[str]
     chart: DoseChart
     table: Table
+    instants: Table
 
 
 def dose_view(dose: DoseResult) -> DoseView:
     """What a page shows of a dose curve."""
-    return DoseView(dose_sentence(dose), _notes(dose), dose_chart(dose), _table(dose))
+    return DoseView(dose_sentence(dose), _notes(dose), dose_chart(dose), _table(dose), _instants(dose))
 
 
 def dose_sentence(dose: DoseResult) -> str:
-    """The result of the curve in a sentence or two."""
-    late = dose.points[-1]
-    first, last = (getattr(p.scores, dose.measure) for p in (dose.points[0], late))
-    what = "the right distance is found" if dose.measure.endswith("2pct") else "a distance is found"
-    if not plausibly_synchronized(dose.points[0].scores):
-        return (
-            f"These cameras were not synchronized: as recorded, {what} for "
-            f"{wording.share(first, decimals=0)} of what moves, so that a further delay changes little."
-        )
-    start = (
-        f"Synchronized, {what} for {wording.share(first, decimals=0)} of what moves; "
-        f"{wording.lateness(late.offset_ms)}, for {wording.share(last, decimals=0)}."
-    )
+    """The result of the curve in a few sentences: synchronized is said only where that was found."""
+    timing = dose.timing
+    moved = [motion_sentence(timing)] if timing is not None and timing.moving_cameras else []
+    told = [timing_sentences(timing)] if timing is not None else []
+    if timing is not None and timing.synchronized:
+        return " ".join([*moved, f"Synchronized, {_found_to_both_sides(dose)}", _tolerance(dose), *told])
+    if timing is not None and timing.offset:
+        return " ".join([*moved, *told, f"As recorded, {_found_at_best(dose)}"])
+    return " ".join([*moved, f"As recorded, {_found_to_both_sides(dose)}", *told])
+
+
+def _found_to_both_sides(dose: DoseResult) -> str:
+    ends = {point.offset_ms: point for point in (dose.points[0], dose.points[-1]) if point.offset_frames}
+    sides = [f"{wording.lateness(ms)}, for {_share(dose, point.scores)}" for ms, point in ends.items()]
+    return "; ".join([f"{_what(dose)} for {_share(dose, dose.as_recorded)} of what moves", *sides]) + "."
+
+
+def _found_at_best(dose: DoseResult) -> str:
+    text = f"{_what(dose)} for {_share(dose, dose.as_recorded)} of what moves"
+    best = max(dose.points, key=lambda point: getattr(point.scores, dose.measure) or 0.0)
+    if not best.offset_frames:
+        return f"{text}."
+    when = wording.lateness(best.offset_ms)
+    return f"{text}; best with the second picture {when}, for {_share(dose, best.scores)}."
+
+
+def _tolerance(dose: DoseResult) -> str:
     if dose.tolerable_offset_ms is None:
-        return f"{start} Up to that delay, less than a tenth of it is lost."
-    return f"{start} This motion tolerates a delay of about {_time(dose.tolerable_offset_ms)}."
+        return "Up to that delay, less than a tenth of it is lost."
+    return f"This motion tolerates a delay of about {_time(dose.tolerable_offset_ms)}."
+
+
+def _what(dose: DoseResult) -> str:
+    return "the right distance is found" if dose.measure.endswith("2pct") else "a distance is found"
+
+
+def _share(dose: DoseResult, scores: DepthScores) -> str:
+    return wording.share(getattr(scores, dose.measure), decimals=0)
 
 
 def _notes(dose: DoseResult) -> list[str]:
     notes = [
         "The solid line shows what moves, the dashed one what stands still (the control). Shaded: 95 % "
-        f"confidence intervals from {count(dose.instants, 'instant')}."
+        f"confidence intervals over {count(dose.instants, 'instant')}; every point is the median over the "
+        "instants. To the left of zero the second picture is early."
     ]
-    if dose.tolerable_offset_ms is not None and plausibly_synchronized(dose.points[0].scores):
+    if dose.tolerable_offset_ms is not None:
         notes.append(
             "Tolerated is the delay at which a tenth of what was found is lost, or half of the moving pixels "
             "have moved by one pixel, whichever comes first."
@@ -98,6 +123,33 @@ def _table(dose: DoseResult) -> Table:
         [Column(name) for _, name, _ in columns],
         rows,
         first="Delay",
+    )
+
+
+def _instants(dose: DoseResult) -> Table:
+    """Every instant by itself: how late its moving points say the second picture is, and its own curve."""
+    told = {one.instant: one for one in dose.timing.instants} if dose.timing is not None else {}
+    known = {one.instant: one for one in dose.per_instant}
+    rows = []
+    for instant in sorted(told.keys() | known.keys()):
+        late, curve = told.get(instant), known.get(instant)
+        values = curve.values if curve is not None else (None,) * len(dose.points)
+        cells = [
+            Cell(wording.number(None if curve is None else curve.mover_pixels)),
+            Cell(wording.NOT_AVAILABLE if late is None else instant_lateness(late.late_ms, late.sd_ms)),
+            *(Cell(wording.share(value, decimals=0)) for value in values),
+        ]
+        rows.append(Row(f"{instant}", cells))
+    right = dose.measure == "mover_within_2pct"
+    heads = [wording.milliseconds(round(point.offset_ms)) for point in dose.points]
+    columns = [Column("Moving pixels"), Column("Lateness"), *(Column(head) for head in heads)]
+    return Table(
+        "Each instant: how late its moving points say the second picture is, and how much of what moves is "
+        f"{'right' if right else 'found'} with that picture so much later",
+        columns,
+        rows,
+        first="Instant",
+        prefix="Instant ",
     )
 
 

@@ -1,5 +1,6 @@
-"""What a comparison found, in one or two sentences for somebody who has never heard of synchronization."""
+"""What a comparison found, in a few sentences for somebody who has never heard of synchronization."""
 
+from reconstruction.report.timing_words import motion_sentence, timing_sentences
 from reconstruction.scores.results import (
     DepthScores,
     MultiviewComparison,
@@ -8,6 +9,7 @@ from reconstruction.scores.results import (
     PoseComparison,
     StereoComparison,
 )
+from reconstruction.scores.timing import Timing
 
 DEPTH_MEASURES = ("mover_within_2pct", "mover_coverage")
 """What depth is judged by: correct distances where the truth is known, else any distance."""
@@ -29,21 +31,44 @@ def verdict(
     moving_share: float,
     poses: PoseComparison | None = None,
     multiview: MultiviewComparison | None = None,
+    timing: Timing | None = None,
 ) -> str:
-    """One or two sentences; `moving_share` is the share of pixels that move, 0..1."""
+    """A few sentences; `moving_share` is the share of pixels that move, 0..1.
+
+    Pictures are said to be of one instant only where `timing` found them so.
+    """
+    moved = motion_sentence(timing) if timing is not None else ""
+    found = _what_was_found(stereo, stitch, offset_ms, moving_share, poses, multiview, timing)
+    return f"{moved} {found}".strip()
+
+
+def _what_was_found(
+    stereo: StereoComparison | None,
+    stitch: PanoramaComparison | None,
+    offset_ms: float,
+    moving_share: float,
+    poses: PoseComparison | None,
+    multiview: MultiviewComparison | None,
+    timing: Timing | None,
+) -> str:
     late = f"{offset_ms:.0f} ms late"
-    if stereo is not None and not plausibly_synchronized(stereo.synced):
+    together = timing is not None and timing.synchronized
+    if stereo is not None and timing is not None and timing.offset:
+        return f"{timing_sentences(timing)} {_as_recorded(stereo)}".strip()
+    if stereo is not None and not together and not plausibly_synchronized(stereo.synced):
         return _not_synchronized(stereo, late)
     depth = None
     if stereo is not None:
-        depth = _stereo_sentence(stereo, late)
+        depth = _stereo_sentence(stereo, late, together)
+        if depth is not None and timing is not None and timing.moving_cameras:
+            depth = depth.replace(_TIMING_ALONE, "")
     elif multiview is not None:
         depth = _multiview_sentence(multiview)
-    panorama = _panorama_sentence(stitch, late) if stitch is not None else None
+    panorama = _panorama_sentence(stitch, late, together) if stitch is not None else None
     places = _pose_sentence(poses) if poses is not None else None
     clear = [text for text in (depth, panorama, places) if text is not None]
     if clear:
-        return " ".join(clear)
+        return " ".join([*clear, *([timing_sentences(timing)] if timing is not None else [])])
     if moving_share < 0.0005:
         return (
             "Almost nothing moves in this burst, so synchronization makes no difference that can be seen. "
@@ -51,8 +76,13 @@ def verdict(
         )
     if stereo is None and stitch is None and multiview is None:
         return "Neither depth nor a panorama could be made from these cameras, so nothing can be compared."
+    if together and timing is not None:
+        return (
+            f"No clear difference was found between pictures of the same instant and pictures taken {late}: "
+            f"what moves here is too slow or too small for this delay. {timing_sentences(timing)}"
+        )
     return (
-        f"No clear difference was found between pictures of the same instant and pictures taken {late}. "
+        f"No clear difference was found between the pictures as recorded and pictures taken {late}. "
         "What moves here is too slow or too small for this delay, or the recordings were not synchronized "
         "to begin with."
     )
@@ -71,16 +101,23 @@ def plausibly_synchronized(scores: DepthScores) -> bool:
     return not (moving < 0.5 * still and rows > ROW_MISMATCH_PX and rows > ROW_MISMATCH_RATIO * control)
 
 
-def _not_synchronized(result: StereoComparison, late: str) -> str:
+def _as_recorded(result: StereoComparison) -> str:
+    """What is found of what moves and of what stands still in the pictures as they were recorded."""
     moving, still = _found_shares(result.synced)
-    assert moving is not None
-    assert still is not None
+    if moving is None or still is None:
+        return ""
     what = "the right distance is" if result.synced.mover_within_2pct is not None else "a distance is"
     return (
-        f"These cameras were not synchronized. In the pictures as they were recorded, {what} found for "
-        f"{_percent(moving)} of what moves but for {_percent(still)} of what stands still, and what moves is "
-        f"out of place by {result.synced.mover_epipolar_px:.0f} pixels up or down: the pictures called the "
-        f"same instant are of different ones. Taking one of them {late} changes little."
+        f"In the pictures as they were recorded, {what} found for {_percent(moving)} of what moves and for "
+        f"{_percent(still)} of what stands still."
+    )
+
+
+def _not_synchronized(result: StereoComparison, late: str) -> str:
+    return (
+        f"These cameras were not synchronized. {_as_recorded(result)} What moves is out of place by "
+        f"{result.synced.mover_epipolar_px:.0f} pixels up or down: the pictures called the same instant are "
+        f"of different ones. By how much could not be measured; taking one of them {late} changes little."
     )
 
 
@@ -102,15 +139,23 @@ def first_known(
     return None
 
 
-def _stereo_sentence(result: StereoComparison, late: str) -> str | None:
-    when = ("both pictures show the same instant", f"one picture {late}")
-    first = _depth_sentence(result, *when, "both pictures agree on")
+_TIMING_ALONE = " What stands still is found equally well both times, so timing alone makes the difference."
+FALLEN_CONTROL = 0.1
+"""A loss of this share of what stands still has another reason than timing."""
+
+
+def _stereo_sentence(result: StereoComparison, late: str, together: bool) -> str | None:
+    recorded = "both pictures show the same instant" if together else "the pictures are paired as recorded"
+    first = _depth_sentence(result, recorded, f"one picture {late}", "both pictures agree on")
     still, other = result.synced.static_coverage, result.offset.static_coverage
-    if first is None or still is None or other is None or abs(still - other) > 0.02:
+    if first is None or still is None or other is None:
         return first
-    return (
-        f"{first} What stands still is found equally well both times, so timing alone makes the difference."
-    )
+    if still - other > FALLEN_CONTROL:
+        return (
+            f"{first} What stands still is found less often too ({_percent(still)} and {_percent(other)}): "
+            "timing is not all that differs. Did the cameras move, or the light change?"
+        )
+    return first if abs(still - other) > 0.02 else first + _TIMING_ALONE
 
 
 def _multiview_sentence(result: MultiviewComparison) -> str | None:
@@ -131,14 +176,15 @@ def _depth_sentence(
     return f"When {when}, {what} for {_percent(synced)} of what moves; with {late}, for {_percent(offset)}."
 
 
-def _panorama_sentence(result: PanoramaComparison, late: str) -> str | None:
+def _panorama_sentence(result: PanoramaComparison, late: str, together: bool) -> str | None:
     known = first_known(result.synced, result.offset, *MISFIT_MEASURES)
     assert known is not None
     _, synced, offset = known
     if offset < CLEAR_RATIO * synced or offset - synced < 1.0:
         return None
     return (
-        f"In the panorama, what moves fits together to within {synced:.1f} pixels at the same instant, "
+        f"In the panorama, what moves fits together to within {synced:.1f} pixels "
+        f"{'at the same instant' if together else 'as recorded'}, "
         f"and is off by up to {offset:.0f} with one picture {late}."
     )
 

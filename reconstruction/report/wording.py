@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 from typing import Self
 
 from capture_app.text import duration
-from reconstruction.report.verdict import CLEAR_SHARE, DEPTH_MEASURES, first_known, plausibly_synchronized
+from reconstruction.report.verdict import CLEAR_SHARE, DEPTH_MEASURES, first_known
 from reconstruction.scores.compare_results import CompareResult
-from reconstruction.scores.results import DepthScores
+from reconstruction.scores.timing import Timing
 
 NOT_AVAILABLE = "n/a"
 GAP = "\u202f"
@@ -104,8 +104,8 @@ class Sides:
     late: str
     late_short: str = ""
     """The second side where there is little room; empty: as elsewhere."""
-    synchronized: bool = True
-    """Whether the pictures of the first side can be of one instant."""
+    apart: bool = False
+    """Whether the pictures of the first side were found not to be of one instant."""
 
     @property
     def late_head(self) -> str:
@@ -117,12 +117,12 @@ class Sides:
         return replace(self, late=UNSYNCHRONIZED, late_short="Unsynced")
 
 
-def name_sides(synced: DepthScores | None, offset_ms: float) -> Sides:
-    """The names; pictures that cannot be of one instant are not called synchronized."""
+def name_sides(timing: Timing | None, offset_ms: float) -> Sides:
+    """The names; only pictures that were found to be of one instant are called synchronized."""
     late = lateness(offset_ms)
-    if synced is not None and not plausibly_synchronized(synced):
+    if timing is None or not timing.synchronized:
         when = "in the pictures as they were recorded"
-        return Sides("As recorded", "Recorded", when, late, synchronized=False)
+        return Sides("As recorded", "Recorded", when, late, apart=timing is not None and timing.offset)
     return Sides("Synchronized", "Synced", "when both pictures show the same instant", late)
 
 

@@ -2,13 +2,14 @@
 
 from msgspec import Struct
 
+from reconstruction.scores.dose_result import DoseResult
 from reconstruction.scores.results import (
-    DoseResult,
     MultiviewComparison,
     PanoramaComparison,
     PoseComparison,
     StereoComparison,
 )
+from reconstruction.scores.timing import Timing
 
 
 class BurstGrid(Struct, frozen=True, kw_only=True):
@@ -112,6 +113,8 @@ class CompareResult(Struct, frozen=True, kw_only=True):
     sync_bound_us: float | None = None
     conditions: tuple[ConditionResult, ...] = ()
     dose: DoseResult | None = None
+    timing: Timing | None = None
+    """How late the depth pair's second camera is, by what moves; None where that was not measured."""
     burst: BurstGrid | None = None
     bullet_time: BulletTime | None = None
     words: ReportWords | None = None

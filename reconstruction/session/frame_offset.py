@@ -1,7 +1,7 @@
 """Which two frames of a burst are compared as "offset": those about so many milliseconds apart."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TypeVar
 
@@ -25,6 +25,14 @@ class FrameOffset:
     """In instants of the burst, where these are evenly spaced."""
     pairs: tuple[tuple[int, int], ...]
     """(instant, the instant that is `actual_ns` later)."""
+
+    @property
+    def reversed(self) -> "FrameOffset":
+        """The same distance the other way: the second of each pair is earlier."""
+        pairs = tuple((later, now) for now, later in self.pairs)
+        return replace(
+            self, asked_ms=-self.asked_ms, actual_ns=-self.actual_ns, frames=-self.frames, pairs=pairs
+        )
 
     @property
     def actual_ms(self) -> float:

@@ -1,7 +1,6 @@
 """Which instants the cameras show in a condition."""
 
 from collections.abc import Iterable, Mapping
-from dataclasses import replace
 
 from capture_app.errors import BadInputError
 from reconstruction.session.conditions import DISTINCT_MS, SYNCED, Condition
@@ -90,12 +89,4 @@ def _pair_offset(dataset: Dataset, condition: Condition, first: str, second: str
         found = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, abs(asked_ms))
     except BadInputError as error:
         raise ValueError(str(error)) from error
-    if asked_ms > 0:
-        return found
-    return replace(
-        found,
-        asked_ms=asked_ms,
-        actual_ns=-found.actual_ns,
-        frames=-found.frames,
-        pairs=tuple((later, now) for now, later in found.pairs),
-    )
+    return found if asked_ms > 0 else found.reversed

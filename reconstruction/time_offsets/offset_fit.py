@@ -22,7 +22,7 @@ MIN_POINTS = 3
 """Fewer points of an instant may all be wrong matches."""
 MIN_INSTANTS = 3
 """With fewer instants there is no error bar that could be believed."""
-SYSTEMATIC_MS = 0.15
+SYSTEMATIC_MS = 0.25
 """What is left of rows, exposures and the paths between images; one standard deviation."""
 RESAMPLES = 300
 

@@ -107,6 +107,11 @@ class ImageTimes:
         """The image's one time."""
         return (self.dataset.record(camera, instant).leader_ns - self._epoch_ns) / 1e6
 
+    def middle_ms(self, camera: str, instant: int) -> float:
+        """The time of the image's middle row."""
+        middle = self.dataset.size(camera)[1] / 2
+        return float(self.of_rows_ms(camera, instant, np.array([middle]))[0])
+
     def of_rows_ms(self, camera: str, instant: int, rows: Array) -> Array:
         """The times of rows (n,), px from the top; NaN where there is no such image."""
         if not self.dataset.has_image(camera, instant):

@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 
 from capture_app.session.reading.reader import Session
-from reconstruction.compare.dose import is_decreasing, tolerable_offset_ms
 from reconstruction.report.dose_report import write_dose_report
-from reconstruction.scores.results import DepthScores, DosePoint, DoseResult, Interval
+from reconstruction.scores.dose_curve import is_decreasing, tolerable_offset_ms
+from reconstruction.scores.dose_result import DosePoint, DoseResult
+from reconstruction.scores.results import DepthScores, Interval
 from reconstruction.scores.tally import Measurements, Tally, differences, measure_depth
-from tests.reconstruction.conftest import Reconstruct
+from tests.reconstruction.conftest import PERIOD_NS, VIEWS, Reconstruct, Scene, write_session
 
 
 def point(ms: float, value: float, low: float | None = None, high: float | None = None) -> DosePoint:
@@ -89,15 +90,41 @@ def test_dose_falls_on_what_moves_and_not_on_what_stands_still(
     out = tmp_path / "out"
     result = reconstruct("dose", boards.folder, "--pair", "left,right", "--out", out, "--json").result
     assert result == json.loads((out / "metrics.json").read_text())
-    assert [point["offset_frames"] for point in result["points"]] == [0, 1, 2]
+    assert [point["offset_frames"] for point in result["points"]] == [-2, -1, 0, 1, 2]
     moving = [point["scores"]["mover_within_2pct"] for point in result["points"]]
     still = [point["scores"]["static_coverage"] for point in result["points"]]
-    assert moving[0] > 0.9
-    assert max(moving[1:]) < 0.1
+    assert moving.pop(2) > 0.9
+    assert max(moving) < 0.1
     assert max(still) - min(still) < 0.02
     assert result["decreasing"]
     assert 0 < result["tolerable_offset_ms"] < 33
-    assert "This motion tolerates a delay of about" in (out / "report.html").read_text("utf-8")
+    page = (out / "report.html").read_text("utf-8")
+    assert "This motion tolerates a delay of about" in page
+    timing = result["timing"]
+    assert timing["synchronized"]
+    assert abs(timing["late_ms"]) <= timing["uncertainty_ms"] < 3
+    assert len(timing["instants"]) >= 3
+    assert result["peak_ms"] == 0
+    assert all(one["peak_ms"] in (0, None) for one in result["per_instant"])
+
+
+@pytest.mark.parametrize("pair", ["right,left", pytest.param("left,right", marks=pytest.mark.slow)])
+def test_a_camera_that_is_a_frame_late_is_not_called_synchronized(
+    scene: Scene, tmp_path: Path, reconstruct: Reconstruct, pair: str
+) -> None:
+    pictures = {name: VIEWS[name] for name in ("left", "right")}
+    session = write_session(tmp_path / "late", scene, pictures, late={"right": 1.0})
+    out = tmp_path / "out"
+    result = reconstruct("dose", session.folder, "--pair", pair, "--out", out, "--json").result
+    timing, sign = result["timing"], 1 if pair.endswith("right") else -1
+    assert not timing["synchronized"]
+    assert abs(timing["late_ms"] - sign * PERIOD_NS / 1e6) <= 1.5 * timing["uncertainty_ms"]
+    assert result["peak_ms"] == pytest.approx(-sign * PERIOD_NS / 1e6, abs=0.1)
+    assert result["tolerable_offset_ms"] is None
+    page = (out / "report.html").read_text("utf-8")
+    assert "These cameras were not synchronized" in page
+    assert f"--time-shift-ms {pair.split(',')[1]}={timing['shift_ms']:.4g}" in page
+    assert "Synchronized, " not in page
 
 
 def test_an_unknown_camera_is_refused_in_one_line(

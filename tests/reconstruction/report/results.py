@@ -7,10 +7,9 @@ import msgspec
 import numpy as np
 
 from reconstruction.scores.compare_results import BulletTime, BurstGrid, CompareResult, ConditionResult
+from reconstruction.scores.dose_result import DosePoint, DoseResult
 from reconstruction.scores.results import (
     DepthScores,
-    DosePoint,
-    DoseResult,
     Interval,
     MultiviewComparison,
     MultiviewScores,
@@ -20,6 +19,16 @@ from reconstruction.scores.results import (
     PoseComparison,
     PoseScores,
     StereoComparison,
+)
+from reconstruction.scores.timing import InstantTiming, Timing
+
+TIMING = Timing(
+    reference="cam2",
+    other="cam3",
+    synchronized=True,
+    late_ms=0.1,
+    uncertainty_ms=0.4,
+    instants=tuple(InstantTiming(instant=k, late_ms=0.1 * k, sd_ms=0.3, points=20) for k in range(5)),
 )
 
 NASTY = "jump <script>alert('x')</script> & \"pinwheel\" $css {x}"
@@ -65,6 +74,7 @@ RESULT = CompareResult(
     calibration="the session's own (calibration.json)",
     stereo=STEREO,
     stitch=STITCH,
+    timing=TIMING,
     sync_residual_us=85.2,
     sync_bound_us=1912,
     seconds=14.24,
@@ -142,6 +152,7 @@ def whole_result(out: Path) -> CompareResult:
     }
     return CompareResult(
         session="sessions/jump",
+        timing=TIMING,
         offset_ms=66,
         offset_frames=2,
         actual_offset_ms=66.666,
@@ -184,6 +195,7 @@ def whole_result(out: Path) -> CompareResult:
             points=tuple(DosePoint(offset_ms=33.333 * k, offset_frames=k, scores=scores) for k in range(3)),
             instants=3,
             decreasing=True,
+            timing=TIMING,
             tolerable_offset_ms=3.5,
             speed_px_per_ms=0.2,
             sync_residual_us=50,

@@ -7,7 +7,7 @@ import msgspec
 from reconstruction.report import wording
 from reconstruction.report.comparison_report import report_words
 from reconstruction.scores.compare_results import ConditionResult
-from tests.reconstruction.report.results import RESULT, STEREO, STITCH, depth
+from tests.reconstruction.report.results import RESULT, STEREO, STITCH, TIMING, depth
 
 
 def test_movers_stand_beside_the_static_control(read_report):
@@ -38,7 +38,8 @@ def test_a_control_that_moves_is_admitted(read_report):
 def test_pictures_that_are_not_of_one_instant_are_not_called_synchronized(read_report, whole):
     lost = depth(mover_within_2pct=0.005, mover_epipolar_px=9.8, static_epipolar_px=0.05)
     stereo = msgspec.structs.replace(STEREO, synced=lost, offset=lost)
-    page = read_report(whole, stereo=stereo, verdict="They were not.")
+    apart = msgspec.structs.replace(TIMING, synchronized=False, offset=True, late_ms=33.0)
+    page = read_report(whole, stereo=stereo, timing=apart, verdict="They were not.")
     assert "As recorded against offset" in page.text
     assert "Synced" not in page.text
     assert "fire together; these did not" in page.text
@@ -164,6 +165,6 @@ def test_the_tables_in_words_read_as_in_the_report(read_report) -> None:
 def test_in_words_too_nothing_is_called_synchronized_that_cannot_be() -> None:
     lost = depth(mover_within_2pct=0.005, mover_epipolar_px=9.8, static_epipolar_px=0.05)
     stereo = msgspec.structs.replace(STEREO, synced=lost, offset=lost)
-    words = report_words(msgspec.structs.replace(RESULT, stereo=stereo))
+    words = report_words(msgspec.structs.replace(RESULT, stereo=stereo, timing=None))
     assert words.synced == "As recorded"
     assert words.tables[0].columns[0] == "Recorded"

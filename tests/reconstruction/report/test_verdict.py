@@ -58,7 +58,7 @@ def test_cameras_that_were_never_together_are_not_called_synchronized() -> None:
 
     text = verdict(seen(0.04, 9.8), None, 66.7, 0.1)
     assert text.startswith("These cameras were not synchronized.")
-    assert "a distance is found for 4 % of what moves but for 96 % of what stands still" in text
+    assert "a distance is found for 4 % of what moves and for 96 % of what stands still" in text
     assert "out of place by 10 pixels" in text
     # A blank thing that no pair can match, and a pair that matches it well, say nothing against the times.
     assert plausibly_synchronized(seen(0.04, 0.2).synced)

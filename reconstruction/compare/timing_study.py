@@ -1,0 +1,28 @@
+"""How late one camera of a pair is, and whether the cameras stood still: what comparisons rest on."""
+
+from itertools import pairwise
+
+import numpy as np
+
+from reconstruction.calibration.rig import Rig
+from reconstruction.scores.timing import Timing, judge_timing
+from reconstruction.session.camera_motion import measure_camera_motion
+from reconstruction.session.instant_choice import choose_moving_instants
+from reconstruction.time_offsets.pair_offset import ImageTimes, PairOffsets
+
+
+def measure_timing(rig: Rig, cameras: tuple[str, str], max_instants: int) -> Timing:
+    """Measure how late the second camera is against the first, at instants at which something moves."""
+    data = rig.dataset
+    first, second = cameras
+    both = [k for k in data.instants(first) if data.has_image(second, k)]
+    spacing_ms = min((b - a for a, b in pairwise(data.instants_ns)), default=data.period_ns) / 1e6
+    motions = {name: measure_camera_motion(data, name) for name in cameras}
+    moving = {
+        name: found.px * spacing_ms / found.ms for name, found in motions.items() if found and found.moves
+    }
+    chosen = choose_moving_instants(rig.motion, cameras, both, max_instants)
+    fit = PairOffsets(rig).measure(first, second, chosen)
+    times = ImageTimes(data, cameras)
+    apart = [times.middle_ms(second, k) - times.middle_ms(first, k) for k in both]
+    return judge_timing(cameras, fit, float(np.median(apart or [0.0])), spacing_ms, moving)

@@ -1,0 +1,63 @@
+"""What was measured of a pair's timing, in words."""
+
+from capture_app.text import count
+from reconstruction.scores.timing import Timing
+
+
+def timing_sentences(timing: Timing) -> str:
+    """How late the second camera is and what to do about it, or why that is not known."""
+    by = f"by what moves at {count(len(timing.instants), 'instant')}" if timing.instants else "by its depth"
+    if timing.synchronized:
+        return (
+            f"{timing.other} is {_lateness(timing)} against {timing.reference} ({by}; 95 %): the same "
+            "instant, as far as these pictures can tell."
+        )
+    if timing.offset:
+        return f"{_offset(timing, by)}{_odd(timing)} {_what_to_do(timing)}"
+    return f"Whether these cameras were synchronized cannot be told from these pictures: {timing.reason}."
+
+
+def motion_sentence(timing: Timing) -> str:
+    """That cameras moved while they recorded; empty where they did not."""
+    moving = timing.moving_cameras
+    if not moving:
+        return ""
+    who = "The cameras" if len(moving) > 1 else next(iter(moving))
+    most = max(moving.values())
+    far = f"by {most:.1f} pixels from frame to frame" if most < 1e3 else "further than can be followed"
+    return (
+        f"{who} moved while recording: nearly all that should stand still moves too, {far}. So "
+        "nothing in these pictures is a control, and what is called moving is whatever changed most."
+    )
+
+
+def instant_lateness(late_ms: float, sd_ms: float) -> str:
+    """One instant's own lateness with its 95 % error."""
+    return f"{late_ms:+.1f} ± {2 * sd_ms:.1f} ms"
+
+
+def _lateness(timing: Timing) -> str:
+    assert timing.late_ms is not None
+    assert timing.uncertainty_ms is not None
+    side = "early" if timing.late_ms < 0 else "late"
+    return f"{abs(timing.late_ms):.1f} ± {timing.uncertainty_ms:.1f} ms {side}"
+
+
+def _offset(timing: Timing, by: str) -> str:
+    assert timing.late_ms is not None
+    side = "earlier" if timing.late_ms < 0 else "later"
+    size = _lateness(timing).rpartition(" ")[0]
+    return (
+        f"These cameras were not synchronized: {timing.other}'s pictures were taken {size} {side} than "
+        f"{timing.reference}'s ({by}; 95 %)."
+    )
+
+
+def _odd(timing: Timing) -> str:
+    return f" Beware: {timing.reason}." if timing.reason else ""
+
+
+def _what_to_do(timing: Timing) -> str:
+    if timing.option:
+        return f"{timing.option} pairs the pictures that belong together."
+    return "No other pairing of their pictures is nearer; it takes cameras that fire together."

@@ -1,0 +1,128 @@
+"""Whether the pictures called one instant are of one instant: measured on what moves in them."""
+
+import msgspec
+from msgspec import Struct
+
+from reconstruction.time_offsets.offset_fit import MIN_INSTANTS, OffsetFit
+
+SIGMAS = 2.0
+"""Standard deviations of the error that is shown (95 %)."""
+ODD_SIGMAS = 3.0
+"""An offset is claimed where zero is further away than this; an instant by itself disagrees from here on."""
+SURE_FRAMES = 0.25
+"""An error above this share of a frame certifies nothing."""
+ODD_SHARE = 0.2
+"""With more of its instants in disagreement, a take has no one lateness."""
+
+
+class InstantTiming(Struct, frozen=True, kw_only=True):
+    """One instant's own answer, by so many crossings of epipolar lines; `sd_ms`: a standard deviation."""
+
+    instant: int
+    late_ms: float
+    sd_ms: float
+    points: int
+
+
+class Timing(Struct, frozen=True, kw_only=True):
+    """How much later a camera's pictures were taken than another's that are called of the same instants."""
+
+    reference: str
+    other: str
+    synchronized: bool = False
+    """Zero is the lateness within its error, over the take and at its instants."""
+    late_ms: float | None = None
+    """The median over the instants; None where the pictures do not tell."""
+    uncertainty_ms: float | None = None
+    """95 % error of it."""
+    offset: bool = False
+    """It is certainly not zero."""
+    reason: str = ""
+    """Why it is not known, or neither zero nor certainly another."""
+    shift_ms: float | None = None
+    """What added to the other camera's times (`--time-shift-ms`) pairs the pictures that belong together;
+    None where they are paired as well as they can be."""
+    instants: tuple[InstantTiming, ...] = ()
+    moving_cameras: dict[str, float] = {}
+    """Cameras that moved while they recorded, and by how many px from frame to frame."""
+
+    @property
+    def option(self) -> str:
+        """The option that pairs the pictures that belong together; empty where none does."""
+        return "" if self.shift_ms is None else f"--time-shift-ms {self.other}={self.shift_ms:.4g}"
+
+
+def judge_timing(
+    cameras: tuple[str, str],
+    fit: OffsetFit,
+    apart_ms: float,
+    spacing_ms: float,
+    moving_cameras: dict[str, float] | None = None,
+) -> Timing:
+    """Judge a measured offset of times: `apart_ms` is how much later the second's times already say it is.
+
+    `spacing_ms` is that of the frames. Synchronized is said only where the error is small, zero lies in it,
+    and the instants by themselves agree.
+    """
+    reference, other = cameras
+    moving = moving_cameras or {}
+    instants = tuple(
+        InstantTiming(
+            instant=one.instant, late_ms=one.offset_ms + apart_ms, sd_ms=one.sd_ms, points=one.points
+        )
+        for one in fit.instants
+    )
+    if fit.offset_ms is None or fit.sd_ms is None:
+        return Timing(
+            reference=reference, other=other, reason=fit.reason, instants=instants, moving_cameras=moving
+        )
+    late, sd = fit.offset_ms + apart_ms, fit.sd_ms
+    odd = [
+        one.instant
+        for one in instants
+        if abs(one.late_ms - late) > max(ODD_SIGMAS * one.sd_ms, SURE_FRAMES * spacing_ms)
+    ]
+    offset = abs(late) > ODD_SIGMAS * sd
+    reason = ""
+    if SIGMAS * sd > SURE_FRAMES * spacing_ms:
+        reason = "the error of what was measured is larger than a quarter of a frame"
+    elif len(odd) > ODD_SHARE * len(instants):
+        reason = f"{len(odd)} of {len(instants)} instants disagree with the others"
+    elif not offset and abs(late) > SIGMAS * sd:
+        reason = "zero lies at the edge of the error of what was measured"
+    frames = round(late / spacing_ms)
+    return Timing(
+        reference=reference,
+        other=other,
+        synchronized=not offset and not reason,
+        late_ms=late,
+        uncertainty_ms=SIGMAS * sd,
+        offset=offset,
+        reason=reason,
+        shift_ms=round(fit.offset_ms, 2) if offset and frames else None,
+        instants=instants,
+        moving_cameras=moving,
+    )
+
+
+def with_curve_peak(timing: Timing, peak_ms: float | None, peaks: int, spacing_ms: float) -> Timing:
+    """The judgement with what the depth curve says: it must not be highest at another frame.
+
+    Where moving points did not tell, the curve's peak (the median of so many instants' `peaks`) tells to a
+    frame.
+    """
+    if peak_ms is None or peaks < MIN_INSTANTS or abs(peak_ms) < spacing_ms / 2:
+        return timing
+    if timing.late_ms is None:
+        return msgspec.structs.replace(
+            timing,
+            late_ms=-peak_ms,
+            uncertainty_ms=spacing_ms,
+            offset=True,
+            reason=f"by the depth curve alone, for {timing.reason}",
+            shift_ms=round(-peak_ms, 2),
+        )
+    if timing.synchronized:
+        reason = f"depth is found best with the second picture {peak_ms:+.0f} ms later"
+        return msgspec.structs.replace(timing, synchronized=False, reason=reason)
+    return timing

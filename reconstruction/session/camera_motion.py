@@ -1,0 +1,97 @@
+"""Whether a camera stood still while it recorded: by what should stand still in its pictures."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from reconstruction.common.geometry import Array
+from reconstruction.session.dataset import Dataset
+from reconstruction.session.frame_offset import evenly_spread
+from reconstruction.session.mover_detection import SHAKE_PX
+
+GRID = (8, 6)
+"""Cells across and down: each counts once, so that a thing with much texture is not all that counts."""
+CELL_POINTS = 6
+MIN_CELLS = 8
+"""Fewer in which something can be followed tell nothing about the camera."""
+PAIRS = 4
+"""Pairs of images that are looked at."""
+APART_NS = 500_000_000
+"""They are about so far apart, or half the burst where that is less."""
+LEAST_STILL = 0.25
+"""Where less of the picture stays in its place, the camera moves, or what moves fills its view."""
+SIDE_PX = 640
+"""Larger images are made smaller."""
+WINDOW_PX = 15
+
+
+@dataclass(frozen=True)
+class CameraMotion:
+    """What a camera's picture does: `still_share` of it stays in its place, its median moves `px` in `ms`."""
+
+    still_share: float
+    px: float
+    ms: float
+
+    @property
+    def moves(self) -> bool:
+        """Whether the camera cannot have stood still, or hardly anything before it did."""
+        return self.still_share < LEAST_STILL
+
+
+def measure_camera_motion(dataset: Dataset, camera: str) -> CameraMotion | None:
+    """Follow points between some of a camera's images; None where too little can be followed."""
+    times = [dataset.instants_ns[k] for k in dataset.instants(camera)]
+    if len(times) < 2:
+        return None
+    # Half the burst shows slow motion; where nothing can be followed so far, neighbours may do.
+    for apart_ns in (min(APART_NS, (times[-1] - times[0]) // 2), 1):
+        found = _follow_pairs(dataset, camera, max(1, apart_ns))
+        if found:
+            return CameraMotion(*(float(np.median(values)) for values in zip(*found, strict=True)))
+    return None
+
+
+def _follow_pairs(dataset: Dataset, camera: str, apart_ns: int) -> list[tuple[float, float, float]]:
+    """Share that stays, median motion (px) and time (ms) between images at least so far apart."""
+    there, times = dataset.instants(camera), dataset.instants_ns
+    later = {k: next((j for j in there if times[j] - times[k] >= apart_ns), None) for k in there}
+    pairs = [(k, j) for k, j in later.items() if j is not None]
+    found = []
+    for before, after in evenly_spread(pairs, PAIRS):
+        moved = _cell_motions(dataset.grey(camera, before), dataset.grey(camera, after))
+        if len(moved) >= MIN_CELLS:
+            ms = (times[after] - times[before]) / 1e6
+            found.append((float((moved < SHAKE_PX).mean()), float(np.median(moved)), ms))
+    return found
+
+
+def _cell_motions(before: Array, after: Array) -> Array:
+    """How far the points of each cell (n,) of `GRID` that can be followed move, the median of each, px."""
+    scale = min(1.0, SIDE_PX / max(before.shape))
+    if scale < 1:
+        size = {"fx": scale, "fy": scale, "interpolation": cv2.INTER_AREA}
+        before, after = (cv2.resize(image, None, **size) for image in (before, after))
+    height, width = before.shape
+    across, down = width // GRID[0], height // GRID[1]
+    corners, cells = [], []
+    for cell in range(GRID[0] * GRID[1]):
+        left, top = cell % GRID[0] * across, cell // GRID[0] * down
+        part = np.ascontiguousarray(before[top : top + down, left : left + across])
+        some = cv2.goodFeaturesToTrack(part, CELL_POINTS, 0.1, 5)
+        if some is not None:
+            corners.append(some.reshape(-1, 2) + np.array([left, top], np.float32))
+            cells += [cell] * len(some)
+    if not corners:
+        return np.zeros(0)
+    start = np.concatenate(corners).astype(np.float32).reshape(-1, 1, 2)
+    window = (WINDOW_PX, WINDOW_PX)
+    there, found, _ = cv2.calcOpticalFlowPyrLK(before, after, start, None, winSize=window)
+    back, returned, _ = cv2.calcOpticalFlowPyrLK(after, before, there, None, winSize=window)
+    sure = (found.ravel() > 0) & (returned.ravel() > 0)
+    sure &= np.linalg.norm((back - start).reshape(-1, 2), axis=1) < SHAKE_PX / 2
+    lengths = np.linalg.norm((there - start).reshape(-1, 2), axis=1) / scale
+    place = np.array(cells)
+    ours = [lengths[sure & (place == cell)] for cell in np.unique(place)]
+    return np.array([np.median(of) for of in ours if len(of) >= 2])

@@ -3,7 +3,7 @@
 import asyncio
 import time
 from collections.abc import Callable
-from typing import ClassVar
+from typing import Any, ClassVar
 
 from msgspec.structs import replace
 from textual import work
@@ -67,7 +67,6 @@ class ShootView(ModeView):
         self._rig, self._clock = rig, clock
         self._status: RigStatus | None = None
         self._log = TakeLog()
-        self._shooting: Worker[None] | None = None
         self._waiting: Worker[None] | None = None  # an order for which the leader waits for the rig
         self._seen = False
         self.plan_panel = PlanPanel(settings)
@@ -140,24 +139,23 @@ class ShootView(ModeView):
 
     def action_take(self) -> None:
         """Take as planned; stop what counts down, goes on by itself or waits for the rig."""
-        if self._shooting is not None or self._waiting is not None:
+        if self._under_way:
             self.action_stop()
         else:
             self._begin(self.plan_panel.plan.request())
 
     def action_stop(self) -> None:
         """Stop a countdown, an interval, a sequence, a wait; what is taken already is saved."""
-        under_way = [worker for worker in (self._shooting, self._waiting) if worker is not None]
-        for worker in under_way:
-            worker.cancel()
-        if not under_way:
+        if not self._under_way:
             self.stage.show_live()
+        for worker in self._under_way:
+            worker.cancel()
 
     def action_retake(self) -> None:
         """Take again as the last time, keeping or trashing what there is."""
         last = self._log.latest_ordered
         request = self.plan_panel.plan.request() if last is None or last.request is None else last.request
-        if self._shooting is not None or self._waiting is not None:
+        if self._under_way:
             return
         if last is None or last.judged is None or last.trashed:
             self._begin(request)
@@ -177,8 +175,7 @@ class ShootView(ModeView):
 
     def action_frames(self, before: int, after: int) -> None:
         """Take more or fewer frames before the key, or after it."""
-        plan = self.plan_panel.plan
-        plan = plan.with_before(plan.before + before)
+        plan = self.plan_panel.plan.with_before(self.plan_panel.plan.before + before)
         self.plan_panel.set_plan(plan.with_after(plan.after + after))
 
     def action_switch(self) -> None:
@@ -193,18 +190,23 @@ class ShootView(ModeView):
         """Take, but ask before a take that cannot be good."""
         question = not_ready_question(self._status)
         if self._status is None or question is None:
-            self._shooting = self._shoot(request, retake_of)
+            self._shoot(request, retake_of)
             return
-        cameras = len(cameras_of(self._status))
+        waiting = replace(request, wait_ready_s=WAIT_READY_S, nodes=len(cameras_of(self._status)))
 
         def decide(answer: str | None) -> None:
             if answer == "wait":
-                waiting = replace(request, wait_ready_s=WAIT_READY_S, nodes=cameras)
-                self._shooting = self._shoot(waiting, retake_of)
+                self._shoot(waiting, retake_of)
             elif answer == "take":
-                self._shooting = self._shoot(request, retake_of)
+                self._shoot(request, retake_of)
 
         self.app.push_screen(question, decide)
+
+    @property
+    def _under_way(self) -> list[Worker[Any]]:
+        """What a stop ends: a countdown, interval or sequence, and an order that waits for the rig."""
+        ours = [worker for worker in self.workers if worker is self._waiting or worker.group == "shooting"]
+        return [worker for worker in ours if not worker.is_finished]
 
     @work(exclusive=True, group="shooting")
     async def _shoot(self, request: BurstRequest, retake_of: str) -> None:
@@ -214,10 +216,9 @@ class ShootView(ModeView):
             return done
 
         try:
-            loop = asyncio.get_running_loop()
-            await Shooting(take, self._show_moment, now=loop.time).run(self.plan_panel.plan)
+            now = asyncio.get_running_loop().time
+            await Shooting(take, self._show_moment, now=now).run(self.plan_panel.plan)
         finally:
-            self._shooting = None
             self._line.moment = ""
             self.stage.end_countdown()
             self._show_course()
@@ -266,10 +267,8 @@ class ShootView(ModeView):
             take.problem = describe_failure(error)
         shown = self._log.of_sheet(self.stage.sheet.sheet)
         if take.judged is not None and self._log.is_newer(take, shown):
-            # The instant of the key is what the photographer meant.
-            before = 0 if take.request is None else take.request.before
-            self.stage.load_sheet(take.judged.sheet, before)
-            if take.is_new and self._shooting is None:
+            self.stage.load_sheet(take.judged.sheet, take.key_instant)
+            if take.is_new and not self._under_way:
                 self.stage.show_sheet()
         self._show_course()
 

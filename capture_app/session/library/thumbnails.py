@@ -40,21 +40,24 @@ class ThumbnailCache:
                 large = _decode(image)
             if large is None:
                 return None
-            small = _shrink(large)
-            self._keep(kept, small)
+            small = self._keep(kept, _shrink(large))
         return small
 
-    def _keep(self, path: Path, small: "NDArray[np.uint8]") -> None:
+    def _keep(self, path: Path, small: "NDArray[np.uint8]") -> "NDArray[np.uint8]":
+        """Keep it, and return it as it will be read again: coded with loss."""
         import cv2
 
+        coded = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes()
         # A cache that cannot be written costs time only.
-        with suppress(OSError, cv2.error):
+        with suppress(OSError):
             self.folder.mkdir(parents=True, exist_ok=True)
             aside = path.with_suffix(f".{os.getpid()}.part")
-            aside.write_bytes(cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 85])[1].tobytes())
+            aside.write_bytes(coded)
             aside.replace(path)
             if int(path.name[:2], 16) == 0:  # one in 256 looks whether there are too many
                 self._remove_oldest()
+        kept = decode_image(coded, colour=True)
+        return small if kept is None else kept
 
     def _remove_oldest(self) -> None:
         files = sorted(self.folder.glob("*.jpg"), key=lambda file: file.stat().st_mtime_ns)

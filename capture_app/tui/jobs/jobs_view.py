@@ -119,6 +119,10 @@ class JobsView(ModeView):
         """The list is what is driven here."""
         (self._rows if self._jobs.jobs else self).focus()
 
+    def on_focus(self) -> None:
+        """Pass the focus on, too, where the jobs were found just before it came."""
+        self.focus_first()
+
     @property
     def chosen(self) -> Job | None:
         """The job under the cursor."""

@@ -1,7 +1,5 @@
 """The line at the bottom: the keys that do something here, as many as there is room for, none of them cut."""
 
-import asyncio
-
 from textual import events
 from textual.binding import Binding
 from textual.content import Content
@@ -22,12 +20,9 @@ class KeyFooter(Lines):
         super().__init__(id="footer")
         self._spans: list[tuple[int, int, str]] = []
 
-    async def on_mount(self) -> None:
+    def on_mount(self) -> None:
         """Follow the keys of the screen."""
         self.screen.bindings_updated_signal.subscribe(self, self._show)
-        # Eager tasks (Python 3.12 on) mount a screen before it is on the stack by which its keys are resolved.
-        await asyncio.sleep(0)
-        self._show(self.screen)
 
     def on_resize(self) -> None:
         """Show as many as fit now."""
@@ -40,6 +35,7 @@ class KeyFooter(Lines):
                 self.app.simulate_key(key)
 
     def _show(self, screen: Screen[object]) -> None:
+        # With eager tasks (Python 3.12 on) a screen is there before the stack by which its keys are resolved.
         if not self.is_attached or screen is not self.screen or not screen.is_current:
             return
         shown: dict[str, Binding] = {}

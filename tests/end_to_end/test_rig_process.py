@@ -5,7 +5,6 @@ import json
 import os
 import signal
 import socket
-from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -15,8 +14,9 @@ from capture_app.net.address import Address
 from capture_app.node.operator.requests import ask_status, give_order
 from capture_app.node.wire.operating import StopRig
 from capture_app.rig_process import attach, list_rigs, start_rig
+from tests.waiting import until
 
-from .conftest import PATIENCE_S, Start
+from .conftest import Start
 
 CAMERA = "sim:webcam,scale=0.1"
 
@@ -26,12 +26,6 @@ def state(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Records and spools of this test alone."""
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path / "state"))
     return tmp_path / "state"
-
-
-async def until(what: Callable[[], bool]) -> None:
-    async with asyncio.timeout(PATIENCE_S):
-        while not what():  # noqa: ASYNC110 - other processes set no event
-            await asyncio.sleep(0.05)
 
 
 def processes_with(text: str) -> list[int]:

@@ -11,6 +11,7 @@ from capture_app.tui.app import SimulshotApp
 from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.settings import Settings
 from tests.tui.fake_rig import FakeRig
+from tests.waiting import PATIENCE_S
 
 
 def make_app(rig: FakeRig, **different: Any) -> SimulshotApp:
@@ -26,13 +27,12 @@ async def settle(pilot: Any) -> None:
 
 
 async def until(pilot: Any, true: Callable[[], object]) -> None:
-    """Wait for what threads and other processes do."""
-    for _ in range(400):
+    """Wait for what threads and other processes do, with all messages come through."""
+    async with asyncio.timeout(PATIENCE_S):
         await settle(pilot)
-        if true():
-            return
-        await asyncio.sleep(0.01)
-    raise AssertionError("it never was so")
+        while not true():
+            await asyncio.sleep(0.01)
+            await settle(pilot)
 
 
 def lines(app: SimulshotApp, selector: str) -> tuple[str, ...]:

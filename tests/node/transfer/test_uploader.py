@@ -29,6 +29,7 @@ from capture_app.session.format.manifest import JOURNAL, CameraRecord
 from capture_app.sync.rig.frame_picks import Pick
 from tests.facts import make_facts
 from tests.net.test_channel import serving
+from tests.waiting import until
 
 CAMERA = make_facts(phase_control=PhaseControl.INJECTION)
 
@@ -174,11 +175,6 @@ async def test_a_burst_that_the_leader_does_not_want_is_dropped_and_the_next_one
         uploader.add_burst(burst_upload(Picture(b"0"), Picture(b"1")))
         assert [await got.get(), await got.get()] == [0, 1]
     assert any("not of this leader" in line for line in said)
-
-
-async def until(condition: Callable[[], bool]) -> None:
-    while not condition():  # noqa: ASYNC110 - a file appears
-        await asyncio.sleep(0.01)
 
 
 async def test_a_spool_keeps_what_the_leader_has_not_confirmed(tmp_path: Path) -> None:

@@ -2,7 +2,6 @@
 
 import asyncio
 import os
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,6 +16,7 @@ from capture_app.tui.jobs.job import Job, JobState
 from capture_app.tui.jobs.job_list import JobList
 from capture_app.tui.jobs.kinds import COMPARE, EXPORTS, KINDS, VERIFY
 from capture_app.tui.jobs.records import INTERRUPTED
+from tests.waiting import until
 
 QUICK = replace(COMPARE, module="tests.tui.jobs.quick_command", command=("compare",), quick="")
 
@@ -24,15 +24,6 @@ QUICK = replace(COMPARE, module="tests.tui.jobs.quick_command", command=("compar
 @pytest.fixture
 def jobs(tmp_path: Path) -> JobList:
     return JobList(tmp_path)
-
-
-async def until(true: Callable[[], bool]) -> None:
-    """Wait for what other processes do."""
-    for _ in range(1000):
-        if true():
-            return
-        await asyncio.sleep(0.01)
-    raise AssertionError("it never was so")
 
 
 async def test_a_job_from_queue_to_result(jobs: JobList, session: Session, tmp_path: Path) -> None:

@@ -1,7 +1,6 @@
 """The mode Jobs: what is seen of jobs, and what its keys do."""
 
-import asyncio
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -19,7 +18,7 @@ from capture_app.tui.jobs.kinds import COMPARE
 from capture_app.tui.jobs.result_screen import ResultScreen
 from capture_app.tui.pictures.picture import Picture
 from capture_app.tui.pictures.sharp import SharpTerminal
-from tests.tui.driving import make_app, settle, toasts
+from tests.tui.driving import make_app, settle, toasts, until
 from tests.tui.fake_rig import FakeRig
 from tests.tui.jobs.found import add_comparison, add_depth, add_dose, add_job, add_panorama
 from tests.tui.pictures.sent import PLACEHOLDER, Sent
@@ -47,15 +46,6 @@ async def jobs_mode(root: Path, size: tuple[int, int] = (120, 40), **different: 
         await pilot.press("4")
         await settle(pilot)
         yield pilot
-
-
-async def until(pilot: Any, true: Callable[[], object]) -> None:
-    for _ in range(400):
-        await settle(pilot)
-        if true():
-            return
-        await asyncio.sleep(0.01)
-    raise AssertionError("it never was so")
 
 
 def view(pilot: Any) -> JobsView:
@@ -98,6 +88,15 @@ async def test_a_running_job_is_followed_cancelled_and_run_again(root: Path, tmp
         await until(pilot, lambda: "✔ done" in text(pilot))
         await pilot.press("delete")
         await until(pilot, lambda: not pilot.app.jobs.jobs)
+
+
+async def test_the_list_has_the_focus_though_it_filled_just_before(root: Path) -> None:
+    async with jobs_mode(root) as pilot:
+        pilot.app.screen.set_focus(None)
+        view(pilot).on_mode_shown()
+        pilot.app.jobs.add(QUICK, root / "take", "")
+        await settle(pilot)
+        assert view(pilot).query_one(JobRows).has_focus
 
 
 async def test_the_end_of_a_job_is_told_in_every_mode(root: Path) -> None:

@@ -1,7 +1,5 @@
 """The mode Rig on a real leader, over its network: a first start to a camera in the list, and its end."""
 
-import asyncio
-from collections.abc import Callable
 from pathlib import Path
 
 from capture_app.node.leader.leader import LeaderNode
@@ -10,14 +8,7 @@ from capture_app.tui.app import SimulshotApp
 from capture_app.tui.camera.screen import CameraScreen
 from capture_app.tui.settings import Settings
 from tests.tui.driving import text
-
-
-async def until(holds: Callable[[], bool]) -> None:
-    async with asyncio.timeout(60):
-        while True:
-            if holds():
-                return
-            await asyncio.sleep(0.05)
+from tests.waiting import until
 
 
 async def test_from_the_first_screen_to_a_camera_and_its_end(tmp_path: Path) -> None:

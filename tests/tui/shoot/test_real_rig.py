@@ -2,7 +2,7 @@
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator
 from dataclasses import replace
 from functools import partial
 from itertools import count
@@ -19,12 +19,12 @@ from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from capture_app.sync.wire.messages import NodeState
 from capture_app.tui.app import SimulshotApp
+from capture_app.tui.question import Question
 from capture_app.tui.settings import Settings
 from capture_app.tui.shoot.take import Take
 from capture_app.tui.shoot.view import ShootView
+from tests.waiting import until
 
-PATIENCE_S = 400.0
-"""Of each wait, which ends as soon as what it waits for is there: a slow machine may take its time."""
 BEFORE, FRAMES = 3, 5
 
 
@@ -51,19 +51,17 @@ async def rig_of(cameras: int, sessions: Path) -> AsyncIterator[LeaderNode]:
             await asyncio.gather(*running, return_exceptions=True)
 
 
-async def until(holds: Callable[[], bool]) -> None:
-    async with asyncio.timeout(PATIENCE_S):
-        while True:
-            if holds():
-                return
-            await asyncio.sleep(0.05)
-
-
 async def take_until_whole(app: SimulshotApp, view: ShootView) -> Take:
     """Take until a take has all images: a machine that is starved drops frames, and says so."""
+
+    def is_taken(number: int) -> bool:
+        if isinstance(app.screen, Question):  # a camera that has just lost the band
+            app.simulate_key("t")
+        return len(view.takes) == number and is_over(view.takes[-1])
+
     for number in count(1):
         app.simulate_key("space")
-        await until(lambda number=number: len(view.takes) == number and is_over(view.takes[-1]))
+        await until(partial(is_taken, number))
         take = view.takes[-1]
         if take.judged is not None and not take.judged.sheet.session.manifest.missing:
             return take
@@ -71,7 +69,7 @@ async def take_until_whole(app: SimulshotApp, view: ShootView) -> Take:
 
 
 def is_over(take: Take) -> bool:
-    return take.judged is not None or (take.status.done and take.status.session is None)
+    return take.judged is not None or bool(take.problem) or (take.status.done and take.status.session is None)
 
 
 @pytest.mark.parametrize("cameras", [1, 5])

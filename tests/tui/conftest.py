@@ -1,9 +1,26 @@
 """Fixtures for tests of the screen."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Awaitable, Callable, Iterator
+from typing import Any
 
 import pytest
+
+from tests.tui.driving import stand_still
+
+
+@pytest.fixture
+def snap_compare(snap_compare: Callable[..., bool]) -> Callable[..., bool]:
+    """The plugin's, but a starved machine's screen is compared once it stands still."""
+
+    def compare(app: Any, *, run_before: Callable[[Any], Awaitable[object]], **more: Any) -> bool:
+        async def before(pilot: Any) -> None:
+            await run_before(pilot)
+            await stand_still(pilot)
+
+        return snap_compare(app, run_before=before, **more)
+
+    return compare
 
 
 @pytest.fixture

@@ -26,6 +26,15 @@ async def settle(pilot: Any) -> None:
         await pilot.pause()
 
 
+async def stand_still(pilot: Any) -> None:
+    """Wait until the screen changes no more."""
+    async with asyncio.timeout(PATIENCE_S):
+        shown = None
+        while shown != (shown := pilot.app.export_screenshot()):
+            await asyncio.sleep(0.05)
+            await settle(pilot)
+
+
 async def until(pilot: Any, true: Callable[[], object]) -> None:
     """Wait for what threads and other processes do, with all messages come through."""
     async with asyncio.timeout(PATIENCE_S):

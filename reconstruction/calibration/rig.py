@@ -7,6 +7,7 @@ import numpy as np
 
 from capture_app.errors import BadInputError, NotAvailableError
 from capture_app.session.format.calibration import Calibration
+from reconstruction.calibration.soundness import refuse_unsound
 from reconstruction.calibration.structure_from_motion import calibrate_from_images
 from reconstruction.common.geometry import View
 from reconstruction.common.stage_cache import StageCache
@@ -119,7 +120,7 @@ def calibrated_views(dataset: Dataset, calibration: Calibration) -> dict[str, Vi
     """The calibrated cameras among the session's, at the size of their images.
 
     Raises:
-        BadInputError: a calibration was made for images of another shape, or by other cameras.
+        BadInputError: a calibration was made for images of another shape, or by other cameras, or is unsound.
     """
     if not calibration.cameras.keys() & set(dataset.cameras):
         raise BadInputError(
@@ -131,12 +132,13 @@ def calibrated_views(dataset: Dataset, calibration: Calibration) -> dict[str, Vi
         known = calibration.cameras.get(name)
         if known is None:
             continue
-        width, height = dataset.size(name)
+        refuse_unsound(name, known)
+        width, height = dataset.size_on_disk(name)
         if abs(known.width / known.height - width / height) > 0.01 * width / height:
             raise BadInputError(
                 f"camera {name} is calibrated for {known.width}x{known.height}, "
                 f"but its images are {width}x{height}",
                 hint="calibrate at the shape of the images",
             )
-        views[name] = View.from_calibration(known, width, height)
+        views[name] = View.from_calibration(known, *dataset.size(name))
     return views

@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import cv2
@@ -55,6 +56,11 @@ class Dataset:
         dataset = cls(Session.open(path))
         for record in dataset._records.values():
             dataset._check(record)
+        if any(after <= before for before, after in pairwise(dataset.instants_ns)):
+            raise BadInputError(
+                f"{path} has instants that do not follow each other in time",
+                hint="capture-app sessions verify checks its manifest",
+            )
         for camera in dataset.cameras:
             refuse_odd_shape(f"a picture of camera {camera}", *dataset.size(camera))
         dataset.fit_memory(images=1)
@@ -125,10 +131,15 @@ class Dataset:
 
     def size(self, camera: str) -> tuple[int, int]:
         """Width and height of a camera's images, px."""
-        facts = self.session.camera(camera).facts
+        width, height = self.size_on_disk(camera)
         if self._scale == 1.0:
-            return facts.width, facts.height
-        return max(1, round(facts.width * self._scale)), max(1, round(facts.height * self._scale))
+            return width, height
+        return max(1, round(width * self._scale)), max(1, round(height * self._scale))
+
+    def size_on_disk(self, camera: str) -> tuple[int, int]:
+        """Width and height of a camera's images before they are made smaller, px."""
+        facts = self.session.camera(camera).facts
+        return facts.width, facts.height
 
     def calibration(self) -> Calibration | None:
         """The session's own calibration, else the one it has adopted."""
@@ -223,8 +234,7 @@ class Dataset:
 
     def _read_image(self, camera: str, instant: int) -> Array:
         path = self.session.image_file(self._records[camera, instant])
-        facts = self.session.camera(camera).facts
-        width, height = facts.width, facts.height
+        width, height = self.size_on_disk(camera)
         found = image_size(path)
         if sorted(found) == sorted((width, height)):
             image = read_image(path, self.size(camera) if self._scale < 1.0 else None)

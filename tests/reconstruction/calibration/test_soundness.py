@@ -1,0 +1,58 @@
+"""Calibrations that no real camera can have are refused by name and number."""
+
+from typing import Any
+
+import msgspec
+import numpy as np
+import pytest
+
+from capture_app.errors import BadInputError
+from reconstruction.calibration.soundness import refuse_unsound
+from tests.reconstruction.conftest import make_view
+
+TURNED = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
+
+
+def _rows(matrix: Any) -> Any:
+    return tuple(tuple(float(v) for v in row) for row in np.asarray(matrix))
+
+
+@pytest.mark.parametrize(
+    ("changed", "why"),
+    [
+        ({"rotation": _rows(np.diag([1.0, 1, -1]))}, r"mirrored \(determinant -1\)"),
+        ({"rotation": _rows(2 * TURNED)}, r"its rotation is none \(.* 3 off"),
+        ({"rotation": _rows(np.full((3, 3), 1e200))}, "its rotation is none"),
+        ({"translation": (1e300, 0.0, 0.0)}, r"stands 1e\+300 units away"),
+        ({"translation": (float("nan"), 0.0, 0.0)}, "not finite"),
+        ({"fx": 0.0}, "focal length of 0 px"),
+        ({"fy": -300.0}, "focal length of -300 px"),
+        ({"fx": 1e9}, r"focal length of 1e\+09 px"),
+        ({"fx": 100.0, "fy": 900.0}, "100 px across and 900 px down"),
+        ({"cx": 1e9}, "far outside the picture"),
+        ({"width": 0}, "0x240 pixels"),
+        ({"distortion": (-5.0, 0.0, 0.0, 0.0, 0.0)}, "folds the picture"),
+        ({"distortion": (1e308, 1e308)}, "folds the picture"),
+        ({"distortion": (0.1,) * 8}, "8 numbers"),
+    ],
+)
+def test_what_no_camera_has_is_refused(changed: dict[str, Any], why: str) -> None:
+    sound = make_view((0.1, 0, 0)).to_calibration()
+    with pytest.raises(BadInputError, match=f"the calibration of camera left cannot be right: .*{why}"):
+        refuse_unsound("left", msgspec.structs.replace(sound, **changed))
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        {"rotation": _rows(TURNED)},
+        {"translation": (5e9, 4e8, 0.0)},
+        {"fx": 120.0, "fy": 118.0, "distortion": (-0.28, 0.07, 0.001, 0.0, 0.0)},
+        {"fx": 3000.0, "fy": 3000.0},
+        {"fx": 300.0, "fy": 600.0},
+        {"distortion": ()},
+        {"distortion": (0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)},
+    ],
+)
+def test_what_is_odd_but_possible_is_not(changed: dict[str, Any]) -> None:
+    refuse_unsound("left", msgspec.structs.replace(make_view((0.1, 0, 0)).to_calibration(), **changed))

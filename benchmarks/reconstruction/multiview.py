@@ -28,15 +28,14 @@ from benchmarks.reconstruction.multiview_scenes import Condition, Rendered, from
 from benchmarks.reconstruction.multiview_session import medians, print_session, render_longer, run_session
 from benchmarks.report import new_parser, print_report, print_rows, talk
 from reconstruction.common.geometry import Array, View
+from reconstruction.depth.coarse_scene import find_coarse_scene
 from reconstruction.depth.colmap_workspace import fuse_depth_maps, write_workspace
-from reconstruction.depth.depth_range import find_depth_range
 from reconstruction.depth.sweep_matcher import match_all_views
 from reconstruction.multiview.input_images import undistort_image
 from reconstruction.multiview.source_views import (
     choose_reference_view,
     choose_source_views,
-    guess_depths,
-    sample_depths,
+    smallest_group,
 )
 from reconstruction.scores.depth_truth import depth_shares
 
@@ -48,13 +47,13 @@ def ours(views: dict[str, View], condition: Condition, reference: str, scratch: 
     begun, cpu = time.perf_counter(), time.process_time()
     images = {name: undistort_image(name, 0, condition.pictures[name], view) for name, view in views.items()}
     calibrated = {name: image.calibrated for name, image in images.items()}
-    nearest, farthest = find_depth_range(calibrated, choose_source_views(views, guess_depths(views)))
-    sources = choose_source_views(views, sample_depths(nearest, farthest))
-    found = match_all_views(calibrated, sources, nearest, farthest)
+    scene = find_coarse_scene(calibrated)
+    sources = choose_source_views(views, scene.points)
+    found = match_all_views(calibrated, sources, scene.reach)
     matched, matched_cpu = time.perf_counter() - begun, time.process_time() - cpu
     colours = {name: image.colours for name, image in images.items()}
     write_workspace(scratch / "workspace", views, colours, found)
-    points = fuse_depth_maps(scratch / "workspace", scratch / "fused.ply", len(found))
+    points = fuse_depth_maps(scratch / "workspace", scratch / "fused.ply", smallest_group(sources))
     fused, fused_cpu = time.perf_counter() - begun, time.process_time() - cpu
     result = _shares(found[reference].depth, condition, reference)
     result |= {"map_s": matched / len(found), "map_cpu_s": matched_cpu / len(found), "all_fused_s": fused}
@@ -108,6 +107,13 @@ def _shares(depth: Array, condition: Condition, reference: str) -> Result:
     return {**shares, "coverage": float(np.mean(depth > 0))}
 
 
+def _true_points(view: View, depth: Array) -> Array:
+    """Some points (n, 3) of a true depth map, in the rig's frame."""
+    rows, columns = (axis[::16, ::16].ravel() for axis in np.mgrid[0 : view.height, 0 : view.width])
+    z = depth[rows, columns].astype(float)
+    return view.unproject(np.column_stack([columns, rows]).astype(float), z)[z > 0]
+
+
 def _peak_mb() -> float:
     """Most memory this process has had, MB; `getrusage` would count its parent's, from before it began."""
     status = Path("/proc/self/status").read_text()
@@ -117,10 +123,8 @@ def _peak_mb() -> float:
 def _child(method: str, condition: str, path: str) -> Result:
     with Path(path).open("rb") as file:
         rendered: Rendered = pickle.load(file)  # noqa: S301
-    depths = np.concatenate([z[z > 0] for z in rendered.synced.depth.values()])
-    reference = choose_reference_view(
-        rendered.views, (float(np.percentile(depths, 5)), float(np.percentile(depths, 95)))
-    )
+    true = {name: _true_points(view, rendered.synced.depth[name]) for name, view in rendered.views.items()}
+    reference = choose_reference_view(rendered.views, true)
     with tempfile.TemporaryDirectory() as scratch:
         return METHODS[method](rendered.views, getattr(rendered, condition), reference, Path(scratch))
 

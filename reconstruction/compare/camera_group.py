@@ -4,12 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from capture_app.errors import BadInputError
-from reconstruction.depth.depth_range import find_depth_range
+from reconstruction.depth.coarse_scene import CoarseScene, find_coarse_scene
 from reconstruction.multiview.source_views import (
     choose_reference_view,
     choose_source_views,
-    guess_depths,
-    sample_depths,
 )
 from reconstruction.multiview.undistorted_session import UndistortedSession
 
@@ -26,14 +24,9 @@ class CameraGroup:
 
     reference: str = ""
     cameras: tuple[str, ...] = ()
-    depth_range: tuple[float, float] = (0.0, 0.0)
-    """Nearest and farthest depth, in the calibration's unit."""
+    scene: CoarseScene = field(default_factory=lambda: CoarseScene({}, {}))
+    """What a first look found of the scene."""
     left_out: Mapping[str, str] = field(default_factory=dict)
-
-    @property
-    def sample_depths(self) -> tuple[float, float, float]:
-        """The nearest, a middle and the farthest depth."""
-        return sample_depths(*self.depth_range)
 
 
 def choose_camera_group(shots: UndistortedSession, middle: int) -> CameraGroup:
@@ -52,24 +45,23 @@ def choose_camera_group(shots: UndistortedSession, middle: int) -> CameraGroup:
     _require_cameras(len(images), left_out)
     views = {camera: image.view for camera, image in images.items()}
     try:
-        depth_range = find_depth_range(images, choose_source_views(views, guess_depths(views)))
+        scene = find_coarse_scene(images)
     except BadInputError as error:
         raise ValueError(error.what) from error
-    depths = sample_depths(*depth_range)
-    sources = choose_source_views(views, depths)
+    sources = choose_source_views({c: view for c, view in views.items() if c in scene.points}, scene.points)
     for camera in images:
-        if len(sources[camera]) < 2:
+        if len(sources.get(camera, ())) < 2:
             left_out[camera] = "overlaps too little with any two others"
             del views[camera]
     _require_cameras(len(views), left_out)
-    reference = choose_reference_view(views, depths)
+    reference = choose_reference_view(views, scene.points)
     nearest = [c for c in sources[reference] if c in views][: MAX_CAMERAS - 1]
     cameras = tuple(c for c in names if c == reference or c in nearest)
     for camera in views:
         if camera not in cameras:
             left_out[camera] = f"{MAX_CAMERAS} cameras are enough to compare conditions"
     _require_cameras(len(cameras), left_out)
-    return CameraGroup(reference, cameras, depth_range, left_out)
+    return CameraGroup(reference, cameras, scene, left_out)
 
 
 def _require_cameras(count: int, left_out: Mapping[str, str]) -> None:

@@ -178,16 +178,17 @@ class MultiviewStudy:
     def _depth(self, shown: dict[str, int]) -> InstantDepth:
         shots = {camera: self.shots.image(camera, instant) for camera, instant in shown.items()}
         views = {camera: shot.calibrated.view for camera, shot in shots.items()}
-        sources = choose_source_views(views, self.group.sample_depths)
+        sources = choose_source_views(views, self.group.scene.points)
         if not sources[self.group.reference]:
             raise ValueError(f"no camera with a picture overlaps with {self.group.reference}")
+        reach = {camera: self.group.scene.reach[camera] for camera in shown}
         made = self.rig.stages.arrays(
             "multiview",
-            lambda: vars(self.match(shots, sources, self.group.depth_range, self.group.reference)),
+            lambda: vars(self.match(shots, sources, reach, self.group.reference)),
             self.group.reference,
             tuple(shown.items()),
             repr(views),
-            self.group.depth_range,
+            tuple(reach.items()),
             library_versions()["pycolmap"],
         )
         return InstantDepth(**made)

@@ -105,6 +105,15 @@ class SourceView:
         down = back[1] - direction[1] / far * back[2]
         return np.asarray(self.reference.view.focal * np.hypot(right, down) / far, np.float32)
 
+    def cosine(self, inverse_depth: Array) -> Array:
+        """Cosine of the angle between the two views of the reference's pixels at these inverse depths."""
+        rays = self.reference.rays
+        to_source = (
+            rays - (-self.rotation.T @ self.translation).astype(np.float32)[:, None, None] * inverse_depth
+        )
+        lengths = np.sqrt((rays * rays).sum(0) * (to_source * to_source).sum(0))
+        return np.asarray((rays * to_source).sum(0) / np.maximum(lengths, 1e-9))
+
     @cached_property
     def _turned(self) -> Array:
         turn = self._turn.astype(np.float32)

@@ -168,6 +168,8 @@ MAX_TRAVERSAL_DEPTH = 2
 def fuse_depth_maps(folder: Path, cloud: Path, views: int) -> int:
     """Fuse a workspace's geometric maps into a PLY; how many points it has.
 
+    `views`: how many maps the smallest group of cameras has that see the same.
+
     Raises:
         BadInputError: no point is consistent in enough views.
     """

@@ -24,6 +24,10 @@ class ConsistencyLimits:
     whose pixels are smaller than what windows can tell apart."""
     relative_depth: float = 0.02
     """Greatest relative difference of depth."""
+    sure_depth: float = 0.01
+    """So small a relative difference of depth is agreement, however many pixels it is at a wide angle."""
+    max_angle_deg: float = 45.0
+    """Views from directions further apart neither agree nor disagree."""
     grey_levels: float = 10.0
     """Greatest difference of brightness (of 255) beside the noise, once the two pictures are equally bright:
     blank things that are not the same would else agree."""
@@ -44,7 +48,8 @@ def consistent_and_visible_views(
 ) -> tuple[Array, Array]:
     """How many of the other views' surfaces agree with each pixel's, and how many could see it at all.
 
-    Both uint8 height x width. A view cannot see what is beyond its picture or behind its own surface.
+    Both uint8 height x width. A view cannot see what is beyond its picture or behind its own surface, or what
+    it sees from quite another direction.
     """
     count, able = (np.zeros(surface.inverse_depth.shape, np.uint8) for _ in range(2))
     for source_view, other in others:
@@ -110,8 +115,11 @@ def _compared(
     inside = (seen > 0) & (z > 1e-6)
     near = inside & (off < limits.relative_depth * seen)
     pixel = limits.reprojection_px * max(1.0, source_view.reference.view.width / USUAL_WIDTH)
-    same = near & (off * source_view.pixels_per_inverse_depth(x, y) < pixel)
-    return same, inside & (seen <= expected * (1 + limits.relative_depth))
+    sure = off < limits.sure_depth * seen
+    same = near & (sure | (off * source_view.pixels_per_inverse_depth(x, y) < pixel))
+    able = inside & (seen <= expected * (1 + limits.relative_depth))
+    alike = source_view.cosine(inverse_depth) > np.cos(np.radians(limits.max_angle_deg))
+    return same & alike, able & alike
 
 
 def _equally_bright(

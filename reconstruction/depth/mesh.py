@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 
 from reconstruction.common.foreign_calls import foreign_calls
-from reconstruction.common.geometry import Array
+from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import write_image
 from reconstruction.common.native_libraries import load_open3d
 
@@ -20,6 +20,9 @@ MAX_DISTANCE_SPACINGS = 4.0
 """The mesh is cut off where the cloud is farther away than this many times the distance of its points."""
 MAX_MESH_POINTS = 400_000
 TURNS_DEG = (-50, -30, -10, 10, 30, 50)
+ALL_ROUND_DEG = (0, 60, 120, 180, 240, 300)
+AROUND = 0.6
+"""Cameras stand around the scene where the mean of the unit vectors towards them is no longer than this."""
 FRAME_PX = (480, 360)
 
 
@@ -32,10 +35,10 @@ class MeshModel:
     files: tuple[str, ...]
 
 
-def build_mesh(fused: Path, folder: Path, centre: Array, up: Array) -> MeshModel:
+def build_mesh(fused: Path, folder: Path, views: Sequence[View]) -> MeshModel:
     """Clean the fused cloud, mesh it, and write cloud.ply, mesh.ply and turntable.png into the folder.
 
-    `centre` is the rig's middle and `up` (3,) the direction that is up in its pictures, in the rig's frame.
+    `views`: the cameras, from whose side it is shown.
 
     Raises:
         OSError: a file could not be written.
@@ -48,25 +51,34 @@ def build_mesh(fused: Path, folder: Path, centre: Array, up: Array) -> MeshModel
         written &= o3d.io.write_triangle_mesh(str(folder / "mesh.ply"), mesh)
     if not written:
         raise OSError(f"cannot write the cloud and the mesh into {folder}")
-    write_image(folder / "turntable.png", turntable(o3d, mesh, centre, up))
+    write_image(folder / "turntable.png", turntable(o3d, mesh, views))
     return MeshModel(len(cloud.points), len(mesh.triangles), ("cloud.ply", "mesh.ply", "turntable.png"))
 
 
-def turntable(o3d: Any, mesh: Any, centre: Array, up: Array) -> Array:
-    """The mesh from six places on an arc about its middle, as one BGR picture of 3 x 2."""
+def turntable(o3d: Any, mesh: Any, views: Sequence[View]) -> Array:
+    """The mesh from six places on an arc about its middle, or all round, as one BGR picture of 3 x 2."""
     width, height = FRAME_PX
     if not len(mesh.triangles):
         return np.full((2 * height, 3 * width, 3), 32, np.uint8)
     points = np.asarray(mesh.vertices)
     middle = np.median(points, axis=0)
+    away = np.array([view.centre for view in views]) - middle
+    distance = np.linalg.norm(away, axis=1, keepdims=True)
+    towards = np.mean(away / np.maximum(distance, 1e-9), axis=0)
+    turns = TURNS_DEG
+    if np.linalg.norm(towards) < AROUND:
+        # The cameras' mean place is in the midst of the scene: begin at one of them.
+        towards, turns = away[0], ALL_ROUND_DEG
+    start = towards / np.linalg.norm(towards) * 1.15 * float(np.median(distance))
+    up = up_direction([view.rotation for view in views])
     scene = o3d.t.geometry.RaycastingScene()
     scene.add_triangles(o3d.t.geometry.TriangleMesh.from_legacy(mesh))
     colours = np.asarray(mesh.vertex_colors)[np.asarray(mesh.triangles)]
 
     def render(turn_deg: float) -> Array:
-        """The mesh seen from the rig's middle after a turn about the vertical through the scene's middle."""
-        turn, _ = cv2.Rodrigues(up / np.linalg.norm(up) * np.radians(turn_deg))
-        eye = middle + turn @ (centre - middle) * 1.15
+        """The mesh seen from the cameras' side after a turn about the vertical through the scene's middle."""
+        turn, _ = cv2.Rodrigues(up * np.radians(turn_deg))
+        eye = middle + turn @ start
         # Open3D's `up` is where the rows of its picture grow to.
         rays = scene.create_rays_pinhole(
             fov_deg=65.0, center=middle, eye=eye, up=-up, width_px=width, height_px=height
@@ -80,7 +92,7 @@ def turntable(o3d: Any, mesh: Any, centre: Array, up: Array) -> Array:
         picture[there] = np.clip(rgb[:, ::-1] * 255, 0, 255)
         return picture
 
-    frames = [render(turn_deg) for turn_deg in TURNS_DEG]
+    frames = [render(turn_deg) for turn_deg in turns]
     return np.concatenate([np.concatenate(frames[:3], axis=1), np.concatenate(frames[3:], axis=1)])
 
 
@@ -109,6 +121,10 @@ def _poisson_mesh(o3d: Any, cloud: Any) -> Any:
 
 
 def up_direction(rotations: Sequence[Array]) -> Array:
-    """What is up in the pictures of cameras with these `cam_from_rig` rotations, in the rig's frame (3,)."""
-    mean = -np.mean([rotation[1] for rotation in rotations], axis=0)
-    return np.asarray(mean / max(float(np.linalg.norm(mean)), 1e-9))
+    """What is up in most pictures of cameras with these `cam_from_rig` rotations, in the rig's frame (3,).
+
+    The line that their columns are most along: a camera that hangs upside down is along it too.
+    """
+    down = np.array([rotation[1] for rotation in rotations])
+    axis = np.linalg.eigh(down.T @ down)[1][:, -1]
+    return np.asarray(axis if np.sum(np.sign(down @ axis)) < 0 else -axis)

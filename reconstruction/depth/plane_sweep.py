@@ -132,7 +132,7 @@ def _plan_first_sweep(
     options: SweepOptions,
 ) -> tuple[float, int]:
     """Size of the pictures in the first sweep, and how many depths it takes."""
-    moved = max(_motion_px(SourceView(reference, source), *span) for source in sources)
+    moved = max(motion_px(SourceView(reference, source), *span) for source in sources)
     scale, pixels = 1.0, reference.grey.size
     while True:
         count = int(np.clip(np.ceil(moved * scale / options.step_px) + 1, MIN_PLANES, MAX_PLANES))
@@ -141,7 +141,7 @@ def _plan_first_sweep(
         scale /= np.sqrt(2.0)
 
 
-def _motion_px(source_view: SourceView, low: float, high: float) -> float:
+def motion_px(source_view: SourceView, low: float, high: float) -> float:
     """How far a pixel moves in the source between two inverse depths: the median over the picture, px."""
     ends = [source_view.project(np.full((1, 1), w, np.float32)) for w in (low, high)]
     moved = np.hypot(ends[1][0] - ends[0][0], ends[1][1] - ends[0][1])[::8, ::8]

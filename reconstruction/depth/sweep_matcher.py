@@ -1,12 +1,8 @@
 """Depth of all cameras of an instant on the CPU: each by itself, then only what other cameras confirm."""
 
-import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-import cv2
 import numpy as np
 
 from reconstruction.common.geometry import Array
@@ -18,11 +14,10 @@ from reconstruction.depth.geometric_consistency import (
 )
 from reconstruction.depth.plane_fitting import fit_planes, surface_normals
 from reconstruction.depth.plane_sweep import Surface, SweepOptions, sweep_view
+from reconstruction.depth.worker_pool import worker_pool
 
-MAX_WORKERS = 8
-"""Each takes some hundred MB for its sweep."""
 MAX_VOTERS = 8
-"""Other views that are asked whether they agree: the sources first, then those that share most."""
+"""Other views that are asked whether they agree: the sources first, then theirs."""
 NORMAL_TOLERANCE = 0.03
 """Neighbours on one plane differ from it by less than this share of the median inverse depth."""
 
@@ -40,21 +35,23 @@ class ViewDepth:
 def match_all_views(
     images: Mapping[str, CalibratedImage],
     sources: Mapping[str, Sequence[str]],
-    nearest: float,
-    farthest: float,
+    reach: Mapping[str, tuple[float, float]],
     *,
     done: Callable[[str], None] = lambda name: None,
 ) -> dict[str, ViewDepth]:
-    """Depth and normals of every camera that has sources; `done` is called after each."""
+    """Depth and normals of every camera that has sources, between its nearest and farthest depth in `reach`.
+
+    `done` is called after each.
+    """
     names = [name for name in images if sources.get(name)]
 
     def match(name: str) -> Surface:
         others = [images[other] for other in sources[name]]
-        found = sweep_view(images[name], others, nearest, farthest, SweepOptions())
+        found = sweep_view(images[name], others, *reach[name], SweepOptions())
         done(name)
         return found
 
-    with _thread_pool() as pool:
+    with worker_pool() as pool:
         surfaces = dict(zip(names, pool.map(match, names), strict=True))
         views = pool.map(lambda name: _consistent_view(name, images, sources, surfaces), names)
         return dict(zip(names, views, strict=True))
@@ -67,8 +64,7 @@ def _consistent_view(
     surfaces: Mapping[str, Surface],
 ) -> ViewDepth:
     surface, limits = surfaces[name], ConsistencyLimits()
-    others = [other for other in sources[name] if other in surfaces]
-    others += [other for other in surfaces if other != name and other not in others]
+    others = _nearest_views(name, sources, surfaces)
     voters = [(SourceView(images[name], images[other]), surfaces[other]) for other in others[:MAX_VOTERS]]
     count, able = consistent_and_visible_views(surface, voters, limits)
     good = consistent_pixels(surface, count, able, len(voters), limits)
@@ -77,21 +73,19 @@ def _consistent_view(
     return ViewDepth(depth, np.where(good[..., None], facing, 0).astype(np.float32), surface)
 
 
+def _nearest_views(
+    name: str, sources: Mapping[str, Sequence[str]], surfaces: Mapping[str, Surface]
+) -> list[str]:
+    """The other views, by over how many views' sources they are reached."""
+    found = [name]
+    for one in found:
+        found += [other for other in sources[one] if other in surfaces and other not in found]
+    return found[1:]
+
+
 def _view_normals(surface: Surface, image: CalibratedImage) -> Array:
     """Normals over a wider neighbourhood than depth needs: slope is more easily upset than height."""
     tolerance = NORMAL_TOLERANCE * float(np.median(surface.inverse_depth))
     slopes = surface.slope_x, surface.slope_y
     _, right, down = fit_planes(surface.inverse_depth, tolerance, slopes=slopes, reach=3, stride=3)
     return surface_normals(surface.inverse_depth, right, down, image.rays)
-
-
-@contextmanager
-def _thread_pool() -> Iterator[ThreadPoolExecutor]:
-    """A pool of a thread per core; OpenCV, which each of them calls, then uses none of its own."""
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    try:
-        with ThreadPoolExecutor(min(MAX_WORKERS, len(os.sched_getaffinity(0)))) as pool:
-            yield pool
-    finally:
-        cv2.setNumThreads(before)

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from capture_app.errors import BadInputError, NotAvailableError
+from capture_app.errors import NotAvailableError
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import OutputFolder, replaces_only
 from capture_app.terminal import Progress
@@ -19,18 +19,19 @@ from reconstruction.common.geometry import View
 from reconstruction.common.image_files import write_image
 from reconstruction.common.memory_budget import memory_budget
 from reconstruction.common.native_libraries import library_versions
+from reconstruction.depth.calibrated_image import CalibratedImage
+from reconstruction.depth.coarse_scene import CoarseScene, find_coarse_scene
 from reconstruction.depth.colmap_workspace import fuse_depth_maps, read_maps, write_workspace
-from reconstruction.depth.depth_range import find_depth_range
-from reconstruction.depth.mesh import MeshModel, build_mesh, up_direction
+from reconstruction.depth.mesh import MeshModel, build_mesh
 from reconstruction.depth.patchmatch import CudaGpu, find_gpu, run_patch_match
 from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
+from reconstruction.depth.view_overlap import refuse_views, seen_points
 from reconstruction.multiview.input_images import InputImage, load_input_images, undistort_nearest
 from reconstruction.multiview.result import MultiviewResult, ViewResult
 from reconstruction.multiview.source_views import (
     choose_reference_view,
     choose_source_views,
-    guess_depths,
-    sample_depths,
+    smallest_group,
 )
 from reconstruction.scores.depth_truth import depth_shares
 from reconstruction.session.dataset import Dataset
@@ -100,18 +101,17 @@ def multiview(
 
     announce("how near and how far the scene is")
     calibrated = {camera: image.calibrated for camera, image in images.items()}
-    nearest, farthest = find_depth_range(calibrated, _source_views(images, guess_depths(_views(images))))
-    depths = sample_depths(nearest, farthest)
-    sources = _source_views(images, depths)
-    left_out |= {camera: "no other camera sees what it sees" for camera in images if not sources[camera]}
-    images = {camera: image for camera, image in images.items() if sources[camera]}
+    scene = find_coarse_scene(calibrated)
+    sources = find_sources({c: calibrated[c].view for c in scene.points}, scene)
+    left_out |= {c: _why_alone(c, calibrated, scene) for c in images if not sources.get(c)}
+    images = {camera: image for camera, image in images.items() if sources.get(camera)}
     stopwatch.end_stage("range")
     with output:
         part = output.folder
-        found = _match_cameras(gpu, part / "workspace", images, sources, (nearest, farthest), announce)
+        found = _match_cameras(gpu, part / "workspace", images, sources, scene.reach, announce)
         stopwatch.end_stage("matching")
         announce("joining the maps to a cloud")
-        fused = fuse_depth_maps(part / "workspace", part / "fused.ply", len(found))
+        fused = fuse_depth_maps(part / "workspace", part / "fused.ply", smallest_group(sources))
         stopwatch.end_stage("fusion")
         (part / "depth").mkdir()
         views = tuple(write_view(dataset, images[c], found[c], sources[c], part) for c in found)
@@ -121,7 +121,7 @@ def multiview(
             announce("cloud, mesh and pictures")
             model = _build_model(part, images)
             stopwatch.end_stage("mesh")
-        reference = choose_reference_view(_views(images), depths)
+        reference = choose_reference_view(_views(images), scene.points)
         main = next(view for view in views if view.camera == reference)
         result = MultiviewResult(
             session=dataset.name,
@@ -137,8 +137,8 @@ def multiview(
             mover_within_2pct=main.mover_within_2pct,
             static_within_2pct=main.static_within_2pct,
             median_error_pct=main.median_error_pct,
-            nearest=nearest,
-            farthest=farthest,
+            nearest=min(scene.reach[camera][0] for camera in images),
+            farthest=max(scene.reach[camera][1] for camera in images),
             views=views,
             left_out=left_out,
             fused_points=fused,
@@ -170,15 +170,33 @@ def _views(images: Mapping[str, InputImage]) -> dict[str, View]:
     return {camera: image.calibrated.view for camera, image in images.items()}
 
 
-def _source_views(images: Mapping[str, InputImage], depths: Sequence[float]) -> dict[str, tuple[str, ...]]:
-    """The source views of each camera, for a scene at these depths."""
-    sources = choose_source_views(_views(images), depths)
+def find_sources(views: Mapping[str, View], scene: CoarseScene) -> dict[str, tuple[str, ...]]:
+    """The source views of each camera.
+
+    Raises:
+        BadInputError: no two cameras see the scene from fit directions.
+    """
+    sources = choose_source_views(views, scene.points)
     if not any(sources.values()):
-        raise BadInputError(
-            "no camera sees what another sees",
-            hint="turn the cameras to the same scene, or check the calibration",
-        )
+        raise refuse_views(views, scene.points)
     return sources
+
+
+def _why_alone(camera: str, images: Mapping[str, CalibratedImage], scene: CoarseScene) -> str:
+    """Why a camera has no sources."""
+    if camera not in scene.points:
+        return "its picture agrees with no other's"
+    inside = {
+        other: seen_points(images[camera].view, images[other].view, scene.points[camera])
+        for other in images
+        if other != camera
+    }
+    best = max(inside, key=lambda other: float(inside[other][0].mean()))
+    there, angles = inside[best]
+    return (
+        f"of what was found {best} sees most, {100 * there.mean():.0f} %, "
+        f"{float(np.median(angles)):.1f} degrees apart: unfit for depth"
+    )
 
 
 def _match_cameras(
@@ -186,7 +204,7 @@ def _match_cameras(
     workspace: Path,
     images: Mapping[str, InputImage],
     sources: Mapping[str, Sequence[str]],
-    reach: tuple[float, float],
+    reach: Mapping[str, tuple[float, float]],
     announce: Callable[[str], None],
 ) -> dict[str, ViewDepth]:
     """Depth and normals of every camera, also written into a workspace."""
@@ -194,19 +212,18 @@ def _match_cameras(
     colours = {camera: image.colours for camera, image in images.items()}
     if gpu is None:
         calibrated = {camera: image.calibrated for camera, image in images.items()}
-        found = match_all_views(calibrated, sources, *reach, done=lambda name: announce(f"depth of {name}"))
+        found = match_all_views(calibrated, sources, reach, done=lambda name: announce(f"depth of {name}"))
         write_workspace(workspace, views, colours, found)
         return found
     announce(f"PatchMatch on {gpu.name}")
-    write_workspace(workspace, views, colours, reach=reach)
-    run_patch_match(gpu, workspace, *reach)
+    whole = min(reach[c][0] for c in images), max(reach[c][1] for c in images)
+    write_workspace(workspace, views, colours, reach=whole)
+    run_patch_match(gpu, workspace, *whole)
     return read_maps(workspace, images)
 
 
 def _build_model(part: Path, images: Mapping[str, InputImage]) -> MeshModel:
-    views = _views(images).values()
-    centre = np.mean([view.centre for view in views], axis=0)
-    return build_mesh(part / "fused.ply", part, centre, up_direction([view.rotation for view in views]))
+    return build_mesh(part / "fused.ply", part, list(_views(images).values()))
 
 
 def write_view(

@@ -15,6 +15,7 @@ from reconstruction.depth.colmap_workspace import fuse_depth_maps, read_fused_cl
 from reconstruction.depth.geometric_consistency import ConsistencyLimits, count_coinciding_views
 from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
 from reconstruction.multiview.input_images import InputImage
+from reconstruction.multiview.source_views import smallest_group
 
 CONFIRMING_VIEWS = 2
 """Other views that must have found a depth for it to be called consistent."""
@@ -42,12 +43,15 @@ class InstantDepth:
 def compute_instant_depth(
     images: Mapping[str, InputImage],
     sources: Mapping[str, Sequence[str]],
-    reach: tuple[float, float],
+    reach: Mapping[str, tuple[float, float]],
     reference: str,
 ) -> InstantDepth:
-    """Match all cameras' pictures between two depths, check them against each other, and fuse the maps."""
+    """Match all cameras' pictures, check them against each other, and fuse the maps.
+
+    `reach`: between which two depths each camera's scene is.
+    """
     calibrated = {camera: image.calibrated for camera, image in images.items()}
-    found = match_all_views(calibrated, sources, *reach)
+    found = match_all_views(calibrated, sources, reach)
     surfaces = {camera: view.surface for camera, view in found.items() if view.surface is not None}
     own = surfaces[reference]
     others = [camera for camera in surfaces if camera != reference]
@@ -58,7 +62,7 @@ def compute_instant_depth(
         depth=found[reference].depth,
         consistent=votes >= min(CONFIRMING_VIEWS, len(others)),
         difference=_difference(own.inverse_depth, source_views),
-        **_fuse_cloud(images, found),
+        **_fuse_cloud(images, found, smallest_group(sources)),
     )
 
 
@@ -77,7 +81,9 @@ def _difference(inverse_depth: Array, source_views: Sequence[SourceView]) -> Arr
     return result
 
 
-def _fuse_cloud(images: Mapping[str, InputImage], found: Mapping[str, ViewDepth]) -> dict[str, Array]:
+def _fuse_cloud(
+    images: Mapping[str, InputImage], found: Mapping[str, ViewDepth], group: int
+) -> dict[str, Array]:
     fused = [camera for camera in images if camera in found]
     points, seen, reason = np.zeros((0, 3), np.float32), np.zeros((0, len(fused)), bool), ""
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
@@ -86,7 +92,7 @@ def _fuse_cloud(images: Mapping[str, InputImage], found: Mapping[str, ViewDepth]
             views = {camera: images[camera].calibrated.view for camera in fused}
             colours = {camera: images[camera].colours for camera in fused}
             write_workspace(Path(scratch), views, colours, {camera: found[camera] for camera in fused})
-            fuse_depth_maps(Path(scratch), cloud, len(fused))
+            fuse_depth_maps(Path(scratch), cloud, group)
             points, seen = read_fused_cloud(cloud, len(fused))
         except NotAvailableError as error:
             reason = str(error)

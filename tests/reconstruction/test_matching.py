@@ -9,7 +9,7 @@ import pytest
 from capture_app.errors import BadInputError
 from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView, mean_of_lowest
-from reconstruction.depth.depth_range import find_depth_range
+from reconstruction.depth.coarse_scene import find_coarse_scene
 from reconstruction.depth.geometric_consistency import (
     ConsistencyLimits,
     consistent_and_visible_views,
@@ -20,11 +20,11 @@ from reconstruction.depth.plane_fitting import fit_planes, surface_normals
 from reconstruction.depth.plane_sweep import Surface, SweepOptions, sweep_view
 from reconstruction.depth.semiglobal_aggregation import aggregate_costs, cheapest_depths
 from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
+from reconstruction.depth.view_overlap import grid_points, refuse_views, score_points
 from reconstruction.multiview.source_views import (
     choose_reference_view,
     choose_source_views,
-    guess_depths,
-    score_source_view,
+    smallest_group,
 )
 from tests.reconstruction.conftest import texture
 
@@ -32,6 +32,7 @@ WIDTH, HEIGHT, FOCAL = 128, 96, 110.0
 MATRIX = np.array([[FOCAL, 0, 63.5], [0, FOCAL, 47.5], [0, 0, 1.0]])
 PAINT = texture(3).astype(np.float32)
 SLOPE = np.array([0.35, -0.5])
+Reach = dict[str, tuple[float, float]]
 PLACES = {"left": (-0.15, 0.0), "middle": (0.0, 0.02), "right": (0.15, 0.0)}
 
 
@@ -66,12 +67,21 @@ def truth() -> Array:
 
 
 def sources_of(photos: dict[str, CalibratedImage]) -> dict[str, tuple[str, ...]]:
-    return choose_source_views({name: photo.view for name, photo in photos.items()}, (2.0,))
+    return choose_by_depth({name: photo.view for name, photo in photos.items()})
+
+
+def choose_by_depth(views: dict[str, View]) -> dict[str, tuple[str, ...]]:
+    """The sources for a scene 2 m away."""
+    return choose_source_views(views, {name: grid_points(view, 2.0) for name, view in views.items()})
+
+
+def between(photos: dict[str, CalibratedImage], nearest: float, farthest: float) -> Reach:
+    return dict.fromkeys(photos, (nearest, farthest))
 
 
 @pytest.fixture(scope="module")
 def matched(photos: dict[str, CalibratedImage]) -> dict[str, ViewDepth]:
-    return match_all_views(photos, sources_of(photos), *find_depth_range(photos, sources_of(photos)))
+    return match_all_views(photos, sources_of(photos), find_coarse_scene(photos).reach)
 
 
 def test_slanted_plane_is_found_to_a_fraction_of_a_percent(
@@ -103,32 +113,34 @@ def test_no_depth_where_views_show_different_things(photos: dict[str, Calibrated
     for name, photo in photos.items():
         noise = cv2.GaussianBlur(rng.normal(128, 90, photo.grey.shape).astype(np.float32), (0, 0), 1.2)
         strangers[name] = replace(photo, grey=noise)
-    found = match_all_views(strangers, sources_of(photos), 1.4, 4.0)
+    found = match_all_views(strangers, sources_of(photos), between(photos, 1.4, 4.0))
     assert max(np.mean(view.depth > 0) for view in found.values()) < 0.06
 
 
 def test_blank_views_are_empty_though_their_depths_agree(photos: dict[str, CalibratedImage]) -> None:
     blank = {name: replace(photo, grey=np.full_like(photo.grey, 90.0)) for name, photo in photos.items()}
     sources = sources_of(photos)
-    assert all(not view.depth.any() for view in match_all_views(blank, sources, 1.4, 4.0).values())
+    found = match_all_views(blank, sources, between(photos, 1.4, 4.0))
+    assert all(not view.depth.any() for view in found.values())
     with pytest.raises(BadInputError, match="nothing in common"):
-        find_depth_range(blank, sources)
+        find_coarse_scene(blank)
 
 
 def test_brightness_may_differ_between_cameras(photos: dict[str, CalibratedImage]) -> None:
     dark = dict(photos)
     dark["right"] = photo_of(view_at(*PLACES["right"]), seed=9, gain=0.7)[0]
-    found = match_all_views(dark, sources_of(photos), 1.4, 4.0)
+    found = match_all_views(dark, sources_of(photos), between(photos, 1.4, 4.0))
     assert np.mean(found["middle"].depth[8:-8, 20:-20] > 0) > 0.9
 
 
 def test_two_views_are_enough_and_the_range_is_found(photos: dict[str, CalibratedImage]) -> None:
     pair = {name: photos[name] for name in ("left", "right")}
     sources = sources_of(pair)
-    nearest, farthest = find_depth_range(pair, sources)
+    reach = find_coarse_scene(pair).reach
+    nearest, farthest = reach["left"]
     truth = photo_of(view_at(*PLACES["left"]))[1]
     assert nearest < np.percentile(truth, 10) < np.percentile(truth, 80) < farthest
-    found = match_all_views(pair, sources, nearest, farthest)["left"].depth
+    found = match_all_views(pair, sources, reach)["left"].depth
     there = found > 0
     assert there.mean() > 0.55
     assert np.mean(np.abs(found - truth)[there] < 0.02 * truth[there]) > 0.95
@@ -139,7 +151,7 @@ def test_cameras_may_have_pictures_of_different_sizes(
 ) -> None:
     mixed = dict(photos)
     mixed["right"] = photo_of(resize_view(view_at(*PLACES["right"]), 192, 144), seed=5)[0]
-    found = match_all_views(mixed, sources_of(mixed), 1.4, 4.0)
+    found = match_all_views(mixed, sources_of(mixed), between(mixed, 1.4, 4.0))
     assert found["right"].depth.shape == (144, 192)
     right = np.abs(found["middle"].depth - truth) < 0.02 * truth
     assert np.mean(right[8:-8, 20:-20]) > 0.9
@@ -261,13 +273,40 @@ def test_speckles_go_and_large_islands_stay() -> None:
 
 def test_sources_see_the_same_from_elsewhere() -> None:
     views = {"a": view_at(0), "b": view_at(0.2), "far": view_at(30.0), "same": view_at(1e-4)}
-    chosen = choose_source_views(views, (2.0,))
+    chosen = choose_by_depth(views)
     assert chosen["a"] == ("b",)
     assert chosen["far"] == ()
-    assert score_source_view(views["a"], views["same"], 2.0) < 0.01
+    assert score_points(views["a"], views["same"], grid_points(views["a"], 2.0)) < 0.01
 
 
 def test_the_middle_camera_is_the_reference() -> None:
     views = {name: view_at(*at) for name, at in PLACES.items()}
-    assert choose_reference_view(views, (2.0, 3.0)) == "middle"
-    assert guess_depths(views)[0] == pytest.approx(4 * np.hypot(0.15, 0.02))
+    points = {name: grid_points(view, 2.0) for name, view in views.items()}
+    assert choose_reference_view(views, points) == "middle"
+
+
+def test_a_refusal_says_what_is_wrong_with_the_rig() -> None:
+    def toward_origin(angle_deg: float, distance: float = 2.0) -> View:
+        """A camera that looks at the origin from this angle."""
+        turn, _ = cv2.Rodrigues(np.array([0.0, np.radians(angle_deg), 0.0]))
+        return View(WIDTH, HEIGHT, MATRIX, np.zeros(5), turn, np.array([0.0, 0.0, distance]))
+
+    def refusal(*views: View) -> str:
+        named = {f"cam{number}": view for number, view in enumerate(views)}
+        return refuse_views(named, {name: grid_points(view, 2.0) for name, view in named.items()}).what
+
+    def refusal_unseen(*views: View) -> str:
+        return refuse_views({f"cam{number}": view for number, view in enumerate(views)}).what
+
+    assert "too close together" in refusal(toward_origin(0), toward_origin(0.2))
+    assert "0.2 degrees apart" in refusal(toward_origin(0), toward_origin(0.2))
+    assert "too far apart" in refusal(toward_origin(0), toward_origin(70))
+    assert "too far apart" in refusal_unseen(toward_origin(0), toward_origin(180))
+    back = replace(view_at(0.2), rotation=np.diag([-1.0, 1.0, -1.0]))
+    assert "no camera sees what another sees" in refusal_unseen(view_at(0), back)
+    assert "one place" in refusal_unseen(view_at(0), view_at(0))
+
+
+def test_opposite_pairs_are_groups_of_their_own() -> None:
+    assert smallest_group({"a": ("b",), "b": ("a",), "c": ("d",), "d": ("c",), "alone": ()}) == 2
+    assert smallest_group({"a": ("b",), "b": ("c",), "c": ("b",)}) == 3

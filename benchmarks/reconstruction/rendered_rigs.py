@@ -1,0 +1,197 @@
+"""Rigs of every kind around one object of the package's own renderer, with exact truth.
+
+The object stands on the origin, y points down, 0.6 m tall: a vase, a crate and a ball on a table in a room,
+or a temple whose columns all look alike before black, as objects are often photographed.
+"""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cache
+from typing import Any, NamedTuple
+
+import cv2
+import numpy as np
+
+from capture_app.simulation.rendering import still
+from capture_app.simulation.rendering.raycast import Body, Texture
+from capture_app.simulation.rendering.scene import develop
+from capture_app.simulation.rendering.view import View as RenderedView
+from capture_app.simulation.scenes import textures
+from capture_app.simulation.scenes.meshes import Mesh, box, ellipsoid, lathe, rod, turn
+from reconstruction.common.geometry import Array, View
+from reconstruction.common.native_libraries import load_open3d
+
+AIM = np.array([0.0, -0.28, 0.0])
+"""The middle of the object."""
+OBJECT, SURROUNDINGS = 1, 0
+EXPOSURE_NS = 4_000_000
+
+
+class Placed(NamedTuple):
+    """A camera: direction from the object's middle (degrees round and up), its distance, lens and picture."""
+
+    round_deg: float
+    up_deg: float
+    away_m: float
+    focal_px: float = 400.0
+    size: tuple[int, int] = (320, 240)
+    roll_deg: float = 0.0
+    aside_m: float = 0.0
+    """How far it is moved to its own right, still looking the same way."""
+
+
+class Rig(NamedTuple):
+    """A kind of rig, and whether it looks at the temple before black instead of the still life in a room."""
+
+    cameras: tuple[Placed, ...]
+    temple: bool = False
+
+
+def ring(count: int, **changes: Any) -> tuple[Placed, ...]:
+    """Cameras all round the object."""
+    usual = {"up_deg": 22.0, "away_m": 1.3} | changes
+    return tuple(Placed(360 * number / count, **usual) for number in range(count))
+
+
+RIGS: dict[str, Rig] = {
+    "pair": Rig((Placed(-4, 8, 1.5), Placed(4, 8, 1.5))),
+    "array": Rig(tuple(Placed(0, 8, 1.5, aside_m=0.12 * k) for k in (-2, -1, 0, 1, 2))),
+    "ring of 12": Rig(ring(12)),
+    "ring of 16": Rig(ring(16)),
+    "ring of 16, temple": Rig(ring(16, away_m=2.6, focal_px=760.0), temple=True),
+    "ring of 47, temple": Rig(ring(47, up_deg=4.0, away_m=2.6, focal_px=760.0), temple=True),
+    "dome": Rig(
+        ring(14, up_deg=10.0) + ring(11, up_deg=36.0) + ring(6, up_deg=60.0) + (Placed(0, 88, 1.3),)
+    ),
+    "two opposite, helpers": Rig(tuple(Placed(a, 12, 1.3) for a in (-7, 7, 173, 187))),
+    "mixed sizes": Rig(
+        (
+            Placed(-22, 10, 1.3),
+            Placed(-11, 16, 1.6, 720.0, (480, 360)),
+            Placed(0, 10, 1.2, 320.0, (240, 320)),
+            Placed(11, 14, 2.2, 640.0),
+            Placed(22, 10, 1.3, 260.0, (200, 150)),
+        )
+    ),
+    "upside down": Rig(
+        tuple(Placed(12.0 * k, 12, 1.3, roll_deg=(0, 180, 0, 90, 0)[k + 2]) for k in range(-2, 3))
+    ),
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class RenderedRig:
+    """Pictures (uint8 BGR), true depth (m, 0 = none) and the object's pixels (bool) by camera."""
+
+    name: str
+    views: dict[str, View]
+    pictures: dict[str, Array]
+    depth: dict[str, Array]
+    object_mask: dict[str, Array]
+    meshes: list[Mesh]
+
+    def distance_m(self, points: Array) -> Array:
+        """How far points (n, 3) are from the nearest true surface, in m."""
+        o3d = load_open3d()
+        scene = o3d.t.geometry.RaycastingScene()
+        for mesh in self.meshes:
+            scene.add_triangles(
+                o3d.core.Tensor(np.ascontiguousarray(mesh.vertices, np.float32)),
+                o3d.core.Tensor(mesh.triangles.astype(np.uint32)),
+            )
+        return np.asarray(scene.compute_distance(o3d.core.Tensor(points.astype(np.float32))).numpy())
+
+
+def render_rig(name: str, rig: Rig, *, samples: int = 4) -> RenderedRig:
+    """All pictures and truths of a rig; `samples` (1 to 4) of each pixel."""
+    stage, meshes, things = _stage(rig.temple)
+    rendered = RenderedRig(name, {}, {}, {}, {}, meshes)
+    for number, placed in enumerate(rig.cameras):
+        camera = f"cam{number:02d}"
+        view = _view(camera, placed)
+        layers = still.still_layers(view, stage, samples)
+        light = sum(layer.from_sky + layer.from_sun for layer in layers) / samples
+        depth, thing = still.cast_depth(view, stage, view.directions())
+        rendered.pictures[camera] = develop(light, EXPOSURE_NS, np.random.default_rng(number))
+        rendered.depth[camera] = depth
+        rendered.object_mask[camera] = things[thing] == OBJECT
+        rendered.views[camera] = View(
+            view.width, view.height, view.matrix, np.zeros(5), view.rotation, view.translation
+        )
+    return rendered
+
+
+def _view(name: str, placed: Placed) -> RenderedView:
+    round_, up = np.radians([placed.round_deg, placed.up_deg])
+    ahead = np.array([np.sin(round_) * np.cos(up), np.sin(up), np.cos(round_) * np.cos(up)])
+    right = np.cross([0.0, 1.0, 0.0], ahead)
+    right /= np.linalg.norm(right)
+    rotation = np.stack([right, np.cross(ahead, right), ahead])
+    centre = AIM - placed.away_m * ahead + placed.aside_m * right
+    rotation = cv2.Rodrigues(np.array([0, 0, np.radians(placed.roll_deg)]))[0] @ rotation
+    width, height = placed.size
+    return RenderedView(name, width, height, placed.focal_px, rotation, -rotation @ centre)
+
+
+@cache
+def _stage(temple: bool) -> tuple[Body, list[Mesh], Array]:
+    """What is rendered, its meshes, and for each number of a thing whether it is the object."""
+    rng = np.random.default_rng(5)
+    pictures = {
+        "stone": textures.plain(rng, (500, 500), (188, 176, 156), rough=0.16),
+        "column": textures.plain(rng, (160, 220), (196, 184, 160), rough=0.12),
+        "carpet": textures.kilim(rng, (420, 760)),
+        "clay": textures.plain(rng, (300, 700), (176, 104, 76), rough=0.2),
+        "crate": textures.planks(rng, (300, 300), (186, 150, 104), width=50, length=300),
+        "table": textures.planks(rng, (900, 900), (178, 126, 80), width=60, length=420),
+        "wall": textures.bricks(rng, (700, 1400), brick=(24, 62)),
+        "black": np.full((8, 8, 3), 3, np.uint8),
+    }
+    things = [(OBJECT, _temple() if temple else _still_life()), (SURROUNDINGS, _surroundings(temple))]
+    meshes = [mesh for _, group in things for mesh in group]
+    numbers = [number for number, (_, group) in enumerate(things) for _ in group]
+    body = Body(meshes, {name: Texture(picture) for name, picture in pictures.items()}, numbers)
+    return body, meshes, np.array([which for which, _ in things])
+
+
+def _still_life() -> list[Mesh]:
+    """Round and flat things, some before others."""
+    profile = [(0.05, -0.60), (0.065, -0.57), (0.045, -0.52), (0.10, -0.42), (0.135, -0.32), (0.13, -0.2)]
+    vase = lathe([*profile, (0.09, -0.08), (0.075, -0.03)], "carpet", around=48)
+    meshes = [vase, *box((0, -0.015, 0), (0.62, 0.03, 0.52), "stone")]
+    meshes += [
+        part.moved((-0.17, -0.16, -0.08), turn(1, 0.5)) for part in box((0, 0, 0), (0.2, 0.26, 0.2), "crate")
+    ]
+    meshes.append(ellipsoid((0.1, 0.1, 0.1), "clay", around=36).moved((0.17, -0.13, -0.1)))
+    meshes.append(ellipsoid((0.07, 0.12, 0.07), "stone", around=36).moved((0.1, -0.15, 0.16)))
+    return meshes
+
+
+def _temple() -> list[Mesh]:
+    """Flat faces, and columns that all look alike."""
+    meshes = box((0, -0.03, 0), (0.46, 0.06, 0.36), "stone")
+    meshes += box((0, -0.085, 0), (0.40, 0.05, 0.30), "stone")
+    for x in (-0.15, -0.05, 0.05, 0.15):
+        for z in (-0.10, 0.10):
+            meshes.append(rod((x, -0.42, z), (x, -0.11, z), 0.026, "column", around=20))
+    meshes += box((0, -0.445, 0), (0.40, 0.05, 0.30), "stone")
+    meshes.append(lathe([(0.02, -0.60), (0.14, -0.53), (0.16, -0.47)], "stone", around=32))
+    return meshes
+
+
+def _surroundings(temple: bool) -> list[Mesh]:
+    if temple:
+        return box((0, 0, 0), (16, 16, 16), "black")
+    meshes = box((0, 0.02, 0), (1.3, 0.04, 1.3), "table")
+    return meshes + box((0, -0.3, 0), (5.0, 2.6, 5.0), "wall")
+
+
+def crop(rig: Rig, chosen: Sequence[int]) -> Rig:
+    """Some cameras of a rig, by number."""
+    return rig._replace(cameras=tuple(rig.cameras[number] for number in chosen))
+
+
+def quick(name: str, keep: Callable[[int], bool] = lambda number: True) -> RenderedRig:
+    """A rig rendered with one sample a pixel, or some of its cameras."""
+    rig = RIGS[name]
+    return render_rig(name, crop(rig, [n for n in range(len(rig.cameras)) if keep(n)]), samples=1)

@@ -1,0 +1,130 @@
+"""Where the scene is, found by matching small pictures wherever neighbours' views meet."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from capture_app.errors import BadInputError
+from reconstruction.common.geometry import Array, View
+from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
+from reconstruction.depth.geometric_consistency import (
+    ConsistencyLimits,
+    consistent_and_visible_views,
+    remove_speckles,
+)
+from reconstruction.depth.plane_sweep import Surface, SweepOptions, motion_px, sweep_planes
+from reconstruction.depth.view_overlap import ViewOverlap, find_overlaps, refuse_views, seen_points
+from reconstruction.depth.worker_pool import worker_pool
+
+WIDTH_PX = 176
+LEVELS = (48, 192)
+MAX_NEIGHBOURS = 3
+MIN_SCORE = 0.12
+"""A neighbour that shares less than about an eighth of the picture is not worth its time."""
+MIN_PIXELS = 150
+MIN_ISLAND_PX = 12
+MAX_COST = 0.35
+POINTS_PER_VIEW = 400
+LIMITS = ConsistencyLimits(reprojection_px=1.0, relative_depth=0.06)
+
+
+@dataclass(frozen=True, eq=False)
+class CoarseScene:
+    """Points (n, 3) of the scene in the rig's frame, and nearest and farthest depth in its unit, by camera.
+
+    The points are those that a camera sees and its neighbours confirm, and its neighbours' in its picture.
+    """
+
+    points: Mapping[str, Array]
+    reach: Mapping[str, tuple[float, float]]
+
+
+def find_coarse_scene(images: Mapping[str, CalibratedImage]) -> CoarseScene:
+    """Match all cameras' small pictures with their neighbours', and keep what these confirm.
+
+    Raises:
+        BadInputError: no two cameras' views meet, or no two pictures agree on any depth.
+    """
+    overlaps = {name: find_overlaps({n: i.view for n, i in images.items()}, name) for name in images}
+    neighbours = {name: choose_neighbours(found) for name, found in overlaps.items()}
+    if not any(neighbours.values()):
+        raise refuse_views({name: image.view for name, image in images.items()})
+    small = {name: image.scaled(min(1.0, WIDTH_PX / image.view.width)) for name, image in images.items()}
+
+    def sweep(name: str) -> Surface:
+        source_views = [SourceView(small[name], small[other]) for other in neighbours[name]]
+        spans = [overlaps[name][other].span for other in neighbours[name]]
+        return sweep_planes(small[name], source_views, _levels(source_views, spans), SweepOptions())
+
+    with worker_pool() as pool:
+        names = [name for name in images if neighbours[name]]
+        surfaces = dict(zip(names, pool.map(sweep, names), strict=True))
+        found = pool.map(lambda name: _confirmed_points(name, small, surfaces, neighbours[name]), names)
+        own = dict(zip(names, found, strict=True))
+    views = {name: images[name].view for name in names}
+    points = {name: _shared_points(name, views, own, neighbours[name]) for name in names}
+    points = {name: found for name, found in points.items() if len(found) >= MIN_PIXELS}
+    if not points:
+        raise _nothing_in_common(views, neighbours)
+    reach = {name: _depth_range(views[name], found) for name, found in points.items()}
+    return CoarseScene(points, reach)
+
+
+def choose_neighbours(overlaps: Mapping[str, ViewOverlap]) -> tuple[str, ...]:
+    """The views that share most with one over all depths, best first."""
+    fit = [other for other, overlap in overlaps.items() if overlap.score >= MIN_SCORE and overlap.span[1] > 0]
+    return tuple(sorted(fit, key=lambda other: (-overlaps[other].usual_score, other))[:MAX_NEIGHBOURS])
+
+
+def _levels(source_views: Sequence[SourceView], spans: Sequence[tuple[float, float]]) -> Array:
+    low, high = min(span[0] for span in spans), max(span[1] for span in spans)
+    moved = max(motion_px(source_view, low, high) for source_view in source_views)
+    return np.linspace(max(low, 0.002 * high), high, int(np.clip(moved, *LEVELS)))
+
+
+def _confirmed_points(
+    name: str,
+    small: Mapping[str, CalibratedImage],
+    surfaces: Mapping[str, Surface],
+    neighbours: Sequence[str],
+) -> Array:
+    """Some points of what a view sees and its neighbours' surfaces confirm."""
+    surface = surfaces[name]
+    others = [(SourceView(small[name], small[o]), surfaces[o]) for o in neighbours if o in surfaces]
+    count, _ = consistent_and_visible_views(surface, others, LIMITS)
+    # Two others where there are three: what moves between the pictures finds one that agrees by chance.
+    agreed = (count >= (2 if len(others) >= 3 else 1)) & (surface.cost < MAX_COST)
+    agreed = remove_speckles(agreed, surface.inverse_depth, MIN_ISLAND_PX)
+    rows, columns = np.nonzero(agreed)
+    every = max(1, len(rows) // POINTS_PER_VIEW)
+    rows, columns = rows[::every], columns[::every]
+    depth = 1 / surface.inverse_depth[rows, columns].astype(float)
+    return small[name].view.unproject(np.column_stack([columns, rows]).astype(float), depth)
+
+
+def _shared_points(
+    name: str, views: Mapping[str, View], points: Mapping[str, Array], neighbours: Sequence[str]
+) -> Array:
+    parts = [points[name]]
+    for other in neighbours:
+        if other in points:
+            parts.append(points[other][seen_points(views[name], views[name], points[other])[0]])
+    return np.concatenate(parts)
+
+
+def _depth_range(view: View, points: Array) -> tuple[float, float]:
+    """Nearest and farthest depth of points (n, 3) in a view, with a margin."""
+    values = 1 / (points @ view.rotation.T + view.translation)[:, 2]
+    low, high = (float(v) for v in np.percentile(values, [0.5, 99.5]))
+    margin = 0.12 * (high - low) + 0.02 * high
+    return 1 / (high + margin), 1 / max(low - margin, 0.3 * low)
+
+
+def _nothing_in_common(views: Mapping[str, View], neighbours: Mapping[str, Sequence[str]]) -> BadInputError:
+    tried = ", ".join(f"{name} with {' and '.join(others)}" for name, others in neighbours.items() if others)
+    return BadInputError(
+        f"the pictures of this instant have nothing in common that depth could be measured by: tried {tried}",
+        hint="cameras must see the same things from different places, lit and in focus, "
+        "and their calibration must be this rig's",
+    )

@@ -10,7 +10,7 @@ from capture_app.text import pretty_json
 
 METRICS = "metrics.json"
 STAGES = "stages"
-OURS = {METRICS, "report.html", "pictures", "depth.tiff", STAGES}
+OURS = {METRICS, "report.html", "pictures", "depth.tiff", "depth_filled.tiff", STAGES}
 
 
 def comparison_folder(out: Path) -> OutputFolder:

@@ -21,6 +21,7 @@ from reconstruction.session.dataset import Dataset
 from reconstruction.stereo.stereo_pair import DepthMap, StereoPair, find_disparity_range
 
 DEPTH = "depth.tiff"
+FILLED = "depth_filled.tiff"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -35,7 +36,8 @@ class StereoOptions:
 class StereoDepth(Struct, frozen=True, kw_only=True):
     """What `reconstruct stereo` made: paths relative to the output folder, shares of all pixels.
 
-    `depth` holds float32 in `unit`s along the reference's axis, 0 = none; `confidence` 0 to 255.
+    `depth` holds float32 in `unit`s along the reference's axis, 0 = none; `depth_filled` the same with a
+    guess where there is none; `confidence` 0 (a guess) to 255.
     """
 
     session: str
@@ -44,6 +46,7 @@ class StereoDepth(Struct, frozen=True, kw_only=True):
     instant: int
     other_instant: int
     depth: str
+    depth_filled: str
     confidence: str
     picture: str
     unit: str
@@ -52,6 +55,8 @@ class StereoDepth(Struct, frozen=True, kw_only=True):
     coverage: float
     within_2pct: float | None
     """Of the pixels that have a true depth, empty ones counted as wrong."""
+    filled_within_2pct: float | None
+    """The same of the filled depth."""
     calibration: str
     why: str = ""
     pairs_left_out: dict[str, str] = {}
@@ -124,7 +129,9 @@ def _save_result(
     photo = rig.dataset.image(cameras[0], instants[0])
     picture = side_by_side(photo, colour_depth(depth, *display_range(depth)))
     write_image(folder / DEPTH, depth.astype(np.float32))
+    write_image(folder / FILLED, found.filled.astype(np.float32))
     truth = rig.dataset.ground_truth(cameras[0], instants[0])
+    judged = truth[0] if truth is not None and rig.unit == "m" else None
     level = np.asarray(np.round(255 * found.confidence), np.uint8)
     return StereoDepth(
         session=rig.dataset.name,
@@ -133,13 +140,15 @@ def _save_result(
         instant=instants[0],
         other_instant=instants[1],
         depth=DEPTH,
+        depth_filled=FILLED,
         confidence=save_picture(folder, "confidence.png", level),
         picture=save_picture(folder, "depth.png", picture),
         unit=rig.unit,
         nearest=float(depth[known].min()) if known.any() else 0.0,
         farthest=float(depth[known].max()) if known.any() else 0.0,
         coverage=float(known.mean()),
-        within_2pct=share_right(depth, truth[0]) if truth is not None and rig.unit == "m" else None,
+        within_2pct=None if judged is None else share_right(depth, judged),
+        filled_within_2pct=None if judged is None else share_right(found.filled, judged),
         calibration=rig.source,
         versions=library_versions(),
     )

@@ -35,7 +35,9 @@ class Rectification:
     def remap(self, image: Array, *, other: bool = False, nearest: bool = False) -> tuple[Array, Array]:
         """The image on the canvas, and where the canvas sees it (bool)."""
         xs, ys, seen = self._other_canvas if other else self._reference_canvas
-        return cv2.remap(image, xs, ys, cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR), seen
+        how = cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR
+        # What lies outside continues the edge: windows that reach out match better than with a black frame.
+        return cv2.remap(image, xs, ys, how, borderMode=cv2.BORDER_REPLICATE), seen
 
     def project(self, rays: Array, *, other: bool = False) -> Array:
         """Canvas pixels (n, 2) of directions (n, 3) in one of the two camera frames."""
@@ -77,12 +79,18 @@ class Rectification:
 
     @cached_property
     def _reference_pixels(self) -> tuple[Array, Array, Array]:
-        """The canvas's pixel for each of the reference's (x, y: float32), and its ray's z on the canvas."""
+        """The canvas's pixel for each of the reference's (x, y), and its ray's z on the canvas; float32."""
         view = self.reference
-        shape = view.height, view.width
-        rays = view.rays(view.grid())
-        xs, ys = self.project(rays).astype(np.float32).T.reshape(2, *shape)
-        return xs, ys, (rays @ self.reference_rotation.T)[:, 2].reshape(shape)
+        pixels = view.grid().astype(np.float32).reshape(-1, 1, 2)
+        where = cv2.undistortPoints(
+            pixels, view.matrix, view.distortion, R=self.reference_rotation, P=self._projection()
+        )
+        xs, ys = np.ascontiguousarray(where.reshape(view.height, view.width, 2).transpose(2, 0, 1))
+        # With z = 1 on the canvas, the ray's z in the view's own frame is linear in the canvas's pixels.
+        right, down, ahead = (float(value) for value in self.reference_rotation[:, 2])
+        across = right / (-self.focal if self.mirror else self.focal)
+        own = across * (xs + np.float32(self.left)) + down / self.focal * (ys + np.float32(self.top)) + ahead
+        return xs, ys, 1 / own
 
     def _projection(self) -> Array:
         sign = -1.0 if self.mirror else 1.0

@@ -8,24 +8,24 @@ import numpy as np
 from reconstruction.common.brightness import noise_level
 from reconstruction.common.geometry import Array
 
-BLOCK = 5
+BLOCK = 3
 """Side of the matched window, px."""
 
-BYTES_PER_CELL = 4.2
-"""Memory that matching takes for each pixel and disparity (measured, both directions one after the other)."""
-BYTES_PER_PIXEL = 100
-"""And for each pixel: maps in float, flow, checks."""
+BYTES_PER_PIXEL = 160
+"""Memory that matching and its checks take for each pixel (measured); of costs, only some rows are kept."""
 
 
 def matching_bytes(width: float, height: float, disparities: float) -> float:
     """Memory that matching a rectified pair of this size takes."""
-    count = disparities + 16
-    return height * (width + count) * (count * BYTES_PER_CELL + BYTES_PER_PIXEL)
+    return height * (width + disparities + 16) * BYTES_PER_PIXEL
 
 
 def match_rectified(reference: Array, other: Array, low: int, count: int) -> Array:
     """Disparity (height x width, px, NaN = none) of a rectified pair; reference minus other, in
-    [low, low + count), count a multiple of 16."""
+    [low, low + count), count a multiple of 16.
+
+    Paths run along the rows both ways, and down: no volume of costs is kept, and four threads share the rows.
+    """
     matcher = cv2.StereoSGBM.create(
         minDisparity=low,
         numDisparities=count,
@@ -33,22 +33,25 @@ def match_rectified(reference: Array, other: Array, low: int, count: int) -> Arr
         P1=8 * BLOCK * BLOCK,
         P2=32 * BLOCK * BLOCK,
         disp12MaxDiff=-1,
-        preFilterCap=31,
+        preFilterCap=15,
         uniquenessRatio=0,
         speckleWindowSize=0,
         speckleRange=0,
-        mode=cv2.STEREO_SGBM_MODE_HH,
+        mode=cv2.STEREO_SGBM_MODE_SGBM_3WAY,
     )
     raw = matcher.compute(reference, other).astype(np.float32) / 16
     return np.asarray(np.where(raw < low, np.nan, raw), np.float32)
 
 
 def match_rectified_back(reference: Array, other: Array, low: int, count: int) -> Array:
-    """Disparity as in `match_rectified`, but on the other view's pixels."""
+    """Disparity as in `match_rectified`, but on the other view's pixels, with paths that run up.
+
+    What one direction of paths carries too far the other does not: where both agree, fewer are wrong.
+    """
     # The matcher leaves out the first low + count columns: give it so many more of them.
     padding = (0, 0), (0, low + count)
-    first, second = (np.ascontiguousarray(np.pad(i, padding)[:, ::-1]) for i in (other, reference))
-    return match_rectified(first, second, low, count)[:, : low + count - 1 : -1]
+    first, second = (np.ascontiguousarray(np.pad(i, padding)[::-1, ::-1]) for i in (other, reference))
+    return match_rectified(first, second, low, count)[::-1, : low + count - 1 : -1]
 
 
 def warp_by_disparity(image: Array, disparity: Array) -> Array:

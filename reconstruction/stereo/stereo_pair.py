@@ -11,6 +11,7 @@ import numpy as np
 from reconstruction.common.brightness import match_brightness, noise_level
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.memory_budget import memory_budget
+from reconstruction.stereo.hole_filling import fill_holes
 from reconstruction.stereo.rectification import Rectification, rectify
 from reconstruction.stereo.sgbm import (
     MatchChecks,
@@ -30,13 +31,13 @@ VOLUME_SHARE = 0.6
 class DepthMap:
     """One pair's depth on the reference view's pixels.
 
-    `depth` (height x width, calibration's unit, 0 = none or rejected), `raw` the same before the checks, and
-    `difference`: grey levels between the reference and the other view warped onto it by the raw depth
-    (NaN = none).
+    `depth` (height x width, calibration's unit, 0 = none or rejected), `filled` the same with the rest taken
+    from the background beside it, and `difference`: grey levels between the reference and the other view
+    warped onto it by the depth before the checks (NaN = none).
     """
 
     depth: Array
-    raw: Array
+    filled: Array
     difference: Array
     confidence: Array = field(default_factory=lambda: np.zeros((0, 0), np.float32))
     """0 (rejected) to 1: half from how well both directions agree, half from how similar they look."""
@@ -83,7 +84,7 @@ class StereoPair:
         difference = np.abs(a.astype(np.float32) - warped)
         return DepthMap(
             depth=self.rectification.depth(np.nan_to_num(checked)),
-            raw=self.rectification.depth(np.nan_to_num(raw)),
+            filled=self.rectification.depth(np.nan_to_num(fill_holes(checked))),
             difference=self._difference(difference),
             confidence=self._confidence(checked, difference, left_right, noise_level(a)),
         )

@@ -1,13 +1,16 @@
 """`reconstruct stitch`."""
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line
 from reconstruction.commands.options import instant_option, memory_option, out_option
 from reconstruction.session.conditions import MAX_OFFSET_MS
+
+if TYPE_CHECKING:
+    from reconstruction.panorama.ghosting import Misfit
 
 
 @click.command()
@@ -41,6 +44,16 @@ def stitch(sources: tuple[Path, ...], out: Path, as_json: bool, **options: Any) 
     for name, why in result.left_out.items():
         print_line(f"left out: {name}: {why}")
     for which, one in (("synchronized", made), (f"{result.actual_offset_ms:.0f} ms late", result.offset)):
-        if one is not None and one.ghosting_px is not None:
-            print_line(f"misalignment in the overlaps, {which}: {one.ghosting_px:.1f} px")
+        if one is not None and one.misfit.median_px is not None:
+            print_line(f"misfit where images overlap, {which}: {_misfit_words(one.misfit, one.mover_misfit)}")
     print_line(f"picture: {out / made.panorama}")
+
+
+def _misfit_words(misfit: "Misfit", moving: "Misfit | None") -> str:
+    text = f"{misfit.median_px:.1f} px at {misfit.points} points"
+    if moving is None or not moving.points + moving.lost:
+        return text
+    if moving.median_px is None:
+        return f"{text}; what moves is not found again at any of {moving.lost} points"
+    lost = f", and lost at {moving.lost}" if moving.lost else ""
+    return f"{text}; what moves, {moving.median_px:.1f} px at {moving.points} points{lost}"

@@ -1,6 +1,5 @@
 """The panorama study of a comparison: registered once, then measured in both conditions."""
 
-from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,160 +8,157 @@ from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.drawing import box_with_most, enlarge_crop, trim_empty_sides
 from reconstruction.common.geometry import Array
-from reconstruction.compare.study import SIDES, ComparisonTally, Pair, PairStudy, write_pictures
-from reconstruction.pairs.features import detect_features, match_features
-from reconstruction.pairs.homography import fit_homography
-from reconstruction.panorama.pair_panorama import (
-    PairRegistration,
-    blend_pair,
-    correct_parallax,
-    measure_misfit,
-    panorama_masks,
-    register_pair,
-    uncalibrated_view,
-    undistort_pixels,
-)
+from reconstruction.compare.study import SIDES, SYNCHRONIZED, ComparisonTally, Pair, PairStudy, write_pictures
+from reconstruction.panorama.composition import average_layers
+from reconstruction.panorama.overlap import Overlap, known, measure_misfit, overlap_of
+from reconstruction.panorama.projection import Layer
+from reconstruction.panorama.stitcher import PanoramaStitcher
 from reconstruction.scores.results import PanoramaComparison, PanoramaScores, Picture
-from reconstruction.scores.tally import Tally, measures_of
+from reconstruction.scores.tally import Measurements, measures_of
 from reconstruction.session.conditions import Condition
 from reconstruction.session.frame_offset import FrameOffset
 from reconstruction.session.mover_detection import dilate
 
-REGISTRATION_INSTANTS = 3
 FEWEST_GREY_LEVELS = 12
 """A difference between the conditions smaller than this is noise."""
+STILL_MARGIN_PX = 12
+"""Points so near to what moves share their window with it."""
+MIN_POINTS, MIN_PIXELS = 5, 50
+"""What is measured at fewer is left out."""
 TEXTS = {
-    "panorama": ("Panorama", "Two pictures laid side by side and cross-faded where they overlap."),
-    "panorama_closeup": (
-        "Where they overlap, close up",
-        "A thing that moved between the two pictures is there twice, half transparent.",
+    "panorama": ("Panorama", "Two pictures in one, the seam where they agree best."),
+    "panorama_closeup": ("The panorama, close up", "Where most differs between the two conditions."),
+    "panorama_overlap": (
+        "The two pictures laid over each other",
+        "The same place without a seam, before one of the two is chosen for every spot. A thing that is "
+        "elsewhere in the other picture is there twice, half transparent; a seam can only hide that, by "
+        "leaving one of them out or by cutting through it.",
     ),
 }
 
 
 class PanoramaStudy(PairStudy):
-    """A panorama of two cameras, synchronized and offset; images of uncalibrated cameras stay distorted."""
+    """A panorama of two cameras, synchronized and offset, registered once on what stands still."""
 
     subject = "panorama"
 
     def __init__(self, rig: Rig, offset: FrameOffset | None, asked: Pair | None, max_instants: int) -> None:
         super().__init__(rig, offset, asked, max_instants)
-        self.registration: PairRegistration | None = None
+        self._stitcher: PanoramaStitcher | None = None
+
+    @property
+    def stitcher(self) -> PanoramaStitcher:
+        """What registers, projects and composes the pair. Raises RuntimeError before `prepare`."""
+        if self._stitcher is None:
+            raise RuntimeError("the panorama study is not prepared")
+        return self._stitcher
 
     def prepare(self, middle: int, progress: Progress) -> None:
-        """Choose the pair, and register its pictures of the same instants.
+        """Choose the pair, and register its pictures of the same instant.
 
         Raises:
             ValueError: no two cameras suit, or their pictures make no panorama.
         """
         self.use_pair(self.rig.choose_panorama_pair(self.asked, middle))
-        progress.step(f"registering {self.cameras[0]} and {self.cameras[1]}")
-        self.registration = self._register([now for now, _ in self.instant_pairs(self.condition)[0]])
-
-    def _register(self, instants: Sequence[int]) -> PairRegistration:
-        """Fix the geometry from what stands still.
-
-        Raises:
-            ValueError: the two cameras' pictures make no panorama.
-        """
         first, second = self.cameras
-        views = [
-            self.rig.views.get(name) or uncalibrated_view(*self.dataset.size(name)) for name in self.cameras
-        ]
-        at: tuple[list[Array], list[Array]] = ([], [])
-        for now in instants[:: max(1, len(instants) // REGISTRATION_INSTANTS)]:
-            points = [
-                detect_features(self.dataset.grey(name, now), self.motion.widened_movers(name, now))
-                for name in self.cameras
-            ]
-            found = match_features(points[0], points[1])
-            for kept, view, pixels in zip(at, views, found, strict=True):
-                kept.append(undistort_pixels(view, pixels) if len(pixels) else pixels)
-        homography = fit_homography(
-            np.concatenate(at[0]), np.concatenate(at[1]), self.dataset.size(first), self.dataset.size(second)
+        progress.step(f"registering {first} and {second}")
+        instants = [now for now, _ in self.instant_pairs(SYNCHRONIZED)[0]]
+        now = min(instants, key=lambda k: abs(k - middle))
+        images, movers = (
+            {name: read(name, now) for name in self.cameras}
+            for read in (self.dataset.image, self.motion.widened_movers)
         )
-        if homography is None:
-            raise ValueError(f"the pictures of {first} and {second} cannot be registered to each other")
-        rough = register_pair(views[0], views[1], homography)
-        moving = np.zeros(rough.overlap.shape, bool)
-        for which, name in enumerate(self.cameras):
-            for k in self.dataset.instants(name):
-                mask = self.motion.detected_movers(name, k).astype(np.uint8)
-                moving |= rough.warp(mask, which, nearest=True) > 0
-        return correct_parallax(
-            rough,
-            rough.warp(self.motion.background(first), 0),
-            rough.warp(self.motion.background(second), 1),
-            dilate(moving, 4),
-        )
+        known = {name: self.rig.views[name] for name in self.cameras if name in self.rig.views}
+        self._stitcher = PanoramaStitcher(images, movers, known)
+        if overlap_of(*self.stitcher.layers(images).values()) is None:
+            raise ValueError(f"the pictures of {first} and {second} hardly overlap")
 
     def compare(
         self, condition: Condition, progress: Progress, folder: Path | None = None
     ) -> PanoramaComparison:
-        """As `Study.compare`; the misfit is measured in the overlap."""
-        assert self.registration is not None
+        """As `Study.compare`; the misfit is measured in the overlap, before seams and blending."""
         first, second = self.cameras
         pairs, offset_ms = self.instant_pairs(condition)
         tally = ComparisonTally(PanoramaScores, measures_of(PanoramaScores))
-        changes = Tally()
+        moving = []
         for now, later in pairs:
             progress.step(f"panorama {first}-{second}, instant {now}")
-            measured = {}
-            for side, shown in zip(SIDES, (now, later), strict=True):
-                measured[side] = measure_misfit(
-                    self.registration,
-                    self.dataset.grey(first, now),
-                    self.dataset.grey(second, shown),
-                    *self._masks(now, later, shown),
-                )
+            measured = {
+                side: self._measure(now, later, shown)
+                for side, shown in zip(SIDES, (now, later), strict=True)
+            }
+            moving.append(measured["synced"].shares["mover_found"][1])
             tally.add(measured, {"instant": now, "offset_instant": later})
-            changes.add(measured["offset"].minus(measured["synced"]))
         return PanoramaComparison(
             cameras=self.cameras,
             synced=tally.synced,
             offset=tally.offset,
             offset_ms=offset_ms,
             per_instant=tally.per_instant,
-            differences=changes.intervals(measures_of(PanoramaScores)),
-            pictures=self._pictures(pairs, folder) if folder else (),
+            differences=tally.differences,
+            pictures=self._pictures(*pairs[int(np.argmax(moving))], folder) if folder else (),
             reason=self.reason,
         )
 
-    def _pictures(self, pairs: Sequence[tuple[int, int]], out: Path) -> tuple[Picture, ...]:
-        """The panorama of the instant at which most moves in the overlap, and a close-up, both conditions."""
-        assert self.registration is not None
+    def _layers(self, now: int, shown: int) -> dict[str, Layer]:
         first, second = self.cameras
-        overlap = self.registration.overlap
-        moving = [int((self._masks(now, later, later)[0] & overlap).sum()) for now, later in pairs]
-        now, later = pairs[int(np.argmax(moving))]
-        photos = {
-            side: (self.dataset.image(first, now), self.dataset.image(second, shown))
-            for side, shown in zip(SIDES, (now, later), strict=True)
-        }
-        return _draw_panorama(self.registration, photos, out)
-
-    def _masks(self, now: int, later: int, shown: int) -> tuple[Array, Array]:
-        """Moving and still pixels on the panorama when the second camera shows the instant `shown`."""
-        assert self.registration is not None
-        first, second = self.cameras
-        return panorama_masks(
-            self.registration,
-            (self.motion.moving(first, now), self.motion.moving(second, shown)),
-            (
-                [self.motion.changing(first, k) for k in (now, later) if self.dataset.has_image(first, k)],
-                [self.motion.changing(second, k) for k in (now, later)],
-            ),
+        return self.stitcher.layers(
+            {first: self.dataset.image(first, now), second: self.dataset.image(second, shown)}
         )
 
+    def _measure(self, now: int, later: int, shown: int) -> Measurements:
+        """The overlap when the second camera shows the instant `shown`; what stands still does so in both."""
+        first, second = self.cameras
+        a, b = self._layers(now, shown).values()
+        overlap = overlap_of(a, b)
+        assert overlap is not None
+        moving, other_moving = (
+            overlap.crop(self.stitcher.layer_mask(name, self.motion.moving(name, k)), layer.box)
+            for name, k, layer in ((first, now, a), (second, shown, b))
+        )
+        changing = [(first, k, a) for k in (now, later) if self.dataset.has_image(first, k)]
+        changing += [(second, k, b) for k in (now, later)]
+        still = ~dilate(
+            np.logical_or.reduce(
+                [
+                    overlap.crop(self.stitcher.layer_mask(name, self.motion.changing(name, k)), layer.box)
+                    for name, k, layer in changing
+                ]
+            ),
+            STILL_MARGIN_PX,
+        )
+        return _misfit_of(overlap, moving, moving | other_moving, still)
 
-def _draw_panorama(
-    registration: PairRegistration, photos: Mapping[str, tuple[Array, Array]], out: Path
-) -> tuple[Picture, ...]:
-    """Blend both cameras' photos (BGR) of each side into pictures in out/pictures."""
-    part = trim_empty_sides(registration.seen[0] | registration.seen[1])
-    wholes = {side: blend_pair(registration, *pair)[part] for side, pair in photos.items()}
-    changed = np.abs(wholes["synced"].astype(np.float32) - wholes["offset"]).mean(2)
-    box = box_with_most(changed * (changed > FEWEST_GREY_LEVELS), 0.5)
-    closeups = {side: enlarge_crop(whole, box) for side, whole in wholes.items()}
-    drawn = {side: {"panorama": wholes[side], "panorama_closeup": closeups[side]} for side in SIDES}
-    return write_pictures(drawn, TEXTS, out)
+    def _pictures(self, now: int, later: int, out: Path) -> tuple[Picture, ...]:
+        """The panorama of an instant, close up, and the overlap before the seam, in both conditions."""
+        canvas = self.stitcher.projection.canvas
+        drawn: dict[str, dict[str, Array]] = {}
+        for side, shown in zip(SIDES, (now, later), strict=True):
+            layers = self._layers(now, shown)
+            mean, count = average_layers(list(layers.values()), canvas)
+            part = trim_empty_sides(count > 0)
+            drawn[side] = {"panorama": self.stitcher.compose(layers)[part], "panorama_overlap": mean[part]}
+        means = [drawn[side]["panorama_overlap"].astype(np.float32) for side in SIDES]
+        changed = np.where(count[part] > 1, np.abs(means[0] - means[1]).mean(2), 0)
+        box = box_with_most(changed * (changed > FEWEST_GREY_LEVELS), 0.4)
+        for one in drawn.values():
+            one["panorama_closeup"] = enlarge_crop(one["panorama"], box)
+            one["panorama_overlap"] = enlarge_crop(one["panorama_overlap"], box)
+        return write_pictures(drawn, TEXTS, out)
+
+
+def _misfit_of(overlap: Overlap, moving: Array, moved: Array, still: Array) -> Measurements:
+    """Measures of `PanoramaScores`; masks of what moves in the first, moved in either, and stands still."""
+    found = measure_misfit(overlap, still)
+    difference = overlap.difference(still)
+    measured = Measurements(medians={"overlap_misfit_px": known(found.length)})
+    for kind, points, pixels in (("mover", moving, moved), ("static", still, still)):
+        lengths = found.of(points)
+        matched = known(lengths)
+        measured.shares[f"{kind}_found"] = len(matched), len(lengths)
+        measured.means[f"{kind}_points"] = np.array([len(matched)])
+        if len(matched) >= MIN_POINTS:
+            measured.medians[f"{kind}_misfit_px"] = matched
+        if (pixels & overlap.both).sum() >= MIN_PIXELS:
+            measured.means[f"{kind}_overlap_mad"] = difference[pixels & overlap.both]
+    return measured

@@ -1,4 +1,4 @@
-"""The command `stitch`: a panorama by OpenCV's stitcher, or of a registered pair for comparisons.
+"""The command `stitch` and the one engine of panoramas, that of comparisons too.
 
 Imports `pairs`, `scores`, `session` and `common`.
 """

@@ -1,22 +1,23 @@
 """`reconstruct stitch`: the panorama of a session's instant, or of a folder of pictures."""
 
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
-import numpy as np
 
 from capture_app.errors import BadInputError
 from capture_app.session.format.manifest import MANIFEST
-from reconstruction.common.geometry import Array
+from reconstruction.calibration.rig import calibrated_views
+from reconstruction.common.foreign_calls import opencv_calls
+from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import read_image, save_picture
 from reconstruction.common.memory_budget import memory_budget
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.output_folder import comparison_folder, write_metrics
-from reconstruction.panorama.ghosting import OverlapScore
-from reconstruction.panorama.opencv_stitcher import Panorama, PanoramaStitcher
+from reconstruction.panorama.ghosting import Misfit, Overlaps, OverlapScore
+from reconstruction.panorama.stitcher import PanoramaStitcher
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import nearest_frame_offset
 from reconstruction.session.mover_detection import SceneMotion
@@ -39,8 +40,10 @@ class ConditionPanorama(msgspec.Struct, frozen=True, kw_only=True):
     ghosts: str
     width: int
     height: int
-    ghosting_px: float | None
-    """Mean of the overlaps' flow_p95_px."""
+    misfit: Misfit
+    """Before blending, at the points of all overlaps, or of those between a late camera and another."""
+    mover_misfit: Misfit | None
+    """The same on what moves; None for single pictures, of which nobody knows what does."""
     overlaps: tuple[OverlapScore, ...]
 
 
@@ -61,14 +64,22 @@ class PanoramaResult(msgspec.Struct, frozen=True, kw_only=True):
 
 
 @dataclass(frozen=True)
-class StitchInput:
-    """Pictures (BGR) by name; the same with every second camera late, by how much; and movers (bool)."""
+class ConditionInput:
+    """Pictures (BGR) by name, and what moves in them (bool) where that is known."""
 
     images: dict[str, Array]
-    late_images: dict[str, Array] = field(default_factory=dict)
-    """Empty where no offset is asked for."""
+    movers: dict[str, Array]
+
+
+@dataclass(frozen=True)
+class StitchInput:
+    """What is composed: pictures of one instant, the same with every second camera late, and known views."""
+
+    synced: ConditionInput
+    views: dict[str, View]
+    offset: ConditionInput | None = None
+    late: tuple[str, ...] = ()
     offset_ms: float = 0.0
-    movers: dict[str, Array] | None = None
 
 
 def stitch(sources: tuple[Path, ...], out: Path, options: StitchOptions) -> PanoramaResult:
@@ -80,11 +91,12 @@ def stitch(sources: tuple[Path, ...], out: Path, options: StitchOptions) -> Pano
     began = time.monotonic()
     with comparison_folder(out) as output:
         given = _load_input(sources, options.instant, options.offset_ms)
-        stitcher = PanoramaStitcher(given.images, given.movers)
-        synced = _save_panorama(stitcher.compose(given.images), "synced", output.folder)
-        offset = None
-        if given.late_images:
-            offset = _save_panorama(stitcher.compose(given.late_images), "offset", output.folder)
+        with opencv_calls("stitching"):
+            stitcher = _register(given)
+            synced = _save_panorama(stitcher, given, given.synced, "synced", output.folder)
+            offset = None
+            if given.offset is not None:
+                offset = _save_panorama(stitcher, given, given.offset, "offset", output.folder)
         result = PanoramaResult(
             source=" ".join(map(str, sources)),
             used=stitcher.used,
@@ -100,15 +112,29 @@ def stitch(sources: tuple[Path, ...], out: Path, options: StitchOptions) -> Pano
     return result
 
 
-def _save_panorama(made: Panorama, condition: str, folder: Path) -> ConditionPanorama:
-    flows = [overlap.flow_p95_px for overlap in made.overlaps]
+def _register(given: StitchInput) -> PanoramaStitcher:
+    try:
+        return PanoramaStitcher(given.synced.images, given.synced.movers, given.views)
+    except ValueError as error:
+        hint = "take them from one place, with a third of overlap between neighbours"
+        raise BadInputError(f"the pictures make no panorama: {error}", hint=hint) from error
+
+
+def _save_panorama(
+    stitcher: PanoramaStitcher, given: StitchInput, shown: ConditionInput, condition: str, folder: Path
+) -> ConditionPanorama:
+    layers = stitcher.layers(shown.images)
+    movers = {name: stitcher.layer_mask(name, shown.movers[name]) for name in layers if name in shown.movers}
+    overlaps = Overlaps(layers, movers, stitcher.projection.canvas, given.late)
+    picture = stitcher.compose(layers)
     return ConditionPanorama(
-        panorama=save_picture(folder, f"panorama_{condition}.jpg", made.picture),
-        ghosts=save_picture(folder, f"ghosts_{condition}.jpg", made.ghosts),
-        width=made.picture.shape[1],
-        height=made.picture.shape[0],
-        ghosting_px=float(np.mean(flows)) if flows else None,
-        overlaps=made.overlaps,
+        panorama=save_picture(folder, f"panorama_{condition}.jpg", picture),
+        ghosts=save_picture(folder, f"ghosts_{condition}.jpg", overlaps.marked()),
+        width=picture.shape[1],
+        height=picture.shape[0],
+        misfit=overlaps.misfit,
+        mover_misfit=overlaps.mover_misfit,
+        overlaps=tuple(overlaps.scores),
     )
 
 
@@ -133,26 +159,43 @@ def _load_input(sources: Sequence[Path], instant: int, offset_ms: float | None) 
     images: dict[str, Array] = {}
     for path in paths:
         images[path.name if path.name not in images else str(path)] = read_image(path)
-    return StitchInput(images)
+    return StitchInput(ConditionInput(images, {}), {})
 
 
 def _session_input(folder: Path, instant: int, offset_ms: float | None) -> StitchInput:
     dataset = Dataset.open(folder)
     cameras = [name for name in dataset.nearest_instants(instant, ()) if dataset.has_image(name, instant)]
-    images = {name: dataset.image(name, instant) for name in cameras}
+    views = _known_views(dataset, cameras)
     if len(dataset.instants_ns) < 2:
-        return StitchInput(images)
+        images = {name: dataset.image(name, instant) for name in cameras}
+        return StitchInput(ConditionInput(images, {}), views)
     motion = SceneMotion(dataset, 1)
-    movers = {name: motion.widened_movers(name, instant) for name in cameras}
+    synced = _condition(dataset, motion, dict.fromkeys(cameras, instant))
     if offset_ms is None:
-        return StitchInput(images, movers=movers)
+        return StitchInput(synced, views)
     offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, offset_ms)
-    late_instant = dict(offset.pairs).get(instant)
+    later = dict(offset.pairs).get(instant)
     late = cameras[1::2]
-    if late_instant is None or not dataset.has_images((name, late_instant) for name in late):
+    if later is None or not dataset.has_images((name, later) for name in late):
         raise BadInputError(
             f"{folder} has no pictures {offset.actual_ms:.0f} ms after instant {instant}",
             hint="choose an earlier --instant",
         )
-    late_images = images | {name: dataset.image(name, late_instant) for name in late}
-    return StitchInput(images, late_images, offset.actual_ms, movers)
+    shown = dict.fromkeys(cameras, instant) | dict.fromkeys(late, later)
+    return StitchInput(synced, views, _condition(dataset, motion, shown), tuple(late), offset.actual_ms)
+
+
+def _condition(dataset: Dataset, motion: SceneMotion, shown: Mapping[str, int]) -> ConditionInput:
+    return ConditionInput(
+        {name: dataset.image(name, k) for name, k in shown.items()},
+        {name: motion.widened_movers(name, k) for name, k in shown.items()},
+    )
+
+
+def _known_views(dataset: Dataset, cameras: Sequence[str]) -> dict[str, View]:
+    """The session's calibration, as far as it has one that fits."""
+    calibration = dataset.calibration()
+    if calibration is None:
+        return {}
+    views = calibrated_views(dataset, calibration)
+    return {name: views[name] for name in cameras if name in views}

@@ -119,7 +119,7 @@ def _tables(result: CompareResult, sides: wording.Sides) -> Mapping[str, Table |
         instants = instants_table(f"Moving things, {cameras}", stereo.per_instant, sides)
     if stitch := result.stitch:
         caption = f"Panorama of cameras {' and '.join(stitch.cameras)}"
-        panorama = twin_table(caption, PANORAMA, stitch.synced, stitch.offset, sides)
+        panorama = twin_table(caption, PANORAMA, stitch.synced, stitch.offset, sides, WITH_CONTROL)
     return {
         "depth_table": depth,
         "panorama_table": panorama,

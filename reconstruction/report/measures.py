@@ -73,30 +73,18 @@ DEPTH = (
 
 PANORAMA = (
     Measure(
-        "mover_flow_p95_px",
-        "Misfit of moving things",
-        "How far apart the two pictures show the same thing, 95th percentile of what moves. Less is better.",
+        "misfit_px",
+        "Misfit",
+        "How far apart the two pictures show the same point, without a seam; the median. Less is better.",
         pixels,
     ),
     Measure(
-        "overlap_flow_p95_px",
-        "Misfit in the whole overlap",
-        "The same, for everything where the pictures overlap.",
-        pixels,
+        "found",
+        "Found again",
+        "Share of the points with structure that the other picture shows within reach. More is better.",
     ),
-    Measure(
-        "mover_overlap_mad",
-        "Brightness difference of moving things",
-        "On average, of 255. Less is better.",
-        wording.quantity,
-    ),
-    Measure(
-        "static_overlap_mad",
-        "Brightness difference of things at rest (control)",
-        "On average, of 255; it should not depend on timing.",
-        wording.quantity,
-        control=True,
-    ),
+    Measure("points", "Points measured", "That were found again, of an instant.", wording.number),
+    Measure("overlap_mad", "Brightness difference", "On average, of 255. Less is better.", wording.quantity),
 )
 
 

@@ -25,7 +25,7 @@ CONDITION_COLUMNS: tuple[tuple[str, str, str, Show], ...] = (
     ("stereo", "static_coverage", STILL_COVERAGE, wording.share),
     ("multiview", "mover_within_2pct", f"All cameras: {WITHIN.lower()}", wording.share),
     ("multiview", "mover_coverage", f"All cameras: {COVERAGE.lower()}", wording.share),
-    ("stitch", "overlap_flow_p95_px", "Panorama misfit", pixels),
+    ("stitch", "mover_misfit_px", "Panorama: misfit of moving things", pixels),
     ("poses", "correct_pairs", "Camera pairs placed correctly", wording.share),
 )
 """The study that takes the measure, its field, its name and how it is written."""

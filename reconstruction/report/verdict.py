@@ -13,7 +13,7 @@ from reconstruction.scores.timing import Timing
 
 DEPTH_MEASURES = ("mover_within_2pct", "mover_coverage")
 """What depth is judged by: correct distances where the truth is known, else any distance."""
-MISFIT_MEASURES = ("mover_flow_p95_px", "overlap_flow_p95_px")
+MISFIT_MEASURES = ("mover_misfit_px", "overlap_misfit_px")
 """What a panorama is judged by: the misfit of what moves where that is known, else of the whole overlap."""
 CLEAR_SHARE = 0.15
 """A loss of this share of the moving pixels is reported as clear."""

@@ -123,14 +123,26 @@ class MultiviewComparison(Struct, frozen=True, kw_only=True):
 
 
 class PanoramaScores(Struct, frozen=True, kw_only=True):
-    """A panorama in one condition, judged in the overlap before blending."""
+    """A panorama in one condition, judged in the overlap before seams and blending.
 
-    overlap_flow_p95_px: float
-    static_overlap_mad: float
+    Misfit is how far off the second picture shows a point of the first, px: the median over points with
+    structure that are found again there and back. Movers are points on what moves in the first picture.
+    """
+
+    overlap_misfit_px: float | None = None
+    """Of all points."""
+    static_misfit_px: float | None = None
+    mover_misfit_px: float | None = None
+    mover_found: float | None = None
+    """Share of the points that are found again."""
+    static_found: float | None = None
+    mover_points: float | None = None
+    """Points that it was measured at, of an instant."""
+    static_points: float | None = None
+    static_overlap_mad: float | None = None
     """Mean absolute grey-level difference on static pixels of the overlap (0-255)."""
     mover_overlap_mad: float | None = None
-    mover_flow_p95_px: float | None = None
-    """As overlap_flow_p95_px, on moving things only."""
+    """On pixels where something moves in either picture."""
     intervals: dict[str, Interval] = {}
     """By measure, where there are enough instants."""
     instants: int = 0

@@ -8,8 +8,6 @@ import msgspec
 from capture_app.text import count
 from capture_app.tui.jobs.kinds import JobKind
 
-_NOTHING: dict[str, Any] = {}
-
 
 def outcome(kind: JobKind, printed: bytes) -> str:
     """The sentence; empty where the output is not what was expected, which is no failure of the job."""
@@ -29,6 +27,12 @@ def percent(share: float | None) -> str:
     return f"{100 * share:.1f} %" if 0 < share < 0.1 else f"{100 * share:.0f} %"
 
 
+def moves(found: Mapping[str, Any]) -> bool:
+    """Whether a panorama's misfit is known on what moves."""
+    on_movers = found["synced"].get("mover_misfit")
+    return on_movers is not None and on_movers["median_px"] is not None
+
+
 def _of_multiview(found: Mapping[str, Any]) -> str:
     maps = count(len(found["views"]), "depth map")
     right = found.get("within_2pct")
@@ -40,9 +44,10 @@ def _of_multiview(found: Mapping[str, Any]) -> str:
 
 def _of_stitch(found: Mapping[str, Any]) -> str:
     text = f"panorama of {count(len(found['used']), 'picture')}"
-    one, late = found["synced"]["ghosting_px"], (found.get("offset") or _NOTHING).get("ghosting_px")
+    what, key = ("what moves fits", "mover_misfit") if moves(found) else ("overlaps fit", "misfit")
+    one, late = (side and side[key]["median_px"] for side in (found["synced"], found.get("offset")))
     if one is not None:
-        text += f"; overlaps fit to {one:.1f} px"
+        text += f"; {what} to {one:.1f} px"
     if one is not None and late is not None:
         text += f", {found['actual_offset_ms']:.0f} ms late to {late:.1f} px"
     return text

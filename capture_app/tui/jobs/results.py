@@ -13,7 +13,7 @@ from capture_app.text import count
 from capture_app.tui.drawing.line_parts import filled_cells
 from capture_app.tui.jobs.job import Job
 from capture_app.tui.jobs.kinds import COMPARE, DOSE, MULTIVIEW, STITCH
-from capture_app.tui.jobs.outcome import outcome, percent
+from capture_app.tui.jobs.outcome import moves, outcome, percent
 
 SYNCED, LATE = "same instant", "late"
 BAR = 20
@@ -119,15 +119,17 @@ def _panorama(found: Mapping[str, Any], folder: Path, verdict: str) -> StudyResu
         other = None if late is None else inside(folder, late[key])
         return ResultPicture(title, caption, inside(folder, synced[key]), other, SYNCED, late_words)
 
-    overlaps = {(o["first"], o["second"]): o["flow_p95_px"] for o in (late or {}).get("overlaps", ())}
+    moving = moves(found)
+    overlaps = {(o["first"], o["second"]): _misfit(o, moving) for o in (late or {}).get("overlaps", ())}
     rows = tuple(
         (
             f"{one['first']} and {one['second']}",
-            f"{one['flow_p95_px']:.1f} px",
-            *([f"{overlaps[pair]:.1f} px"] if (pair := (one["first"], one["second"])) in overlaps else []),
+            _misfit(one, moving),
+            *([overlaps[pair]] if (pair := (one["first"], one["second"])) in overlaps else []),
         )
         for one in synced["overlaps"]
     )
+    what = "Misfit of what moves where pictures overlap" if moving else "Misfit where pictures overlap"
     columns = ("same instant", f"{found['actual_offset_ms']:.0f} ms late") if late else ("same instant",)
     return StudyResult(
         verdict,
@@ -135,9 +137,14 @@ def _panorama(found: Mapping[str, Any], folder: Path, verdict: str) -> StudyResu
             picture("panorama", "Panorama", f"From {count(len(found['used']), 'picture')} of one instant."),
             picture("ghosts", "Ghosts", "The same; where pictures do not fit together it is marked."),
         ),
-        (ResultTable("Misfit where pictures overlap", ("",) * len(columns), columns, rows),),
+        (ResultTable(what, ("",) * len(columns), columns, rows),),
         tuple(f"{name} is left out: {why}" for name, why in found["left_out"].items()),
     )
+
+
+def _misfit(overlap: Mapping[str, Any], moving: bool) -> str:
+    found = overlap["mover_misfit" if moving else "misfit"]
+    return "–" if found is None or found["median_px"] is None else f"{found['median_px']:.1f} px"
 
 
 def _multiview(found: Mapping[str, Any], folder: Path, verdict: str) -> StudyResult:

@@ -30,7 +30,7 @@ def test_synchronization_shows_in_depth_and_panorama_but_not_in_what_stands_stil
     assert abs(synced["static_coverage"] - offset["static_coverage"]) < 0.02
     assert synced["mover_epipolar_px"] < 1 < offset["mover_epipolar_px"]
     assert abs(synced["static_epipolar_px"] - offset["static_epipolar_px"]) < 0.2
-    flow = [result["stitch"][c]["overlap_flow_p95_px"] for c in ("synced", "offset")]
+    flow = [result["stitch"][c]["mover_misfit_px"] for c in ("synced", "offset")]
     assert flow[1] > flow[0] + 2
     still = [result["stitch"][c]["static_overlap_mad"] for c in ("synced", "offset")]
     assert abs(still[0] - still[1]) < 1

@@ -96,7 +96,7 @@ def test_compare_judges_further_conditions_beside_the_synchronized_one(
     change = early["stereo"]["differences"]["mover_within_2pct"]
     assert change["low"] <= change["value"] <= change["high"] < -0.8
     assert abs(early["stereo"]["differences"]["static_coverage"]["value"]) < 0.02
-    assert early["stitch"]["offset"]["overlap_flow_p95_px"] > early["stitch"]["synced"]["overlap_flow_p95_px"]
+    assert early["stitch"]["offset"]["mover_misfit_px"] > early["stitch"]["synced"]["mover_misfit_px"]
     assert same["stereo"] is None
     assert "equally late" in same["skipped"][0]
     assert itself["session"] == str(boards.folder)

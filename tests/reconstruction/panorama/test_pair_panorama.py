@@ -1,56 +1,96 @@
-"""Panoramas: registered on what stands still, measured before blending, refused where they fail."""
+"""Panoramas of two cameras: registered on what stands still, measured before blending."""
+
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from reconstruction.pairs.features import detect_features, match_features
-from reconstruction.pairs.homography import Homography, fit_homography
+from reconstruction.common.geometry import Array, View
+from reconstruction.pairs.features import detect_features
 from reconstruction.pairs.pair_choice import choose_panorama_pair, choose_stereo_pair
-from reconstruction.panorama.pair_panorama import (
-    blend_pair,
-    measure_misfit,
-    panorama_masks,
-    register_pair,
-    undistort_pixels,
-)
-from reconstruction.scores.results import PanoramaScores
-from reconstruction.scores.tally import Tally
+from reconstruction.panorama.overlap import known, measure_misfit, overlap_of
+from reconstruction.panorama.projection import Projection
+from reconstruction.panorama.stitcher import PanoramaStitcher
 from tests.reconstruction.conftest import HEIGHT, VIEWS, WIDTH, Scene, make_view
 
 SIZE = (WIDTH, HEIGHT)
+FIRST, SECOND = make_view((-0.01, 0, 0), yaw=-9), make_view((0.01, 0, 0), yaw=9)
 
 
-def test_the_overlap_fits_when_synchronized_and_not_when_offset(scene: Scene) -> None:
-    first, second = make_view((-0.01, 0, 0), yaw=-9), make_view((0.01, 0, 0), yaw=9)
-    a, _, moving = scene.look(first, 2)
-    b = {time: scene.look(second, time) for time in (2, 4)}
-    matched = match_features(detect_features(a, moving), detect_features(b[2][0], b[2][2]))
-    flat = undistort_pixels(first, matched[0]), undistort_pixels(second, matched[1])
-    homography = fit_homography(*flat, SIZE, SIZE)
-    assert homography is not None
-    registration = register_pair(first, second, homography)
-    changing = ([moving, scene.look(first, 4)[2]], [b[2][2], b[4][2]])
+def picture(scene: Scene, view: View, time: float) -> tuple[Array, Array]:
+    """A BGR picture and its movers."""
+    grey, _, movers = scene.look(view, time)
+    return np.dstack([grey] * 3), movers
+
+
+def stitched(scene: Scene, first: View, second: View, *, calibrated: bool) -> PanoramaStitcher:
+    seen = {name: picture(scene, view, 2) for name, view in (("a", first), ("b", second))}
+    views = {"a": first, "b": second} if calibrated else {}
+    return PanoramaStitcher(
+        {name: image for name, (image, _) in seen.items()},
+        {name: mask for name, (_, mask) in seen.items()},
+        views,
+    )
+
+
+@pytest.mark.parametrize("calibrated", [True, False])
+def test_the_overlap_fits_when_synchronized_and_what_moves_does_not_when_offset(
+    scene: Scene, calibrated: bool
+) -> None:
+    stitcher = stitched(scene, FIRST, SECOND, calibrated=calibrated)
+    image, moving = picture(scene, FIRST, 2)
     misfit = {}
-    for time, (image, _, mask) in b.items():
-        masks = panorama_masks(registration, (moving, mask), changing)
-        measured = measure_misfit(registration, a, image, *masks)
-        misfit[time] = Tally([measured]).scores(PanoramaScores)
-    assert misfit[2].overlap_flow_p95_px < 3
-    assert misfit[4].overlap_flow_p95_px > 2 * misfit[2].overlap_flow_p95_px
-    assert misfit[4].mover_flow_p95_px is not None
-    assert abs(misfit[2].static_overlap_mad - misfit[4].static_overlap_mad) < 0.5
-    colours = [np.dstack([image] * 3) for image in (a, b[2][0])]
-    whole = blend_pair(registration, *colours)
-    assert whole.shape[1] > 1.15 * WIDTH
+    for time in (2, 4):
+        layers = stitcher.layers({"a": image, "b": picture(scene, SECOND, time)[0]})
+        overlap = overlap_of(layers["a"], layers["b"])
+        assert overlap is not None
+        mask = overlap.crop(stitcher.layer_mask("a", moving), layers["a"].box)
+        found = measure_misfit(overlap, ~mask)
+        on_movers = known(found.of(mask))
+        misfit[time] = float(np.median(known(found.length)))
+        if time == 2:
+            assert len(on_movers) > 10
+            assert np.median(on_movers) < 2
+        else:
+            assert len(on_movers) == 0 or np.median(on_movers) > 5
+        assert len(known(found.length)) > 30
+        assert misfit[time] < 0.7
+        whole = stitcher.compose(layers)
+        assert whole.shape[1] > 1.15 * WIDTH
+        assert (whole.max(2) > 0).mean() > 0.9
 
 
-def test_a_degenerate_registration_is_refused() -> None:
+def test_a_lens_is_undone_where_it_is_known(scene: Scene) -> None:
+    bent = tuple(replace(view, distortion=np.array([-0.25, 0.05, 0, 0, 0])) for view in (FIRST, SECOND))
+    image = {"a": picture(scene, bent[0], 2)[0], "b": picture(scene, bent[1], 2)[0]}
+    misfit = {}
+    for calibrated in (True, False):
+        layers = stitched(scene, *bent, calibrated=calibrated).layers(image)
+        overlap = overlap_of(layers["a"], layers["b"])
+        assert overlap is not None
+        misfit[calibrated] = float(np.percentile(known(measure_misfit(overlap, overlap.both).length), 75))
+    assert misfit[True] < 0.7
+    assert misfit[True] < 0.7 * misfit[False]
+
+
+def test_a_panorama_without_a_sensible_size_is_refused() -> None:
     view = make_view((0, 0, 0))
-    squeezed = np.diag([1e-4, 1e-4, 1.0])
-    blown_up = np.diag([60.0, 60.0, 1.0])
-    for matrix in (np.linalg.inv(blown_up), np.linalg.inv(squeezed)):
-        with pytest.raises(ValueError, match=r"fit together|overlap"):
-            register_pair(view, view, Homography(matrix, 0.5, 50, 60))
+    with pytest.raises(ValueError, match="fit together"):
+        Projection(
+            {"a": view, "b": replace(view, matrix=np.diag([9000.0, 9000.0, 1.0]), rotation=-np.eye(3))}
+        )
+
+
+def test_a_blank_overlap_has_no_misfit(scene: Scene) -> None:
+    stitcher = stitched(scene, FIRST, SECOND, calibrated=True)
+    blank = np.full((HEIGHT, WIDTH, 3), 120, np.uint8)
+    noise = np.random.default_rng(1)
+    layers = stitcher.layers(
+        {name: blank + noise.integers(0, 6, blank.shape, np.uint8) for name in ("a", "b")}
+    )
+    overlap = overlap_of(layers["a"], layers["b"])
+    assert overlap is not None
+    assert len(measure_misfit(overlap, overlap.both).at) == 0
 
 
 def test_pairs_are_chosen_by_what_they_see(scene: Scene) -> None:

@@ -9,7 +9,8 @@ import pytest
 
 from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.session.reading.reader import Session
-from reconstruction.panorama.opencv_stitcher import PanoramaStitcher
+from reconstruction.panorama.ghosting import Overlaps
+from reconstruction.panorama.stitcher import PanoramaStitcher
 from tests.reconstruction.conftest import VIEWS, Reconstruct, Scene, texture, write_session
 
 FOCAL = 630.0
@@ -46,30 +47,69 @@ def wall() -> dict[str, Any]:
     return {"p0": pictures[0], "alien": turned(tiled(12), 0), "p1": pictures[1], "p2": pictures[2]}
 
 
+def judged(stitcher: PanoramaStitcher, images: dict[str, Any]) -> Overlaps:
+    return Overlaps(stitcher.layers(images), {}, stitcher.projection.canvas)
+
+
 def test_three_pictures_come_out_whole_and_a_stranger_is_left_out_with_the_reason(
     wall: dict[str, Any],
 ) -> None:
-    stitching = PanoramaStitcher(wall)
-    assert stitching.used == ("p0", "p1", "p2")
-    assert "shares" in stitching.left_out["alien"]
-    made = stitching.compose(wall)
-    assert made.picture.shape[1] > 1.5 * 480
-    assert {(o.first, o.second) for o in made.overlaps} >= {("p0", "p1"), ("p1", "p2")}
-    assert all(o.flow_p95_px < 2 for o in made.overlaps)
-    again = PanoramaStitcher(wall).compose(wall)
-    assert np.array_equal(made.picture, again.picture)
+    stitcher = PanoramaStitcher(wall)
+    assert stitcher.used == ("p0", "p1", "p2")
+    assert "shares" in stitcher.left_out["alien"]
+    made = stitcher.compose(stitcher.layers(wall))
+    assert made.shape[1] > 1.5 * 480
+    found = judged(stitcher, wall)
+    assert {(o.first, o.second) for o in found.scores} >= {("p0", "p1"), ("p1", "p2")}
+    assert all(o.misfit.p95_px is not None and o.misfit.p95_px < 1 for o in found.scores)
+    assert found.misfit.points > 100
+    again = PanoramaStitcher(wall)
+    assert np.array_equal(made, again.compose(again.layers(wall)))
+
+
+def test_the_panorama_does_not_depend_on_the_number_of_threads(wall: dict[str, Any]) -> None:
+    before = cv2.getNumThreads()
+    made = []
+    try:
+        for threads in (1, 4):
+            cv2.setNumThreads(threads)
+            stitcher = PanoramaStitcher(wall)
+            layers = stitcher.layers(wall)
+            made.append((stitcher.compose(layers), judged(stitcher, wall).misfit))
+    finally:
+        cv2.setNumThreads(before)
+    assert np.array_equal(made[0][0], made[1][0])
+    assert made[0][1] == made[1][1]
 
 
 def test_what_moved_in_the_overlap_shows_before_blending(wall: dict[str, Any]) -> None:
     pictures = {name: wall[name].copy() for name in ("p0", "p1", "p2")}
-    stitching = PanoramaStitcher(pictures)
-    still = stitching.compose(pictures)
+    stitcher = PanoramaStitcher(pictures)
+    still = judged(stitcher, pictures)
     pictures["p1"][120:260, 240:480] = np.roll(pictures["p1"][120:260, 240:480], 12, axis=0)
-    moved = stitching.compose(pictures)
-    flow = [max(o.flow_p95_px for o in made.overlaps) for made in (still, moved)]
-    assert flow[1] > flow[0] + 3
-    marked = [int((made.ghosts == (40, 130, 250)).all(2).sum()) for made in (still, moved)]
+    moved = judged(stitcher, pictures)
+    worst = [max(o.misfit.p95_px or 0 for o in found.scores) for found in (still, moved)]
+    assert worst[0] < 1
+    assert worst[1] == pytest.approx(12, abs=1)
+    marked = [int((found.marked() == (40, 130, 250)).all(2).sum()) for found in (still, moved)]
     assert marked[1] > marked[0] + 200
+
+
+def test_two_exposures_and_a_mover_leave_no_seam_and_no_ghost(wall: dict[str, Any]) -> None:
+    pictures = {name: wall[name].copy() for name in ("p0", "p1")}
+    stitcher = PanoramaStitcher(pictures)
+    plain = stitcher.compose(stitcher.layers(pictures)).astype(np.float32)
+    pictures["p1"] = np.clip(pictures["p1"] * 0.75, 0, 255).astype(np.uint8)
+    # A red disc, in the second picture only, where both see the wall.
+    cv2.circle(pictures["p1"], (130, 180), 40, (0, 0, 255), -1)
+    made = stitcher.compose(stitcher.layers(pictures)).astype(np.float32)
+    reddish = made[..., 2] - made[..., 0]
+    share_of_pale = float(((reddish > 40) & (reddish < 110)).mean())
+    assert share_of_pale < 0.004, "the disc is shown whole or not at all, never half transparent"
+    seen = (plain.max(2) > 0) & (made.max(2) > 0) & (np.abs(reddish) < 30)
+    gain = made.mean(2) / np.maximum(plain.mean(2), 1)
+    left, right = (float(np.median(gain[:, part][seen[:, part]])) for part in (slice(300), slice(400, None)))
+    assert left == pytest.approx(right, abs=0.05), "both halves are equally bright"
 
 
 @pytest.mark.parametrize("count", [1, 2])

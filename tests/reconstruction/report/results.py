@@ -57,12 +57,8 @@ STEREO = StereoComparison(
 
 STITCH = PanoramaComparison(
     cameras=("cam0", "cam4"),
-    synced=PanoramaScores(
-        overlap_flow_p95_px=1.31, static_overlap_mad=4.2, mover_overlap_mad=6.1, instants=5
-    ),
-    offset=PanoramaScores(
-        overlap_flow_p95_px=23.4, static_overlap_mad=4.3, mover_overlap_mad=31.7, instants=5
-    ),
+    synced=PanoramaScores(overlap_misfit_px=1.31, static_overlap_mad=4.2, mover_overlap_mad=6.1, instants=5),
+    offset=PanoramaScores(overlap_misfit_px=23.4, static_overlap_mad=4.3, mover_overlap_mad=31.7, instants=5),
 )
 
 RESULT = CompareResult(
@@ -114,7 +110,7 @@ def whole_result(out: Path) -> CompareResult:
     scores = DepthScores(
         mover_coverage=0.9, static_coverage=0.7, mover_within_2pct=0.9, instants=5, intervals=RANGED
     )
-    panorama = PanoramaScores(overlap_flow_p95_px=1.3, static_overlap_mad=4.2, instants=5)
+    panorama = PanoramaScores(overlap_misfit_px=1.3, static_overlap_mad=4.2, instants=5)
     pictures = [greys(out, key, f"A picture of {key}", shape, 100, 180) for key, shape in SHAPES.items()]
     stereo = StereoComparison(
         reference=CAMERAS[0],

@@ -26,7 +26,7 @@ def stereo(synced: float, offset: float, still: float = 0.8, *, truth: bool = Tr
 
 def stitch(synced: float, offset: float) -> PanoramaComparison:
     def scores(flow: float) -> PanoramaScores:
-        return PanoramaScores(overlap_flow_p95_px=flow, static_overlap_mad=2.0)
+        return PanoramaScores(overlap_misfit_px=flow, static_overlap_mad=2.0)
 
     return PanoramaComparison(cameras=("a", "b"), synced=scores(synced), offset=scores(offset))
 

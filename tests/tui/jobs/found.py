@@ -87,9 +87,11 @@ def add_panorama(root: Path, session: str) -> Job:
     def side(name: str, misfit: float) -> dict[str, object]:
         for what in ("panorama", "ghosts"):
             picture(job.out / f"{what}_{name}.jpg", 90)
-        overlap = {"first": "cam00", "second": "cam01", "flow_p95_px": misfit, "mad": 3.0}
+        moving = {"points": 80, "lost": 3, "median_px": misfit, "p95_px": 2 * misfit}
+        known = {"misfit": {**moving, "median_px": 0.3}, "mover_misfit": moving}
+        overlap = {"first": "cam00", "second": "cam01", **known, "mad": 3.0}
         paths = {what: f"{what}_{name}.jpg" for what in ("panorama", "ghosts")}
-        return {**paths, "ghosting_px": misfit, "overlaps": [overlap]}
+        return {**paths, **known, "overlaps": [overlap]}
 
     found = {
         "used": ["cam00", "cam01"],

@@ -23,7 +23,7 @@ def test_a_comparison(tmp_path: Path) -> None:
 
 def test_a_panorama(tmp_path: Path) -> None:
     result = read_result(add_panorama(tmp_path, "take"))
-    assert "overlaps fit to 1.7 px, 67 ms late to 11.8 px" in result.verdict
+    assert "what moves fits to 1.7 px, 67 ms late to 11.8 px" in result.verdict
     assert result.pictures[0].offset_words == "every second camera 67 ms late"
     assert result.tables[0].rows == (("cam00 and cam01", "1.7 px", "11.8 px"),)
     assert result.remarks == ("cam02 is left out: it shows nothing that the others show",)

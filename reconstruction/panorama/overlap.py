@@ -1,0 +1,184 @@
+"""How well two layers of a panorama fit where they overlap, before blending: at points that can tell."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+
+from reconstruction.common.brightness import gain_and_bias
+from reconstruction.common.geometry import Array
+from reconstruction.panorama.projection import Box, Layer
+
+MIN_OVERLAP_PX = 500
+LEAST_GRADIENT = 2.5
+"""Grey levels a px in every direction; a window with less has nothing to hold on to (sky, a blank wall)."""
+WINDOW_PX = 21
+"""Window in which a point is found again."""
+SPACING_PX = 9
+"""There is at most one point in a square so wide."""
+REACH_PX = 48
+"""So far around a point that tracking has lost its window is compared with every other."""
+PATCH_PX = 11
+LEAST_LIKENESS = 0.8
+"""Normalized correlation of both patches; less is another thing."""
+MOST_RETURN_PX = 0.5
+"""Found again from there, a point must lie so near to where it began."""
+
+
+@dataclass(frozen=True)
+class PictureMisfit:
+    """Where points of the first picture lie in the second: pixels (n, 2) of `Overlap`, and how far off, px.
+
+    NaN is a point that is not found again, or not back from there.
+    """
+
+    at: Array
+    length: Array
+
+    def of(self, mask: Array) -> Array:
+        """Lengths at the points in a mask (bool) of the overlap, NaN included."""
+        return np.asarray(self.length[mask[self.at[:, 1], self.at[:, 0]]])
+
+
+def known(lengths: Array) -> Array:
+    """Those that are not NaN."""
+    return np.asarray(lengths[np.isfinite(lengths)])
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """Two layers in a box that both reach into: grey pictures (uint8), and which pixels both have (bool)."""
+
+    box: Box
+    first: Array
+    second: Array
+    both: Array
+
+    def crop(self, pixels: Array, box: Box) -> Array:
+        """The part of a layer's pixels, which lie in `box`, that the overlap has."""
+        left, top, right, bottom = self.box
+        return pixels[top - box[1] : bottom - box[1], left - box[0] : right - box[0]]
+
+    def matched_second(self, still: Array) -> Array:
+        """The second picture (float32) as bright as the first is on what stands still (bool)."""
+        second = self.second.astype(np.float32)
+        gain, bias = gain_and_bias(self.first, np.where(self.both & still, second, np.float32(np.nan)))
+        return np.asarray(np.clip(gain * second + bias, 0, 255), np.float32)
+
+    def difference(self, still: Array) -> Array:
+        """By how many grey levels the pictures differ (float32), brightness matched as above; 0 beyond."""
+        return np.asarray(np.where(self.both, np.abs(self.first - self.matched_second(still)), 0), np.float32)
+
+
+def overlap_of(a: Layer, b: Layer) -> Overlap | None:
+    """Where two layers (BGR) overlap, the outermost pixels left out; None where they hardly do."""
+    low = np.maximum(a.box[:2], b.box[:2])
+    high = np.minimum(a.box[2:], b.box[2:])
+    if (high <= low).any():
+        return None
+    box = int(low[0]), int(low[1]), int(high[0]), int(high[1])
+    empty = Overlap(box, *(np.zeros((0, 0)),) * 3)
+    both = (empty.crop(a.seen, a.box) & empty.crop(b.seen, b.box)).astype(np.uint8)
+    both = cv2.erode(both, np.ones((7, 7), np.uint8), borderType=cv2.BORDER_CONSTANT, borderValue=0)
+    if both.sum() < MIN_OVERLAP_PX:
+        return None
+    first, second = (
+        np.asarray(cv2.cvtColor(np.ascontiguousarray(empty.crop(one.picture, one.box)), cv2.COLOR_BGR2GRAY))
+        for one in (a, b)
+    )
+    return Overlap(box, first, second, np.asarray(both) > 0)
+
+
+def measure_misfit(overlap: Overlap, still: Array) -> PictureMisfit:
+    """Find the first picture's points again in the second, and back from there (Lucas and Kanade).
+
+    Brightness is matched on what is `still` (bool), which may be all.
+    """
+    first = np.where(overlap.both, overlap.first, 0).astype(np.uint8)
+    second = np.where(overlap.both, overlap.matched_second(still), 0).astype(np.uint8)
+    at = _points(first, overlap.both)
+    if not len(at):
+        return PictureMisfit(at, np.zeros(0))
+    return PictureMisfit(at, _displacement(first, second, at, overlap.both))
+
+
+def _points(picture: Array, allowed: Array) -> Array:
+    """Pixels (n, 2; int) with structure in every direction (Shi and Tomasi), apart from each other."""
+    inner = cv2.erode(
+        allowed.astype(np.uint8),
+        np.ones((WINDOW_PX, WINDOW_PX), np.uint8),
+        borderType=cv2.BORDER_CONSTANT,
+        borderValue=0,
+    )
+    smooth = cv2.GaussianBlur(picture.astype(np.float32), (0, 0), 1.0)
+    # The eigenvalue of a 7 px block is four times the square of the gradient.
+    gradient = np.sqrt(np.maximum(cv2.cornerMinEigenVal(smooth, 7, ksize=3), 0) / 4)
+    peaks = gradient == cv2.dilate(gradient, np.ones((SPACING_PX, SPACING_PX), np.uint8))
+    ys, xs = np.nonzero(peaks & (gradient > LEAST_GRADIENT) & (inner > 0))
+    return np.column_stack([xs, ys])
+
+
+def _displacement(a: Array, b: Array, at: Array, both: Array) -> Array:
+    """How far points (n, 2) of a lie from there in b, px; NaN where that does not hold both ways."""
+    there, back = _track(a, b, at)
+    kept = np.linalg.norm(back - at, axis=1) < MOST_RETURN_PX
+    kept &= _likeness(a, at, b, there) > LEAST_LIKENESS
+    for lost in np.nonzero(~kept)[0]:
+        found = _search(a, b, at[lost])
+        if found is not None:
+            there[lost], kept[lost] = found, True
+    nearest = np.round(np.where(kept[:, None], there, 0)).astype(int)
+    inside = ((nearest >= 0) & (nearest < both.shape[::-1])).all(1)
+    kept &= inside & both[np.where(inside, nearest[:, 1], 0), np.where(inside, nearest[:, 0], 0)]
+    return np.where(kept, np.linalg.norm(there - at, axis=1), np.nan)
+
+
+def _track(a: Array, b: Array, at: Array) -> tuple[Array, Array]:
+    """Where points (n, 2) of a lie in b, and where these lie in a; NaN where that cannot be told."""
+    how: dict[str, Any] = {
+        "winSize": (WINDOW_PX, WINDOW_PX),
+        "maxLevel": int(np.clip(np.log2(min(a.shape) / (2 * WINDOW_PX)), 0, 4)),
+        "criteria": (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 30, 0.01),
+    }
+    begin = at.astype(np.float32).reshape(-1, 1, 2)
+    there, found, _ = cv2.calcOpticalFlowPyrLK(a, b, begin, None, **how)
+    back, returned, _ = cv2.calcOpticalFlowPyrLK(b, a, there, None, **how)
+    ok = (found > 0) & (returned > 0)
+    return there.reshape(-1, 2), np.where(ok, back.reshape(-1, 2), np.nan)
+
+
+def _search(a: Array, b: Array, at: Array) -> Array | None:
+    """The place in b (2,) most like a point of a within reach, if that point is the one most like it in a."""
+    there = _most_alike(a, at, b)
+    back = None if there is None else _most_alike(b, there, a)
+    return there if back is not None and np.abs(back - at).max() <= 1 else None
+
+
+def _most_alike(picture: Array, at: Array, other: Array) -> Array | None:
+    """The place (2,) in another picture, in a square around `at`, of the patch around `at`."""
+    half = WINDOW_PX // 2
+    low, high = np.maximum(at - REACH_PX - half, 0), at + REACH_PX + half + 1
+    patch = picture[max(at[1] - half, 0) : at[1] + half + 1, max(at[0] - half, 0) : at[0] + half + 1]
+    if patch.shape != (WINDOW_PX, WINDOW_PX):
+        return None
+    likeness = cv2.matchTemplate(other[low[1] : high[1], low[0] : high[0]], patch, cv2.TM_CCOEFF_NORMED)
+    _, most, _, (x, y) = cv2.minMaxLoc(likeness)
+    return low + np.array([x + half, y + half]) if most > LEAST_LIKENESS else None
+
+
+def _likeness(a: Array, at_a: Array, b: Array, at_b: Array) -> Array:
+    """Normalized correlation (n,) of the patches around pixels (n, 2) of two pictures."""
+    patches = []
+    for picture, at in ((a, at_a), (b, at_b)):
+        reach = np.arange(PATCH_PX, dtype=np.float32) - PATCH_PX // 2
+        xs = np.repeat(at[:, 0, None] + reach, PATCH_PX, axis=0)
+        ys = np.repeat((at[:, 1, None] + reach).reshape(-1, 1), PATCH_PX, axis=1)
+        sampled = cv2.remap(
+            picture.astype(np.float32), xs.astype(np.float32), ys.astype(np.float32), cv2.INTER_LINEAR
+        )
+        flat = sampled.reshape(len(at), -1)
+        patches.append(flat - flat.mean(1, keepdims=True))
+    one, other = patches
+    power = np.sqrt((one**2).sum(1) * (other**2).sum(1))
+    return np.asarray((one * other).sum(1) / np.maximum(power, 1e-6))

@@ -1,0 +1,248 @@
+"""Where the pictures of a panorama belong: cameras that only turn, found by what stands still.
+
+Brown and Lowe, Automatic Panoramic Image Stitching using Invariant Features, 2007, by OpenCV.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from typing import Any
+
+import cv2
+import numpy as np
+
+from reconstruction.common.geometry import Array, View
+from reconstruction.pairs.features import MIN_MATCHES, Features, match_features
+
+INLIER_PX = 3.0
+ROUNDS = 3
+"""Times that the cameras are adjusted again without the points that do not fit all pictures together."""
+OUTLIER = 2.0
+"""Such points are off by more than so many medians, and by more than a pixel."""
+EXPECTED_MATCHES = (8.0, 0.2)
+"""Two pictures overlap if more matches than this number and share of all fit (Brown and Lowe, eq. 13).
+
+Their share is 0.3; cameras of a rig stand apart, and one plane of the scene is less of all that they share.
+"""
+FOCAL_LIMITS = (0.1, 50.0)
+"""Of the picture's longer side; a focal length beyond is a failed estimate."""
+
+
+@dataclass(frozen=True)
+class Registration:
+    """By camera: its intrinsics and `rotation`, camera from panorama; there is no translation."""
+
+    views: dict[str, View]
+    left_out: dict[str, str]
+    """Pictures that do not belong to it, and why."""
+
+
+@dataclass(frozen=True)
+class PictureOverlap:
+    """Still points that two pictures share, and which of them one homography explains."""
+
+    at: tuple[Array, Array]
+    """Pixels (n, 2) in both, without the lens's distortion."""
+    fits: Array
+    """Bool (n,)."""
+    homography: Array
+    """3x3, from the first to the second, pixels counted from the pictures' middles."""
+
+    @property
+    def confidence(self) -> float:
+        """Above 1 the two pictures show the same place."""
+        least, share = EXPECTED_MATCHES
+        found = int(self.fits.sum())
+        return found / (least + share * len(self.fits)) if found >= MIN_MATCHES else 0.0
+
+
+def register_pictures(
+    points: Mapping[str, Features], sizes: Mapping[str, tuple[int, int]], known: Mapping[str, View]
+) -> Registration:
+    """Register pictures of these sizes (width, height) by their still points.
+
+    `known` are calibrated views of these sizes: where all pictures have one, focal length and distortion are
+    theirs, else estimated and none.
+
+    Raises:
+        ValueError: no two pictures belong together, or no camera that only turns explains them.
+    """
+    calibrated = all(name in known for name in points)
+    views = {name: known[name] if calibrated else unknown_view(*sizes[name]) for name in points}
+    flat = {
+        name: Features(flat_pixels(views[name], p.positions), p.descriptors) for name, p in points.items()
+    }
+    overlaps = {
+        (a, b): _find_overlap(match_features(flat[a], flat[b]), views[a], views[b])
+        for a, b in combinations(points, 2)
+    }
+    used = _largest_group(list(points), overlaps)
+    if len(used) < 2:
+        most = max((len(one.fits) for one in overlaps.values()), default=0)
+        if most < MIN_MATCHES:
+            raise ValueError(f"no two pictures share more than {most} points")
+        raise ValueError("the points that the pictures share do not fit a camera that only turns")
+    left_out = {name: _reason_left_out(name, points[name], overlaps) for name in points if name not in used}
+    return Registration(_solve({name: views[name] for name in used}, overlaps, calibrated), left_out)
+
+
+def unknown_view(width: int, height: int) -> View:
+    """The view of an unknown camera: a focal length of the picture's diagonal, no distortion."""
+    matrix = np.diag([np.hypot(width, height)] * 2 + [1.0])
+    matrix[:2, 2] = width / 2, height / 2
+    return View(width, height, matrix, np.zeros(5), np.eye(3), np.zeros(3))
+
+
+def flat_pixels(view: View, at: Array) -> Array:
+    """Pixels (n, 2) as they would be without the lens's distortion."""
+    return np.asarray((view.rays(at) @ view.matrix.T)[:, :2]) if len(at) else at
+
+
+def _find_overlap(at: tuple[Array, Array], a: View, b: View) -> PictureOverlap:
+    nothing = PictureOverlap(at, np.zeros(len(at[0]), bool), np.eye(3))
+    if len(at[0]) < MIN_MATCHES:
+        return nothing
+    middles = [np.array([view.width / 2, view.height / 2]) for view in (a, b)]
+    centred = [(pixels - middle).reshape(-1, 1, 2) for pixels, middle in zip(at, middles, strict=True)]
+    found, fits = cv2.findHomography(
+        centred[0], centred[1], cv2.USAC_MAGSAC, INLIER_PX, maxIters=5000, confidence=0.999
+    )
+    if found is None or abs(np.linalg.det(found)) < 1e-9:
+        return nothing
+    return PictureOverlap(at, np.asarray(fits).ravel() > 0, np.asarray(found))
+
+
+def _largest_group(names: Sequence[str], overlaps: Mapping[tuple[str, str], PictureOverlap]) -> list[str]:
+    """The most pictures that belong together, each by an overlap with another."""
+    group = {name: {name} for name in names}
+    for (a, b), overlap in overlaps.items():
+        if overlap.confidence > 1 and group[a] is not group[b]:
+            group[a] |= group[b]
+            for name in group[b]:
+                group[name] = group[a]
+
+    def support(members: set[str]) -> int:
+        return sum(int(one.fits.sum()) for pair, one in overlaps.items() if members.issuperset(pair))
+
+    best = max(group.values(), key=lambda members: (len(members), support(members)))
+    return [name for name in names if name in best]
+
+
+def _reason_left_out(name: str, own: Features, overlaps: Mapping[tuple[str, str], PictureOverlap]) -> str:
+    if len(own.positions) < MIN_MATCHES:
+        return f"it has too few features ({len(own.positions)})"
+    shared = {a if b == name else b: len(one.fits) for (a, b), one in overlaps.items() if name in (a, b)}
+    nearest = max(shared, key=lambda other: shared[other])
+    if shared[nearest] < MIN_MATCHES:
+        return f"it shares at most {shared[nearest]} points with another picture ({nearest})"
+    return f"it shares {shared[nearest]} points with {nearest}, but does not fit beside it"
+
+
+def _solve(
+    views: Mapping[str, View], overlaps: Mapping[tuple[str, str], PictureOverlap], calibrated: bool
+) -> dict[str, View]:
+    """Estimate the cameras, again without the points that do not fit all pictures together, and level them.
+
+    Raises:
+        ValueError: there is no such estimate.
+    """
+    used = {pair: one for pair, one in overlaps.items() if one.confidence > 1 and views.keys() >= set(pair)}
+    turned = _adjust(views, used, calibrated)
+    for _ in range(ROUNDS):
+        kept = {(a, b): _without_outliers(one, turned[a], turned[b]) for (a, b), one in used.items()}
+        turned = _adjust(views, kept, calibrated)
+    level = cv2.detail.waveCorrect(
+        [np.ascontiguousarray(view.rotation.T, np.float32) for view in turned.values()],
+        cv2.detail.WAVE_CORRECT_AUTO,
+    )
+    return {
+        name: replace(view, rotation=np.asarray(rotation, np.float64).T)
+        for (name, view), rotation in zip(turned.items(), level, strict=True)
+    }
+
+
+def _adjust(
+    views: Mapping[str, View], overlaps: Mapping[tuple[str, str], PictureOverlap], calibrated: bool
+) -> dict[str, View]:
+    features, matches = _for_opencv(list(views), list(views.values()), overlaps)
+    ok, cameras = cv2.detail.HomographyBasedEstimator(calibrated).apply(
+        features, matches, [_camera(view) for view in views.values()]
+    )
+    for camera in cameras:
+        camera.R = np.asarray(camera.R, np.float32)
+    if ok and _plausible(cameras, views):
+        adjuster = cv2.detail.BundleAdjusterReproj() if calibrated else cv2.detail.BundleAdjusterRay()
+        adjuster.setConfThresh(0.0)
+        if calibrated:
+            adjuster.setRefinementMask(np.zeros((3, 3), np.uint8))
+        ok, cameras = adjuster.apply(features, matches, cameras)
+    if not ok or not _plausible(cameras, views):
+        raise ValueError("no camera that only turns explains the pictures")
+    return {
+        name: replace(
+            view,
+            matrix=np.asarray(camera.K(), np.float64),
+            rotation=np.asarray(camera.R, np.float64).T,
+            translation=np.zeros(3),
+        )
+        for (name, view), camera in zip(views.items(), cameras, strict=True)
+    }
+
+
+def _without_outliers(overlap: PictureOverlap, a: View, b: View) -> PictureOverlap:
+    """The overlap by the points that fit these views, among all that were matched."""
+    rays = np.column_stack([overlap.at[0], np.ones(len(overlap.fits))]) @ np.linalg.inv(a.matrix).T
+    seen = rays @ a.rotation @ b.rotation.T @ b.matrix.T
+    off = np.linalg.norm(seen[:, :2] / seen[:, 2:] - overlap.at[1], axis=1)
+    fits = overlap.fits & (off <= max(1.0, OUTLIER * float(np.median(off[overlap.fits]))))
+    return replace(overlap, fits=fits) if fits.sum() >= MIN_MATCHES else overlap
+
+
+def _camera(view: View) -> Any:
+    camera = cv2.detail.CameraParams()
+    camera.focal, camera.aspect = view.matrix[0, 0], view.matrix[1, 1] / view.matrix[0, 0]
+    camera.ppx, camera.ppy = view.matrix[:2, 2]
+    camera.R = np.eye(3)
+    return camera
+
+
+def _plausible(cameras: Sequence[Any], views: Mapping[str, View]) -> bool:
+    for camera, view in zip(cameras, views.values(), strict=True):
+        longest = max(view.width, view.height)
+        if not np.isfinite(camera.R).all() or not np.isfinite(camera.focal):
+            return False
+        if not FOCAL_LIMITS[0] * longest < camera.focal < FOCAL_LIMITS[1] * longest:
+            return False
+    return True
+
+
+def _for_opencv(
+    names: Sequence[str], views: Sequence[View], overlaps: Mapping[tuple[str, str], PictureOverlap]
+) -> tuple[list[Any], list[Any]]:
+    """Features of each picture and matches of any two, both ways, as `cv2.detail` takes them."""
+    count = len(names)
+    keypoints: list[list[Any]] = [[] for _ in names]
+    matches = [cv2.detail.MatchesInfo() for _ in range(count**2)]
+    for (a, b), overlap in overlaps.items():
+        i, j = names.index(a), names.index(b)
+        begin = len(keypoints[i]), len(keypoints[j])
+        for which, at in zip((i, j), overlap.at, strict=True):
+            keypoints[which] += [cv2.KeyPoint(float(x), float(y), 1.0) for x, y in at]
+        back = np.linalg.inv(overlap.homography)
+        for one, other, homography, (own, theirs) in (
+            (i, j, overlap.homography, begin),
+            (j, i, back, begin[::-1]),
+        ):
+            info = matches[one * count + other]
+            info.src_img_idx, info.dst_img_idx = one, other
+            info.matches = [cv2.DMatch(own + k, theirs + k, 0.0) for k in range(len(overlap.fits))]
+            info.inliers_mask = overlap.fits.astype(np.uint8)
+            info.num_inliers, info.confidence = int(overlap.fits.sum()), max(overlap.confidence, 1.0)
+            info.H = homography
+    features = []
+    for index, (view, points) in enumerate(zip(views, keypoints, strict=True)):
+        feature = cv2.detail.ImageFeatures()
+        feature.img_idx, feature.img_size = index, (view.width, view.height)
+        feature.keypoints = points
+        features.append(feature)
+    return features, matches

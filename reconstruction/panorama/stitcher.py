@@ -1,0 +1,90 @@
+"""The one engine of panoramas: pictures registered once, then projected and composed in any condition."""
+
+from collections.abc import Mapping
+
+import cv2
+import numpy as np
+
+from reconstruction.common.geometry import Array, View, resize_view
+from reconstruction.common.memory_budget import memory_budget
+from reconstruction.pairs.features import Features, detect_features
+from reconstruction.panorama.composition import compose_layers
+from reconstruction.panorama.projection import Layer, Projection
+from reconstruction.panorama.registration import register_pictures
+
+MAX_SIDE_PX = 2000
+"""Larger pictures are made smaller: panoramas of full camera pictures take minutes."""
+BYTES_PER_PIXEL = 70
+"""Of a picture: its maps, its layer, both once more while they are blended, and its part of the canvas."""
+
+
+class PanoramaStitcher:
+    """Pictures registered by what stands still; `used` are in it, `left_out` says why others are not.
+
+    Its methods take pictures of the same cameras and sizes, of this or another condition.
+    """
+
+    def __init__(
+        self,
+        images: Mapping[str, Array],
+        movers: Mapping[str, Array] | None = None,
+        known: Mapping[str, View] | None = None,
+    ) -> None:
+        """Register BGR pictures by features outside of their `movers` (bool); `known` are calibrated views.
+
+        Raises:
+            ValueError: the pictures make no panorama.
+        """
+        if len(images) < 2:
+            raise ValueError("a panorama takes two pictures or more")
+        self._sizes = self._fit_sizes({name: image.shape[1::-1] for name, image in images.items()})
+        views = {name: resize_view(view, *self._sizes[name]) for name, view in (known or {}).items()}
+        points = {
+            name: self._features(
+                self._shrink(name, image), self._shrink_mask(name, movers[name]) if movers else None
+            )
+            for name, image in images.items()
+        }
+        found = register_pictures(points, self._sizes, views)
+        self.used, self.left_out = tuple(found.views), found.left_out
+        self.projection = Projection(found.views)
+
+    def layers(self, images: Mapping[str, Array]) -> dict[str, Layer]:
+        """The used ones of BGR pictures on the panorama."""
+        return {name: self.projection.warp(name, self._shrink(name, images[name])) for name in self.used}
+
+    def layer_mask(self, name: str, mask: Array) -> Array:
+        """A mask (bool) of a camera's picture on the panorama, as large as its layer."""
+        return self.projection.warp_mask(name, self._shrink_mask(name, mask))
+
+    def compose(self, layers: Mapping[str, Layer]) -> Array:
+        """The panorama (BGR) of all layers; its size depends on the registration alone."""
+        return compose_layers(list(layers.values()), self.projection.canvas)
+
+    def _fit_sizes(self, sizes: Mapping[str, tuple[int, ...]]) -> dict[str, tuple[int, int]]:
+        limited = {name: np.array(size) * min(1.0, MAX_SIDE_PX / max(size)) for name, size in sizes.items()}
+        pixels = sum(float(np.prod(size)) for size in limited.values())
+        scale = memory_budget().fit_scale(
+            f"the panorama of {len(sizes)} pictures", lambda smaller: pixels * smaller**2 * BYTES_PER_PIXEL
+        )
+        return {
+            name: (max(1, round(float(width * scale))), max(1, round(float(height * scale))))
+            for name, (width, height) in limited.items()
+        }
+
+    def _shrink(self, name: str, image: Array) -> Array:
+        size = self._sizes[name]
+        if image.shape[1::-1] == size:
+            return image
+        return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+
+    def _shrink_mask(self, name: str, mask: Array) -> Array:
+        return (
+            np.asarray(cv2.resize(mask.astype(np.uint8), self._sizes[name], interpolation=cv2.INTER_NEAREST))
+            > 0
+        )
+
+    @staticmethod
+    def _features(image: Array, movers: Array | None) -> Features:
+        moving = np.zeros(image.shape[:2], bool) if movers is None else movers
+        return detect_features(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), moving)

@@ -1,4 +1,4 @@
-"""The line at the bottom: the keys that do something here, as many as there is room for, none of them cut."""
+"""The line at the bottom: the keys that do something here, as many as fit whole, and "…" for the rest."""
 
 from textual import events
 from textual.binding import Binding
@@ -49,6 +49,8 @@ class KeyFooter(Lines):
         for binding in shown.values():
             item = self._item(binding)
             if at + item.cell_length > room:
+                # The others are in the help, whose key is beside.
+                line, at = line + "…"[: room - at], min(at + 1, room)
                 break
             self._spans.append((at, at + item.cell_length, binding.key))
             line, at = line + item, at + item.cell_length

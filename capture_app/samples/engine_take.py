@@ -20,6 +20,7 @@ from capture_app.sync.rig.frame_picks import DROPPED
 
 _READY_WITHIN_NS = 120_000_000_000
 _PICKED_WITHIN_NS = 30_000_000_000
+"""After the burst's last instant."""
 _ORDERED_AHEAD_NS = 200_000_000
 _STARTS_APART_NS = 150_000_000
 
@@ -50,8 +51,11 @@ def take_synchronized(recipe: Recipe, sources: Mapping[str, PictureSource]) -> T
     rig.run_until(log.follow, limit_ns=wait_ns)
     burst = rig.trigger(frames=recipe.frames, spacing=recipe.spacing, at_leader_ns=at_leader_ns)
     nodes = [rig.nodes[camera.name] for camera in recipe.cameras]
+    # As many instants again may be taken in the place of those that a camera dropped.
+    longest_ns = 2 * recipe.frames * recipe.spacing * max(spec.profile.period_ns for spec in specs)
     picked = rig.run_until(
-        lambda: log.follow() or all(burst.number in node.bursts for node in nodes), limit_ns=_PICKED_WITHIN_NS
+        lambda: log.follow() or all(burst.number in node.bursts for node in nodes),
+        limit_ns=_PICKED_WITHIN_NS + longest_ns,
     )
     if not picked:
         raise IncompleteError(f"not all cameras of {recipe.name} took the burst")

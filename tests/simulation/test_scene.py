@@ -6,10 +6,12 @@ import cv2
 import numpy as np
 import pytest
 
+from capture_app.board.charuco import DEFAULT_BOARD
+from capture_app.board.detector import BoardDetector
 from capture_app.errors import BadInputError
 from capture_app.node.leader.local_nodes import FLAT_SCENES, VIEWS
 from capture_app.simulation.rendering.scene import SCENES, Scene, load
-from capture_app.simulation.scenes import crossing, pinwheel, poses, studio
+from capture_app.simulation.scenes import crossing, held_board, pinwheel, poses, studio
 
 SCALE = 0.25
 START_NS = 1_000_000_000_000_000
@@ -48,7 +50,7 @@ def test_unknown_scene_and_view_name_what_there_is(scene):
 
 
 def test_a_leader_starts_cameras_for_the_views_there_are():
-    definitions = {"studio": studio, "pinwheel": pinwheel, "crossing": crossing}
+    definitions = {"studio": studio, "pinwheel": pinwheel, "crossing": crossing, "board": held_board}
     assert set(SCENES) == set(definitions) == set(VIEWS) - set(FLAT_SCENES)
     for name, module in definitions.items():
         assert VIEWS[name] == tuple(module.DEFINITION.cameras)
@@ -239,6 +241,17 @@ def test_the_studio_looks_as_it_always_did():
     means = shot.reshape(4, 120, 4, 160, 3).mean(axis=(1, 3, 4))
     # The rounding of another processor moves these by 0.001, a ball that lies 3 mm elsewhere by 0.016.
     assert means == pytest.approx(np.array(STUDIO_MEANS), abs=0.005)
+
+
+def test_the_board_is_the_one_that_is_printed_and_comes_everywhere():
+    scene = load("board")
+    detector = BoardDetector(DEFAULT_BOARD)
+    found = {}
+    for second in (1, 11):
+        shot = scene.draft(1.0).render("cam00", second * 10**9, EXPOSURE_NS, ROW_NS, seed=1)
+        corners = detector.detect(cv2.cvtColor(shot, cv2.COLOR_BGR2GRAY))
+        found[second] = np.mean(list(corners.values()), axis=0)
+    assert np.linalg.norm(found[1] - found[11]) > 100
 
 
 @pytest.mark.parametrize("name", ["pinwheel", "crossing"])

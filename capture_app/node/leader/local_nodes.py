@@ -18,6 +18,7 @@ VIEWS = {
     "studio": _CAM[:7],
     "pinwheel": _CAM[:5],
     "crossing": _CAM[:3],
+    "board": _CAM[:7],
     "bars": _CAM,
     "led-panel": _CAM,
 }

@@ -31,8 +31,13 @@ class SimulatedCamera(Camera):
         *,
         seed: int,
         fail_after_ns: int | None = None,
+        calibrated: bool = True,
     ) -> None:
-        """`seed` is this camera's own; `fail_after_ns` after its start the device goes away."""
+        """`seed` is this camera's own; `fail_after_ns` after its start the device goes away.
+
+        `calibrated`: it tells the view's true calibration, as no real camera does.
+        """
+        self._calibrated = calibrated
         self._sensor = sensor
         self._source = source
         self._clock = clock
@@ -54,7 +59,7 @@ class SimulatedCamera(Camera):
     @property
     def calibration(self) -> CameraCalibration | None:
         """The rendered view's own; None for the test card."""
-        return self._source.calibration
+        return self._source.calibration if self._calibrated else None
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
         """Start streaming. Raises CameraError if it streams already."""

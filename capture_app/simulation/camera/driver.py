@@ -20,6 +20,7 @@ OPTIONS = {
     "scene": f"what it sees: a scene's name, {LED_PANEL}, or {TEST_CARD}, a test card (default)",
     "view": "the scene's view; default: the one named like the node",
     "scale": "size of the pictures, 0.1 to 1 of the full size",
+    "calibration": "none: sessions do not get the scene's true calibration",
     "seed": "whole number; with the node's name it chooses crystal, noise and drops",
     "exposure_ms": "exposure of every frame",
     "ppm": "error of this device's crystal",
@@ -75,7 +76,14 @@ def open_camera(profile: str, options: Mapping[str, str], *, clock: NodeClock, n
     )
     fail_after_s = _number(options, "fail_after_s", least=0, most=1e6)
     fail_after_ns = None if fail_after_s is None else round(fail_after_s * 1e9)
-    return SimulatedCamera(sensor, source, clock, seed=camera_seed, fail_after_ns=fail_after_ns)
+    return SimulatedCamera(
+        sensor,
+        source,
+        clock,
+        seed=camera_seed,
+        fail_after_ns=fail_after_ns,
+        calibrated=_is_calibrated(options),
+    )
 
 
 _CHANGES: dict[str, tuple[float, Callable[[float], dict[str, Any]]]] = {
@@ -110,6 +118,13 @@ def _number(options: Mapping[str, str], key: str, *, least: float, most: float) 
             f"{key}={text} of a simulated camera", hint=f"a number from {least:g} to {most:g} is needed"
         )
     return value
+
+
+def _is_calibrated(options: Mapping[str, str]) -> bool:
+    text = options.get("calibration", "true")
+    if text not in ("true", "none"):
+        raise BadInputError(f"calibration={text} of a simulated camera", hint="none, or leave it out")
+    return text == "true"
 
 
 def _seed(options: Mapping[str, str]) -> int:

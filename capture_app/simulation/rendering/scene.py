@@ -16,10 +16,15 @@ from capture_app.simulation.rendering.moving import MovingPart
 from capture_app.simulation.rendering.raycast import Body, Texture
 from capture_app.simulation.rendering.still import SUBPIXELS, StillLayer
 from capture_app.simulation.rendering.view import View, look_at
-from capture_app.simulation.scenes import crossing, pinwheel, poses, studio
+from capture_app.simulation.scenes import crossing, held_board, pinwheel, poses, studio
 from capture_app.simulation.scenes.meshes import Floats
 
-_DEFINITIONS = {"studio": studio.DEFINITION, "pinwheel": pinwheel.DEFINITION, "crossing": crossing.DEFINITION}
+_DEFINITIONS = {
+    "studio": studio.DEFINITION,
+    "pinwheel": pinwheel.DEFINITION,
+    "crossing": crossing.DEFINITION,
+    "board": held_board.DEFINITION,
+}
 SCENES = tuple(_DEFINITIONS)
 
 _BLUR_STEP_NS = 4_000_000

@@ -130,6 +130,13 @@ def test_a_scene_that_does_not_exist() -> None:
         sim("sim:pi,scene=moon")
 
 
+def test_a_camera_tells_its_true_calibration_unless_asked_not_to(striped: StripedScene) -> None:
+    assert sim("sim:pi,scene=striped,view=left").calibration is not None
+    assert sim("sim:pi,scene=striped,view=left,calibration=none").calibration is None
+    with pytest.raises(BadInputError, match="calibration=maybe"):
+        sim("sim:pi,scene=striped,view=left,calibration=maybe")
+
+
 def test_the_view_is_the_one_named_like_the_node(striped: StripedScene) -> None:
     sim("sim:pi,scene=striped", "left")
     with pytest.raises(BadInputError, match=r"no view 'cam00'.*left, right"):

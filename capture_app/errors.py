@@ -37,6 +37,10 @@ class BadInputError(SimulshotError):
     exit_code = ExitCode.BAD_INPUT
 
 
+class NotApplicableError(BadInputError):
+    """What was asked for cannot be made of this input, sound as it is: its cameras share too little, say."""
+
+
 class CameraError(SimulshotError):
     """A camera that is missing, busy, or cannot do what was asked."""
 

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
-from capture_app.errors import BadInputError, ExitCode, SimulshotError
+from capture_app.errors import BadInputError, ExitCode, NotApplicableError, SimulshotError
 from capture_app.session.files.locks import lock_file
 from capture_app.session.files.output_folder import replaces_only
 from capture_app.text import ProgressStep
@@ -40,7 +40,8 @@ def batch(
         missing = [unit for unit in units if not is_done(unit, root)]
         done = len(units) - len(missing)
         for failure in failures:
-            print_progress(f"failed: {_label(failure)}: {failure.error}")
+            how = f"failed: {failure.error}" if failure.error else f"not applicable: {failure.not_applicable}"
+            print_progress(f"{_label(failure)}: {how}")
         if done:
             print_progress(f"reusing {done} of {len(units)} results")
         try:
@@ -48,14 +49,17 @@ def batch(
         finally:
             remove_leftovers(root)
         rows = [_row(unit, root, outcomes) for unit in units] + failures
-        computed = sum(outcome.computed for outcome in outcomes.values())
+        skipped = {unit.key for unit, row in zip(units, rows, strict=False) if row.not_applicable}
+        computed = sum(outcome.computed for key, outcome in outcomes.items() if key not in skipped)
         failed = sum(bool(row.error) for row in rows)
+        not_applicable = sum(bool(row.not_applicable) for row in rows)
         result = BatchResult(
             out=str(out),
             computed=computed,
             # Also what another process finished meanwhile.
-            reused=len(rows) - computed - failed,
+            reused=len(rows) - computed - failed - not_applicable,
             failed=failed,
+            not_applicable=not_applicable,
             groups=group_medians(rows),
             units=tuple(rows),
             seconds=round(time.monotonic() - began, 3),
@@ -65,10 +69,13 @@ def batch(
 
 
 def exit_code(result: BatchResult) -> ExitCode:
-    """OK; the common failure where every unit failed alike; else INCOMPLETE where any failed."""
+    """OK; the common failure where every unit failed alike; BAD_INPUT where none applies; else INCOMPLETE.
+
+    A unit that does not apply beside others that are done is no failure.
+    """
     codes = {row.exit_code for row in result.units if row.error}
     if not codes:
-        return ExitCode.OK
+        return ExitCode.BAD_INPUT if 0 < len(result.units) == result.not_applicable else ExitCode.OK
     if result.failed == len(result.units) and len(codes) == 1:
         return ExitCode(codes.pop())
     return ExitCode.INCOMPLETE
@@ -81,6 +88,9 @@ def _plan(sessions: Sequence[Path], options: BatchOptions) -> tuple[list[Unit], 
     for session in sessions:
         try:
             found, refused = plan(session, options)
+        except NotApplicableError as error:
+            failures.append(Row(session=session.name, not_applicable=str(error)))
+            continue
         except (SimulshotError, OSError) as error:
             code = error.exit_code if isinstance(error, SimulshotError) else ExitCode.FAILURE
             failures.append(Row(session=session.name, error=str(error), exit_code=code))
@@ -100,14 +110,16 @@ def _run_units(
     task: str,
 ) -> dict[str, Outcome]:
     """Run the units; `done` are there already, and count in the progress lines."""
-    labels = {unit.key: unit.label for unit in units}
+    by_key = {unit.key: unit for unit in units}
     outcomes: dict[str, Outcome] = {}
     began = time.monotonic()
     with closing(executor.run_units(task, units, root)) as running:
         for outcome in running:
             outcomes[outcome.key] = outcome
-            label = labels[outcome.key]
-            how = f"failed: {outcome.error}" if outcome.error else f"{outcome.seconds:.1f} s"
+            unit = by_key[outcome.key]
+            label, row = unit.label, _row(unit, root, outcomes)
+            how = f"failed: {row.error}" if row.error else f"{outcome.seconds:.1f} s"
+            how = f"not applicable: {row.not_applicable}" if row.not_applicable else how
             left_s = (time.monotonic() - began) / len(outcomes) * (len(units) - len(outcomes))
             left = f", about {_duration(left_s)} left" if len(outcomes) < len(units) else ""
             step = ProgressStep(done + len(outcomes), done + len(units), f"{label}: {how}{left}")

@@ -17,6 +17,13 @@ from typing import Protocol
 
 from capture_app.errors import ExitCode
 from reconstruction.batch.units import Outcome, Unit, run_unit
+from reconstruction.common.free_memory import free_memory
+from reconstruction.common.memory_budget import (
+    DEFAULT_SHARE,
+    MOST_BY_DEFAULT,
+    limited_memory,
+    memory_budget,
+)
 
 MEMORY_OF_UNIT = 1 << 30
 """Bytes that a unit of five 640x480 images needs at most."""
@@ -34,15 +41,19 @@ class LocalExecutor:
     """Processes of this machine, each with its share of the cores."""
 
     def __init__(self, jobs: int | None = None) -> None:
-        """`jobs`: how many at once, None = one per core as memory allows."""
+        """`jobs`: how many at once, None = one per core as memory allows; they share the memory budget."""
         self.cores = sorted(os.sched_getaffinity(0))
-        self.jobs = jobs or max(1, min(len(self.cores), _free_memory() // MEMORY_OF_UNIT))
+        budget = memory_budget()
+        total = budget.limit_bytes if budget.asked_for else int(DEFAULT_SHARE * free_memory())
+        self.jobs = jobs or max(1, min(len(self.cores), total // MEMORY_OF_UNIT))
+        most = total if budget.asked_for else MOST_BY_DEFAULT
+        self.memory_each = min(total // self.jobs, most)
 
     def run_units(self, task: str, units: Sequence[Unit], root: Path) -> Generator[Outcome, None, None]:
         """Run all units; a process that dies is a failed unit and is replaced."""
         left = deque(units)
         count = min(self.jobs, len(left))
-        workers = [_Worker(task, root, self._share(k, count)) for k in range(count)]
+        workers = [_Worker(task, root, self._share(k, count), self.memory_each) for k in range(count)]
         try:
             for worker in workers:
                 worker.start_unit(left.popleft())
@@ -55,7 +66,7 @@ class LocalExecutor:
                     if left:
                         if not worker.process.is_alive():
                             worker.stop()
-                            worker = workers[k] = _Worker(task, root, self._share(k, count))
+                            worker = workers[k] = _Worker(task, root, self._share(k, count), self.memory_each)
                         worker.start_unit(left.popleft())
         finally:
             for worker in workers:
@@ -68,11 +79,11 @@ class LocalExecutor:
 class _Worker:
     """A process and the unit it runs."""
 
-    def __init__(self, task: str, root: Path, cores: list[int]) -> None:
+    def __init__(self, task: str, root: Path, cores: list[int], memory: int) -> None:
         context = get_context("spawn")
         self.pipe, theirs = context.Pipe()
         self.process = context.Process(
-            target=_worker_main, args=(theirs, task, str(root), cores), daemon=True
+            target=_worker_main, args=(theirs, task, str(root), cores, memory), daemon=True
         )
         self.process.start()
         theirs.close()
@@ -104,7 +115,7 @@ class _Worker:
         self.pipe.close()
 
 
-def _worker_main(pipe: Connection, task: str, root: str, cores: list[int]) -> None:
+def _worker_main(pipe: Connection, task: str, root: str, cores: list[int], memory: int) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     os.sched_setaffinity(0, cores)
     threading.Thread(target=_exit_with_parent, daemon=True).start()
@@ -113,7 +124,9 @@ def _worker_main(pipe: Connection, task: str, root: str, cores: list[int]) -> No
     with suppress(EOFError, OSError):
         while True:
             unit = pipe.recv()
-            pipe.send(run_unit(task, unit, Path(root)))
+            with limited_memory(memory):
+                outcome = run_unit(task, unit, Path(root))
+            pipe.send(outcome)
 
 
 def _exit_with_parent() -> None:
@@ -128,12 +141,3 @@ def _describe_exit(code: int | None) -> str:
         name = signal.Signals(-code).name
         return f"{name} (often too little memory; use fewer --jobs)" if name == "SIGKILL" else name
     return f"exit code {code}"
-
-
-def _free_memory() -> int:
-    """Bytes of memory available to programs, by Linux's estimate."""
-    with suppress(OSError, ValueError, IndexError):
-        for line in Path("/proc/meminfo").read_text().splitlines():
-            if line.startswith("MemAvailable:"):
-                return int(line.split()[1]) << 10
-    return MEMORY_OF_UNIT

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import msgspec
 
-from capture_app.errors import BadInputError, IncompleteError
+from capture_app.errors import BadInputError, IncompleteError, NotApplicableError
 from capture_app.session.files.durable import write_atomic
 from capture_app.text import pretty_json
 from reconstruction.batch.rows import Row
@@ -51,10 +51,11 @@ def plan(session: Path, options: BatchOptions) -> tuple[list[Unit], list[Row]]:
 
     Raises:
         SimulshotError: the session cannot be used at all.
+        NotApplicableError: it is sound, but has one camera only.
     """
     dataset = Dataset.open(session)
     if len(dataset.cameras) < 2:
-        raise BadInputError(
+        raise NotApplicableError(
             f"the session has one camera only ({', '.join(dataset.cameras)})",
             hint="depth needs two that see the same from different places",
         )
@@ -104,15 +105,22 @@ def plan(session: Path, options: BatchOptions) -> tuple[list[Unit], list[Row]]:
 def compute_depth(unit: Unit, folder: Path) -> None:
     """Compute depth maps, the fused cloud and unit.json into `folder`.
 
+    Where the session, sound as it is, does not allow any, unit.json says so: a result too.
+
     Raises:
-        SimulshotError: the session does not allow it.
+        SimulshotError: the session cannot be used as it is.
     """
     session = Path(unit.session)
     _verify_images(session, unit)
     options = MultiviewOptions(
         instant=unit.instant, offsets_ms=unit.offsets_ms, matcher=Matcher(unit.matcher), mesh=False
     )
-    result = msgspec.to_builtins(multiview(session, folder, options))
+    try:
+        result = msgspec.to_builtins(multiview(session, folder, options))
+    except NotApplicableError as error:
+        record = {"key": unit.key, "condition": unit.condition, "not_applicable": str(error)}
+        write_atomic(folder / RESULT, pretty_json(record))
+        return
     for name in TIMES:
         del result[name]
     # Large, and can be computed from the images and the depth maps.

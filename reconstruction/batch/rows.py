@@ -16,12 +16,15 @@ FIGURES = (
 
 
 class Row(Struct, frozen=True, kw_only=True):
-    """A unit with the figures of its reference camera, or why it failed; instant and condition if known."""
+    """A unit with the figures of its reference camera, or why it has none; instant and condition if known."""
 
     session: str
     instant: int | None = None
     condition: str = ""
     error: str = ""
+    """Why it failed."""
+    not_applicable: str = ""
+    """Why no depth can be made of this input, sound as it is; no failure."""
     exit_code: int = ExitCode.OK
     cameras: int | None = None
     coverage: float | None = None
@@ -40,6 +43,7 @@ class Group(Struct, frozen=True, kw_only=True):
     condition: str
     instants: int
     failed: int
+    not_applicable: int = 0
     coverage: float | None = None
     within_2pct: float | None = None
     mover_within_2pct: float | None = None
@@ -57,6 +61,8 @@ class BatchResult(Struct, frozen=True, kw_only=True):
     reused: int
     """Units whose earlier results were reused."""
     failed: int
+    not_applicable: int
+    """Units of which no depth can be made, whatever is repeated; their rows say why."""
     groups: tuple[Group, ...]
     units: tuple[Row, ...]
     seconds: float
@@ -65,6 +71,7 @@ class BatchResult(Struct, frozen=True, kw_only=True):
 class _UnitRecord(Struct, frozen=True, kw_only=True):
     """The figures in a unit.json."""
 
+    not_applicable: str = ""
     views: tuple[dict[str, object], ...] = ()
     coverage: float | None = None
     within_2pct: float | None = None
@@ -81,7 +88,8 @@ def completed_row(unit: Unit, root: Path) -> Row:
         session=unit.name,
         instant=unit.instant,
         condition=unit.condition,
-        cameras=len(record.views),
+        not_applicable=record.not_applicable,
+        cameras=len(record.views) or None,
         folder=unit.folder,
         **{name: getattr(record, name) for name in FIGURES},
     )
@@ -97,7 +105,15 @@ def group_medians(rows: Sequence[Row]) -> tuple[Group, ...]:
             values = [value for row in ours if (value := getattr(row, name)) is not None]
             figures[name] = round(median(values), 4) if values else None
         failed = sum(bool(row.error) for row in ours)
+        not_applicable = sum(bool(row.not_applicable) for row in ours)
         groups.append(
-            Group(session=session, condition=condition, instants=len(ours) - failed, failed=failed, **figures)
+            Group(
+                session=session,
+                condition=condition,
+                instants=len(ours) - failed - not_applicable,
+                failed=failed,
+                not_applicable=not_applicable,
+                **figures,
+            )
         )
     return tuple(groups)

@@ -47,10 +47,12 @@ def _csv(rows: Sequence[Row]) -> str:
 
 def _html(result: BatchResult) -> str:
     """The whole page. Holds no times and no durations."""
-    failures = [row for row in result.units if row.error]
+    failures = [row for row in result.units if row.error or row.not_applicable]
     failed = f", {result.failed} failed" if result.failed else ""
-    verdict = f"{count(len(result.units) - result.failed, 'unit')} computed{failed}"
-    sections = [Section("problems.html", title="What failed")] if failures else []
+    failed += f", {result.not_applicable} not applicable" if result.not_applicable else ""
+    made = len(result.units) - result.failed - result.not_applicable
+    verdict = f"{count(made, 'unit')} computed{failed}"
+    sections = [Section("problems.html", title="What has no result")] if failures else []
     return render_page(
         title=f"Batch: {verdict}",
         kicker="Batch of reconstructions",
@@ -62,7 +64,9 @@ def _html(result: BatchResult) -> str:
         view={
             "failures": failures,
             "groups": _table("Medians over the instants", "Instants", list(map(_group, result.groups))),
-            "units": _table("Every unit", "Instant", [_unit(row) for row in result.units if not row.error]),
+            "units": _table(
+                "Every unit", "Instant", [_unit(row) for row in result.units if row not in failures]
+            ),
         },
     )
 
@@ -73,7 +77,9 @@ def _table(caption: str, counted: str, rows: list[report.Row]) -> report.Table:
 
 
 def _group(group: Group) -> report.Row:
-    note = f"{group.failed} failed" if group.failed else ""
+    notes = [f"{group.failed} failed"] if group.failed else []
+    notes += [f"{group.not_applicable} not applicable"] if group.not_applicable else []
+    note = ", ".join(notes)
     cells = [report.Cell(f"{group.instants}", note=note), *_figures(group)]
     return report.Row(group.session, cells, details=group.condition)
 

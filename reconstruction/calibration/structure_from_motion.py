@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from capture_app.errors import BadInputError
+from capture_app.errors import NotApplicableError
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from reconstruction.common.foreign_calls import ForeignError
 from reconstruction.common.geometry import Array, View
@@ -42,7 +42,7 @@ def calibrate_from_images(
     chosen = _choose_instants(dataset, instants)
     cameras = [name for name in dataset.cameras if any(dataset.has_image(name, k) for k in chosen)]
     if len(cameras) < 2:
-        raise BadInputError(
+        raise NotApplicableError(
             "no calibration in the session, and fewer than two cameras with an image to find it from",
             hint="add a calibration.json",
         )
@@ -51,13 +51,13 @@ def calibrate_from_images(
         _write_images(dataset, movers, chosen, cameras, root)
         rec = _solve(pycolmap, cameras, root, focal_px or {})
     if rec is None:
-        raise BadInputError(
+        raise NotApplicableError(
             "no calibration in the session, and none can be found from its images",
             hint="the views need to overlap and show something with texture; or add a calibration.json",
         )
     found = _cameras(rec, dataset)
     if len(found) < 2:
-        raise BadInputError("only one camera could be placed", hint="the views need to overlap more")
+        raise NotApplicableError("only one camera could be placed", hint="the views need to overlap more")
     return Calibration(
         cameras=found,
         unit="arbitrary",

@@ -108,12 +108,19 @@ def batch(
     if as_json:
         print_json(result)
     else:
-        print_line(f"{result.computed} computed, {result.reused} reused, {result.failed} failed")
+        inapplicable = f", {result.not_applicable} not applicable" if result.not_applicable else ""
+        print_line(
+            f"{result.computed} computed, {result.reused} reused, {result.failed} failed{inapplicable}"
+        )
         print_line(f"summary: {out / 'summary.html'}")
     code = exit_code(result)
     if code is not ExitCode.OK:
         failure = SimulshotError(
-            f"{result.failed} of {len(result.units)} failed", hint="repeat the command to retry"
+            f"{result.failed} of {len(result.units)} failed",
+            hint="mend what the lines above say and repeat the command: only those are computed again",
         )
+        if not result.failed:
+            reasons = dict.fromkeys(row.not_applicable for row in result.units)
+            failure = SimulshotError(f"nothing could be computed: {'; '.join(reasons)}")
         failure.exit_code = code
         raise failure

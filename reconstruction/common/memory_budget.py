@@ -24,8 +24,10 @@ _UNITS = {"K": 1e3, "M": 1e6, "G": 1e9, "T": 1e12, "Ki": 2**10, "Mi": 2**20, "Gi
 class MemoryBudget:
     """Bytes that arrays of one command may take together, and what was made smaller to keep within."""
 
-    def __init__(self, limit_bytes: int) -> None:
+    def __init__(self, limit_bytes: int, *, asked_for: bool = False) -> None:
+        """`asked_for`: by the user, rather than taken from what is free."""
         self.limit_bytes = max(int(limit_bytes), LEAST_BYTES)
+        self.asked_for = asked_for
         self._notes: dict[str, None] = {}
 
     @property
@@ -73,7 +75,8 @@ def memory_budget() -> MemoryBudget:
 @contextmanager
 def limited_memory(limit_bytes: int | None = None) -> Iterator[MemoryBudget]:
     """Set the budget of what runs within; None = `default_budget`."""
-    budget = MemoryBudget(default_budget() if limit_bytes is None else limit_bytes)
+    asked = limit_bytes is not None
+    budget = MemoryBudget(limit_bytes if limit_bytes is not None else default_budget(), asked_for=asked)
     _running.append(budget)
     try:
         yield budget

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from capture_app.errors import BadInputError
+from capture_app.errors import NotApplicableError
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.geometric_consistency import (
@@ -44,7 +44,7 @@ def find_coarse_scene(images: Mapping[str, CalibratedImage]) -> CoarseScene:
     """Match all cameras' small pictures with their neighbours', and keep what these confirm.
 
     Raises:
-        BadInputError: no two cameras' views meet, or no two pictures agree on any depth.
+        NotApplicableError: no two cameras' views meet, or no two pictures agree on any depth.
     """
     overlaps = {name: find_overlaps({n: i.view for n, i in images.items()}, name) for name in images}
     neighbours = {name: choose_neighbours(found) for name, found in overlaps.items()}
@@ -121,9 +121,11 @@ def _depth_range(view: View, points: Array) -> tuple[float, float]:
     return 1 / (high + margin), 1 / max(low - margin, 0.3 * low)
 
 
-def _nothing_in_common(views: Mapping[str, View], neighbours: Mapping[str, Sequence[str]]) -> BadInputError:
+def _nothing_in_common(
+    views: Mapping[str, View], neighbours: Mapping[str, Sequence[str]]
+) -> NotApplicableError:
     tried = ", ".join(f"{name} with {' and '.join(others)}" for name, others in neighbours.items() if others)
-    return BadInputError(
+    return NotApplicableError(
         f"the pictures of this instant have nothing in common that depth could be measured by: tried {tried}",
         hint="cameras must see the same things from different places, lit and in focus, "
         "and their calibration must be this rig's",

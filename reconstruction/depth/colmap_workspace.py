@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from capture_app.errors import BadInputError, SimulshotError
+from capture_app.errors import NotApplicableError, SimulshotError
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import FAST_PNG, write_image
 from reconstruction.common.native_libraries import load_pycolmap
@@ -187,7 +187,7 @@ def fuse_depth_maps(folder: Path, cloud: Path, views: int) -> int:
     )
     count = len(fused.points3D)
     if count == 0:
-        raise BadInputError(
+        raise NotApplicableError(
             "no point of the scene is consistent in enough cameras",
             hint="cameras must see the same things, at the same time, from different places, "
             "and their calibration must be this rig's",

@@ -6,7 +6,7 @@ from itertools import permutations
 
 import numpy as np
 
-from capture_app.errors import BadInputError
+from capture_app.errors import NotApplicableError
 from reconstruction.common.geometry import Array, View
 
 BEST_ANGLES_DEG = (2.5, 14.0)
@@ -107,7 +107,7 @@ def _overlap(view: View, other: View, depths: Array, points: list[Array]) -> Vie
     )
 
 
-class UnfitRigError(BadInputError):
+class UnfitRigError(NotApplicableError):
     """No two cameras see the scene from directions that depth could be found by."""
 
 

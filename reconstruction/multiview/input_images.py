@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from capture_app.errors import BadInputError
+from capture_app.errors import BadInputError, NotApplicableError
 from capture_app.session.format.calibration import Calibration
 from reconstruction.calibration.rig import calibrated_views
 from reconstruction.calibration.structure_from_motion import calibrate_from_images
@@ -87,7 +87,7 @@ def load_input_images(
                 left_out[camera] = error.what
     if len(images) < 2:
         reasons = "; ".join(f"{camera}: {why}" for camera, why in left_out.items())
-        raise BadInputError(
+        raise NotApplicableError(
             f"fewer than two cameras can be used ({reasons})",
             hint="depth needs two that are calibrated and see the same from different places",
         )

@@ -8,7 +8,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from capture_app.errors import BadInputError, IncompleteError
+from capture_app.errors import BadInputError, IncompleteError, NotApplicableError
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import ImageRecord
 from capture_app.session.reading.reader import Session
@@ -87,7 +87,9 @@ class Dataset:
     def require_cameras(self, count: int, hint: str) -> None:
         """Raises BadInputError where the session has fewer cameras."""
         if len(self.cameras) < count:
-            raise BadInputError(f"the session has one camera only ({', '.join(self.cameras)})", hint=hint)
+            raise NotApplicableError(
+                f"the session has one camera only ({', '.join(self.cameras)})", hint=hint
+            )
 
     def require_offset_each(self, offsets_ms: Sequence[float]) -> None:
         """Raises BadInputError where there is not one offset for each camera."""

@@ -22,7 +22,7 @@ from reconstruction.batch.slurm import SlurmExecutor
 from reconstruction.batch.units import Outcome, Unit, run_unit
 from reconstruction.session.conditions import Condition
 from tests.reconstruction.batch.fake_units import FAKE_TASK
-from tests.reconstruction.conftest import VIEWS, Reconstruct, Scene, write_session
+from tests.reconstruction.conftest import VIEWS, Reconstruct, Scene, make_view, write_session
 
 FAILING = "tests.reconstruction.batch.fake_units:compute_or_fail"
 
@@ -66,6 +66,28 @@ def test_real_units_in_processes_and_nothing_twice(
     printed = reconstruct("batch", *asked)
     assert printed.out.splitlines()[0] == "0 computed, 2 reused, 0 failed"
     assert before == {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
+
+
+def test_what_no_depth_can_be_made_of_is_not_applicable_and_no_failure(
+    run: Callable[..., Any], boards: Session, scene: Scene, tmp_path: Path, reconstruct: Reconstruct
+) -> None:
+    apart = {"left": VIEWS["left"], "away": make_view((0.1, 0, 0), yaw=58)}
+    strangers = write_session(tmp_path / "strangers", scene, apart, instants=1, truth=False)
+    lonely = write_session(tmp_path / "lonely", scene, {"left": VIEWS["left"]}, instants=1, truth=False)
+    asked = ("batch", strangers.folder, lonely.folder, "--out", tmp_path / "none")
+    first, again = reconstruct(*asked), reconstruct(*asked)
+    assert "boards, instant 0, synced: not applicable: " in first.err
+    assert "not applicable: the session has one camera only (left)" in first.err
+    # A result as any other: it is not computed again.
+    assert "reusing 1 of 1 results" in again.err
+    for printed in (first, again):
+        assert printed.code == ExitCode.BAD_INPUT
+        assert "nothing could be computed" in printed.err
+        assert printed.out.splitlines()[0] == "0 computed, 0 reused, 0 failed, 2 not applicable"
+    beside = run(sessions=[boards.folder, lonely.folder], instants=(0,))
+    assert (beside.result.computed, beside.result.failed, beside.result.not_applicable) == (1, 0, 1)
+    assert exit_code(beside.result) is ExitCode.OK
+    assert "1 unit computed, 1 not applicable" in (beside.out / "summary.html").read_text()
 
 
 def test_units_that_fail_leave_the_others_alone(run: Callable[..., Any], boards: Session) -> None:
@@ -123,7 +145,7 @@ def test_all_failed_alike_is_that_exit_code(run: Callable[..., Any], tmp_path: P
 def test_one_camera_only_is_one_line(run: Callable[..., Any], scene: Scene, tmp_path: Path) -> None:
     lonely = write_session(tmp_path, scene, {"left": VIEWS["left"]}, instants=2)
     done = run(sessions=[lonely.folder])
-    assert [row.error[:31] for row in done.result.units] == ["the session has one camera only"]
+    assert [row.not_applicable[:31] for row in done.result.units] == ["the session has one camera only"]
 
 
 def test_a_key_is_of_all_that_the_result_depends_on(boards: Session, tmp_path: Path) -> None:

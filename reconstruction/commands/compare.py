@@ -30,6 +30,7 @@ def _refuse_synced(
 @options.pair_option("--stereo-pair", "stereo", use="depth")
 @options.pair_option("--stitch-pair", "stitch", use="the panorama")
 @options.max_instants_option
+@options.time_shift_option
 @click.option(
     "--max-multiview-instants",
     "multiview_instants",

@@ -6,7 +6,13 @@ from typing import Any
 import click
 
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line
-from reconstruction.commands.options import max_instants_option, memory_option, pair_option, session_argument
+from reconstruction.commands.options import (
+    max_instants_option,
+    memory_option,
+    pair_option,
+    session_argument,
+    time_shift_option,
+)
 from reconstruction.session.conditions import DEFAULT_OFFSET_MS
 
 
@@ -21,6 +27,7 @@ from reconstruction.session.conditions import DEFAULT_OFFSET_MS
 )
 @pair_option("--pair", "stereo", use="depth")
 @max_instants_option
+@time_shift_option
 @click.option(
     "--out",
     type=click.Path(path_type=Path),

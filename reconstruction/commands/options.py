@@ -1,5 +1,6 @@
 """Options that several commands share, and how their values are read."""
 
+import math
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
@@ -10,7 +11,7 @@ import click
 from capture_app.errors import BadInputError
 from capture_app.terminal import talk
 from reconstruction.common.memory_budget import limited_memory, parse_size
-from reconstruction.session.conditions import DISTINCT, DISTINCT_MS, SYNCED, Condition
+from reconstruction.session.conditions import DISTINCT, DISTINCT_MS, MAX_OFFSET_MS, SYNCED, Condition
 
 
 def parse_pair(text: str) -> tuple[str, str]:
@@ -90,7 +91,33 @@ max_instants_option = click.option(
     type=click.IntRange(min=1),
     metavar="N",
     default=16,
-    help="Use at most this many instants, spread evenly over the burst.",
+    help="Use at most this many instants, of those at which something moves.",
+)
+
+
+def _parse_time_shifts(
+    ctx: click.Context, param: click.Parameter, texts: tuple[str, ...]
+) -> dict[str, float]:
+    """Read CAMERA=MS of each."""
+    found = {}
+    for text in texts:
+        camera, _, value = text.rpartition("=")
+        try:
+            found[camera.strip()] = float(value)
+        except ValueError:
+            found[camera.strip()] = math.nan
+        if not camera.strip() or not abs(found[camera.strip()]) < MAX_OFFSET_MS:
+            raise click.BadParameter(f"{text!r} is not CAMERA=MS, as in cam1=-12.5")
+    return found
+
+
+time_shift_option = click.option(
+    "--time-shift-ms",
+    "time_shifts_ms",
+    metavar="CAMERA=MS",
+    multiple=True,
+    callback=_parse_time_shifts,
+    help="Add this to the times of a camera, and pair its images anew. Repeat for several.",
 )
 out_option = click.option(
     "--out", type=click.Path(path_type=Path), metavar="DIR", required=True, help="Folder for the results."

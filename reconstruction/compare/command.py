@@ -1,8 +1,9 @@
 """`reconstruct compare`: the effect of synchronization on depth, panorama and poses of one burst."""
 
 import time
+from collections.abc import Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import msgspec
@@ -56,6 +57,8 @@ class CompareOptions:
     """Further conditions beside every study's own."""
     against: Path | None = None
     """Another session to compare with."""
+    time_shifts_ms: Mapping[str, float] = field(default_factory=dict)
+    """What is added to the times of the cameras it names."""
 
 
 def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
@@ -67,7 +70,7 @@ def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
         SimulshotError: the session, the options or the folder cannot be used.
     """
     began = time.monotonic()
-    dataset = Dataset.open(session)
+    dataset = Dataset.open(session, options.time_shifts_ms)
     adopt_kept_calibration(dataset)
     offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, options.offset_ms)
     with comparison_folder(out) as output:
@@ -173,7 +176,7 @@ class Comparison:
             return
         pair = (self.stereo.result.reference, self.stereo.result.other)
         self.progress.step(f"lateness of {pair[1]} against {pair[0]}")
-        self.timing = measure_timing(self.rig, pair, self.options.max_instants)
+        self.timing = measure_timing(self.rig, pair)
         self.progress.step("depth against offset")
         with suppress(ValueError):
             most = min(DOSE_INSTANTS, self.options.max_instants)

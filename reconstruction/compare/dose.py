@@ -2,7 +2,8 @@
 
 import tempfile
 import time
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 
@@ -44,6 +45,8 @@ class DoseOptions:
     max_offset_ms: float = DEFAULT_OFFSET_MS
     stereo: tuple[str, str] | None = None
     max_instants: int = 16
+    time_shifts_ms: Mapping[str, float] = field(default_factory=dict)
+    """What is added to the times of the cameras it names."""
 
 
 def dose(session: Path, out: Path | None, options: DoseOptions) -> DoseResult:
@@ -65,7 +68,7 @@ def dose(session: Path, out: Path | None, options: DoseOptions) -> DoseResult:
 
 def _dose(session: Path, stages: Path, options: DoseOptions) -> DoseResult:
     began = time.monotonic()
-    dataset = Dataset.open(session)
+    dataset = Dataset.open(session, options.time_shifts_ms)
     adopt_kept_calibration(dataset)
     steps = whole_frame_offsets(dataset, options.max_offset_ms)
     rig = Rig(dataset, stages, steps[-1].step)
@@ -78,7 +81,7 @@ def _dose(session: Path, stages: Path, options: DoseOptions) -> DoseResult:
     if choice.cameras is None:
         raise BadInputError(f"no depth can be made from {session}: {choice.why}")
     progress.step("lateness of what moves")
-    timing = measure_timing(rig, choice.cameras, options.max_instants)
+    timing = measure_timing(rig, choice.cameras)
     try:
         curve = measure_curve(rig, choice.cameras, steps, options.max_instants, progress, timing)
     except ValueError as error:

@@ -10,8 +10,11 @@ from reconstruction.session.camera_motion import measure_camera_motion
 from reconstruction.session.instant_choice import choose_moving_instants
 from reconstruction.time_offsets.pair_offset import ImageTimes, PairOffsets
 
+MAX_INSTANTS = 32
+"""More than depth takes: they cost little, and the error bar is over instants."""
 
-def measure_timing(rig: Rig, cameras: tuple[str, str], max_instants: int) -> Timing:
+
+def measure_timing(rig: Rig, cameras: tuple[str, str]) -> Timing:
     """Measure how late the second camera is against the first, at instants at which something moves."""
     data = rig.dataset
     first, second = cameras
@@ -21,7 +24,7 @@ def measure_timing(rig: Rig, cameras: tuple[str, str], max_instants: int) -> Tim
     moving = {
         name: found.px * spacing_ms / found.ms for name, found in motions.items() if found and found.moves
     }
-    chosen = choose_moving_instants(rig.motion, cameras, both, max_instants)
+    chosen = choose_moving_instants(rig.motion, cameras, both, MAX_INSTANTS)
     fit = PairOffsets(rig).measure(first, second, chosen)
     times = ImageTimes(data, cameras)
     apart = [times.middle_ms(second, k) - times.middle_ms(first, k) for k in both]

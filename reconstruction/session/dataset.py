@@ -1,7 +1,7 @@
 """A session's images and ground truth, by camera and instant."""
 
 import hashlib
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
 
@@ -16,6 +16,7 @@ from reconstruction.common.byte_cache import ByteCache
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import image_size, read_image, refuse_odd_shape
 from reconstruction.common.memory_budget import memory_budget
+from reconstruction.session.time_shift import shift_times
 
 KEPT_SHARE = 0.12
 """Of the memory budget, for decoded images that may be asked for again."""
@@ -30,30 +31,34 @@ class Dataset:
     A dataset that is made smaller is so in all: images, sizes, calibrated views, ground truth.
     """
 
-    def __init__(self, session: Session) -> None:
-        """Frames that a camera dropped are left out: their images are those of another instant."""
+    def __init__(self, session: Session, shifts_ms: Mapping[str, float] | None = None) -> None:
+        """`shifts_ms` is added to the times of the cameras it names, whose images are paired anew.
+
+        Frames that a camera dropped are left out: their images are those of another instant.
+        """
         manifest = session.manifest
         self.session = session
         self.name = manifest.name
         self.cameras = tuple(camera.name for camera in manifest.cameras)
         self.instants_ns = manifest.burst.instants_ns
         self.period_ns = manifest.burst.period_ns
-        self._records = {
-            (record.camera, record.instant): record for record in manifest.images if not record.substitute
-        }
+        for name in shifts_ms or {}:
+            session.camera(name)
+        kept = [record for record in manifest.images if not record.substitute]
+        self._records = shift_times(kept, shifts_ms or {}, self.instants_ns, self.period_ns)
         self._adopted: Calibration | None = None
         self._scale = 1.0
         self._read = ByteCache(self._read_image, int(KEPT_SHARE * memory_budget().limit_bytes))
 
     @classmethod
-    def open(cls, path: Path) -> "Dataset":
-        """Open a session's folder.
+    def open(cls, path: Path, shifts_ms: Mapping[str, float] | None = None) -> "Dataset":
+        """Open a session's folder; `shifts_ms` as of the class.
 
         Raises:
-            BadInputError: it is not a session, or its manifest is broken.
+            BadInputError: it is not a session, its manifest is broken, or it lacks a camera that is shifted.
             IncompleteError: an image is missing or truncated.
         """
-        dataset = cls(Session.open(path))
+        dataset = cls(Session.open(path), shifts_ms)
         for record in dataset._records.values():
             dataset._check(record)
         if any(after <= before for before, after in pairwise(dataset.instants_ns)):
@@ -157,7 +162,8 @@ class Dataset:
         Raises:
             BadInputError: the file is broken.
         """
-        path = self.session.ground_truth(camera, instant)
+        record = self._records.get((camera, instant))
+        path = self.session.ground_truth(camera, record.instant) if record is not None else None
         if path is None:
             return None
         try:

@@ -8,6 +8,8 @@ import numpy as np
 from reconstruction.common.geometry import Array
 
 MAX_POINTS = 400
+MAX_SIDE_PX = 960
+"""Where what moves is larger, points are looked for in a smaller picture of it."""
 MARGIN_PX = 16
 """Of the picture around what moves, so that points at its edge are described too."""
 MAX_DRIFT_PX = 0.5
@@ -43,13 +45,16 @@ def find_moving_points(
     ys, xs = np.nonzero(movers)
     left, top = max(0, int(xs.min()) - MARGIN_PX), max(0, int(ys.min()) - MARGIN_PX)
     part = np.s_[top : int(ys.max()) + MARGIN_PX, left : int(xs.max()) + MARGIN_PX]
+    small, allowed = np.ascontiguousarray(image[part]), np.ascontiguousarray(movers[part]).astype(np.uint8)
+    scale = min(1.0, MAX_SIDE_PX / max(small.shape))
+    if scale < 1:
+        small = cv2.resize(small, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+        allowed = cv2.resize(allowed, small.shape[::-1], interpolation=cv2.INTER_NEAREST)
     sift = cv2.SIFT.create(nfeatures=MAX_POINTS, contrastThreshold=0.01)
-    keypoints, raw = sift.detectAndCompute(
-        np.ascontiguousarray(image[part]), np.ascontiguousarray(movers[part]).astype(np.uint8)
-    )
+    keypoints, raw = sift.detectAndCompute(small, allowed)
     if raw is None:
         return MovingPoints(nothing, np.zeros((0, 128), np.float32), nothing, nothing)
-    at = np.array([point.pt for point in keypoints]) + np.array([left, top])
+    at = (np.array([point.pt for point in keypoints]) + 0.5) / scale - 0.5 + np.array([left, top])
     roots = np.sqrt(raw / np.maximum(raw.sum(1, keepdims=True), 1e-7)).astype(np.float32)
     return MovingPoints(at, roots, _follow(image, before, at), _follow(image, after, at))
 

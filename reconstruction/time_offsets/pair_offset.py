@@ -120,7 +120,9 @@ class ImageTimes:
         if known is None:
             return np.full(len(rows), self.at_ms(camera, instant))
         start_ms = (known.middle_ns(0) - self._epoch_ns) / 1e6
-        return np.asarray(start_ms + known.row_time_ns / 1e6 * rows)
+        # Images that were made smaller have fewer rows than the camera read.
+        row_ms = known.row_time_ns / 1e6 * known.rows / self.dataset.size(camera)[1]
+        return np.asarray(start_ms + row_ms * rows)
 
     def _rows(self, camera: str, instant: int) -> RowExposures | None:
         dataset = self.dataset

@@ -125,6 +125,11 @@ def test_a_camera_that_is_a_frame_late_is_not_called_synchronized(
     assert "These cameras were not synchronized" in page
     assert f"--time-shift-ms {pair.split(',')[1]}={timing['shift_ms']:.4g}" in page
     assert "Synchronized, " not in page
+    if pair == "left,right":
+        mended = timing["shift_ms"]
+        shift = ("--time-shift-ms", f"right={mended}", "--json")
+        again = reconstruct("dose", session.folder, "--pair", pair, *shift).result["timing"]
+        assert again["synchronized"], again
 
 
 def test_an_unknown_camera_is_refused_in_one_line(

@@ -24,6 +24,7 @@ from reconstruction.compare.pose_study import LARGE_MOVING_SHARE, PoseStudy
 from reconstruction.compare.stereo_study import StereoStudy
 from reconstruction.compare.study import Result, StudyRun
 from reconstruction.compare.timing_study import measure_timing
+from reconstruction.compare.triangulation_study import TriangulationStudy
 from reconstruction.report import wording
 from reconstruction.report.comparison_report import report_words, write_report
 from reconstruction.report.verdict import verdict
@@ -98,13 +99,15 @@ class Comparison:
         for condition in options.conditions:
             condition.check(dataset)
         self.against = Dataset.open(options.against) if options.against is not None else None
-        self.stereo = StudyRun(StereoStudy(self.rig, offset, options.stereo, options.max_instants))
+        depth = StereoStudy(self.rig, offset, options.stereo, options.max_instants)
+        self.stereo = StudyRun(depth)
         self.panorama = StudyRun(PanoramaStudy(self.rig, offset, options.stitch, options.max_instants))
         self.multiview = StudyRun(
             MultiviewStudy(self.rig, options.multiview_instants, options.multiview_width)
         )
+        self.triangulation = StudyRun(TriangulationStudy(self.rig, offset, depth, options.max_instants))
         self.poses = StudyRun(PoseStudy(self.rig, ""))
-        asked = [self.stereo.study.steps, self.panorama.study.steps]
+        asked = [self.stereo.study.steps, self.panorama.study.steps, self.triangulation.study.steps]
         asked += [self.multiview.study.steps] * (options.multiview_instants > 0)
         asked += [self.poses.study.steps] * (options.poses is not False)
         further = len(options.conditions) + (self.against is not None)
@@ -128,6 +131,10 @@ class Comparison:
         nothing = self.stereo.result is None and self.panorama.result is None
         if nothing and isinstance(no_views, NotAvailableError):
             raise no_views
+        if no_views is None:
+            self._run(self.triangulation)
+        else:
+            self.triangulation.skipped = str(no_views)
         if self.options.multiview_instants:
             self._run(self.multiview)
         self._run_poses(moving)
@@ -152,10 +159,12 @@ class Comparison:
             stereo=self.stereo.result,
             stitch=self.panorama.result,
             multiview=self.multiview.result,
+            triangulation=self.triangulation.result,
             poses=self.poses.result,
             stereo_skipped=self.stereo.skipped,
             stitch_skipped=self.panorama.skipped,
             multiview_skipped=self.multiview.skipped,
+            triangulation_skipped=self.triangulation.skipped,
             poses_skipped=self.poses.skipped,
             sync_residual_us=self.dataset.worst_residual_us(),
             sync_bound_us=self.dataset.worst_hard_bound_us(),
@@ -216,6 +225,7 @@ class Comparison:
             stereo=self.stereo.compare_condition(condition, skipped),
             stitch=self.panorama.compare_condition(condition, skipped),
             multiview=self.multiview.compare_condition(condition, skipped),
+            triangulation=self.triangulation.compare_condition(condition, skipped),
             poses=self.poses.compare_condition(condition, skipped),
             skipped=tuple(skipped),
         )
@@ -233,6 +243,7 @@ class Comparison:
             stereo=self.stereo.compare_session(rig, skipped),
             stitch=self.panorama.compare_session(rig, skipped),
             multiview=self.multiview.compare_session(rig, skipped),
+            triangulation=self.triangulation.compare_session(rig, skipped),
             poses=self.poses.compare_session(rig, skipped),
             skipped=tuple(skipped),
         )

@@ -21,6 +21,7 @@ from reconstruction.scores.results import (
     Picture,
     PoseComparison,
     StereoComparison,
+    TriangulationComparison,
 )
 from reconstruction.scores.tally import Measurements, Tally, differences
 from reconstruction.session.conditions import DISTINCT, SYNCED, Condition
@@ -37,7 +38,14 @@ PANELS = {"stereo_pair": 2, "stereo_closeup": 2}
 
 Pair = tuple[str, str]
 
-Result = TypeVar("Result", bound=StereoComparison | PanoramaComparison | MultiviewComparison | PoseComparison)
+Result = TypeVar(
+    "Result",
+    bound=StereoComparison
+    | PanoramaComparison
+    | MultiviewComparison
+    | TriangulationComparison
+    | PoseComparison,
+)
 Result_co = TypeVar("Result_co", covariant=True)
 Form = TypeVar("Form", bound=Struct)
 

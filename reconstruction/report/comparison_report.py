@@ -13,7 +13,13 @@ from capture_app.text import count
 from reconstruction.report import wording
 from reconstruction.report.charts import pose_chart
 from reconstruction.report.dose_report import dose_view
-from reconstruction.report.measures import DEPTH, PANORAMA, multiview_measures, pose_measures
+from reconstruction.report.measures import (
+    DEPTH,
+    PANORAMA,
+    TRIANGULATION,
+    multiview_measures,
+    pose_measures,
+)
 from reconstruction.report.page import Claim, Section, render_page, write_page
 from reconstruction.report.provenance import files_beside, pair_pictures, provenance_entries
 from reconstruction.report.tables import WITH_CONTROL, Table, conditions_table, instants_table, twin_table
@@ -42,6 +48,7 @@ def report_words(result: CompareResult) -> ReportWords:
     tables = (
         all_cameras.get("multiview_table"),
         pair["depth_table"],
+        pair["points_table"],
         pair["panorama_table"],
         all_cameras.get("pose_table"),
     )
@@ -110,18 +117,28 @@ def _sections(result: CompareResult) -> list[Section]:
     ]
 
 
-def _tables(result: CompareResult, sides: wording.Sides) -> Mapping[str, Table | None]:
-    """The tables of the measurements; None for a study that was not made."""
-    depth = panorama = instants = None
+def _tables(result: CompareResult, sides: wording.Sides) -> Mapping[str, Table | str | None]:
+    """The tables of the measurements, and words on them; None for a study that was not made."""
+    depth = points = panorama = instants = None
+    delays = ""
     if stereo := result.stereo:
         cameras = f"cameras {stereo.reference} and {stereo.other}"
         depth = twin_table(f"Depth from {cameras}", DEPTH, stereo.synced, stereo.offset, sides, WITH_CONTROL)
         instants = instants_table(f"Moving things, {cameras}", stereo.per_instant, sides)
+    if many := result.triangulation:
+        theirs = sides
+        if len(many.cameras) > 2:
+            theirs = sides.for_all_cameras()
+            delays = wording.describe_delays(many.offsets_ms, many.cameras[0])
+        caption = f"Points by COLMAP from {count(len(many.cameras), 'camera')}"
+        points = twin_table(caption, TRIANGULATION, many.synced, many.offset, theirs, WITH_CONTROL)
     if stitch := result.stitch:
         caption = f"Panorama of cameras {' and '.join(stitch.cameras)}"
         panorama = twin_table(caption, PANORAMA, stitch.synced, stitch.offset, sides, WITH_CONTROL)
     return {
         "depth_table": depth,
+        "points_table": points,
+        "points_delays": delays,
         "panorama_table": panorama,
         "conditions_table": conditions_table(result, sides),
         "instants_table": instants,

@@ -88,6 +88,18 @@ PANORAMA = (
 )
 
 
+TRIANGULATION = (
+    Measure("points", POINTS, "Found and placed at an instant. More is better.", wording.number),
+    Measure(
+        "reprojection_px",
+        "Reprojection error",
+        "How far a placed point is from where the cameras see it. Less is better.",
+        pixels,
+    ),
+    Measure("precision", "Correct points", "Share of the points whose distance is within 2 % of the truth."),
+)
+
+
 def multiview_measures(result: MultiviewComparison) -> tuple[Measure, ...]:
     """The rows of depth from all cameras."""
     near = "" if result.tolerance_m is None else f" to within {100 * result.tolerance_m:.3g}{wording.GAP}cm"

@@ -8,9 +8,9 @@ from itertools import groupby
 from reconstruction.report import wording
 from reconstruction.report.measures import COVERAGE, EPIPOLAR, POINTS, STILL_COVERAGE, WITHIN, Measure, pixels
 from reconstruction.scores.compare_results import CompareResult, ConditionResult
-from reconstruction.scores.results import DepthScores, PanoramaScores, PoseScores
+from reconstruction.scores.results import DepthScores, PanoramaScores, PoseScores, TriangulationScores
 
-Scores = DepthScores | PanoramaScores | PoseScores
+Scores = DepthScores | PanoramaScores | PoseScores | TriangulationScores
 Show = Callable[[float | None], str]
 """Writes a value with its unit."""
 
@@ -19,6 +19,8 @@ WITH_CONTROL = (("mover_", "Moving things"), ("static_", "Things at rest (contro
 """Prefixes of a measure's fields, and the group of columns that shows them."""
 PAIR = ("stereo", "stitch")
 ALL_CAMERAS = ("multiview", "poses")
+POINTS_STUDY = ("triangulation",)
+"""Of the pair's condition where there are two cameras, else of all cameras'."""
 CONDITION_COLUMNS: tuple[tuple[str, str, str, Show], ...] = (
     ("stereo", "mover_within_2pct", WITHIN, wording.share),
     ("stereo", "mover_coverage", COVERAGE, wording.share),
@@ -26,6 +28,7 @@ CONDITION_COLUMNS: tuple[tuple[str, str, str, Show], ...] = (
     ("multiview", "mover_within_2pct", f"All cameras: {WITHIN.lower()}", wording.share),
     ("multiview", "mover_coverage", f"All cameras: {COVERAGE.lower()}", wording.share),
     ("stitch", "mover_misfit_px", "Panorama: misfit of moving things", pixels),
+    ("triangulation", "mover_points", "Points by COLMAP", wording.number),
     ("poses", "correct_pairs", "Camera pairs placed correctly", wording.share),
 )
 """The study that takes the measure, its field, its name and how it is written."""
@@ -151,16 +154,21 @@ class _Condition:
 
 def conditions_table(result: CompareResult, sides: wording.Sides) -> Table:
     """All conditions by a few measures; no rows where there are no further ones."""
+    every = PAIR + ALL_CAMERAS + POINTS_STUDY
+    points = result.triangulation
+    with_all = points is not None and len(points.cameras) > 2
+    pair = PAIR if with_all else PAIR + POINTS_STUDY
+    everybody = ALL_CAMERAS + POINTS_STUDY if with_all else ALL_CAMERAS
     listed = [
-        _Condition(sides.first.lower(), "", _scores(result, PAIR + ALL_CAMERAS, "synced")),
-        _Condition(sides.late, "one camera of a pair", _scores(result, PAIR, "offset")),
+        _Condition(sides.first.lower(), "", _scores(result, every, "synced")),
+        _Condition(sides.late, "one camera of a pair", _scores(result, pair, "offset")),
     ]
-    if (result.multiview or result.poses) and not any(map(_drawn, result.conditions)):
-        scores = _scores(result, ALL_CAMERAS, "offset")
+    if any(getattr(result, study) for study in everybody) and not any(map(_drawn, result.conditions)):
+        scores = _scores(result, everybody, "offset")
         listed.append(_Condition(wording.UNSYNCHRONIZED, wording.EACH_DELAYED, scores))
     for one in result.conditions:
         name = wording.UNSYNCHRONIZED if _drawn(one) else f"session {one.name}" if one.session else one.name
-        listed.append(_Condition(name, _details(one), _scores(one, PAIR + ALL_CAMERAS, "offset")))
+        listed.append(_Condition(name, _details(one), _scores(one, every, "offset")))
     columns = [
         (study, key, name, show)
         for study, key, name, show in CONDITION_COLUMNS

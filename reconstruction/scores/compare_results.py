@@ -8,6 +8,7 @@ from reconstruction.scores.results import (
     PanoramaComparison,
     PoseComparison,
     StereoComparison,
+    TriangulationComparison,
 )
 from reconstruction.scores.timing import Timing
 
@@ -58,6 +59,7 @@ class ConditionResult(Struct, frozen=True, kw_only=True):
     stereo: StereoComparison | None = None
     stitch: PanoramaComparison | None = None
     multiview: MultiviewComparison | None = None
+    triangulation: TriangulationComparison | None = None
     poses: PoseComparison | None = None
     skipped: tuple[str, ...] = ()
 
@@ -103,10 +105,12 @@ class CompareResult(Struct, frozen=True, kw_only=True):
     stereo: StereoComparison | None = None
     stitch: PanoramaComparison | None = None
     multiview: MultiviewComparison | None = None
+    triangulation: TriangulationComparison | None = None
     poses: PoseComparison | None = None
     stereo_skipped: str = ""
     stitch_skipped: str = ""
     multiview_skipped: str = ""
+    triangulation_skipped: str = ""
     poses_skipped: str = ""
     sync_residual_us: float | None = None
     """Largest distance of an image from its instant, by the session's own record."""

@@ -122,6 +122,39 @@ class MultiviewComparison(Struct, frozen=True, kw_only=True):
     """Why there is no fused cloud, or no F-score of it."""
 
 
+class TriangulationScores(Struct, frozen=True, kw_only=True):
+    """Single points that COLMAP placed under the rig's poses, in one condition: medians over the instants."""
+
+    mover_points: float | None
+    """Points on moving things, of an instant; None where nothing moves."""
+    static_points: float | None
+    mover_reprojection_px: float | None = None
+    """How far a point lies from where its cameras see it, px of their pictures; median over the points."""
+    static_reprojection_px: float | None = None
+    mover_precision: float | None = None
+    """Share of the points whose distance is within 2 % of the truth, where that is known."""
+    static_precision: float | None = None
+    intervals: dict[str, Interval] = {}
+    """By measure, where there are enough instants."""
+    instants: int = 0
+
+
+class TriangulationComparison(Struct, frozen=True, kw_only=True):
+    """COLMAP's points, synchronized and offset: of two cameras one is late, of more each by another time."""
+
+    cameras: tuple[str, ...]
+    synced: TriangulationScores
+    offset: TriangulationScores
+    offsets_ms: dict[str, float] = {}
+    """How late each camera is against the first; empty where it is drawn for each instant."""
+    per_instant: tuple[dict[str, float | int | None], ...] = ()
+    """`instant`, `offset_CAMERA_ms`, and each measure as `synced_*` and `offset_*`."""
+    differences: dict[str, Interval] = {}
+    """Offset minus synced by measure, paired by instant."""
+    left_out: tuple[str, ...] = ()
+    """Calibrated cameras that did not take part: a few are enough to compare conditions."""
+
+
 class PanoramaScores(Struct, frozen=True, kw_only=True):
     """A panorama in one condition, judged in the overlap before seams and blending.
 

@@ -20,7 +20,12 @@ BAR = 20
 """Cells of a share of 100 %."""
 _FIRST = ("multiview_depth", "stereo_depth", "panorama", "multiview_movers", "stereo_movers", "stereo_late")
 """The pictures that tell most come first."""
-_STUDIES = {"stereo": "depth of a pair", "multiview": "depth from all cameras", "stitch": "panorama"}
+_STUDIES = {
+    "stereo": "depth of a pair",
+    "triangulation": "points by COLMAP",
+    "multiview": "depth from all cameras",
+    "stitch": "panorama",
+}
 
 
 @dataclass(frozen=True, slots=True)

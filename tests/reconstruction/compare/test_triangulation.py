@@ -1,0 +1,157 @@
+"""Points that COLMAP places under the rig's poses: on what moves many when synchronized, few when not."""
+
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from capture_app.errors import NotAvailableError
+from capture_app.session.importers.recording import ImportOptions, import_recording
+from capture_app.session.reading.reader import Session
+from capture_app.terminal import Progress
+from reconstruction.calibration.rig import Rig
+from reconstruction.compare.stereo_study import StereoStudy
+from reconstruction.compare.triangulation_study import TriangulationStudy
+from reconstruction.scores.results import TriangulationComparison
+from reconstruction.session.conditions import SYNCED, Condition
+from reconstruction.session.dataset import Dataset
+from reconstruction.session.frame_offset import nearest_frame_offset
+from reconstruction.triangulation.rig_triangulator import RigTriangulator
+from tests.reconstruction.conftest import VIEWS, Reconstruct, Scene, make_view, write_session
+
+PAIR = {name: VIEWS[name] for name in ("left", "right")}
+QUIET = Progress(0, silent=True)
+
+
+def study(
+    session: Session, stages: Path, offset_ms: float = 66, max_instants: int = 16
+) -> TriangulationStudy:
+    dataset = Dataset(session)
+    offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, offset_ms)
+    rig = Rig(dataset, stages, offset.step)
+    rig.calibrate()
+    depth = StereoStudy(rig, offset, None, max_instants)
+    depth.prepare(0, QUIET)
+    return TriangulationStudy(rig, offset, depth, max_instants)
+
+
+def compared(points: TriangulationStudy, condition: Condition | None = None) -> TriangulationComparison:
+    points.prepare(0, QUIET)
+    return points.compare(condition or points.condition, QUIET)
+
+
+def test_points_lie_where_the_scene_is(boards: Session) -> None:
+    views = {**PAIR, "aside": VIEWS["aside"]}
+    found = RigTriangulator(Dataset(boards), views).triangulate({"left": 2, "right": 2})
+    assert len(found.points) > 100
+    assert np.median(found.errors) < 0.5
+    assert set(found.camera) == {0, 1}
+    seen = found.camera == 0
+    view = views["left"]
+    pixels = view.project(found.points[found.point[seen]] @ view.rotation.T + view.translation)
+    assert np.median(np.abs(pixels - found.pixel[seen])) < 1
+    # All boards face along z.
+    z = found.points[:, 2]
+    nearest = np.abs(z[:, None] / np.array([2.2, 2.6, 3.0, 3.4, 4.0]) - 1).min(1)
+    assert np.median(nearest) < 0.01
+
+
+def test_lateness_costs_points_on_movers_and_none_on_the_control(boards: Session, tmp_path: Path) -> None:
+    found = compared(study(boards, tmp_path, max_instants=3))
+    assert found.cameras == ("left", "right", "aside")
+    synced, offset = found.synced, found.offset
+    assert synced.mover_points is not None
+    assert offset.mover_points is not None
+    assert synced.mover_points > 20
+    assert offset.mover_points < 0.5 * synced.mover_points
+    assert synced.static_points == pytest.approx(offset.static_points, rel=0.1)
+    assert synced.instants == len(found.per_instant) == 3
+    together = compared(study(boards, tmp_path, max_instants=3), Condition(SYNCED))
+    assert together.offset.mover_points == together.synced.mover_points
+
+
+def test_of_two_cameras_the_second_is_late(scene: Scene, tmp_path: Path) -> None:
+    session = write_session(tmp_path / "pair", scene, PAIR)
+    found = compared(study(session, tmp_path / "stages", max_instants=3))
+    assert found.offsets_ms["left"] == 0
+    assert found.offsets_ms["right"] == pytest.approx(66.7, abs=0.1)
+    assert found.differences["mover_points"].high < -10
+    assert found.synced.mover_precision is not None
+    assert found.synced.mover_precision > 0.9
+    assert (found.offset.mover_precision or 0) < 0.3
+    assert found.synced.static_precision == pytest.approx(found.offset.static_precision, abs=0.05)
+
+
+def test_a_short_burst_makes_every_second_camera_late(scene: Scene, tmp_path: Path) -> None:
+    session = write_session(tmp_path / "short", scene, VIEWS, instants=2, truth=False)
+    found = compared(study(session, tmp_path / "stages", offset_ms=33))
+    assert {c for c, late in found.offsets_ms.items() if late} == {"right"}
+
+
+def test_many_cameras_are_thinned_to_those_beside_the_pair(scene: Scene, tmp_path: Path) -> None:
+    row = {f"cam{k}": make_view((0.1 * k - 0.3, 0.0, 0.0), yaw=4.5 - 1.5 * k) for k in range(7)}
+    session = write_session(tmp_path / "row", scene, row, instants=2, truth=False)
+    points = study(session, tmp_path / "stages", offset_ms=33)
+    found = compared(points)
+    assert len(found.cameras) == 5
+    assert set(points.depth.cameras) < set(found.cameras)
+    assert len(found.left_out) == 2
+
+
+def test_what_cannot_be_measured_is_said(
+    scene: Scene, tmp_path: Path, reconstruct: Reconstruct, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    blank = Scene([], noise=1.0)
+    session = write_session(tmp_path / "blank", blank, PAIR, instants=3, truth=False)
+    points = study_without_pair(session, tmp_path / "stages")
+    with pytest.raises(ValueError, match="no point that two of left, right see"):
+        compared(points)
+    monkeypatch.setitem(sys.modules, "pycolmap", None)
+    session = write_session(tmp_path / "pair", scene, PAIR, instants=3, truth=False)
+    with pytest.raises(NotAvailableError, match="needs pycolmap"):
+        compared(study(session, tmp_path / "more"))
+    result = reconstruct(
+        "compare", session.folder, "--max-instants", 1, "--out", tmp_path / "out", "--json"
+    ).result
+    assert result["triangulation"] is None
+    assert "pycolmap" in result["triangulation_skipped"]
+    assert result["stereo"] is not None
+
+
+def study_without_pair(session: Session, stages: Path) -> TriangulationStudy:
+    dataset = Dataset(session)
+    offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, 33)
+    rig = Rig(dataset, stages, offset.step)
+    rig.calibrate()
+    return TriangulationStudy(rig, offset, StereoStudy(rig, offset, None, 1), 1)
+
+
+def test_a_comparison_shows_the_points(scene: Scene, tmp_path: Path, reconstruct: Reconstruct) -> None:
+    session = write_session(tmp_path / "pair", scene, PAIR, instants=4, truth=False)
+    out = tmp_path / "out"
+    arguments = ("--max-instants", 2, "--condition", "right=33", "--out", out, "--json")
+    result = reconstruct("compare", session.folder, *arguments).result
+    assert result["triangulation_skipped"] == ""
+    synced, offset = (result["triangulation"][side]["mover_points"] for side in ("synced", "offset"))
+    assert synced > 2 * offset
+    (table,) = (one for one in result["words"]["tables"] if "COLMAP" in one["caption"])
+    assert table["rows"][0][:3] == ["Points in space", f"{synced:.0f}", f"{offset:.0f}"]
+    assert result["conditions"][0]["triangulation"]["offset"]["mover_points"] < synced
+    page = (out / "report.html").read_text()
+    assert "Points by COLMAP from 2 cameras" in page
+    assert "its points\nare lost" in page
+
+
+@pytest.mark.shared
+def test_a_real_ball_is_a_point_only_when_synchronized(shared: Path, tmp_path: Path) -> None:
+    folder = shared / "footage" / "ball_launch"
+    options = ImportOptions(fps=60, calibration=(str(folder / "calibration"),), unit="in")
+    session = import_recording([str(folder)], tmp_path, "ball", options)
+    found = compared(study(session, tmp_path / "stages"))
+    synced, offset = (
+        sum(row[f"{side}_mover_points"] or 0 for row in found.per_instant) for side in ("synced", "offset")
+    )
+    assert synced >= 5
+    assert offset <= 1
+    assert found.synced.static_points == pytest.approx(found.offset.static_points, rel=0.1)

@@ -172,7 +172,7 @@ class SessionBrowser(Horizontal):
         self._rows.focus()
 
     def _look_again(self) -> None:
-        if self.app.screen is self.screen:
+        if self.screen.is_active:
             self.look_at_disk()
 
     def _show(self) -> None:

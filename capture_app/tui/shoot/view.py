@@ -133,7 +133,7 @@ class ShootView(ModeView):
         """Drive what is shown now."""
         self.set_class(self.stage.is_sheet, "sheet")
         self._show_course()
-        if self._seen and self.app.screen is self.screen:
+        if self._seen and self.screen.is_active:
             self.focus_first()
         self._want_previews()
 

@@ -1,5 +1,6 @@
 """An app on a fake rig, in the mode Shoot."""
 
+import asyncio
 from collections.abc import Awaitable, Callable
 from pathlib import Path
 
@@ -66,5 +67,6 @@ class Studio:
             brief = {"judging", "trash", "thumbs", "previews", "default", "measuring"}
             workers = [worker for worker in self.app.workers if worker.group in brief]
             if workers:
-                await self.app.workers.wait_for_complete(workers)
+                # One that a later one has cancelled is over, too.
+                await asyncio.gather(*(worker.wait() for worker in workers), return_exceptions=True)
             quiet = 0 if workers else quiet + 1

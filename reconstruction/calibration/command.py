@@ -100,10 +100,10 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
     candidate = _candidate(dataset, options)
     found = candidate.calibration
     views = calibrated_views(dataset, found)
+    refuse_equal_poses(views)
     quality = judge_calibration(views, candidate.shared)
     if options.source in FOUND_HERE or own:
         refuse_bad_calibration(quality, len(dataset.cameras))
-    refuse_equal_poses(views)
     if candidate.check is not None and not candidate.check.holds:
         raise BadInputError(
             f"this calibration no longer holds: {candidate.check}",

@@ -21,6 +21,9 @@ MAX_FOLD = 0.1
 
 The median counts: the model of many a wide lens folds in the very corners."""
 
+MAX_STRETCH = 8.0
+"""How much wider or narrower a picture may become without its distortion."""
+
 
 def refuse_unsound(name: str, camera: CameraCalibration) -> None:
     """Raise BadInputError, with the number, where a camera's calibration can be of no camera."""
@@ -75,7 +78,12 @@ def _distortion_problem(camera: CameraCalibration) -> str:
     view = View.from_calibration(camera, camera.width, camera.height)
     border = view.border(8)
     with np.errstate(all="ignore"):
-        off = float(np.median(np.abs(view.project(view.rays(border)) - border).max(1)))
+        rays = view.rays(border)
+        off = float(np.median(np.abs(view.project(rays) - border).max(1)))
     if not off <= MAX_FOLD * max(view.width, view.height):
         return f"its distortion folds the picture (pixels at the border come back {off:.3g} px off)"
+    plain = (border - view.matrix[:2, 2]) / np.diagonal(view.matrix)[:2]
+    stretch = float(np.median(np.linalg.norm(rays[:, :2], axis=1) / np.linalg.norm(plain, axis=1)))
+    if not 1 / MAX_STRETCH <= stretch <= MAX_STRETCH:
+        return f"without its distortion the picture would be {stretch:.2g} times as wide"
     return ""

@@ -16,6 +16,7 @@
 # make bench-tui   what the terminal UI costs beside a rig of 20 cameras, and that the rig does not notice it (5 min)
 # make screenshots   the pictures of the screen in docs/images, from a real run with simulated cameras
 # make animation   film a take on the real screen for README, a minute or two
+# make calibration-pictures   the pictures of docs/calibration.md, from the simulator (a minute)
 # make help   all targets
 
 PYTHON ?= python3
@@ -27,7 +28,7 @@ OUT ?= demo
 LIBRARIES := libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
 	libusb-1.0.so.0:libusb-1.0-0 libudev.so.1:libudev1 libidn2.so.0:libidn2-0
 
-.PHONY: help install demo animation screenshots samples test test-odd-inputs test-v4l2 test-slurm bench-sync bench-reference bench-relay bench-rig bench-clients bench-multiview bench-pairs bench-tui test-crash check format system clean
+.PHONY: help install demo animation calibration-pictures screenshots samples test test-odd-inputs test-v4l2 test-slurm bench-sync bench-reference bench-relay bench-rig bench-clients bench-multiview bench-pairs bench-tui test-crash check format system clean
 .DEFAULT_GOAL := help
 
 help:
@@ -84,6 +85,9 @@ bench-pairs: $(VENV)/.installed
 
 bench-tui: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.screen.tui_load $(BENCH)
+
+calibration-pictures: $(VENV)/.installed
+	$(BIN)/python docs/images/calibration_pictures.py
 
 animation: $(VENV)/.installed-dev
 	$(BIN)/python docs/images/take_animation.py

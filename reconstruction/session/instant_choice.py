@@ -7,7 +7,7 @@ from reconstruction.session.mover_detection import SceneMotion
 
 CANDIDATES = 4
 """So many times as many instants as are wanted are looked at."""
-LEAST_MOVING = 0.0005
+LEAST_MOVING = 0.0001
 """Share of the picture that must move before every one of the cameras."""
 FEWEST = 3
 """Where fewer instants show that much motion, those that show most of it are taken."""

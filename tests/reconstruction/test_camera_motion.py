@@ -1,0 +1,44 @@
+"""A camera that moves while it records is noticed by what should stand still."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from capture_app.session.reading.reader import Session
+from reconstruction.common.geometry import View
+from reconstruction.session.camera_motion import measure_camera_motion
+from reconstruction.session.dataset import Dataset
+from tests.reconstruction.conftest import VIEWS, Reconstruct, Scene, write_session
+
+PAIR = {name: VIEWS[name] for name in ("left", "right")}
+
+
+def on_a_cart(view: View, time: float) -> View:
+    """A rig that rolls sideways: 0.03 of the scene's units in a period, about 2.3 px on its wall."""
+    return replace(view, translation=view.translation - view.rotation @ np.array([0.03, 0.0, 0.0]) * time)
+
+
+def test_cameras_on_tripods_stand_still_however_much_moves_before_them(boards: Session) -> None:
+    data = Dataset.open(boards.folder)
+    for camera in data.cameras:
+        found = measure_camera_motion(data, camera)
+        assert found is not None
+        assert not found.moves
+        assert found.still_share > 0.6
+
+
+@pytest.mark.parametrize("command", ["dose", pytest.param("compare", marks=pytest.mark.slow)])
+def test_a_rig_on_a_moving_cart_is_said(
+    scene: Scene, tmp_path: Path, reconstruct: Reconstruct, command: str
+) -> None:
+    session = write_session(tmp_path / "cart", scene, PAIR, instants=4, truth=False, moved=on_a_cart)
+    few = ("--max-instants", "3", "--out", tmp_path / "out", "--json")
+    result = reconstruct(command, session.folder, *few).result
+    moving = result["timing"]["moving_cameras"]
+    assert moving.keys() == {"left", "right"}
+    assert all(1 < px < 4 for px in moving.values())
+    page = (tmp_path / "out" / "report.html").read_text("utf-8")
+    assert "The cameras moved while recording" in page
+    assert "timing alone makes the difference" not in page

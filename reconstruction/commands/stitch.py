@@ -43,9 +43,10 @@ def stitch(sources: tuple[Path, ...], out: Path, as_json: bool, **options: Any) 
     print_line(f"panorama of {len(result.used)} images, {made.width}x{made.height} pixels")
     for name, why in result.left_out.items():
         print_line(f"left out: {name}: {why}")
-    for which, one in (("synchronized", made), (f"{result.actual_offset_ms:.0f} ms late", result.offset)):
+    first = "" if result.offset is None else ", synchronized"
+    for which, one in ((first, made), (f", {result.actual_offset_ms:.0f} ms late", result.offset)):
         if one is not None and one.misfit.median_px is not None:
-            print_line(f"misfit where images overlap, {which}: {_misfit_words(one.misfit, one.mover_misfit)}")
+            print_line(f"misfit where images overlap{which}: {_misfit_words(one.misfit, one.mover_misfit)}")
     print_line(f"picture: {out / made.panorama}")
 
 

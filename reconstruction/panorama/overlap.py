@@ -20,6 +20,7 @@ SPACING_PX = 9
 REACH_PX = 48
 """So far around a point that tracking has lost its window is compared with every other."""
 PATCH_PX = 11
+MOST_ROWS = 1 << 14
 LEAST_LIKENESS = 0.8
 """Normalized correlation of both patches; less is another thing."""
 MOST_RETURN_PX = 0.5
@@ -169,16 +170,18 @@ def _most_alike(picture: Array, at: Array, other: Array) -> Array | None:
 
 def _likeness(a: Array, at_a: Array, b: Array, at_b: Array) -> Array:
     """Normalized correlation (n,) of the patches around pixels (n, 2) of two pictures."""
-    patches = []
-    for picture, at in ((a, at_a), (b, at_b)):
-        reach = np.arange(PATCH_PX, dtype=np.float32) - PATCH_PX // 2
-        xs = np.repeat(at[:, 0, None] + reach, PATCH_PX, axis=0)
-        ys = np.repeat((at[:, 1, None] + reach).reshape(-1, 1), PATCH_PX, axis=1)
-        sampled = cv2.remap(
-            picture.astype(np.float32), xs.astype(np.float32), ys.astype(np.float32), cv2.INTER_LINEAR
-        )
-        flat = sampled.reshape(len(at), -1)
-        patches.append(flat - flat.mean(1, keepdims=True))
-    one, other = patches
+    one, other = _patches(a, at_a), _patches(b, at_b)
     power = np.sqrt((one**2).sum(1) * (other**2).sum(1))
     return np.asarray((one * other).sum(1) / np.maximum(power, 1e-6))
+
+
+def _patches(picture: Array, at: Array) -> Array:
+    """The pixels (n, PATCH_PX squared; float32) around places (n, 2), without their mean."""
+    reach = np.arange(PATCH_PX, dtype=np.float32) - PATCH_PX // 2
+    across, down = (grid.ravel() for grid in np.meshgrid(reach, reach))
+    xs, ys = ((at[:, i, None] + grid).astype(np.float32) for i, grid in enumerate((across, down)))
+    grey = picture.astype(np.float32)
+    # Remapping takes no more rows than a short integer counts.
+    parts = [slice(k, k + MOST_ROWS) for k in range(0, len(at), MOST_ROWS)]
+    sampled = np.concatenate([cv2.remap(grey, xs[part], ys[part], cv2.INTER_LINEAR) for part in parts])
+    return np.asarray(sampled - sampled.mean(1, keepdims=True))

@@ -4,28 +4,17 @@ Brown and Lowe, Automatic Panoramic Image Stitching using Invariant Features, 20
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
 
 import cv2
 import numpy as np
 
 from reconstruction.common.geometry import Array, View
 from reconstruction.pairs.features import MIN_MATCHES, Features, match_features
+from reconstruction.panorama.camera_estimate import PictureOverlap, estimate_cameras, long_view
 
 INLIER_PX = 3.0
-ROUNDS = 3
-"""Times that the cameras are adjusted again without the points that do not fit all pictures together."""
-OUTLIER = 2.0
-"""Such points are off by more than so many medians, and by more than a pixel."""
-EXPECTED_MATCHES = (8.0, 0.2)
-"""Two pictures overlap if more matches than this number and share of all fit (Brown and Lowe, eq. 13).
-
-Their share is 0.3; cameras of a rig stand apart, and one plane of the scene is less of all that they share.
-"""
-FOCAL_LIMITS = (0.1, 50.0)
-"""Of the picture's longer side; a focal length beyond is a failed estimate."""
 
 
 @dataclass(frozen=True)
@@ -35,25 +24,6 @@ class Registration:
     views: dict[str, View]
     left_out: dict[str, str]
     """Pictures that do not belong to it, and why."""
-
-
-@dataclass(frozen=True)
-class PictureOverlap:
-    """Still points that two pictures share, and which of them one homography explains."""
-
-    at: tuple[Array, Array]
-    """Pixels (n, 2) in both, without the lens's distortion."""
-    fits: Array
-    """Bool (n,)."""
-    homography: Array
-    """3x3, from the first to the second, pixels counted from the pictures' middles."""
-
-    @property
-    def confidence(self) -> float:
-        """Above 1 the two pictures show the same place."""
-        least, share = EXPECTED_MATCHES
-        found = int(self.fits.sum())
-        return found / (least + share * len(self.fits)) if found >= MIN_MATCHES else 0.0
 
 
 def register_pictures(
@@ -68,7 +38,7 @@ def register_pictures(
         ValueError: no two pictures belong together, or no camera that only turns explains them.
     """
     calibrated = all(name in known for name in points)
-    views = {name: known[name] if calibrated else unknown_view(*sizes[name]) for name in points}
+    views = {name: known[name] if calibrated else long_view(*sizes[name]) for name in points}
     flat = {
         name: Features(flat_pixels(views[name], p.positions), p.descriptors) for name, p in points.items()
     }
@@ -83,14 +53,9 @@ def register_pictures(
             raise ValueError(f"no two pictures share more than {most} points")
         raise ValueError("the points that the pictures share do not fit a camera that only turns")
     left_out = {name: _reason_left_out(name, points[name], overlaps) for name in points if name not in used}
-    return Registration(_solve({name: views[name] for name in used}, overlaps, calibrated), left_out)
-
-
-def unknown_view(width: int, height: int) -> View:
-    """The view of an unknown camera: a focal length of the picture's diagonal, no distortion."""
-    matrix = np.diag([np.hypot(width, height)] * 2 + [1.0])
-    matrix[:2, 2] = width / 2, height / 2
-    return View(width, height, matrix, np.zeros(5), np.eye(3), np.zeros(3))
+    return Registration(
+        estimate_cameras({name: views[name] for name in used}, overlaps, calibrated), left_out
+    )
 
 
 def flat_pixels(view: View, at: Array) -> Array:
@@ -136,113 +101,3 @@ def _reason_left_out(name: str, own: Features, overlaps: Mapping[tuple[str, str]
     if shared[nearest] < MIN_MATCHES:
         return f"it shares at most {shared[nearest]} points with another picture ({nearest})"
     return f"it shares {shared[nearest]} points with {nearest}, but does not fit beside it"
-
-
-def _solve(
-    views: Mapping[str, View], overlaps: Mapping[tuple[str, str], PictureOverlap], calibrated: bool
-) -> dict[str, View]:
-    """Estimate the cameras, again without the points that do not fit all pictures together, and level them.
-
-    Raises:
-        ValueError: there is no such estimate.
-    """
-    used = {pair: one for pair, one in overlaps.items() if one.confidence > 1 and views.keys() >= set(pair)}
-    turned = _adjust(views, used, calibrated)
-    for _ in range(ROUNDS):
-        kept = {(a, b): _without_outliers(one, turned[a], turned[b]) for (a, b), one in used.items()}
-        turned = _adjust(views, kept, calibrated)
-    level = cv2.detail.waveCorrect(
-        [np.ascontiguousarray(view.rotation.T, np.float32) for view in turned.values()],
-        cv2.detail.WAVE_CORRECT_AUTO,
-    )
-    return {
-        name: replace(view, rotation=np.asarray(rotation, np.float64).T)
-        for (name, view), rotation in zip(turned.items(), level, strict=True)
-    }
-
-
-def _adjust(
-    views: Mapping[str, View], overlaps: Mapping[tuple[str, str], PictureOverlap], calibrated: bool
-) -> dict[str, View]:
-    features, matches = _for_opencv(list(views), list(views.values()), overlaps)
-    ok, cameras = cv2.detail.HomographyBasedEstimator(calibrated).apply(
-        features, matches, [_camera(view) for view in views.values()]
-    )
-    for camera in cameras:
-        camera.R = np.asarray(camera.R, np.float32)
-    if ok and _plausible(cameras, views):
-        adjuster = cv2.detail.BundleAdjusterReproj() if calibrated else cv2.detail.BundleAdjusterRay()
-        adjuster.setConfThresh(0.0)
-        if calibrated:
-            adjuster.setRefinementMask(np.zeros((3, 3), np.uint8))
-        ok, cameras = adjuster.apply(features, matches, cameras)
-    if not ok or not _plausible(cameras, views):
-        raise ValueError("no camera that only turns explains the pictures")
-    return {
-        name: replace(
-            view,
-            matrix=np.asarray(camera.K(), np.float64),
-            rotation=np.asarray(camera.R, np.float64).T,
-            translation=np.zeros(3),
-        )
-        for (name, view), camera in zip(views.items(), cameras, strict=True)
-    }
-
-
-def _without_outliers(overlap: PictureOverlap, a: View, b: View) -> PictureOverlap:
-    """The overlap by the points that fit these views, among all that were matched."""
-    rays = np.column_stack([overlap.at[0], np.ones(len(overlap.fits))]) @ np.linalg.inv(a.matrix).T
-    seen = rays @ a.rotation @ b.rotation.T @ b.matrix.T
-    off = np.linalg.norm(seen[:, :2] / seen[:, 2:] - overlap.at[1], axis=1)
-    fits = overlap.fits & (off <= max(1.0, OUTLIER * float(np.median(off[overlap.fits]))))
-    return replace(overlap, fits=fits) if fits.sum() >= MIN_MATCHES else overlap
-
-
-def _camera(view: View) -> Any:
-    camera = cv2.detail.CameraParams()
-    camera.focal, camera.aspect = view.matrix[0, 0], view.matrix[1, 1] / view.matrix[0, 0]
-    camera.ppx, camera.ppy = view.matrix[:2, 2]
-    camera.R = np.eye(3)
-    return camera
-
-
-def _plausible(cameras: Sequence[Any], views: Mapping[str, View]) -> bool:
-    for camera, view in zip(cameras, views.values(), strict=True):
-        longest = max(view.width, view.height)
-        if not np.isfinite(camera.R).all() or not np.isfinite(camera.focal):
-            return False
-        if not FOCAL_LIMITS[0] * longest < camera.focal < FOCAL_LIMITS[1] * longest:
-            return False
-    return True
-
-
-def _for_opencv(
-    names: Sequence[str], views: Sequence[View], overlaps: Mapping[tuple[str, str], PictureOverlap]
-) -> tuple[list[Any], list[Any]]:
-    """Features of each picture and matches of any two, both ways, as `cv2.detail` takes them."""
-    count = len(names)
-    keypoints: list[list[Any]] = [[] for _ in names]
-    matches = [cv2.detail.MatchesInfo() for _ in range(count**2)]
-    for (a, b), overlap in overlaps.items():
-        i, j = names.index(a), names.index(b)
-        begin = len(keypoints[i]), len(keypoints[j])
-        for which, at in zip((i, j), overlap.at, strict=True):
-            keypoints[which] += [cv2.KeyPoint(float(x), float(y), 1.0) for x, y in at]
-        back = np.linalg.inv(overlap.homography)
-        for one, other, homography, (own, theirs) in (
-            (i, j, overlap.homography, begin),
-            (j, i, back, begin[::-1]),
-        ):
-            info = matches[one * count + other]
-            info.src_img_idx, info.dst_img_idx = one, other
-            info.matches = [cv2.DMatch(own + k, theirs + k, 0.0) for k in range(len(overlap.fits))]
-            info.inliers_mask = overlap.fits.astype(np.uint8)
-            info.num_inliers, info.confidence = int(overlap.fits.sum()), max(overlap.confidence, 1.0)
-            info.H = homography
-    features = []
-    for index, (view, points) in enumerate(zip(views, keypoints, strict=True)):
-        feature = cv2.detail.ImageFeatures()
-        feature.img_idx, feature.img_size = index, (view.width, view.height)
-        feature.keypoints = points
-        features.append(feature)
-    return features, matches

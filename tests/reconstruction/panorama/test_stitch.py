@@ -67,6 +67,19 @@ def test_three_pictures_come_out_whole_and_a_stranger_is_left_out_with_the_reaso
     assert np.array_equal(made, again.compose(again.layers(wall)))
 
 
+@pytest.mark.parametrize("turns", [0, 1, 2])
+def test_pictures_only_shifted_or_turned_about_their_axis_come_out_whole(turns: int) -> None:
+    paint = np.dstack([tiled(11)] * 3)
+    pictures = {"a": paint[300:660, 200:680], "b": np.rot90(paint[300:660, 400:880], turns).copy()}
+    stitcher = PanoramaStitcher(pictures)
+    made = stitcher.compose(stitcher.layers(pictures))
+    assert made.shape[1] == pytest.approx(680, abs=15)
+    found = judged(stitcher, pictures).misfit
+    assert found.points > 100
+    assert found.p95_px is not None
+    assert found.p95_px < 1.5
+
+
 def test_the_panorama_does_not_depend_on_the_number_of_threads(wall: dict[str, Any]) -> None:
     before = cv2.getNumThreads()
     made = []

@@ -51,7 +51,7 @@ def stitch(sources: tuple[Path, ...], out: Path, as_json: bool, **options: Any) 
 
 
 def _misfit_words(misfit: "Misfit", moving: "Misfit | None") -> str:
-    text = f"{misfit.median_px:.1f} px at {misfit.points} points"
+    text = f"{misfit.median_px:.1f} px at {misfit.points} points (95 % within {misfit.p95_px:.1f})"
     if moving is None or not moving.points + moving.lost:
         return text
     if moving.median_px is None:

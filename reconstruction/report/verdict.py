@@ -185,7 +185,7 @@ def _panorama_sentence(result: PanoramaComparison, late: str, together: bool) ->
     return (
         f"In the panorama, what moves fits together to within {synced:.1f} pixels "
         f"{'at the same instant' if together else 'as recorded'}, "
-        f"and is off by up to {offset:.0f} with one picture {late}."
+        f"and is off by {offset:.0f} with one picture {late}."
     )
 
 

@@ -19,6 +19,7 @@ from reconstruction.commands.dose import dose
 from reconstruction.commands.multiview import multiview
 from reconstruction.commands.stereo import stereo
 from reconstruction.commands.stitch import stitch
+from reconstruction.commands.time import time_command
 from reconstruction.common.foreign_calls import TRACEBACK, claim_stdout, unexpected_error
 
 
@@ -46,7 +47,7 @@ def app() -> None:
     """Compute depth and panoramas from a session, and measure what synchronization does for them."""
 
 
-for command in (batch, board, calibrate, compare, dose, multiview, stereo, stitch):
+for command in (batch, board, calibrate, compare, dose, multiview, stereo, stitch, time_command):
     app.add_command(command)
 
 

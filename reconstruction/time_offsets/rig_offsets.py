@@ -1,0 +1,137 @@
+"""Time offsets of all cameras of a rig against one of them, from the offsets of their pairs."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+
+from capture_app.terminal import Progress
+from reconstruction.calibration.rig import Rig
+from reconstruction.common.geometry import angle_deg
+from reconstruction.session.instant_choice import choose_moving_instants
+from reconstruction.time_offsets.offset_fit import OffsetFit
+from reconstruction.time_offsets.pair_offset import PairOffsets
+
+PARTNERS = 3
+"""Each camera is measured against so many others, the ones that look at things most alike."""
+WIDEST_DEG = 60.0
+"""Cameras that look in directions further apart recognize hardly anything of each other's pictures."""
+MAX_INSTANTS = 24
+"""Of each pair."""
+
+Pair = tuple[str, str]
+
+
+@dataclass(frozen=True)
+class CameraOffset:
+    """How much later than its times say a camera's images were taken, against the reference's.
+
+    `offset_ms` and `sd_ms` (a standard deviation) are None where that cannot be told, and `reason` says why;
+    `pairs` are the cameras it was measured against.
+    """
+
+    offset_ms: float | None = None
+    sd_ms: float | None = None
+    reason: str = ""
+    pairs: tuple[str, ...] = ()
+
+
+def measure_rig_offsets(
+    rig: Rig, reference: str | None = None, progress: Progress | None = None
+) -> dict[str, CameraOffset]:
+    """The offset of every camera of a calibrated rig; that of the reference is 0.
+
+    `reference` None: the first camera that most others can be measured against. Offsets of pairs, at instants
+    at which something moves before both, are adjusted by least squares. Pairs that share no motion, or only
+    motion along their epipolar lines, tell nothing; a camera that no chain of pairs joins to the reference
+    has a reason instead.
+    """
+    data, finder = rig.dataset, PairOffsets(rig)
+    pairs = likely_pairs(rig)
+    if progress is not None:
+        progress.total += len(pairs)
+    measured = {}
+    for pair in pairs:
+        if progress is not None:
+            progress.step(f"{pair[1]} against {pair[0]}")
+        both = [k for k in data.instants(pair[0]) if data.has_image(pair[1], k)]
+        chosen = choose_moving_instants(rig.motion, pair, both, MAX_INSTANTS)
+        measured[pair] = finder.measure(*pair, chosen)
+    return adjust_offsets(data.cameras, reference, measured)
+
+
+def likely_pairs(rig: Rig) -> list[Pair]:
+    """Pairs of calibrated cameras, each with its `PARTNERS` most alike in viewing direction."""
+    views = rig.views
+    angles = {
+        pair: angle_deg(views[pair[0]].axis, views[pair[1]].axis)
+        for pair in combinations((name for name in rig.dataset.cameras if name in views), 2)
+    }
+    chosen = set()
+    for name in views:
+        ours = sorted((angle, pair) for pair, angle in angles.items() if name in pair)
+        chosen |= {pair for angle, pair in ours[:PARTNERS] if angle < WIDEST_DEG}
+    return sorted(chosen)
+
+
+def adjust_offsets(
+    names: Sequence[str], reference: str | None, measured: Mapping[Pair, OffsetFit]
+) -> dict[str, CameraOffset]:
+    """Least squares over the pairs (first, second): the second's offset minus the first's.
+
+    `reference` as of `measure_rig_offsets`.
+    """
+    known = {
+        pair: (fit.offset_ms, fit.sd_ms)
+        for pair, fit in measured.items()
+        if fit.offset_ms is not None and fit.sd_ms is not None
+    }
+    reference = reference or max(names, key=lambda name: len(_joined_to(name, known)))
+    joined = _joined_to(reference, known)
+    others = [name for name in names if name in joined and name != reference]
+    found = {reference: CameraOffset(0.0, 0.0, pairs=_partners(reference, known))}
+    if others:
+        rows = [pair for pair in known if pair[0] in joined]
+        design = np.zeros((len(rows), len(others)))
+        for row, pair in enumerate(rows):
+            for name, sign in zip(pair, (-1.0, 1.0), strict=True):
+                if name != reference:
+                    design[row, others.index(name)] = sign
+        values, sds = (np.array([known[pair][i] for pair in rows]) for i in (0, 1))
+        normal = design.T @ (design / sds[:, None] ** 2)
+        offsets = np.linalg.solve(normal, design.T @ (values / sds**2))
+        left = (values - design @ offsets) / sds
+        # Pairs that contradict each other by more than their errors make these too small.
+        spare = len(rows) - len(others)
+        factor = max(1.0, float(np.sqrt((left**2).sum() / spare))) if spare else 1.0
+        errors = factor * np.sqrt(np.diagonal(np.linalg.inv(normal)))
+        for name, offset, sd in zip(others, offsets, errors, strict=True):
+            found[name] = CameraOffset(float(offset), float(sd), pairs=_partners(name, known))
+    for name in names:
+        if name not in found:
+            found[name] = CameraOffset(reason=_why(name, measured, known))
+    return {name: found[name] for name in names}
+
+
+def _joined_to(reference: str, pairs: Mapping[Pair, object]) -> set[str]:
+    """The cameras that a chain of pairs joins to the reference, itself among them."""
+    joined, before = {reference}, 0
+    while len(joined) > before:
+        before = len(joined)
+        joined |= {name for pair in pairs if joined & set(pair) for name in pair}
+    return joined
+
+
+def _partners(name: str, pairs: Mapping[Pair, object]) -> tuple[str, ...]:
+    return tuple(other for pair in pairs if name in pair for other in pair if other != name)
+
+
+def _why(name: str, measured: Mapping[Pair, OffsetFit], known: Mapping[Pair, object]) -> str:
+    """Why a camera's offset cannot be told: most of its pairs' own reason."""
+    if any(name in pair for pair in measured if pair in known):
+        return "it was measured against cameras only whose own offset is not known"
+    reasons = [fit.reason for pair, fit in measured.items() if name in pair]
+    if not reasons:
+        return "it has no calibration, or looks where no other camera does"
+    return max(set(reasons), key=reasons.count)

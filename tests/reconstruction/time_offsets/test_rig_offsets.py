@@ -1,0 +1,78 @@
+"""Offsets of all cameras from those of pairs, and the command that measures them."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from reconstruction.time_offsets.offset_fit import OffsetFit
+from reconstruction.time_offsets.rig_offsets import adjust_offsets
+from tests.reconstruction.conftest import PERIOD_NS, Reconstruct, Scene, make_view, write_session
+
+NOTHING = OffsetFit(reason="too little moves")
+
+
+def test_pairs_are_adjusted_by_their_errors() -> None:
+    measured = {
+        ("a", "b"): OffsetFit(10.0, 0.5),
+        ("b", "c"): OffsetFit(-4.0, 0.5),
+        ("a", "c"): OffsetFit(8.0, 5.0),
+        ("c", "d"): NOTHING,
+        ("e", "f"): OffsetFit(1.0, 0.5),
+    }
+    found = adjust_offsets("abcdef", None, measured)
+    assert found["a"].offset_ms == 0
+    assert found["b"].offset_ms == pytest.approx(10.0, abs=0.1)
+    assert found["c"].offset_ms == pytest.approx(6.0, abs=0.1)
+    assert found["c"].sd_ms is not None
+    assert 0.5 < found["c"].sd_ms < 1
+    assert found["d"].offset_ms is None
+    assert found["d"].reason == "too little moves"
+    assert found["e"].offset_ms is None
+    assert "whose own offset is not known" in found["e"].reason
+    turned = adjust_offsets("abcdef", "c", measured)
+    assert turned["a"].offset_ms == pytest.approx(-6.0, abs=0.1)
+
+
+def test_pairs_that_contradict_each_other_widen_the_error() -> None:
+    sure = {("a", "b"): OffsetFit(10.0, 0.5), ("b", "c"): OffsetFit(5.0, 0.5)}
+    agreed, contradicted = (
+        adjust_offsets("abc", "a", {**sure, ("a", "c"): OffsetFit(ms, 0.5)})["c"] for ms in (15.0, 25.0)
+    )
+    assert agreed.sd_ms is not None
+    assert contradicted.sd_ms is not None
+    assert contradicted.sd_ms > 5 * agreed.sd_ms
+
+
+def test_the_command_tells_every_camera_s_lateness(
+    scene: Scene, tmp_path: Path, reconstruct: Reconstruct
+) -> None:
+    falling = replace(
+        scene,
+        boards=[
+            *scene.boards[:-1],
+            replace(scene.boards[-1], path=lambda t: (0.05 * t - 0.2, 0.3 - 0.15 * t)),
+        ],
+    )
+    views = {
+        "left": make_view((-0.1, 0.0, 0.0), yaw=1.5),
+        "middle": make_view((0.0, -0.05, 0.0)),
+        "right": make_view((0.1, 0.01, 0.0), yaw=-1.5),
+        "away": make_view((0.1, 0.0, 0.0), yaw=85),
+    }
+    late = {"middle": 0.4, "right": -1.2}
+    session = write_session(tmp_path, falling, views, instants=5, truth=False, late=late)
+    result = reconstruct("time", session.folder, "--json").result
+    assert result["reference"] == "left"
+    for name, periods in late.items():
+        found = result["cameras"][name]
+        assert abs(found["offset_ms"] - periods * PERIOD_NS / 1e6) < 3 * found["sd_ms"] < 4
+        assert "left" in found["source"]
+    assert "offset_ms" not in result["cameras"]["away"]
+    assert result["cameras"]["away"]["reason"]
+
+
+def test_an_unknown_reference_is_refused_in_one_line(tmp_path: Path, reconstruct: Reconstruct) -> None:
+    done = reconstruct("time", tmp_path / "nothing", "--reference", "left")
+    assert done.code == 3
+    assert "no session" in done.complaint

@@ -16,7 +16,8 @@ from reconstruction.batch.units import RESULT, Unit
 from reconstruction.calibration.adoption import adopt_kept_calibration
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.multiview.command import RESULT as MULTIVIEW_RESULT
-from reconstruction.multiview.command import Matcher, MultiviewOptions, multiview
+from reconstruction.multiview.command import MultiviewOptions, multiview
+from reconstruction.multiview.matcher import Matcher
 from reconstruction.session.conditions import SYNCED, Condition
 from reconstruction.session.dataset import Dataset
 

@@ -46,6 +46,7 @@ def _refuse_synced(
     default=640,
     help="Reduce wider images to this width for depth from all cameras.",
 )
+@options.matcher_option
 @click.option(
     "--poses/--no-poses",
     default=None,
@@ -70,15 +71,16 @@ def _refuse_synced(
 @options.out_option
 @options.memory_option
 @json_option
-def compare(session: Path, out: Path, as_json: bool, **chosen: Any) -> None:
+def compare(session: Path, out: Path, matcher: str, as_json: bool, **chosen: Any) -> None:
     """Compare synchronized images of SESSION with images that are some time apart.
 
     Writes metrics.json, pictures and a self-explanatory report.html to the --out folder.
     """
     from reconstruction.compare.command import CompareOptions
     from reconstruction.compare.command import compare as run
+    from reconstruction.multiview.matcher import Matcher
 
-    result = run(session, out, CompareOptions(**chosen))
+    result = run(session, out, CompareOptions(matcher=Matcher(matcher), **chosen))
     if as_json:
         print_json(result)
         return

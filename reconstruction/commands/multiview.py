@@ -19,12 +19,7 @@ from reconstruction.session.conditions import SYNCED, Condition
     default=SYNCED,
     help=options.CONDITION_HELP,
 )
-@click.option(
-    "--matcher",
-    type=click.Choice(["auto", "sweep", "patchmatch"]),
-    default="auto",
-    help="sweep runs on the CPU; patchmatch is COLMAP's and needs an NVIDIA GPU; auto uses the GPU if any.",
-)
+@options.matcher_option
 @click.option("--mesh/--no-mesh", default=True, help="Also compute a mesh and render it.")
 @options.out_option
 @options.memory_option
@@ -33,8 +28,9 @@ def multiview(
     session: Path, instant: int, condition: Condition, matcher: str, mesh: bool, out: Path, as_json: bool
 ) -> None:
     """Compute depth maps of all cameras at one instant of SESSION, a point cloud and a mesh."""
-    from reconstruction.multiview.command import Matcher, MultiviewOptions
+    from reconstruction.multiview.command import MultiviewOptions
     from reconstruction.multiview.command import multiview as run
+    from reconstruction.multiview.matcher import Matcher
     from reconstruction.session.dataset import Dataset
 
     dataset = Dataset.open(session)

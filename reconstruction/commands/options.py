@@ -86,6 +86,13 @@ instant_option = click.option(
     default=0,
     help="Instant of the burst, counted from 0.",
 )
+matcher_option = click.option(
+    "--matcher",
+    type=click.Choice(["auto", "sweep", "patchmatch"]),
+    default="auto",
+    help="What finds depth from all cameras: sweep runs on the CPU, patchmatch is COLMAP's and needs an "
+    "NVIDIA GPU; auto is sweep, which finds more.",
+)
 max_instants_option = click.option(
     "--max-instants",
     type=click.IntRange(min=1),

@@ -25,6 +25,7 @@ from reconstruction.compare.stereo_study import StereoStudy
 from reconstruction.compare.study import Result, StudyRun
 from reconstruction.compare.timing_study import measure_timing
 from reconstruction.compare.triangulation_study import TriangulationStudy
+from reconstruction.multiview.matcher import Matcher, choose_matcher
 from reconstruction.report import wording
 from reconstruction.report.comparison_report import report_words, write_report
 from reconstruction.report.verdict import verdict
@@ -52,6 +53,8 @@ class CompareOptions:
     """Instants of the burst for depth from all cameras; 0 = none."""
     multiview_width: int = 640
     """Wider images are reduced to this width for depth from all cameras, px."""
+    matcher: Matcher = Matcher.AUTO
+    """What finds depth from all cameras."""
     poses: bool | None = None
     """Whether to estimate poses from single instants; None = if much of the picture moves."""
     conditions: tuple[Condition, ...] = ()
@@ -68,7 +71,8 @@ def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
     The folder appears whole or not at all.
 
     Raises:
-        SimulshotError: the session, the options or the folder cannot be used.
+        SimulshotError: the session, the options or the folder cannot be used, or PatchMatch was asked for and
+            cannot run here.
     """
     began = time.monotonic()
     dataset = Dataset.open(session, options.time_shifts_ms)
@@ -103,7 +107,12 @@ class Comparison:
         self.stereo = StudyRun(depth)
         self.panorama = StudyRun(PanoramaStudy(self.rig, offset, options.stitch, options.max_instants))
         self.multiview = StudyRun(
-            MultiviewStudy(self.rig, options.multiview_instants, options.multiview_width)
+            MultiviewStudy(
+                self.rig,
+                options.multiview_instants,
+                options.multiview_width,
+                matcher=choose_matcher(options.matcher),
+            )
         )
         self.triangulation = StudyRun(TriangulationStudy(self.rig, offset, depth, options.max_instants))
         self.poses = StudyRun(PoseStudy(self.rig, ""))

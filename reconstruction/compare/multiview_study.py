@@ -15,8 +15,9 @@ from reconstruction.common.geometry import Array
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.compare.camera_group import MIN_CAMERAS, CameraGroup, choose_camera_group
 from reconstruction.compare.study import ALL_APART, SIDES, ComparisonTally, write_pictures
-from reconstruction.multiview.instant_depth import InstantDepth, compute_instant_depth
+from reconstruction.multiview.instant_depth import SWEEP, InstantDepth, compute_instant_depth
 from reconstruction.multiview.instant_scoring import InstantScorer
+from reconstruction.multiview.matcher import ChosenMatcher
 from reconstruction.multiview.source_views import choose_source_views
 from reconstruction.multiview.undistorted_session import UndistortedSession
 from reconstruction.scores.depth_truth import TOLERANCE_TEXT, right_depth
@@ -58,10 +59,11 @@ class MultiviewStudy:
         width: int,
         reference: str = "",
         match: Callable[..., InstantDepth] = compute_instant_depth,
+        matcher: ChosenMatcher = SWEEP,
     ) -> None:
         """Pictures wider than `width` px are made smaller; `reference`: refuse any other middle camera.
 
-        `match` makes the depth of an instant, as `compute_instant_depth` does.
+        `match` makes the depth of an instant by the matcher, as `compute_instant_depth` does.
         """
         self.rig = rig
         self.dataset = rig.dataset
@@ -69,6 +71,7 @@ class MultiviewStudy:
         self.width = width
         self.reference = reference
         self.match = match
+        self.matcher = matcher
         self.group = CameraGroup()
 
     @property
@@ -78,7 +81,7 @@ class MultiviewStudy:
 
     def for_session(self, rig: Rig) -> Self:
         """The same middle camera of another session."""
-        return type(self)(rig, self.max_instants, self.width, self.group.reference, self.match)
+        return type(self)(rig, self.max_instants, self.width, self.group.reference, self.match, self.matcher)
 
     @cached_property
     def shots(self) -> UndistortedSession:
@@ -139,6 +142,8 @@ class MultiviewStudy:
             differences=tally.differences,
             pictures=self._pictures(instants, found, scorer, folder) if folder else (),
             left_out=dict(self.group.left_out),
+            matcher=self.matcher.name,
+            matcher_note=self.matcher.note,
             cloud_skipped=scorer.cloud_skipped,
         )
 
@@ -184,12 +189,13 @@ class MultiviewStudy:
         reach = {camera: self.group.scene.reach[camera] for camera in shown}
         made = self.rig.stages.arrays(
             "multiview",
-            lambda: vars(self.match(shots, sources, reach, self.group.reference)),
+            lambda: vars(self.match(shots, sources, reach, self.group.reference, self.matcher)),
             self.group.reference,
             tuple(shown.items()),
             repr(views),
             tuple(reach.items()),
             library_versions()["pycolmap"],
+            self.matcher.name,
         )
         return InstantDepth(**made)
 

@@ -7,7 +7,6 @@ imported here. The GPU is probed by the driver's own tool, and the work is done 
 import os
 import shutil
 import subprocess
-import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +18,7 @@ HINT = (
     "python3 -m venv cuda && cuda/bin/pip install pycolmap-cuda12, then set "
     f"{ENVIRONMENT}=cuda/bin/python; or use --matcher sweep"
 )
+STDERR = 2
 PROGRAM = """
 import sys, pycolmap
 pycolmap.logging.minloglevel = 2
@@ -74,7 +74,7 @@ def run_patch_match(gpu: CudaGpu, workspace: Path, nearest: float, farthest: flo
         SimulshotError: the other process failed or died.
     """
     command = [str(gpu.python), "-c", PROGRAM, str(workspace), repr(nearest), repr(farthest)]
-    done = subprocess.run(command, stdout=sys.stderr, stderr=subprocess.PIPE, text=True)  # noqa: S603
+    done = subprocess.run(command, stdout=STDERR, stderr=subprocess.PIPE, text=True)  # noqa: S603
     if done.returncode != 0:
         said = done.stderr.strip().splitlines()
         how = f"signal {-done.returncode}" if done.returncode < 0 else f"exit code {done.returncode}"

@@ -1,14 +1,12 @@
 """Depth of every camera of an instant, one cloud of points of them all, and a mesh."""
 
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from enum import StrEnum
 from pathlib import Path
 
 import numpy as np
 
-from capture_app.errors import NotAvailableError
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import OutputFolder, replaces_only
 from capture_app.terminal import Progress
@@ -21,12 +19,18 @@ from reconstruction.common.memory_budget import memory_budget
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.depth.calibrated_image import CalibratedImage
 from reconstruction.depth.coarse_scene import CoarseScene, find_coarse_scene
-from reconstruction.depth.colmap_workspace import fuse_depth_maps, read_maps, write_workspace
+from reconstruction.depth.colmap_workspace import fuse_depth_maps, write_workspace
 from reconstruction.depth.mesh import MeshModel, build_mesh
-from reconstruction.depth.patchmatch import CudaGpu, find_gpu, run_patch_match
-from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
+from reconstruction.depth.sweep_matcher import ViewDepth
 from reconstruction.depth.view_overlap import refuse_views, seen_points
 from reconstruction.multiview.input_images import InputImage, load_input_images, undistort_nearest
+from reconstruction.multiview.matcher import (
+    Matcher,
+    choose_matcher,
+    image_colours,
+    image_views,
+    match_cameras,
+)
 from reconstruction.multiview.result import MultiviewResult, ViewResult
 from reconstruction.multiview.source_views import (
     choose_reference_view,
@@ -38,14 +42,6 @@ from reconstruction.session.dataset import Dataset
 
 RESULT = "multiview.json"
 OURS = {RESULT, "depth", "workspace", "fused.ply", "fused.ply.vis", "cloud.ply", "mesh.ply", "turntable.png"}
-
-
-class Matcher(StrEnum):
-    """What finds the depth: plane sweep on the CPU, PatchMatch on a GPU, or that where there is one."""
-
-    AUTO = "auto"
-    SWEEP = "sweep"
-    PATCHMATCH = "patchmatch"
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -87,7 +83,7 @@ def multiview(
         NotAvailableError: the matcher asked for, or COLMAP or Open3D, is not here.
     """
     output = OutputFolder(out, replaces_only(OURS))
-    gpu, note = _choose_matcher(options.matcher)
+    matcher = choose_matcher(options.matcher)
     stopwatch = _Stopwatch()
     dataset = Dataset.open(session)
     adopt_kept_calibration(dataset)
@@ -108,10 +104,13 @@ def multiview(
     stopwatch.end_stage("range")
     with output:
         part = output.folder
-        found = _match_cameras(gpu, part / "workspace", images, sources, scene.reach, announce)
+        workspace = part / "workspace"
+        found = match_cameras(matcher, workspace, images, sources, scene.reach, announce)
+        if matcher.gpu is None:
+            write_workspace(workspace, image_views(images), image_colours(images), found)
         stopwatch.end_stage("matching")
         announce("joining the maps to a cloud")
-        fused = fuse_depth_maps(part / "workspace", part / "fused.ply", smallest_group(sources))
+        fused = fuse_depth_maps(workspace, part / "fused.ply", smallest_group(sources))
         stopwatch.end_stage("fusion")
         (part / "depth").mkdir()
         views = tuple(write_view(dataset, images[c], found[c], sources[c], part) for c in found)
@@ -121,14 +120,14 @@ def multiview(
             announce("cloud, mesh and pictures")
             model = _build_model(part, images)
             stopwatch.end_stage("mesh")
-        reference = choose_reference_view(_views(images), scene.points)
+        reference = choose_reference_view(image_views(images), scene.points)
         main = next(view for view in views if view.camera == reference)
         result = MultiviewResult(
             session=dataset.name,
             instant=options.instant,
             offsets_ms=options.offsets_ms,
-            matcher="sweep" if gpu is None else "patchmatch",
-            matcher_note=note,
+            matcher=matcher.name,
+            matcher_note=matcher.note,
             calibration=calibration,
             unit=unit,
             reference=reference,
@@ -152,22 +151,6 @@ def multiview(
         )
         write_atomic(part / RESULT, pretty_json(result))
     return result
-
-
-def _choose_matcher(matcher: Matcher) -> tuple[CudaGpu | None, str]:
-    if matcher is Matcher.SWEEP:
-        return None, "asked for"
-    try:
-        gpu = find_gpu()
-    except NotAvailableError as error:
-        if matcher is Matcher.PATCHMATCH:
-            raise
-        return None, error.what
-    return gpu, f"on {gpu.name}"
-
-
-def _views(images: Mapping[str, InputImage]) -> dict[str, View]:
-    return {camera: image.calibrated.view for camera, image in images.items()}
 
 
 def find_sources(views: Mapping[str, View], scene: CoarseScene) -> dict[str, tuple[str, ...]]:
@@ -199,31 +182,8 @@ def _why_alone(camera: str, images: Mapping[str, CalibratedImage], scene: Coarse
     )
 
 
-def _match_cameras(
-    gpu: CudaGpu | None,
-    workspace: Path,
-    images: Mapping[str, InputImage],
-    sources: Mapping[str, Sequence[str]],
-    reach: Mapping[str, tuple[float, float]],
-    announce: Callable[[str], None],
-) -> dict[str, ViewDepth]:
-    """Depth and normals of every camera, also written into a workspace."""
-    views = _views(images)
-    colours = {camera: image.colours for camera, image in images.items()}
-    if gpu is None:
-        calibrated = {camera: image.calibrated for camera, image in images.items()}
-        found = match_all_views(calibrated, sources, reach, done=lambda name: announce(f"depth of {name}"))
-        write_workspace(workspace, views, colours, found)
-        return found
-    announce(f"PatchMatch on {gpu.name}")
-    whole = min(reach[c][0] for c in images), max(reach[c][1] for c in images)
-    write_workspace(workspace, views, colours, reach=whole)
-    run_patch_match(gpu, workspace, *whole)
-    return read_maps(workspace, images)
-
-
 def _build_model(part: Path, images: Mapping[str, InputImage]) -> MeshModel:
-    return build_mesh(part / "fused.ply", part, list(_views(images).values()))
+    return build_mesh(part / "fused.ply", part, list(image_views(images).values()))
 
 
 def write_view(

@@ -13,10 +13,13 @@ from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import SourceView
 from reconstruction.depth.colmap_workspace import fuse_depth_maps, read_fused_cloud, write_workspace
 from reconstruction.depth.geometric_consistency import ConsistencyLimits, count_coinciding_views
-from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
+from reconstruction.depth.plane_sweep import Surface
+from reconstruction.depth.sweep_matcher import ViewDepth
 from reconstruction.multiview.input_images import InputImage
+from reconstruction.multiview.matcher import ChosenMatcher, image_colours, image_views, match_cameras
 from reconstruction.multiview.source_views import smallest_group
 
+SWEEP = ChosenMatcher()
 CONFIRMING_VIEWS = 2
 """Other views that must have found a depth for it to be called consistent."""
 
@@ -45,14 +48,16 @@ def compute_instant_depth(
     sources: Mapping[str, Sequence[str]],
     reach: Mapping[str, tuple[float, float]],
     reference: str,
+    matcher: ChosenMatcher = SWEEP,
 ) -> InstantDepth:
     """Match all cameras' pictures, check them against each other, and fuse the maps.
 
     `reach`: between which two depths each camera's scene is.
     """
     calibrated = {camera: image.calibrated for camera, image in images.items()}
-    found = match_all_views(calibrated, sources, reach)
-    surfaces = {camera: view.surface for camera, view in found.items() if view.surface is not None}
+    with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
+        found = match_cameras(matcher, Path(scratch), images, sources, reach)
+    surfaces = {camera: _surface(view) for camera, view in found.items()}
     own = surfaces[reference]
     others = [camera for camera in surfaces if camera != reference]
     source_views = [SourceView(calibrated[reference], calibrated[other]) for other in others]
@@ -66,12 +71,21 @@ def compute_instant_depth(
     )
 
 
+def _surface(view: ViewDepth) -> Surface:
+    """What was found before our checks; of COLMAP's maps all that it left (0 = nothing there)."""
+    if view.surface is not None:
+        return view.surface
+    inverse = np.where(view.depth > 0, 1 / np.maximum(view.depth, 1e-12), 0).astype(np.float32)
+    flat = np.zeros_like(inverse)
+    return Surface(inverse, flat, flat, flat)
+
+
 def _difference(inverse_depth: Array, source_views: Sequence[SourceView]) -> Array:
     """Median over the sources of their difference in brightness, once they are made equally bright."""
     differences = []
     for source_view in source_views:
         seen = source_view.warp_by_depth(inverse_depth)
-        seen = np.where(seen < 0, np.nan, seen).astype(np.float32)
+        seen = np.where((seen < 0) | (inverse_depth <= 0), np.nan, seen).astype(np.float32)
         reference = source_view.reference.grey
         differences.append(np.abs(reference - match_brightness(reference, seen)))
     stack = np.stack(differences)
@@ -89,9 +103,9 @@ def _fuse_cloud(
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
         cloud = Path(scratch) / "fused.ply"
         try:
-            views = {camera: images[camera].calibrated.view for camera in fused}
-            colours = {camera: images[camera].colours for camera in fused}
-            write_workspace(Path(scratch), views, colours, {camera: found[camera] for camera in fused})
+            kept = {camera: images[camera] for camera in fused}
+            maps = {camera: found[camera] for camera in fused}
+            write_workspace(Path(scratch), image_views(kept), image_colours(kept), maps)
             fuse_depth_maps(Path(scratch), cloud, group)
             points, seen = read_fused_cloud(cloud, len(fused))
         except NotAvailableError as error:

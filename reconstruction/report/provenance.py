@@ -37,7 +37,8 @@ def provenance_entries(result: CompareResult) -> list[Entry]:
     if many := result.multiview:
         width = f", pictures {many.width_px} px wide" if many.width_px else ""
         instants = count(many.synced.instants, "instant")
-        entries.append(Entry("All cameras", f"{', '.join(many.cameras)}, {instants}{width}"))
+        by = ", matched by COLMAP's PatchMatch" if many.matcher == "patchmatch" else ""
+        entries.append(Entry("All cameras", f"{', '.join(many.cameras)}, {instants}{width}{by}"))
     elif result.multiview_skipped:
         entries.append(Entry("All cameras", f"not measured: {result.multiview_skipped}"))
     if result.poses_skipped:

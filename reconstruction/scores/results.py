@@ -110,6 +110,10 @@ class MultiviewComparison(Struct, frozen=True, kw_only=True):
     """How near a fused point and a true surface must be for the F-score; None where no truth is known."""
     width_px: int = 0
     """Of the reference's picture as it was matched: large ones are made smaller for a comparison."""
+    matcher: str = ""
+    """sweep or patchmatch."""
+    matcher_note: str = ""
+    """Why that one, or on which GPU."""
     per_instant: tuple[dict[str, float | int | None], ...] = ()
     """Keys as in StereoComparison.per_instant, and `synced_mover_points` and `offset_mover_points`."""
     differences: dict[str, Interval] = {}

@@ -209,7 +209,7 @@ def test_maps_in_the_workspace_are_read_back(tmp_path: Path) -> None:
         read_array(broken)
 
 
-def test_auto_uses_the_gpu_where_there_is_one(
+def test_patchmatch_runs_on_the_gpu_when_asked_for_and_auto_is_the_sweep(
     trio: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """The other process is stood in for by one that copies true maps: all up to it is real."""
@@ -230,8 +230,11 @@ def test_auto_uses_the_gpu_where_there_is_one(
     fake(tmp_path / "nvidia-smi", "#!/bin/sh\necho Some GPU\n")
     monkeypatch.setenv("PATH", str(tmp_path), prepend=os.pathsep)
     monkeypatch.setenv(ENVIRONMENT, str(python))
-    out = ("--out", str(tmp_path / "o"))
-    assert run(["multiview", str(trio.folder), "--instant", "1", "--no-mesh", "--json", *out]) == 0
+    command = ["multiview", str(trio.folder), "--instant", "1", "--no-mesh", "--json", "--out"]
+    assert run([*command, str(tmp_path / "auto")]) == 0
+    assert json.loads(capfd.readouterr().out)["matcher"] == "sweep"
+    assert not asked.exists()
+    assert run([*command, str(tmp_path / "o"), "--matcher", "patchmatch"]) == 0
     result = json.loads(capfd.readouterr().out)
     assert result["matcher"] == "patchmatch"
     assert result["matcher_note"] == "on Some GPU"

@@ -12,13 +12,24 @@ from capture_app.session.reading.reader import Session
 from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.compare.multiview_study import MultiviewStudy
+from reconstruction.depth.colmap_workspace import write_workspace
+from reconstruction.depth.patchmatch import ENVIRONMENT
+from reconstruction.depth.sweep_matcher import ViewDepth
 from reconstruction.multiview.cloud_accuracy import (
     PointIndex,
     points_on_masks,
     points_on_movers,
     true_surfaces,
 )
-from reconstruction.multiview.instant_depth import InstantDepth, compute_instant_depth
+from reconstruction.multiview.input_images import undistort_image, undistort_nearest
+from reconstruction.multiview.instant_depth import SWEEP, InstantDepth, compute_instant_depth
+from reconstruction.multiview.matcher import (
+    ChosenMatcher,
+    Matcher,
+    choose_matcher,
+    image_colours,
+    image_views,
+)
 from reconstruction.session.conditions import DISTINCT, Condition
 from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import HEIGHT, WIDTH, Reconstruct, Scene, make_view, write_session
@@ -44,12 +55,13 @@ def study(
     instants: int = 1,
     width: int = 640,
     match: Callable[..., InstantDepth] = compute_instant_depth,
+    matcher: ChosenMatcher = SWEEP,
 ) -> MultiviewStudy:
     """A study of a calibrated session."""
     dataset = Dataset(session)
     rig = Rig(dataset, folder, 2)
     rig.calibrate()
-    return MultiviewStudy(rig, instants, width, match=match)
+    return MultiviewStudy(rig, instants, width, match=match, matcher=matcher)
 
 
 def test_only_what_moves_is_lost_when_every_camera_is_off(trio: Session, tmp_path: Path) -> None:
@@ -103,6 +115,46 @@ def test_compare_tells_of_all_cameras_in_every_condition(
     for picture in whole["pictures"]:
         assert (out / picture["synced"]).is_file()
         assert (out / picture["offset"]).is_file()
+
+
+def test_a_comparison_takes_the_matcher_that_is_asked_for(
+    trio: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reconstruct: Reconstruct
+) -> None:
+    """The process that uses the GPU is stood in for by one that copies the true maps of instant 2."""
+    monkeypatch.setenv("PATH", str(tmp_path))
+    failed = reconstruct("compare", trio.folder, "--matcher", "patchmatch", "--out", tmp_path / "none")
+    assert failed.code == 6
+    assert "this machine has none" in failed.complaint
+    assert not (tmp_path / "none").exists()
+    dataset = Dataset.open(trio.folder)
+    images, maps = {}, {}
+    for name, view in VIEWS.items():
+        truth = dataset.ground_truth(name, 2)
+        assert truth is not None
+        images[name] = undistort_image(name, 2, dataset.image(name, 2), view)
+        facing = np.zeros((*truth[0].shape, 3), np.float32)
+        facing[..., 2] = -1
+        maps[name] = ViewDepth(undistort_nearest(view, truth[0]), facing)
+    write_workspace(tmp_path / "true", image_views(images), image_colours(images), maps)
+    asked = tmp_path / "asked"
+    for name, body in {
+        "nvidia-smi": "echo Some GPU",
+        "python": f'/bin/cp -r {tmp_path}/true/stereo/*_maps "$3/stereo/"; echo one >> {asked}',
+    }.items():
+        (tmp_path / name).write_text(f"#!/bin/sh\n{body}\n")
+        (tmp_path / name).chmod(0o755)
+    monkeypatch.setenv(ENVIRONMENT, str(tmp_path / "python"))
+    whole = study(trio, tmp_path / "stages", matcher=choose_matcher(Matcher.PATCHMATCH))
+    whole.prepare(2, QUIET)
+    found = whole.compare(Condition(DISTINCT), QUIET)
+    assert (found.matcher, found.matcher_note) == ("patchmatch", "on Some GPU")
+    assert asked.read_text().split() == ["one", "one"]
+    (row,) = found.per_instant
+    assert row["instant"] == 2
+    assert found.synced.mover_within_2pct > 0.95
+    assert found.synced.static_consistency > 0.5
+    assert found.synced.mover_points > 500
+    assert study(trio, tmp_path / "stages").matcher == choose_matcher(Matcher.AUTO)
 
 
 class FlatDepth:

@@ -1,0 +1,74 @@
+"""What finds the depth of all cameras of an instant: the plane sweep on the CPU, or PatchMatch on a GPU."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+from pathlib import Path
+
+from reconstruction.common.geometry import Array, View
+from reconstruction.depth.colmap_workspace import read_maps, write_workspace
+from reconstruction.depth.patchmatch import CudaGpu, find_gpu, run_patch_match
+from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
+from reconstruction.multiview.input_images import InputImage
+
+
+class Matcher(StrEnum):
+    """What is asked for."""
+
+    AUTO = "auto"
+    SWEEP = "sweep"
+    PATCHMATCH = "patchmatch"
+
+
+@dataclass(frozen=True)
+class ChosenMatcher:
+    """What matches, and why: PatchMatch on a GPU; without one the sweep."""
+
+    gpu: CudaGpu | None = None
+    note: str = "it finds more than PatchMatch does"
+
+    @property
+    def name(self) -> str:
+        """As in results."""
+        return Matcher.SWEEP if self.gpu is None else Matcher.PATCHMATCH
+
+
+def choose_matcher(asked: Matcher) -> ChosenMatcher:
+    """The matcher that is asked for; by itself the sweep, which finds more, with or without a GPU.
+
+    Raises:
+        NotAvailableError: PatchMatch is asked for, and this machine cannot run it.
+    """
+    if asked is Matcher.PATCHMATCH:
+        gpu = find_gpu()
+        return ChosenMatcher(gpu, f"on {gpu.name}")
+    return ChosenMatcher(note="asked for") if asked is Matcher.SWEEP else ChosenMatcher()
+
+
+def match_cameras(
+    matcher: ChosenMatcher,
+    workspace: Path,
+    images: Mapping[str, InputImage],
+    sources: Mapping[str, Sequence[str]],
+    reach: Mapping[str, tuple[float, float]],
+    announce: Callable[[str], None] = lambda text: None,
+) -> dict[str, ViewDepth]:
+    """Depth and normals of every camera; PatchMatch takes a COLMAP workspace and leaves its maps there."""
+    if matcher.gpu is None:
+        calibrated = {camera: image.calibrated for camera, image in images.items()}
+        return match_all_views(calibrated, sources, reach, done=lambda name: announce(f"depth of {name}"))
+    announce(f"PatchMatch on {matcher.gpu.name}")
+    whole = min(reach[c][0] for c in images), max(reach[c][1] for c in images)
+    write_workspace(workspace, image_views(images), image_colours(images), reach=whole)
+    run_patch_match(matcher.gpu, workspace, *whole)
+    return read_maps(workspace, images)
+
+
+def image_views(images: Mapping[str, InputImage]) -> dict[str, View]:
+    """The undistorted view of each camera."""
+    return {camera: image.calibrated.view for camera, image in images.items()}
+
+
+def image_colours(images: Mapping[str, InputImage]) -> dict[str, Array]:
+    """The undistorted picture of each camera."""
+    return {camera: image.colours for camera, image in images.items()}

@@ -23,7 +23,7 @@ from reconstruction.report.measures import (
 from reconstruction.report.page import Claim, Section, render_page, write_page
 from reconstruction.report.provenance import files_beside, pair_pictures, provenance_entries
 from reconstruction.report.tables import WITH_CONTROL, Table, conditions_table, instants_table, twin_table
-from reconstruction.report.verdict import DEPTH_MEASURES, MISFIT_MEASURES, first_known
+from reconstruction.report.verdict import DEPTH_MEASURES, PANORAMA_MEASURES, first_known
 from reconstruction.scores.compare_results import CompareResult, ReportWords, WordTable
 
 KINDS = {b"\x89PNG\r\n\x1a\n": "image/png", b"\xff\xd8\xff": "image/jpeg"}
@@ -167,7 +167,7 @@ def _claims(result: CompareResult, sides: wording.Sides) -> tuple[Sequence[Claim
     """Both numbers and a note on them; none where nothing was measured."""
     stereo, stitch = result.stereo, result.stitch
     depth = first_known(stereo.synced, stereo.offset, *DEPTH_MEASURES) if stereo else None
-    misfit = first_known(stitch.synced, stitch.offset, *MISFIT_MEASURES) if stitch else None
+    found = first_known(stitch.synced, stitch.offset, *PANORAMA_MEASURES) if stitch else None
     note = ""
     if depth:
         measure, *shares = depth
@@ -176,12 +176,15 @@ def _claims(result: CompareResult, sides: wording.Sides) -> tuple[Sequence[Claim
             what = "of the moving surface given a distance"
             note = "The true distances are not known here, so this counts pixels where both pictures agree."
         shown = [wording.share(value, decimals=0) for value in shares]
-    elif misfit:
-        measure, *values = misfit
-        moving = "of moving things " if measure == MISFIT_MEASURES[0] else ""
-        what = f"of misfit {moving}where the pictures of the panorama overlap"
+    elif found and found[0] == PANORAMA_MEASURES[0]:
+        _, *values = found
+        what = "of misfit of moving things where the pictures of the panorama overlap"
         shares = [value / max(1e-9, *values) for value in values]
         shown = [wording.quantity(value, "px") for value in values]
+    elif found:
+        _, *shares = found
+        what = "of moving things in both pictures where these overlap in the panorama"
+        shown = [wording.share(value, decimals=0) for value in shares]
     else:
         return (), ""
     whens = (sides.when, f"when one picture is {sides.late}")

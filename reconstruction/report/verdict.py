@@ -13,8 +13,8 @@ from reconstruction.scores.timing import Timing
 
 DEPTH_MEASURES = ("mover_within_2pct", "mover_coverage")
 """What depth is judged by: correct distances where the truth is known, else any distance."""
-MISFIT_MEASURES = ("mover_misfit_px", "overlap_misfit_px")
-"""What a panorama is judged by: the misfit of what moves where that is known, else of the whole overlap."""
+PANORAMA_MEASURES = ("mover_misfit_px", "mover_found")
+"""What a panorama is judged by: how far off what moves is, else how much of it is found again at all."""
 CLEAR_SHARE = 0.15
 """A loss of this share of the moving pixels is reported as clear."""
 CLEAR_RATIO = 1.5
@@ -177,15 +177,19 @@ def _depth_sentence(
 
 
 def _panorama_sentence(result: PanoramaComparison, late: str, together: bool) -> str | None:
-    known = first_known(result.synced, result.offset, *MISFIT_MEASURES)
-    assert known is not None
-    _, synced, offset = known
-    if offset < CLEAR_RATIO * synced or offset - synced < 1.0:
+    when = "at the same instant" if together else "as recorded"
+    misfit = first_known(result.synced, result.offset, PANORAMA_MEASURES[0])
+    if misfit is not None and misfit[2] >= max(CLEAR_RATIO * misfit[1], misfit[1] + 1.0):
+        return (
+            f"In the panorama, what moves fits together to within {misfit[1]:.1f} pixels {when}, "
+            f"and is off by {misfit[2]:.0f} with one picture {late}."
+        )
+    found = first_known(result.synced, result.offset, PANORAMA_MEASURES[1])
+    if found is None or found[1] - found[2] < CLEAR_SHARE:
         return None
     return (
-        f"In the panorama, what moves fits together to within {synced:.1f} pixels "
-        f"{'at the same instant' if together else 'as recorded'}, "
-        f"and is off by {offset:.0f} with one picture {late}."
+        f"Where the pictures of the panorama overlap, {_percent(found[1])} of what moves is in both {when}, "
+        f"and {_percent(found[2])} with one picture {late}."
     )
 
 

@@ -57,8 +57,8 @@ STEREO = StereoComparison(
 
 STITCH = PanoramaComparison(
     cameras=("cam0", "cam4"),
-    synced=PanoramaScores(overlap_misfit_px=1.31, static_overlap_mad=4.2, mover_overlap_mad=6.1, instants=5),
-    offset=PanoramaScores(overlap_misfit_px=23.4, static_overlap_mad=4.3, mover_overlap_mad=31.7, instants=5),
+    synced=PanoramaScores(mover_misfit_px=1.31, static_overlap_mad=4.2, mover_overlap_mad=6.1, instants=5),
+    offset=PanoramaScores(mover_misfit_px=23.4, static_overlap_mad=4.3, mover_overlap_mad=31.7, instants=5),
 )
 
 RESULT = CompareResult(

@@ -67,6 +67,16 @@ def test_a_panorama_alone_speaks_of_its_overlap(read_report):
     assert not page.all("svg")
 
 
+def test_a_panorama_that_lost_what_moves_says_how_much(read_report):
+    stitch = msgspec.structs.replace(
+        STITCH,
+        synced=msgspec.structs.replace(STITCH.synced, mover_found=0.98),
+        offset=msgspec.structs.replace(STITCH.offset, mover_misfit_px=None, mover_found=0.07),
+    )
+    page = read_report(stereo=None, stitch=stitch)
+    assert "7 % of moving things in both pictures" in page.text.replace("\u202f", " ")
+
+
 def test_a_panorama_is_judged_by_what_moves_where_that_is_known(read_report):
     stitch = msgspec.structs.replace(
         STITCH,

@@ -24,11 +24,15 @@ def stereo(synced: float, offset: float, still: float = 0.8, *, truth: bool = Tr
     )
 
 
-def stitch(synced: float, offset: float) -> PanoramaComparison:
-    def scores(flow: float) -> PanoramaScores:
-        return PanoramaScores(overlap_misfit_px=flow, static_overlap_mad=2.0)
+def stitch(
+    synced: float, offset: float | None, found: tuple[float, float] = (0.9, 0.9)
+) -> PanoramaComparison:
+    def scores(misfit: float | None, share: float) -> PanoramaScores:
+        return PanoramaScores(mover_misfit_px=misfit, mover_found=share, static_overlap_mad=2.0)
 
-    return PanoramaComparison(cameras=("a", "b"), synced=scores(synced), offset=scores(offset))
+    return PanoramaComparison(
+        cameras=("a", "b"), synced=scores(synced, found[0]), offset=scores(offset, found[1])
+    )
 
 
 def test_a_clear_difference_is_told_with_its_control() -> None:
@@ -64,6 +68,13 @@ def test_cameras_that_were_never_together_are_not_called_synchronized() -> None:
     assert plausibly_synchronized(seen(0.04, 0.2).synced)
     assert plausibly_synchronized(seen(0.9, 1.5).synced)
     assert plausibly_synchronized(stereo(0.04, 0.02).synced)
+
+
+def test_what_a_panorama_lost_is_told_where_no_misfit_is_left() -> None:
+    for misfit in (None, 2.0):
+        text = verdict(None, stitch(2.0, misfit, (0.97, 0.11)), 66.7, 0.1)
+        assert "97 % of what moves is in both" in text
+        assert "11 % with one picture 67 ms late" in text
 
 
 def test_no_difference_is_said_as_such() -> None:

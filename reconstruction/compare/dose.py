@@ -17,9 +17,9 @@ from reconstruction.calibration.rig import Rig
 from reconstruction.common.memory_budget import memory_budget
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.output_folder import comparison_folder, write_metrics
+from reconstruction.compare.optical_flow import dense_flow
 from reconstruction.compare.stereo_study import StereoStudy
 from reconstruction.compare.timing_study import measure_timing
-from reconstruction.panorama.optical_flow import dense_flow
 from reconstruction.report.dose_report import write_dose_report
 from reconstruction.scores.dose_curve import DoseCurve, is_decreasing, tolerable_offset_ms
 from reconstruction.scores.dose_result import DoseResult

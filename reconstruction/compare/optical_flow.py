@@ -1,4 +1,4 @@
-"""Dense optical flow, by which pictures are compared where they overlap."""
+"""Dense optical flow, by which the speed of what moves is measured."""
 
 import cv2
 import numpy as np

@@ -39,6 +39,7 @@ COLUMNS = {
     "bad": ("bad-2.0", ".2%"),
     "given": ("given", ".1%"),
     "wrong": ("wrong", ".2%"),
+    "median_px": ("median, px", ".3f"),
     "cpu_s": ("CPU s", ".3f"),
 }
 Row = dict[str, Any]
@@ -92,6 +93,7 @@ def judge(found: Array, truth: Array) -> Row:
         "bad": 1 - right.sum() / known.sum(),
         "given": given.sum() / known.sum(),
         "wrong": 1 - right.sum() / max(given.sum(), 1),
+        "median_px": float(np.median(np.abs(found - truth)[given])) if given.any() else None,
     }
 
 
@@ -133,6 +135,8 @@ def summary(rows: list[Row]) -> Row:
         "ours_checked": round(100 * checked["bad"], 2),
         "ours_checked_wrong_of_given": round(100 * checked["wrong"], 2),
         "sgbm_wrong_of_given": round(100 * five["wrong"], 2),
+        "ours_checked_median_px": round(checked["median_px"], 3),
+        "sgbm_median_px": round(five["median_px"], 3),
         "sgbm_filled_as_ours": round(100 * filled["bad"], 2),
     }
 

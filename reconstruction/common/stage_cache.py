@@ -11,7 +11,7 @@ import numpy as np
 Result = TypeVar("Result")
 
 
-VERSION = 3
+VERSION = 4
 """Raised whenever a stage computes something else: old outputs are then made again."""
 
 

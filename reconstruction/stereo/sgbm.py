@@ -26,6 +26,9 @@ def match_rectified(reference: Array, other: Array, low: int, count: int) -> Arr
 
     Paths run along the rows both ways, and down: no volume of costs is kept, and four threads share the rows.
     """
+    if reference.shape[1] <= low + count:
+        # Too narrow to search all of these anywhere: OpenCV would fail.
+        return np.full(reference.shape, np.nan, np.float32)
     matcher = cv2.StereoSGBM.create(
         minDisparity=low,
         numDisparities=count,

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from reconstruction.common.brightness import match_brightness, noise_level
+from reconstruction.common.brightness import gain_and_bias, match_brightness, noise_level
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.memory_budget import memory_budget
 from reconstruction.stereo.hole_filling import fill_holes
@@ -22,6 +22,7 @@ from reconstruction.stereo.sgbm import (
     same_appearance,
     warp_by_disparity,
 )
+from reconstruction.stereo.subpixel import refine_disparity
 
 VOLUME_SHARE = 0.6
 """Of the memory budget, for matching; the rest is for pictures and maps."""
@@ -77,10 +78,12 @@ class StereoPair:
         backward = match_rectified_back(a, b, self.min_disparity, self.num_disparities)
         inside = warp_by_disparity(seen_b.astype(np.float32), forward) > 0.99
         raw = np.where(seen_a & inside, forward, np.nan)
-        warped = match_brightness(a, warp_by_disparity(b, raw))
+        gain, bias = gain_and_bias(a, warp_by_disparity(b, raw))
+        b = gain * b + np.float32(bias)
+        warped = warp_by_disparity(b, raw)
         left_right = np.abs(warp_by_disparity(backward, raw) - raw)
         consistent = self._consistent_pixels(a, warped, raw, left_right)
-        checked = fill_small_holes(np.where(consistent, raw, np.nan), raw)
+        checked = refine_disparity(a, b, fill_small_holes(np.where(consistent, raw, np.nan), raw))
         difference = np.abs(a.astype(np.float32) - warped)
         return DepthMap(
             depth=self.rectification.depth(np.nan_to_num(checked)),

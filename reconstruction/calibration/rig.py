@@ -1,5 +1,6 @@
 """A session's cameras: their calibration, and the pairs that suit depth and panoramas."""
 
+from collections.abc import Container
 from functools import lru_cache
 from pathlib import Path
 
@@ -74,11 +75,14 @@ class Rig:
         if pair is not None and pair[0] == pair[1]:
             raise BadInputError(f"{pair[0]} cannot be paired with itself", hint="name two cameras")
 
-    def choose_stereo_pair(self, asked: tuple[str, str] | None, instant: int) -> PairChoice:
-        """The pair for depth, asked for or chosen by what both see around an instant."""
+    def choose_stereo_pair(
+        self, asked: tuple[str, str] | None, instant: int, among: Container[str] | None = None
+    ) -> PairChoice:
+        """The pair for depth, asked for or chosen (`among` some) by what both see around an instant."""
         choice = PairChoice(asked, "asked for")
         if asked is None:
-            choice = choose_stereo_pair(self.views, self.features(instant))
+            views = {name: view for name, view in self.views.items() if among is None or name in among}
+            choice = choose_stereo_pair(views, self.features(instant))
         for name in choice.cameras or ():
             if name not in self.views:
                 return PairChoice(None, f"camera {name} has no calibration")

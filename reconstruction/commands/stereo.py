@@ -36,6 +36,8 @@ def stereo(session: Path, out: Path, as_json: bool, **options: Any) -> None:
     from reconstruction.stereo.command import stereo as run
 
     result = run(session, out, StereoOptions(**options))
+    for camera, why in result.left_out.items():
+        talk(f"{camera} is left out: {why}")
     if result.pairs_left_out:
         talk(f"left out: {describe_left_out(result.pairs_left_out)}")
     if as_json:

@@ -54,6 +54,24 @@ def read_image(path: Path, size: tuple[int, int] | None = None) -> Array:
     return np.asarray(image, np.uint8)
 
 
+def read_small_image(path: Path, longest_px: int) -> Array:
+    """A picture as `read_image` reads it, made smaller where a side is longer than this.
+
+    Raises:
+        BadInputError: as `read_image`.
+    """
+    width, height = image_size(path)
+    scale = longest_px / max(width, height)
+    if scale >= 1:
+        return read_image(path)
+    size = max(1, round(width * scale)), max(1, round(height * scale))
+    image = read_image(path, size)
+    if image.shape[1::-1] == size:
+        return image
+    # Its EXIF orientation has turned it.
+    return np.asarray(cv2.resize(image, size[::-1], interpolation=cv2.INTER_AREA))
+
+
 def _alike(a: Sequence[int], b: Sequence[int]) -> bool:
     """Whether two sizes have the same shape."""
     return abs(a[0] * b[1] - a[1] * b[0]) < 0.1 * a[0] * b[1]

@@ -85,7 +85,7 @@ def _dose(session: Path, stages: Path, options: DoseOptions) -> DoseResult:
     try:
         curve = measure_curve(rig, choice.cameras, steps, options.max_instants, progress, timing)
     except ValueError as error:
-        raise BadInputError(f"{choice.cameras[0]} and {choice.cameras[1]}: {error}") from error
+        raise BadInputError(f"no depth can be made from {session}: {error}") from error
     progress.last("curve")
     return msgspec.structs.replace(
         curve,

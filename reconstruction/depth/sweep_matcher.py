@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from reconstruction.common.geometry import Array
+from reconstruction.common.memory_budget import memory_budget
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.geometric_consistency import (
     ConsistencyLimits,
@@ -14,12 +15,16 @@ from reconstruction.depth.geometric_consistency import (
 )
 from reconstruction.depth.plane_fitting import fit_planes, surface_normals
 from reconstruction.depth.plane_sweep import Surface, SweepOptions, sweep_view
-from reconstruction.depth.worker_pool import worker_pool
+from reconstruction.depth.worker_pool import worker_count, worker_pool
 
 MAX_VOTERS = 8
 """Other views that are asked whether they agree: the sources first, then theirs."""
 NORMAL_TOLERANCE = 0.03
 """Neighbours on one plane differ from it by less than this share of the median inverse depth."""
+
+CELLS_SHARE = 0.4
+"""Of the memory budget, for the matching costs of all sweeps that run at once."""
+BYTES_PER_CELL = 5
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,10 +49,12 @@ def match_all_views(
     `done` is called after each.
     """
     names = [name for name in images if sources.get(name)]
+    fitting = int(CELLS_SHARE * memory_budget().limit_bytes / (worker_count() * BYTES_PER_CELL))
+    options = SweepOptions(max_cells=min(SweepOptions.max_cells, fitting))
 
     def match(name: str) -> Surface:
         others = [images[other] for other in sources[name]]
-        found = sweep_view(images[name], others, *reach[name], SweepOptions())
+        found = sweep_view(images[name], others, *reach[name], options)
         done(name)
         return found
 

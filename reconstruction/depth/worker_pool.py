@@ -7,8 +7,20 @@ from contextlib import contextmanager
 
 import cv2
 
+from reconstruction.common.memory_budget import memory_budget
+
 MAX_WORKERS = 8
 """Each takes some hundred MB for its sweep."""
+
+
+SWEEP_BYTES = 400 << 20
+"""What a worker's sweep takes at most."""
+
+
+def worker_count() -> int:
+    """A worker for each core, as far as half of the memory budget allows."""
+    cores = len(os.sched_getaffinity(0))
+    return memory_budget().fit_count(SWEEP_BYTES, min(MAX_WORKERS, cores), share=0.5)
 
 
 @contextmanager
@@ -17,7 +29,7 @@ def worker_pool() -> Iterator[ThreadPoolExecutor]:
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:
-        with ThreadPoolExecutor(min(MAX_WORKERS, len(os.sched_getaffinity(0)))) as pool:
+        with ThreadPoolExecutor(worker_count()) as pool:
             yield pool
     finally:
         cv2.setNumThreads(before)

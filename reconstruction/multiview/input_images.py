@@ -11,12 +11,18 @@ from reconstruction.calibration.rig import calibrated_views
 from reconstruction.calibration.structure_from_motion import calibrate_from_images
 from reconstruction.common.brightness import noise_level
 from reconstruction.common.geometry import Array, View
+from reconstruction.common.memory_budget import memory_budget
 from reconstruction.depth.calibrated_image import CalibratedImage
+from reconstruction.depth.worker_pool import SWEEP_BYTES, worker_count
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.mover_detection import SceneMotion
 
 MIN_CONTRAST = 2.0
 """Standard deviation of grey levels (of 255) below which a picture is empty."""
+MAP_BYTES_PER_PIXEL = 60
+"""Memory for each pixel of every camera: its picture, rays, surface, depth and normals."""
+SWEEP_BYTES_PER_PIXEL = 300
+"""And for each that a worker is at: sources, voters and what is between."""
 NOISE_FACTOR = 3.0
 NOISE_LIMITS = (2.0, 100.0)
 
@@ -70,6 +76,13 @@ def load_input_images(
         BadInputError: fewer than two pictures are usable, or no calibration can be found.
     """
     dataset.require_cameras(2, "depth needs two that see the same from different places")
+    workers = worker_count()
+    dataset.fit_memory(
+        images=len(dataset.cameras),
+        bytes_per_pixel=MAP_BYTES_PER_PIXEL + workers * SWEEP_BYTES_PER_PIXEL / len(dataset.cameras),
+        fixed_bytes=min(workers * SWEEP_BYTES, 0.4 * memory_budget().limit_bytes),
+        share=0.9,
+    )
     calibration = dataset.calibration() or _found_calibration(dataset)
     views = calibrated_views(dataset, calibration)
     images: dict[str, InputImage] = {}

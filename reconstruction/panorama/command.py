@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import msgspec
@@ -12,17 +12,20 @@ from capture_app.session.format.manifest import MANIFEST
 from reconstruction.calibration.rig import calibrated_views
 from reconstruction.common.foreign_calls import opencv_calls
 from reconstruction.common.geometry import Array, View
-from reconstruction.common.image_files import read_image, save_picture
+from reconstruction.common.image_files import read_small_image, save_picture
 from reconstruction.common.memory_budget import memory_budget
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.output_folder import comparison_folder, write_metrics
 from reconstruction.panorama.ghosting import Misfit, Overlaps, OverlapScore
-from reconstruction.panorama.stitcher import PanoramaStitcher
+from reconstruction.panorama.stitcher import MAX_SIDE_PX, PanoramaStitcher
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import nearest_frame_offset
 from reconstruction.session.mover_detection import SceneMotion
 
 SUFFIXES = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp"}
+
+KEPT_BYTES_PER_PIXEL = 12
+"""Of a session's picture: it is kept in both conditions with its movers, and cached."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -80,6 +83,8 @@ class StitchInput:
     offset: ConditionInput | None = None
     late: tuple[str, ...] = ()
     offset_ms: float = 0.0
+    absent: dict[str, str] = field(default_factory=dict)
+    """Cameras without a picture of the instant, and that."""
 
 
 def stitch(sources: tuple[Path, ...], out: Path, options: StitchOptions) -> PanoramaResult:
@@ -100,7 +105,7 @@ def stitch(sources: tuple[Path, ...], out: Path, options: StitchOptions) -> Pano
         result = PanoramaResult(
             source=" ".join(map(str, sources)),
             used=stitcher.used,
-            left_out=stitcher.left_out,
+            left_out=given.absent | stitcher.left_out,
             synced=synced,
             offset=offset,
             actual_offset_ms=given.offset_ms,
@@ -158,21 +163,23 @@ def _load_input(sources: Sequence[Path], instant: int, offset_ms: float | None) 
         raise BadInputError(f"{sources[0]} is not a session and holds no pictures")
     images: dict[str, Array] = {}
     for path in paths:
-        images[path.name if path.name not in images else str(path)] = read_image(path)
+        images[path.name if path.name not in images else str(path)] = read_small_image(path, MAX_SIDE_PX)
     return StitchInput(ConditionInput(images, {}), {})
 
 
 def _session_input(folder: Path, instant: int, offset_ms: float | None) -> StitchInput:
     dataset = Dataset.open(folder)
+    dataset.fit_memory(images=len(dataset.cameras), bytes_per_pixel=KEPT_BYTES_PER_PIXEL)
     cameras = [name for name in dataset.nearest_instants(instant, ()) if dataset.has_image(name, instant)]
+    absent = {c: f"it has no image of instant {instant}" for c in dataset.cameras if c not in cameras}
     views = _known_views(dataset, cameras)
     if len(dataset.instants_ns) < 2:
         images = {name: dataset.image(name, instant) for name in cameras}
-        return StitchInput(ConditionInput(images, {}), views)
+        return StitchInput(ConditionInput(images, {}), views, absent=absent)
     motion = SceneMotion(dataset, 1)
     synced = _condition(dataset, motion, dict.fromkeys(cameras, instant))
     if offset_ms is None:
-        return StitchInput(synced, views)
+        return StitchInput(synced, views, absent=absent)
     offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, offset_ms)
     later = dict(offset.pairs).get(instant)
     late = cameras[1::2]
@@ -182,7 +189,8 @@ def _session_input(folder: Path, instant: int, offset_ms: float | None) -> Stitc
             hint="choose an earlier --instant",
         )
     shown = dict.fromkeys(cameras, instant) | dict.fromkeys(late, later)
-    return StitchInput(synced, views, _condition(dataset, motion, shown), tuple(late), offset.actual_ms)
+    offset_input = _condition(dataset, motion, shown)
+    return StitchInput(synced, views, offset_input, tuple(late), offset.actual_ms, absent)
 
 
 def _condition(dataset: Dataset, motion: SceneMotion, shown: Mapping[str, int]) -> ConditionInput:

@@ -61,6 +61,8 @@ class Dataset:
         dataset = cls(Session.open(path), shifts_ms)
         for record in dataset._records.values():
             dataset._check(record)
+        if not dataset.cameras or not dataset.instants_ns:
+            raise BadInputError(f"{path} has no {'instants' if dataset.cameras else 'cameras'}")
         if any(after <= before for before, after in pairwise(dataset.instants_ns)):
             raise BadInputError(
                 f"{path} has instants that do not follow each other in time",
@@ -71,10 +73,17 @@ class Dataset:
         dataset.fit_memory(images=1)
         return dataset
 
-    def fit_memory(self, *, images: int, bytes_per_pixel: int = WORK_BYTES_PER_PIXEL) -> None:
-        """Make the dataset smaller where work on so many images at once would take more than the budget.
+    def fit_memory(
+        self,
+        *,
+        images: int,
+        bytes_per_pixel: float = WORK_BYTES_PER_PIXEL,
+        fixed_bytes: float = 0.0,
+        share: float = WORK_SHARE,
+    ) -> None:
+        """Make the dataset smaller where work on so many images at once would take more than its share.
 
-        To be called before images are read.
+        `fixed_bytes` is what it takes whatever their size. To be called before images are read.
 
         Raises:
             BadInputError: even a sixteenth of their size takes more.
@@ -85,8 +94,8 @@ class Dataset:
         what = f"work on {images} pictures" if images > 1 else "work on a picture"
         self._scale *= memory_budget().fit_scale(
             f"{what} of {self.name} ({largest} pixels)",
-            lambda scale: pixels * scale**2 * bytes_per_pixel,
-            share=WORK_SHARE,
+            lambda scale: pixels * scale**2 * bytes_per_pixel + fixed_bytes,
+            share=share,
         )
 
     def require_cameras(self, count: int, hint: str) -> None:

@@ -59,6 +59,8 @@ class StereoDepth(Struct, frozen=True, kw_only=True):
     """The same of the filled depth."""
     calibration: str
     why: str = ""
+    left_out: dict[str, str] = {}
+    """Cameras without an image of the instant, and that."""
     pairs_left_out: dict[str, str] = {}
     """By two names with a comma between, why those cameras can make no depth."""
     memory_notes: tuple[str, ...] = ()
@@ -84,11 +86,15 @@ def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
         progress.step("calibration")
         rig.calibrate()
         progress.step("choosing cameras")
-        choice = rig.choose_stereo_pair(options.pair, options.instant)
-        if choice.cameras is None:
-            raise BadInputError(f"no depth can be made from {session}: {choice.why}")
-        reference, other = choice.cameras
         later = options.instant if options.other_instant is None else options.other_instant
+        needed = {options.instant, later}
+        left_out = _without_image(dataset, needed)
+        there = [name for name in dataset.cameras if name not in left_out]
+        choice = rig.choose_stereo_pair(options.pair, options.instant, there)
+        if choice.cameras is None:
+            absent = "".join(f"; {name}: {why}" for name, why in left_out.items())
+            raise BadInputError(f"no depth can be made from {session}: {choice.why}{absent}")
+        reference, other = choice.cameras
         for name, instant in ((reference, options.instant), (other, later), (other, options.instant)):
             if not dataset.has_image(name, instant):
                 hint = f"it has instants 0 to {len(dataset.instants_ns) - 1}"
@@ -104,12 +110,19 @@ def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
             result,
             session=str(session),
             why=choice.why,
+            left_out=left_out,
             pairs_left_out=dict(choice.left_out),
             memory_notes=memory_budget().notes,
             seconds=seconds,
         )
         write_metrics(output.folder, result)
     return result
+
+
+def _without_image(dataset: Dataset, instants: set[int]) -> dict[str, str]:
+    """The cameras that lack an image of one of these instants, and which."""
+    lacks = {name: sorted(k for k in instants if not dataset.has_image(name, k)) for name in dataset.cameras}
+    return {name: f"it has no image of instant {which[0]}" for name, which in lacks.items() if which}
 
 
 def _match_pair(rig: Rig, cameras: tuple[str, str], instant: int, later: int) -> DepthMap:

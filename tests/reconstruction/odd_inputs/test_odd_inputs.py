@@ -94,3 +94,13 @@ def test_what_is_odd_is_said(
     assert words in done.complaint
     assert done.out == ""
     assert not (tmp_path / "out").exists()
+
+
+def test_a_camera_without_an_image_is_left_out_of_that_instant_and_named(
+    sound: Path, tmp_path: Path, reconstruct: Reconstruct
+) -> None:
+    session = make_odd("pictures: one image of one camera", sound, tmp_path)
+    found = reconstruct("stereo", session, "--instant", 1, "--out", tmp_path / "out", "--json")
+    assert found.result["left_out"] == {"middle": "it has no image of instant 1"}
+    assert {found.result["reference"], found.result["other"]} == {"left", "right"}
+    assert "middle is left out: it has no image of instant 1" in found.err

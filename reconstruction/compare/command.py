@@ -137,6 +137,9 @@ class Comparison:
         else:
             self.stereo.skipped = str(no_views)
         self._run(self.panorama)
+        if no_views is None and self.timing is None and self.panorama.result is not None:
+            first, second = self.panorama.result.cameras[:2]
+            self._measure_timing((first, second))
         nothing = self.stereo.result is None and self.panorama.result is None
         if nothing and isinstance(no_views, NotAvailableError):
             raise no_views
@@ -193,14 +196,18 @@ class Comparison:
         if self.stereo.result is None:
             return
         pair = (self.stereo.result.reference, self.stereo.result.other)
-        self.progress.step(f"lateness of {pair[1]} against {pair[0]}")
-        self.timing = measure_timing(self.rig, pair)
+        timing = self._measure_timing(pair)
         self.progress.step("depth against offset")
         with suppress(ValueError):
             most = min(DOSE_INSTANTS, self.options.max_instants)
             steps = whole_frame_offsets(self.dataset, max(self.offset.actual_ms, DEFAULT_OFFSET_MS))
-            self.dose = measure_curve(self.rig, pair, steps, most, Progress(0, silent=True), self.timing)
+            self.dose = measure_curve(self.rig, pair, steps, most, Progress(0, silent=True), timing)
             self.timing = self.dose.timing
+
+    def _measure_timing(self, pair: tuple[str, str]) -> Timing:
+        self.progress.step(f"lateness of {pair[1]} against {pair[0]}")
+        self.timing = measure_timing(self.rig, pair)
+        return self.timing
 
     def _run_poses(self, moving: float) -> None:
         """Estimate poses if asked for or if much moves; `moving` is the share of moving pixels."""

@@ -14,7 +14,10 @@ def timing_sentences(timing: Timing) -> str:
         )
     if timing.offset:
         return f"{_offset(timing, by)}{_odd(timing)} {_what_to_do(timing)}"
-    return f"Whether these cameras were synchronized cannot be told from these pictures: {timing.reason}."
+    told = f"Whether these cameras were synchronized cannot be told from these pictures: {timing.reason}."
+    if timing.late_ms is None:
+        return told
+    return f"{told} {timing.other} is {_lateness(timing)} against {timing.reference} ({by}; 95 %)."
 
 
 def motion_sentence(timing: Timing) -> str:

@@ -9,8 +9,10 @@ SIGMAS = 2.0
 """Standard deviations of the error that is shown (95 %)."""
 ODD_SIGMAS = 3.0
 """An offset is claimed where zero is further away than this; an instant by itself disagrees from here on."""
-SURE_FRAMES = 0.25
+SURE_FRAMES = 0.1
 """An error above this share of a frame certifies nothing."""
+ODD_FRAMES = 0.25
+"""An instant that is less of a frame from the others does not disagree with them."""
 ODD_SHARE = 0.2
 """With more of its instants in disagreement, a take has no one lateness."""
 
@@ -80,12 +82,12 @@ def judge_timing(
     odd = [
         one.instant
         for one in instants
-        if abs(one.late_ms - late) > max(ODD_SIGMAS * one.sd_ms, SURE_FRAMES * spacing_ms)
+        if abs(one.late_ms - late) > max(ODD_SIGMAS * one.sd_ms, ODD_FRAMES * spacing_ms)
     ]
     offset = abs(late) > ODD_SIGMAS * sd
     reason = ""
     if SIGMAS * sd > SURE_FRAMES * spacing_ms:
-        reason = "the error of what was measured is larger than a quarter of a frame"
+        reason = "the error of what was measured is more than a tenth of a frame"
     elif len(odd) > ODD_SHARE * len(instants):
         reason = f"{len(odd)} of {len(instants)} instants disagree with the others"
     elif not offset and abs(late) > SIGMAS * sd:

@@ -54,7 +54,13 @@ def _of_stitch(found: Mapping[str, Any]) -> str:
 
 
 def _of_dose(found: Mapping[str, Any]) -> str:
-    tolerated = found["tolerable_offset_ms"]
+    tolerated, timing = found["tolerable_offset_ms"], found.get("timing") or {}
+    if timing.get("offset"):
+        late = timing["late_ms"]
+        far = f"{abs(late):.1f} ±{timing['uncertainty_ms']:.1f} ms {'early' if late < 0 else 'late'}"
+        return f"not synchronized: {found['other']} is {far}"
+    if timing and not timing["synchronized"]:
+        return f"whether it is synchronized cannot be told: {timing['reason']}"
     if tolerated is None:
         return f"less than a tenth is lost up to {found['points'][-1]['offset_ms']:.0f} ms"
     return f"this motion tolerates a delay of about {tolerated:.1f} ms"

@@ -182,7 +182,7 @@ def _dose(found: Mapping[str, Any], folder: Path, verdict: str) -> StudyResult:
     still = measure.replace("mover_", "static_")
     rows = tuple(
         (
-            f"{point['offset_ms']:.0f} ms late" if point["offset_ms"] else "same instant",
+            _lateness(point["offset_ms"]),
             percent(point["scores"][measure]),
             filled_cells(point["scores"][measure] or 0.0, BAR),
             percent(point["scores"][still]),
@@ -216,3 +216,9 @@ _READERS = {
 
 def _report(found: Mapping[str, Any], folder: Path) -> Path | None:
     return inside(folder, found["report"]) if found.get("report") else None
+
+
+def _lateness(offset_ms: float) -> str:
+    if not offset_ms:
+        return "same instant"
+    return f"{abs(offset_ms):.0f} ms {'early' if offset_ms < 0 else 'late'}"

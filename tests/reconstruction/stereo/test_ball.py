@@ -135,3 +135,4 @@ def test_the_dose_curve_on_it_falls(throw: Throw, tmp_path: Path) -> None:
     values = {point["offset_frames"]: point["scores"]["mover_coverage"] for point in dose["points"]}
     assert values.pop(0) > 0.6
     assert max(values.values()) < 0.3
+    assert dose["timing"]["synchronized"]

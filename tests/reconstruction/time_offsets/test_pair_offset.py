@@ -8,8 +8,8 @@ import pytest
 from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.session.reading.reader import Session
 from reconstruction.calibration.rig import Rig
+from reconstruction.compare.timing_study import measure_timing
 from reconstruction.session.dataset import Dataset
-from reconstruction.time_offsets.offset_fit import OffsetFit
 from reconstruction.time_offsets.pair_offset import PairOffsets
 from tests.reconstruction.conftest import PERIOD_NS, VIEWS, Scene, write_session
 
@@ -42,6 +42,9 @@ def test_fractions_of_a_frame_are_found_from_either_side(scene: Scene, tmp_path:
         assert found.sd_ms < 0.5
         assert abs(found.offset_ms - sign * late * PERIOD_NS / 1e6) < 3 * found.sd_ms
         assert len(found.instants) >= 3
+        timing = measure_timing(offsets.rig, pair)
+        assert timing.synchronized == (late == 0)
+        assert timing.offset == (late != 0)
 
 
 def test_it_is_said_why_nothing_can_be_told(scene: Scene, tmp_path: Path) -> None:
@@ -51,7 +54,7 @@ def test_it_is_said_why_nothing_can_be_told(scene: Scene, tmp_path: Path) -> Non
     assert "moves across" in found.reason
 
 
-def ball(shared: Path, tmp_path: Path, late: int) -> OffsetFit:
+def ball(shared: Path, tmp_path: Path, late: int) -> PairOffsets:
     """The thrown ball with the right camera's pictures so many frames later than their times say."""
     recording = shared / "footage" / "ball_launch"
     names = sorted(
@@ -64,7 +67,7 @@ def ball(shared: Path, tmp_path: Path, late: int) -> OffsetFit:
             link.symlink_to(recording / camera / names[place + step])
     options = ImportOptions(fps=FPS, calibration=(str(recording / "calibration"),), unit="in")
     session = import_recording([str(tmp_path / "ball")], tmp_path / "sessions", "ball", options)
-    return offsets_of(session, tmp_path / "stages").measure("L", "R")
+    return offsets_of(session, tmp_path / "stages")
 
 
 @pytest.mark.shared
@@ -72,8 +75,12 @@ def ball(shared: Path, tmp_path: Path, late: int) -> OffsetFit:
     "late", [pytest.param(late, marks=[] if late == 3 else pytest.mark.slow) for late in range(-4, 5)]
 )
 def test_a_real_ball_tells_how_many_frames_late_a_camera_is(shared: Path, tmp_path: Path, late: int) -> None:
-    found = ball(shared, tmp_path, late)
-    assert found.offset_ms is not None, found.reason
-    assert found.sd_ms is not None
-    assert found.sd_ms < 1
-    assert abs(found.offset_ms - late * 1000 / FPS) < 3 * found.sd_ms
+    rig = ball(shared, tmp_path, late).rig
+    for pair, sign in ((("L", "R"), 1), (("R", "L"), -1)):
+        found = measure_timing(rig, pair)
+        assert found.late_ms is not None, found.reason
+        assert found.uncertainty_ms is not None
+        assert found.uncertainty_ms < 2.5
+        assert abs(found.late_ms - sign * late * 1000 / FPS) < 1.5 * found.uncertainty_ms
+        assert found.synchronized == (late == 0)
+        assert found.offset == (late != 0)

@@ -1,0 +1,82 @@
+"""Synchronized is said only where zero is certain, by the whole take and by its instants."""
+
+import pytest
+
+from reconstruction.report.timing_words import motion_sentence, timing_sentences
+from reconstruction.scores.timing import Timing, judge_timing, with_curve_peak
+from reconstruction.time_offsets.offset_fit import InstantOffset, OffsetFit
+
+FRAME_MS = 33.3
+PAIR = ("L", "R")
+
+
+def judged(offset_ms: float, sd_ms: float, *instants_ms: float, apart_ms: float = 0.0) -> Timing:
+    instants = tuple(InstantOffset(k, ms, 0.5, 20) for k, ms in enumerate(instants_ms or (offset_ms,) * 5))
+    return judge_timing(PAIR, OffsetFit(offset_ms, sd_ms, "", instants), apart_ms, FRAME_MS)
+
+
+def test_zero_within_a_small_error_is_synchronized() -> None:
+    found = judged(0.4, 0.3)
+    assert found.synchronized
+    assert not found.offset
+    assert found.option == ""
+    assert "R is 0.4 ± 0.6 ms late against L" in timing_sentences(found)
+
+
+@pytest.mark.parametrize(
+    ("offset_ms", "option"), [(33.5, "--time-shift-ms R=33.5"), (-66.4, "--time-shift-ms R=-66.4"), (7.0, "")]
+)
+def test_another_offset_is_given_with_the_option_that_mends_it(offset_ms: float, option: str) -> None:
+    found = judged(offset_ms, 0.5)
+    assert not found.synchronized
+    assert found.offset
+    assert found.option == option
+    text = timing_sentences(found)
+    assert text.startswith("These cameras were not synchronized")
+    assert f"{abs(offset_ms):.1f} ± 1.0 ms {'earlier' if offset_ms < 0 else 'later'}" in text
+    assert option in text if option else "it takes cameras that fire together" in text
+
+
+def test_times_that_are_known_to_differ_are_no_one_instant() -> None:
+    found = judged(0.1, 0.3, apart_ms=10.6)
+    assert found.offset
+    assert found.late_ms == pytest.approx(10.7)
+    assert found.shift_ms is None
+
+
+@pytest.mark.parametrize(
+    ("found", "why"),
+    [
+        (judged(0.5, 3.0), "a tenth of a frame"),
+        (judged(0.7, 0.3), "edge of the error"),
+        (judged(0.0, 0.3, 0.0, 0.1, 28.0, -30.0, 0.2), "2 of 5 instants disagree"),
+        (judge_timing(PAIR, OffsetFit(reason="nothing moves"), 0.0, FRAME_MS), "nothing moves"),
+    ],
+)
+def test_what_is_not_sure_certifies_nothing(found: Timing, why: str) -> None:
+    assert not found.synchronized
+    assert not found.offset
+    text = timing_sentences(found)
+    assert text.startswith("Whether these cameras were synchronized cannot be told")
+    assert why in text
+
+
+def test_a_curve_that_is_highest_elsewhere_takes_the_certificate_away() -> None:
+    sure, unknown = judged(0.1, 0.3), judge_timing(PAIR, OffsetFit(reason="why"), 0.0, FRAME_MS)
+    assert with_curve_peak(sure, 0.0, 8, FRAME_MS).synchronized
+    assert not with_curve_peak(sure, FRAME_MS, 8, FRAME_MS).synchronized
+    assert not with_curve_peak(unknown, 0.0, 8, FRAME_MS).synchronized
+    by_depth = with_curve_peak(unknown, -FRAME_MS, 8, FRAME_MS)
+    assert by_depth.offset
+    assert by_depth.late_ms == pytest.approx(FRAME_MS)
+    # From one or two instants nothing follows.
+    assert with_curve_peak(sure, FRAME_MS, 2, FRAME_MS).synchronized
+    assert not with_curve_peak(unknown, -FRAME_MS, 2, FRAME_MS).offset
+
+
+def test_cameras_that_moved_are_named() -> None:
+    fit = OffsetFit(0.0, 0.3, "", ())
+    assert motion_sentence(judge_timing(PAIR, fit, 0.0, FRAME_MS)) == ""
+    one = motion_sentence(judge_timing(PAIR, fit, 0.0, FRAME_MS, {"R": 3.21}))
+    assert one.startswith("R moved while recording")
+    assert "3.2 pixels" in one

@@ -14,6 +14,7 @@ from capture_app.board.coverage import BoardCoverage, CoverageCount
 from capture_app.board.detector import BoardDetector, Corners
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
+from reconstruction.calibration.board_bundle import adjust_bundle
 from reconstruction.common.geometry import Array, View
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import evenly_spread
@@ -64,7 +65,7 @@ MAX_BOARDS = 40
 
 
 def calibrate_from_board(dataset: Dataset, board: CharucoBoard, corners: BoardCorners) -> Calibration:
-    """Intrinsics of every camera (Zhang 2000), then each camera's place from boards it shares with another.
+    """Intrinsics of every camera (Zhang 2000), each camera's place from boards it shares, then all together.
 
     Raises:
         BadInputError: the board was seen too rarely, or a camera shares no boards with the others.
@@ -89,6 +90,11 @@ def calibrate_from_board(dataset: Dataset, board: CharucoBoard, corners: BoardCo
         lenses[camera] = np.asarray(matrix), np.asarray(distortion).ravel()[:5]
     poses = _rig_poses(dataset, places, corners, lenses)
     views = {name: View(*dataset.size(name), *lenses[name], *poses[name]) for name in dataset.cameras}
+    sightings = {
+        sighting: (places[sorted(found)].astype(float), _pixels(found, sorted(found)).astype(float))
+        for sighting, found in corners.items()
+    }
+    views = adjust_bundle(views, sightings)
     return Calibration(
         cameras={name: view.to_calibration() for name, view in views.items()},
         unit="m",

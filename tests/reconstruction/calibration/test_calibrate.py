@@ -107,7 +107,7 @@ def test_a_good_calibration_is_reported_and_another_rig_s_is_refused(
     other = make_view((0.1, 0.01, 0.0), yaw=-1.5, pitch=4.0, roll=9.0)
     turned = tuple(tuple(float(v) for v in row) for row in other.rotation)
     wrong = msgspec.structs.replace(own.cameras["right"], rotation=turned)
-    broken = msgspec.structs.replace(own, cameras={**own.cameras, "right": wrong, "aside": wrong})
+    broken = msgspec.structs.replace(own, cameras={**own.cameras, "right": wrong})
     (folder / "calibration.json").write_bytes(msgspec.json.encode(broken))
     refused = reconstruct("calibrate", folder, "--from", "session")
     assert refused.code == 3

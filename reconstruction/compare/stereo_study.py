@@ -7,13 +7,16 @@ import msgspec
 import numpy as np
 
 from capture_app.terminal import Progress
+from reconstruction.calibration.rig import Rig
+from reconstruction.common.geometry import Array
 from reconstruction.compare.stereo_pictures import StereoInstant, stereo_pictures
-from reconstruction.compare.study import SIDES, ComparisonTally, PairStudy
+from reconstruction.compare.study import SIDES, ComparisonTally, Pair, PairStudy
 from reconstruction.scores.depth_truth import true_depth_in_unit
 from reconstruction.scores.results import DepthScores, StereoComparison
 from reconstruction.scores.still_control import median_still_depth, project_into_other, still_pixels
 from reconstruction.scores.tally import Measurements, measure_depth
 from reconstruction.session.conditions import Condition
+from reconstruction.session.frame_offset import FrameOffset
 from reconstruction.stereo.stereo_pair import DepthMap, StereoPair, epipolar_errors, find_disparity_range
 
 RANGE_INSTANTS = 8
@@ -24,6 +27,12 @@ class StereoStudy(PairStudy):
     """Depth of a pair, synchronized and offset, with all that is fixed for both taken from synced images."""
 
     subject = "depth"
+
+    def __init__(self, rig: Rig, offset: FrameOffset | None, asked: Pair | None, max_instants: int) -> None:
+        """As `PairStudy`."""
+        super().__init__(rig, offset, asked, max_instants)
+        self._kept_matcher: tuple[tuple[object, ...], StereoPair] | None = None
+        self._kept_still: tuple[Array, tuple[Array, Array]] | None = None
 
     def prepare(self, middle: int, progress: Progress) -> None:
         """Choose the pair.
@@ -63,7 +72,7 @@ class StereoStudy(PairStudy):
             )
         except ValueError as error:
             raise ValueError(f"{reference} and {other}: {error}") from error
-        matcher = StereoPair(*views, disparities)
+        matcher = self._matcher(disparities)
         maps = []
         for now, later in pairs:
             progress.step(f"stereo {reference}-{other}, instant {now}")
@@ -85,6 +94,22 @@ class StereoStudy(PairStudy):
             reason=self.reason,
         )
         return result, instants
+
+    def _matcher(self, disparities: tuple[float, float]) -> StereoPair:
+        """The pair's matcher, kept with its maps for the next condition."""
+        reference, other = self.cameras
+        key = (reference, other, disparities)
+        if self._kept_matcher is None or self._kept_matcher[0] != key:
+            views = self.rig.views
+            self._kept_matcher = key, StereoPair(views[reference], views[other], disparities)
+        return self._kept_matcher[1]
+
+    def _projected(self, still: Array) -> tuple[Array, Array]:
+        """As `project_into_other`; conditions on the same instants share it."""
+        if self._kept_still is None or not np.array_equal(self._kept_still[0], still):
+            reference, other = (self.rig.views[name] for name in self.cameras)
+            self._kept_still = still, project_into_other(reference, other, still)
+        return self._kept_still[1]
 
     def _disparities(self, nows: Sequence[int]) -> tuple[float, float]:
         reference, other = self.cameras
@@ -124,7 +149,7 @@ class StereoStudy(PairStudy):
         (reference, other), dataset, motion = self.cameras, self.dataset, self.motion
         moving = [motion.moving(reference, now) for now, _ in pairs]
         still = median_still_depth([one["synced"].depth for one in maps], moving)
-        where, inside = project_into_other(self.rig.views[reference], self.rig.views[other], still)
+        where, inside = self._projected(still)
         instants = []
         for (now, later), found, mask in zip(pairs, maps, moving, strict=True):
             times = {now, later}
@@ -144,8 +169,9 @@ class StereoStudy(PairStudy):
         found = one.maps[side]
         images = self.dataset.grey(reference, one.now), self.dataset.grey(other, one.shown(side))
         measured = Measurements()
-        for kind, mask in (("mover", one.moving), ("static", one.static)):
+        masks = {"mover": one.moving, "static": one.static}
+        errors = epipolar_errors(one.matcher, *images, tuple(masks.values()))
+        for (kind, mask), off in zip(masks.items(), errors, strict=True):
             measured.update(measure_depth(found.depth, found.difference, mask, one.truth), f"{kind}_")
-            errors = epipolar_errors(one.matcher, *images, mask)
-            measured.medians[f"{kind}_epipolar_px"] = np.array(errors, float)
+            measured.medians[f"{kind}_epipolar_px"] = np.array(off, float)
         return measured

@@ -16,7 +16,8 @@ from reconstruction.scores.depth_truth import right_depth
 from reconstruction.scores.results import TriangulationComparison, TriangulationScores
 from reconstruction.scores.tally import Measurements, measures_of
 from reconstruction.session.conditions import Condition
-from reconstruction.session.frame_offset import FrameOffset, evenly_spread
+from reconstruction.session.frame_offset import FrameOffset
+from reconstruction.session.instant_choice import choose_moving_instants
 from reconstruction.session.mover_detection import dilate
 from reconstruction.session.shown_instants import fixed_offsets_ms, instants_shown, refuse_synchronized
 from reconstruction.triangulation.rig_triangulator import RigPoints, RigTriangulator
@@ -164,7 +165,12 @@ class TriangulationStudy:
         fullest = [one for one in found if len(one[1]) == most]
         refuse_synchronized(condition, fullest)
         wanted = int(np.clip(MAX_PICTURES // (2 * most - 1), *INSTANT_LIMITS))
-        return evenly_spread(fullest, min(self.max_instants, wanted))
+        first = list(fullest[0][1])[:2]
+        by_instant = {instant: shown for instant, shown in fullest if shown.keys() >= set(first)}
+        chosen = choose_moving_instants(
+            self.rig.motion, first, list(by_instant), min(self.max_instants, wanted)
+        )
+        return [(instant, by_instant[instant]) for instant in chosen]
 
     @cached_property
     def _triangulator(self) -> RigTriangulator:

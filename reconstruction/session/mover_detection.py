@@ -41,7 +41,8 @@ def detect_movers(image: Array, neighbours: Sequence[Array], still: Array) -> Ar
     """
     differences = [_grey_difference(image, other) for other in (*neighbours, still)]
     change = np.minimum.reduce(differences)
-    spread = max(_noise_sigma(image, other) for other in (*neighbours, still))
+    # How far grey levels differ where nothing moves (one standard deviation, robust).
+    spread = max(float(np.median(difference)) for difference in differences) * 1.4826
     mask = (change > max(MIN_GREY_STEP, 4.0 * spread) + SHAKE_PX * _gradient(still)).astype(np.uint8)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
     mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, disc)
@@ -67,11 +68,6 @@ def _gradient(image: Array) -> Array:
     smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), 1.2)
     across, down = cv2.Sobel(smooth, cv2.CV_32F, 1, 0), cv2.Sobel(smooth, cv2.CV_32F, 0, 1)
     return np.asarray(cv2.magnitude(across, down) / 8)
-
-
-def _noise_sigma(a: Array, b: Array) -> float:
-    """How far grey levels differ where nothing moves (one standard deviation, robust)."""
-    return float(np.median(_grey_difference(a, b))) * 1.4826
 
 
 def _fill_spots(mask: Array) -> Array:

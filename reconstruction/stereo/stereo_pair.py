@@ -3,6 +3,7 @@
 Depth is by semi-global matching, then checks keep only what both views agree on.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import cv2
@@ -179,22 +180,29 @@ ROWS_PX = 28
 LIKENESS = 0.75
 
 
-def epipolar_errors(pair: StereoPair, reference: Array, other: Array, mask: Array) -> list[float]:
-    """How far matched patches on a mask lie from their row, px at the reference's own resolution.
+def epipolar_errors(
+    pair: StereoPair, reference: Array, other: Array, masks: Sequence[Array]
+) -> list[list[float]]:
+    """How far matched patches on each of the masks lie from their row, px at the reference's own resolution.
 
     Patches of the reference (grey, uint8) are looked for freely in two dimensions; only sure finds count.
     """
     canvas = pair.rectification
     a, _ = canvas.remap(reference)
     b, seen = canvas.remap(other, other=True)
-    on, _ = canvas.remap(mask.astype(np.uint8), nearest=True)
+    least = 4 * noise_level(a) + 2
+    shown = [canvas.remap(mask.astype(np.uint8), nearest=True)[0] for mask in masks]
+    return [_patch_errors(pair, a, b, seen, on, least) for on in shown]
+
+
+def _patch_errors(pair: StereoPair, a: Array, b: Array, seen: Array, on: Array, least: float) -> list[float]:
+    """The errors of patches on a mask of the canvas whose contrast is at least so large."""
     half = PATCH_PX // 2
     ys, xs = np.nonzero(on)
     inside = (xs >= half) & (xs < a.shape[1] - half) & (ys >= half) & (ys < a.shape[0] - half)
     ys, xs = ys[inside], xs[inside]
     if len(ys) < MIN_PIXELS:
         return []
-    least = 4 * noise_level(a) + 2
     errors = []
     for i in np.linspace(0, len(ys) - 1, PATCHES).astype(int):
         x, y = int(xs[i]), int(ys[i])

@@ -66,7 +66,6 @@ def _in_words(table: Table) -> WordTable:
         groups=tuple(column.group for column in table.columns),
         columns=tuple(column.name for column in table.columns),
         rows=tuple((row.name, *(cell.text for cell in row.cells)) for row in table.rows),
-        controls=tuple(all(cell.control for cell in row.cells) for row in table.rows),
     )
 
 

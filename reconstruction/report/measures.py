@@ -36,7 +36,6 @@ class Measure:
     name: str
     text: str
     show: Callable[[float | None], str] = wording.share
-    control: bool = False
 
 
 CORRECT = (

@@ -134,7 +134,7 @@ def twin_table(
         if all(score_of(scores, key) is None for key in keys for scores in (synced, offset)):
             continue
         cells = [
-            score_cell(scores, key, measure.show, control=measure.control or key.startswith("static_"))
+            score_cell(scores, key, measure.show, control=key.startswith("static_"))
             for key in keys
             for scores in (synced, offset)
         ]

@@ -69,13 +69,11 @@ class WordTable(Struct, frozen=True, kw_only=True):
 
     caption: str
     groups: tuple[str, ...]
-    """Of each column of values: what it is of, such as moving things; empty where there is no difference."""
+    """Of each column of values: what it is of, moving things or the control; empty where it is of all."""
     columns: tuple[str, ...]
     """Of each column of values: the condition."""
     rows: tuple[tuple[str, ...], ...]
     """The measure's name, and a value with its unit for each column."""
-    controls: tuple[bool, ...]
-    """Whether a row is a control: timing should not change it."""
 
 
 class ReportWords(Struct, frozen=True, kw_only=True):

@@ -32,8 +32,11 @@ def test_synchronization_shows_in_depth_and_panorama_but_not_in_what_stands_stil
     assert abs(synced["static_epipolar_px"] - offset["static_epipolar_px"]) < 0.2
     flow = [result["stitch"][c]["mover_misfit_px"] for c in ("synced", "offset")]
     assert flow[1] > flow[0] + 2
-    still = [result["stitch"][c]["static_overlap_mad"] for c in ("synced", "offset")]
-    assert abs(still[0] - still[1]) < 1
+    for control, slack in (("static_overlap_mad", 1), ("static_misfit_px", 0.1), ("static_found", 0.02)):
+        still = [result["stitch"][c][control] for c in ("synced", "offset")]
+        assert abs(still[0] - still[1]) < slack
+    drawn = [picture["key"] for picture in result["stitch"]["pictures"]]
+    assert drawn == ["panorama", "panorama_closeup", "panorama_overlap"]
     assert "timing alone" in result["verdict"]
     for picture in result["stereo"]["pictures"] + result["stitch"]["pictures"]:
         pair = [cv2.imread(str(out / picture[c])) for c in ("synced", "offset")]

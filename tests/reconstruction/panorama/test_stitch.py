@@ -195,3 +195,6 @@ def test_real_pictures_come_out_whole(
     assert len(result["used"]) == count
     assert result["left_out"] == {}
     assert result["synced"]["width"] > 1.7 * 800
+    misfit = result["synced"]["misfit"]
+    assert misfit["points"] > 300
+    assert misfit["median_px"] < 1

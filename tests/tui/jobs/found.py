@@ -56,7 +56,6 @@ def add_comparison(root: Path, session: str) -> Job:
             ["Measured correctly", "96.8 %", "1.6 %", "86.0 %", "86.0 %"],
             ["Given a distance", "98.0 %", "21.9 %", "96.8 %", "96.9 %"],
         ],
-        "controls": [False, False],
     }
     found = {
         "verdict": VERDICT,

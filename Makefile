@@ -6,6 +6,7 @@
 # make test-odd-inputs   200 broken or odd calibrations and inputs through every command of reconstruct (an hour of CPU)
 # make samples   render the sample sessions again from their recipes: the same bytes
 # make bench-sync   clock synchronization on an emulated WiFi link, beside other filters (root, 10 min; BENCH=--quick: 1 min)
+# make bench-any-rig   depth of an object by rigs of every kind: rings, a dome, opposite pairs, mixed (30 min; BENCH="--width 320")
 # make bench-multiview   depth from many views, beside a plain sweep and SGBM (BENCH="--scene plain ...")
 # make bench-pairs   wrong pixels of rectified pairs with a truth, beside OpenCV's SGBM (BENCH="FOLDER ...": other pairs)
 # make test-crash   writers and outputs killed at every step, every bit flipped (slow)
@@ -28,7 +29,7 @@ OUT ?= demo
 LIBRARIES := libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
 	libusb-1.0.so.0:libusb-1.0-0 libudev.so.1:libudev1 libidn2.so.0:libidn2-0
 
-.PHONY: help install demo animation calibration-pictures screenshots samples test test-odd-inputs test-v4l2 test-slurm bench-sync bench-reference bench-relay bench-rig bench-clients bench-multiview bench-pairs bench-tui test-crash check format system clean
+.PHONY: help install demo animation calibration-pictures screenshots samples test test-odd-inputs test-v4l2 test-slurm bench-sync bench-reference bench-relay bench-rig bench-clients bench-any-rig bench-multiview bench-pairs bench-tui test-crash check format system clean
 .DEFAULT_GOAL := help
 
 help:
@@ -76,6 +77,9 @@ bench-rig: $(VENV)/.installed
 
 bench-clients: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.clock.many_clients $(BENCH)
+
+bench-any-rig: $(VENV)/.installed
+	$(BIN)/python -m benchmarks.reconstruction.any_rig $(BENCH)
 
 bench-multiview: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.reconstruction.multiview $(BENCH)

@@ -4,7 +4,6 @@ The object stands on the origin, y points down, 0.6 m tall: a vase, a crate and 
 or a temple whose columns all look alike before black, as objects are often photographed.
 """
 
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from typing import Any, NamedTuple
@@ -102,13 +101,13 @@ class RenderedRig:
         return np.asarray(scene.compute_distance(o3d.core.Tensor(points.astype(np.float32))).numpy())
 
 
-def render_rig(name: str, rig: Rig, *, samples: int = 4) -> RenderedRig:
-    """All pictures and truths of a rig; `samples` (1 to 4) of each pixel."""
+def render_rig(name: str, rig: Rig, *, scale: float = 1.0, samples: int = 2) -> RenderedRig:
+    """All pictures and truths of a rig, `scale` times as large; `samples` (1 to 4) of each pixel."""
     stage, meshes, things = _stage(rig.temple)
     rendered = RenderedRig(name, {}, {}, {}, {}, meshes)
     for number, placed in enumerate(rig.cameras):
         camera = f"cam{number:02d}"
-        view = _view(camera, placed)
+        view = _view(camera, placed, scale)
         layers = still.still_layers(view, stage, samples)
         light = sum(layer.from_sky + layer.from_sun for layer in layers) / samples
         depth, thing = still.cast_depth(view, stage, view.directions())
@@ -121,7 +120,7 @@ def render_rig(name: str, rig: Rig, *, samples: int = 4) -> RenderedRig:
     return rendered
 
 
-def _view(name: str, placed: Placed) -> RenderedView:
+def _view(name: str, placed: Placed, scale: float) -> RenderedView:
     round_, up = np.radians([placed.round_deg, placed.up_deg])
     ahead = np.array([np.sin(round_) * np.cos(up), np.sin(up), np.cos(round_) * np.cos(up)])
     right = np.cross([0.0, 1.0, 0.0], ahead)
@@ -129,8 +128,8 @@ def _view(name: str, placed: Placed) -> RenderedView:
     rotation = np.stack([right, np.cross(ahead, right), ahead])
     centre = AIM - placed.away_m * ahead + placed.aside_m * right
     rotation = cv2.Rodrigues(np.array([0, 0, np.radians(placed.roll_deg)]))[0] @ rotation
-    width, height = placed.size
-    return RenderedView(name, width, height, placed.focal_px, rotation, -rotation @ centre)
+    width, height = (round(side * scale) for side in placed.size)
+    return RenderedView(name, width, height, placed.focal_px * scale, rotation, -rotation @ centre)
 
 
 @cache
@@ -184,14 +183,3 @@ def _surroundings(temple: bool) -> list[Mesh]:
         return box((0, 0, 0), (16, 16, 16), "black")
     meshes = box((0, 0.02, 0), (1.3, 0.04, 1.3), "table")
     return meshes + box((0, -0.3, 0), (5.0, 2.6, 5.0), "wall")
-
-
-def crop(rig: Rig, chosen: Sequence[int]) -> Rig:
-    """Some cameras of a rig, by number."""
-    return rig._replace(cameras=tuple(rig.cameras[number] for number in chosen))
-
-
-def quick(name: str, keep: Callable[[int], bool] = lambda number: True) -> RenderedRig:
-    """A rig rendered with one sample a pixel, or some of its cameras."""
-    rig = RIGS[name]
-    return render_rig(name, crop(rig, [n for n in range(len(rig.cameras)) if keep(n)]), samples=1)

@@ -40,6 +40,11 @@ class CalibratedImage:
         variance = box_filter(self.grey * self.grey, self.window) - self.mean**2
         return np.asarray(np.sqrt(np.maximum(variance, 0) + self.noise))
 
+    @property
+    def blank(self) -> Array:
+        """Where a window holds no more than noise (bool)."""
+        return np.asarray(self.deviation**2 < 2 * self.noise)
+
     @cached_property
     def rays(self) -> Array:
         """Directions (3, height, width) with z = 1, float32."""

@@ -23,7 +23,7 @@ MAX_NEIGHBOURS = 3
 MIN_SCORE = 0.12
 """A neighbour that shares less than about an eighth of the picture is not worth its time."""
 MIN_PIXELS = 150
-MIN_ISLAND_PX = 12
+MIN_ISLAND_PX = 30
 MAX_COST = 0.35
 POINTS_PER_VIEW = 400
 LIMITS = ConsistencyLimits(reprojection_px=1.0, relative_depth=0.06)
@@ -92,9 +92,9 @@ def _confirmed_points(
     """Some points of what a view sees and its neighbours' surfaces confirm."""
     surface = surfaces[name]
     others = [(SourceView(small[name], small[o]), surfaces[o]) for o in neighbours if o in surfaces]
-    count, _ = consistent_and_visible_views(surface, others, LIMITS)
-    # Two others where there are three: what moves between the pictures finds one that agrees by chance.
-    agreed = (count >= (2 if len(others) >= 3 else 1)) & (surface.cost < MAX_COST)
+    count, able = consistent_and_visible_views(surface, others, LIMITS)
+    # Two others where three can see it: what moves between the pictures finds one that agrees by chance.
+    agreed = (count >= np.clip(able.astype(np.int16) - 1, 1, 2)) & (surface.cost < MAX_COST)
     agreed = remove_speckles(agreed, surface.inverse_depth, MIN_ISLAND_PX)
     rows, columns = np.nonzero(agreed)
     every = max(1, len(rows) // POINTS_PER_VIEW)
@@ -118,7 +118,7 @@ def _depth_range(view: View, points: Array) -> tuple[float, float]:
     values = 1 / (points @ view.rotation.T + view.translation)[:, 2]
     low, high = (float(v) for v in np.percentile(values, [0.5, 99.5]))
     margin = 0.12 * (high - low) + 0.02 * high
-    return 1 / (high + margin), 1 / max(low - margin, 0.3 * low)
+    return 1 / (high + margin), 1 / max(low - margin, 0.5 * low)
 
 
 def _nothing_in_common(

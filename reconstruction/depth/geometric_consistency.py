@@ -36,7 +36,9 @@ class ConsistencyLimits:
     max_cost: float = 0.5
     """A pixel with no greater matching cost is evidence."""
     max_carry: float = 0.08
-    """How far smoothness may carry depth from evidence over a blank patch, as a share of the width."""
+    """How far smoothness may carry depth over a blank patch between evidence, as a share of the width."""
+    max_rim: float = 0.005
+    """How far beyond evidence depth is kept, as a share of the width: windows match badly along edges."""
     min_island_px: int = 50
     """Smaller islands of depth are dropped."""
     support_px: int = 15
@@ -71,13 +73,14 @@ def count_coinciding_views(
 
 
 def consistent_pixels(
-    surface: Surface, count: Array, able: Array, sources: int, limits: ConsistencyLimits
+    surface: Surface, count: Array, able: Array, sources: int, blank: Array, limits: ConsistencyLimits
 ) -> Array:
     """Where depth is kept, bool height x width, by the votes of this many source views.
 
     Of the views that are `able` to see a pixel all but one must agree, and no more than `min_views`: one
     where only two see it, as beside something near. There most of its neighbourhood must be kept too, for
-    what moves between the pictures finds one that agrees by chance.
+    what moves between the pictures finds one that agrees by chance. `blank` (bool): where the picture shows
+    nothing that could be matched.
     """
     usual = min(limits.min_views, max(1, sources - 1))
     agreed = count >= usual
@@ -88,9 +91,31 @@ def consistent_pixels(
     evidence = agreed & (surface.cost < limits.max_cost)
     # A single pixel of low cost is chance: evidence comes in patches.
     evidence = cv2.blur(evidence.astype(np.float32), (5, 5)) > 0.4
-    away = cv2.distanceTransform((~evidence).astype(np.uint8), cv2.DIST_L2, 5)
-    carried = away < limits.max_carry * surface.inverse_depth.shape[1]
+    away = cv2.distanceTransform((~evidence).astype(np.uint8), cv2.DIST_L2, 5) / evidence.shape[1]
+    carried = (away <= limits.max_rim) | _between(evidence, round(limits.max_carry * evidence.shape[1]))
+    carried |= ~blank & (away < limits.max_carry)
     return remove_speckles(agreed & carried, surface.inverse_depth, limits.min_island_px)
+
+
+def _between(evidence: Array, reach: int) -> Array:
+    """Pixels (bool) with evidence on both sides along their row or their column, at most `reach` px away.
+
+    From one side alone smoothness would carry a thing beyond its edge, into the dark beside it.
+    """
+    found = evidence.copy()
+    for axis in (0, 1):
+        ahead = _distance_since(evidence, axis)
+        back = np.flip(_distance_since(np.flip(evidence, axis), axis), axis)
+        found |= np.maximum(ahead, back) <= reach
+    return found
+
+
+def _distance_since(evidence: Array, axis: int) -> Array:
+    """How many px ago along an axis there was evidence last; very many where there was none."""
+    places = np.arange(evidence.shape[axis], dtype=np.int32)
+    places = places[:, None] if axis == 0 else places[None, :]
+    last = np.maximum.accumulate(np.where(evidence, places, -100_000), axis=axis)
+    return np.asarray(places - last)
 
 
 def remove_speckles(good: Array, inverse_depth: Array, smallest: int) -> Array:

@@ -38,6 +38,8 @@ class SweepOptions:
     """The same in sweeps along the surface."""
     refinements: tuple[tuple[float, int], ...] = ((0.5, 4), (0.25, 4))
     """For every sweep along the surface its step, in steps of the first sweep, and how many on each side."""
+    max_proposed_cost: float = 0.6
+    """A depth that others propose must match as well as this, or better than what was found before."""
     max_cells: int = 80_000_000
     """Pixels times depths of one sweep, some bytes each; larger pictures are swept at a smaller size."""
 
@@ -75,6 +77,38 @@ def sweep_view(
     plan = options.refinements if scale == 1.0 else (*options.refinements, (0.25 * scale, 4))
     source_views = [SourceView(fine, source) for source in sources]
     return _refine_surface(surface, fine, source_views, step, plan, options)
+
+
+def adopt_proposals(
+    surface: Surface,
+    proposed: Array,
+    reference: CalibratedImage,
+    sources: Sequence[CalibratedImage],
+    reach: tuple[float, float],
+    options: SweepOptions,
+) -> Surface:
+    """The surface with the inverse depths `proposed` for some of its pixels (0 = none) where they match too.
+
+    `reach`: the nearest and the farthest depth, as in the first sweep.
+    """
+    span = (1 / reach[1], 1 / reach[0])
+    scale, count = _plan_first_sweep(reference, sources, span, options)
+    step = scale * (span[1] - span[0]) / (count - 1)
+    new = proposed > 0
+    level = np.where(new, proposed, surface.inverse_depth).astype(np.float32)
+    slopes = surface.slope_x, surface.slope_y
+    planes = fit_planes(level, 2 * TOLERANCE * step, slopes=slopes, reach=2, rounds=3)
+    fine = replace(reference, window=options.fine_window)
+    source_views = [SourceView(fine, source) for source in sources]
+    swept = _refine_surface(Surface(*planes, surface.cost), fine, source_views, step, ((0.25, 3),), options)
+    # What moves between the pictures is elsewhere in this one than others have confirmed.
+    new &= swept.cost < np.maximum(surface.cost, options.max_proposed_cost)
+    return Surface(
+        np.where(new, swept.inverse_depth, surface.inverse_depth),
+        np.where(new, swept.slope_x, surface.slope_x),
+        np.where(new, swept.slope_y, surface.slope_y),
+        np.where(new, swept.cost, surface.cost),
+    )
 
 
 def sweep_planes(

@@ -1,6 +1,7 @@
 """Depth of all cameras of an instant on the CPU: each by itself, then only what other cameras confirm."""
 
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass
 
 import numpy as np
@@ -14,7 +15,8 @@ from reconstruction.depth.geometric_consistency import (
     consistent_pixels,
 )
 from reconstruction.depth.plane_fitting import fit_planes, surface_normals
-from reconstruction.depth.plane_sweep import Surface, SweepOptions, sweep_view
+from reconstruction.depth.plane_sweep import Surface, SweepOptions, adopt_proposals, sweep_view
+from reconstruction.depth.view_propagation import propose_inverse_depth
 from reconstruction.depth.worker_pool import worker_count, worker_pool
 
 MAX_VOTERS = 8
@@ -58,26 +60,43 @@ def match_all_views(
         done(name)
         return found
 
+    def propose(name: str) -> Surface:
+        """The surface where others confirm it, elsewhere what their own confirmed surfaces put there."""
+        to_this = [(SourceView(images[other], images[name]), kept[other]) for other in sources[name]]
+        proposed = propose_inverse_depth(to_this, surfaces[name].inverse_depth.shape)
+        others = [images[other] for other in sources[name]]
+        free = np.where(kept[name] > 0, 0, proposed)
+        return adopt_proposals(surfaces[name], free, images[name], others, reach[name], options)
+
     with worker_pool() as pool:
         surfaces = dict(zip(names, pool.map(match, names), strict=True))
-        views = pool.map(lambda name: _consistent_view(name, images, sources, surfaces), names)
-        return dict(zip(names, views, strict=True))
+        kept = _kept_depths(pool, images, sources, surfaces)
+        surfaces = dict(zip(names, pool.map(propose, names), strict=True))
+        kept = _kept_depths(pool, images, sources, surfaces)
+        facing = pool.map(lambda name: _view_normals(surfaces[name], images[name]), names)
+        return {
+            name: ViewDepth(kept[name], np.where(kept[name][..., None] > 0, normals, 0), surfaces[name])
+            for name, normals in zip(names, facing, strict=True)
+        }
 
 
-def _consistent_view(
-    name: str,
+def _kept_depths(
+    pool: Executor,
     images: Mapping[str, CalibratedImage],
     sources: Mapping[str, Sequence[str]],
     surfaces: Mapping[str, Surface],
-) -> ViewDepth:
-    surface, limits = surfaces[name], ConsistencyLimits()
-    others = _nearest_views(name, sources, surfaces)
-    voters = [(SourceView(images[name], images[other]), surfaces[other]) for other in others[:MAX_VOTERS]]
-    count, able = consistent_and_visible_views(surface, voters, limits)
-    good = consistent_pixels(surface, count, able, len(voters), limits)
-    facing = _view_normals(surface, images[name])
-    depth = np.where(good, 1 / np.maximum(surface.inverse_depth, 1e-12), 0).astype(np.float32)
-    return ViewDepth(depth, np.where(good[..., None], facing, 0).astype(np.float32), surface)
+) -> dict[str, Array]:
+    """Every view's depth where others confirm it, elsewhere 0; float32 height x width."""
+
+    def confirm(name: str) -> Array:
+        surface, limits = surfaces[name], ConsistencyLimits()
+        others = _nearest_views(name, sources, surfaces)[:MAX_VOTERS]
+        voters = [(SourceView(images[name], images[other]), surfaces[other]) for other in others]
+        count, able = consistent_and_visible_views(surface, voters, limits)
+        good = consistent_pixels(surface, count, able, len(voters), images[name].blank, limits)
+        return np.where(good, 1 / np.maximum(surface.inverse_depth, 1e-12), 0).astype(np.float32)
+
+    return dict(zip(surfaces, pool.map(confirm, surfaces), strict=True))
 
 
 def _nearest_views(

@@ -256,7 +256,7 @@ def test_one_vote_is_enough_where_nobody_else_can_see_but_not_against_others() -
     assert (count[22:78, inner] == 1).all()
     assert (able[22:48, inner] == 1).all()
     assert (able[52:78, inner] == 3).all()
-    kept = consistent_pixels(surface(), count, able, 3, ConsistencyLimits())
+    kept = consistent_pixels(surface(), count, able, 3, flat > 0, ConsistencyLimits())
     assert kept[:18, inner].all()
     assert kept[20:45, inner].all()
     assert not kept[55:75, inner].any()

@@ -1,0 +1,129 @@
+"""Depth of an object by rigs of every kind, rendered, with exact truth; ends with one line of JSON.
+
+    python -m benchmarks.reconstruction.any_rig                       all rigs, pictures 640 wide
+    python -m benchmarks.reconstruction.any_rig --rig "ring of 12" --width 320
+
+Shares are of all cameras' pixels on the object that another camera sees too, unoccluded, from a direction at
+most 35 degrees away; empty ones count as wrong. False points of the fused cloud are farther from any true
+surface than 2 % of their distance to the nearest camera. Simulated pictures.
+"""
+
+import json
+import tempfile
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from benchmarks.reconstruction.rendered_rigs import RIGS, RenderedRig, render_rig
+from benchmarks.report import new_parser, print_rows, talk
+from capture_app.errors import BadInputError
+from reconstruction.common.geometry import Array
+from reconstruction.depth.coarse_scene import find_coarse_scene
+from reconstruction.depth.colmap_workspace import fuse_depth_maps, read_fused_cloud, write_workspace
+from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
+from reconstruction.depth.view_overlap import seen_points
+from reconstruction.multiview.cloud_accuracy import visible_points
+from reconstruction.multiview.input_images import InputImage, undistort_image
+from reconstruction.multiview.source_views import choose_source_views, smallest_group
+
+SEEN_WITHIN_DEG = 35.0
+RIGHT, WRONG = 0.01, 0.02
+FALSE_SHARE = 0.02
+
+COLUMNS = {
+    "rig": ("rig", ""),
+    "cameras": ("cameras", ""),
+    "object_within_1pct": ("object within 1 %", ".1%"),
+    "worst_view": ("worst view", ".1%"),
+    "object_wrong": ("over 2 % off", ".1%"),
+    "around_within_1pct": ("around it", ".1%"),
+    "points": ("points", ""),
+    "false_points": ("false", ".2%"),
+    "cpu_s_per_map": ("cpu s/map", ".1f"),
+    "refused": ("refused", ""),
+}
+
+
+def seen_twice(rig: RenderedRig, camera: str) -> Array:
+    """Pixels of a camera (bool) that another sees too, from a direction that is not too different."""
+    view, depth = rig.views[camera], rig.depth[camera]
+    points = view.unproject(view.grid(), depth.reshape(-1).astype(float))
+    seen = np.zeros(len(points), bool)
+    for other, other_view in rig.views.items():
+        if other != camera:
+            angle = seen_points(view, other_view, points)[1]
+            seen |= visible_points(other_view, rig.depth[other], points) & (angle < SEEN_WITHIN_DEG)
+    return seen.reshape(depth.shape) & (depth > 0)
+
+
+def measure(rig: RenderedRig) -> dict[str, Any]:
+    """A row of the table."""
+    row: dict[str, Any] = {"rig": rig.name, "cameras": len(rig.views)}
+    begun = time.process_time()
+    images = {name: undistort_image(name, 0, rig.pictures[name], view) for name, view in rig.views.items()}
+    calibrated = {name: image.calibrated for name, image in images.items()}
+    try:
+        scene = find_coarse_scene(calibrated)
+        sources = choose_source_views({name: rig.views[name] for name in scene.points}, scene.points)
+        found = match_all_views(calibrated, sources, scene.reach)
+    except BadInputError as error:
+        return row | {"object_within_1pct": 0.0, "refused": error.what}
+    row["cpu_s_per_map"] = round((time.process_time() - begun) / max(1, len(found)), 2)
+    return row | _depth_scores(rig, found) | _cloud_scores(rig, images, found, smallest_group(sources))
+
+
+def _depth_scores(rig: RenderedRig, found: dict[str, ViewDepth]) -> dict[str, float]:
+    right, wrong, around, worst = [], [], [], 1.0
+    for camera, true in rig.depth.items():
+        depth = found[camera].depth if camera in found else np.zeros_like(true)
+        error = np.where(depth > 0, np.abs(depth - true) / np.maximum(true, 1e-9), 1.0)
+        seen = seen_twice(rig, camera)
+        thing = seen & rig.object_mask[camera]
+        right.append(error[thing] < RIGHT)
+        wrong.append((error[thing] > WRONG) & (depth[thing] > 0))
+        around.append(error[seen & ~thing] < RIGHT)
+        worst = min(worst, float(np.mean(right[-1])) if right[-1].size else 1.0)
+    return {
+        "object_within_1pct": round(float(np.mean(np.concatenate(right))), 4),
+        "worst_view": round(worst, 4),
+        "object_wrong": round(float(np.mean(np.concatenate(wrong))), 4),
+        "around_within_1pct": round(float(np.mean(np.concatenate(around))), 4),
+    }
+
+
+def _cloud_scores(
+    rig: RenderedRig, images: dict[str, InputImage], found: dict[str, ViewDepth], group: int
+) -> dict[str, float]:
+    views = {name: rig.views[name] for name in found}
+    with tempfile.TemporaryDirectory() as scratch:
+        cloud = Path(scratch) / "fused.ply"
+        write_workspace(Path(scratch), views, {name: images[name].colours for name in found}, found)
+        try:
+            fuse_depth_maps(Path(scratch), cloud, group)
+        except BadInputError:
+            return {"points": 0, "false_points": 0.0}
+        points, _ = read_fused_cloud(cloud, len(found))
+    nearest = np.min([np.linalg.norm(points - view.centre, axis=1) for view in views.values()], axis=0)
+    false = rig.distance_m(points) > FALSE_SHARE * nearest
+    return {"points": len(points), "false_points": round(float(np.mean(false)), 4)}
+
+
+def main() -> None:
+    """Print a table, then one line of JSON."""
+    parser = new_parser(__doc__)
+    parser.add_argument("--rig", action="append", choices=list(RIGS), help="[default: all]")
+    parser.add_argument("--width", type=int, default=640, help="of most pictures, px (640)")
+    chosen = parser.parse_args()
+    rows = []
+    for name in chosen.rig or RIGS:
+        rows.append(measure(render_rig(name, RIGS[name], scale=chosen.width / 320)))
+        talk(f"{name}: {rows[-1]['object_within_1pct']:.1%} of the object within 1 %")
+    if not chosen.json:
+        print_rows([{key: row.get(key) for key in COLUMNS} for row in rows], COLUMNS)
+    print(json.dumps({"any_rig": {row.pop("rig"): row for row in rows}}))
+
+
+if __name__ == "__main__":
+    main()

@@ -2,6 +2,8 @@
 
 import importlib
 import platform
+import signal
+import threading
 from importlib import metadata
 from types import ModuleType
 
@@ -18,7 +20,11 @@ def load_pycolmap(purpose: str, *, hint: str = "") -> ModuleType:
         NotAvailableError: it is not installed or cannot be loaded on this machine.
     """
     importlib.import_module("cv2")
+    on_end = signal.getsignal(signal.SIGTERM)
     module = _load("pycolmap", purpose, hint)
+    # COLMAP takes the signal for a crash: it prints a stack and ends, and nothing is tidied up.
+    if on_end is not None and threading.current_thread() is threading.main_thread():
+        signal.signal(signal.SIGTERM, on_end)
     module.logging.minloglevel = 3
     return GuardedModule(module, "COLMAP")
 

@@ -30,6 +30,25 @@ def test_a_png_can_be_written_after_colmap_is_loaded(tmp_path: Path) -> None:
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
+ENDED = """
+import os, signal
+from reconstruction.common.native_libraries import load_pycolmap
+signal.signal(signal.SIGTERM, signal.default_int_handler)
+load_pycolmap("testing")
+try:
+    os.kill(os.getpid(), signal.SIGTERM)
+    signal.pause()
+except KeyboardInterrupt:
+    print("tidied up")
+"""
+
+
+def test_a_process_that_is_ended_still_tidies_up(tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap", reason="pycolmap has no package for this machine")
+    done = subprocess.run([sys.executable, "-c", ENDED], capture_output=True, text=True, timeout=120)
+    assert (done.returncode, done.stdout, done.stderr) == (0, "tidied up\n", "")
+
+
 def test_nothing_else_imports_colmap() -> None:
     folder = Path(__file__).parents[1]
     importers = [path.name for path in folder.rglob("*.py") if "import pycolmap" in path.read_text()]

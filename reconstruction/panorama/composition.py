@@ -14,8 +14,6 @@ from reconstruction.panorama.projection import Box, Layer, part_of
 
 SEAM_PIXELS = 0.1e6
 """Exposures and seams are found in layers made this small: both take minutes in full pictures."""
-FEEDS = 3
-"""Rounds in which the gains of whole pictures are found; one leaves half of a difference."""
 
 
 def compose_layers(layers: Sequence[Layer], canvas: Box) -> Array:
@@ -24,8 +22,8 @@ def compose_layers(layers: Sequence[Layer], canvas: Box) -> Array:
     scale = min(1.0, float(np.sqrt(SEAM_PIXELS / largest)))
     small = [_shrink(layer, scale) for layer in layers]
     full = list(layers)
-    # First a gain for each picture's channels, then what is left, such as vignetting, block by block.
-    for compensator in (cv2.detail.ChannelsCompensator(FEEDS), cv2.detail.BlocksGainCompensator()):
+    # First a gain for each picture, then what is left, such as vignetting, block by block.
+    for compensator in (cv2.detail.GainCompensator(), cv2.detail.BlocksGainCompensator()):
         compensator.feed(
             [layer.box[:2] for layer in small],
             [_umat(layer.picture) for layer in small],

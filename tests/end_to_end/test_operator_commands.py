@@ -47,6 +47,13 @@ async def test_a_camera_is_started_looked_at_and_removed(start: Start, tmp_path:
     there = await refusal(ExitCode.INCOMPLETE, "preview", "door")
     assert "no camera named door (there are cam00, desk)" in there
 
+    counting = await start("coverage", *at, "--for-s", "3", "--json")
+    covered = json.loads((await counting.finish()).splitlines()[-1])
+    assert counting.process.returncode == ExitCode.INCOMPLETE
+    assert {name: camera["views"] for name, camera in covered["cameras"].items()} == {"cam00": 0, "desk": 0}
+    assert "still missing: " in counting.said[-1]
+    assert "has not seen the board yet" in counting.said[-1]
+
     events = [await watching.next_json()]
     while events[-1].get("text") != "desk joined":
         events.append(await watching.next_json())

@@ -3,8 +3,8 @@
 import math
 from collections.abc import Mapping
 
-from capture_app.errors import BadInputError
-from capture_app.session.format.calibration import Calibration, CameraCalibration
+from capture_app.errors import NotApplicableError
+from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.reading.exif import read_exif
 from reconstruction.session.dataset import Dataset
 
@@ -36,26 +36,26 @@ def _exif_focal_35mm(dataset: Dataset, camera: str) -> int | None:
     return None
 
 
-def refuse_odd_lenses(found: Calibration, focal_px: Mapping[str, float]) -> None:
+def refuse_odd_lenses(found: Mapping[str, CameraCalibration], focal_px: Mapping[str, float]) -> None:
     """Refuse focal lengths that structure from motion cannot have found, only guessed.
 
     Little depth in what stands still leaves a focal length nearly free, however well the points fit.
 
     Raises:
-        BadInputError: a lens is far from what it likely is, or sees wider than lenses without distortion do.
+        NotApplicableError: a lens is far from what it likely is, or sees wider than plain lenses do.
     """
-    for name, camera in found.cameras.items():
+    for name, camera in found.items():
         view_deg = field_of_view_deg(camera)
         likely = focal_px.get(name)
         if likely is not None and not 1 / MAX_FOCAL_RATIO < camera.fx / likely < MAX_FOCAL_RATIO:
             likely_deg = math.degrees(2 * math.atan(camera.width / 2 / likely))
-            raise BadInputError(
+            raise NotApplicableError(
                 f"{name} would see {view_deg:.0f} degrees wide, not {likely_deg:.0f} as it likely does: "
                 "what stands still shows too little depth to tell",
                 hint="calibrate with a board; or is --field-of-view, or the pictures' EXIF, wrong?",
             )
         if likely is None and view_deg > WIDEST_DEG:
-            raise BadInputError(
+            raise NotApplicableError(
                 f"{name} would see {view_deg:.0f} degrees wide, which is unlikely: "
                 "what stands still shows too little depth to tell",
                 hint="say how wide it sees with --field-of-view, or calibrate with a board",

@@ -19,7 +19,6 @@ from reconstruction.calibration.charuco import (
 )
 from reconstruction.calibration.consistency import MAX_AXIS_ANGLE_DEG, RigCheck, check_rig
 from reconstruction.calibration.kept import CalibrationShelf, camera_modes
-from reconstruction.calibration.likely_lens import likely_focal_lengths, refuse_odd_lenses
 from reconstruction.calibration.quality import SharedPoints
 from reconstruction.calibration.rig import Rig, calibrated_views
 from reconstruction.calibration.structure_from_motion import calibrate_from_images
@@ -62,9 +61,7 @@ def from_still_points(dataset: Dataset, field_of_view_deg: float | None = None) 
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
         rig = Rig(dataset, Path(scratch))
         instants = range(len(dataset.instants_ns))
-        focal_px = likely_focal_lengths(dataset, field_of_view_deg)
-        found = calibrate_from_images(dataset, rig.motion.widened_movers, instants, focal_px)
-        refuse_odd_lenses(found, focal_px)
+        found = calibrate_from_images(dataset, rig.motion.widened_movers, instants, field_of_view_deg)
         return Candidate(found, _still_points(rig, calibrated_views(dataset, found)))
 
 

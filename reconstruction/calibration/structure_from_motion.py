@@ -11,6 +11,7 @@ import numpy as np
 
 from capture_app.errors import NotApplicableError
 from capture_app.session.format.calibration import Calibration, CameraCalibration
+from reconstruction.calibration.likely_lens import likely_focal_lengths, refuse_odd_lenses
 from reconstruction.common.foreign_calls import ForeignError
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import write_image
@@ -25,16 +26,16 @@ def calibrate_from_images(
     dataset: Dataset,
     movers: Callable[[str, int], Array],
     instants: Sequence[int],
-    focal_px: Mapping[str, float] | None = None,
+    field_of_view_deg: float | None = None,
 ) -> Calibration:
     """Calibrate the rig by COLMAP from the burst's still content; the unit of length is arbitrary.
 
-    The cameras form one rig and each instant is one frame of it; moving pixels are masked out. `focal_px`:
-    likely focal lengths by camera, px, to start from.
+    The cameras form one rig and each instant is one frame of it; moving pixels are masked out. How wide the
+    cameras see, from the left to the right edge, is what their lenses start from; None = the EXIF, if any.
 
     Raises:
         NotAvailableError: COLMAP is not installed here.
-        BadInputError: it found no cameras.
+        BadInputError: it found no cameras, or lenses that cannot be.
     """
     pycolmap = load_pycolmap(
         "finding the cameras' positions from the images", hint=", or give it a calibration.json"
@@ -46,10 +47,32 @@ def calibrate_from_images(
             "no calibration in the session, and fewer than two cameras with an image to find it from",
             hint="add a calibration.json",
         )
+    focal_px = likely_focal_lengths(dataset, field_of_view_deg)
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
         root = Path(scratch)
         _write_images(dataset, movers, chosen, cameras, root)
-        rec = _solve(pycolmap, cameras, root, focal_px or {})
+        found = _found(pycolmap, dataset, cameras, root, focal_px, held=False)
+        try:
+            refuse_odd_lenses(found.cameras, focal_px)
+        except NotApplicableError:
+            if len(focal_px) < len(cameras):
+                raise
+            # What stands still does not tell the lenses: take them as they likely are.
+            found = _found(pycolmap, dataset, cameras, root, focal_px, held=True)
+    return found
+
+
+def _found(
+    pycolmap: Any,
+    dataset: Dataset,
+    cameras: Sequence[str],
+    root: Path,
+    focal_px: Mapping[str, float],
+    *,
+    held: bool,
+) -> Calibration:
+    with tempfile.TemporaryDirectory(dir=root) as work:
+        rec = _solve(pycolmap, cameras, Path(work), focal_px, held=held)
     if rec is None:
         raise NotApplicableError(
             "no calibration in the session, and none can be found from its images",
@@ -58,11 +81,12 @@ def calibrate_from_images(
     found = _cameras(rec, dataset)
     if len(found) < 2:
         raise NotApplicableError("only one camera could be placed", hint="the views need to overlap more")
+    lenses = ", focal lengths taken for granted" if held else ""
     return Calibration(
         cameras=found,
         unit="arbitrary",
         source=f"COLMAP {pycolmap.__version__}, {len(found)} of {len(dataset.cameras)} cameras from "
-        f"{rec.num_points3D()} still points, {rec.compute_mean_reprojection_error():.2f} px",
+        f"{rec.num_points3D()} still points, {rec.compute_mean_reprojection_error():.2f} px{lenses}",
     )
 
 
@@ -98,8 +122,11 @@ def _write_images(
                 write_image(root / "masks" / f"{name}.png", still)
 
 
-def _solve(pycolmap: Any, cameras: Sequence[str], root: Path, focal_px: Mapping[str, float]) -> Any | None:
-    database = root / "database.db"
+def _solve(
+    pycolmap: Any, cameras: Sequence[str], work: Path, focal_px: Mapping[str, float], *, held: bool
+) -> Any | None:
+    """The largest model; `work` is a new folder in that of the images. `held`: focal lengths stay."""
+    root, database = work.parent, work / "database.db"
     reader = pycolmap.ImageReaderOptions()
     reader.camera_model = "SIMPLE_RADIAL"
     reader.mask_path = str(root / "masks")
@@ -113,18 +140,19 @@ def _solve(pycolmap: Any, cameras: Sequence[str], root: Path, focal_px: Mapping[
     )
     _set_focal_lengths(pycolmap, database, focal_px)
     pycolmap.match_exhaustive(database, device=pycolmap.Device.cpu)
-    plain = root / "plain.db"
+    plain = work / "plain.db"
     shutil.copy(database, plain)
     found = None
     # Where the rig as a whole has no solution, the images one by one may have.
     with suppress(ForeignError):
-        found = _map_rig(pycolmap, cameras, database, root)
+        found = _map_rig(pycolmap, cameras, database, held=held)
     if found is None or found.num_reg_images() < 2:
         # Little depth in the scene can be too little for the global way; one image after the other is surer.
-        (root / "plain").mkdir()
+        (work / "plain").mkdir()
         options = pycolmap.IncrementalPipelineOptions(random_seed=0, multiple_models=False, min_model_size=2)
+        options.ba_refine_focal_length = not held
         with suppress(ForeignError):
-            found = _largest(pycolmap.incremental_mapping(plain, root / "images", root / "plain", options))
+            found = _largest(pycolmap.incremental_mapping(plain, root / "images", work / "plain", options))
     return found
 
 
@@ -140,7 +168,7 @@ def _set_focal_lengths(pycolmap: Any, database: Path, focal_px: Mapping[str, flo
     opened.close()
 
 
-def _map_rig(pycolmap: Any, cameras: Sequence[str], database: Path, root: Path) -> Any | None:
+def _map_rig(pycolmap: Any, cameras: Sequence[str], database: Path, *, held: bool) -> Any | None:
     """The cameras as one rig of unknown geometry: only global mapping solves that."""
     sensors = [
         pycolmap.RigConfigCamera(image_prefix=f"{name}/", ref_sensor=name == cameras[0]) for name in cameras
@@ -148,10 +176,13 @@ def _map_rig(pycolmap: Any, cameras: Sequence[str], database: Path, root: Path) 
     opened = pycolmap.Database.open(database)
     pycolmap.apply_rig_config([pycolmap.RigConfig(cameras=sensors)], opened)
     opened.close()
-    pycolmap.calibrate_view_graph(database)
-    (root / "rig").mkdir()
+    if not held:
+        pycolmap.calibrate_view_graph(database)
+    work = database.parent
+    (work / "rig").mkdir()
     options = pycolmap.GlobalPipelineOptions(random_seed=0, min_model_size=2)
-    return _largest(pycolmap.global_mapping(database, root / "images", root / "rig", options))
+    options.mapper.bundle_adjustment.refine_focal_length = not held
+    return _largest(pycolmap.global_mapping(database, work.parent / "images", work / "rig", options))
 
 
 def _largest(models: dict[int, Any]) -> Any | None:

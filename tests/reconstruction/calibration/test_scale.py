@@ -130,11 +130,10 @@ def test_odd_lenses_are_refused(tmp_path: Path) -> None:
     assert likely_focal_lengths(dataset) == {}
     focal_px = likely_focal_lengths(dataset, 60.0)
     assert focal_px["a"] == pytest.approx(WIDTH / 2 / math.tan(math.radians(30)))
-    found = Calibration(cameras={name: view.to_calibration() for name, view in views.items()})
+    found = {name: view.to_calibration() for name, view in views.items()}
     refuse_odd_lenses(found, {})
     refuse_odd_lenses(found, focal_px)
-    wide = msgspec.structs.replace(found.cameras["b"], fx=100.0, fy=100.0)
-    odd = msgspec.structs.replace(found, cameras={**found.cameras, "b": wide})
+    odd = {**found, "b": msgspec.structs.replace(found["b"], fx=100.0, fy=100.0)}
     with pytest.raises(BadInputError, match="b would see 116 degrees wide, which is unlikely"):
         refuse_odd_lenses(odd, {})
     with pytest.raises(BadInputError, match="not 60 as it likely does"):

@@ -75,6 +75,22 @@ def test_a_camera_without_an_image_is_left_out_and_one_with_few_is_not(tmp_path:
         assert np.degrees(np.arccos(min((np.trace(turned @ turned_found.T) - 1) / 2, 1))) < 3
 
 
+def test_lenses_that_come_out_otherwise_are_taken_as_they_are_said_to_be(tmp_path: Path) -> None:
+    pytest.importorskip("pycolmap", reason="pycolmap has no package for this machine")
+    views = {
+        "a": make_view((-0.5, 0.0, 0.0), yaw=9),
+        "b": make_view((0.0, -0.2, 0.1), pitch=-2),
+        "c": make_view((0.5, 0.0, 0.0), yaw=-9),
+    }
+    session = write_session(tmp_path, rubble(), views, instants=1, calibrated=False, truth=False)
+    dataset = Dataset(session)
+    still = SceneMotion(dataset, 1).widened_movers
+    found = calibrate_from_images(dataset, still, (0,), field_of_view_deg=40.0)
+    assert found.source.endswith("focal lengths taken for granted")
+    for camera in found.cameras.values():
+        assert camera.fx == pytest.approx(160 / np.tan(np.radians(20)), rel=1e-6)
+
+
 def test_a_calibration_is_scaled_to_the_images() -> None:
     small = make_view((0, 0, 0))
     large = View.from_calibration(small.to_calibration(), small.width * 2, small.height * 2)

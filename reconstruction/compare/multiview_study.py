@@ -24,7 +24,7 @@ from reconstruction.scores.depth_truth import TOLERANCE_TEXT, right_depth
 from reconstruction.scores.results import MultiviewComparison, MultiviewScores, Picture
 from reconstruction.scores.tally import Measurements
 from reconstruction.session.conditions import Condition
-from reconstruction.session.frame_offset import evenly_spread
+from reconstruction.session.instant_choice import choose_moving_instants
 from reconstruction.session.shown_instants import fixed_offsets_ms, instants_shown, refuse_synchronized
 
 PER_INSTANT = (
@@ -148,7 +148,7 @@ class MultiviewStudy:
         )
 
     def _instants(self, condition: Condition) -> list[ShownInstant]:
-        """The instants at which most cameras have their pictures in both conditions, thinned."""
+        """The instants at which most cameras have their pictures in both conditions and something moves."""
         found: list[ShownInstant] = []
         problem = "no instant has its pictures in both conditions"
         for instant in self.dataset.instants(self.group.reference):
@@ -163,7 +163,9 @@ class MultiviewStudy:
         most = max(len(one.shown) for one in found)
         fullest = [one for one in found if len(one.shown) == most]
         refuse_synchronized(condition, [(one.instant, one.shown) for one in fullest])
-        chosen = evenly_spread(fullest, self.max_instants)
+        nows = [one.instant for one in fullest]
+        moving = choose_moving_instants(self.rig.motion, (self.group.reference,), nows, self.max_instants)
+        chosen = [one for one in fullest if one.instant in moving]
         usable = [(one.instant, self._kept(one.instant, one.shown, self.shots.usable)) for one in chosen]
         useful = [
             ShownInstant(instant, shown)

@@ -6,7 +6,9 @@ from reconstruction.session.frame_offset import evenly_spread
 from reconstruction.session.mover_detection import SceneMotion
 
 CANDIDATES = 4
-"""So many times as many instants as are wanted are looked at."""
+"""So many times as many instants as are wanted are looked at,"""
+LEAST_CANDIDATES = 16
+"""and no fewer than these."""
 LEAST_MOVING = 0.0001
 """Share of the picture that must move before every one of the cameras."""
 FEWEST = 3
@@ -20,7 +22,7 @@ def choose_moving_instants(
 
     All cameras must have an image at each of them. Where nothing moves, they are spread over all.
     """
-    looked_at = evenly_spread(instants, CANDIDATES * limit)
+    looked_at = evenly_spread(instants, max(LEAST_CANDIDATES, CANDIDATES * limit))
     shares = {k: min(float(motion.detected_movers(name, k).mean()) for name in cameras) for k in looked_at}
     moving = [k for k in looked_at if shares[k] >= LEAST_MOVING]
     if len(moving) < min(FEWEST, limit):

@@ -125,15 +125,18 @@ class TriangulationStudy:
         views = self.rig.views
         if not views:
             raise ValueError("the cameras have no calibration")
-        chosen = [c for c in self.cameras or self.depth.cameras if c in views]
-        if not self.cameras:
-            centres = {c: view.centre for c, view in views.items()}
-            middle = np.mean([centres[c] for c in chosen or views], axis=0)
-            away = {c: float(np.linalg.norm(centre - middle)) for c, centre in centres.items()}
-            chosen += sorted((c for c in views if c not in chosen), key=lambda c: away[c])
-            chosen = chosen[:MAX_CAMERAS]
-            # Of two the second is late, as in the pair for depth.
-            chosen = chosen if len(chosen) == 2 else [c for c in views if c in chosen]
+        if self.cameras:
+            if missing := [c for c in self.cameras if c not in views]:
+                raise ValueError(f"no calibration of {', '.join(missing)}")
+            return self.cameras
+        chosen = [c for c in self.depth.cameras if c in views]
+        centres = {c: view.centre for c, view in views.items()}
+        middle = np.mean([centres[c] for c in chosen or views], axis=0)
+        away = {c: float(np.linalg.norm(centre - middle)) for c, centre in centres.items()}
+        chosen += sorted((c for c in views if c not in chosen), key=lambda c: away[c])
+        chosen = chosen[:MAX_CAMERAS]
+        # Of two the second is late, as in the pair for depth.
+        chosen = chosen if len(chosen) == 2 else [c for c in views if c in chosen]
         if len(chosen) < 2:
             raise ValueError("points are placed by two calibrated cameras or more")
         return tuple(chosen)

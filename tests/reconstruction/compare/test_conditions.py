@@ -119,8 +119,10 @@ def test_a_session_of_other_cameras_is_skipped_with_its_reasons(
     (condition,) = done.result["conditions"]
     assert condition["stereo"] is None
     assert condition["stitch"] is None
-    depth, panorama = condition["skipped"]
+    assert condition["triangulation"] is None
+    depth, panorama, points = condition["skipped"]
     assert depth == "depth: camera right has no calibration"
+    assert points == "points by COLMAP: no calibration of right, aside"
     assert "has no images of left and aside of one instant" in panorama
 
 

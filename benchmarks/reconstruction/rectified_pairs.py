@@ -47,10 +47,15 @@ def read_pair(folder: Path, steps_a_px: float | None = None) -> RectifiedPair:
             continue
         first, second, third = (place for place in places if place is not None)
         pictures = [cv2.imread(str(place), cv2.IMREAD_COLOR) for place in (first, second)]
-        truth = _read_truth(third)
+        try:
+            truth = _read_truth(third)
+        except (ValueError, OSError) as error:
+            raise BadInputError(f"{third} cannot be read: {error}") from error
         if truth is None or any(one is None or one.shape[:2] != truth.shape for one in pictures):
             raise BadInputError(f"{folder}: the two pictures and {third.name} do not fit together")
         truth = np.where(np.isfinite(truth) & (truth > 0), truth / (steps_a_px or usual), 0)
+        if not truth.any():
+            raise BadInputError(f"{third} has no true disparity of any pixel")
         name = folder.resolve().name if left[0] != "*" else first.name.split("_")[0]
         return RectifiedPair(name, *pictures, truth.astype(np.float32), _count(truth, folder / "calib.txt"))
     known = ", ".join(f"{left} {right} {truths[0]}" for left, right, truths, _ in LAYOUTS)
@@ -65,7 +70,18 @@ def _read_truth(path: Path) -> Array | None:
     if path.suffix == ".npz":
         with np.load(path) as arrays:
             return np.asarray(arrays[arrays.files[0]], np.float32)
-    return cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+    return _read_pfm(path) if path.suffix == ".pfm" else cv2.imread(str(path), cv2.IMREAD_UNCHANGED)
+
+
+def _read_pfm(path: Path) -> Array:
+    """A grey PFM. OpenCV multiplies by the header's scale, which in Middlebury's files means nothing."""
+    kind, size, scale, pixels = path.read_bytes().split(b"\n", 3)
+    width, height = (int(part) for part in size.split())
+    if kind.strip() != b"Pf" or len(pixels) < 4 * width * height:
+        raise ValueError(f"{path.name} is no grey PFM")
+    order = "<f4" if float(scale) < 0 else ">f4"
+    rows = np.frombuffer(pixels, order, width * height).reshape(height, width)
+    return np.ascontiguousarray(rows[::-1], np.float32)
 
 
 def _count(truth: Array, calibration: Path) -> int:

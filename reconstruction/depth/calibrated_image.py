@@ -43,7 +43,8 @@ class CalibratedImage:
     @property
     def blank(self) -> Array:
         """Where a window holds no more than noise (bool)."""
-        return np.asarray(self.deviation**2 < 2 * self.noise)
+        # `noise` is that of three deviations, and part of `deviation`: a quarter of it is one and a half.
+        return np.asarray(self.deviation**2 < 1.25 * self.noise)
 
     @cached_property
     def rays(self) -> Array:

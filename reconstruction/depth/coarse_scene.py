@@ -117,7 +117,7 @@ def _depth_range(view: View, points: Array) -> tuple[float, float]:
     """Nearest and farthest depth of points (n, 3) in a view, with a margin."""
     values = 1 / (points @ view.rotation.T + view.translation)[:, 2]
     low, high = (float(v) for v in np.percentile(values, [0.5, 99.5]))
-    margin = 0.12 * (high - low) + 0.02 * high
+    margin = 0.15 * (high - low) + 0.05 * high
     return 1 / (high + margin), 1 / max(low - margin, 0.5 * low)
 
 

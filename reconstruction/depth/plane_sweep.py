@@ -38,7 +38,7 @@ class SweepOptions:
     """The same in sweeps along the surface."""
     refinements: tuple[tuple[float, int], ...] = ((0.5, 4), (0.25, 4))
     """For every sweep along the surface its step, in steps of the first sweep, and how many on each side."""
-    max_proposed_cost: float = 0.6
+    max_proposed_cost: float = 0.8
     """A depth that others propose must match as well as this, or better than what was found before."""
     max_cells: int = 80_000_000
     """Pixels times depths of one sweep, some bytes each; larger pictures are swept at a smaller size."""

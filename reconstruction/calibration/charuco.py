@@ -62,6 +62,8 @@ def shared_corners(corners: BoardCorners) -> dict[tuple[str, str], tuple[Array, 
 
 MIN_BOARDS = 4
 MAX_BOARDS = 40
+BUNDLE_MOMENTS_EACH, BUNDLE_MOMENTS = 20, 150
+"""Moments of each camera and pair, and in all, that are adjusted together: the time grows with their cube."""
 
 
 def calibrate_from_board(dataset: Dataset, board: CharucoBoard, corners: BoardCorners) -> Calibration:
@@ -90,9 +92,11 @@ def calibrate_from_board(dataset: Dataset, board: CharucoBoard, corners: BoardCo
         lenses[camera] = np.asarray(matrix), np.asarray(distortion).ravel()[:5]
     poses = _rig_poses(dataset, places, corners, lenses)
     views = {name: View(*dataset.size(name), *lenses[name], *poses[name]) for name in dataset.cameras}
+    used = _bundle_moments(corners)
     sightings = {
-        sighting: (places[sorted(found)].astype(float), _pixels(found, sorted(found)).astype(float))
-        for sighting, found in corners.items()
+        (name, moment): (places[sorted(found)].astype(float), _pixels(found, sorted(found)).astype(float))
+        for (name, moment), found in corners.items()
+        if moment in used
     }
     views = adjust_bundle(views, sightings)
     return Calibration(
@@ -100,6 +104,17 @@ def calibrate_from_board(dataset: Dataset, board: CharucoBoard, corners: BoardCo
         unit="m",
         source=f"ChArUco board in {len(corners)} images of {dataset.name}",
     )
+
+
+def _bundle_moments(corners: BoardCorners) -> set[int]:
+    """Moments for the bundle adjustment: some of each pair of cameras and of each camera, not too many."""
+    seen: dict[frozenset[str], list[int]] = {}
+    for moment in sorted({at for _, at in corners}):
+        names = [name for name, at in corners if at == moment]
+        for who in [*combinations(names, 2), *((name,) for name in names)]:
+            seen.setdefault(frozenset(who), []).append(moment)
+    chosen = {moment for moments in seen.values() for moment in evenly_spread(moments, BUNDLE_MOMENTS_EACH)}
+    return set(evenly_spread(sorted(chosen), BUNDLE_MOMENTS))
 
 
 def _pixels(seen: dict[int, Array], ids: list[int]) -> Array:

@@ -1,13 +1,14 @@
 """Where a calibration can come from: a board, what stands still, the session, its rig, another session."""
 
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from itertools import combinations
 from pathlib import Path
 
 from capture_app.board.charuco import CharucoBoard
 from capture_app.board.coverage import BoardCoverage
+from capture_app.board.detector import BoardDetector
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.checks import read_struct
@@ -25,6 +26,10 @@ from reconstruction.calibration.structure_from_motion import calibrate_from_imag
 from reconstruction.common.geometry import View, angle_deg
 from reconstruction.pairs.features import match_features
 from reconstruction.session.dataset import Dataset
+from reconstruction.session.frame_offset import evenly_spread
+
+TRIED_IMAGES = 4
+"""Of each camera, where the board is looked for with its columns and rows exchanged."""
 
 
 class CalibrationSource(StrEnum):
@@ -52,8 +57,22 @@ def from_board(dataset: Dataset, board: CharucoBoard, recordings: tuple[Path, ..
     """The calibration by recordings of a board, or by the session itself; judged by the board's corners."""
     opened = open_recordings(dataset, recordings)
     corners = detect_board(opened, board)
+    if not corners:
+        _refuse_turned_board(opened[0], board)
     found = calibrate_from_board(opened[0], board, corners)
     return Candidate(found, shared_corners(corners), count_coverage(dataset, board, corners))
+
+
+def _refuse_turned_board(dataset: Dataset, board: CharucoBoard) -> None:
+    """Raise BadInputError where columns and rows were mixed up: markers are counted along the rows."""
+    detector = BoardDetector(replace(board, across=board.down, down=board.across))
+    for name in dataset.cameras:
+        for instant in evenly_spread(dataset.instants(name), TRIED_IMAGES):
+            if detector.detect(dataset.grey(name, instant)):
+                turned = f"{board.down}x{board.across}"
+                raise BadInputError(
+                    f"{name} shows a board of {turned} squares, not {board.shape}", hint=f"--board {turned}"
+                )
 
 
 def from_still_points(dataset: Dataset, field_of_view_deg: float | None = None) -> Candidate:

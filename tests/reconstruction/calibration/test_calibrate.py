@@ -209,6 +209,14 @@ def test_coverage_says_what_is_missing_and_stores_nothing(tmp_path: Path, recons
     assert not (session.folder / "calibration.json").exists()
 
 
+def test_columns_and_rows_mixed_up_are_told(tmp_path: Path, reconstruct: Reconstruct) -> None:
+    session = board_session(tmp_path)
+    board = "--board", "5x6", "--square-mm", 100, "--marker-mm", 75
+    refused = reconstruct("calibrate", session.folder, "--from", "charuco", *board)
+    assert refused.code == 3
+    assert "shows a board of 6x5 squares, not 5x6 (--board 6x5)" in refused.complaint
+
+
 def test_several_recordings_are_one(tmp_path: Path, reconstruct: Reconstruct) -> None:
     first, second = (board_session(tmp_path / name) for name in ("one", "two"))
     bare = write_session(tmp_path / "bare", Scene([]), SEEN_BY, instants=1, calibrated=False, truth=False)

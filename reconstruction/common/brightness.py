@@ -34,3 +34,17 @@ def gain_and_bias(a: Array, b: Array) -> tuple[float, float]:
         error = np.abs(gain * x + bias - y)
         keep = error < 3 * max(float(np.median(error)), 0.5)
     return float(np.clip(gain, 0.5, 2.0)), float(bias)
+
+
+def gain_and_bias_of_shades(a: Array, b: Array) -> tuple[float, float]:
+    """Gain and bias that give b's values a's spread of shades; both (n,), of the same things, in any order.
+
+    Unlike `gain_and_bias` it does not need each value beside its own, so that wrong matches hardly matter.
+    """
+    if a.size < 700:
+        return 1.0, 0.0
+    mine, wanted = (np.percentile(one[::7], (5, 25, 50, 75, 95)) for one in (b, a))
+    if np.ptp(mine) < 4:
+        return 1.0, 0.0
+    gain = float(np.clip(np.polyfit(mine, wanted, 1)[0], 0.5, 2.0))
+    return gain, float(np.mean(wanted - gain * mine))

@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 import cv2
 import numpy as np
 
-from reconstruction.common.brightness import gain_and_bias, match_brightness, noise_level
+from reconstruction.common.brightness import gain_and_bias_of_shades, match_brightness, noise_level
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.memory_budget import memory_budget
 from reconstruction.stereo.hole_filling import fill_holes
@@ -25,6 +25,8 @@ from reconstruction.stereo.sgbm import (
 )
 from reconstruction.stereo.subpixel import refine_disparity
 
+SAME_GAIN, SAME_BIAS = 0.05, 4.0
+"""Pictures that differ by more (factor, grey levels) are made equally bright and matched again."""
 VOLUME_SHARE = 0.6
 """Of the memory budget, for matching; the rest is for pictures and maps."""
 
@@ -75,12 +77,14 @@ class StereoPair:
         """Depth from two grey images (uint8) of the pair, checked from left to right and back."""
         a, seen_a = self.rectification.remap(reference)
         b, seen_b = self.rectification.remap(other, other=True)
-        forward = match_rectified(a, b, self.min_disparity, self.num_disparities)
-        backward = match_rectified_back(a, b, self.min_disparity, self.num_disparities)
-        inside = warp_by_disparity(seen_b.astype(np.float32), forward) > 0.99
-        raw = np.where(seen_a & inside, forward, np.nan)
-        gain, bias = gain_and_bias(a, warp_by_disparity(b, raw))
-        b = gain * b + np.float32(bias)
+        raw, backward = self._match(a, b, seen_a, seen_b)
+        seen = warp_by_disparity(b, raw)
+        there = np.isfinite(seen)
+        gain, bias = gain_and_bias_of_shades(a[there], seen[there])
+        bright = np.clip(gain * b + bias, 0, 255)
+        if abs(gain - 1) > SAME_GAIN or abs(bias) > SAME_BIAS:
+            raw, backward = self._match(a, np.round(bright).astype(np.uint8), seen_a, seen_b)
+        b = bright.astype(np.float32)
         warped = warp_by_disparity(b, raw)
         left_right = np.abs(warp_by_disparity(backward, raw) - raw)
         consistent = self._consistent_pixels(a, warped, raw, left_right)
@@ -92,6 +96,13 @@ class StereoPair:
             difference=self._difference(difference),
             confidence=self._confidence(checked, difference, left_right, noise_level(a)),
         )
+
+    def _match(self, a: Array, b: Array, seen_a: Array, seen_b: Array) -> tuple[Array, Array]:
+        """The reference's disparity where both views reach, NaN elsewhere, and the other view's own."""
+        forward = match_rectified(a, b, self.min_disparity, self.num_disparities)
+        backward = match_rectified_back(a, b, self.min_disparity, self.num_disparities)
+        inside = warp_by_disparity(seen_b.astype(np.float32), forward) > 0.99
+        return np.where(seen_a & inside, forward, np.nan), backward
 
     def _confidence(self, checked: Array, difference: Array, left_right: Array, noise: float) -> Array:
         left_right_share = np.nan_to_num(left_right, nan=np.inf) / self.checks.max_left_right_px

@@ -7,6 +7,7 @@ import numpy as np
 from reconstruction.calibration.rig import Rig
 from reconstruction.scores.timing import Timing, judge_timing
 from reconstruction.session.camera_motion import measure_camera_motion
+from reconstruction.session.frame_offset import evenly_spread
 from reconstruction.session.instant_choice import choose_moving_instants
 from reconstruction.time_offsets.pair_offset import ImageTimes, PairOffsets
 
@@ -24,8 +25,11 @@ def measure_timing(rig: Rig, cameras: tuple[str, str]) -> Timing:
     moving = {
         name: found.px * spacing_ms / found.ms for name, found in motions.items() if found and found.moves
     }
-    chosen = choose_moving_instants(rig.motion, cameras, both, MAX_INSTANTS)
-    fit = PairOffsets(rig).measure(first, second, chosen)
+    # Before a camera that moves, all that it sees does so too.
+    chosen = evenly_spread(both, MAX_INSTANTS)
+    if not moving:
+        chosen = choose_moving_instants(rig.motion, cameras, both, MAX_INSTANTS)
+    fit = PairOffsets(rig, all_moves=bool(moving)).measure(first, second, chosen)
     times = ImageTimes(data, cameras)
     apart = [times.middle_ms(second, k) - times.middle_ms(first, k) for k in both]
     return judge_timing(cameras, fit, float(np.median(apart or [0.0])), spacing_ms, moving)

@@ -28,8 +28,10 @@ MAX_FRAMES = 20
 class PairOffsets:
     """Time offsets between cameras of a calibrated rig, each image's points found once."""
 
-    def __init__(self, rig: Rig, *, reach_ms: float = REACH_MS) -> None:
+    def __init__(self, rig: Rig, *, reach_ms: float = REACH_MS, all_moves: bool = False) -> None:
+        """`all_moves`: nothing stands still before these cameras, as they move themselves."""
         self.rig = rig
+        self.all_moves = all_moves
         self.dataset = rig.dataset
         self.reach_ms = min(reach_ms, MAX_FRAMES * self.dataset.period_ns / 1e6)
         self._points = lru_cache(maxsize=None)(self._find_points)
@@ -75,10 +77,15 @@ class PairOffsets:
         before, after = (
             data.grey(camera, k) if data.has_image(camera, k) else None for k in (instant - 1, instant + 1)
         )
-        movers = self.rig.motion.widened_movers(camera, instant)
+        if self.all_moves:
+            movers = np.ones(data.grey(camera, instant).shape, bool)
+        else:
+            movers = self.rig.motion.widened_movers(camera, instant)
         return find_moving_points(data.grey(camera, instant), movers, before, after)
 
     def _still_errors(self, first: str, second: str) -> StillErrors:
+        if self.all_moves:
+            return StillErrors()
         points = self.rig.features(len(self.dataset.instants_ns) // 2)
         if first not in points or second not in points:
             return StillErrors()

@@ -7,10 +7,12 @@ import numpy as np
 import pytest
 
 from capture_app.session.reading.reader import Session
+from reconstruction.calibration.rig import Rig
 from reconstruction.common.geometry import View
+from reconstruction.compare.timing_study import measure_timing
 from reconstruction.session.camera_motion import measure_camera_motion
 from reconstruction.session.dataset import Dataset
-from tests.reconstruction.conftest import VIEWS, Reconstruct, Scene, write_session
+from tests.reconstruction.conftest import PERIOD_NS, VIEWS, Reconstruct, Scene, write_session
 
 PAIR = {name: VIEWS[name] for name in ("left", "right")}
 
@@ -42,3 +44,15 @@ def test_a_rig_on_a_moving_cart_is_said(
     page = (tmp_path / "out" / "report.html").read_text("utf-8")
     assert "The cameras moved while recording" in page
     assert "timing alone makes the difference" not in page
+
+
+def test_on_a_cart_too_a_late_camera_is_found(scene: Scene, tmp_path: Path) -> None:
+    session = write_session(
+        tmp_path, scene, PAIR, instants=5, truth=False, moved=on_a_cart, late={"right": 1.0}
+    )
+    rig = Rig(Dataset.open(session.folder), tmp_path / "stages")
+    rig.calibrate()
+    timing = measure_timing(rig, ("left", "right"))
+    assert timing.moving_cameras.keys() == {"left", "right"}
+    assert timing.offset
+    assert timing.late_ms == pytest.approx(PERIOD_NS / 1e6, abs=2)

@@ -82,8 +82,10 @@ def _distortion_problem(camera: CameraCalibration) -> str:
         off = float(np.median(np.abs(view.project(rays) - border).max(1)))
     if not off <= MAX_FOLD * max(view.width, view.height):
         return f"its distortion folds the picture (pixels at the border come back {off:.3g} px off)"
-    plain = (border - view.matrix[:2, 2]) / np.diagonal(view.matrix)[:2]
-    stretch = float(np.median(np.linalg.norm(rays[:, :2], axis=1) / np.linalg.norm(plain, axis=1)))
+    plain = np.linalg.norm((border - view.matrix[:2, 2]) / np.diagonal(view.matrix)[:2], axis=1)
+    # The principal point itself, where it lies on the border, has no stretch.
+    away = plain > 1e-6
+    stretch = float(np.median(np.linalg.norm(rays[away, :2], axis=1) / plain[away]))
     if not 1 / MAX_STRETCH <= stretch <= MAX_STRETCH:
         return f"without its distortion the picture would be {stretch:.2g} times as wide"
     return ""

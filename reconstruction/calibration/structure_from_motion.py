@@ -1,5 +1,6 @@
 """A rig's calibration by COLMAP's structure from motion over what stands still in a burst."""
 
+import os
 import shutil
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
@@ -15,11 +16,17 @@ from reconstruction.calibration.likely_lens import likely_focal_lengths, refuse_
 from reconstruction.common.foreign_calls import ForeignError
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import write_image
+from reconstruction.common.memory_budget import memory_budget
 from reconstruction.common.native_libraries import load_pycolmap
 from reconstruction.session.dataset import Dataset
 
 MAX_INSTANTS = 3
 """Instants that structure from motion uses: more add time, not geometry, where the rig stands still."""
+
+FEATURE_BYTES_PER_PIXEL = 220
+"""What SIFT takes: the picture at twice its size, a dozen times in float, and its smaller octaves."""
+FEATURE_SHARE = 0.6
+"""Of the memory budget, for all pictures whose features are found at once."""
 
 
 def calibrate_from_images(
@@ -72,7 +79,8 @@ def _found(
     held: bool,
 ) -> Calibration:
     with tempfile.TemporaryDirectory(dir=root) as work:
-        rec = _solve(pycolmap, cameras, Path(work), focal_px, held=held)
+        extraction = _extraction(pycolmap, [dataset.size(name) for name in cameras])
+        rec = _solve(pycolmap, cameras, Path(work), focal_px, extraction, held=held)
     if rec is None:
         raise NotApplicableError(
             "no calibration in the session, and none can be found from its images",
@@ -122,8 +130,31 @@ def _write_images(
                 write_image(root / "masks" / f"{name}.png", still)
 
 
+def _extraction(pycolmap: Any, sizes: Sequence[tuple[int, int]]) -> Any:
+    """COLMAP's options for finding features: the size and the threads that the memory budget allows."""
+    options = pycolmap.FeatureExtractionOptions()
+    limit = int(options.eff_max_image_size())
+
+    def bytes_at(scale: float) -> float:
+        shrunk = (min(1.0, limit / max(size)) * scale for size in sizes)
+        pixels = max(w * h * s**2 for (w, h), s in zip(sizes, shrunk, strict=True))
+        return float(pixels * FEATURE_BYTES_PER_PIXEL)
+
+    scale = memory_budget().fit_scale("the features of a picture", bytes_at, share=FEATURE_SHARE)
+    options.max_image_size = max(1, int(min(limit, max(map(max, sizes))) * scale)) if scale < 1 else limit
+    cores = len(os.sched_getaffinity(0))
+    options.num_threads = memory_budget().fit_count(bytes_at(scale), cores, share=FEATURE_SHARE)
+    return options
+
+
 def _solve(
-    pycolmap: Any, cameras: Sequence[str], work: Path, focal_px: Mapping[str, float], *, held: bool
+    pycolmap: Any,
+    cameras: Sequence[str],
+    work: Path,
+    focal_px: Mapping[str, float],
+    extraction: Any,
+    *,
+    held: bool,
 ) -> Any | None:
     """The largest model; `work` is a new folder in that of the images. `held`: focal lengths stay."""
     root, database = work.parent, work / "database.db"
@@ -136,6 +167,7 @@ def _solve(
         root / "images",
         camera_mode=pycolmap.CameraMode.PER_FOLDER,
         reader_options=reader,
+        extraction_options=extraction,
         device=pycolmap.Device.cpu,
     )
     _set_focal_lengths(pycolmap, database, focal_px)

@@ -38,6 +38,8 @@ class MeshModel:
 def build_mesh(fused: Path, folder: Path, views: Sequence[View]) -> MeshModel:
     """Clean the fused cloud, mesh it, and write cloud.ply, mesh.ply and turntable.png into the folder.
 
+    A cloud of too few points has no mesh, and no picture of it.
+
     `views`: the cameras, from whose side it is shown.
 
     Raises:
@@ -48,9 +50,13 @@ def build_mesh(fused: Path, folder: Path, views: Sequence[View]) -> MeshModel:
         cloud = _drop_outliers(o3d.io.read_point_cloud(str(fused)))
         mesh = _poisson_mesh(o3d, cloud)
         written = o3d.io.write_point_cloud(str(folder / "cloud.ply"), cloud)
-        written &= o3d.io.write_triangle_mesh(str(folder / "mesh.ply"), mesh)
+        # Of a few points there is no mesh, and Open3D refuses to write one.
+        if len(mesh.triangles):
+            written &= o3d.io.write_triangle_mesh(str(folder / "mesh.ply"), mesh)
     if not written:
         raise OSError(f"cannot write the cloud and the mesh into {folder}")
+    if not len(mesh.triangles):
+        return MeshModel(len(cloud.points), 0, ("cloud.ply",))
     write_image(folder / "turntable.png", turntable(o3d, mesh, views))
     return MeshModel(len(cloud.points), len(mesh.triangles), ("cloud.ply", "mesh.ply", "turntable.png"))
 

@@ -51,6 +51,7 @@ def test_what_no_camera_has_is_refused(changed: dict[str, Any], why: str) -> Non
         {"fx": 3000.0, "fy": 3000.0},
         {"fx": 300.0, "fy": 600.0},
         {"distortion": ()},
+        {"cx": 0.0, "cy": 0.0},
         {"distortion": (0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)},
     ],
 )

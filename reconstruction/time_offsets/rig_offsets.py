@@ -9,6 +9,8 @@ import numpy as np
 from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.geometry import angle_deg
+from reconstruction.session.camera_motion import measure_camera_motion
+from reconstruction.session.frame_offset import evenly_spread
 from reconstruction.session.instant_choice import choose_moving_instants
 from reconstruction.time_offsets.offset_fit import OffsetFit
 from reconstruction.time_offsets.pair_offset import PairOffsets
@@ -47,7 +49,9 @@ def measure_rig_offsets(
     motion along their epipolar lines, tell nothing; a camera that no chain of pairs joins to the reference
     has a reason instead.
     """
-    data, finder = rig.dataset, PairOffsets(rig)
+    data = rig.dataset
+    motions = [measure_camera_motion(data, name) for name in data.cameras]
+    finder = PairOffsets(rig, all_moves=any(found is not None and found.moves for found in motions))
     pairs = likely_pairs(rig)
     if progress is not None:
         progress.total += len(pairs)
@@ -56,7 +60,9 @@ def measure_rig_offsets(
         if progress is not None:
             progress.step(f"{pair[1]} against {pair[0]}")
         both = [k for k in data.instants(pair[0]) if data.has_image(pair[1], k)]
-        chosen = choose_moving_instants(rig.motion, pair, both, MAX_INSTANTS)
+        chosen = evenly_spread(both, MAX_INSTANTS)
+        if not finder.all_moves:
+            chosen = choose_moving_instants(rig.motion, pair, both, MAX_INSTANTS)
         measured[pair] = finder.measure(*pair, chosen)
     return adjust_offsets(data.cameras, reference, measured)
 

@@ -9,6 +9,9 @@ import numpy as np
 
 from reconstruction.common.geometry import Array, View, other_from_reference, resize_view
 
+BLACK, WHITE = 20, 245
+"""Grey levels (of 255) beyond which a picture shows nothing of what there may be."""
+
 
 @dataclass(frozen=True, eq=False)
 class CalibratedImage:
@@ -42,9 +45,10 @@ class CalibratedImage:
 
     @property
     def blank(self) -> Array:
-        """Where a window holds no more than noise (bool)."""
+        """Where a window holds no more than noise, and is black or burnt out (bool)."""
         # `noise` is that of three deviations, and part of `deviation`: a quarter of it is one and a half.
-        return np.asarray(self.deviation**2 < 1.25 * self.noise)
+        empty = (self.mean < BLACK) | (self.mean > WHITE)
+        return np.asarray(empty & (self.deviation**2 < 1.25 * self.noise))
 
     @cached_property
     def rays(self) -> Array:

@@ -80,7 +80,7 @@ def consistent_pixels(
     Of the views that are `able` to see a pixel all but one must agree, and no more than `min_views`: one
     where only two see it, as beside something near. There most of its neighbourhood must be kept too, for
     what moves between the pictures finds one that agrees by chance. `blank` (bool): where the picture shows
-    nothing that could be matched.
+    nothing at all, as the dark behind a thing.
     """
     usual = min(limits.min_views, max(1, sources - 1))
     agreed = count >= usual

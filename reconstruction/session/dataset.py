@@ -48,7 +48,7 @@ class Dataset:
         self._records = shift_times(kept, shifts_ms or {}, self.instants_ns, self.period_ns)
         self._adopted: Calibration | None = None
         self._scale = 1.0
-        self._read = ByteCache(self._read_image, int(KEPT_SHARE * memory_budget().limit_bytes))
+        self._read = self._kept_images()
 
     @classmethod
     def open(cls, path: Path, shifts_ms: Mapping[str, float] | None = None) -> "Dataset":
@@ -83,7 +83,7 @@ class Dataset:
     ) -> None:
         """Make the dataset smaller where work on so many images at once would take more than its share.
 
-        `fixed_bytes` is what it takes whatever their size. To be called before images are read.
+        `fixed_bytes` is what it takes whatever their size. Images that were asked for before keep their size.
 
         Raises:
             BadInputError: even a sixteenth of their size takes more.
@@ -92,11 +92,14 @@ class Dataset:
         pixels = sum(width * height for width, height in sizes[:images])
         largest = "{}x{}".format(*sizes[0]) if sizes else ""
         what = f"work on {images} pictures" if images > 1 else "work on a picture"
-        self._scale *= memory_budget().fit_scale(
+        scale = memory_budget().fit_scale(
             f"{what} of {self.name} ({largest} pixels)",
             lambda scale: pixels * scale**2 * bytes_per_pixel + fixed_bytes,
             share=share,
         )
+        if scale < 1.0:
+            self._scale *= scale
+            self._read = self._kept_images()
 
     def require_cameras(self, count: int, hint: str) -> None:
         """Raises BadInputError where the session has fewer cameras."""
@@ -248,6 +251,10 @@ class Dataset:
                 f"{path} has {path.stat().st_size} bytes, not {record.bytes}",
                 hint="capture-app sessions verify checks every image",
             )
+
+    def _kept_images(self) -> ByteCache:
+        """Images by camera and instant, all of one size."""
+        return ByteCache(self._read_image, int(KEPT_SHARE * memory_budget().limit_bytes))
 
     def _read_image(self, camera: str, instant: int) -> Array:
         path = self.session.image_file(self._records[camera, instant])

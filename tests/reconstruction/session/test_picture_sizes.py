@@ -54,6 +54,7 @@ def test_a_session_is_made_smaller_as_a_whole_to_fit_the_budget(boards: Session)
     whole = Dataset.open(boards.folder)
     with limited_memory(128 << 20) as budget:
         small = Dataset.open(boards.folder)
+        assert small.image("left", 0).shape == (240, 320, 3)
         small.fit_memory(images=3, bytes_per_pixel=550)
     assert "work on 3 pictures of boards (320x240 pixels) is computed at 50 %" in budget.notes[0]
     assert small.size("left") == (160, 120)

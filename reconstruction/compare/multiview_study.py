@@ -1,7 +1,6 @@
 """The multi-view study of a comparison: depth of the middle camera from all, and the cloud fused from all."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Self
@@ -25,25 +24,12 @@ from reconstruction.scores.results import MultiviewComparison, MultiviewScores, 
 from reconstruction.scores.tally import Measurements
 from reconstruction.session.conditions import Condition
 from reconstruction.session.instant_choice import choose_moving_instants
-from reconstruction.session.shown_instants import fixed_offsets_ms, instants_shown, refuse_synchronized
+from reconstruction.session.shown_instants import ShownInstant, fullest_instants, relative_offsets_ms
 
 PER_INSTANT = (
     "mover_coverage", "static_coverage", "mover_within_2pct", "static_within_2pct", "mover_consistency",
     "mover_points",
 )  # fmt: skip
-
-
-@dataclass(frozen=True)
-class ShownInstant:
-    """The instant that each camera shows while the reference shows `instant`."""
-
-    instant: int
-    shown: dict[str, int]
-
-    @property
-    def together(self) -> dict[str, int]:
-        """The synchronized condition."""
-        return dict.fromkeys(self.shown, self.instant)
 
 
 class MultiviewStudy:
@@ -135,7 +121,7 @@ class MultiviewStudy:
             cameras=self.group.cameras,
             synced=tally.synced,
             offset=tally.offset,
-            offsets_ms=self._late(condition),
+            offsets_ms=relative_offsets_ms(condition, self.dataset, self.group.reference, self.group.cameras),
             tolerance_m=scorer.tolerance_m,
             width_px=self.shots.views[self.group.reference].width,
             per_instant=tally.per_instant,
@@ -149,38 +135,17 @@ class MultiviewStudy:
 
     def _instants(self, condition: Condition) -> list[ShownInstant]:
         """The instants at which most cameras have their pictures in both conditions and something moves."""
-        found: list[ShownInstant] = []
-        problem = "no instant has its pictures in both conditions"
-        for instant in self.dataset.instants(self.group.reference):
-            try:
-                shown = instants_shown(self.dataset, condition, self.group.reference, instant)
-            except ValueError as error:
-                problem = str(error)
-                continue
-            found.append(ShownInstant(instant, self._kept(instant, shown, self.dataset.has_image)))
+        reference, usable = self.group.reference, self.shots.usable
+        fullest = fullest_instants(self.dataset, condition, reference, self.group.cameras)
+        by_instant = {one.instant: one.shown for one in fullest}
+        found = []
+        for now in choose_moving_instants(self.rig.motion, (reference,), list(by_instant), self.max_instants):
+            shown = {c: k for c, k in by_instant[now].items() if usable(c, now) and usable(c, k)}
+            if reference in shown and len(shown) >= MIN_CAMERAS:
+                found.append(ShownInstant(now, shown))
         if not found:
-            raise ValueError(problem)
-        most = max(len(one.shown) for one in found)
-        fullest = [one for one in found if len(one.shown) == most]
-        refuse_synchronized(condition, [(one.instant, one.shown) for one in fullest])
-        nows = [one.instant for one in fullest]
-        moving = choose_moving_instants(self.rig.motion, (self.group.reference,), nows, self.max_instants)
-        chosen = [one for one in fullest if one.instant in moving]
-        usable = [(one.instant, self._kept(one.instant, one.shown, self.shots.usable)) for one in chosen]
-        useful = [
-            ShownInstant(instant, shown)
-            for instant, shown in usable
-            if self.group.reference in shown and len(shown) >= MIN_CAMERAS
-        ]
-        if not useful:
-            raise ValueError(problem)
-        return useful
-
-    def _kept(self, instant: int, shown: dict[str, int], good: Callable[[str, int], bool]) -> dict[str, int]:
-        """What the cameras show whose pictures are usable in both conditions."""
-        return {
-            c: shown[c] for c in self.group.cameras if c in shown and good(c, instant) and good(c, shown[c])
-        }
+            raise ValueError("no instant has its pictures in both conditions")
+        return found
 
     def _depth(self, shown: dict[str, int]) -> InstantDepth:
         shots = {camera: self.shots.image(camera, instant) for camera, instant in shown.items()}
@@ -202,12 +167,8 @@ class MultiviewStudy:
         return InstantDepth(**made)
 
     def _facts(self, one: ShownInstant, synced: Measurements) -> dict[str, float | int | None]:
-        times = self.dataset.instants_ns
-        return {
-            "instant": one.instant,
-            "mover_pixels": synced.shares["mover_coverage"][1],
-            **{f"offset_{c}_ms": (times[k] - times[one.instant]) / 1e6 for c, k in one.shown.items()},
-        }
+        pixels = synced.shares["mover_coverage"][1]
+        return {"instant": one.instant, "mover_pixels": pixels, **one.delays_ms(self.dataset)}
 
     def _pictures(
         self,
@@ -224,10 +185,6 @@ class MultiviewStudy:
         instant = instants[best].instant
         photo = self.shots.image(self.group.reference, instant).colours
         return _draw_depth(photo, found[best], moving[best], scorer.true_depth(instant), folder)
-
-    def _late(self, condition: Condition) -> dict[str, float]:
-        late_ms = fixed_offsets_ms(condition, self.dataset)
-        return {c: late_ms[c] - late_ms[self.group.reference] for c in self.group.cameras} if late_ms else {}
 
 
 def _draw_depth(

@@ -20,7 +20,7 @@ from reconstruction.scores.tally import Measurements, measures_of
 from reconstruction.session.conditions import Condition
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import evenly_spread
-from reconstruction.session.shown_instants import fixed_offsets_ms, instants_shown, refuse_synchronized
+from reconstruction.session.shown_instants import ShownInstant, fullest_instants, relative_offsets_ms
 
 TOLERANCE_DEG = 2.0
 HARMED = 0.1
@@ -96,12 +96,10 @@ class PoseStudy:
         tally = ComparisonTally(PoseScores, measures_of(PoseScores))
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
             finder = cache(lambda: self.finder(self.dataset, self.rig.views, Path(scratch)))
-            for instant, shown in instants:
-                sides = zip(SIDES, (dict.fromkeys(self.cameras, instant), shown), strict=True)
+            for one in instants:
+                sides = zip(SIDES, (one.together, one.shown), strict=True)
                 measured = {side: self._poses(finder, pictures).measure() for side, pictures in sides}
-                tally.add(measured, {"instant": instant})
-        late_ms = fixed_offsets_ms(condition, self.dataset)
-        first = self.cameras[0]
+                tally.add(measured, {"instant": one.instant})
         synced, offset = tally.synced, tally.offset
         return PoseComparison(
             cameras=self.cameras,
@@ -110,27 +108,16 @@ class PoseStudy:
             degraded=synced.correct_pairs - offset.correct_pairs > HARMED,
             tolerance_deg=TOLERANCE_DEG,
             truth_source=self.rig.source,
-            offsets_ms={c: late_ms[c] - late_ms[first] for c in self.cameras} if late_ms else {},
+            offsets_ms=relative_offsets_ms(condition, self.dataset, self.cameras[0], self.cameras),
             per_instant=tally.per_instant,
             differences=tally.differences,
             reason=self.reason,
         )
 
-    def _instants(self, condition: Condition) -> list[tuple[int, dict[str, int]]]:
-        found = []
-        problem = "no instant has all its pictures in both conditions"
-        for instant in range(len(self.dataset.instants_ns)):
-            try:
-                shown = instants_shown(self.dataset, condition, self.cameras[0], instant)
-            except ValueError as error:
-                problem = str(error)
-                continue
-            shown = {camera: shown[camera] for camera in self.cameras}
-            if self.dataset.has_images((c, k) for c, late in shown.items() for k in (instant, late)):
-                found.append((instant, shown))
-        if not found:
-            raise ValueError(problem)
-        refuse_synchronized(condition, found)
+    def _instants(self, condition: Condition) -> list[ShownInstant]:
+        """The instants at which every camera has its pictures, thinned."""
+        cameras = self.cameras
+        found = fullest_instants(self.dataset, condition, cameras[0], cameras, fewest=len(cameras))
         return evenly_spread(found, self.max_instants)
 
     def _poses(self, finder: Callable[[], PoseFinder], shown: dict[str, int]) -> InstantPoses:

@@ -19,7 +19,7 @@ from reconstruction.session.conditions import Condition
 from reconstruction.session.frame_offset import FrameOffset
 from reconstruction.session.instant_choice import choose_moving_instants
 from reconstruction.session.mover_detection import dilate
-from reconstruction.session.shown_instants import fixed_offsets_ms, instants_shown, refuse_synchronized
+from reconstruction.session.shown_instants import ShownInstant, fullest_instants, relative_offsets_ms
 from reconstruction.triangulation.rig_triangulator import RigPoints, RigTriangulator
 
 MAX_CAMERAS = 5
@@ -97,24 +97,21 @@ class TriangulationStudy:
         instants = self._instants(condition)
         tally = ComparisonTally(TriangulationScores, measures_of(TriangulationScores))
         found = 0
-        for instant, shown in instants:
-            progress.step(f"points by COLMAP from {len(shown)} cameras, instant {instant}")
-            sides = dict(zip(SIDES, (dict.fromkeys(shown, instant), shown), strict=True))
+        for one in instants:
+            progress.step(f"points by COLMAP from {len(one.shown)} cameras, instant {one.instant}")
+            sides = dict(zip(SIDES, (one.together, one.shown), strict=True))
             points = {side: self._points(pictures) for side, pictures in sides.items()}
             found += len(points["synced"].points)
             masks = {side: self._masks(pictures, sides) for side, pictures in sides.items()}
             measured = {side: self._measure(points[side], sides[side], masks[side]) for side in SIDES}
-            times = self.dataset.instants_ns
-            late = {f"offset_{c}_ms": (times[k] - times[instant]) / 1e6 for c, k in shown.items()}
-            tally.add(measured, {"instant": instant, **late})
+            tally.add(measured, {"instant": one.instant, **one.delays_ms(self.dataset)})
         if not found:
             raise ValueError(f"COLMAP finds no point that two of {', '.join(self.cameras)} see")
-        late_ms = fixed_offsets_ms(condition, self.dataset)
         return TriangulationComparison(
             cameras=self.cameras,
             synced=tally.synced,
             offset=tally.offset,
-            offsets_ms={c: late_ms[c] - late_ms[self.cameras[0]] for c in self.cameras} if late_ms else {},
+            offsets_ms=relative_offsets_ms(condition, self.dataset, self.cameras[0], self.cameras),
             per_instant=tally.per_instant,
             differences=tally.differences,
             left_out=tuple(c for c in self.rig.views if c not in self.cameras),
@@ -148,32 +145,16 @@ class TriangulationStudy:
             return False
         return True
 
-    def _instants(self, condition: Condition) -> list[tuple[int, dict[str, int]]]:
-        """The instants, and what each camera shows then, at which most cameras have all their pictures."""
-        found = []
-        problem = "no instant has its pictures in both conditions"
-        for instant in self.dataset.instants(self.cameras[0]):
-            try:
-                shown = instants_shown(self.dataset, condition, self.cameras[0], instant)
-            except ValueError as error:
-                problem = str(error)
-                continue
-            there = self.dataset.has_image
-            kept = {c: shown[c] for c in self.cameras if there(c, instant) and there(c, shown[c])}
-            if len(kept) >= 2:
-                found.append((instant, kept))
-        if not found:
-            raise ValueError(problem)
-        most = max(len(shown) for _, shown in found)
-        fullest = [one for one in found if len(one[1]) == most]
-        refuse_synchronized(condition, fullest)
-        wanted = int(np.clip(MAX_PICTURES // (2 * most - 1), *INSTANT_LIMITS))
-        first = list(fullest[0][1])[:2]
-        by_instant = {instant: shown for instant, shown in fullest if shown.keys() >= set(first)}
+    def _instants(self, condition: Condition) -> list[ShownInstant]:
+        """Of the instants at which most cameras have all their pictures, those at which something moves."""
+        fullest = fullest_instants(self.dataset, condition, self.cameras[0], self.cameras, fewest=2)
+        wanted = int(np.clip(MAX_PICTURES // (2 * len(fullest[0].shown) - 1), *INSTANT_LIMITS))
+        first = list(fullest[0].shown)[:2]
+        by_instant = {one.instant: one for one in fullest if one.shown.keys() >= set(first)}
         chosen = choose_moving_instants(
             self.rig.motion, first, list(by_instant), min(self.max_instants, wanted)
         )
-        return [(instant, by_instant[instant]) for instant in chosen]
+        return [by_instant[instant] for instant in chosen]
 
     @cached_property
     def _triangulator(self) -> RigTriangulator:

@@ -1,6 +1,7 @@
 """Which instants the cameras show in a condition."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
 
 from capture_app.errors import BadInputError
 from reconstruction.session.conditions import DISTINCT_MS, SYNCED, Condition
@@ -10,10 +11,36 @@ from reconstruction.session.frame_offset import FrameOffset, nearest_frame_offse
 MAX_DRAWS = 400
 
 
+@dataclass(frozen=True)
+class ShownInstant:
+    """The instant that each camera shows while the reference shows `instant`."""
+
+    instant: int
+    shown: dict[str, int]
+
+    @property
+    def together(self) -> dict[str, int]:
+        """The synchronized condition."""
+        return dict.fromkeys(self.shown, self.instant)
+
+    def delays_ms(self, dataset: Dataset) -> dict[str, float]:
+        """How late each camera is, as `offset_CAMERA_ms`."""
+        times = dataset.instants_ns
+        return {f"offset_{c}_ms": (times[k] - times[self.instant]) / 1e6 for c, k in self.shown.items()}
+
+
 def fixed_offsets_ms(condition: Condition, dataset: Dataset) -> dict[str, float]:
     """How late each camera is in every instant, ms; empty where that is drawn for each."""
     offsets = () if condition.drawn else condition.offsets_ms(dataset.cameras, 0)
     return dict(zip(dataset.cameras, offsets, strict=False))
+
+
+def relative_offsets_ms(
+    condition: Condition, dataset: Dataset, reference: str, cameras: Sequence[str]
+) -> dict[str, float]:
+    """As `fixed_offsets_ms`, of some cameras against the reference."""
+    late_ms = fixed_offsets_ms(condition, dataset)
+    return {c: late_ms[c] - late_ms[reference] for c in cameras} if late_ms else {}
 
 
 def instants_shown(dataset: Dataset, condition: Condition, reference: str, instant: int) -> dict[str, int]:
@@ -36,6 +63,33 @@ def instants_shown(dataset: Dataset, condition: Condition, reference: str, insta
     if condition.drawn:
         problem = f"the burst is too short to draw different offsets around instant {instant}"
     raise ValueError(problem)
+
+
+def fullest_instants(
+    dataset: Dataset, condition: Condition, reference: str, cameras: Sequence[str], fewest: int = 1
+) -> list[ShownInstant]:
+    """The instants at which most of the cameras, `fewest` or more, have their pictures in both conditions.
+
+    Raises:
+        ValueError: there is none, or the condition is the synchronized one under another name.
+    """
+    found = []
+    problem = "no instant has its pictures in both conditions"
+    for instant in dataset.instants(reference):
+        try:
+            shown = instants_shown(dataset, condition, reference, instant)
+        except ValueError as error:
+            problem = str(error)
+            continue
+        kept = {c: shown[c] for c in cameras if dataset.has_images(((c, instant), (c, shown[c])))}
+        if len(kept) >= fewest:
+            found.append(ShownInstant(instant, kept))
+    if not found:
+        raise ValueError(problem)
+    most = max(len(one.shown) for one in found)
+    fullest = [one for one in found if len(one.shown) == most]
+    refuse_synchronized(condition, [(one.instant, one.shown) for one in fullest])
+    return fullest
 
 
 def refuse_synchronized(condition: Condition, shown: Iterable[tuple[int, Mapping[str, int]]]) -> None:

@@ -41,22 +41,28 @@ def detect_board(recordings: Sequence[Dataset], board: CharucoBoard) -> BoardCor
 def count_coverage(dataset: Dataset, board: CharucoBoard, corners: BoardCorners) -> BoardCoverage:
     """What the board has covered in recordings of this dataset's cameras."""
     count = CoverageCount(board, {name: dataset.size(name) for name in dataset.cameras})
-    for moment in sorted({moment for _, moment in corners}):
-        count.add({name: seen for (name, at), seen in corners.items() if at == moment})
+    for seen in corners_by_moment(corners).values():
+        count.add(seen)
     return count.coverage()
+
+
+def corners_by_moment(corners: BoardCorners) -> dict[int, dict[str, Corners]]:
+    """What each camera saw of the board at each moment, in the moments' order."""
+    found: dict[int, dict[str, Corners]] = {}
+    for (camera, moment), seen in corners.items():
+        found.setdefault(moment, {})[camera] = seen
+    return dict(sorted(found.items()))
 
 
 def shared_corners(corners: BoardCorners) -> dict[tuple[str, str], tuple[Array, Array]]:
     """For pairs of cameras, the pixels of corners that both see at the same instant."""
     shared: dict[tuple[str, str], tuple[list[Array], list[Array]]] = {}
-    for (a, at_a), (b, at_b) in combinations(sorted(corners), 2):
-        if a == b or at_a != at_b:
-            continue
-        first, second = corners[a, at_a], corners[b, at_b]
-        both = sorted(first.keys() & second.keys())
-        kept = shared.setdefault((a, b), ([], []))
-        kept[0].extend(first[i] for i in both)
-        kept[1].extend(second[i] for i in both)
+    for seen in corners_by_moment(corners).values():
+        for a, b in combinations(sorted(seen), 2):
+            both = sorted(seen[a].keys() & seen[b].keys())
+            kept = shared.setdefault((a, b), ([], []))
+            kept[0].extend(seen[a][i] for i in both)
+            kept[1].extend(seen[b][i] for i in both)
     return {pair: (np.array(x), np.array(y)) for pair, (x, y) in shared.items() if x}
 
 
@@ -108,12 +114,11 @@ def calibrate_from_board(dataset: Dataset, board: CharucoBoard, corners: BoardCo
 
 def _bundle_moments(corners: BoardCorners) -> set[int]:
     """Moments for the bundle adjustment: some of each pair of cameras and of each camera, not too many."""
-    seen: dict[frozenset[str], list[int]] = {}
-    for moment in sorted({at for _, at in corners}):
-        names = [name for name, at in corners if at == moment]
-        for who in [*combinations(names, 2), *((name,) for name in names)]:
-            seen.setdefault(frozenset(who), []).append(moment)
-    chosen = {moment for moments in seen.values() for moment in evenly_spread(moments, BUNDLE_MOMENTS_EACH)}
+    groups: dict[frozenset[str], list[int]] = {}
+    for moment, seen in corners_by_moment(corners).items():
+        for who in [*combinations(seen, 2), *((name,) for name in seen)]:
+            groups.setdefault(frozenset(who), []).append(moment)
+    chosen = {k for moments in groups.values() for k in evenly_spread(moments, BUNDLE_MOMENTS_EACH)}
     return set(evenly_spread(sorted(chosen), BUNDLE_MOMENTS))
 
 
@@ -126,10 +131,9 @@ def _rig_poses(
 ) -> dict[str, tuple[Array, Array]]:
     """`cam_from_rig`: the first camera is the rig; each other is joined to the one it shares most with."""
     shared: dict[frozenset[str], list[tuple[int, list[int]]]] = {}
-    moments = sorted({moment for _, moment in corners})
-    for a, b in combinations(dataset.cameras, 2):
-        for k in moments:
-            ids = sorted(corners.get((a, k), {}).keys() & corners.get((b, k), {}).keys())
+    for k, seen in corners_by_moment(corners).items():
+        for a, b in combinations(seen, 2):
+            ids = sorted(seen[a].keys() & seen[b].keys())
             if len(ids) >= MIN_CORNERS:
                 shared.setdefault(frozenset((a, b)), []).append((k, ids))
     first = dataset.cameras[0]

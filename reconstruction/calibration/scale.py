@@ -10,7 +10,7 @@ import numpy as np
 from capture_app.board.charuco import MIN_CORNERS, CharucoBoard
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
-from reconstruction.calibration.charuco import BoardCorners
+from reconstruction.calibration.charuco import BoardCorners, corners_by_moment
 from reconstruction.calibration.consistency import reprojection_errors, triangulate
 from reconstruction.common.geometry import Array, View, angle_deg
 from reconstruction.pairs.features import MAX_SIDE_PX
@@ -85,11 +85,10 @@ def metres_per_unit_by_board(
         BadInputError: no two cameras see enough of it at one moment.
     """
     factors = []
-    for moment in sorted({at for _, at in corners}):
-        seen = {name: found for (name, at), found in corners.items() if at == moment and name in views}
+    for seen in corners_by_moment(corners).values():
         factors += [
             factor
-            for a, b in combinations(seen, 2)
+            for a, b in combinations((name for name in seen if name in views), 2)
             if (factor := _board_factor((views[a], views[b]), board, (seen[a], seen[b]))) is not None
         ]
     if not factors:

@@ -8,6 +8,7 @@ import numpy as np
 from msgspec import Struct
 
 from capture_app.errors import BadInputError
+from reconstruction.calibration.consistency import reprojection_errors
 from reconstruction.common.geometry import Array, View, angles_deg, other_from_reference
 from reconstruction.pairs.features import CELLS, MIN_MATCHES, grid_cells
 
@@ -107,12 +108,6 @@ def _triangulate(a: View, b: View, at_a: Array, at_b: Array) -> tuple[Array, Arr
     second = np.hstack([rotation, translation[:, None]])
     found = cv2.triangulatePoints(first, second, rays_a[:, :2].T.copy(), rays_b[:, :2].T.copy())
     far = np.where(np.abs(found[3]) < 1e-12, 1e-12, found[3])
-    points = (found[:3] / far).T
-    error = np.zeros(len(points))
-    for view, turn, move, at in ((a, np.eye(3), np.zeros(3), at_a), (b, rotation, translation, at_b)):
-        there = points @ turn.T + move
-        front = there[:, 2] > 1e-9
-        safe = np.where(front[:, None], there, (0.0, 0.0, 1.0))
-        distance = np.linalg.norm(view.project(safe) - at, axis=1)
-        error = np.maximum(error, np.where(front, distance, np.inf))
+    points = ((found[:3] / far).T - a.translation) @ a.rotation
+    error = np.maximum(reprojection_errors(a, points, at_a), reprojection_errors(b, points, at_b))
     return error, angles_deg(rays_a @ rotation.T, rays_b)

@@ -5,8 +5,7 @@ from capture_app.session.format.calibration import Calibration
 from capture_app.terminal import talk
 from reconstruction.calibration.consistency import RigCheck, check_rig
 from reconstruction.calibration.kept import CalibrationShelf
-from reconstruction.calibration.rig import calibrated_views
-from reconstruction.pairs.features import detect_features
+from reconstruction.calibration.rig import calibrated_views, features_at_rest
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.mover_detection import SceneMotion
 
@@ -18,15 +17,8 @@ def check_calibration(dataset: Dataset, calibration: Calibration) -> RigCheck:
         BadInputError: it is of other cameras, or of pictures of another shape.
     """
     views = calibrated_views(dataset, calibration)
-    motion = SceneMotion(dataset, 1)
     middle = len(dataset.instants_ns) // 2
-    features = {}
-    for name in views:
-        if instants := dataset.instants(name):
-            nearest = min(instants, key=lambda k: abs(k - middle))
-            image, movers = dataset.grey(name, nearest), motion.widened_movers(name, nearest)
-            features[name] = detect_features(image, movers)
-    return check_rig(views, features)
+    return check_rig(views, features_at_rest(SceneMotion(dataset, 1), views, middle))
 
 
 def adopt_kept_calibration(dataset: Dataset) -> None:

@@ -1,6 +1,6 @@
 """A session's cameras: their calibration, and the pairs that suit depth and panoramas."""
 
-from collections.abc import Container
+from collections.abc import Container, Iterable
 from functools import lru_cache
 from pathlib import Path
 
@@ -110,14 +110,18 @@ class Rig:
         )
 
     def _detect_features(self, instant: int) -> dict[str, Features]:
-        found = {}
-        for name in self.dataset.cameras:
-            there = self.dataset.instants(name)
-            if there:
-                nearest = min(there, key=lambda k: abs(k - instant))
-                image, movers = self.dataset.grey(name, nearest), self.motion.widened_movers(name, nearest)
-                found[name] = detect_features(image, movers)
-        return found
+        return features_at_rest(self.motion, self.dataset.cameras, instant)
+
+
+def features_at_rest(motion: SceneMotion, cameras: Iterable[str], instant: int) -> dict[str, Features]:
+    """By camera, features of what stands still in its image nearest to an instant, if it has any image."""
+    found = {}
+    for name in cameras:
+        if there := motion.dataset.instants(name):
+            nearest = min(there, key=lambda k: abs(k - instant))
+            image, movers = motion.dataset.grey(name, nearest), motion.widened_movers(name, nearest)
+            found[name] = detect_features(image, movers)
+    return found
 
 
 def calibrated_views(dataset: Dataset, calibration: Calibration) -> dict[str, View]:

@@ -1,13 +1,13 @@
 """How well two layers of a panorama fit where they overlap, before blending: at points that can tell."""
 
 from dataclasses import dataclass
-from typing import Any
 
 import cv2
 import numpy as np
 
 from reconstruction.common.brightness import gain_and_bias
 from reconstruction.common.geometry import Array
+from reconstruction.common.point_tracking import track_there_and_back
 from reconstruction.panorama.projection import Box, Layer
 
 MIN_OVERLAP_PX = 500
@@ -122,8 +122,9 @@ def _points(picture: Array, allowed: Array) -> Array:
 
 def _displacement(a: Array, b: Array, at: Array, both: Array) -> Array:
     """How far points (n, 2) of a lie from there in b, px; NaN where that does not hold both ways."""
-    there, back = _track(a, b, at)
-    kept = np.linalg.norm(back - at, axis=1) < MOST_RETURN_PX
+    levels = int(np.clip(np.log2(min(a.shape) / (2 * WINDOW_PX)), 0, 4))
+    there, drift = track_there_and_back(a, b, at, WINDOW_PX, levels)
+    kept = drift < MOST_RETURN_PX
     kept &= _likeness(a, at, b, there) > LEAST_LIKENESS
     for lost in np.nonzero(~kept)[0]:
         found = _search(a, b, at[lost])
@@ -133,20 +134,6 @@ def _displacement(a: Array, b: Array, at: Array, both: Array) -> Array:
     inside = ((nearest >= 0) & (nearest < both.shape[::-1])).all(1)
     kept &= inside & both[np.where(inside, nearest[:, 1], 0), np.where(inside, nearest[:, 0], 0)]
     return np.where(kept, np.linalg.norm(there - at, axis=1), np.nan)
-
-
-def _track(a: Array, b: Array, at: Array) -> tuple[Array, Array]:
-    """Where points (n, 2) of a lie in b, and where these lie in a; NaN where that cannot be told."""
-    how: dict[str, Any] = {
-        "winSize": (WINDOW_PX, WINDOW_PX),
-        "maxLevel": int(np.clip(np.log2(min(a.shape) / (2 * WINDOW_PX)), 0, 4)),
-        "criteria": (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 30, 0.01),
-    }
-    begin = at.astype(np.float32).reshape(-1, 1, 2)
-    there, found, _ = cv2.calcOpticalFlowPyrLK(a, b, begin, None, **how)
-    back, returned, _ = cv2.calcOpticalFlowPyrLK(b, a, there, None, **how)
-    ok = (found > 0) & (returned > 0)
-    return there.reshape(-1, 2), np.where(ok, back.reshape(-1, 2), np.nan)
 
 
 def _search(a: Array, b: Array, at: Array) -> Array | None:

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from reconstruction.common.geometry import Array
+from reconstruction.common.point_tracking import track_there_and_back
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import evenly_spread
 from reconstruction.session.mover_detection import SHAKE_PX
@@ -85,13 +86,10 @@ def _cell_motions(before: Array, after: Array) -> Array:
             cells += [cell] * len(some)
     if not corners:
         return np.zeros(0)
-    start = np.concatenate(corners).astype(np.float32).reshape(-1, 1, 2)
-    window = (WINDOW_PX, WINDOW_PX)
-    there, found, _ = cv2.calcOpticalFlowPyrLK(before, after, start, None, winSize=window)
-    back, returned, _ = cv2.calcOpticalFlowPyrLK(after, before, there, None, winSize=window)
-    sure = (found.ravel() > 0) & (returned.ravel() > 0)
-    sure &= np.linalg.norm((back - start).reshape(-1, 2), axis=1) < SHAKE_PX / 2
-    lengths = np.linalg.norm((there - start).reshape(-1, 2), axis=1) / scale
+    start = np.concatenate(corners)
+    there, drift = track_there_and_back(before, after, start, WINDOW_PX)
+    sure = drift < SHAKE_PX / 2
+    lengths = np.linalg.norm(there - start, axis=1) / scale
     place = np.array(cells)
     ours = [lengths[sure & (place == cell)] for cell in np.unique(place)]
     return np.array([np.median(of) for of in ours if len(of) >= 2])

@@ -6,6 +6,7 @@ import cv2
 import numpy as np
 
 from reconstruction.common.geometry import Array
+from reconstruction.common.point_tracking import track_there_and_back
 
 MAX_POINTS = 400
 MAX_SIDE_PX = 960
@@ -77,17 +78,5 @@ def _follow(image: Array, other: Array | None, at: Array) -> Array:
     """Where points (n, 2) lie in another image; NaN where they do not return."""
     if other is None:
         return np.full_like(at, np.nan)
-    start = at.astype(np.float32).reshape(-1, 1, 2)
-    there, found = _flow(image, other, start)
-    back, returned = _flow(other, image, there)
-    sure = found & returned
-    sure &= np.linalg.norm((back - start).reshape(-1, 2), axis=1) < MAX_DRIFT_PX
-    return np.where(sure[:, None], there.reshape(-1, 2).astype(np.float64), np.nan)
-
-
-def _flow(image: Array, other: Array, points: Array) -> tuple[Array, Array]:
-    """Where points (n, 1, 2) lie in the other image, and whether they were found (n,)."""
-    there, found, _ = cv2.calcOpticalFlowPyrLK(
-        image, other, points, None, winSize=(WINDOW_PX, WINDOW_PX), maxLevel=LEVELS
-    )
-    return np.asarray(there), np.asarray(found.ravel() > 0)
+    there, drift = track_there_and_back(image, other, at, WINDOW_PX, LEVELS)
+    return np.where((drift < MAX_DRIFT_PX)[:, None], there.astype(np.float64), np.nan)

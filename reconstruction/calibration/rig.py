@@ -105,9 +105,7 @@ class Rig:
         return max(shares)
 
     def _solve(self) -> Calibration:
-        return calibrate_from_images(
-            self.dataset, self.motion.widened_movers, range(len(self.dataset.instants_ns))
-        )
+        return calibrate_from_images(self.dataset, self.motion.widened_movers)
 
     def _detect_features(self, instant: int) -> dict[str, Features]:
         return features_at_rest(self.motion, self.dataset.cameras, instant)

@@ -79,8 +79,7 @@ def from_still_points(dataset: Dataset, field_of_view_deg: float | None = None) 
     """The calibration by structure from motion; how wide the cameras see is a help."""
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
         rig = Rig(dataset, Path(scratch))
-        instants = range(len(dataset.instants_ns))
-        found = calibrate_from_images(dataset, rig.motion.widened_movers, instants, field_of_view_deg)
+        found = calibrate_from_images(dataset, rig.motion.widened_movers, field_of_view_deg)
         return Candidate(found, _still_points(rig, calibrated_views(dataset, found)))
 
 

@@ -32,7 +32,6 @@ FEATURE_SHARE = 0.6
 def calibrate_from_images(
     dataset: Dataset,
     movers: Callable[[str, int], Array],
-    instants: Sequence[int],
     field_of_view_deg: float | None = None,
 ) -> Calibration:
     """Calibrate the rig by COLMAP from the burst's still content; the unit of length is arbitrary.
@@ -47,7 +46,7 @@ def calibrate_from_images(
     pycolmap = load_pycolmap(
         "finding the cameras' positions from the images", hint=", or give it a calibration.json"
     )
-    chosen = _choose_instants(dataset, instants)
+    chosen = _choose_instants(dataset)
     cameras = [name for name in dataset.cameras if any(dataset.has_image(name, k) for k in chosen)]
     if len(cameras) < 2:
         raise NotApplicableError(
@@ -98,8 +97,9 @@ def _found(
     )
 
 
-def _choose_instants(dataset: Dataset, instants: Sequence[int]) -> list[int]:
+def _choose_instants(dataset: Dataset) -> list[int]:
     """Instants with pictures of most cameras, spread over the burst, and one for each camera they lack."""
+    instants = range(len(dataset.instants_ns))
     present = {k: {name for name in dataset.cameras if dataset.has_image(name, k)} for k in instants}
     most = max((len(names) for names in present.values()), default=0)
     fullest = [k for k in instants if len(present[k]) == most]

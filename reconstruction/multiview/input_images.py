@@ -6,7 +6,6 @@ import cv2
 import numpy as np
 
 from capture_app.errors import BadInputError, NotApplicableError
-from capture_app.session.format.calibration import Calibration
 from reconstruction.calibration.rig import calibrated_views
 from reconstruction.calibration.structure_from_motion import calibrate_from_images
 from reconstruction.common.brightness import noise_level
@@ -83,7 +82,9 @@ def load_input_images(
         fixed_bytes=min(workers * SWEEP_BYTES, 0.4 * memory_budget().limit_bytes),
         share=0.9,
     )
-    calibration = dataset.calibration() or _found_calibration(dataset)
+    calibration = dataset.calibration()
+    if calibration is None:
+        calibration = calibrate_from_images(dataset, SceneMotion(dataset, 1).widened_movers)
     views = calibrated_views(dataset, calibration)
     images: dict[str, InputImage] = {}
     left_out: dict[str, str] = {}
@@ -105,9 +106,3 @@ def load_input_images(
             hint="depth needs two that are calibrated and see the same from different places",
         )
     return images, left_out, calibration.source or "the session's own", calibration.unit
-
-
-def _found_calibration(dataset: Dataset) -> Calibration:
-    """The calibration found from the pictures, with what moves masked out."""
-    motion = SceneMotion(dataset, 1)
-    return calibrate_from_images(dataset, motion.widened_movers, range(len(dataset.instants_ns)))

@@ -37,19 +37,22 @@ def detect_features(image: Array, movers: Array) -> Features:
 
 def match_features(a: Features, b: Features, ratio: float = 0.75) -> tuple[Array, Array]:
     """Positions (n, 2) of points that are each other's best match, in a and in b."""
-    if len(a.positions) < 2 or len(b.positions) < 2:
-        return np.zeros((0, 2)), np.zeros((0, 2))
-    likeness = a.descriptors @ b.descriptors.T
-    distance = (a.descriptors**2).sum(1)[:, None] + (b.descriptors**2).sum(1)[None, :] - 2 * likeness
+    of_a, of_b = match_descriptors(a.descriptors, b.descriptors, ratio)
+    return a.positions[of_a], b.positions[of_b]
+
+
+def match_descriptors(a: Array, b: Array, ratio: float) -> tuple[Array, Array]:
+    """Indices (n,) of descriptors that are each other's best match, by Lowe's ratio test."""
+    if len(a) < 2 or len(b) < 2:
+        return np.zeros(0, int), np.zeros(0, int)
+    distance = (a**2).sum(1)[:, None] + (b**2).sum(1)[None, :] - 2 * (a @ b.T)
     best = distance.argmin(1)
     rows = np.arange(len(best))
+    mutual = distance.argmin(0)[best] == rows
     first = distance[rows, best].copy()
     distance[rows, best] = np.inf
-    second = distance.min(1)
-    distance[rows, best] = first
-    mutual = distance.argmin(0)[best] == rows
-    keep = mutual & (first < ratio**2 * second)
-    return a.positions[keep], b.positions[best[keep]]
+    keep = mutual & (first < ratio**2 * distance.min(1))
+    return rows[keep], best[keep]
 
 
 MIN_MATCHES = 25

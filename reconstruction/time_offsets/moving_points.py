@@ -7,6 +7,7 @@ import numpy as np
 
 from reconstruction.common.geometry import Array
 from reconstruction.common.point_tracking import track_there_and_back
+from reconstruction.pairs.features import match_descriptors
 
 MAX_POINTS = 400
 MAX_SIDE_PX = 960
@@ -61,17 +62,8 @@ def find_moving_points(
 
 
 def match_moving_points(a: MovingPoints, b: MovingPoints, ratio: float = 0.8) -> tuple[Array, Array]:
-    """Indices (n,) into a and b of points that are each other's best match, by Lowe's ratio test."""
-    if len(a.at) < 2 or len(b.at) < 2:
-        return np.zeros(0, int), np.zeros(0, int)
-    distance = 2.0 - 2.0 * (a.descriptors @ b.descriptors.T)
-    rows = np.arange(len(distance))
-    best = distance.argmin(1)
-    mutual = distance.argmin(0)[best] == rows
-    first = distance[rows, best].copy()
-    distance[rows, best] = np.inf
-    keep = mutual & (first < ratio**2 * distance.min(1))
-    return rows[keep], best[keep]
+    """Indices (n,) into a and b of points that are each other's best match."""
+    return match_descriptors(a.descriptors, b.descriptors, ratio)
 
 
 def _follow(image: Array, other: Array | None, at: Array) -> Array:

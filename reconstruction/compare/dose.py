@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
 
+import cv2
 import msgspec
 import numpy as np
 
@@ -17,7 +18,6 @@ from reconstruction.calibration.rig import Rig
 from reconstruction.common.memory_budget import memory_budget
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.output_folder import comparison_folder, write_metrics
-from reconstruction.compare.optical_flow import dense_flow
 from reconstruction.compare.stereo_study import StereoStudy
 from reconstruction.compare.timing_study import measure_timing
 from reconstruction.report.dose_report import write_dose_report
@@ -179,13 +179,14 @@ def measure_curve(
 def _speed_px_per_ms(rig: Rig, camera: str, nows: list[int]) -> float | None:
     """Median speed of the moving pixels in a camera's picture, by optical flow to a neighbour in time."""
     times = rig.dataset.instants_ns
+    flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     lengths = []
     for now in nows[:: max(1, len(nows) // 8)]:
         moving = rig.motion.moving(camera, now)
         near = [k for k in (now + 1, now - 1) if rig.dataset.has_image(camera, k)]
         if not near or not moving.any():
             continue
-        found = dense_flow(rig.dataset.grey(camera, now), rig.dataset.grey(camera, near[0]))
+        found = flow.calc(rig.dataset.grey(camera, now), rig.dataset.grey(camera, near[0]), None)
         apart_ms = abs(times[near[0]] - times[now]) / 1e6
         lengths.append(np.linalg.norm(found[moving], axis=1) / apart_ms)
     return float(np.median(np.concatenate(lengths))) if lengths else None

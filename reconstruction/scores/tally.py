@@ -39,11 +39,6 @@ class Measurements:
     medians: dict[str, Array] = field(default_factory=dict)
     means: dict[str, Array] = field(default_factory=dict)
 
-    def minus(self, other: "Measurements") -> "Measurements":
-        """The difference in every mean that both have."""
-        both = self.means.keys() & other.means.keys()
-        return Measurements(means={name: self.means[name] - other.means[name] for name in both})
-
     def update(self, other: "Measurements", prefix: str = "") -> None:
         """Take over another's measurements, their names with a prefix, such as `mover_`."""
         self.shares.update({prefix + name: share for name, share in other.shares.items()})

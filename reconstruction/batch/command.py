@@ -40,8 +40,7 @@ def batch(
         missing = [unit for unit in units if not is_done(unit, root)]
         done = len(units) - len(missing)
         for failure in failures:
-            how = f"failed: {failure.error}" if failure.error else f"not applicable: {failure.not_applicable}"
-            print_progress(f"{_label(failure)}: {how}")
+            print_progress(f"{_label(failure)}: {failure.problem}")
         if done:
             print_progress(f"reusing {done} of {len(units)} results")
         try:
@@ -117,9 +116,8 @@ def _run_units(
         for outcome in running:
             outcomes[outcome.key] = outcome
             unit = by_key[outcome.key]
-            label, row = unit.label, _row(unit, root, outcomes)
-            how = f"failed: {row.error}" if row.error else f"{outcome.seconds:.1f} s"
-            how = f"not applicable: {row.not_applicable}" if row.not_applicable else how
+            label = unit.label
+            how = _row(unit, root, outcomes).problem or f"{outcome.seconds:.1f} s"
             left_s = (time.monotonic() - began) / len(outcomes) * (len(units) - len(outcomes))
             left = f", about {_duration(left_s)} left" if len(outcomes) < len(units) else ""
             step = ProgressStep(done + len(outcomes), done + len(units), f"{label}: {how}{left}")

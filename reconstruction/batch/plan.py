@@ -55,11 +55,7 @@ def plan(session: Path, options: BatchOptions) -> tuple[list[Unit], list[Row]]:
         NotApplicableError: it is sound, but has one camera only.
     """
     dataset = Dataset.open(session)
-    if len(dataset.cameras) < 2:
-        raise NotApplicableError(
-            f"the session has one camera only ({', '.join(dataset.cameras)})",
-            hint="depth needs two that see the same from different places",
-        )
+    dataset.require_cameras(2, "depth needs two that see the same from different places")
     adopt_kept_calibration(dataset)
     name = session.resolve().name
     source = dataset.fingerprint()

@@ -35,6 +35,13 @@ class Row(Struct, frozen=True, kw_only=True):
     fused_points: int | None = None
     folder: str = ""
 
+    @property
+    def problem(self) -> str:
+        """Why it has no figures, and whether that is a failure; empty where it has them."""
+        if self.error:
+            return f"failed: {self.error}"
+        return f"not applicable: {self.not_applicable}" if self.not_applicable else ""
+
 
 class Group(Struct, frozen=True, kw_only=True):
     """Medians over a session's instants in one condition; None where no instant has the figure."""

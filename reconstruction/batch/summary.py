@@ -47,7 +47,7 @@ def _csv(rows: Sequence[Row]) -> str:
 
 def _html(result: BatchResult) -> str:
     """The whole page. Holds no times and no durations."""
-    failures = [row for row in result.units if row.error or row.not_applicable]
+    failures = [row for row in result.units if row.problem]
     failed = f", {result.failed} failed" if result.failed else ""
     failed += f", {result.not_applicable} not applicable" if result.not_applicable else ""
     made = len(result.units) - result.failed - result.not_applicable
@@ -64,9 +64,7 @@ def _html(result: BatchResult) -> str:
         view={
             "failures": failures,
             "groups": _table("Medians over the instants", "Instants", list(map(_group, result.groups))),
-            "units": _table(
-                "Every unit", "Instant", [_unit(row) for row in result.units if row not in failures]
-            ),
+            "units": _table("Every unit", "Instant", [_unit(row) for row in result.units if not row.problem]),
         },
     )
 

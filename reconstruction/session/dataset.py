@@ -102,7 +102,7 @@ class Dataset:
             self._read = self._kept_images()
 
     def require_cameras(self, count: int, hint: str) -> None:
-        """Raises BadInputError where the session has fewer cameras."""
+        """Raises NotApplicableError where the session has fewer cameras."""
         if len(self.cameras) < count:
             raise NotApplicableError(
                 f"the session has one camera only ({', '.join(self.cameras)})", hint=hint

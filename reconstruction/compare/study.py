@@ -142,7 +142,7 @@ class PairStudy:
         """
         first, second = self.cameras
         if condition == SYNCHRONIZED:
-            found = [(k, k) for k in self.dataset.instants(first) if self.dataset.has_image(second, k)]
+            found = [(k, k) for k in self.dataset.instants(first, second)]
             if not found:
                 raise ValueError(f"{self.dataset.name} has no images of {first} and {second} of one instant")
             return self._where_things_move(found), None

@@ -128,9 +128,10 @@ class Dataset:
         """The record of an image that there is."""
         return self._records[camera, instant]
 
-    def instants(self, camera: str) -> tuple[int, ...]:
-        """The instants that this camera has images of."""
-        return tuple(k for k in range(len(self.instants_ns)) if self.has_image(camera, k))
+    def instants(self, *cameras: str) -> tuple[int, ...]:
+        """The instants that all of these cameras have images of."""
+        every = range(len(self.instants_ns))
+        return tuple(k for k in every if all(self.has_image(camera, k) for camera in cameras))
 
     def image(self, camera: str, instant: int) -> Array:
         """The image, uint8 height x width x 3, BGR (grey cameras: three equal channels).

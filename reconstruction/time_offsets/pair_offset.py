@@ -10,6 +10,8 @@ from reconstruction.calibration.rig import Rig
 from reconstruction.common.geometry import Array
 from reconstruction.pairs.features import match_features
 from reconstruction.session.dataset import Dataset
+from reconstruction.session.frame_offset import evenly_spread
+from reconstruction.session.instant_choice import choose_moving_instants
 from reconstruction.time_offsets.epipolar_crossings import (
     Crossings,
     Path,
@@ -28,18 +30,18 @@ MAX_FRAMES = 20
 class PairOffsets:
     """Time offsets between cameras of a calibrated rig, each image's points found once."""
 
-    def __init__(self, rig: Rig, *, reach_ms: float = REACH_MS, all_moves: bool = False) -> None:
+    def __init__(self, rig: Rig, *, all_moves: bool = False) -> None:
         """`all_moves`: nothing stands still before these cameras, as they move themselves."""
         self.rig = rig
         self.all_moves = all_moves
         self.dataset = rig.dataset
-        self.reach_ms = min(reach_ms, MAX_FRAMES * self.dataset.period_ns / 1e6)
+        self.reach_ms = min(REACH_MS, MAX_FRAMES * self.dataset.period_ns / 1e6)
         self._points = lru_cache(maxsize=None)(self._find_points)
 
-    def measure(self, first: str, second: str, instants: Sequence[int] | None = None) -> OffsetFit:
+    def measure(self, first: str, second: str, max_instants: int | None = None) -> OffsetFit:
         """How much later than its times say the second camera's images were taken, against the first's.
 
-        `instants` are those of the first camera that are asked; None = all.
+        At so many instants at most, those at which something moves before both; None = at all of the first's.
         """
         views = self.rig.views
         for name in (first, second):
@@ -47,16 +49,24 @@ class PairOffsets:
                 return OffsetFit(reason=f"{name} has no calibration")
         if np.linalg.norm(views[first].centre - views[second].centre) == 0:
             return OffsetFit(reason="both cameras stand at the same place")
+        asked: Sequence[int] = self.dataset.instants(first)
+        if max_instants is not None:
+            asked = self._choose_instants((first, second), max_instants)
         times = ImageTimes(self.dataset, (first, second))
         found = [
             self._cross(times, first, now, second, other)
-            for now in self.dataset.instants(first)
-            if instants is None or now in instants
+            for now in asked
             for other in self.dataset.instants(second)
             if abs(times.at_ms(second, other) - times.at_ms(first, now)) <= self.reach_ms
         ]
         still = self._still_errors(first, second)
         return fit_offset(Crossings.join(found), still, self.dataset.period_ns / 1e6)
+
+    def _choose_instants(self, pair: tuple[str, str], limit: int) -> list[int]:
+        both = self.dataset.instants(*pair)
+        if self.all_moves:
+            return evenly_spread(both, limit)
+        return choose_moving_instants(self.rig.motion, pair, both, limit)
 
     def _cross(self, times: "ImageTimes", first: str, now: int, second: str, other: int) -> Crossings:
         here, there = self._points(first, now), self._points(second, other)

@@ -10,8 +10,6 @@ from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.geometry import angle_deg
 from reconstruction.session.camera_motion import measure_camera_motion
-from reconstruction.session.frame_offset import evenly_spread
-from reconstruction.session.instant_choice import choose_moving_instants
 from reconstruction.time_offsets.offset_fit import OffsetFit
 from reconstruction.time_offsets.pair_offset import PairOffsets
 
@@ -59,11 +57,7 @@ def measure_rig_offsets(
     for pair in pairs:
         if progress is not None:
             progress.step(f"{pair[1]} against {pair[0]}")
-        both = [k for k in data.instants(pair[0]) if data.has_image(pair[1], k)]
-        chosen = evenly_spread(both, MAX_INSTANTS)
-        if not finder.all_moves:
-            chosen = choose_moving_instants(rig.motion, pair, both, MAX_INSTANTS)
-        measured[pair] = finder.measure(*pair, chosen)
+        measured[pair] = finder.measure(*pair, MAX_INSTANTS)
     return adjust_offsets(data.cameras, reference, measured)
 
 

@@ -59,9 +59,8 @@ def _what_was_found(
         return _not_synchronized(stereo, late)
     depth = None
     if stereo is not None:
-        depth = _stereo_sentence(stereo, late, together)
-        if depth is not None and timing is not None and timing.moving_cameras:
-            depth = depth.replace(_TIMING_ALONE, "")
+        moved = timing is not None and bool(timing.moving_cameras)
+        depth = _stereo_sentence(stereo, late, together, moved)
     elif multiview is not None:
         depth = _multiview_sentence(multiview)
     panorama = _panorama_sentence(stitch, late, together) if stitch is not None else None
@@ -139,12 +138,12 @@ def first_known(
     return None
 
 
-_TIMING_ALONE = " What stands still is found equally well both times, so timing alone makes the difference."
 FALLEN_CONTROL = 0.1
 """A loss of this share of what stands still has another reason than timing."""
 
 
-def _stereo_sentence(result: StereoComparison, late: str, together: bool) -> str | None:
+def _stereo_sentence(result: StereoComparison, late: str, together: bool, moved: bool) -> str | None:
+    """As `_depth_sentence`, with what stands still: a control, unless the cameras `moved`."""
     recorded = "both pictures show the same instant" if together else "the pictures are paired as recorded"
     first = _depth_sentence(result, recorded, f"one picture {late}", "both pictures agree on")
     still, other = result.synced.static_coverage, result.offset.static_coverage
@@ -155,7 +154,11 @@ def _stereo_sentence(result: StereoComparison, late: str, together: bool) -> str
             f"{first} What stands still is found less often too ({_percent(still)} and {_percent(other)}): "
             "timing is not all that differs. Did the cameras move, or the light change?"
         )
-    return first if abs(still - other) > 0.02 else first + _TIMING_ALONE
+    if moved or abs(still - other) > 0.02:
+        return first
+    return (
+        f"{first} What stands still is found equally well both times, so timing alone makes the difference."
+    )
 
 
 def _multiview_sentence(result: MultiviewComparison) -> str | None:

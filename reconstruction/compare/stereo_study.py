@@ -1,6 +1,7 @@
 """The stereo study of a comparison: depth of one pair at every usable instant, in both conditions."""
 
 from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
 
 import msgspec
@@ -31,7 +32,7 @@ class StereoStudy(PairStudy):
     def __init__(self, rig: Rig, offset: FrameOffset | None, asked: Pair | None, max_instants: int) -> None:
         """As `PairStudy`."""
         super().__init__(rig, offset, asked, max_instants)
-        self._kept_matcher: tuple[tuple[object, ...], StereoPair] | None = None
+        self._matcher = lru_cache(maxsize=1)(self._make_matcher)
         self._kept_still: tuple[Array, tuple[Array, Array]] | None = None
 
     def prepare(self, middle: int, progress: Progress) -> None:
@@ -72,7 +73,7 @@ class StereoStudy(PairStudy):
             )
         except ValueError as error:
             raise ValueError(f"{reference} and {other}: {error}") from error
-        matcher = self._matcher(disparities)
+        matcher = self._matcher(self.cameras, disparities)
         maps = []
         for now, later in pairs:
             progress.step(f"stereo {reference}-{other}, instant {now}")
@@ -95,14 +96,10 @@ class StereoStudy(PairStudy):
         )
         return result, instants
 
-    def _matcher(self, disparities: tuple[float, float]) -> StereoPair:
-        """The pair's matcher, kept with its maps for the next condition."""
-        reference, other = self.cameras
-        key = (reference, other, disparities)
-        if self._kept_matcher is None or self._kept_matcher[0] != key:
-            views = self.rig.views
-            self._kept_matcher = key, StereoPair(views[reference], views[other], disparities)
-        return self._kept_matcher[1]
+    def _make_matcher(self, cameras: Pair, disparities: tuple[float, float]) -> StereoPair:
+        """The pair's matcher; its maps serve every condition."""
+        reference, other = (self.rig.views[name] for name in cameras)
+        return StereoPair(reference, other, disparities)
 
     def _projected(self, still: Array) -> tuple[Array, Array]:
         """As `project_into_other`; conditions on the same instants share it."""

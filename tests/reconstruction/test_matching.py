@@ -20,25 +20,12 @@ from reconstruction.depth.plane_fitting import fit_planes, surface_normals
 from reconstruction.depth.plane_sweep import Surface, SweepOptions, sweep_view
 from reconstruction.depth.semiglobal_aggregation import aggregate_costs, cheapest_depths
 from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
-from reconstruction.depth.view_overlap import grid_points, refuse_views, score_points
-from reconstruction.multiview.source_views import (
-    choose_reference_view,
-    choose_source_views,
-    smallest_group,
-)
 from tests.reconstruction.conftest import texture
+from tests.reconstruction.small_views import FOCAL, HEIGHT, PLACES, WIDTH, choose_by_depth, view_at
 
-WIDTH, HEIGHT, FOCAL = 128, 96, 110.0
-MATRIX = np.array([[FOCAL, 0, 63.5], [0, FOCAL, 47.5], [0, 0, 1.0]])
 PAINT = texture(3).astype(np.float32)
 SLOPE = np.array([0.35, -0.5])
 Reach = dict[str, tuple[float, float]]
-PLACES = {"left": (-0.15, 0.0), "middle": (0.0, 0.02), "right": (0.15, 0.0)}
-
-
-def view_at(x: float, y: float = 0.0, z: float = 0.0) -> View:
-    """A camera that looks along z."""
-    return View(WIDTH, HEIGHT, MATRIX, np.zeros(5), np.eye(3), -np.array([x, y, z]))
 
 
 def photo_of(
@@ -68,11 +55,6 @@ def truth() -> Array:
 
 def sources_of(photos: dict[str, CalibratedImage]) -> dict[str, tuple[str, ...]]:
     return choose_by_depth({name: photo.view for name, photo in photos.items()})
-
-
-def choose_by_depth(views: dict[str, View]) -> dict[str, tuple[str, ...]]:
-    """The sources for a scene 2 m away."""
-    return choose_source_views(views, {name: grid_points(view, 2.0) for name, view in views.items()})
 
 
 def between(photos: dict[str, CalibratedImage], nearest: float, farthest: float) -> Reach:
@@ -269,44 +251,3 @@ def test_speckles_go_and_large_islands_stay() -> None:
     assert not kept[3, 3]
     assert kept[20, 20]
     assert not remove_speckles(np.zeros((4, 4), bool), np.ones((4, 4)), 5).any()
-
-
-def test_sources_see_the_same_from_elsewhere() -> None:
-    views = {"a": view_at(0), "b": view_at(0.2), "far": view_at(30.0), "same": view_at(1e-4)}
-    chosen = choose_by_depth(views)
-    assert chosen["a"] == ("b",)
-    assert chosen["far"] == ()
-    assert score_points(views["a"], views["same"], grid_points(views["a"], 2.0)) < 0.01
-
-
-def test_the_middle_camera_is_the_reference() -> None:
-    views = {name: view_at(*at) for name, at in PLACES.items()}
-    points = {name: grid_points(view, 2.0) for name, view in views.items()}
-    assert choose_reference_view(views, points) == "middle"
-
-
-def test_a_refusal_says_what_is_wrong_with_the_rig() -> None:
-    def toward_origin(angle_deg: float, distance: float = 2.0) -> View:
-        """A camera that looks at the origin from this angle."""
-        turn, _ = cv2.Rodrigues(np.array([0.0, np.radians(angle_deg), 0.0]))
-        return View(WIDTH, HEIGHT, MATRIX, np.zeros(5), turn, np.array([0.0, 0.0, distance]))
-
-    def refusal(*views: View) -> str:
-        named = {f"cam{number}": view for number, view in enumerate(views)}
-        return refuse_views(named, {name: grid_points(view, 2.0) for name, view in named.items()}).what
-
-    def refusal_unseen(*views: View) -> str:
-        return refuse_views({f"cam{number}": view for number, view in enumerate(views)}).what
-
-    assert "too close together" in refusal(toward_origin(0), toward_origin(0.2))
-    assert "0.2 degrees apart" in refusal(toward_origin(0), toward_origin(0.2))
-    assert "too far apart" in refusal(toward_origin(0), toward_origin(70))
-    assert "too far apart" in refusal_unseen(toward_origin(0), toward_origin(180))
-    back = replace(view_at(0.2), rotation=np.diag([-1.0, 1.0, -1.0]))
-    assert "no camera sees what another sees" in refusal_unseen(view_at(0), back)
-    assert "one place" in refusal_unseen(view_at(0), view_at(0))
-
-
-def test_opposite_pairs_are_groups_of_their_own() -> None:
-    assert smallest_group({"a": ("b",), "b": ("a",), "c": ("d",), "d": ("c",), "alone": ()}) == 2
-    assert smallest_group({"a": ("b",), "b": ("c",), "c": ("b",)}) == 3

@@ -40,7 +40,11 @@ def choose_stereo_pair(views: Mapping[str, View], points: Mapping[str, Features]
     parallax (depth needs it) and falls beyond `BEST_PARALLAX_DEG` (matching suffers). Pairs that cannot
     be rectified are left out.
     """
-    best, choice = -np.inf, PairChoice(None, "no two cameras see the same things with enough parallax")
+    why = (
+        f"no two cameras have {MIN_MATCHES} points in common that stand still: they look from too far apart,"
+        " or what stands still has no texture"
+    )
+    best, choice = -np.inf, PairChoice(None, why)
     left_out = {}
     for a, b in combinations((name for name in points if name in views), 2):
         try:

@@ -13,6 +13,7 @@ from textual.screen import ModalScreen
 from textual.widgets import Button, Input, Static
 
 from capture_app.text import printable
+from capture_app.tui.dialog import Dialog
 
 BESIDE, BUTTON_EXTRA = 56, 7
 """Cells for answers beside each other, else one is below the other; what a button adds to its words."""
@@ -39,7 +40,7 @@ CANCEL = Answer("", "esc", "Cancel")
 """The answer None, to be clicked where Escape is not thought of."""
 
 
-class Question(ModalScreen[str | None]):
+class Question(Dialog[str | None], ModalScreen[str | None]):
     """Asks and gives the value of the answer; None where it was closed by Escape."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -94,7 +95,7 @@ class Question(ModalScreen[str | None]):
         self.dismiss(None)
 
 
-class TextQuestion(ModalScreen[str | None]):
+class TextQuestion(Dialog[str | None], ModalScreen[str | None]):
     """Asks for a line of text; None where it was closed by Escape."""
 
     BINDINGS: ClassVar[list[BindingType]] = [

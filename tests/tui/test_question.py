@@ -44,6 +44,18 @@ async def test_an_answer_by_its_key_by_enter_and_by_click() -> None:
         assert app.answers == ["trash"]
 
 
+async def test_a_key_pressed_twice_gives_one_answer() -> None:
+    for key in ("t", "escape"):
+        app = AskingApp(Question("Again?", ANSWERS))
+        async with app.run_test(size=(80, 24)) as pilot:
+            await pilot.pause()
+            for _ in range(3):
+                app.simulate_key(key)
+            await pilot.pause()
+            assert len(app.answers) == 1
+            assert app.screen is not app.question
+
+
 async def test_a_text_is_taken_only_where_nothing_is_wrong_with_it() -> None:
     app = AskingApp(TextQuestion("Name?", "a", check=lambda text: "too long" if len(text) > 3 else ""))
     async with app.run_test(size=(80, 24)) as pilot:

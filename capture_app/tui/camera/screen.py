@@ -9,7 +9,6 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Container, Vertical
 from textual.content import Content
-from textual.screen import Screen
 
 from capture_app.errors import SimulshotError
 from capture_app.node.wire.status import NodeStatus
@@ -17,6 +16,7 @@ from capture_app.node.wire.views import NodeDetail
 from capture_app.text import NO_VALUE, clock_offset, count, duration, printable
 from capture_app.tui.camera.histogram import histogram_rows, histogram_title
 from capture_app.tui.camera.wedge_plot import wedge_rows, wedge_title
+from capture_app.tui.dialog import Dialog
 from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.drawing.news import news_lines
 from capture_app.tui.footer import KeyFooter
@@ -32,7 +32,7 @@ PREVIEW_FPS, PREVIEW_WIDTH = 2.0, 320
 USUAL_TOLERANCE_NS = 100_000
 
 
-class CameraScreen(Screen[None]):
+class CameraScreen(Dialog[None]):
     """Asks the camera for its details as long as it is shown."""
 
     AUTO_FOCUS: ClassVar[str | None] = ""

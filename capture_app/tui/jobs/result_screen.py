@@ -10,12 +10,12 @@ from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.content import Content
-from textual.screen import Screen
 from textual.timer import Timer
 from textual.widget import Widget
 
 from capture_app.errors import BadInputError
 from capture_app.text import printable
+from capture_app.tui.dialog import Dialog
 from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.footer import KeyFooter
 from capture_app.tui.jobs.figures import figure_lines, verdict_lines
@@ -30,7 +30,7 @@ WIDE = 150
 """From this width on pictures and figures stand side by side."""
 
 
-class ResultScreen(Screen[None]):
+class ResultScreen(Dialog[None]):
     """Shows one result; Escape closes it."""
 
     BINDINGS: ClassVar[list[BindingType]] = [

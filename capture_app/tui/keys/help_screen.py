@@ -11,6 +11,7 @@ from textual.message import Message
 from textual.screen import ModalScreen
 from textual.widgets import Static
 
+from capture_app.tui.dialog import Dialog
 from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.settings import KEYS_FILE
 
@@ -18,7 +19,7 @@ EVERYWHERE = "app"
 KEY_WIDTH, NAME_WIDTH = 16, 22
 
 
-class HelpScreen(ModalScreen[None]):
+class HelpScreen(Dialog[None], ModalScreen[None]):
     """A page over the screen; Escape leads back."""
 
     BINDINGS: ClassVar[list[BindingType]] = [

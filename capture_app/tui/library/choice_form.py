@@ -13,6 +13,7 @@ from textual.widgets import Input, OptionList, Static
 from textual.widgets.option_list import Option
 
 from capture_app.text import printable
+from capture_app.tui.dialog import Dialog
 
 
 @dataclass(frozen=True, slots=True)
@@ -33,7 +34,7 @@ class Chosen:
     text: str
 
 
-class ChoiceForm(ModalScreen[Chosen | None]):
+class ChoiceForm(Dialog[Chosen | None], ModalScreen[Chosen | None]):
     """Enter takes what is chosen, Tab goes to its line of text and back; Escape gives None."""
 
     BINDINGS: ClassVar[list[BindingType]] = [

@@ -5,10 +5,10 @@ from typing import ClassVar
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.content import Content
-from textual.screen import Screen
 
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.text import count, printable
+from capture_app.tui.dialog import Dialog
 from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.footer import KeyFooter
 from capture_app.tui.library.catalogue import Entry
@@ -17,7 +17,7 @@ from capture_app.tui.sheets.contact_sheet import ContactSheet
 from capture_app.tui.sheets.look import LookScreen, Motion
 
 
-class TakeScreen(Screen[None]):
+class TakeScreen(Dialog[None]):
     """Shows a session; Escape closes it."""
 
     BINDINGS: ClassVar[list[BindingType]] = [

@@ -8,11 +8,11 @@ from typing import ClassVar
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.content import Content
-from textual.screen import Screen
 from textual.timer import Timer
 
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.text import duration, printable
+from capture_app.tui.dialog import Dialog
 from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.footer import KeyFooter
 from capture_app.tui.pictures.cells import Image
@@ -43,7 +43,7 @@ def ping_pong(things: Sequence[int]) -> list[int]:
     return [*things, *things[-2:0:-1]]
 
 
-class LookScreen(Screen[tuple[str, int]]):
+class LookScreen(Dialog[tuple[str, int]]):
     """Shows one picture; Escape closes it and gives the camera and instant that were last seen."""
 
     BINDINGS: ClassVar[list[BindingType]] = [

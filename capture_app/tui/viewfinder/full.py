@@ -8,7 +8,6 @@ from textual import work
 from textual.app import ComposeResult
 from textual.binding import Binding, BindingType
 from textual.content import Content
-from textual.screen import Screen
 from textual.timer import Timer
 
 from capture_app.errors import SimulshotError
@@ -16,6 +15,7 @@ from capture_app.node.wire.status import NodeStatus
 from capture_app.node.wire.views import Preview
 from capture_app.session.reading.decoding import decode_image
 from capture_app.text import duration, printable
+from capture_app.tui.dialog import Dialog
 from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.footer import KeyFooter
 from capture_app.tui.messages import Mishap, PreviewReceived, StatusChanged
@@ -34,7 +34,7 @@ BLINK_S = 0.5
 HISTOGRAM_ROWS = 3
 
 
-class CameraScreen(Screen[str]):
+class CameraScreen(Dialog[str]):
     """What a camera sees now; Escape closes it and gives the camera that was last seen."""
 
     BINDINGS: ClassVar[list[BindingType]] = [

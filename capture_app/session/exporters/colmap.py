@@ -47,7 +47,7 @@ def write(burst: ExportedBurst, folder: Path, options: ExportOptions) -> list[st
     notes = []
     if len(kept) < len(burst.images):
         left_out = count(len(burst.images) - len(kept), "image")
-        notes.append(f"without {left_out} of other moments than their instants")
+        notes.append(f"left out: {left_out} of other moments than their instants")
     if calibration is None:
         return [*notes, "the session has no calibration: COLMAP finds the cameras itself"]
     _write_model(burst, calibration, kept, names, folder / _SPARSE)

@@ -10,9 +10,9 @@ import click
 from capture_app.board.charuco import CharucoBoard
 from capture_app.board.options import board_options
 from capture_app.commands.options import leader_option, run_until_stopped
-from capture_app.errors import IncompleteError, NetworkError
+from capture_app.errors import IncompleteError
 from capture_app.net.address import Address
-from capture_app.terminal import FiniteRange, json_option, print_json_line, print_line
+from capture_app.terminal import FiniteRange, json_option, print_json_line, print_line, talk
 
 if TYPE_CHECKING:
     from rich.live import Live
@@ -43,8 +43,9 @@ FPS = 3.0
 def coverage(board: CharucoBoard, width: int, for_s: float | None, leader: Address, as_json: bool) -> None:
     """Count live what a board has covered before the cameras of a rig, and say what is still missing.
 
-    Looks for the board in the cameras' previews and saves nothing: take a burst meanwhile, or when you know
-    how to hold it, as docs/calibration.md shows. Ends when nothing is missing, or with Ctrl-C.
+    Looks for the board in the cameras' previews and saves nothing. To calibrate, record a burst of the board
+    as well, during the count or after it, as docs/calibration.md shows. Ends when nothing is missing, or with
+    Ctrl-C.
     """
     show = print_json_line if as_json else _Screen()
     found = run_until_stopped(_count(leader, board, width, for_s, show))
@@ -77,11 +78,18 @@ async def _count(
     await link.want_previews(cameras=None, width=width, fps=FPS)
     shown = CoverageCount(board, cameras).coverage()
     show(shown)
+    lost = False
     try:
         async with asyncio.timeout(for_s):
             async for update in link.updates():
+                # The link is opened again by itself, and asks for the previews again.
                 if isinstance(update, LinkLost):
-                    raise NetworkError(update.reason)
+                    talk(f"{update.reason}; trying again, and what is counted so far stays")
+                    lost = True
+                    continue
+                if lost:
+                    talk("the rig is back: the count goes on")
+                    lost = False
                 if not isinstance(update, Preview) or update.camera not in cameras:
                     continue
                 now = await asyncio.to_thread(count.add, update.camera, update.leader_ns, update.jpeg)

@@ -72,3 +72,24 @@ async def test_a_camera_is_started_looked_at_and_removed(start: Start, tmp_path:
     assert await result("rig", "stop") == {"stopped": at[1]}
     await leader.finish()
     assert leader.process.returncode == 0
+
+
+async def test_a_count_of_the_board_goes_on_when_the_leader_is_back(start: Start, tmp_path: Path) -> None:
+    serving = "leader", "--host", "127.0.0.1", "--sessions", str(tmp_path), "--json"
+    leader = await start(*serving, "--port", "0")
+    address = (await leader.next_json())["leader"]
+    watching = await start("status", "--leader", address, "--watch", "--json")
+    await start("node", "--name", "cam00", "--camera", "sim:phone-a,scene=board", "--leader", address)
+    while (await watching.next_json()).get("text") != "cam00 joined":
+        pass
+
+    counting = await start("coverage", "--leader", address, "--width", "640", "--json")
+    assert (await counting.next_json())["cameras"]["cam00"]["views"] == 0
+    await leader.kill()
+    await counting.says("what is counted so far stays")
+    await start(*serving, "--port", address.rpartition(":")[2])
+    await counting.says("the count goes on")
+    # The previews come again too: at 3 a second so many cannot be of before.
+    while (await counting.next_json())["cameras"]["cam00"]["views"] < 4:
+        pass
+    assert await counting.stop() == 130

@@ -11,6 +11,7 @@ from capture_app.errors import BadInputError
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION
+from capture_app.terminal import talk
 from capture_app.text import pretty_json
 from reconstruction.calibration.charuco import count_coverage, detect_board
 from reconstruction.calibration.consistency import RigCheck
@@ -124,7 +125,7 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
         check=candidate.check,
         board=candidate.board,
         stored=stores,
-        kept=keeps and CalibrationShelf().keep(dataset, found),
+        kept=keeps and _keep(dataset, found),
     )
 
 
@@ -157,6 +158,16 @@ def _rescaled(dataset: Dataset, found: Calibration, options: CalibrateOptions) -
     corners = detect_board(open_recordings(dataset, options.recordings), options.board)
     factor, times = metres_per_unit_by_board(views, options.board, corners)
     return scaled(found, factor, f"a ChArUco board seen by {times} pairs")
+
+
+def _keep(dataset: Dataset, calibration: Calibration) -> bool:
+    """Keep it for later sessions; where that cannot be, the session has it all the same."""
+    try:
+        CalibrationShelf().keep(dataset, calibration)
+    except BadInputError as error:
+        talk(f"the calibration is not kept for later sessions: {error}")
+        return False
+    return True
 
 
 def _store(target: Path, calibration: Calibration) -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 import msgspec
 from platformdirs import user_data_path
 
+from capture_app.errors import BadInputError
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.format.calibration import Calibration
 from capture_app.text import pretty_json
@@ -47,16 +48,20 @@ class CalibrationShelf:
         """`folder`: another one than the user's data folder, $XDG_DATA_HOME/simulshot on Linux."""
         self.folder = folder or user_data_path("simulshot") / FOLDER
 
-    def keep(self, dataset: Dataset, calibration: Calibration) -> bool:
+    def keep(self, dataset: Dataset, calibration: Calibration) -> None:
         """Keep a session's calibration in the place of what was known of these cameras.
 
-        One without a scale does not replace one in metres. False where it is not kept.
+        Raises:
+            BadInputError: it has no scale and would replace one in metres, or cannot be written.
         """
         modes = {name: mode for name, mode in camera_modes(dataset).items() if name in calibration.cameras}
         path = self._path(modes)
         known = _read(path)
         if known is not None and calibration.unit == "arbitrary" != known.calibration.unit:
-            return False
+            raise BadInputError(
+                f"the one kept from {known.session} is in metres, and this one has no scale",
+                hint="--mark and --distance-m set it, or --scale-by-board",
+            )
         manifest = dataset.session.manifest
         kept = KeptCalibration(
             modes=modes, session=manifest.name, created=manifest.created, calibration=calibration
@@ -64,9 +69,8 @@ class CalibrationShelf:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             write_atomic(path, pretty_json(kept))
-        except OSError:
-            return False
-        return True
+        except OSError as error:
+            raise BadInputError(f"cannot write {path}: {error.strerror or error}") from error
 
     def find(self, dataset: Dataset) -> KeptCalibration | None:
         """The newest of those that know most of a session's cameras in their modes; two at least."""

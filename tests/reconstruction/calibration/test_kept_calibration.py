@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import Manifest
 from capture_app.session.reading.reader import Session
@@ -68,7 +69,7 @@ def calibration(views: dict[str, View], unit: str = "m") -> Calibration:
 def test_the_rig_s_calibration_is_found_and_said(
     bare: Session, reconstruct: Reconstruct, tmp_path: Path
 ) -> None:
-    assert CalibrationShelf().keep(Dataset(bare), calibration(RIG))
+    CalibrationShelf().keep(Dataset(bare), calibration(RIG))
     out = tmp_path / "depth"
     done = reconstruct("stereo", bare.folder, "--pair", "b,c", "--out", out, "--json")
     assert done.result["calibration"].startswith("a board, kept from boards of ")
@@ -148,9 +149,10 @@ def change_manifest(session: Session, folder: Path, fact: str, value: object) ->
 
 def test_one_without_a_scale_does_not_replace_one_in_metres(bare: Session) -> None:
     shelf, dataset = CalibrationShelf(), Dataset(bare)
-    assert shelf.keep(dataset, calibration(RIG, "arbitrary"))
-    assert shelf.keep(dataset, calibration(RIG, "m"))
-    assert not shelf.keep(dataset, calibration(RIG, "arbitrary"))
+    shelf.keep(dataset, calibration(RIG, "arbitrary"))
+    shelf.keep(dataset, calibration(RIG, "m"))
+    with pytest.raises(BadInputError, match="from boards is in metres"):
+        shelf.keep(dataset, calibration(RIG, "arbitrary"))
     kept = shelf.find(dataset)
     assert kept is not None
     assert kept.calibration.unit == "m"
@@ -192,6 +194,21 @@ def test_a_calibration_is_given_from_one_session_to_another(
     assert refused.code == 3
     assert "this calibration no longer holds: d moved: 1" in refused.complaint
     assert not (bare.folder / "calibration.json").exists()
+
+
+def test_a_calibration_that_cannot_be_kept_is_stored_all_the_same_and_said(
+    bare: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, reconstruct: Reconstruct
+) -> None:
+    giver = write_session(tmp_path / "giver", ROOM, RIG, instants=1, truth=False)
+    taker = tmp_path / "taker"
+    shutil.copytree(bare.folder, taker)
+    no_folder = tmp_path / "file"
+    no_folder.write_text("")
+    monkeypatch.setenv("XDG_DATA_HOME", str(no_folder))
+    done = reconstruct("calibrate", taker, "--from", giver.folder, "--keep", "--json")
+    assert done.result["stored"]
+    assert not done.result["kept"]
+    assert "the calibration is not kept for later sessions: cannot write " in done.err
 
 
 def test_two_cameras_with_one_pose_are_refused(

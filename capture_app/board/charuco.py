@@ -30,7 +30,7 @@ class CharucoBoard:
     dictionary: str
 
     def __post_init__(self) -> None:
-        """Raise BadInputError for an unknown dictionary or a shape that no camera could tell."""
+        """Raise BadInputError for an unknown dictionary or a shape that cannot be detected."""
         words = DICTIONARIES.get(self.dictionary.upper())
         if words is None:
             raise BadInputError(f"unknown dictionary {self.dictionary!r}", hint="such as 4X4_50 or 6X6_250")

@@ -177,14 +177,16 @@ def _missing_views(cameras: Mapping[str, CameraCoverage]) -> list[str]:
     missing = []
     for name, seen in sorted(cameras.items(), key=lambda item: (item[1].views, item[0])):
         if not seen.views:
-            missing.append(f"{name} has not seen the board yet: hold it nearer, and all of it in the picture")
+            missing.append(
+                f"{name} has not seen the board yet: hold it nearer, with all of it in the picture"
+            )
             continue
         if seen.covered < MIN_COVERED and seen.empty:
-            missing.append(f"move it to the {' and the '.join(seen.empty[:2])} of {name}")
+            missing.append(f"move the board to the {' and the '.join(seen.empty[:2])} of {name}")
         if seen.tilted_across < MIN_TILTED:
-            missing.append(f"tilt it more to the left and right for {name}")
+            missing.append(f"tilt the board more to the left and right for {name}")
         if seen.tilted_along < MIN_TILTED:
-            missing.append(f"tilt it more up and down for {name}")
+            missing.append(f"tilt the board more up and down for {name}")
         if seen.views < MIN_VIEWS:
             missing.append(f"{MIN_VIEWS - seen.views} more different views for {name}")
     return missing
@@ -205,7 +207,7 @@ def _unjoined(cameras: Mapping[str, CameraCoverage], shared: Mapping[tuple[str, 
         pairs = [pair for pair in shared if not any(set(pair) <= group for group in groups)]
         best = max(pairs, key=lambda pair: shared[pair])
         missing.append(
-            f"hold it where {best[0]} and {best[1]} both see it ({shared[best]} of {MIN_SHARED} views)"
+            f"hold the board where {best[0]} and {best[1]} both see it ({shared[best]} of {MIN_SHARED} views)"
         )
         first, second = (next(group for group in groups if name in group) for name in best)
         groups.remove(second)

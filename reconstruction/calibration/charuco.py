@@ -14,6 +14,7 @@ from capture_app.board.coverage import BoardCoverage, CoverageCount
 from capture_app.board.detector import BoardDetector, Corners
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
+from capture_app.text import count
 from reconstruction.calibration.board_bundle import adjust_bundle
 from reconstruction.common.geometry import Array, View
 from reconstruction.session.dataset import Dataset
@@ -40,10 +41,10 @@ def detect_board(recordings: Sequence[Dataset], board: CharucoBoard) -> BoardCor
 
 def count_coverage(dataset: Dataset, board: CharucoBoard, corners: BoardCorners) -> BoardCoverage:
     """What the board has covered in recordings of this dataset's cameras."""
-    count = CoverageCount(board, {name: dataset.size(name) for name in dataset.cameras})
+    counted = CoverageCount(board, {name: dataset.size(name) for name in dataset.cameras})
     for seen in corners_by_moment(corners).values():
-        count.add(seen)
-    return count.coverage()
+        counted.add(seen)
+    return counted.coverage()
 
 
 def corners_by_moment(corners: BoardCorners) -> dict[int, dict[str, Corners]]:
@@ -84,7 +85,7 @@ def calibrate_from_board(dataset: Dataset, board: CharucoBoard, corners: BoardCo
         seen = [k for name, k in sorted(corners) if name == camera]
         if len(seen) < MIN_BOARDS:
             raise BadInputError(
-                f"{camera} shows the board in {len(seen)} images; {MIN_BOARDS} are needed",
+                f"{camera} shows the board in {count(len(seen), 'image')}; {MIN_BOARDS} are needed",
                 hint="record the board from more places; check --board, --square-mm and --dictionary",
             )
         seen = evenly_spread(seen, MAX_BOARDS)
@@ -141,10 +142,10 @@ def _rig_poses(
     while len(poses) < len(dataset.cameras):
         left = [b for b in dataset.cameras if b not in poses]
         links = [(len(shared.get(frozenset((a, b)), ())), a, b) for a in poses for b in left]
-        count, a, b = max(links, key=lambda link: link[0])
-        if count < MIN_BOARDS:
+        most, a, b = max(links, key=lambda link: link[0])
+        if most < MIN_BOARDS:
             raise BadInputError(
-                f"{b} and {a} show the board together at {count} instants; {MIN_BOARDS} are needed",
+                f"{b} and {a} show the board together at {count(most, 'instant')}; {MIN_BOARDS} are needed",
                 hint="hold the board where neighbouring cameras both see it",
             )
         together = shared[frozenset((a, b))][:MAX_BOARDS]

@@ -96,7 +96,7 @@ def refuse_equal_poses(views: Mapping[str, View]) -> None:
         if apart <= SAME_SHARE * size and turned <= SAME_SHARE:
             raise BadInputError(
                 f"this calibration is not good enough: {a} and {b} have one pose, as if they were one camera",
-                hint="two real cameras never stand in one another; calibrate the rig again",
+                hint="two cameras are never in the same place; calibrate the rig again",
             )
 
 

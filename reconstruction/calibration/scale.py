@@ -50,7 +50,8 @@ def metres_per_unit(views: Mapping[str, View], known: KnownDistance) -> float:
     for name in known.marks:
         if name not in views:
             raise BadInputError(
-                f"the mark in {name} cannot be used: it has no calibration", hint=f"use {', '.join(views)}"
+                f"--mark {name}=... cannot be used: {name} is not among the calibrated cameras",
+                hint=f"mark the points in {' or '.join(views)}",
             )
     if len(known.marks) < 2:
         raise BadInputError(

@@ -64,7 +64,9 @@ def _pose_problem(camera: CameraCalibration) -> str:
         uneven = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
         reach = float(np.abs(camera.translation).max())
     if not uneven <= MAX_UNEVEN:
-        return f"its rotation is none (times its transpose it is {uneven:.2g} off the identity)"
+        return (
+            f"its rotation matrix is not a rotation: unit length or right angles are missed by {uneven:.2g}"
+        )
     if np.linalg.det(rotation) < 0:
         return "its rotation is mirrored (determinant -1)"
     if reach > MAX_REACH:

@@ -45,4 +45,4 @@ def board(file: Path, page: str, board: CharucoBoard, as_json: bool) -> None:
     print_line(str(file))
     print_line("print it at 100 %, and measure the bar below the board: it is 100 mm long")
     if options:
-        print_line(f"tell it to calibrate and coverage: {' '.join(options)}")
+        print_line(f"give these options to calibrate and coverage: {' '.join(options)}")

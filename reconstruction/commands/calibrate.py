@@ -80,7 +80,7 @@ def _parse_mark(text: str) -> Mark:
 @click.option(
     "--keep/--no-keep",
     default=None,
-    show_default="if it is found here, by sfm, charuco or a distance",
+    show_default="keep if --from is sfm or charuco, or the scale is set",
     help="Keep the calibration for later sessions of the same cameras in the same modes.",
 )
 @memory_option
@@ -112,7 +112,8 @@ def calibrate(
         raise click.UsageError("--mark and --distance-m belong together: two points and their distance")
     if source not in set(CalibrationSource) and not Path(source).exists():
         raise click.BadParameter(
-            f"{source!r} is neither {', '.join(CalibrationSource)} nor a session", param_hint="--from"
+            f"{source!r} is not one of {', '.join(CalibrationSource)}, and no such file or folder exists",
+            param_hint="--from",
         )
 
     options = CalibrateOptions(

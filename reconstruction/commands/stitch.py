@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line
+from capture_app.text import count
 from reconstruction.commands.options import instant_option, memory_option, out_option
 from reconstruction.session.conditions import MAX_OFFSET_MS
 
@@ -40,7 +41,7 @@ def stitch(sources: tuple[Path, ...], out: Path, as_json: bool, **options: Any) 
         print_json(result)
         return
     made = result.synced
-    print_line(f"panorama of {len(result.used)} images, {made.width}x{made.height} pixels")
+    print_line(f"panorama of {count(len(result.used), 'image')}, {made.width}x{made.height} pixels")
     for name, why in result.left_out.items():
         print_line(f"left out: {name}: {why}")
     first = "" if result.offset is None else ", synchronized"

@@ -97,7 +97,7 @@ def refuse_odd_shape(what: str, width: int, height: int) -> None:
     """Raise BadInputError for pictures that are too small or narrow to find anything in."""
     if min(width, height) < MIN_SIDE_PX or max(width, height) > MAX_ASPECT * min(width, height):
         raise BadInputError(
-            f"{what} is {width}x{height} pixels, which nothing can be matched in",
+            f"{what} is {width}x{height} pixels: too small or too narrow to work with",
             hint=f"it takes {MIN_SIDE_PX} pixels across and down, and no side {MAX_ASPECT} times the other",
         )
 

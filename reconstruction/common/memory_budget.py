@@ -57,8 +57,8 @@ class MemoryBudget:
                 )
         if scale < 1.0:
             self.note(
-                f"{what} is computed at {100 * scale:.0f} % of its size: it would take "
-                f"{gigabytes(bytes_at(1.0))} of memory, and {gigabytes(limit)} may be used (--memory)"
+                f"{what} is done at {100 * scale:.0f} % of the full size, which would take "
+                f"{gigabytes(bytes_at(1.0))} of memory; {gigabytes(limit)} may be used (--memory)"
             )
         return scale
 

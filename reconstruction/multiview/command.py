@@ -168,7 +168,7 @@ def find_sources(views: Mapping[str, View], scene: CoarseScene) -> dict[str, tup
 def _why_alone(camera: str, images: Mapping[str, CalibratedImage], scene: CoarseScene) -> str:
     """Why a camera has no sources."""
     if camera not in scene.points:
-        return "its picture agrees with no other's"
+        return "nothing in its picture could be matched in another camera's"
     inside = {
         other: seen_points(images[camera].view, images[other].view, scene.points[camera])
         for other in images
@@ -177,8 +177,8 @@ def _why_alone(camera: str, images: Mapping[str, CalibratedImage], scene: Coarse
     best = max(inside, key=lambda other: float(inside[other][0].mean()))
     there, angles = inside[best]
     return (
-        f"of what was found {best} sees most, {100 * there.mean():.0f} %, "
-        f"{float(np.median(angles)):.1f} degrees apart: unfit for depth"
+        f"no other camera is fit to measure its depth with: {best} sees most of the same, "
+        f"{100 * there.mean():.0f} %, from {float(np.median(angles)):.1f} degrees aside"
     )
 
 

@@ -47,10 +47,10 @@ def test_a_board_that_is_held_still_counts_once_and_is_sent_on() -> None:
     assert "upper left" in found.cameras["a"].empty
     assert "lower right" not in found.cameras["a"].empty
     assert found.cameras["a"].covered < 0.4
-    assert found.missing[0] == "hold it where a and b both see it (1 of 6 views)"
-    assert "move it to the upper left and the top of a" in found.missing
-    assert "tilt it more to the left and right for b" in found.missing
-    assert "tilt it more up and down for b" in found.missing
+    assert found.missing[0] == "hold the board where a and b both see it (1 of 6 views)"
+    assert "move the board to the upper left and the top of a" in found.missing
+    assert "tilt the board more to the left and right for b" in found.missing
+    assert "tilt the board more up and down for b" in found.missing
     assert "9 more different views for b" in found.missing
 
 
@@ -86,8 +86,8 @@ def test_cameras_that_never_see_it_together_are_to_be_joined() -> None:
     for corners in SWEEP:
         count.add({"a": corners, "b": corners})
         count.add({"c": corners})
-    joins = [line for line in count.coverage().missing if line.startswith("hold it where")]
-    assert joins == ["hold it where a and c both see it (0 of 6 views)"]
+    joins = [line for line in count.coverage().missing if line.startswith("hold the board where")]
+    assert joins == ["hold the board where a and c both see it (0 of 6 views)"]
 
 
 def test_a_camera_that_has_not_seen_it_is_named_first() -> None:

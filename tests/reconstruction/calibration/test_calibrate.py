@@ -204,7 +204,7 @@ def test_coverage_says_what_is_missing_and_stores_nothing(tmp_path: Path, recons
     assert set(found["cameras"]) == {"left", "right"}
     assert found["cameras"]["left"]["views"] >= 5
     assert found["shared"][0]["cameras"] == ["left", "right"]
-    assert any(line.startswith("move it to the") for line in found["missing"])
+    assert any(line.startswith("move the board to the") for line in found["missing"])
     assert "missing: " in reconstruct("calibrate", session.folder, "--coverage", *board).out
     assert not (session.folder / "calibration.json").exists()
 

@@ -58,7 +58,7 @@ def test_depth_at_a_smaller_scale_is_still_right(scene: Scene) -> None:
     with limited_memory(128 << 20) as budget:
         small = StereoPair(reference, other, (16.0, 240.0))
     assert small.scale < 0.7
-    assert "of its size" in budget.notes[0]
+    assert "of the full size" in budget.notes[0]
     large = (cv2.resize(grey, (1280, 960), interpolation=cv2.INTER_CUBIC) for grey in (image, partner))
     found = cv2.resize(small.compute_depth(*large).depth, (320, 240), interpolation=cv2.INTER_NEAREST)
     right = np.abs(found - truth) < 0.02 * truth

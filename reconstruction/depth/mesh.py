@@ -1,4 +1,4 @@
-"""A mesh of the fused cloud, cut where no points support it, and a picture of it from six sides."""
+"""A mesh of the fused cloud, cut where no points support it, and a picture of it from six places."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,4 +1,4 @@
-"""Threads for work that OpenCV does, one a core."""
+"""Threads for work that OpenCV does, at most one a core."""
 
 import os
 from collections.abc import Iterator
@@ -25,7 +25,7 @@ def worker_count() -> int:
 
 @contextmanager
 def worker_pool() -> Iterator[ThreadPoolExecutor]:
-    """A pool of a thread per core; OpenCV, which each of them calls, then uses none of its own."""
+    """A pool of `worker_count` threads; OpenCV, which each of them calls, then uses none of its own."""
     before = cv2.getNumThreads()
     cv2.setNumThreads(1)
     try:

@@ -41,15 +41,15 @@ def dose(session: Path, out: Path | None, as_json: bool, **options: Any) -> None
     from reconstruction.compare.dose import DoseOptions
     from reconstruction.compare.dose import dose as run
     from reconstruction.report.dose_report import dose_sentence
-    from reconstruction.report.timing_words import instant_lateness
+    from reconstruction.report.timing_words import late_or_early
 
     result = run(session, out, DoseOptions(**options))
     if as_json:
         print_json(result)
         return
     for instant in result.timing.instants if result.timing else ():
-        late = instant_lateness(instant.late_ms, instant.sd_ms)
-        print_line(f"instant {instant.instant:3d}: {result.other} is {late} late")
+        late = late_or_early(instant.late_ms, 2 * instant.sd_ms)
+        print_line(f"instant {instant.instant:3d}: {result.other} is {late}")
     for point in result.points:
         scores = point.scores
         share = scores.mover_coverage if result.measure == "mover_coverage" else scores.mover_within_2pct

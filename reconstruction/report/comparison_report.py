@@ -12,7 +12,7 @@ from capture_app.errors import BadInputError
 from capture_app.text import count
 from reconstruction.report import wording
 from reconstruction.report.charts import pose_chart
-from reconstruction.report.dose_report import dose_view
+from reconstruction.report.dose_report import dose_heading, dose_view
 from reconstruction.report.measures import (
     DEPTH,
     PANORAMA,
@@ -105,7 +105,7 @@ def _sections(result: CompareResult) -> list[Section]:
         (pair_pictures(result), "pictures", "See the difference"),
         (result.bullet_time, "sweep", "From camera to camera"),
         (result.burst, "burst", "The burst"),
-        (result.dose, "dose", "How much delay this motion tolerates"),
+        (result.dose, "dose", dose_heading(result.dose) if result.dose else ""),
         (result.multiview, "all-cameras", "With all cameras at once"),
         (result.poses, "poses", "Where the cameras stand"),
         (True, "measures", "The measurements"),

@@ -51,10 +51,17 @@ def dose_sentence(dose: DoseResult) -> str:
     return " ".join([*moved, f"As recorded, {_found_to_both_sides(dose)}", *told])
 
 
+def dose_heading(dose: DoseResult) -> str:
+    """What a motion tolerates is known only where the pictures of no delay are of one instant."""
+    known = dose.timing is not None and dose.timing.synchronized
+    return "How much delay this motion tolerates" if known else "Depth against delay"
+
+
 def _found_to_both_sides(dose: DoseResult) -> str:
     ends = {point.offset_ms: point for point in (dose.points[0], dose.points[-1]) if point.offset_frames}
     sides = [f"{wording.lateness(ms)}, for {_share(dose, point.scores)}" for ms, point in ends.items()]
-    return "; ".join([f"{_what(dose)} for {_share(dose, dose.as_recorded)} of what moves", *sides]) + "."
+    first = f"{_what(dose)} for {_share(dose, dose.as_recorded)} of what moves"
+    return f"{first}; with the second picture {'; '.join(sides)}." if sides else f"{first}."
 
 
 def _found_at_best(dose: DoseResult) -> str:
@@ -159,7 +166,7 @@ def write_dose_report(result: DoseResult, out: Path) -> Path:
     cameras = f"cameras {result.reference} and {result.other}"
     instants = count(result.instants, "instant")
     page = render_page(
-        title=f"{name}: how much delay its motion tolerates",
+        title=f"{name}: {dose_heading(result).lower()}",
         kicker="Depth against delay",
         name=name,
         verdict=dose_sentence(result),

@@ -6,7 +6,7 @@ from reconstruction.scores.timing import Timing
 
 def timing_sentences(timing: Timing) -> str:
     """How late the second camera is and what to do about it, or why that is not known."""
-    by = f"by what moves at {count(len(timing.instants), 'instant')}" if timing.instants else "by its depth"
+    by = f"by what moves at {count(len(timing.instants), 'instant')}"
     if timing.synchronized:
         return (
             f"{timing.other} is {_lateness(timing)} against {timing.reference} ({by}; 95 %): the same "
@@ -39,16 +39,26 @@ def instant_lateness(late_ms: float, sd_ms: float) -> str:
     return f"{late_ms:+.1f} ± {2 * sd_ms:.1f} ms"
 
 
+def late_or_early(late_ms: float, uncertainty_ms: float) -> str:
+    """`0.4 ± 0.6 ms late`, or early."""
+    return f"{abs(late_ms):.1f} ± {uncertainty_ms:.1f} ms {'early' if late_ms < 0 else 'late'}"
+
+
 def _lateness(timing: Timing) -> str:
     assert timing.late_ms is not None
     assert timing.uncertainty_ms is not None
-    side = "early" if timing.late_ms < 0 else "late"
-    return f"{abs(timing.late_ms):.1f} ± {timing.uncertainty_ms:.1f} ms {side}"
+    return late_or_early(timing.late_ms, timing.uncertainty_ms)
 
 
 def _offset(timing: Timing, by: str) -> str:
     assert timing.late_ms is not None
     side = "earlier" if timing.late_ms < 0 else "later"
+    if timing.by_depth:
+        return (
+            f"These cameras were not synchronized: {timing.other}'s pictures were taken about "
+            f"{abs(timing.late_ms):.0f} ms {side} than {timing.reference}'s, as most depth is found then. "
+            f"That is known to a frame only, because moving points do not tell: {timing.reason}."
+        )
     size = _lateness(timing).rpartition(" ")[0]
     return (
         f"These cameras were not synchronized: {timing.other}'s pictures were taken {size} {side} than "
@@ -57,7 +67,7 @@ def _offset(timing: Timing, by: str) -> str:
 
 
 def _odd(timing: Timing) -> str:
-    return f" Beware: {timing.reason}." if timing.reason else ""
+    return f" But {timing.reason}." if timing.reason and not timing.by_depth else ""
 
 
 def _what_to_do(timing: Timing) -> str:

@@ -36,7 +36,9 @@ class Timing(Struct, frozen=True, kw_only=True):
     late_ms: float | None = None
     """The median over the instants; None where the pictures do not tell."""
     uncertainty_ms: float | None = None
-    """95 % error of it."""
+    """95 % error of it; one frame where `by_depth`."""
+    by_depth: bool = False
+    """It is known to a frame only, by where the depth curve is highest; `reason`: why not by what moves."""
     offset: bool = False
     """It is certainly not zero."""
     reason: str = ""
@@ -91,7 +93,7 @@ def judge_timing(
     elif len(odd) > ODD_SHARE * len(instants):
         reason = f"{len(odd)} of {len(instants)} instants disagree with the others"
     elif not offset and abs(late) > SIGMAS * sd:
-        reason = "zero lies at the edge of the error of what was measured"
+        reason = "what was measured is neither clearly zero nor clearly another offset"
     frames = round(late / spacing_ms)
     return Timing(
         reference=reference,
@@ -120,8 +122,8 @@ def with_curve_peak(timing: Timing, peak_ms: float | None, peaks: int, spacing_m
             timing,
             late_ms=-peak_ms,
             uncertainty_ms=spacing_ms,
+            by_depth=True,
             offset=True,
-            reason=f"by the depth curve alone, for {timing.reason}",
             shift_ms=round(-peak_ms, 2),
         )
     if timing.synchronized:

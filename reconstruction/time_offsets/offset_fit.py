@@ -75,10 +75,12 @@ def fit_offset(crossings: Crossings, still: StillErrors, period_ms: float) -> Of
     """
     found = crossings.only(np.abs(crossings.across_px_per_ms) * period_ms > LEAST_ACROSS_PX)
     if len(found.offset_ms) < LEAST_VOTES:
-        return OffsetFit(reason="too little that both cameras recognize moves across their epipolar lines")
+        return OffsetFit(
+            reason="both cameras recognize too few moving points, or these move along their epipolar lines"
+        )
     peak, votes, rival = _most_agreed(found, period_ms)
     if votes < LEAST_VOTES or votes < DISTINCT * rival:
-        return OffsetFit(reason="what moves agrees on no single offset")
+        return OffsetFit(reason="the points that move do not agree on one offset")
     misses = (found.offset_ms - peak) * found.across_px_per_ms
     near = found.only((np.abs(misses) < NEAR_PX) & (np.abs(found.offset_ms - peak) < period_ms))
     shift, match_px, fit_sd = _fit_line(near, still, peak)
@@ -86,7 +88,7 @@ def fit_offset(crossings: Crossings, still: StillErrors, period_ms: float) -> Of
     instants = _by_instant(near, moved, match_px, period_ms)
     if len(instants) < MIN_INSTANTS:
         return OffsetFit(
-            reason=f"only {len(instants)} of its instants can tell; it takes {MIN_INSTANTS}",
+            reason=f"it takes {MIN_INSTANTS} instants that tell it, and here {len(instants)} do",
             instants=instants,
         )
     values, sds = (np.array(of) for of in zip(*((one.offset_ms, one.sd_ms) for one in instants), strict=True))

@@ -130,7 +130,7 @@ def _partners(name: str, pairs: Mapping[Pair, object]) -> tuple[str, ...]:
 def _why(name: str, measured: Mapping[Pair, OffsetFit], known: Mapping[Pair, object]) -> str:
     """Why a camera's offset cannot be told: most of its pairs' own reason."""
     if any(name in pair for pair in measured if pair in known):
-        return "it was measured against cameras only whose own offset is not known"
+        return "it was measured only against cameras whose own offset is not known"
     reasons = [fit.reason for pair, fit in measured.items() if name in pair]
     if not reasons:
         return "it has no calibration, or looks where no other camera does"

@@ -183,7 +183,13 @@ class Comparison:
             conditions=conditions,
             dose=self.dose,
             burst=render_burst_grid(self.dataset, self.folder),
-            bullet_time=render_camera_sweep(self.dataset, self.rig.motion, self.rig.views, self.folder),
+            bullet_time=render_camera_sweep(
+                self.dataset,
+                self.rig.motion,
+                self.rig.views,
+                self.folder,
+                together=self.timing is not None and self.timing.synchronized,
+            ),
             memory_notes=memory_budget().notes,
             versions=library_versions(),
         )

@@ -204,8 +204,8 @@ def _draw_depth(
         drawn[side] = {"multiview_depth": depth, "multiview_movers": mark_movers(photo, moving, right)}
     judged = f"it is right {TOLERANCE_TEXT}" if truth is not None else "the other cameras agree"
     distance = (
-        "Bright is near, blue is far; dark means that no distance was found. On one side all cameras show "
-        "the same instant, on the other each shows another."
+        "Bright is near, blue is far; dark means that no distance was found. On one side are the pictures "
+        "that were recorded as one instant, on the other each camera is off by a different delay."
     )
     movers = f"Teal: a distance was found, and {judged}. Orange: none, or a wrong one."
     texts = {

@@ -88,8 +88,10 @@ def _share(dose: DoseResult, scores: DepthScores) -> str:
 
 
 def _notes(dose: DoseResult) -> list[str]:
+    shaky = dose.timing is not None and bool(dose.timing.moving_cameras)
     notes = [
-        "The solid line shows what moves, the dashed one what stands still (the control). Shaded: 95 % "
+        "The solid line shows what moves, the dashed one what stands still"
+        f"{'' if shaky else ' (the control)'}. Shaded: 95 % "
         f"confidence intervals over {count(dose.instants, 'instant')}; every point is the median over the "
         "instants. To the left of zero the second picture is early."
     ]

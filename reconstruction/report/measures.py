@@ -82,7 +82,7 @@ PANORAMA = (
         "Found again",
         "Share of the points with structure that the other picture shows within reach. More is better.",
     ),
-    Measure("points", "Points measured", "That were found again, of an instant.", wording.number),
+    Measure("points", "Points measured", "How many points of an instant were found again.", wording.number),
     Measure("overlap_mad", "Brightness difference", "On average, of 255. Less is better.", wording.quantity),
 )
 
@@ -130,7 +130,7 @@ def multiview_measures(result: MultiviewComparison) -> tuple[Measure, ...]:
         Measure(
             "points",
             POINTS,
-            "In the cloud fused from all cameras, on average over the instants.",
+            "In the cloud fused from all cameras, the median over the instants.",
             wording.number,
         ),
         Measure(
@@ -150,7 +150,7 @@ def pose_measures(result: PoseComparison) -> tuple[Measure, ...]:
         Measure(
             "registered",
             "Cameras placed",
-            f"Of {len(result.cameras)}, on average over the instants. More is better.",
+            f"Of {len(result.cameras)}, the median over the instants. More is better.",
             wording.quantity,
         ),
         Measure(

@@ -72,8 +72,9 @@ def pair_pictures(result: CompareResult) -> list[Picture]:
 def files_beside(result: CompareResult) -> list[Files]:
     """Every file of the folder that the page lies in."""
     found = [Files("all numbers, for programs", ["metrics.json"])]
+    first = wording.name_sides(result.timing, result.actual_offset_ms).first.lower()
     found += [
-        Files(f"{one.title}: synchronized, offset", [one.synced, one.offset]) for one in pair_pictures(result)
+        Files(f"{one.title}: {first}, offset", [one.synced, one.offset]) for one in pair_pictures(result)
     ]
     if many := result.multiview:
         found += [

@@ -62,9 +62,9 @@ def _what_was_found(
         moved = timing is not None and bool(timing.moving_cameras)
         depth = _stereo_sentence(stereo, late, together, moved)
     elif multiview is not None:
-        depth = _multiview_sentence(multiview)
+        depth = _multiview_sentence(multiview, together)
     panorama = _panorama_sentence(stitch, late, together) if stitch is not None else None
-    places = _pose_sentence(poses) if poses is not None else None
+    places = _pose_sentence(poses, together) if poses is not None else None
     clear = [text for text in (depth, panorama, places) if text is not None]
     if clear:
         return " ".join([*clear, *([timing_sentences(timing)] if timing is not None else [])])
@@ -152,7 +152,7 @@ def _stereo_sentence(result: StereoComparison, late: str, together: bool, moved:
     if still - other > FALLEN_CONTROL:
         return (
             f"{first} What stands still is found less often too ({_percent(still)} and {_percent(other)}): "
-            "timing is not all that differs. Did the cameras move, or the light change?"
+            f"timing is not all that differs.{'' if moved else ' Did the cameras move, or the light change?'}"
         )
     if moved or abs(still - other) > 0.02:
         return first
@@ -161,8 +161,13 @@ def _stereo_sentence(result: StereoComparison, late: str, together: bool, moved:
     )
 
 
-def _multiview_sentence(result: MultiviewComparison) -> str | None:
-    when = f"all {len(result.cameras)} cameras show the same instant"
+def _multiview_sentence(result: MultiviewComparison, together: bool) -> str | None:
+    cameras = f"all {len(result.cameras)} cameras"
+    when = (
+        f"{cameras} show the same instant"
+        if together
+        else f"the pictures of {cameras} are paired as recorded"
+    )
     return _depth_sentence(result, when, "each camera off by a different delay", "several cameras agree on")
 
 
@@ -196,7 +201,7 @@ def _panorama_sentence(result: PanoramaComparison, late: str, together: bool) ->
     )
 
 
-def _pose_sentence(result: PoseComparison) -> str | None:
+def _pose_sentence(result: PoseComparison, together: bool) -> str | None:
     """None where delays do not harm the poses, since what stands still places the cameras both times."""
     before, after = result.synced, result.offset
     if not result.degraded or before.rotation_deg is None:
@@ -207,8 +212,9 @@ def _pose_sentence(result: PoseComparison) -> str | None:
         wrong = f"these angles are wrong by {after.rotation_deg:.0f} degrees"
         if before.rotation_deg > 0.5 * after.rotation_deg:
             wrong = f"only {_percent(after.correct_pairs)} of the pairs are placed correctly"
+    pictures = "pictures of one instant" if together else "the pictures as recorded"
     return (
-        f"So much moves here that it decides where the cameras seem to stand: pictures of one instant give "
+        f"So much moves here that it decides where the cameras seem to stand: {pictures} give "
         f"the angles between them to {before.rotation_deg:.1g} degrees; with each camera off by a different "
         f"delay, {wrong}."
     )

@@ -150,6 +150,8 @@ def control(result: CompareResult) -> str:
     """Whether timing alone can explain the difference: by the control, what stands still."""
     if result.stereo is None:
         return ""
+    if result.timing is not None and result.timing.moving_cameras:
+        return "The cameras moved while they recorded, so nothing in the pictures is a control."
     synced, offset = result.stereo.synced, result.stereo.offset
     still = first_known(synced, offset, "static_within_2pct", "static_coverage")
     if still is None:
@@ -173,7 +175,7 @@ def synchronization(residual_us: float | None, bound_us: float | None) -> str:
     """How far images are from their instants, by the session's record."""
     parts = []
     if residual_us is not None:
-        parts.append(f"every synchronized picture within {microseconds(residual_us)} of its instant")
+        parts.append(f"every picture within {microseconds(residual_us)} of its instant")
     if bound_us is not None:
         parts.append(f"the clocks agree to {microseconds(bound_us)} in the worst case")
     return "; ".join(parts) or "not known: the session has no record of its clocks"

@@ -35,6 +35,12 @@ def test_a_control_that_moves_is_admitted(read_report):
     assert "not all of the difference comes from timing" in page.text
 
 
+def test_cameras_that_moved_leave_no_control(read_report):
+    page = read_report(timing=msgspec.structs.replace(TIMING, moving_cameras={"cam2": 3.0}))
+    assert "Things at rest are the control" not in page.text
+    assert "nothing in the pictures is a control" in page.text
+
+
 def test_pictures_that_are_not_of_one_instant_are_not_called_synchronized(read_report, whole):
     lost = depth(mover_within_2pct=0.005, mover_epipolar_px=9.8, static_epipolar_px=0.05)
     stereo = msgspec.structs.replace(STEREO, synced=lost, offset=lost)

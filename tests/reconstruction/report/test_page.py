@@ -102,7 +102,7 @@ def test_how_it_was_made_names_what_decides_the_numbers(read_report):
     for words in (
         "66 ms asked for; 66.6 ms given, which is 2 frames",
         "the session's own (calibration.json)",
-        "every synchronized picture within 85 µs of its instant",
+        "every picture within 85 µs of its instant",
         "the clocks agree to 1.9 ms in the worst case",
         "cameras cam2 and cam3, 5 instants",
         "14.2 s",

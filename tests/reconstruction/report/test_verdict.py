@@ -11,6 +11,7 @@ from reconstruction.scores.results import (
     PoseScores,
     StereoComparison,
 )
+from reconstruction.scores.timing import Timing
 
 
 def stereo(synced: float, offset: float, still: float = 0.8, *, truth: bool = True) -> StereoComparison:
@@ -50,7 +51,14 @@ def test_without_truth_nothing_is_called_right() -> None:
 
 
 def test_a_control_that_changes_takes_the_conclusion_away() -> None:
-    assert "timing alone" not in verdict(stereo(0.97, 0.01, still=0.5), None, 66.7, 0.1)
+    fallen = stereo(0.97, 0.01, still=0.5)
+    text = verdict(fallen, None, 66.7, 0.1)
+    assert "timing alone" not in text
+    assert "Did the cameras move" in text
+    shaky = Timing(reference="a", other="b", reason="why", moving_cameras={"a": 3.0})
+    told = verdict(fallen, None, 66.7, 0.1, timing=shaky)
+    assert told.startswith("a moved while recording")
+    assert "Did the cameras move" not in told
 
 
 def test_cameras_that_were_never_together_are_not_called_synchronized() -> None:
@@ -115,7 +123,10 @@ def test_where_no_pair_gives_depth_all_cameras_are_told_of() -> None:
         return MultiviewComparison(reference="b", cameras=("a", "b", "c"), synced=together, offset=apart)
 
     text = verdict(None, None, 66.7, 0.1, None, many(0.02))
-    assert "all 3 cameras show the same instant, the right distance is found for 90 %" in text
+    assert (
+        "When the pictures of all 3 cameras are paired as recorded, the right distance is found for 90 %"
+        in text
+    )
     assert "off by a different delay, for 2 %" in text
     assert "all 3 cameras" not in verdict(stereo(0.97, 0.01), None, 66.7, 0.1, None, many(0.02))
     assert verdict(None, None, 66.7, 0.1, None, many(0.85)).startswith("No clear difference")

@@ -57,7 +57,10 @@ def _of_dose(found: Mapping[str, Any]) -> str:
     tolerated, timing = found["tolerable_offset_ms"], found.get("timing") or {}
     if timing.get("offset"):
         late = timing["late_ms"]
-        far = f"{abs(late):.1f} ±{timing['uncertainty_ms']:.1f} ms {'early' if late < 0 else 'late'}"
+        side = "early" if late < 0 else "late"
+        if timing.get("by_depth"):
+            return f"not synchronized: {found['other']} is about {abs(late):.0f} ms {side}, known to a frame"
+        far = f"{abs(late):.1f} ±{timing['uncertainty_ms']:.1f} ms {side}"
         return f"not synchronized: {found['other']} is {far}"
     if timing and not timing["synchronized"]:
         return f"whether it is synchronized cannot be told: {timing['reason']}"

@@ -39,6 +39,19 @@ def test_a_dose(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.parametrize(("by_depth", "far"), [(False, "5.0 ±0.6 ms early"), (True, "about 5 ms early")])
+def test_a_dose_of_cameras_that_were_apart(tmp_path: Path, by_depth: bool, far: str) -> None:
+    timing = {
+        "synchronized": False,
+        "offset": True,
+        "late_ms": -5.0,
+        "uncertainty_ms": 0.6,
+        "by_depth": by_depth,
+    }
+    told = read_result(add_dose(tmp_path, "take", timing)).verdict
+    assert told.startswith(f"not synchronized: cam01 is {far}")
+
+
 def test_depth_from_all_cameras(tmp_path: Path) -> None:
     result = read_result(add_depth(tmp_path, "take"))
     assert result.verdict == "2 depth maps, 46,166 points"

@@ -88,7 +88,7 @@ def fit_offset(crossings: Crossings, still: StillErrors, period_ms: float) -> Of
     instants = _by_instant(near, moved, match_px, period_ms)
     if len(instants) < MIN_INSTANTS:
         return OffsetFit(
-            reason=f"it takes {MIN_INSTANTS} instants that tell it, and here {len(instants)} do",
+            reason=f"it takes {MIN_INSTANTS} instants at which it can be measured, not {len(instants)}",
             instants=instants,
         )
     values, sds = (np.array(of) for of in zip(*((one.offset_ms, one.sd_ms) for one in instants), strict=True))

@@ -1,19 +1,21 @@
-"""Questions over the screen: one of a few answers by its key, or a line of text."""
+"""Dialogs over the screen: what all are, and questions: one of a few answers by a key, or a line of text."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, TypeVar
 
 from textual import events
 from textual.app import ComposeResult
+from textual.await_complete import AwaitComplete
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 from textual.content import Content
-from textual.screen import ModalScreen
+from textual.screen import ModalScreen, Screen
 from textual.widgets import Button, Input, Static
 
 from capture_app.text import printable
-from capture_app.tui.dialog import Dialog
+
+Result = TypeVar("Result")
 
 BESIDE, BUTTON_EXTRA = 56, 7
 """Cells for answers beside each other, else one is below the other; what a button adds to its words."""
@@ -25,6 +27,17 @@ _CSS = """
 }}
 {0} .question {{ width: 1fr; height: auto; margin-bottom: 1; }}
 """
+
+
+class Dialog(Screen[Result]):
+    """What is pushed over a mode: a question, a form, a view of the whole screen. It gives its result once.
+
+    Keys that are still on their way when it closes are not its own any more.
+    """
+
+    def dismiss(self, result: Result | None = None) -> AwaitComplete:
+        """Close and give the result; nothing where it is not on top."""
+        return super().dismiss(result) if self.is_active else AwaitComplete()
 
 
 @dataclass(frozen=True, slots=True)

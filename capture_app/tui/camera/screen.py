@@ -16,12 +16,12 @@ from capture_app.node.wire.views import NodeDetail
 from capture_app.text import NO_VALUE, clock_offset, count, duration, printable
 from capture_app.tui.camera.histogram import histogram_rows, histogram_title
 from capture_app.tui.camera.wedge_plot import wedge_rows, wedge_title
-from capture_app.tui.dialog import Dialog
 from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.drawing.news import news_lines
 from capture_app.tui.footer import KeyFooter
 from capture_app.tui.messages import PreviewReceived, StatusChanged
 from capture_app.tui.pictures.picture import Picture
+from capture_app.tui.question import Dialog
 from capture_app.tui.record import RigRecord
 from capture_app.tui.rig_source import RigSource
 from capture_app.tui.states import SIGNS

@@ -15,7 +15,6 @@ from textual.widget import Widget
 
 from capture_app.errors import BadInputError
 from capture_app.text import printable
-from capture_app.tui.dialog import Dialog
 from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.footer import KeyFooter
 from capture_app.tui.jobs.figures import figure_lines, verdict_lines
@@ -24,6 +23,7 @@ from capture_app.tui.jobs.results import ResultPicture, StudyResult
 from capture_app.tui.messages import Mishap
 from capture_app.tui.pictures.cells import Image
 from capture_app.tui.pictures.picture import Picture, Source
+from capture_app.tui.question import Dialog
 
 BLINK_S = 0.8
 WIDE = 150

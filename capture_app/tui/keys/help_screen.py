@@ -11,8 +11,8 @@ from textual.message import Message
 from textual.screen import ModalScreen
 from textual.widgets import Static
 
-from capture_app.tui.dialog import Dialog
 from capture_app.tui.drawing.lines import Lines
+from capture_app.tui.question import Dialog
 from capture_app.tui.settings import KEYS_FILE
 
 EVERYWHERE = "app"

@@ -13,7 +13,7 @@ from textual.widgets import Input, OptionList, Static
 from textual.widgets.option_list import Option
 
 from capture_app.text import printable
-from capture_app.tui.dialog import Dialog
+from capture_app.tui.question import Dialog
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,11 +8,11 @@ from textual.content import Content
 
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.text import count, printable
-from capture_app.tui.dialog import Dialog
 from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.footer import KeyFooter
 from capture_app.tui.library.catalogue import Entry
 from capture_app.tui.library.take_pane import TakePane
+from capture_app.tui.question import Dialog
 from capture_app.tui.sheets.contact_sheet import ContactSheet
 from capture_app.tui.sheets.look import LookScreen, Motion
 

@@ -12,12 +12,12 @@ from textual.timer import Timer
 
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.text import duration, printable
-from capture_app.tui.dialog import Dialog
 from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.footer import KeyFooter
 from capture_app.tui.pictures.cells import Image
 from capture_app.tui.pictures.picture import Picture, Source
 from capture_app.tui.pictures.sharp import sharp_terminal_of
+from capture_app.tui.question import Dialog
 
 SLOWEST, FASTEST = 1.0, 8.0
 """Pictures a second: more would be too much for a slow link."""

@@ -15,13 +15,13 @@ from capture_app.node.wire.status import NodeStatus
 from capture_app.node.wire.views import Preview
 from capture_app.session.reading.decoding import decode_image
 from capture_app.text import duration, printable
-from capture_app.tui.dialog import Dialog
 from capture_app.tui.drawing.lines import Lines
 from capture_app.tui.footer import KeyFooter
 from capture_app.tui.messages import Mishap, PreviewReceived, StatusChanged
 from capture_app.tui.pictures.aids import Aid, Exposure, exposure_of, peaking, sharpness, zebra
 from capture_app.tui.pictures.cells import Image
 from capture_app.tui.pictures.picture import NOISE, Picture
+from capture_app.tui.question import Dialog
 from capture_app.tui.rig_source import RigSource
 from capture_app.tui.states import SIGNS, cameras_of
 from capture_app.tui.viewfinder.meters import FocusMeter, exposure_line, focus_line, histogram_lines

@@ -26,7 +26,7 @@ def test_images_stay_as_they_are(make: Make, export: Export, tmp_path: Path) -> 
     assert {str(path.relative_to(images)) for path in images.rglob("*.jpg")} == KEPT
     for name in KEPT:
         assert (images / name).read_bytes() == (session.folder / "images" / name).read_bytes()
-    assert any("without 1 image of other moments" in note for note in report.notes)
+    assert any("left out: 1 image of other moments" in note for note in report.notes)
 
 
 def test_the_sparse_model(make: Make, export: Export, tmp_path: Path) -> None:

@@ -21,6 +21,7 @@ from reconstruction.multiview.input_images import undistort_image, undistort_nea
 from reconstruction.scores.depth_truth import depth_shares
 from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import Reconstruct, Scene, make_view, write_session
+from tests.reconstruction.true_workspace import write_true_workspace
 
 VIEWS = {
     "left": make_view((-0.14, 0.0, 0.0), yaw=1.5),
@@ -213,18 +214,8 @@ def test_patchmatch_runs_on_the_gpu_when_asked_for_and_auto_is_the_sweep(
     trio: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     """The other process is stood in for by one that copies true maps: all up to it is real."""
-    dataset = Dataset.open(trio.folder)
-    images, depth_views = {}, {}
-    for name, view in VIEWS.items():
-        truth = dataset.ground_truth(name, 1)
-        assert truth is not None
-        images[name] = undistort_image(name, 1, dataset.image(name, 1), view)
-        facing = np.zeros((*truth[0].shape, 3), np.float32)
-        facing[..., 2] = -1
-        depth_views[name] = ViewDepth(undistort_nearest(view, truth[0]), facing)
     true, asked = tmp_path / "true", tmp_path / "asked"
-    views = {name: image.calibrated.view for name, image in images.items()}
-    write_workspace(true, views, {name: image.colours for name, image in images.items()}, depth_views)
+    write_true_workspace(true, trio, VIEWS, 1)
     copy = f'cp -r {true}/stereo/*_maps "$3/stereo/" && cat "$3/stereo/patch-match.cfg" > {asked}'
     python = fake(tmp_path / "python", f'#!/bin/sh\n{copy} && echo "$4" "$5" >> {asked}\n')
     fake(tmp_path / "nvidia-smi", "#!/bin/sh\necho Some GPU\n")

@@ -12,27 +12,23 @@ from capture_app.session.reading.reader import Session
 from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.compare.multiview_study import MultiviewStudy
-from reconstruction.depth.colmap_workspace import write_workspace
 from reconstruction.depth.patchmatch import ENVIRONMENT
-from reconstruction.depth.sweep_matcher import ViewDepth
 from reconstruction.multiview.cloud_accuracy import (
     PointIndex,
     points_on_masks,
     points_on_movers,
     true_surfaces,
 )
-from reconstruction.multiview.input_images import undistort_image, undistort_nearest
 from reconstruction.multiview.instant_depth import SWEEP, InstantDepth, compute_instant_depth
 from reconstruction.multiview.matcher import (
     ChosenMatcher,
     Matcher,
     choose_matcher,
-    image_colours,
-    image_views,
 )
 from reconstruction.session.conditions import DISTINCT, Condition
 from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import HEIGHT, WIDTH, Reconstruct, Scene, make_view, write_session
+from tests.reconstruction.true_workspace import write_true_workspace
 
 VIEWS = {
     "left": make_view((-0.14, 0.0, 0.0), yaw=1.5),
@@ -126,16 +122,7 @@ def test_a_comparison_takes_the_matcher_that_is_asked_for(
     assert failed.code == 6
     assert "this machine has none" in failed.complaint
     assert not (tmp_path / "none").exists()
-    dataset = Dataset.open(trio.folder)
-    images, maps = {}, {}
-    for name, view in VIEWS.items():
-        truth = dataset.ground_truth(name, 2)
-        assert truth is not None
-        images[name] = undistort_image(name, 2, dataset.image(name, 2), view)
-        facing = np.zeros((*truth[0].shape, 3), np.float32)
-        facing[..., 2] = -1
-        maps[name] = ViewDepth(undistort_nearest(view, truth[0]), facing)
-    write_workspace(tmp_path / "true", image_views(images), image_colours(images), maps)
+    write_true_workspace(tmp_path / "true", trio, VIEWS, 2)
     asked = tmp_path / "asked"
     for name, body in {
         "nvidia-smi": "echo Some GPU",

@@ -13,7 +13,7 @@ import numpy as np
 from msgspec import Struct
 
 from reconstruction.common.geometry import Array, View, angle_deg, angles_deg
-from reconstruction.pairs.features import MAX_SIDE_PX, MIN_MATCHES, Features, match_features
+from reconstruction.pairs.features import MIN_MATCHES, Features, match_features, size_above_features
 
 NEIGHBOURS = 4
 """Each camera is held against this many nearest others that look the same way."""
@@ -92,7 +92,7 @@ def check_rig(views: Mapping[str, View], features: Mapping[str, Features]) -> Ri
     matches = {pair: found for pair, found in matches.items() if len(found[0]) >= MIN_PAIR_POINTS}
     groups = [_measured(views, pair, np.stack(found)) for pair, found in matches.items()]
     groups += [_measured(views, names, pixels) for names, pixels in _triples(matches).items()]
-    scale = max([1.0, *(max(view.width, view.height) / MAX_SIDE_PX for view in views.values())])
+    scale = max((size_above_features(view.width, view.height) for view in views.values()), default=1.0)
     shared = {name for group in groups for name in group.cameras}
     guilty = _blamed(groups, INCONSISTENT_PX * scale)
     moved = [MovedCamera(cameras=names, shift_px=_shift(views, names, groups, guilty)) for names in guilty]

@@ -13,7 +13,7 @@ from capture_app.session.format.calibration import Calibration
 from reconstruction.calibration.charuco import BoardCorners, corners_by_moment
 from reconstruction.calibration.consistency import reprojection_errors, triangulate
 from reconstruction.common.geometry import Array, View, angle_deg
-from reconstruction.pairs.features import MAX_SIDE_PX
+from reconstruction.pairs.features import size_above_features
 
 MAX_MARK_ERROR_PX = 8.0
 """In pictures MAX_SIDE_PX wide or narrower: marks are set by hand, on one thing in all pictures."""
@@ -61,7 +61,7 @@ def metres_per_unit(views: Mapping[str, View], known: KnownDistance) -> float:
     pixels = np.array(list(known.marks.values()), float)
     ends = triangulate(seen, pixels)
     for name, view, at in zip(known.marks, seen, pixels, strict=True):
-        limit = MAX_MARK_ERROR_PX * max(1.0, max(view.width, view.height) / MAX_SIDE_PX)
+        limit = MAX_MARK_ERROR_PX * size_above_features(view.width, view.height)
         for which, error in zip(("first", "second"), reprojection_errors(view, ends, at), strict=True):
             if error > limit:
                 raise BadInputError(
@@ -113,7 +113,7 @@ def _board_factor(
     worst = max(
         float(np.median(reprojection_errors(v, points, at))) for v, at in zip(views, pixels, strict=True)
     )
-    if worst > MAX_BOARD_ERROR_PX * max(1.0, max(views[0].width, views[0].height) / MAX_SIDE_PX):
+    if worst > MAX_BOARD_ERROR_PX * size_above_features(views[0].width, views[0].height):
         return None
     places = board.places[both].astype(float)
     spreads = (float(np.linalg.norm(of - of.mean(0))) for of in (places, points))

@@ -20,6 +20,11 @@ class Features:
     descriptors: Array
 
 
+def size_above_features(width: int, height: int) -> float:
+    """How many times larger a picture is than the one that its points are found in; 1 for small ones."""
+    return max(1.0, max(width, height) / MAX_SIDE_PX)
+
+
 def detect_features(image: Array, movers: Array) -> Features:
     """SIFT points of a grey image (uint8) outside its movers (bool)."""
     scale = min(1.0, MAX_SIDE_PX / max(image.shape))

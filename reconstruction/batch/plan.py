@@ -2,6 +2,7 @@
 
 import hashlib
 import shutil
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -42,7 +43,9 @@ class BatchOptions:
 
     conditions: tuple[Condition, ...] = (Condition(SYNCED),)
     instants: tuple[int, ...] | None = None
-    matcher: str = "sweep"
+    matcher: Matcher = Matcher.AUTO
+    time_shifts_ms: Mapping[str, float] = field(default_factory=dict)
+    """What is added to the times of the cameras it names."""
     program: str = field(default_factory=program_checksum)
     """Results of another program are computed anew."""
 
@@ -54,11 +57,12 @@ def plan(session: Path, options: BatchOptions) -> tuple[list[Unit], list[Row]]:
         SimulshotError: the session cannot be used at all.
         NotApplicableError: it is sound, but has one camera only.
     """
-    dataset = Dataset.open(session)
+    dataset = Dataset.open(session, options.time_shifts_ms)
     dataset.require_cameras(2, "depth needs two that see the same from different places")
     adopt_kept_calibration(dataset)
     name = session.resolve().name
     source = dataset.fingerprint()
+    matcher, shifts = options.matcher.engine, dict(options.time_shifts_ms)
     units: list[Unit] = []
     failures: list[Row] = []
     for condition in dict.fromkeys(options.conditions):
@@ -81,7 +85,7 @@ def plan(session: Path, options: BatchOptions) -> tuple[list[Unit], list[Row]]:
                     failures.append(refused)
                 continue
             truth = _truth_checksums(dataset, chosen)
-            made_by = options.matcher, offsets, options.program
+            made_by = str(matcher), offsets, sorted(shifts.items()), options.program
             inputs = (source, truth, name, instant, condition.name, chosen, *made_by)
             units.append(
                 Unit(
@@ -90,7 +94,8 @@ def plan(session: Path, options: BatchOptions) -> tuple[list[Unit], list[Row]]:
                     instant=instant,
                     condition=condition.name,
                     offsets_ms=offsets,
-                    matcher=options.matcher,
+                    matcher=matcher,
+                    time_shifts_ms=shifts,
                     key=hashlib.sha256(repr(inputs).encode()).hexdigest(),
                 )
             )
@@ -110,7 +115,11 @@ def compute_depth(unit: Unit, folder: Path) -> None:
     session = Path(unit.session)
     _verify_images(session, unit)
     options = MultiviewOptions(
-        instant=unit.instant, offsets_ms=unit.offsets_ms, matcher=Matcher(unit.matcher), mesh=False
+        instant=unit.instant,
+        offsets_ms=unit.offsets_ms,
+        matcher=Matcher(unit.matcher),
+        mesh=False,
+        time_shifts_ms=unit.time_shifts_ms,
     )
     try:
         result = msgspec.to_builtins(multiview(session, folder, options))
@@ -130,22 +139,22 @@ def compute_depth(unit: Unit, folder: Path) -> None:
 
 def _verify_images(session: Path, unit: Unit) -> None:
     """Refuse images whose checksums are not those in the session: the unit's key was computed from these."""
-    dataset = Dataset.open(session)
-    chosen = dataset.nearest_instants(unit.instant, unit.offsets_ms)
-    for record in dataset.session.manifest.images:
-        if chosen.get(record.camera) == record.instant and not record.substitute:
-            path = dataset.session.image_file(record)
-            if hashlib.sha256(path.read_bytes()).hexdigest() != record.sha256:
-                raise IncompleteError(
-                    f"{path} is damaged: its checksum is not the session's",
-                    hint="capture-app sessions verify checks every image",
-                )
+    dataset = Dataset.open(session, unit.time_shifts_ms)
+    for camera, instant in dataset.nearest_instants(unit.instant, unit.offsets_ms).items():
+        if not dataset.has_image(camera, instant):
+            continue
+        record = dataset.record(camera, instant)
+        if hashlib.sha256(dataset.image_bytes(camera, instant)).hexdigest() != record.sha256:
+            raise IncompleteError(
+                f"{dataset.session.image_file(record)} is damaged: its checksum is not the session's",
+                hint="capture-app sessions verify checks every image",
+            )
 
 
 def _truth_checksums(dataset: Dataset, chosen: dict[str, int]) -> list[str]:
     """Checksums of the true depths that a unit is compared with."""
     sums = []
     for camera, instant in chosen.items():
-        path = dataset.session.ground_truth(camera, instant)
+        path = dataset.ground_truth_file(camera, instant)
         sums.append(hashlib.sha256(path.read_bytes()).hexdigest() if path is not None else "")
     return sums

@@ -5,8 +5,8 @@ Imports nothing that starts threads: a worker chooses its cores first.
 
 import shutil
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 
@@ -34,6 +34,8 @@ class Unit:
     offsets_ms: tuple[float, ...] = ()
     """How late each camera's image is, in the session's order; empty: all of the instant."""
     matcher: str = "sweep"
+    time_shifts_ms: Mapping[str, float] = field(default_factory=dict)
+    """What is added to the times of the cameras it names."""
 
     @property
     def label(self) -> str:

@@ -7,7 +7,14 @@ import click
 
 from capture_app.errors import ExitCode, SimulshotError
 from capture_app.terminal import json_option, print_json, print_line, talk
-from reconstruction.commands.options import CONDITION_HELP, memory_option, out_option, parse_condition
+from reconstruction.commands.options import (
+    CONDITION_HELP,
+    matcher_option,
+    memory_option,
+    out_option,
+    parse_condition,
+    time_shift_option,
+)
 from reconstruction.session.conditions import SYNCED
 
 MAX_INSTANTS = 100_000
@@ -46,12 +53,8 @@ def _parse_instants(text: str) -> tuple[int, ...]:
     show_default="all",
     help="Instants to process, as in 0,4-8.",
 )
-@click.option(
-    "--matcher",
-    type=click.Choice(["sweep", "patchmatch"]),
-    default="sweep",
-    help="sweep runs on the CPU; patchmatch is COLMAP's and needs an NVIDIA GPU.",
-)
+@matcher_option
+@time_shift_option
 @click.option(
     "--executor",
     type=click.Choice(["local", "slurm"]),

@@ -71,16 +71,15 @@ def _refuse_synced(
 @options.out_option
 @options.memory_option
 @json_option
-def compare(session: Path, out: Path, matcher: str, as_json: bool, **chosen: Any) -> None:
+def compare(session: Path, out: Path, as_json: bool, **chosen: Any) -> None:
     """Compare synchronized images of SESSION with images that are some time apart.
 
     Writes metrics.json, pictures and a self-explanatory report.html to the --out folder.
     """
     from reconstruction.compare.command import CompareOptions
     from reconstruction.compare.command import compare as run
-    from reconstruction.multiview.matcher import Matcher
 
-    result = run(session, out, CompareOptions(matcher=Matcher(matcher), **chosen))
+    result = run(session, out, CompareOptions(**chosen))
     if as_json:
         print_json(result)
         return

@@ -1,6 +1,7 @@
 """`reconstruct multiview`."""
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -21,23 +22,21 @@ from reconstruction.session.conditions import SYNCED, Condition
 )
 @options.matcher_option
 @click.option("--mesh/--no-mesh", default=True, help="Also compute a mesh and render it.")
+@options.time_shift_option
 @options.out_option
 @options.memory_option
 @json_option
-def multiview(
-    session: Path, instant: int, condition: Condition, matcher: str, mesh: bool, out: Path, as_json: bool
-) -> None:
+def multiview(session: Path, condition: Condition, out: Path, as_json: bool, **chosen: Any) -> None:
     """Compute depth maps of all cameras at one instant of SESSION, a point cloud and a mesh."""
     from reconstruction.multiview.command import MultiviewOptions
     from reconstruction.multiview.command import multiview as run
-    from reconstruction.multiview.matcher import Matcher
     from reconstruction.session.dataset import Dataset
 
-    dataset = Dataset.open(session)
+    dataset = Dataset.open(session, chosen["time_shifts_ms"])
     condition.check(dataset)
-    offsets_ms = condition.offsets_ms(dataset.cameras, instant)
-    chosen = MultiviewOptions(instant=instant, offsets_ms=offsets_ms, matcher=Matcher(matcher), mesh=mesh)
-    result = run(session, out, chosen, Progress(1))
+    offsets_ms = condition.offsets_ms(dataset.cameras, chosen["instant"])
+    wanted = MultiviewOptions(offsets_ms=offsets_ms, **chosen)
+    result = run(session, out, wanted, Progress(1))
     for camera, why in result.left_out.items():
         talk(f"{camera} is left out: {why}")
     if as_json:

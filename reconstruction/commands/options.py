@@ -4,7 +4,7 @@ import math
 from collections.abc import Callable
 from functools import wraps
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -12,6 +12,9 @@ from capture_app.errors import BadInputError
 from capture_app.terminal import talk
 from reconstruction.common.memory_budget import limited_memory, parse_size
 from reconstruction.session.conditions import DISTINCT, DISTINCT_MS, MAX_OFFSET_MS, SYNCED, Condition
+
+if TYPE_CHECKING:
+    from reconstruction.multiview.matcher import Matcher
 
 
 def parse_pair(text: str) -> tuple[str, str]:
@@ -86,10 +89,19 @@ instant_option = click.option(
     default=0,
     help="Instant of the burst, counted from 0.",
 )
+
+
+def _parse_matcher(ctx: click.Context, param: click.Parameter, value: str) -> "Matcher":
+    from reconstruction.multiview.matcher import Matcher
+
+    return Matcher(value)
+
+
 matcher_option = click.option(
     "--matcher",
     type=click.Choice(["auto", "sweep", "patchmatch"]),
     default="auto",
+    callback=_parse_matcher,
     help="What finds depth from all cameras: sweep runs on the CPU, patchmatch is COLMAP's and needs an "
     "NVIDIA GPU; auto is sweep, which finds more.",
 )

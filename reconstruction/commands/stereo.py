@@ -12,6 +12,7 @@ from reconstruction.commands.options import (
     out_option,
     pair_option,
     session_argument,
+    time_shift_option,
 )
 
 
@@ -26,6 +27,7 @@ from reconstruction.commands.options import (
     help="Take the second camera's image from this instant.",
 )
 @pair_option("--pair", use="the depth map")
+@time_shift_option
 @out_option
 @memory_option
 @json_option

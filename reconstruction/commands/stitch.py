@@ -7,7 +7,7 @@ import click
 
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line
 from capture_app.text import count
-from reconstruction.commands.options import instant_option, memory_option, out_option
+from reconstruction.commands.options import instant_option, memory_option, out_option, time_shift_option
 from reconstruction.session.conditions import MAX_OFFSET_MS
 
 if TYPE_CHECKING:
@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     metavar="MS",
     help="Also make the panorama with every second camera late by this much.",
 )
+@time_shift_option
 @out_option
 @memory_option
 @json_option

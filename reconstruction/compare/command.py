@@ -157,6 +157,7 @@ class Comparison:
             offset_ms=self.offset.asked_ms,
             offset_frames=self.offset.frames,
             actual_offset_ms=self.offset.actual_ms,
+            time_shifts_ms=dict(self.options.time_shifts_ms),
             verdict=verdict(
                 self.stereo.result,
                 self.panorama.result,

@@ -90,6 +90,7 @@ def _dose(session: Path, stages: Path, options: DoseOptions) -> DoseResult:
     return msgspec.structs.replace(
         curve,
         session=str(session),
+        time_shifts_ms=dict(options.time_shifts_ms),
         reason=choice.why,
         calibration=rig.source,
         seconds=time.monotonic() - began,

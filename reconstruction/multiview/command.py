@@ -52,6 +52,8 @@ class MultiviewOptions:
     offsets_ms: tuple[float, ...] = ()
     matcher: Matcher = Matcher.AUTO
     mesh: bool = True
+    time_shifts_ms: Mapping[str, float] = field(default_factory=dict)
+    """What is added to the times of the cameras it names."""
 
 
 @dataclass
@@ -85,7 +87,7 @@ def multiview(
     output = OutputFolder(out, replaces_only(OURS))
     matcher = choose_matcher(options.matcher)
     stopwatch = _Stopwatch()
-    dataset = Dataset.open(session)
+    dataset = Dataset.open(session, options.time_shifts_ms)
     adopt_kept_calibration(dataset)
     instants = dataset.nearest_instants(options.instant, options.offsets_ms)
     images, left_out, calibration, unit = load_input_images(dataset, instants)
@@ -126,6 +128,7 @@ def multiview(
             session=dataset.name,
             instant=options.instant,
             offsets_ms=options.offsets_ms,
+            time_shifts_ms=dict(options.time_shifts_ms),
             matcher=matcher.name,
             matcher_note=matcher.note,
             calibration=calibration,

@@ -19,6 +19,11 @@ class Matcher(StrEnum):
     SWEEP = "sweep"
     PATCHMATCH = "patchmatch"
 
+    @property
+    def engine(self) -> "Matcher":
+        """What runs where this is asked for: by itself the sweep, which finds more, with or without a GPU."""
+        return Matcher.SWEEP if self is Matcher.AUTO else self
+
 
 @dataclass(frozen=True)
 class ChosenMatcher:
@@ -34,12 +39,12 @@ class ChosenMatcher:
 
 
 def choose_matcher(asked: Matcher) -> ChosenMatcher:
-    """The matcher that is asked for; by itself the sweep, which finds more, with or without a GPU.
+    """The matcher that is asked for, see `Matcher.engine`.
 
     Raises:
         NotAvailableError: PatchMatch is asked for, and this machine cannot run it.
     """
-    if asked is Matcher.PATCHMATCH:
+    if asked.engine is Matcher.PATCHMATCH:
         gpu = find_gpu()
         return ChosenMatcher(gpu, f"on {gpu.name}")
     return ChosenMatcher(note="asked for") if asked is Matcher.SWEEP else ChosenMatcher()

@@ -29,6 +29,8 @@ class MultiviewResult(Struct, frozen=True, kw_only=True):
     session: str
     instant: int
     offsets_ms: tuple[float, ...] = ()
+    time_shifts_ms: dict[str, float] = {}
+    """What was added to the times of these cameras."""
     matcher: str
     matcher_note: str = ""
     """Why this matcher was taken."""

@@ -34,6 +34,8 @@ class StitchOptions:
 
     instant: int = 0
     offset_ms: float | None = None
+    time_shifts_ms: Mapping[str, float] = field(default_factory=dict)
+    """What is added to the times of the cameras it names."""
 
 
 class ConditionPanorama(msgspec.Struct, frozen=True, kw_only=True):
@@ -60,6 +62,8 @@ class PanoramaResult(msgspec.Struct, frozen=True, kw_only=True):
     synced: ConditionPanorama
     offset: ConditionPanorama | None = None
     actual_offset_ms: float = 0.0
+    time_shifts_ms: dict[str, float] = {}
+    """What was added to the times of these cameras."""
     seconds: float = 0.0
     memory_notes: tuple[str, ...] = ()
     """What the memory budget changed."""
@@ -95,7 +99,7 @@ def stitch(sources: tuple[Path, ...], out: Path, options: StitchOptions) -> Pano
     """
     began = time.monotonic()
     with comparison_folder(out) as output:
-        given = _load_input(sources, options.instant, options.offset_ms)
+        given = _load_input(sources, options)
         with opencv_calls("stitching"):
             stitcher = _register(given)
             synced = _save_panorama(stitcher, given, given.synced, "synced", output.folder)
@@ -109,6 +113,7 @@ def stitch(sources: tuple[Path, ...], out: Path, options: StitchOptions) -> Pano
             synced=synced,
             offset=offset,
             actual_offset_ms=given.offset_ms,
+            time_shifts_ms=dict(options.time_shifts_ms),
             seconds=time.monotonic() - began,
             memory_notes=memory_budget().notes,
             versions=library_versions(),
@@ -143,16 +148,18 @@ def _save_panorama(
     )
 
 
-def _load_input(sources: Sequence[Path], instant: int, offset_ms: float | None) -> StitchInput:
+def _load_input(sources: Sequence[Path], options: StitchOptions) -> StitchInput:
     """Read the pictures; a session is a single source.
 
     Raises:
         BadInputError: there are none, they cannot be read, or not at this instant and offset.
     """
     if len(sources) == 1 and (sources[0] / MANIFEST).exists():
-        return _session_input(sources[0], instant, offset_ms)
-    if offset_ms is not None:
+        return _session_input(sources[0], options)
+    if options.offset_ms is not None:
         raise BadInputError("--offset-ms needs a session: single pictures have no instants")
+    if options.time_shifts_ms:
+        raise BadInputError("--time-shift-ms needs a session: single pictures have no times")
     paths: list[Path] = []
     for source in sources:
         if source.is_dir():
@@ -167,8 +174,9 @@ def _load_input(sources: Sequence[Path], instant: int, offset_ms: float | None) 
     return StitchInput(ConditionInput(images, {}), {})
 
 
-def _session_input(folder: Path, instant: int, offset_ms: float | None) -> StitchInput:
-    dataset = Dataset.open(folder)
+def _session_input(folder: Path, options: StitchOptions) -> StitchInput:
+    instant = options.instant
+    dataset = Dataset.open(folder, options.time_shifts_ms)
     dataset.fit_memory(images=len(dataset.cameras), bytes_per_pixel=KEPT_BYTES_PER_PIXEL)
     cameras = [name for name in dataset.nearest_instants(instant, ()) if dataset.has_image(name, instant)]
     absent = {c: f"it has no image of instant {instant}" for c in dataset.cameras if c not in cameras}
@@ -178,9 +186,9 @@ def _session_input(folder: Path, instant: int, offset_ms: float | None) -> Stitc
         return StitchInput(ConditionInput(images, {}), views, absent=absent)
     motion = SceneMotion(dataset, 1)
     synced = _condition(dataset, motion, dict.fromkeys(cameras, instant))
-    if offset_ms is None:
+    if options.offset_ms is None:
         return StitchInput(synced, views, absent=absent)
-    offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, offset_ms)
+    offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, options.offset_ms)
     later = dict(offset.pairs).get(instant)
     late = cameras[1::2]
     if later is None or not dataset.has_images((name, later) for name in late):

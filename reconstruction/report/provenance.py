@@ -44,6 +44,9 @@ def provenance_entries(result: CompareResult) -> list[Entry]:
     if result.poses_skipped:
         entries.append(Entry("Poses by instant", f"not measured: {result.poses_skipped}"))
     asked, actual = (wording.milliseconds(ms) for ms in (result.offset_ms, result.actual_offset_ms))
+    if result.time_shifts_ms:
+        shifts = (f"{name} {ms:+g}{wording.GAP}ms" for name, ms in result.time_shifts_ms.items())
+        entries.append(Entry("Times corrected", ", ".join(shifts)))
     frames = count(result.offset_frames, "frame")
     sync = wording.synchronization(result.sync_residual_us, result.sync_bound_us)
     entries += [

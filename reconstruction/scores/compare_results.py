@@ -96,6 +96,8 @@ class CompareResult(Struct, frozen=True, kw_only=True):
     """The offset that was asked for."""
     offset_frames: int
     actual_offset_ms: float
+    time_shifts_ms: dict[str, float] = {}
+    """What was added to the times of these cameras."""
     verdict: str
     """One or two plain sentences for somebody who has never heard of synchronization."""
     calibration: str

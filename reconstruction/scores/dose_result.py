@@ -52,6 +52,8 @@ class DoseResult(Struct, frozen=True, kw_only=True):
     """By how much what moves does so in that time."""
     reason: str = ""
     session: str = ""
+    time_shifts_ms: dict[str, float] = {}
+    """What was added to the times of these cameras."""
     calibration: str = ""
     report: str = ""
     seconds: float = 0.0

@@ -175,8 +175,7 @@ class Dataset:
         Raises:
             BadInputError: the file is broken.
         """
-        record = self._records.get((camera, instant))
-        path = self.session.ground_truth(camera, record.instant) if record is not None else None
+        path = self.ground_truth_file(camera, instant)
         if path is None:
             return None
         try:
@@ -190,6 +189,11 @@ class Dataset:
                 return np.where(np.isfinite(depth), depth, np.float32(0)), movers > 0
         except (OSError, ValueError, KeyError, EOFError) as error:
             raise BadInputError(f"{path} is not a ground-truth file: {error}") from error
+
+    def ground_truth_file(self, camera: str, instant: int) -> Path | None:
+        """Where the ground truth of an image is, which keeps the instant it was saved under; None without."""
+        record = self._records.get((camera, instant))
+        return self.session.ground_truth(camera, record.instant) if record is not None else None
 
     def fingerprint(self) -> str:
         """One checksum over all images and the calibration: the same session gives the same."""

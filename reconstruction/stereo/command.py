@@ -1,7 +1,8 @@
 """`reconstruct stereo`: depth, confidence and a picture from one pair at one instant."""
 
 import time
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -31,6 +32,8 @@ class StereoOptions:
     instant: int = 0
     other_instant: int | None = None
     pair: tuple[str, str] | None = None
+    time_shifts_ms: Mapping[str, float] = field(default_factory=dict)
+    """What is added to the times of the cameras it names."""
 
 
 class StereoDepth(Struct, frozen=True, kw_only=True):
@@ -58,6 +61,8 @@ class StereoDepth(Struct, frozen=True, kw_only=True):
     filled_within_2pct: float | None
     """The same of the filled depth."""
     calibration: str
+    time_shifts_ms: dict[str, float] = {}
+    """What was added to the times of these cameras."""
     why: str = ""
     left_out: dict[str, str] = {}
     """Cameras without an image of the instant, and that."""
@@ -76,7 +81,7 @@ def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
         SimulshotError: the session or the options cannot be used, or the pair sees too little in common.
     """
     began = time.monotonic()
-    dataset = Dataset.open(session)
+    dataset = Dataset.open(session, options.time_shifts_ms)
     dataset.require_cameras(2, "depth needs two that see the same from different places")
     adopt_kept_calibration(dataset)
     with comparison_folder(out) as output:
@@ -109,6 +114,7 @@ def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
         result = structs.replace(
             result,
             session=str(session),
+            time_shifts_ms=dict(options.time_shifts_ms),
             why=choice.why,
             left_out=left_out,
             pairs_left_out=dict(choice.left_out),

@@ -1,14 +1,24 @@
 """Corrected times pair a camera's images anew."""
 
+import json
 from pathlib import Path
+from typing import Any
 
 import pytest
 
 from capture_app.session.reading.reader import Session
+from reconstruction.batch.plan import BatchOptions, compute_depth, plan
 from reconstruction.session.dataset import Dataset
-from tests.reconstruction.conftest import PERIOD_NS, Reconstruct
+from tests.reconstruction.conftest import PERIOD_NS, VIEWS, Reconstruct, Scene, write_session
 
 FRAME_MS = PERIOD_NS / 1e6
+PAIR = {name: VIEWS[name] for name in ("left", "right")}
+
+
+@pytest.fixture(scope="module")
+def late(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Session:
+    """A pair whose right camera is a frame later than its times say."""
+    return write_session(tmp_path_factory.mktemp("late"), scene, PAIR, late={"right": 1.0})
 
 
 def test_a_whole_frame_moves_images_to_the_next_instant(boards: Session) -> None:
@@ -47,3 +57,39 @@ def test_a_shift_that_cannot_be_is_refused_in_one_line(
     done = reconstruct("dose", boards.folder, "--time-shift-ms", shift, "--out", tmp_path / "out")
     assert done.code == code
     assert words in done.complaint
+
+
+def test_every_step_by_itself_pairs_the_images_that_belong_together(
+    late: Session, tmp_path: Path, reconstruct: Reconstruct
+) -> None:
+    def both(command: str, *options: object) -> Any:
+        """Without the shift and with it."""
+        asked = (command, late.folder, "--instant", 2, *options, "--json", "--out")
+        shift = ("--time-shift-ms", f"right={FRAME_MS}")
+        mended = reconstruct(*asked, tmp_path / f"{command} mended", *shift).result
+        assert mended["time_shifts_ms"] == {"right": FRAME_MS}
+        return reconstruct(*asked, tmp_path / command).result, mended
+
+    found, mended = both("stereo")
+    assert mended["within_2pct"] > found["within_2pct"] + 0.05
+    found, mended = both("stitch")
+    # The board's parallax against the wall remains: a baseline of 0.2 at 2.2 and at 4, by 300 px.
+    assert mended["synced"]["mover_misfit"]["median_px"] == pytest.approx(12.3, abs=0.5)
+    assert found["synced"]["mover_misfit"]["median_px"] > 13
+    found, mended = both("multiview", "--no-mesh")
+    assert found["mover_within_2pct"] < 0.1
+    assert mended["mover_within_2pct"] > 0.8
+    (unit,), _ = plan(late.folder, BatchOptions(instants=(2,), time_shifts_ms={"right": FRAME_MS}))
+    folder = tmp_path / "unit"
+    folder.mkdir()
+    compute_depth(unit, folder)
+    made = json.loads((folder / "unit.json").read_text())
+    assert made["mover_within_2pct"] == mended["mover_within_2pct"]
+
+
+def test_pictures_by_themselves_have_no_times(
+    late: Session, tmp_path: Path, reconstruct: Reconstruct
+) -> None:
+    pictures = late.folder / "images" / "rig1" / "left"
+    done = reconstruct("stitch", pictures, "--time-shift-ms", "left=5", "--out", tmp_path / "out")
+    assert "--time-shift-ms needs a session" in done.complaint

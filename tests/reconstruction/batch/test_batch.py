@@ -5,7 +5,7 @@ import fcntl
 import json
 import shutil
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
@@ -20,9 +20,10 @@ from reconstruction.batch.executors import LocalExecutor
 from reconstruction.batch.plan import DEPTH_TASK, BatchOptions, plan
 from reconstruction.batch.slurm import SlurmExecutor
 from reconstruction.batch.units import Outcome, Unit, run_unit
+from reconstruction.multiview.matcher import Matcher
 from reconstruction.session.conditions import Condition
 from tests.reconstruction.batch.fake_units import FAKE_TASK
-from tests.reconstruction.conftest import VIEWS, Reconstruct, Scene, make_view, write_session
+from tests.reconstruction.conftest import PERIOD_NS, VIEWS, Reconstruct, Scene, make_view, write_session
 
 FAILING = "tests.reconstruction.batch.fake_units:compute_or_fail"
 
@@ -150,9 +151,18 @@ def test_one_camera_only_is_one_line(run: Callable[..., Any], scene: Scene, tmp_
 
 def test_a_key_is_of_all_that_the_result_depends_on(boards: Session, tmp_path: Path) -> None:
     def keys(
-        folder: Path = boards.folder, condition: str = "synced", matcher: str = "sweep", program: str = "1"
+        folder: Path = boards.folder,
+        condition: str = "synced",
+        matcher: Matcher = Matcher.SWEEP,
+        program: str = "1",
+        shifts_ms: Mapping[str, float] | None = None,
     ) -> Any:
-        options = BatchOptions(conditions=(Condition.parse(condition),), matcher=matcher, program=program)
+        options = BatchOptions(
+            conditions=(Condition.parse(condition),),
+            matcher=matcher,
+            program=program,
+            time_shifts_ms=shifts_ms or {},
+        )
         units, _ = plan(folder, options)
         return [unit.key for unit in units]
 
@@ -161,7 +171,9 @@ def test_a_key_is_of_all_that_the_result_depends_on(boards: Session, tmp_path: P
     assert keys() == first
     copied = shutil.copytree(boards.folder, tmp_path / "elsewhere" / boards.folder.name)
     assert keys(copied) == first
-    assert not set(keys(matcher="patchmatch")) & set(first)
+    assert keys(matcher=Matcher.AUTO) == first
+    assert not set(keys(matcher=Matcher.PATCHMATCH)) & set(first)
+    assert not set(keys(shifts_ms={"right": PERIOD_NS / 1e6})) & set(first)
     assert not set(keys(condition="0,0,0")) & set(first)
     truth = boards.ground_truth("left", 1)
     assert truth is not None

@@ -109,4 +109,5 @@ async def test_two_hundred_bursts_leave_no_threads_and_no_open_files(tmp_path: P
         del session
         gc.collect()
         assert sum(of() is not None for of in begun) <= 2
-    assert len(bursts.saved) == 200
+    assert len(bursts.saved) < 100, "each status tells them"
+    assert bursts.saved[-1].endswith("-200")

@@ -1,6 +1,7 @@
 """The bursts of a leader that are under way: ordered, collected and saved, with those of earlier runs."""
 
 import asyncio
+from collections import deque
 from collections.abc import Callable, Coroutine, Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -44,8 +45,8 @@ class ActiveBursts:
     ) -> None:
         """`resume` are the interrupted sessions to finish, else all; nodes have `return_ns` to come back."""
         self.now_ns = now_ns
-        self.saved: list[str] = []
-        """Paths of the sessions of this run, newest last."""
+        self.saved: deque[str] = deque(maxlen=REMEMBERED)
+        """Paths of the newest sessions of this run, newest last: every status tells them."""
         self.newest: BurstSession | None = None
         self._disk = DiskThreads()
         self.resumed = ResumedBursts(root, lambda session: self._spawn(self._follow(session)), self._disk)

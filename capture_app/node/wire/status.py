@@ -76,7 +76,7 @@ class RigStatus(Struct, frozen=True, kw_only=True):
     nodes: tuple[NodeStatus, ...] = ()
     burst: BurstStatus | None = None
     sessions: tuple[str, ...] = ()
-    """Paths of the sessions saved by this leader, newest last."""
+    """Paths of the newest sessions saved by this leader, newest last."""
     sessions_folder: str = ""
     """Where it saves them, on its machine."""
     disk_free_bytes: int | None = None

@@ -1,0 +1,262 @@
+"""A rig of simulated cameras that takes one burst after the other, and whether any of it grows.
+
+Leader and nodes are processes of their own, on this machine's loopback, with simulated clocks. Threads,
+memory and open files of each process, and the phase error of each camera, are read after each burst. By its
+slope, past the warming up, none may grow by more than its limit; every burst must be whole, every session
+verify, and its pictures' true errors lie within their hard bounds. 0 if all that holds, 1 if not.
+
+    python -m benchmarks.endurance.soak --seconds 120
+    python -m benchmarks.endurance.soak --bursts 2000 --seconds 7200
+    python -m benchmarks.endurance.soak --seconds 3600 --cameras 5 --every 20
+"""
+
+import asyncio
+import shutil
+import sys
+import tempfile
+from argparse import Namespace
+from collections import defaultdict
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from benchmarks.endurance.slopes import growth
+from benchmarks.report import new_parser, print_report, print_rows
+from capture_app.net.address import Address, parse_address
+from capture_app.node.child import Child
+from capture_app.node.operator.requests import ask_burst, ask_status
+from capture_app.node.wire.messages import BurstRequest
+from capture_app.session.reading.reader import Session
+from capture_app.session.reading.verify import verify
+from capture_app.sync.wire.messages import NodeState
+
+MB = float(1 << 20)
+CAMERA = "sim:phone-a,scene=bars,scale=0.2,drops=0,outliers=0"
+JOIN_S = 300.0
+TOLERANCE_US = 500.0
+
+LIMITS = {"threads": 4.0, "files": 6.0, "memory_mb": 12.0, "phase_us": TOLERANCE_US}
+"""By how much each may grow in a run, however long it is; a pool or a ring that still fills does."""
+
+
+FEWEST = 6
+"""Bursts of a run that says anything."""
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """One figure of one process: what it was at first and at last, and how much it grew, by its slope."""
+
+    process: str
+    kind: str
+    first: float
+    last: float
+    growth: float
+    limit: float
+
+
+@dataclass(slots=True)
+class Watched:
+    """A process of the rig, and what was read of it."""
+
+    child: Child
+    series: dict[str, list[tuple[float, float]]] = field(default_factory=lambda: defaultdict(list))
+
+    def read(self, burst: int) -> None:
+        """Read its figures, after that burst."""
+        place = Path("/proc") / str(self.child.process.pid)
+        status = dict(line.split(":", 1) for line in (place / "status").read_text().splitlines())
+        self.series["threads"].append((burst, float(status["Threads"])))
+        self.series["memory_mb"].append((burst, float(status["VmRSS"].split()[0]) * 1024 / MB))
+        self.series["files"].append((burst, float(len(list((place / "fd").iterdir())))))
+
+
+@dataclass(slots=True)
+class Soak:
+    """A run: its processes, and what came of its bursts."""
+
+    leader: Address
+    processes: dict[str, Watched]
+    bursts: int = 0
+    images: int = 0
+    incomplete: list[str] = field(default_factory=list)
+    broken: list[str] = field(default_factory=list)
+    """What `verify` says of the sessions."""
+    over_bound: int = 0
+    """Images whose true error is over their hard bound."""
+    phases: dict[str, list[tuple[float, float]]] = field(default_factory=lambda: defaultdict(list))
+
+    async def take(self, request: BurstRequest, *, keep: bool) -> None:
+        """Take one burst and judge it."""
+        *_, done = [status async for status in ask_burst(self.leader, request)]
+        self.bursts += 1
+        if done.session is None or done.received < done.expected or not done.received:
+            self.incomplete.append(f"burst {done.burst}: {done.received}/{done.expected} {done.message}")
+        if done.session is not None:
+            await asyncio.to_thread(self._judge, Path(done.session), keep)
+
+    def _judge(self, folder: Path, keep: bool) -> None:
+        session = Session.open(folder)
+        self.broken += [f"{folder.name}: {problem}" for problem in verify(session)]
+        times = session.true_times()
+        for image in session.manifest.images:
+            self.images += 1
+            if times is not None and image.local_ns is not None and image.hard_bound_ns is not None:
+                # The leader's clock is this host's, which is the true time.
+                true_ns = times.clocks[image.camera].true_from_local(image.local_ns)
+                self.over_bound += abs(image.leader_ns - true_ns) > image.hard_bound_ns
+        if not keep:
+            shutil.rmtree(folder)
+
+    async def look(self) -> None:
+        """Read the figures of all processes, and the phases of all cameras."""
+        for process in self.processes.values():
+            process.read(self.bursts)
+        for node in (await ask_status(self.leader)).nodes:
+            if node.phase_error_ns is not None and node.state in (NodeState.READY, NodeState.COARSE):
+                self.phases[node.name].append((self.bursts, abs(node.phase_error_ns) / 1000.0))
+
+    def figures(self) -> list[Figure]:
+        """Return how much each figure has grown, and its limit."""
+        series = [(name, kind, of) for name, one in self.processes.items() for kind, of in one.series.items()]
+        series += [(name, "phase_us", of) for name, of in sorted(self.phases.items())]
+        return [
+            Figure(name, kind, of[0][1], of[-1][1], growth(of), LIMITS[kind]) for name, kind, of in series
+        ]
+
+    def complaints(self) -> list[str]:
+        """Return what is wrong, in lines, beside bursts that are not whole; none where all is well."""
+        grown = [
+            f"{of.process}: {of.kind} grew by {of.growth:.1f}, over its limit of {of.limit:g}"
+            for of in self.figures()
+            if of.growth > of.limit
+        ]
+        bound = (
+            [f"{self.over_bound} pictures are further off than their hard bound"] if self.over_bound else []
+        )
+        few = [] if self.bursts >= FEWEST else [f"only {self.bursts} bursts: too few to tell of any slope"]
+        return [*few, *grown, *bound, *self.broken]
+
+
+async def soak(options: Namespace, folder: Path) -> Soak:
+    """Run a rig for so long, or so many bursts, and return what came of it."""
+    async with rig(options.cameras, folder) as run:
+        # Frames from before the request need no time to be ordered.
+        request = BurstRequest(frames=options.frames, before=0 if options.every else options.frames)
+        loop = asyncio.get_running_loop()
+        began_s = due_s = loop.time()
+        while loop.time() - began_s < options.seconds and run.bursts < options.bursts:
+            await run.take(request, keep=options.keep is not None)
+            await run.look()
+            due_s = max(loop.time(), due_s + options.every)
+            await asyncio.sleep(due_s - loop.time())
+        return run
+
+
+@asynccontextmanager
+async def rig(cameras: int, folder: Path) -> AsyncIterator[Soak]:
+    """Run a leader and its nodes as processes, and wait until all are ready."""
+    where = ("--host", "127.0.0.1", "--port", "0", "--sessions", str(folder / "sessions"))
+    processes = {"leader": await start("leader", "leader", *where)}
+    try:
+        leader = await listening(processes["leader"].child)
+        for number in range(1, cameras + 1):
+            name = f"cam{number}"
+            own = (
+                "--until-eof",
+                "--name",
+                name,
+                "--camera",
+                CAMERA,
+                "--clock",
+                "sim",
+                "--spool",
+                str(folder / "spool"),
+            )
+            processes[name] = await start(name, "node", *own, "--leader", str(leader))
+        run = Soak(leader, processes)
+        async with asyncio.timeout(JOIN_S):
+            while not await are_ready(leader, cameras):  # noqa: ASYNC110
+                await asyncio.sleep(0.2)
+        yield run
+    finally:
+        await asyncio.gather(*(of.child.stop() for of in processes.values()))
+
+
+async def start(name: str, command: str, *arguments: str) -> Watched:
+    """Start a command of capture-app that ends when this process does."""
+    return Watched(await Child.start(name, ("capture_app.cli", command, *arguments)))
+
+
+async def listening(child: Child) -> Address:
+    """Return where a leader listens."""
+    async with asyncio.timeout(JOIN_S):
+        while True:
+            for line in child.said:
+                if "leader at " in line:
+                    return parse_address(line.partition("leader at ")[2].partition(",")[0])
+            if child.process.returncode is not None:
+                raise await child.failure()
+            await asyncio.sleep(0.1)
+
+
+async def are_ready(leader: Address, cameras: int) -> bool:
+    """Whether so many cameras are aligned."""
+    states = [node.state for node in (await ask_status(leader)).nodes]
+    return len(states) == cameras and all(state in (NodeState.READY, NodeState.COARSE) for state in states)
+
+
+def report_of(run: Soak, options: Namespace, complaints: list[str]) -> dict[str, Any]:
+    """Return the figures as they are printed."""
+    return {
+        "kind": "real (loopback), simulated cameras",
+        "cameras": options.cameras,
+        "bursts": run.bursts,
+        "images": run.images,
+        "over_bound": run.over_bound,
+        "figures": [asdict(figure) for figure in run.figures()],
+        "complaints": complaints,
+    }
+
+
+def print_tables(report: dict[str, Any]) -> None:
+    """Print a report for a reader."""
+    print_rows(
+        report["figures"],
+        {
+            "process": ("process", ""),
+            "kind": ("figure", ""),
+            "first": ("first", ".1f"),
+            "last": ("last", ".1f"),
+            "growth": ("growth", ".2f"),
+            "limit": ("limit", "g"),
+        },
+    )
+    print(
+        f"{report['bursts']} bursts, {report['images']} images, {report['over_bound']} over their hard bound"
+    )
+    for line in report["complaints"]:
+        print(f"WRONG: {line}")
+
+
+def main() -> int:
+    """Run it; 0 if nothing grows, 1 if something does or a burst was not whole."""
+    parser = new_parser(__doc__)
+    parser.add_argument("--seconds", type=float, default=120.0, help="length of the run (120)")
+    parser.add_argument("--bursts", type=int, default=1_000_000, help="end after so many bursts")
+    parser.add_argument("--cameras", type=int, default=2, help="simulated cameras (2)")
+    parser.add_argument("--frames", type=int, default=2, help="frames of each burst (2)")
+    parser.add_argument("--every", type=float, default=0.0, help="seconds between bursts (0: at once)")
+    parser.add_argument("--keep", type=Path, metavar="DIR", help="keep the sessions in this folder")
+    options = parser.parse_args()
+    with tempfile.TemporaryDirectory(prefix="soak-") as temporary:
+        run = asyncio.run(soak(options, options.keep or Path(temporary)))
+    complaints = [*run.complaints(), *run.incomplete]
+    print_report(report_of(run, options, complaints), print_tables, as_json=options.json)
+    return 1 if complaints else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

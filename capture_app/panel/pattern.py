@@ -1,0 +1,214 @@
+"""What a panel shows at which time: lamps that are lit by turns, between markers that say which panel it is.
+
+The layout is the paper's (section 6.1): an array of 10 x 10 lamps of which one column is lit for a tick and
+then the next, and rows of 10 lamps, each lit ten times as long as those above. Lamps are LEDs, or cells of a
+screen whose tick is a refresh. Lengths are in pitches of the array, x to the right and y down from the
+frame's corner.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+COUNT = 10
+"""Columns and rows of an array; a digit of the time has so many values."""
+DICTIONARY = "4X4_250"
+MARKER_SIZE = 3.0
+MARKER_MODULES = 6
+"""Squares across a marker, its black border included."""
+_MARGIN = 0.5
+"""White around markers, which is one of their squares."""
+_SIDE = 5.0
+"""From the frame's edge to the first column: room for a marker."""
+_TOP = 1.25
+_ROW_STEP = 1.5
+_DARK_EDGE = 0.75
+"""From the outer lamps to the edge of the dark ground that lies behind them."""
+_ARRAY_STEP = 11.5
+"""From the first column of an array to that of the next."""
+SCAN_SHARE = 0.9
+"""Share of a refresh in which a screen draws from one edge of the panel to the other."""
+
+
+class Scan(StrEnum):
+    """The way in which a screen draws a refresh over the panel; a panel of LEDs has none."""
+
+    NONE = "none"
+    DOWN = "down"
+    RIGHT = "right"
+    UP = "up"
+    LEFT = "left"
+
+
+@dataclass(frozen=True, slots=True)
+class Lamp:
+    """A lamp: lit while (tick - start) mod period is less than `lit`; one of a group that is lit by turns."""
+
+    x: float
+    """Of its middle, in pitches, as y."""
+    y: float
+    group: int
+    """Lamps of a group are lit by turns: at any time those of one start."""
+    start: int
+    """In ticks, as `lit` and `period`."""
+    lit: int
+    period: int
+    delay: float
+    """It shows its light so many ticks late, as a screen draws one edge before the other."""
+
+    def is_lit(self, tick: int) -> bool:
+        """Whether it is lit in that tick, by the panel's own time."""
+        return (tick - self.start) % self.period < self.lit
+
+
+@dataclass(frozen=True, slots=True)
+class Marker:
+    """A marker of the frame: its number in the dictionary and the corner of it that is its upper left."""
+
+    number: int
+    x: float
+    y: float
+
+    @property
+    def corners(self) -> tuple[tuple[float, float], ...]:
+        """Upper left, upper right, lower right, lower left: OpenCV's order."""
+        right, bottom = self.x + MARKER_SIZE, self.y + MARKER_SIZE
+        return ((self.x, self.y), (right, self.y), (right, bottom), (self.x, bottom))
+
+
+@dataclass(frozen=True, slots=True)
+class Panel:
+    """A panel: `name` says which, `ticks` how long each of its arrays' columns is lit (in ticks).
+
+    Its first marker's number is `first_marker`; `rows` are the rows of lamps below each array.
+    """
+
+    name: str
+    tick_ns: float
+    first_marker: int
+    ticks: tuple[int, ...] = (1,)
+    rows: int = 1
+    scan: Scan = Scan.NONE
+
+    @property
+    def is_screen(self) -> bool:
+        """Whether it is shown on a screen, whose tick is a refresh."""
+        return self.scan is not Scan.NONE
+
+    @property
+    def lamp_size(self) -> float:
+        """Diameter of an LED, or side of a screen's square cell."""
+        return 0.7 if self.is_screen else 0.6
+
+    @property
+    def width(self) -> float:
+        """Of the frame; the markers are in its corners."""
+        return 2 * _SIDE + COUNT - 1 + (len(self.ticks) - 1) * _ARRAY_STEP
+
+    @property
+    def height(self) -> float:
+        """Of the frame."""
+        return 2 * _TOP + COUNT - 1 + self.rows * _ROW_STEP
+
+    @property
+    def cycle_ticks(self) -> int:
+        """After so many ticks the panel shows the same again."""
+        return max(self.ticks) * int(COUNT ** (self.rows + 1))
+
+    @property
+    def cycle_ns(self) -> float:
+        """After so long the panel shows the same again: its times are within this."""
+        return self.cycle_ticks * self.tick_ns
+
+    @property
+    def markers(self) -> tuple[Marker, ...]:
+        """Upper left, upper right, lower right, lower left."""
+        left = top = _MARGIN
+        right, bottom = self.width - _MARGIN - MARKER_SIZE, self.height - _MARGIN - MARKER_SIZE
+        places = ((left, top), (right, top), (right, bottom), (left, bottom))
+        return tuple(Marker(self.first_marker + n, x, y) for n, (x, y) in enumerate(places))
+
+    @property
+    def dark(self) -> tuple[tuple[float, float, float, float], ...]:
+        """Left, top, width and height of the dark grounds, one behind each array; all else is white."""
+        side = COUNT - 1 + 2 * _DARK_EDGE
+        return tuple(
+            (left - _DARK_EDGE, _TOP - _DARK_EDGE, side, self.height - 2 * (_TOP - _DARK_EDGE))
+            for left in self._lefts()
+        )
+
+    @property
+    def lamps(self) -> tuple[Lamp, ...]:
+        """All lamps, array by array, each column by column and then its rows."""
+        return tuple(self._lamps())
+
+    def _lefts(self) -> Iterator[float]:
+        return (_SIDE + number * _ARRAY_STEP for number in range(len(self.ticks)))
+
+    def _lamps(self) -> Iterator[Lamp]:
+        for array, (left, lit) in enumerate(zip(self._lefts(), self.ticks, strict=True)):
+            group = array * (self.rows + 1)
+            for column in range(COUNT):
+                for row in range(COUNT):
+                    yield self._lamp(left + column, _TOP + row, group, column, lit)
+            for row in range(1, self.rows + 1):
+                y = _TOP + COUNT - 1 + row * _ROW_STEP
+                for column in range(COUNT):
+                    yield self._lamp(left + column, y, group + row, column, lit * COUNT**row)
+
+    def _lamp(self, x: float, y: float, group: int, turn: int, lit: int) -> Lamp:
+        return Lamp(x, y, group, turn * lit, lit, COUNT * lit, self._delay(x, y))
+
+    def _delay(self, x: float, y: float) -> float:
+        across, down = x / self.width, y / self.height
+        share = {
+            Scan.NONE: 0.0,
+            Scan.DOWN: down,
+            Scan.UP: 1 - down,
+            Scan.RIGHT: across,
+            Scan.LEFT: 1 - across,
+        }
+        return SCAN_SHARE * share[self.scan]
+
+    def light(self, tick: int) -> tuple[bool, ...]:
+        """Which lamps are lit in that tick, in the order of `lamps`; all that whoever draws it need know."""
+        return tuple(lamp.is_lit(tick) for lamp in self.lamps)
+
+    def description(self) -> dict[str, Any]:
+        """The whole panel as plain data, for pages and sketches that draw it."""
+        return {
+            "name": self.name,
+            "tick_ns": self.tick_ns,
+            "cycle_ticks": self.cycle_ticks,
+            "width": self.width,
+            "height": self.height,
+            "scan": self.scan.value,
+            "marker_size": MARKER_SIZE,
+            "markers": [
+                {
+                    "number": marker.number,
+                    "x": marker.x,
+                    "y": marker.y,
+                    "white": marker_squares(marker.number),
+                }
+                for marker in self.markers
+            ],
+            "dark": [list(ground) for ground in self.dark],
+            "lamp_size": self.lamp_size,
+            "lamps": [
+                {"x": n.x, "y": n.y, "group": n.group, "start": n.start, "lit": n.lit, "period": n.period}
+                for n in self.lamps
+            ],
+        }
+
+
+def marker_squares(number: int) -> list[list[int]]:
+    """Which squares of a marker are white, row by row, MARKER_MODULES x MARKER_MODULES of 0 and 1."""
+    import cv2  # slow to import, and only whoever draws needs it
+    import numpy as np
+
+    words = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{DICTIONARY}"))
+    picture = cv2.aruco.generateImageMarker(words, number, MARKER_MODULES, borderBits=1)
+    squares: list[list[int]] = (np.asarray(picture) > 0).astype(int).tolist()
+    return squares

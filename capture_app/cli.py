@@ -32,6 +32,7 @@ COMMANDS = {
     "cameras": "List the cameras of this machine; add, show and remove those of a running rig.",
     "preview": "Save a small picture of what a camera of a running rig sees.",
     "coverage": "Count live what a calibration board has covered, and say what is missing.",
+    "panel": "Show a clock to all cameras, and read from their pictures how far apart they are.",
     "serve": "Show the terminal UI in a browser.",
     "sessions": "List, show, verify, rename, annotate, trash, repair, import and export sessions.",
     "experiment": "Measure clock and phase synchronization, beside the paper's figures.",

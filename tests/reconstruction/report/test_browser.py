@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from reconstruction.report.comparison_report import write_report
-from tests.reconstruction.report.browser import CHROMIUM, Browser
+from tests.browser import CHROMIUM, Browser
 from tests.reconstruction.report.results import CAMERAS, SHAPES, whole_result
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")

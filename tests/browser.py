@@ -76,12 +76,21 @@ class Browser:
         self._loaded |= message.get("method") == "Page.loadEventFired"
         return message
 
-    def open(self, path: Path, *, width: int = 1280) -> None:
+    def open(self, page: Path | str, *, width: int = 1280, height: int = 900, angle: int = 0) -> None:
+        """Open a file or a URL on a screen of that size, turned by an angle, and wait until it is loaded."""
+        size = {"width": width, "height": height, "screenWidth": width, "screenHeight": height}
+        turned = ("landscape" if width > height else "portrait") + (
+            "Secondary" if angle >= 180 else "Primary"
+        )
         self.do(
-            "Emulation.setDeviceMetricsOverride", width=width, height=900, deviceScaleFactor=1, mobile=False
+            "Emulation.setDeviceMetricsOverride",
+            **size,
+            deviceScaleFactor=1,
+            mobile=False,
+            screenOrientation={"type": turned, "angle": angle},
         )
         self._loaded = False
-        self.do("Page.navigate", url=path.as_uri())
+        self.do("Page.navigate", url=page.as_uri() if isinstance(page, Path) else page)
         while not self._loaded:
             self._receive()
 

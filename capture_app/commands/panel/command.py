@@ -1,0 +1,17 @@
+"""The group of `capture-app panel`."""
+
+import click
+
+from capture_app.commands.panel.show import show
+
+
+@click.group()
+def panel() -> None:
+    """Show the time to all cameras at once, and read from their pictures how far apart they are.
+
+    The whole way is in docs/panel.md.
+    """
+
+
+for command in (show,):
+    panel.add_command(command)

@@ -1,0 +1,106 @@
+// Where a panel stands on the screen, and which of its lamps are lit.
+//
+// The reader takes it that a screen draws from one edge of the panel to the other in a known share of a refresh. So
+// the panel fills the screen that far along the way in which the screen is drawn, turned or stretched where needed:
+// the reader sees a flat panel from an unknown place in any case.
+class Drawing {
+  // Share of a refresh in which a screen draws all its lines; the rest is blanking (1080 of 1125 lines at 1080p60).
+  static ACTIVE = 0.96;
+  static BAR = 24;
+  // Directions turned by a quarter to the right, as the panel's own are when it is drawn turned.
+  static TURNED = { down: "right", right: "up", up: "left", left: "down" };
+
+  // `layout`: the description that all panels of screens share; `screens`: their names, rates, ways and markers.
+  constructor(canvas, layout, screens, scanShare) {
+    this.canvas = canvas;
+    this.context = canvas.getContext("2d", { alpha: false });
+    this.layout = layout;
+    this.screens = screens;
+    this.scanShare = scanShare;
+    this.panel = null;
+    this.lit = [];
+    this.tick = null;
+    this.share = 0;
+  }
+
+  // Choose the panel for a rate in Hz and a way, in the screen's own directions, and find its place.
+  place(rate, way, size) {
+    const along = way === "down" || way === "up" ? "height" : "width";
+    const other = along === "height" ? "width" : "height";
+    const room = { width: size.width, height: size.height - Drawing.BAR };
+    const wanted = (size[`screen_${along}`] * this.scanShare) / Drawing.ACTIVE;
+    const extent = Math.min(wanted, room[along]);
+    const fit = (turned) => {
+      const panel = turned
+        ? { width: this.layout.height, height: this.layout.width }
+        : { width: this.layout.width, height: this.layout.height };
+      const step = { [along]: extent / panel[along] };
+      step[other] = Math.min(step[along], room[other] / panel[other]);
+      return { turned, step, panel, least: Math.min(step.width, step.height) };
+    };
+    const [straight, turned] = [fit(false), fit(true)];
+    const best = turned.least > 1.05 * straight.least ? turned : straight;
+    const scan = best.turned ? Drawing.TURNED[way] : way;
+    this.turned = best.turned;
+    this.step = best.step;
+    this.left = (size.width - best.panel.width * best.step.width) / 2;
+    this.top = Drawing.BAR + (room.height - best.panel.height * best.step.height) / 2;
+    this.density = size.density;
+    this.share = (extent / size[`screen_${along}`]) * Drawing.ACTIVE;
+    this.panel = this.screens.find(
+      (one) => one.scan === scan && Math.abs(rate / one.rate_hz - 1) <= this.layout.rate_tolerance
+    );
+    this.canvas.width = Math.round(size.width * size.density);
+    this.canvas.height = Math.round(size.height * size.density);
+    this.clear();
+    return this.panel !== undefined;
+  }
+
+  // A rectangle of the panel, in pitches; its edges fall on the screen's own pixels.
+  fill(colour, x, y, width, height) {
+    if (this.turned) [x, y, width, height] = [this.layout.height - y - height, x, height, width];
+    const [left, right] = [x, x + width].map((at) => Math.round((this.left + at * this.step.width) * this.density));
+    const [top, bottom] = [y, y + height].map((at) => Math.round((this.top + at * this.step.height) * this.density));
+    this.context.fillStyle = colour;
+    this.context.fillRect(left, top, right - left, bottom - top);
+  }
+
+  clear() {
+    this.context.fillStyle = "#fff";
+    this.context.fillRect(0, 0, this.canvas.width, this.canvas.height);
+    this.tick = null;
+  }
+
+  // Show a tick; null shows nothing, as a picture of it must not be read.
+  show(tick) {
+    if (tick === null || !this.panel) {
+      if (this.tick !== null) this.clear();
+      return;
+    }
+    if (this.tick === null) this.begin();
+    this.tick = tick;
+    const reach = this.layout.lamp_size / 2;
+    this.layout.lamps.forEach((lamp, number) => {
+      const lit = (((tick - lamp.start) % lamp.period) + lamp.period) % lamp.period < lamp.lit;
+      if (lit === this.lit[number]) return;
+      this.lit[number] = lit;
+      this.fill(lit ? "#fff" : "#000", lamp.x - reach, lamp.y - reach, 2 * reach, 2 * reach);
+    });
+  }
+
+  begin() {
+    for (const ground of this.layout.dark) this.fill("#000", ...ground);
+    this.lit = this.layout.lamps.map(() => false);
+    this.layout.markers.forEach((marker, number) => {
+      const white = this.panel.markers[number];
+      const side = Math.sqrt(white.length);
+      const square = this.layout.marker_size / side;
+      this.fill("#000", marker.x, marker.y, this.layout.marker_size, this.layout.marker_size);
+      for (let at = 0; at < white.length; at++) {
+        if (white[at] === "1") {
+          this.fill("#fff", marker.x + (at % side) * square, marker.y + Math.floor(at / side) * square, square, square);
+        }
+      }
+    });
+  }
+}

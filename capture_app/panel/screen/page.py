@@ -1,0 +1,71 @@
+"""The page that draws the panel of a screen, whatever its refresh rate."""
+
+import base64
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from capture_app.panel.catalog import PANELS, RATE_TOLERANCE, RATES_HZ, screen_panel
+from capture_app.panel.pattern import SCAN_SHARE, Panel
+
+HERE = Path(__file__).parent
+SCRIPTS = ("counter.js", "drawing.js", "page.js")
+
+
+def page_html() -> bytes:
+    """Return the whole page; its policy allows its own script and style and nothing else."""
+    script = '"use strict";\n' + "".join((HERE / name).read_text("utf-8") for name in SCRIPTS)
+    style = (HERE / "page.css").read_text("utf-8")
+    parts = {
+        "policy": _policy(script, style),
+        "style": style,
+        "script": script,
+        # What ends a script element must not stand in its text.
+        "panels": msgspec.json.encode(_panels()).decode().replace("<", "\\u003c"),
+    }
+    page = (HERE / "page.html").read_text("utf-8")
+    for name, text in parts.items():
+        page = page.replace(f"@{name}@", text)
+    return page.encode()
+
+
+def page_headers() -> dict[str, str]:
+    """Return the headers that a page cannot give itself."""
+    return {
+        "Content-Security-Policy": "frame-ancestors 'none'",
+        "X-Content-Type-Options": "nosniff",
+        "Referrer-Policy": "no-referrer",
+        "Cache-Control": "no-store",
+    }
+
+
+def _policy(script: str, style: str) -> str:
+    def digest(text: str) -> str:
+        return f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+
+    allowed = f"script-src {digest(script)}; style-src {digest(style)}; img-src data:"
+    return f"default-src 'none'; {allowed}; base-uri 'none'; form-action 'none'"
+
+
+def _panels() -> dict[str, Any]:
+    """The layout that all panels of screens share, and what differs between them."""
+    layout = screen_panel(RATES_HZ[0]).description()
+    layout["markers"] = [{"x": marker["x"], "y": marker["y"]} for marker in layout["markers"]]
+    kept = ("width", "height", "cycle_ticks", "marker_size", "markers", "dark", "lamp_size", "lamps")
+    return {
+        "scan_share": SCAN_SHARE,
+        "layout": {key: layout[key] for key in kept} | {"rate_tolerance": RATE_TOLERANCE},
+        "screens": [_screen(panel) for panel in PANELS.values() if panel.is_screen],
+    }
+
+
+def _screen(panel: Panel) -> dict[str, Any]:
+    markers = panel.description()["markers"]
+    return {
+        "name": panel.name,
+        "rate_hz": round(1e9 / panel.tick_ns),
+        "scan": panel.scan.value,
+        "markers": ["".join(str(square) for row in marker["white"] for square in row) for marker in markers],
+    }

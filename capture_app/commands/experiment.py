@@ -27,6 +27,15 @@ def _require_plots(ctx: click.Context, param: click.Parameter, value: Path | Non
     return value
 
 
+seed_option = click.option(
+    "--seed",
+    type=click.IntRange(0, 2**63 - 1),
+    metavar="N",
+    default=1,
+    help="Seed of the random numbers.",
+)
+
+
 def experiment_options(command: Callable[..., None]) -> Callable[..., None]:
     """Add the options that every experiment has."""
     trials = click.option(
@@ -36,13 +45,6 @@ def experiment_options(command: Callable[..., None]) -> Callable[..., None]:
         show_default="depends on the experiment",
         help="Number of trials.",
     )
-    seed = click.option(
-        "--seed",
-        type=click.IntRange(0, 2**63 - 1),
-        metavar="N",
-        default=1,
-        help="Seed of the random numbers.",
-    )
     plot = click.option(
         "--plot",
         type=FOLDER,
@@ -50,7 +52,7 @@ def experiment_options(command: Callable[..., None]) -> Callable[..., None]:
         callback=_require_plots,
         help="Draw figures into this folder (needs simulshot[plots]).",
     )
-    return trials(seed(plot(json_option(command))))
+    return trials(seed_option(plot(json_option(command))))
 
 
 def plain_command(name: str, text: str, load_experiment: "Callable[[], Experiment]") -> click.Command:
@@ -215,7 +217,42 @@ def link(
     run_experiment(partial(run, options), **shared)
 
 
-OWN_OPTIONS = {"clock-filters": clock_filters, "link": link, "scale": scale}
+@click.command(name="paper")
+@click.option(
+    "--out",
+    type=FOLDER,
+    metavar="DIR",
+    required=True,
+    callback=_require_plots,
+    help="Folder for index.html, paper.json and the pictures (needs simulshot[plots]).",
+)
+@click.option("--quick", is_flag=True, help="A tenth of the trials: four minutes on two cores.")
+@click.option(
+    "--markdown",
+    type=click.Path(path_type=Path, dir_okay=False),
+    metavar="FILE",
+    help="Also write the page as Markdown, its pictures into images/ beside it.",
+)
+@seed_option
+@json_option
+def paper(out: Path, quick: bool, markdown: Path | None, seed: int, as_json: bool) -> None:
+    """Measure every table and figure of the paper, as it did and by default, and write a page."""
+    from capture_app.experiments.paper import experiment as study
+    from capture_app.experiments.paper.wording import HEAD, by_default, headlines, ours, papers
+
+    report = study.run(out, quick=quick, seed=seed, talk=talk, markdown=markdown)
+    if as_json:
+        print_json(report)
+        return
+    rows = [
+        (f"{entry.place}: {row.label}", papers(row), ours(row), by_default(row))
+        for entry, row in headlines(report)
+    ]
+    print_table(HEAD, rows)
+    print_line(f"\n{out / study.PAGE}")
+
+
+OWN_OPTIONS = {"clock-filters": clock_filters, "link": link, "paper": paper, "scale": scale}
 """Experiments with options of their own."""
 
 

@@ -1,10 +1,18 @@
 """The paper's tables and figures: what an experiment may hand over, and the page made of it."""
 
+from operator import attrgetter
+from pathlib import Path
+
+import msgspec
 import pytest
 
-from capture_app.experiments.common.paper_values import FIGURE_6, TABLE_2, TABLE_3
+from capture_app.cli import run
+from capture_app.errors import ExitCode
+from capture_app.experiments.common.paper_values import FIGURE_6, TABLE_2, TABLE_3, WORST_PAIR
 from capture_app.experiments.common.reproduction import Measured, Reproduction, share_of
+from capture_app.experiments.paper import experiment, five_phones, wording
 from capture_app.experiments.paper.parts import PARTS, all_of_the_paper
+from capture_app.experiments.paper.report import PaperReport, make_report
 
 
 def test_a_number_of_the_paper_by_its_name() -> None:
@@ -38,3 +46,83 @@ def test_a_figure_without_a_drawing_is_refused() -> None:
 @pytest.mark.parametrize(("share", "trials"), [(1.0, 239), (0.1, 24), (0.001, 2)])
 def test_a_share_of_the_trials(share: float, trials: int) -> None:
     assert share_of(239, share) == trials
+
+
+def test_the_page_has_the_papers_numbers_beside_ours(tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    talk: list[str] = []
+    keys = frozenset(("figure-3", "figure-4"))
+    report = experiment.run(
+        tmp_path, quick=True, seed=1, talk=talk.append, markdown=tmp_path / "docs" / "them.md", only=keys
+    )
+    assert [entry.key for entry in report.figures] == ["figure-3", "figure-4"]
+    assert msgspec.json.decode((tmp_path / "paper.json").read_bytes(), type=PaperReport) == report
+    page = (tmp_path / "index.html").read_text()
+    markdown = (tmp_path / "docs" / "them.md").read_text()
+    for entry in report.figures:
+        assert entry.files == (f"{entry.key}.svg",)
+        assert (tmp_path / entry.files[0]).stat().st_size > 10_000
+        assert (tmp_path / "docs" / "images" / f"them-{entry.key}.svg").exists()
+        assert f'src="{entry.files[0]}"' in page
+        assert f"](images/them-{entry.key}.svg)" in markdown
+        for text in (page, markdown):
+            assert entry.title in text
+            assert entry.rows[0].label in text
+    drawn = {row.name: row for row in report.figures[0].rows}
+    for ours in (attrgetter("protocol"), attrgetter("default")):
+        assert 0.0 < ours(drawn["error"]) <= ours(drawn["bound"]) == ours(drawn["round_trip"]) / 2
+    moves = {row.name: row for row in report.figures[1].rows}
+    assert moves["left"].protocol <= 500.0
+    assert moves["left"].default <= 500.0
+    assert moves["left_injected"].protocol < 12.0
+    assert moves["left_injected"].default <= 30.0
+    pictures = [(tmp_path / entry.files[0]).read_bytes() for entry in report.figures]
+    again = experiment.run(tmp_path, quick=True, seed=1, talk=talk.append, only=keys)
+    assert again == report
+    assert [(tmp_path / entry.files[0]).read_bytes() for entry in report.figures] == pictures
+
+
+def test_five_phones_start_and_take_a_burst() -> None:
+    pairs, start, burst = five_phones.paper_part(share=0.001, seed=1, talk=lambda _: None)
+    for ours in (pairs.protocol, pairs.default):
+        assert 0.0 < ours.values["pair.max"] < WORST_PAIR["pair.max"]
+    assert start.protocol.values["five.max"] < 10.0
+    assert start.default is not None
+    assert start.default.values["five.mean"] <= start.default.values["ready.mean"]
+    assert burst.protocol.values["missing"] <= 5.0
+    assert burst.protocol.values["apart.max"] >= pairs.protocol.values["pair.max"]
+
+
+def test_a_number_put_into_the_model_is_no_success() -> None:
+    ours = Measured({"bias.mean": 372.0, "bias.least": 10.0, "difference.least": 30.0}, 1, "")
+    one = Reproduction(
+        of=TABLE_3, seed=1, protocol=ours, default=None, simulated="All.", given=("bias.mean",)
+    )
+    report = make_report({"table-3": one}, Path(), quick=False, seed=1, talk=print)
+    verdicts = {row.name: row.verdict for row in report.tables[0].rows}
+    assert (verdicts["bias.mean"], verdicts["bias.least"]) == ("put in", "better")
+    assert (verdicts["difference.least"], verdicts["messages"]) == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("value", "unit", "text"),
+    [
+        (None, "us", "–"),
+        (3012.4, "us", "3,012 µs"),
+        (0.97, "", "0.97"),
+        (5.5, "", "5.50"),
+        (28.7, "s", "28.7 s"),
+    ],
+)
+def test_numbers_as_they_are_printed(value: float | None, unit: str, text: str) -> None:
+    assert wording.number(value, unit).replace("\N{NO-BREAK SPACE}", " ") == text
+
+
+def test_a_folder_that_cannot_be_made_is_told_before_the_work(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    pytest.importorskip("matplotlib")
+    (tmp_path / "file").write_text("")
+    out = tmp_path / "file" / "page"
+    assert run(["experiment", "paper", "--out", str(out)]) == ExitCode.BAD_INPUT
+    assert "name a folder" in capsys.readouterr().err

@@ -33,6 +33,10 @@ def new_figure(**options: Any) -> "Figure":
 
 
 def save(figure: "Figure", path: Path) -> Path:
-    """Write the figure as the suffix says, with the same bytes for the same figure."""
-    figure.savefig(path, dpi=120, metadata={"Software": None} if path.suffix == ".png" else None)
+    """Write the figure as the suffix says (.png or .svg), with the same bytes for the same figure."""
+    from matplotlib import rc_context
+
+    nameless = {".png": {"Software": None}, ".svg": {"Date": None}}
+    with rc_context({"svg.hashsalt": path.stem}):
+        figure.savefig(path, dpi=120, metadata=nameless.get(path.suffix))
     return path

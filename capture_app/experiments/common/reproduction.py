@@ -52,7 +52,8 @@ class Reproduction:
     seed: int
     protocol: Measured
     default: Measured | None
-    """None where there is nothing to choose, so that the protocol's numbers are the default's, too."""
+    """What the program does where no option is given (`DEFAULT_TOLERANCE_NS`, no delay of a trigger); None
+    where there is nothing to choose, so that the protocol's numbers are the default's, too."""
     simulated: str
     """Which parts are simulated, in a sentence."""
     given: tuple[str, ...] = ()

@@ -1,4 +1,4 @@
-"""Which rooms measure something of the paper, and all of it in the paper's order."""
+"""Which modules measure something of the paper, and all of it in the paper's order."""
 
 from collections.abc import Callable
 from importlib import import_module
@@ -9,24 +9,26 @@ from capture_app.experiments.common.paper_values import FIGURES, TABLES, PaperTa
 from capture_app.experiments.common.reproduction import PaperPart, Reproduction
 
 PARTS = {
-    "naive": ("table-1",),
-    "led_panel": ("table-2", "figure-5", "figure-6"),
-    "clock_filters": ("table-3", "least-round-trip", "figure-7", "figure-s1", "figure-s2"),
-    "phase": ("injections", "restarts"),
+    "clock_filters.paper": ("table-3", "least-round-trip", "figure-7", "figure-s1", "figure-s2"),
+    "phase.paper": ("injections", "restarts"),
+    "led_panel.paper": ("table-2", "figure-5", "figure-6"),
+    "paper.five_phones": ("worst-pair", "start-up", "burst"),
+    "naive.paper": ("table-1",),
+    "paper.drawings": ("figure-3", "figure-4"),
 }
-"""Rooms of the experiments with a module `paper`, and what each measures, by key."""
+"""Modules of the experiments with a `paper_part`, and what each measures, by key."""
 
 
 def measure_all(
     *, share: float, seed: int, talk: Callable[[str], None], only: frozenset[str] = frozenset()
 ) -> dict[str, Reproduction]:
-    """Return all tables and figures by key, measured by their rooms; `only` names keys, empty for all.
+    """Return all tables and figures by key, as their modules measure them; `only` names keys, empty for all.
 
-    Raises ValueError where a room gives another table than it says.
+    Raises ValueError where a module gives another table than it says.
     """
     found: dict[str, Reproduction] = {}
-    for room, keys in PARTS.items():
-        name = f"capture_app.experiments.{room}.paper"
+    for module, keys in PARTS.items():
+        name = f"capture_app.experiments.{module}"
         if (only and not only & set(keys)) or find_spec(name) is None:
             continue
         talk(f"{', '.join(keys)} ...")

@@ -1,0 +1,73 @@
+"""The page as Markdown, for the documentation."""
+
+from collections.abc import Iterator
+
+from capture_app.experiments.paper import wording
+from capture_app.experiments.paper.report import Entry, PaperReport, Row
+
+
+def render_markdown(report: PaperReport, pictures: str) -> str:
+    """Return the page; `pictures` comes before its pictures' names in links to them."""
+    return "\n".join([*_lines(report, pictures), ""])
+
+
+def _lines(report: PaperReport, pictures: str) -> Iterator[str]:
+    yield f"# {wording.TITLE}"
+    yield ""
+    yield f"{wording.LEAD} {wording.measured(report)}"
+    yield ""
+    yield from _table(
+        (row, f"[{entry.place}](#{_anchor(entry)}): {row.label}") for entry, row in wording.headlines(report)
+    )
+    yield ""
+    yield wording.KEY
+    for title, entries in (("Tables", report.tables), ("Figures", report.figures)):
+        yield ""
+        yield f"## {title}"
+        for entry in entries:
+            yield from _entry(entry, pictures)
+    yield ""
+    yield "## Applications"
+    yield ""
+    yield (
+        "Pictures, not measurements of synchronization: other commands make them of sessions that come with "
+        "the project. Their numbers are in [compare.md](compare.md)."
+    )
+    yield ""
+    yield "| the paper | what it shows | the command | what its report shows |"
+    yield "|---|---|---|---|"
+    for one in report.applications:
+        yield f"| {one.place} | {one.title} | `{one.command}` | {one.shows} |"
+
+
+def _anchor(entry: Entry) -> str:
+    """The anchor that a heading gets where Markdown is shown."""
+    kept = (char for char in _heading(entry).lower() if char.isalnum() or char in " -")
+    return "".join(kept).replace(" ", "-")
+
+
+def _heading(entry: Entry) -> str:
+    return f"{entry.place}: {entry.title}"
+
+
+def _entry(entry: Entry, pictures: str) -> Iterator[str]:
+    yield ""
+    yield f"### {_heading(entry)}"
+    for name in entry.files:
+        yield ""
+        yield f"![{entry.title}]({pictures}{name})"
+    yield ""
+    yield from _table((row, row.label) for row in entry.rows)
+    yield ""
+    simulated = f"Simulated: {wording.in_print(entry.simulated)}"
+    yield " ".join((simulated, *wording.set_ups(entry), f"Seed {entry.seed}."))
+    for note in entry.notes:
+        yield ""
+        yield wording.in_print(note)
+
+
+def _table(rows: "Iterator[tuple[Row, str]]") -> Iterator[str]:
+    yield f"| {' | '.join(wording.HEAD)} |"
+    yield "|---|---:|---:|---:|"
+    for row, label in rows:
+        yield f"| {label} | {wording.papers(row)} | {wording.ours(row)} | {wording.by_default(row)} |"

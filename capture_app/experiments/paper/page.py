@@ -1,0 +1,30 @@
+"""The page: one HTML file, its pictures beside it."""
+
+from jinja2 import Environment, PackageLoader, StrictUndefined
+
+from capture_app.experiments.paper import wording
+from capture_app.experiments.paper.report import PaperReport
+
+PACKAGE = "capture_app.experiments.paper"
+
+
+def render_page(report: PaperReport) -> str:
+    """Return the page as HTML."""
+    environment = Environment(
+        loader=PackageLoader(PACKAGE, "template"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+    )
+    words = (wording.papers, wording.ours, wording.by_default, wording.set_ups, wording.in_print)
+    environment.filters.update({one.__name__: one for one in words})
+    return environment.get_template("page.html").render(
+        report=report,
+        headlines=wording.headlines(report),
+        columns=wording.HEAD[1:],
+        title=wording.TITLE,
+        lead=wording.LEAD,
+        key=wording.KEY,
+        measured=wording.measured(report).replace("`", ""),
+    )

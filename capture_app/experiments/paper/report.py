@@ -1,0 +1,118 @@
+"""What `paper.json` holds: every table and figure of the paper, with ours beside it."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from capture_app.experiments.common.paper_values import PaperFigure, PaperValue
+from capture_app.experiments.common.reproduction import Measured, Reproduction
+from capture_app.experiments.common.result import Kind
+from capture_app.experiments.paper.applications import APPLICATIONS, Application
+
+Verdict = Literal["better", "worse", "put in", ""]
+"""Of ours at the paper's protocol: beside its number where less is better, or put into the model."""
+
+
+class Row(msgspec.Struct, frozen=True, kw_only=True):
+    """A number: the paper's, ours at its protocol, ours by default; None for what is not known."""
+
+    name: str
+    label: str
+    unit: str
+    paper: float | None
+    paper_at_most: bool
+    protocol: float | None
+    default: float | None
+    verdict: Verdict
+    headline: bool
+
+
+class SetUp(msgspec.Struct, frozen=True, kw_only=True):
+    """How ours were measured."""
+
+    setup: str
+    trials: int
+    kind: Kind
+
+
+class Entry(msgspec.Struct, frozen=True, kw_only=True):
+    """A table or a figure; `files` are its pictures, beside `paper.json`."""
+
+    key: str
+    title: str
+    place: str
+    seed: int
+    simulated: str
+    protocol: SetUp
+    default: SetUp
+    rows: tuple[Row, ...]
+    notes: tuple[str, ...]
+    files: tuple[str, ...]
+
+
+class PaperReport(msgspec.Struct, frozen=True, kw_only=True):
+    """All of them, in the paper's order."""
+
+    quick: bool
+    seed: int
+    tables: tuple[Entry, ...]
+    figures: tuple[Entry, ...]
+    applications: tuple[Application, ...] = APPLICATIONS
+
+
+def make_report(
+    found: dict[str, Reproduction], folder: Path, *, quick: bool, seed: int, talk: Callable[[str], None]
+) -> PaperReport:
+    """Draw all pictures into a folder that exists, and put everything together."""
+    tables: list[Entry] = []
+    figures: list[Entry] = []
+    for one in found.values():
+        files = [] if one.draw is None else one.draw(folder)
+        for path in files:
+            talk(f"drew {path}")
+        entry = _entry(one, tuple(path.name for path in files))
+        (figures if isinstance(one.of, PaperFigure) else tables).append(entry)
+    return PaperReport(quick=quick, seed=seed, tables=tuple(tables), figures=tuple(figures))
+
+
+def _entry(one: Reproduction, files: tuple[str, ...]) -> Entry:
+    default = one.default or one.protocol
+    rows = tuple(
+        _row(value, one.protocol, default, put_in=value.name in one.given) for value in one.of.values
+    )
+    return Entry(
+        key=one.of.key,
+        title=one.of.title,
+        place=one.of.place,
+        seed=one.seed,
+        simulated=one.simulated,
+        protocol=_set_up(one.protocol),
+        default=_set_up(default),
+        rows=rows,
+        notes=one.notes,
+        files=files,
+    )
+
+
+def _set_up(measured: Measured) -> SetUp:
+    return SetUp(setup=measured.setup, trials=measured.trials, kind=measured.kind)
+
+
+def _row(value: PaperValue, protocol: Measured, default: Measured, *, put_in: bool) -> Row:
+    ours = protocol.values.get(value.name)
+    verdict: Verdict = "put in" if put_in else ""
+    if not put_in and value.less_is_better and value.value is not None and ours is not None:
+        verdict = "better" if ours <= value.value else "worse"
+    return Row(
+        name=value.name,
+        label=value.label,
+        unit=value.unit,
+        paper=value.value,
+        paper_at_most=value.at_most,
+        protocol=ours,
+        default=default.values.get(value.name),
+        verdict=verdict,
+        headline=value.headline,
+    )

@@ -96,7 +96,7 @@ async def lead(root: Path, cameras: int, instants: int) -> None:
     await session.write_plan(1)
     datagrams, listening = bind_port("127.0.0.1", 0)
     datagrams.close()
-    service = LeaderService(cast(Any, OneBurst(session)), *[cast(Any, nobody_asks)] * 5)
+    service = LeaderService(cast(Any, OneBurst(session)), *[cast(Any, nobody_asks)] * 5, lambda *_: True)
     server: TransferServer[ToLeader] = TransferServer(ToLeader, service.serve)
     await server.start(listening)
     print(listening.getsockname()[1], flush=True)
@@ -146,7 +146,7 @@ async def send(source: Path, port: int, cameras: int, instants: int) -> None:
             leader=1, burst=1, camera=CameraRecord(name=name, facts=CAMERA), instants=tuple(range(instants))
         )
         spool = Spool(Path(os.environ["SPOOL"]), name) if "SPOOL" in os.environ else None
-        uploader = Uploader(lambda line: print(line, file=sys.stderr), spool)
+        uploader = Uploader(name, 1, lambda line: print(line, file=sys.stderr), spool)
         uploader.load_spool()
         uploader.add_burst(BurstUpload(report, picks))
         uploader.set_leader(Address("127.0.0.1", port))

@@ -29,13 +29,19 @@ from capture_app.node.wire.operating import (
     Vitals,
 )
 from capture_app.node.wire.views import NodeDetail, Preview
+from tests.node.joining import joined
 
 PATIENCE_S = 30.0
+NODE = 5
+"""The run of the node."""
 
 
 @pytest.fixture
 async def leader(tmp_path: Path) -> AsyncIterator[LeaderNode]:
-    async with LeaderNode(sessions=tmp_path / "sessions", host="127.0.0.1", port=0) as node:
+    async with (
+        LeaderNode(sessions=tmp_path / "sessions", host="127.0.0.1", port=0) as node,
+        joined(node.own_address, ("a", NODE)),
+    ):
         yield node
 
 
@@ -64,6 +70,7 @@ class Node:
     def __post_init__(self) -> None:
         self.viewfinder = Viewfinder(
             "a",
+            NODE,
             now_ns=lambda: 1_000_000_000,
             leader_ns=lambda local_ns: local_ns + 7,
             is_busy=lambda: self.busy,
@@ -143,7 +150,7 @@ async def test_nothing_is_drawn_while_nobody_looks_or_a_burst_is_sent(leader: Le
 
 async def test_the_next_preview_waits_until_the_last_was_seen(leader: LeaderNode) -> None:
     async with await connect(leader.own_address, FromLeader) as node:
-        await node.send(ViewfinderOpened(camera="a"))
+        await node.send(ViewfinderOpened(camera="a", instance=NODE))
         updates = RigLink(leader.own_address)
         await updates.want_previews(cameras=None, width=64, fps=5)
         showing = previews(updates)
@@ -161,7 +168,7 @@ async def test_the_next_preview_waits_until_the_last_was_seen(leader: LeaderNode
 
 async def test_a_node_is_asked_for_what_all_operators_together_want(leader: LeaderNode) -> None:
     async with await connect(leader.own_address, FromLeader) as node:
-        await node.send(ViewfinderOpened(camera="a"))
+        await node.send(ViewfinderOpened(camera="a", instance=NODE))
         small, large = RigLink(leader.own_address), RigLink(leader.own_address)
         await small.want_previews(cameras=None, width=64, fps=4)
         watching = [asyncio.ensure_future(first(link.updates(), Preview)) for link in (small, large)]
@@ -184,7 +191,7 @@ async def test_details_that_do_not_come_are_an_error(leader: LeaderNode) -> None
     with pytest.raises(IncompleteError, match="a shows nothing"):
         await link.detail("a")
     async with await connect(leader.own_address, FromLeader) as node:
-        await node.send(ViewfinderOpened(camera="a"))
+        await node.send(ViewfinderOpened(camera="a", instance=NODE))
         await node.send(Vitals(fps=30.0))
         asked = [asyncio.ensure_future(link.detail("a")) for _ in range(2)]
         await receive(node, DetailRequest)

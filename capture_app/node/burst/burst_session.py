@@ -125,7 +125,8 @@ class BurstSession:
             if camera.report is None and report.events:
                 events = ({"camera": report.camera.name, **event} for event in report.events)
                 await self._disk.call(self._writer.add_event, *events)
-            camera.report, camera.given_up, camera.silent = plans.camera_plan(report), "", False
+            known = camera.report if self._interrupted is not None else None
+            camera.report, camera.given_up, camera.silent = plans.camera_plan(report, known), "", False
             camera.note_heard(now_ns)
             await self._settlement.settle()
             if self._choice.is_settled:

@@ -98,8 +98,13 @@ class SharedPlan:
                 self._saved = newest
 
 
-def camera_plan(report: CameraReport) -> CameraPlan:
-    """What a session keeps of a camera's report: all but its events."""
+def camera_plan(report: CameraReport, known: CameraPlan | None = None) -> CameraPlan:
+    """What a session keeps of a camera's report: all but its events.
+
+    Where an earlier run of the leader knew what the camera was, only what is to come may be told anew.
+    """
+    if known is not None and known.reported:
+        return msgspec.structs.replace(known, instants=report.instants, missing=report.missing)
     return CameraPlan(
         camera=report.camera,
         reported=True,

@@ -8,11 +8,11 @@ from capture_app.errors import BadInputError, DiskFullError, SimulshotError, Try
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.camera_progress import PATIENCE_NS
 from capture_app.node.burst.disk_threads import DiskThreads
-from capture_app.node.wire.messages import CameraReport, ImageUpload
+from capture_app.node.wire.messages import CameraReport, ImageReceipt, ImageUpload, ReportAck
 from capture_app.session.files.disk import SPARE_BYTES, free_bytes
 from capture_app.session.format.burst_plan import PLAN, read_plan
 from capture_app.session.format.manifest import MANIFEST
-from capture_app.session.reading.reader import is_being_written
+from capture_app.session.reading.reader import Session, is_being_written
 
 RETURN_NS = 60_000_000_000
 """How long nodes have to come back after a start with what they hold of an interrupted burst."""
@@ -58,6 +58,36 @@ class ResumedBursts:
         await self._all_resumed.wait()
         for session in self.sessions():
             await session.finished.wait()
+
+    async def answer_finished(self, report: CameraReport) -> ReportAck | None:
+        """Answer for a finished session with all images of the report's camera, without opening it again.
+
+        None where there is none, or it lacks some of them.
+        """
+        key = (report.leader, report.burst)
+        session = self._open.get(key)
+        if session is not None and not session.finished.is_set():
+            return None
+        return await asyncio.to_thread(self._whole_share, key, report.camera.name)
+
+    def _whole_share(self, key: Key, camera: str) -> ReportAck | None:
+        folder = self._find(key)
+        if folder is None or not (folder / MANIFEST).is_file():
+            return None
+        try:
+            plan, session = read_plan(folder), Session.open(folder)
+        except SimulshotError:
+            return None
+        records = [record for record in session.manifest.images if record.camera == camera]
+        instants = session.manifest.burst.instants_ns
+        if len(records) < len(instants) or not all(session.image_file(r).is_file() for r in records):
+            return None
+        chosen = plan.chosen or tuple(range(len(instants)))
+        receipts = (
+            ImageReceipt(instant=chosen[r.instant], sha256=r.sha256, bytes=r.bytes, stored=True)
+            for r in records
+        )
+        return ReportAck(receipts=tuple(receipts), wanted=chosen if plan.spare else None)
 
     async def reopen(self, report: CameraReport, now_ns: int) -> BurstSession:
         """Return the session that a report is of, opened again where it was closed.

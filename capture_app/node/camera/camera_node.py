@@ -85,9 +85,14 @@ class CameraNode:
         self._failover: Failover[CapturedFrame]
         self._pump: Pump
         self._beacons: BeaconReceiver
-        self._uploader = Uploader(self._talk, None if spool is None else Spool(spool, name))
+        # Whoever knows it speaks for this camera: too many to be guessed.
+        self._instance = secrets.randbits(62)
+        self._uploader = Uploader(
+            name, self._instance, self._talk, None if spool is None else Spool(spool, name)
+        )
         self._viewfinder = Viewfinder(
             name,
+            self._instance,
             now_ns=self._clock.now_ns,
             leader_ns=lambda local_ns: (
                 None if self._engine.time_map is None else self._engine.time_map.leader_from_local(local_ns)
@@ -127,7 +132,7 @@ class CameraNode:
             self._tolerance_ns = RESET_TOLERANCE_NS if only_restarts else DEFAULT_TOLERANCE_NS
         config = ClientConfig(
             name=self.name,
-            instance=secrets.randbits(32),
+            instance=self._instance,
             camera=facts,
             tolerance_ns=self._tolerance_ns,
             ring_frames=self._ring_frames,

@@ -41,17 +41,21 @@ class Viewfinder:
     def __init__(
         self,
         name: str,
+        instance: int,
         *,
         now_ns: Callable[[], int],
         leader_ns: Callable[[int], int | None],
         is_busy: Callable[[], bool],
         detail: Callable[[], NodeDetail],
     ) -> None:
-        """`leader_ns` gives the leader's time of a local one; `is_busy` says that pictures must wait."""
+        """Speak for a camera, by the run that its node joins with.
+
+        `leader_ns` gives the leader's time of a local one; `is_busy` says that pictures must wait.
+        """
         self.stamps_ns: deque[int] = deque(maxlen=FRAMES_KEPT)
         """Timestamps of the latest frames, by the node's clock."""
         self.newest: CapturedFrame | None = None
-        self._name = name
+        self._name, self._instance = name, instance
         self._now_ns = now_ns
         self._leader_ns = leader_ns
         self._is_busy = is_busy
@@ -113,7 +117,7 @@ class Viewfinder:
         self._channel, self._wanted = channel, None
         self._wish_changed.clear()
         self._may_send.set()
-        await channel.send(ViewfinderOpened(camera=self._name))
+        await channel.send(ViewfinderOpened(camera=self._name, instance=self._instance))
         parts = (self._listen(channel), self._tell_vitals(channel), self._show(channel))
         tasks = [asyncio.create_task(part) for part in parts]
         try:

@@ -14,7 +14,7 @@ from capture_app.node.burst.disk_threads import DiskThreads
 from capture_app.node.burst.resumed_bursts import RETURN_NS, ResumedBursts
 from capture_app.node.leader.readiness import check_room, expected_image_bytes
 from capture_app.node.leader.wording import News
-from capture_app.node.wire.messages import CameraReport, ImageUpload, SpoolSpace
+from capture_app.node.wire.messages import CameraReport, ImageUpload, ReportAck, SpoolSpace
 from capture_app.node.wire.status import BurstStatus
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.complete_instants import usual_spare
@@ -168,6 +168,13 @@ class ActiveBursts:
         if isinstance(message, ImageUpload):
             return self.resumed.open_session_of(message)
         return await self.resumed.reopen(message, self.now_ns())
+
+    async def answer_finished(self, report: CameraReport) -> ReportAck | None:
+        """Answer a report of a saved session that has all images of its camera: nothing of it is changed."""
+        session = self._bursts.get(report.burst)
+        if session is not None and report.leader == self._engine.config.instance:
+            return None
+        return await self.resumed.answer_finished(report)
 
     @property
     def spools(self) -> Mapping[str, SpoolSpace]:

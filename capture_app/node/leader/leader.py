@@ -132,7 +132,13 @@ class LeaderNode:
         )
         watchers = Watchers(self.status, self.news, self._viewfinders)
         service = LeaderService(
-            self._bursts, self.status, self.take_burst, self._orders, self._viewfinders, watchers
+            self._bursts,
+            self.status,
+            self.take_burst,
+            self._orders,
+            self._viewfinders,
+            watchers,
+            self._knows,
         )
         self._server = TransferServer(ToLeader, service.serve)
         self._pump = Pump(self._engine, self._clock, self._drain)
@@ -242,6 +248,11 @@ class LeaderNode:
     def _on_news(self, news: News) -> None:
         self.news.note(news)
         self._tell_news(news)
+
+    def _knows(self, name: str, instance: int) -> bool:
+        """Whether this run of a node is the one that has joined by that name, even if it is lost now."""
+        member = self._engine.members.get(name)
+        return member is not None and member.instance == instance
 
     def _views(self) -> tuple[ClientView, ...]:
         return self._engine.clients(self._clock.now_ns())

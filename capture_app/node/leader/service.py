@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 from collections.abc import AsyncGenerator, Callable
 
-from capture_app.errors import NetworkError, SimulshotError
+from capture_app.errors import BadInputError, NetworkError, SimulshotError, TryAgainError
 from capture_app.net.channel import Channel
 from capture_app.node.burst.answers import ImageAnswers, refusal_of
 from capture_app.node.burst.burst_session import BurstSession
@@ -32,8 +32,13 @@ class LeaderService:
         orders: OperatorOrders,
         viewfinders: Viewfinders,
         watchers: Watchers,
+        knows: Callable[[str, int], bool],
     ) -> None:
-        """`take_burst` takes a burst and yields its progress."""
+        """`take_burst` takes a burst and yields its progress.
+
+        `knows` tells whether a run of a node is the one that has joined by a name.
+        """
+        self._knows = knows
         self._bursts = bursts
         self._get_status = get_status
         self._take_burst = take_burst
@@ -44,13 +49,17 @@ class LeaderService:
     async def serve(self, channel: Channel[messages.ToLeader]) -> None:
         """Answer a stream until its peer closes it; the user's mistakes are told, not raised."""
         working_on: WorkingOn = {}
+        speaker = ""
         answers = ImageAnswers(channel)
         try:
             while (message := await channel.receive_header()) is not None:
                 try:
+                    self._check_speaker(message, speaker)
                     if isinstance(message, messages.ImageUpload):
                         answers.add(await self._take_image(channel, message))
                         continue
+                    if isinstance(message, messages.NodeStream):
+                        speaker = message.camera
                     await answers.drain()
                     await self._answer(channel, message, working_on)
                 except NetworkError:
@@ -62,6 +71,23 @@ class LeaderService:
             await answers.close()
             for session, camera in working_on.values():
                 session.stream_closed(camera, self._bursts.now_ns())
+
+    def _check_speaker(self, message: messages.ToLeader, speaker: str) -> None:
+        """Check that a camera's messages come from the node that joined by its name.
+
+        Raises TryAgainError where that has not joined yet, or not any more, BadInputError where the stream
+        was not opened by it.
+        """
+        match message:
+            case messages.NodeStream() | operating.ViewfinderOpened():
+                if not self._knows(message.camera, message.instance):
+                    raise TryAgainError(f"no node has joined as {message.camera} by this stream's key")
+            case messages.CameraReport(camera=record) if record.name != speaker:
+                raise BadInputError(f"this stream does not speak for camera {record.name!r}")
+            case messages.ImageUpload(record=record) if record.camera != speaker:
+                raise BadInputError(f"this stream does not speak for camera {record.camera!r}")
+            case messages.SpoolSpace() if message.camera != speaker:
+                raise BadInputError(f"this stream does not speak for camera {message.camera!r}")
 
     async def _take_image(
         self, channel: Channel[messages.ToLeader], message: messages.ImageUpload
@@ -82,6 +108,9 @@ class LeaderService:
                     async for status in progress:
                         await channel.send(messages.BurstAnswer(burst=status))
             case messages.CameraReport():
+                if (done := await self._bursts.answer_finished(message)) is not None:
+                    await channel.send(done)
+                    return
                 session = await self._bursts.find_session(message)
                 key, camera = (message.leader, message.burst), message.camera.name
                 if key not in working_on or working_on[key][0] is not session:
@@ -91,6 +120,8 @@ class LeaderService:
                     working_on[key] = session, camera
                 now_ns = self._bursts.now_ns()
                 await channel.send(await session.accept_report(message, now_ns, wait_s=UNDECIDED_S))
+            case messages.NodeStream():
+                await channel.send(messages.ReportAck())
             case messages.SpoolSpace():
                 self._bursts.note_spool_space(message)
                 await channel.send(messages.ReportAck())

@@ -48,9 +48,15 @@ class BurstSender:
                 self._answer.cancel()
                 await asyncio.gather(self._answer, return_exceptions=True)
 
+    async def introduce(self, opening: messages.NodeStream) -> None:
+        """Say whose stream this is. Raises NetworkError where the leader does not know that node."""
+        answer = await self.ask(opening)
+        if isinstance(answer, messages.Refusal):
+            raise NetworkError(answer.what, hint=answer.hint)
+
     async def ask(
         self,
-        message: messages.CameraReport | messages.SpoolSpace,
+        message: messages.NodeStream | messages.CameraReport | messages.SpoolSpace,
     ) -> messages.ReportAck | messages.Refusal:
         """Send a message and wait until the leader has what it tells.
 
@@ -66,7 +72,7 @@ class BurstSender:
         # A leader that was away has kept what it acknowledged; only the stream's own state is new.
         told: messages.CameraReport | None = None
         receipts: dict[int, messages.ImageReceipt] = {}
-        burst.is_settled = False
+        burst.reopen()
         while not burst.is_over:
             self._news.clear()
             refusal = None
@@ -86,6 +92,8 @@ class BurstSender:
                 refusal = await self._take_answer(burst)
             elif burst.frames:
                 await self._news.wait()
+            elif burst.disputed:
+                return _disputed(burst)
             else:
                 return None
             if refusal is not None:
@@ -103,7 +111,7 @@ class BurstSender:
             await asyncio.sleep(ASK_AGAIN_S)
             return {}
         unwanted = burst.settle(answer.wanted)
-        stored = {receipt.instant for receipt in answer.receipts if receipt.stored}
+        stored = {receipt.instant: receipt.sha256 for receipt in answer.receipts if receipt.stored}
         await _delete([*unwanted, *burst.confirm(stored)])
         if lost := burst.lost_instants():
             await self._report_lost(burst, lost, "the node was stopped before the frame was encoded")
@@ -152,7 +160,7 @@ class BurstSender:
             raise NetworkError("the leader sent an unexpected answer")
         if answer.sha256 != image.record.sha256:
             raise NetworkError("the leader has another checksum than the image sent")
-        await _delete(burst.confirm({image.record.instant}))
+        await _delete(burst.confirm({image.record.instant: answer.sha256}))
         return None
 
     async def _next_answer(self) -> Answer:
@@ -161,7 +169,7 @@ class BurstSender:
 
     async def _send(
         self,
-        message: messages.CameraReport | messages.ImageUpload | messages.SpoolSpace,
+        message: messages.NodeStream | messages.CameraReport | messages.ImageUpload | messages.SpoolSpace,
         *payloads: memoryview,
     ) -> None:
         try:
@@ -202,6 +210,11 @@ async def _delete(files: Collection[Path]) -> None:
 
     if files:
         await asyncio.to_thread(delete)
+
+
+def _disputed(burst: BurstUpload) -> messages.Refusal:
+    instants = ", ".join(str(image.record.instant) for image in burst.disputed)
+    return messages.Refusal(what=f"the leader has other pictures than these of instants {instants}")
 
 
 def _final(refusal: messages.Refusal) -> messages.Refusal:

@@ -2,7 +2,7 @@
 
 import hashlib
 from collections import deque
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -30,6 +30,8 @@ class BurstUpload:
     """By instant, those that are written to the spool but not on its disk yet."""
     confirmed: set[int] = field(default_factory=set)
     """Instants that the leader has."""
+    disputed: list[ImageUpload] = field(default_factory=list)
+    """Images of which the leader has others in their places: they are not sent, and not deleted."""
     spooled: SpooledBurst | None = None
     spooling: bool = True
     """Whether the spool is to be used; False once it was full."""
@@ -75,10 +77,23 @@ class BurstUpload:
         self.frames = deque(frame for frame in self.frames if frame.instant in wanted)
         return self._let_go(lambda instant: instant not in wanted)
 
-    def confirm(self, instants: Collection[int]) -> list[Path]:
-        """Let go of images that the leader has; return their files."""
-        self.confirmed.update(instants)
-        return self._let_go(lambda instant: instant in instants)
+    def reopen(self) -> None:
+        """Begin anew with another stream: the leader may be another one, or have changed its mind."""
+        self.is_settled = False
+        self.images.extend(self.disputed)
+        self.disputed.clear()
+
+    def confirm(self, stored: Mapping[int, str]) -> list[Path]:
+        """Let go of images that the leader has, by instant and checksum; return their files.
+
+        An image that it has another one in the place of is disputed.
+        """
+        self.confirmed.update(stored)
+        for image in tuple(self.images):
+            if stored.get(image.record.instant, image.record.sha256) != image.record.sha256:
+                self.images.remove(image)
+                self.disputed.append(image)
+        return self._let_go(lambda instant: instant in stored)
 
     def end(self) -> None:
         """Let go of all of it."""

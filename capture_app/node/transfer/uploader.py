@@ -16,7 +16,7 @@ from capture_app.node.transfer.burst_sender import BurstSender, PostponedError
 from capture_app.node.transfer.burst_upload import BurstUpload
 from capture_app.node.transfer.encoding import FrameEncoder, note_full_spool
 from capture_app.node.transfer.spool import Spool
-from capture_app.node.wire.messages import CameraReport, FromLeader, ImageUpload, SpoolSpace
+from capture_app.node.wire.messages import CameraReport, FromLeader, ImageUpload, NodeStream, SpoolSpace
 from capture_app.session.files.disk import free_bytes
 from capture_app.session.format.manifest import MissingImage
 from capture_app.sync.rig.frame_picks import Pick
@@ -32,9 +32,21 @@ Talk = Callable[[str], None]
 class Uploader:
     """Encodes bursts into the spool, and sends them in their order over a stream that it reopens."""
 
-    def __init__(self, talk: Talk, spool: Spool | None = None, *, retry_s: Sequence[float] = RETRY_S) -> None:
-        """`retry_s` are the waits after the first failed stream, the second and so on; the last one stays."""
+    def __init__(
+        self,
+        camera: str,
+        instance: int,
+        talk: Talk,
+        spool: Spool | None = None,
+        *,
+        retry_s: Sequence[float] = RETRY_S,
+    ) -> None:
+        """Speak for a camera, by the run that its node joins with.
+
+        `retry_s` are the waits after the first failed stream, the second and so on; the last one stays.
+        """
         self.talk = talk
+        self._opening = NodeStream(camera=camera, instance=instance)
         self.spool = spool
         self.leader: Address | None = None
         self._retry_s = retry_s
@@ -163,6 +175,7 @@ class Uploader:
                 async with await connect(self.leader, FromLeader) as channel:
                     self._stream = channel
                     sender = BurstSender(channel, self._news, self.talk)
+                    await sender.introduce(self._opening)
                     while self._waiting or self._space_is_due:
                         if self._space_is_due:
                             await self._tell_space(sender)

@@ -8,6 +8,7 @@ from capture_app import errors
 from capture_app.camera_facts import Count
 from capture_app.clock import SimulatedClock
 from capture_app.errors import SimulshotError
+from capture_app.names import Name
 from capture_app.node.wire.message import Message
 from capture_app.node.wire.operating import FromOperator, FromViewfinder, ToOperator, ToViewfinder
 from capture_app.node.wire.status import BurstStatus, RigStatus
@@ -15,6 +16,14 @@ from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, MissingImage, Sha256
 
 JsonValue = int | float | str | bool | None
+
+
+class NodeStream(Message, frozen=True, kw_only=True, tag="node"):
+    """A node opens a stream; what follows on it is of that camera, which it joined with."""
+
+    camera: Name
+    instance: int
+    """The node's run, as its hello told it: nobody else knows it."""
 
 
 class CameraReport(Message, frozen=True, kw_only=True, tag="camera-report"):
@@ -152,7 +161,14 @@ class BurstAnswer(Message, frozen=True, kw_only=True, tag="burst"):
 
 
 ToLeader = (
-    CameraReport | ImageUpload | SpoolSpace | StatusRequest | BurstRequest | FromOperator | FromViewfinder
+    NodeStream
+    | CameraReport
+    | ImageUpload
+    | SpoolSpace
+    | StatusRequest
+    | BurstRequest
+    | FromOperator
+    | FromViewfinder
 )
 FromLeader = (
     ImageAck | StillSaving | ReportAck | Refusal | StatusAnswer | BurstAnswer | ToOperator | ToViewfinder

@@ -64,6 +64,8 @@ class ViewfinderOpened(Message, frozen=True, kw_only=True, tag="viewfinder"):
     """A node will send previews and details on this stream when it is asked."""
 
     camera: Name
+    instance: int
+    """The node's run, as its hello told it."""
 
 
 class Vitals(Message, frozen=True, kw_only=True, tag="vitals"):

@@ -87,7 +87,7 @@ def receipts_of(stored: dict[int, bytes]) -> ReportAck:
 @asynccontextmanager
 async def uploading(serve: Serve, said: list[str], spool: Spool | None = None) -> AsyncIterator[Uploader]:
     async with serving(serve, ToLeader) as leader:
-        uploader = Uploader(said.append, spool, retry_s=(0.0,))
+        uploader = Uploader("a", 1, said.append, spool, retry_s=(0.0,))
         uploader.load_spool()
         uploader.set_leader(leader)
         task = asyncio.create_task(uploader.run())

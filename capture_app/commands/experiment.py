@@ -238,29 +238,33 @@ def link(
 def paper(out: Path, quick: bool, markdown: Path | None, seed: int, as_json: bool) -> None:
     """Measure every table and figure of the paper, as it did and by default, and write a page."""
     from capture_app.experiments.paper import experiment as study
-    from capture_app.experiments.paper.wording import HEAD, by_default, headlines, ours, papers
+    from capture_app.experiments.paper.wording import HEAD, by_default, headlines, ours, papers, sign
 
     report = study.run(out, quick=quick, seed=seed, talk=talk, markdown=markdown)
     if as_json:
         print_json(report)
         return
     rows = [
-        (f"{entry.place}: {row.label}", papers(row), ours(row), by_default(row))
+        (f"{entry.place}: {row.label}", papers(row), ours(row), sign(row), by_default(row))
         for entry, row in headlines(report)
     ]
-    print_table(HEAD, rows)
+    print_table((*HEAD[:3], "", HEAD[3]), rows)
     print_line(f"\n{out / study.PAGE}")
 
 
-OWN_OPTIONS = {"clock-filters": clock_filters, "link": link, "paper": paper, "scale": scale}
-"""Experiments with options of their own."""
+OWN_COMMANDS = {"clock-filters": clock_filters, "link": link, "paper": paper, "scale": scale}
+"""Those with options of their own."""
 
 
 def load_command(name: str) -> click.Command:
     """Return or make the command of an experiment of the table."""
-    return OWN_OPTIONS.get(name) or plain_command(name, EXPERIMENTS[name], partial(load, name))
+    return OWN_COMMANDS.get(name) or plain_command(name, EXPERIMENTS[name], partial(load, name))
 
 
-@click.group(cls=LazyGroup, table=EXPERIMENTS, load=load_command)
+ALL = {"paper": "Every table and figure of the paper on one page, ours beside them.", **EXPERIMENTS}
+"""What there is, each with its help."""
+
+
+@click.group(cls=LazyGroup, table=ALL, load=load_command)
 def experiment() -> None:
     """Measure synchronization: our figures beside those of baselines and of the paper."""

@@ -9,7 +9,6 @@ if TYPE_CHECKING:
     from capture_app.experiments.common.result import Outcome
 
 EXPERIMENTS: dict[str, str] = {
-    "paper": "Every table and figure of the paper on one page, ours beside them.",
     "clock-filters": "Clock estimators under six delay distributions: mean, minimum, ours.",
     "scale": "Thousands of clocks for an hour: one leader, and a tree of relays.",
     "link": "The engine's own clock and other filters on a real link between two processes.",

@@ -70,4 +70,5 @@ def _table(rows: "Iterator[tuple[Row, str]]") -> Iterator[str]:
     yield f"| {' | '.join(wording.HEAD)} |"
     yield "|---|---:|---:|---:|"
     for row, label in rows:
-        yield f"| {label} | {wording.papers(row)} | {wording.ours(row)} | {wording.by_default(row)} |"
+        ours = f"{wording.ours(row)} {wording.sign(row)}".strip()
+        yield f"| {label} | {wording.papers(row)} | {ours} | {wording.by_default(row)} |"

@@ -6,6 +6,14 @@ from capture_app.experiments.paper import wording
 from capture_app.experiments.paper.report import PaperReport
 
 PACKAGE = "capture_app.experiments.paper"
+FILTERS = (
+    wording.papers,
+    wording.ours,
+    wording.sign,
+    wording.by_default,
+    wording.set_ups,
+    wording.in_print,
+)
 
 
 def render_page(report: PaperReport) -> str:
@@ -17,8 +25,7 @@ def render_page(report: PaperReport) -> str:
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    words = (wording.papers, wording.ours, wording.by_default, wording.set_ups, wording.in_print)
-    environment.filters.update({one.__name__: one for one in words})
+    environment.filters.update({one.__name__: one for one in FILTERS})
     return environment.get_template("page.html").render(
         report=report,
         headlines=wording.headlines(report),

@@ -21,26 +21,32 @@ UNITS = {"us": "µs"}
 SIGNS = {"better": "✓", "worse": "✗", "put in": "=", "": ""}
 
 
-def number(value: float | None, unit: str) -> str:
-    """Write a number with its unit, to three figures."""
+def number(value: float | None, unit: str, *, digits: int | None = None) -> str:
+    """Write a number with its unit, to three figures or so many digits after the point."""
     if value is None:
         return NOTHING
-    if abs(value) >= 100 or value == round(value):
-        text = f"{value:,.0f}"
-    else:
-        text = f"{value:.1f}" if abs(value) >= 10 else f"{value:.2f}"
+    if digits is None:
+        digits = 0 if abs(value) >= 100 or value == round(value) else 1 if abs(value) >= 10 else 2
+    text = f"{value:,.{digits}f}"
     return f"{text}\N{NO-BREAK SPACE}{UNITS.get(unit, unit)}" if unit else text
 
 
 def papers(row: Row) -> str:
-    """Write the paper's number."""
-    text = number(row.paper, row.unit)
-    return f"≤\N{NO-BREAK SPACE}{text}" if row.paper_at_most and row.paper is not None else text
+    """Write the paper's number, as the paper does."""
+    if row.paper is None:
+        return NOTHING
+    text = number(row.paper, row.unit, digits=len(f"{row.paper:.6g}".partition(".")[2]))
+    return f"≤\N{NO-BREAK SPACE}{text}" if row.paper_at_most else text
 
 
 def ours(row: Row) -> str:
-    """Write ours at the paper's protocol, with its sign."""
-    return f"{number(row.protocol, row.unit)} {SIGNS[row.verdict]}".strip()
+    """Write ours at the paper's protocol."""
+    return number(row.protocol, row.unit)
+
+
+def sign(row: Row) -> str:
+    """Return what stands beside ours at the paper's protocol: how it compares, if it does."""
+    return SIGNS[row.verdict]
 
 
 def by_default(row: Row) -> str:

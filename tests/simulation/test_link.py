@@ -18,20 +18,10 @@ from capture_app.simulation.network.link import (
     SharedMedium,
     TroubleSpells,
 )
-from capture_app.simulation.network.paper_link import LINKS_BY_LAW, PAPER_LINK
+from capture_app.simulation.network.paper_link import PAPER_LINK
 
 MS, S = 1_000_000, 1_000_000_000
 STEADY = GammaDelay(500_000, 500_001, 1.0)
-
-
-@pytest.mark.parametrize("name", LINKS_BY_LAW)
-def test_every_law_has_the_papers_minimum_and_mean(name: str) -> None:
-    rng, link = random.Random(1), LINKS_BY_LAW[name]
-    for law, minimum_us, mean_us in ((link.to_leader, 479, 1878), (link.to_client, 517, 1133)):
-        delays_us = [law.draw(rng) / 1000 for _ in range(20_000)]
-        assert minimum_us <= min(delays_us)
-        # 0.64 % come up to 20 ms late.
-        assert sum(delays_us) / len(delays_us) == pytest.approx(mean_us + 64, rel=0.05)
 
 
 def test_a_channel_without_memory_draws_as_its_link_does() -> None:

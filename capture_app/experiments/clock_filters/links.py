@@ -15,7 +15,7 @@ from capture_app.simulation.network.link import Link, TroubleSpells
 from capture_app.simulation.network.paper_link import LINKS_BY_LAW, PAPER_LINK
 
 HALF_LEAST_NS = 498_000
-"""Half the least round trip of the paper's link."""
+"""Half the least round trip of the paper's link: no more than this can an asymmetry be."""
 ASYMMETRY = 0.05
 """One sigma of half the difference of the least delays, as a share of half the least round trip."""
 _CABLE = Link(GammaDelay(50_000, 60_000), GammaDelay(50_000, 60_000))
@@ -33,17 +33,24 @@ def unequal(
 ) -> Link:
     """Return a link with this half of the least round trip, whose least delays differ by chance."""
     shift_ns = round(rng.gauss(0.0, share * half_ns))
-    to_leader = _with_minimum(link.to_leader, half_ns + shift_ns)
-    return replace(link, to_leader=to_leader, to_client=_with_minimum(link.to_client, half_ns - shift_ns))
+    floors = link if link.quick is None else link.quick
+    there_ns = half_ns + shift_ns - _minimum(floors.to_leader)
+    back_ns = half_ns - shift_ns - _minimum(floors.to_client)
+    quick = link.quick
+    if quick is not None:
+        to_leader, to_client = _moved(quick.to_leader, there_ns), _moved(quick.to_client, back_ns)
+        quick = replace(quick, to_leader=to_leader, to_client=to_client)
+    to_leader, to_client = _moved(link.to_leader, there_ns), _moved(link.to_client, back_ns)
+    return replace(link, to_leader=to_leader, to_client=to_client, quick=quick)
 
 
 def unequal_links(law: str) -> DrawLink:
-    """Links under one of the six laws."""
+    """Links under one of the laws."""
     return lambda rng: unequal(LINKS_BY_LAW[law], rng)
 
 
 def any_law(rng: random.Random, share: float = ASYMMETRY) -> Link:
-    """The paper's mean delays, under one of the six laws."""
+    """The paper's mean delays, under one of the laws of a WiFi link."""
     return unequal(LINKS_BY_LAW[rng.choice(list(LINKS_BY_LAW))], rng, share=share)
 
 
@@ -74,7 +81,12 @@ def replayed(link: Link) -> DrawLink:
     return draw
 
 
-def _with_minimum(law: DelayLaw, minimum_ns: int) -> DelayLaw:
-    """The same law with another minimum, and the mean moved with it."""
+def _minimum(law: DelayLaw) -> int:
     assert isinstance(law, GammaDelay | LognormalDelay | BimodalDelay)
-    return replace(law, minimum_ns=minimum_ns, mean_ns=law.mean_ns + minimum_ns - law.minimum_ns)
+    return law.minimum_ns
+
+
+def _moved(law: DelayLaw, by_ns: int) -> DelayLaw:
+    """The same law with its minimum and mean moved."""
+    assert isinstance(law, GammaDelay | LognormalDelay | BimodalDelay)
+    return replace(law, minimum_ns=law.minimum_ns + by_ns, mean_ns=law.mean_ns + by_ns)

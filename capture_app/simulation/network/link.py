@@ -5,17 +5,14 @@ those of the simulation, in ns.
 """
 
 import random
-from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from math import log
 from typing import Literal
 
-from capture_app.simulation.network.delay_laws import DelayLaw, GammaDelay
+from capture_app.simulation.network.delay_laws import DelayLaw
 
 _S = 1_000_000_000
+_64_BITS = (1 << 64) - 1
 Direction = Literal["to_leader", "to_client"]
-DeliveryDraw = Callable[[random.Random], Sequence[int]]
-"""Draws the delays in ns at which copies of one datagram arrive: none, one or two."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,6 +24,18 @@ class TroubleSpells:
     extra_ns: int = 8_000_000
     """Mean of the exponential delay that trouble adds, each way."""
     loss: float = 0.3
+
+
+@dataclass(frozen=True, slots=True)
+class QuickMoments:
+    """Moments at which datagrams of both ways pass quickly; time is in slots, each quick or not by chance."""
+
+    to_leader: DelayLaw
+    to_client: DelayLaw
+    share: float
+    after_ns: int
+    """There is none for so long after the first datagram."""
+    slot_ns: int = 4_000_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +63,7 @@ class Link:
     to_client: DelayLaw
     loss: float = 0.0
     duplication: float = 0.0
+    quick: QuickMoments | None = None
     spells: TroubleSpells | None = None
     medium: SharedMedium | None = None
     outages: tuple[Outage, ...] = ()
@@ -101,6 +111,8 @@ class Channel:
         self._queue = queue if queue is not None or link.medium is None else MediumQueue(link.medium)
         self._trouble = False
         self._turns_true_ns: float | None = None
+        self._first_true_ns: int | None = None
+        self._slots = 0
 
     def deliveries(self, direction: Direction, true_ns: int, rng: random.Random) -> list[int]:
         """Return the delays in ns at which copies of one datagram arrive: none, one or two."""
@@ -117,7 +129,10 @@ class Channel:
         if self._queue is not None:
             extra_ns += self._queue.enter(true_ns, rng) - true_ns
         copies = 2 if rng.random() < link.duplication else 1
-        law = link.to_leader if direction == "to_leader" else link.to_client
+        by_way: Link | QuickMoments = link
+        if link.quick is not None and self._is_quick(link.quick, true_ns, rng):
+            by_way = link.quick
+        law = by_way.to_leader if direction == "to_leader" else by_way.to_client
         return [law.draw(rng, true_ns) + round(extra_ns) for _ in range(copies)]
 
     def _in_trouble(self, spells: TroubleSpells, true_ns: int, rng: random.Random) -> bool:
@@ -129,20 +144,18 @@ class Channel:
             self._turns_true_ns += rng.expovariate(1.0 / mean_ns)
         return self._trouble
 
+    def _is_quick(self, quick: QuickMoments, true_ns: int, rng: random.Random) -> bool:
+        """Whether the slot is a quick one: by its number, since datagrams of two ways are not in order."""
+        if self._first_true_ns is None:
+            self._first_true_ns, self._slots = true_ns, rng.getrandbits(64)
+        if true_ns - self._first_true_ns < quick.after_ns:
+            return False
+        return _mixed(self._slots + true_ns // quick.slot_ns) < quick.share * 2.0**64
 
-def delivery_draw(link: Link, law: DelayLaw) -> DeliveryDraw:
-    """Return a faster equivalent of `link.deliveries(law, rng)`: the same law, from other random numbers."""
-    if link.loss or link.duplication or not isinstance(law, GammaDelay) or law.shape != 2.0:
-        return lambda rng: link.deliveries(law, rng)
-    minimum_ns, outlier_share, outlier_ns = law.minimum_ns, law.outlier_share, law.outlier_ns
-    scale_ns = (law.mean_ns - minimum_ns) / 2.0
 
-    def cross(rng: random.Random) -> tuple[int]:
-        # Gamma of shape 2 is the sum of two exponentials.
-        uniform = rng.random
-        delay_ns = minimum_ns - scale_ns * log((1.0 - uniform()) * (1.0 - uniform()))
-        if uniform() < outlier_share:
-            delay_ns += uniform() * outlier_ns
-        return (round(delay_ns),)
-
-    return cross
+def _mixed(number: int) -> int:
+    """Sixty-four bits that look random (SplitMix64, Steele, Lea and Flood 2014)."""
+    bits = (number * 0x9E3779B97F4A7C15) & _64_BITS
+    bits = ((bits ^ (bits >> 30)) * 0xBF58476D1CE4E5B9) & _64_BITS
+    bits = ((bits ^ (bits >> 27)) * 0x94D049BB133111EB) & _64_BITS
+    return bits ^ (bits >> 31)

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field
 from time import perf_counter_ns
 from typing import Protocol
 
-from capture_app.simulation.network.link import DeliveryDraw, Link, delivery_draw
+from capture_app.simulation.network.link import Channel, Link
 from capture_app.simulation.network.paper_link import PAPER_LINK
 from capture_app.simulation.network.wandering_clock import WanderingClock, draw_wandering_clock
 from capture_app.simulation.rig.virtual_time import Timer, VirtualTime
@@ -78,6 +78,8 @@ class _Node:
     engine: Engine
     clock: WanderingClock
     rng: random.Random
+    channel: Channel
+    """To its parents."""
     follower: Follower | None = None
     parents: frozenset[Address] = frozenset()
     timer: Timer = field(init=False)
@@ -96,8 +98,6 @@ class Tree:
         self.datagrams = self.root_busy_ns = 0
         self._seed = seed
         self._shard = shard
-        self._to_leader: DeliveryDraw = delivery_draw(spec.link, spec.link.to_leader)
-        self._to_client: DeliveryDraw = delivery_draw(spec.link, spec.link.to_client)
         self._digest = hashlib.blake2b(digest_size=16)
         self._arrived: list[bytes] = []
         self._arrivals = array("q")
@@ -108,7 +108,8 @@ class Tree:
         below = len(relays) or len(clients)
         pace_s = spec.relay_pace_s if relays else spec.client_pace_s
         self.root = Leader(LeaderConfig(1, 0, PERIOD_NS, exchanges_per_s=below / pace_s), self._rng("root"))
-        self._start(_Node(ROOT, self.root, WanderingClock(0, 0.0, ()), self._rng("root's link")), 0)
+        rng, clock = self._rng("root's link"), WanderingClock(0, 0.0, ())
+        self._start(_Node(ROOT, self.root, clock, rng, Channel(spec.link)), 0)
         for i in relays:
             self._add_relay(i, max(1.0, len(clients) / len(relays)))
         addresses = [(f"relay{i}", 0) for i in relays]
@@ -175,7 +176,8 @@ class Tree:
     ) -> WanderingClock:
         """Add a node below the parents; its clock and all its randomness are drawn from `rng`."""
         clock = draw_wandering_clock(rng, wander_ppm=self.spec.wander_ppm)
-        node = _Node((name, 0), engine, clock, rng, follower, frozenset(parents))
+        channel = Channel(self.spec.link)
+        node = _Node((name, 0), engine, clock, rng, channel, follower, frozenset(parents))
         self._start(node, round(rng.uniform(0.0, self.spec.join_within_s) * _S))
         return clock
 
@@ -228,9 +230,13 @@ class Tree:
             engine.receive_datagram(data, sender, local_ns)
         for outgoing, address in engine.datagrams_to_send(local_ns):
             node.datagrams += 1
-            cross = self._to_leader if address in node.parents else self._to_client
-            for delay_ns in cross(node.rng):
-                schedule(true_ns + delay_ns, self._act, self.nodes[address], outgoing, node.address)
+            other = self.nodes[address]
+            if address in node.parents:
+                delays_ns = node.channel.deliveries("to_leader", true_ns, node.rng)
+            else:
+                delays_ns = other.channel.deliveries("to_client", true_ns, node.rng)
+            for delay_ns in delays_ns:
+                schedule(true_ns + delay_ns, self._act, other, outgoing, node.address)
         due_ns = engine.next_timer()
         if due_ns is not None and not (due_ns == node.due_ns and node.timer.is_pending):
             node.due_ns = due_ns

@@ -58,7 +58,7 @@ def test_clients_that_join_together_do_not_send_together(pace_ns: int, reached_s
         phases.append(turns[len(turns) // 2])
     phases.sort()
     gaps = [b - a for a, b in zip(phases, [*phases[1:], phases[0] + 1.0], strict=True)]
-    assert min(gaps) > 0.06, phases
+    assert min(gaps) > 0.05, phases
 
 
 @pytest.mark.parametrize(("link", "step_ns"), [(LAN, MS), (LAN, -MS), (PAPER_LINK, 50 * MS), (LAN, 3600 * S)])
@@ -77,6 +77,6 @@ def test_a_jump_is_noticed_by_the_next_exchange_and_learned(link: Link, step_ns:
     assert rig.now_true_ns - stepped_true_ns < 2 * PACE_NS + 30 * MS
     events = len(node.events)
     assert rig.run_until(
-        lambda: any(isinstance(event, ClockSynced) for event in node.events[events:]), limit_ns=8 * S
+        lambda: any(isinstance(event, ClockSynced) for event in node.events[events:]), limit_ns=16 * S
     )
     checked_error_ns(node.client.time_map, node.spec.clock, rig.now_true_ns)

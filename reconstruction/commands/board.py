@@ -26,7 +26,8 @@ def board(file: Path, page: str, board: CharucoBoard, as_json: bool) -> None:
     By default it is the board that `reconstruct calibrate` and `capture-app coverage` expect. A bar on the
     page shows whether the printer kept the size. The whole way is in docs/calibration.md.
     """
-    from capture_app.board.printed_page import PrintedPage, calibrate_options, to_pdf, to_svg
+    from capture_app.board.page import to_pdf, to_svg
+    from capture_app.board.printed_page import PrintedPage, calibrate_options
 
     formats = {".pdf": to_pdf, ".svg": to_svg}
     write = formats.get(file.suffix.lower())

@@ -3,6 +3,7 @@
 import click
 
 from capture_app.commands.panel.show import show
+from capture_app.commands.panel.sketch import sketch
 
 
 @click.group()
@@ -13,5 +14,5 @@ def panel() -> None:
     """
 
 
-for command in (show,):
+for command in (show, sketch):
     panel.add_command(command)

@@ -18,6 +18,7 @@ import msgspec
 
 from capture_app.errors import NetworkError, SimulshotError
 from capture_app.net.address import Address
+from capture_app.net.stream_limits import Patience
 
 MAGIC = b"SSH1"
 MAX_HEADER_BYTES = 1 << 20
@@ -25,6 +26,7 @@ MAX_PAYLOAD_BYTES = 64 << 20
 CHUNK_BYTES = 1 << 18
 """The most that is read of a stream at once, and half of what is kept of it unread."""
 CONNECT_TIMEOUT_S = 5.0
+_TOO_SLOW = "the rest of a message did not come in time"
 _BROKEN = "the transfer broke off in the middle of a message"
 
 _PREFIX = struct.Struct(">4sIQ")
@@ -37,12 +39,36 @@ class Channel(Generic[M]):
     """One open stream of messages; `M` is the union of messages that may arrive."""
 
     def __init__(
-        self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter, decoder: msgspec.json.Decoder[M]
+        self,
+        reader: asyncio.StreamReader,
+        writer: asyncio.StreamWriter,
+        decoder: msgspec.json.Decoder[M],
+        patience: Patience | None = None,
     ) -> None:
+        """Without `patience` this waits for ever: whoever has asked has limits of its own."""
+        self.has_spoken = False
+        """Whether the peer has sent a message."""
         self._reader = reader
         self._writer = writer
         self._decoder = decoder
         self._unread = 0
+        self._header_bytes = MAX_HEADER_BYTES if patience is None else patience.header_bytes
+        self._first_s = None if patience is None else patience.first_s
+        self._idle_s = None if patience is None else patience.idle_s
+        self._message_s = None if patience is None else patience.message_s
+
+    @property
+    def host(self) -> str:
+        """Host of the other end."""
+        return self.peer.host
+
+    def trust(self) -> None:
+        """Take messages of any allowed length from now on: the peer is known."""
+        self._header_bytes = MAX_HEADER_BYTES
+
+    def allow_silence(self) -> None:
+        """Let the peer be silent between messages for as long as it likes: it is told things."""
+        self._idle_s = None
 
     @property
     def peer(self) -> Address:
@@ -66,7 +92,10 @@ class Channel(Generic[M]):
         async for _ in self.payload():
             pass
         try:
-            prefix = await self._reader.readexactly(_PREFIX.size)
+            async with asyncio.timeout(self._idle_s if self.has_spoken else self._first_s):
+                prefix = await self._reader.readexactly(_PREFIX.size)
+        except TimeoutError as error:
+            raise NetworkError("the peer was silent for too long") from error
         except asyncio.IncompleteReadError as error:
             if error.partial:
                 raise NetworkError(_BROKEN) from error
@@ -76,28 +105,36 @@ class Channel(Generic[M]):
         magic, header_bytes, payload_bytes = _PREFIX.unpack(prefix)
         if magic != MAGIC:
             raise NetworkError("the peer does not speak the transfer protocol", hint="check host and port")
-        if header_bytes > MAX_HEADER_BYTES or payload_bytes > MAX_PAYLOAD_BYTES:
+        if header_bytes > self._header_bytes or payload_bytes > MAX_PAYLOAD_BYTES:
             raise NetworkError(
                 f"a message of {header_bytes} + {payload_bytes} bytes is over the limit of "
-                f"{MAX_HEADER_BYTES} + {MAX_PAYLOAD_BYTES}"
+                f"{self._header_bytes} + {MAX_PAYLOAD_BYTES}"
             )
         try:
-            header = await self._reader.readexactly(header_bytes)
+            async with asyncio.timeout(self._message_s):
+                header = await self._reader.readexactly(header_bytes)
+        except TimeoutError as error:
+            raise NetworkError(_TOO_SLOW) from error
         except (asyncio.IncompleteReadError, OSError) as error:
             raise NetworkError(_BROKEN) from error
         self._unread = payload_bytes
         try:
-            return self._decoder.decode(header)
+            message = self._decoder.decode(header)
         except (msgspec.MsgspecError, SimulshotError) as error:
             raise NetworkError(
                 f"unreadable message: {error}", hint="do both ends run the same version?"
             ) from error
+        self.has_spoken = True
+        return message
 
     async def payload(self) -> AsyncIterator[bytes]:
         """Yield the last message's payload as it comes in. Raises NetworkError where it breaks off."""
         while self._unread:
             try:
-                chunk = await self._reader.read(min(self._unread, CHUNK_BYTES))
+                async with asyncio.timeout(self._message_s):
+                    chunk = await self._reader.read(min(self._unread, CHUNK_BYTES))
+            except TimeoutError as error:
+                raise NetworkError(_TOO_SLOW) from error
             except OSError as error:
                 raise NetworkError(f"the transfer broke off: {error}") from error
             if not chunk:
@@ -118,15 +155,18 @@ class Channel(Generic[M]):
             self._writer.write(_PREFIX.pack(MAGIC, len(header), payload_bytes) + header)
             for payload in payloads:
                 self._writer.write(payload)
-            await self._writer.drain()
+            async with asyncio.timeout(self._message_s):
+                await self._writer.drain()
+        except TimeoutError as error:
+            raise NetworkError("the peer takes nothing in") from error
         except OSError as error:
             raise NetworkError(f"the transfer broke off: {error}") from error
 
     async def relay(self, other: "Channel[Any]") -> None:
         """Pass all bytes on between two streams, both ways and unread, until either closes or breaks off."""
         ways = (
-            asyncio.create_task(_copy(self._reader, other._writer)),
-            asyncio.create_task(_copy(other._reader, self._writer)),
+            asyncio.create_task(self._copy_to(other._writer)),
+            asyncio.create_task(other._copy_to(self._writer)),
         )
         try:
             await asyncio.wait(ways, return_when=asyncio.FIRST_COMPLETED)
@@ -134,6 +174,13 @@ class Channel(Generic[M]):
             for way in ways:
                 way.cancel()
             await asyncio.gather(*ways, return_exceptions=True)
+
+    async def _copy_to(self, writer: asyncio.StreamWriter) -> None:
+        with contextlib.suppress(OSError):
+            while chunk := await self._reader.read(CHUNK_BYTES):
+                self.has_spoken = True
+                writer.write(chunk)
+                await writer.drain()
 
     def abort(self) -> None:
         """Break the stream off: all who wait for it get a NetworkError at once."""
@@ -150,13 +197,6 @@ class Channel(Generic[M]):
 
     async def __aexit__(self, *_: object) -> None:
         await self.close()
-
-
-async def _copy(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
-    with contextlib.suppress(OSError):
-        while chunk := await reader.read(CHUNK_BYTES):
-            writer.write(chunk)
-            await writer.drain()
 
 
 async def connect(address: Address, messages: Any, *, timeout_s: float = CONNECT_TIMEOUT_S) -> Channel[Any]:

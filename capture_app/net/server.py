@@ -11,8 +11,16 @@ import msgspec
 from capture_app.errors import NetworkError
 from capture_app.net.address import Address
 from capture_app.net.channel import CHUNK_BYTES, Channel
+from capture_app.net.stream_limits import (
+    MOST_OF_ONE_ADDRESS,
+    MOST_STREAMS,
+    OpenStreams,
+    Patience,
+    allowed_streams,
+)
 
 M = TypeVar("M")
+PATIENCE = Patience()
 
 
 class TransferServer(Generic[M]):
@@ -21,11 +29,22 @@ class TransferServer(Generic[M]):
     A peer that breaks the protocol loses its own stream and nothing else.
     """
 
-    def __init__(self, messages: Any, serve: Callable[[Channel[M]], Awaitable[None]]) -> None:
+    def __init__(
+        self,
+        messages: Any,
+        serve: Callable[[Channel[M]], Awaitable[None]],
+        *,
+        most: int = MOST_STREAMS,
+        most_of_one_address: int = MOST_OF_ONE_ADDRESS,
+        patience: Patience = PATIENCE,
+    ) -> None:
+        """Keep at most so many streams open, and wait so long for each."""
         self._decoder: msgspec.json.Decoder[M] = msgspec.json.Decoder(messages)
         self._serve = serve
         self._server: asyncio.Server | None = None
         self._streams: set[asyncio.Task[None]] = set()
+        self._open = OpenStreams(min(most, allowed_streams()), most_of_one_address)
+        self._patience = patience
 
     async def start(self, listening: socket.socket) -> None:
         """Accept streams from now on."""
@@ -43,15 +62,23 @@ class TransferServer(Generic[M]):
     async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()
         assert task is not None
+        channel = Channel(reader, writer, self._decoder, self._patience)
+        if not self._open.admit(channel):
+            channel.abort()
+            return
         self._streams.add(task)
+        with suppress(OSError):
+            # A peer whose plug was pulled never says so.
+            writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         try:
-            async with Channel(reader, writer, self._decoder) as channel:
+            async with channel:
                 await self._serve(channel)
         except (NetworkError, asyncio.CancelledError):
             # asyncio's own callback on this task would print a cancellation as an error.
             pass
         finally:
             self._streams.discard(task)
+            self._open.remove(channel)
 
 
 def bind_port(host: str, port: int, *, or_free: bool = False) -> tuple[socket.socket, socket.socket]:

@@ -54,7 +54,7 @@ class LeaderService:
         try:
             while (message := await channel.receive_header()) is not None:
                 try:
-                    self._check_speaker(message, speaker)
+                    self._check_speaker(channel, message, speaker)
                     if isinstance(message, messages.ImageUpload):
                         answers.add(await self._take_image(channel, message))
                         continue
@@ -72,7 +72,9 @@ class LeaderService:
             for session, camera in working_on.values():
                 session.stream_closed(camera, self._bursts.now_ns())
 
-    def _check_speaker(self, message: messages.ToLeader, speaker: str) -> None:
+    def _check_speaker(
+        self, channel: Channel[messages.ToLeader], message: messages.ToLeader, speaker: str
+    ) -> None:
         """Check that a camera's messages come from the node that joined by its name.
 
         Raises TryAgainError where that has not joined yet, or not any more, BadInputError where the stream
@@ -82,6 +84,7 @@ class LeaderService:
             case messages.NodeStream() | operating.ViewfinderOpened():
                 if not self._knows(message.camera, message.instance):
                     raise TryAgainError(f"no node has joined as {message.camera} by this stream's key")
+                channel.trust()
             case messages.CameraReport(camera=record) if record.name != speaker:
                 raise BadInputError(f"this stream does not speak for camera {record.name!r}")
             case messages.ImageUpload(record=record) if record.camera != speaker:

@@ -54,6 +54,10 @@ class Viewfinders:
     async def serve(self, channel: Channel[ToLeader], opened: ViewfinderOpened) -> None:
         """Take in what a node sends until it closes its stream."""
         name = opened.camera
+        channel.allow_silence()
+        if name in self._streams:
+            # One that the node has left: nobody may ever close it.
+            self._streams[name].channel.abort()
         stream = self._streams[name] = _Stream(channel)
         try:
             await self._ask(name)

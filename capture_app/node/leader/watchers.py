@@ -29,6 +29,7 @@ class Watchers:
     async def serve(self, channel: Channel[ToLeader]) -> None:
         """Tell one operator what changes until it closes its stream."""
         watcher = _Watcher(channel, self._get_status, self._news, self._viewfinders)
+        channel.allow_silence()
         telling = asyncio.create_task(watcher.tell())
         try:
             while (message := await channel.receive_header()) is not None:

@@ -1,6 +1,6 @@
 """The bullet-time sweep: one instant from camera to camera, and the same with cameras at other times."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -33,14 +33,20 @@ MIN_MOVING_PX = 40
 
 
 def render_camera_sweep(
-    dataset: Dataset, motion: SceneMotion, views: Mapping[str, View], out: Path, *, together: bool = False
+    dataset: Dataset,
+    motion: SceneMotion,
+    views: Mapping[str, View],
+    out: Path,
+    *,
+    together: Callable[[Sequence[str]], bool] = lambda cameras: False,
 ) -> BulletTime | None:
     """Write the sweep's pictures and an animation of it into out/pictures; None where there is no sweep.
 
     The cameras come in the order of their places where they are calibrated, else by name. Pictures of
     calibrated cameras are rotated and zoomed so that what moves stays where it is; no view is interpolated.
     In the other condition each camera is late by one of `LATE_MS`, as far as the burst goes.
-    The animation says synchronized only where the pictures are `together`: found to be of one instant.
+    The animation says synchronized only where the pictures of the sweep's cameras are `together`: found to be
+    of one instant.
     """
     calibrated = {name: views[name] for name in dataset.cameras if name in views}
     order = order_by_place(calibrated) if len(calibrated) > 1 else tuple(sorted(dataset.cameras))
@@ -68,7 +74,7 @@ def render_camera_sweep(
         for kind, frames in zip(("synced", "offset"), halves, strict=True)
     )
     offsets_ms = tuple((dataset.instants_ns[k] - dataset.instants_ns[instant]) / 1e6 for k in late.values())
-    known = "synchronized" if together else "as recorded"
+    known = "synchronized" if together(order) else "as recorded"
     titles = known, [f"{name}: {_plain(ms)}" for name, ms in zip(order, offsets_ms, strict=True)]
     return BulletTime(
         cameras=order,

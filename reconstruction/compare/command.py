@@ -23,7 +23,7 @@ from reconstruction.compare.panorama_study import PanoramaStudy
 from reconstruction.compare.pose_study import LARGE_MOVING_SHARE, PoseStudy
 from reconstruction.compare.stereo_study import StereoStudy
 from reconstruction.compare.study import Result, StudyRun
-from reconstruction.compare.timing_study import measure_timing
+from reconstruction.compare.timing_study import TimingStudy
 from reconstruction.compare.triangulation_study import TriangulationStudy
 from reconstruction.multiview.matcher import Matcher, choose_matcher
 from reconstruction.report import wording
@@ -31,7 +31,7 @@ from reconstruction.report.comparison_report import report_words, write_report
 from reconstruction.report.verdict import verdict
 from reconstruction.scores.compare_results import CompareResult, ConditionResult
 from reconstruction.scores.dose_result import DoseResult
-from reconstruction.scores.timing import Timing
+from reconstruction.scores.timing import RigTiming, Timing, are_together, with_depth_scores
 from reconstruction.session.conditions import DEFAULT_OFFSET_MS, Condition
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import FrameOffset, evenly_spread, nearest_frame_offset
@@ -120,9 +120,11 @@ class Comparison:
         asked += [self.multiview.study.steps] * (options.multiview_instants > 0)
         asked += [self.poses.study.steps] * (options.poses is not False)
         further = len(options.conditions) + (self.against is not None)
-        self.progress = Progress(5 + sum(asked) + further + 1)
+        self.progress = Progress(5 + sum(asked) + (len(dataset.cameras) > 2) + further + 1)
         self.dose: DoseResult | None = None
+        self.times = TimingStudy(self.rig)
         self.timing: Timing | None = None
+        self.rig_timing: RigTiming | None = None
 
     def run_studies(self, session: Path) -> CompareResult:
         """Run every study in turn; one that is impossible is skipped with its reason."""
@@ -144,6 +146,7 @@ class Comparison:
         if nothing and isinstance(no_views, NotAvailableError):
             raise no_views
         if no_views is None:
+            self._measure_rig_timing()
             self._run(self.triangulation)
         else:
             self.triangulation.skipped = str(no_views)
@@ -166,8 +169,10 @@ class Comparison:
                 self.poses.result,
                 self.multiview.result,
                 self.timing,
+                self.rig_timing,
             ),
             timing=self.timing,
+            rig_timing=self.rig_timing,
             calibration=self.rig.source,
             stereo=self.stereo.result,
             stitch=self.panorama.result,
@@ -189,7 +194,7 @@ class Comparison:
                 self.rig.motion,
                 self.rig.views,
                 self.folder,
-                together=self.timing is not None and self.timing.synchronized,
+                together=lambda cameras: are_together(cameras, self.timing, self.rig_timing),
             ),
             memory_notes=memory_budget().notes,
             versions=library_versions(),
@@ -203,7 +208,7 @@ class Comparison:
         if self.stereo.result is None:
             return
         pair = (self.stereo.result.reference, self.stereo.result.other)
-        timing = self._measure_timing(pair)
+        timing = self.timing = with_depth_scores(self._measure_timing(pair), self.stereo.result.synced)
         self.progress.step("depth against offset")
         with suppress(ValueError):
             most = min(DOSE_INSTANTS, self.options.max_instants)
@@ -213,8 +218,15 @@ class Comparison:
 
     def _measure_timing(self, pair: tuple[str, str]) -> Timing:
         self.progress.step(f"lateness of {pair[1]} against {pair[0]}")
-        self.timing = measure_timing(self.rig, pair)
+        self.timing = self.times.measure_pair(pair)
         return self.timing
+
+    def _measure_rig_timing(self) -> None:
+        """Where there are more cameras than the pair."""
+        if len(self.rig.views) > 2:
+            self.progress.step("lateness of all cameras")
+            reference = self.timing.reference if self.timing is not None else None
+            self.rig_timing = self.times.measure_rig(reference)
 
     def _run_poses(self, moving: float) -> None:
         """Estimate poses if asked for or if much moves; `moving` is the share of moving pixels."""

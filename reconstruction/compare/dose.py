@@ -19,12 +19,12 @@ from reconstruction.common.memory_budget import memory_budget
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.output_folder import comparison_folder, write_metrics
 from reconstruction.compare.stereo_study import StereoStudy
-from reconstruction.compare.timing_study import measure_timing
+from reconstruction.compare.timing_study import TimingStudy
 from reconstruction.report.dose_report import write_dose_report
 from reconstruction.scores.dose_curve import DoseCurve, is_decreasing, tolerable_offset_ms
 from reconstruction.scores.dose_result import DoseResult
 from reconstruction.scores.tally import MIN_FOR_INTERVAL
-from reconstruction.scores.timing import Timing, with_curve_peak
+from reconstruction.scores.timing import Timing, with_curve_peak, with_depth_scores
 from reconstruction.session.conditions import DEFAULT_OFFSET_MS
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import (
@@ -81,7 +81,7 @@ def _dose(session: Path, stages: Path, options: DoseOptions) -> DoseResult:
     if choice.cameras is None:
         raise BadInputError(f"no depth can be made from {session}: {choice.why}")
     progress.step("lateness of what moves")
-    timing = measure_timing(rig, choice.cameras)
+    timing = TimingStudy(rig).measure_pair(choice.cameras)
     try:
         curve = measure_curve(rig, choice.cameras, steps, options.max_instants, progress, timing)
     except ValueError as error:
@@ -157,6 +157,7 @@ def measure_curve(
     peak_ms = float(np.median(peaks)) if peaks else None
     spacing_ms = min(abs(step.actual_ms) for step in steps)
     judged = with_curve_peak(timing, peak_ms, len(peaks), spacing_ms)
+    judged = with_depth_scores(judged, next(point.scores for point in points if point.offset_frames == 0))
     speed = _speed_px_per_ms(rig, cameras[0], nows)
     own = rig.dataset.worst_residual_us()
     tolerable = tolerable_offset_ms(points, curve.measure, speed)

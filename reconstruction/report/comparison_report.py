@@ -23,6 +23,7 @@ from reconstruction.report.measures import (
 from reconstruction.report.page import Claim, Section, render_page, write_page
 from reconstruction.report.provenance import files_beside, pair_pictures, provenance_entries
 from reconstruction.report.tables import WITH_CONTROL, Table, conditions_table, instants_table, twin_table
+from reconstruction.report.timing_table import timing_table
 from reconstruction.report.verdict import DEPTH_MEASURES, PANORAMA_MEASURES, first_known
 from reconstruction.scores.compare_results import CompareResult, ReportWords, WordTable
 
@@ -42,9 +43,8 @@ def write_report(result: CompareResult, out: Path) -> Path:
 
 def report_words(result: CompareResult) -> ReportWords:
     """The tables of the measurements and what they call the conditions, without a page around them."""
-    sides = wording.name_sides(result.timing, result.actual_offset_ms)
-    everybody = sides.for_all_cameras()
-    all_cameras, pair = _all_cameras(result, everybody), _tables(result, sides)
+    sides = wording.name_sides(result)
+    all_cameras, pair = _all_cameras(result), _tables(result)
     tables = (
         all_cameras.get("multiview_table"),
         pair["depth_table"],
@@ -55,7 +55,7 @@ def report_words(result: CompareResult) -> ReportWords:
     return ReportWords(
         synced=sides.first,
         offset=sides.late,
-        unsynchronized=everybody.late,
+        unsynchronized=sides.for_all_cameras().late,
         tables=tuple(_in_words(table) for table in tables if isinstance(table, Table)),
     )
 
@@ -71,9 +71,9 @@ def _in_words(table: Table) -> WordTable:
 
 def _page(result: CompareResult, out: Path) -> str:
     name = Path(result.session).name or result.session
-    sides = wording.name_sides(result.timing, result.actual_offset_ms)
+    sides = wording.name_sides(result)
     pictures = pair_pictures(result)
-    two_claims, claims_note = _claims(result, sides)
+    two_claims, claims_note = _claims(result)
     return render_page(
         title=f"{name}: {sides.first.lower()} against {sides.late}",
         kicker=f"{sides.first} against offset",
@@ -85,15 +85,16 @@ def _page(result: CompareResult, out: Path) -> str:
         view={
             "result": result,
             "pictures": pictures,
-            "sides": sides,
-            "unsynchronized": sides.for_all_cameras(),
+            "sweep_sides": wording.name_sides(
+                result, result.bullet_time.cameras if result.bullet_time else ()
+            ),
             "image": lambda path: _embed(out / path),
             "dose": dose_view(result.dose) if result.dose else None,
             "control": wording.control(result),
             "provenance": provenance_entries(result),
             "files": files_beside(result),
-            **_all_cameras(result, sides.for_all_cameras()),
-            **_tables(result, sides),
+            **_all_cameras(result),
+            **_tables(result),
         },
     )
 
@@ -116,39 +117,43 @@ def _sections(result: CompareResult) -> list[Section]:
     ]
 
 
-def _tables(result: CompareResult, sides: wording.Sides) -> Mapping[str, Table | str | None]:
+def _tables(result: CompareResult) -> Mapping[str, Table | str | None]:
     """The tables of the measurements, and words on them; None for a study that was not made."""
     depth = points = panorama = instants = None
     delays = ""
     if stereo := result.stereo:
         cameras = f"cameras {stereo.reference} and {stereo.other}"
+        sides = wording.name_sides(result, (stereo.reference, stereo.other))
         depth = twin_table(f"Depth from {cameras}", DEPTH, stereo.synced, stereo.offset, sides, WITH_CONTROL)
         instants = instants_table(f"Moving things, {cameras}", stereo.per_instant, sides)
     if many := result.triangulation:
-        theirs = sides
+        sides = wording.name_sides(result, many.cameras)
         if len(many.cameras) > 2:
-            theirs = sides.for_all_cameras()
+            sides = sides.for_all_cameras()
             delays = wording.describe_delays(many.offsets_ms, many.cameras[0])
         caption = f"Points by COLMAP from {count(len(many.cameras), 'camera')}"
-        points = twin_table(caption, TRIANGULATION, many.synced, many.offset, theirs, WITH_CONTROL)
+        points = twin_table(caption, TRIANGULATION, many.synced, many.offset, sides, WITH_CONTROL)
     if stitch := result.stitch:
         caption = f"Panorama of cameras {' and '.join(stitch.cameras)}"
+        sides = wording.name_sides(result, stitch.cameras)
         panorama = twin_table(caption, PANORAMA, stitch.synced, stitch.offset, sides, WITH_CONTROL)
     return {
         "depth_table": depth,
         "points_table": points,
         "points_delays": delays,
         "panorama_table": panorama,
-        "conditions_table": conditions_table(result, sides),
+        "timing_table": timing_table(result.rig_timing) if result.rig_timing is not None else None,
+        "conditions_table": conditions_table(result),
         "instants_table": instants,
     }
 
 
-def _all_cameras(result: CompareResult, sides: wording.Sides) -> Mapping[str, object]:
+def _all_cameras(result: CompareResult) -> Mapping[str, object]:
     """What the studies of all cameras show beside their pictures."""
     view: dict[str, object] = {}
     if many := result.multiview:
         caption = f"Depth from {count(len(many.cameras), 'camera')}, as {many.reference} sees it"
+        sides = view["multiview_sides"] = wording.name_sides(result, many.cameras).for_all_cameras()
         view["multiview_table"] = twin_table(
             caption, multiview_measures(many), many.synced, many.offset, sides, WITH_CONTROL
         )
@@ -156,18 +161,21 @@ def _all_cameras(result: CompareResult, sides: wording.Sides) -> Mapping[str, ob
         view["multiview_delays"] = wording.describe_delays(many.offsets_ms, many.reference)
     if poses := result.poses:
         caption = f"Poses of {count(len(poses.cameras), 'camera')}, each instant by itself"
+        sides = view["pose_sides"] = wording.name_sides(result, poses.cameras).for_all_cameras()
         view["pose_table"] = twin_table(caption, pose_measures(poses), poses.synced, poses.offset, sides)
         view["pose_chart"] = pose_chart(poses, sides)
         view["pose_delays"] = wording.describe_delays(poses.offsets_ms, poses.cameras[0])
     return view
 
 
-def _claims(result: CompareResult, sides: wording.Sides) -> tuple[Sequence[Claim], str]:
+def _claims(result: CompareResult) -> tuple[Sequence[Claim], str]:
     """Both numbers and a note on them; none where nothing was measured."""
     stereo, stitch = result.stereo, result.stitch
     depth = first_known(stereo.synced, stereo.offset, *DEPTH_MEASURES) if stereo else None
     found = first_known(stitch.synced, stitch.offset, *PANORAMA_MEASURES) if stitch else None
     note = ""
+    cameras = (stereo.reference, stereo.other) if stereo and depth else stitch.cameras if stitch else ()
+    sides = wording.name_sides(result, cameras)
     if depth:
         measure, *shares = depth
         what = "of the moving surface measured correctly"

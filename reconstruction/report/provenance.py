@@ -66,18 +66,27 @@ def _pair(cameras: Sequence[str], instants: int, reason: str) -> str:
     return f"{words} (selection: {reason})" if reason else words
 
 
-def pair_pictures(result: CompareResult) -> list[Picture]:
-    """The pictures that compare a pair; those with a slider come first, they show the difference at once."""
-    found = [picture for one in (result.stereo, result.stitch) if one for picture in one.pictures]
-    return sorted(found, key=lambda picture: picture.panels > 1)
+def pair_pictures(result: CompareResult) -> list[tuple[Picture, wording.Sides]]:
+    """The pictures that compare a pair, and what their sides are called.
+
+    Those with a slider come first, they show the difference at once.
+    """
+    found = []
+    if stereo := result.stereo:
+        sides = wording.name_sides(result, (stereo.reference, stereo.other))
+        found += [(picture, sides) for picture in stereo.pictures]
+    if stitch := result.stitch:
+        sides = wording.name_sides(result, stitch.cameras)
+        found += [(picture, sides) for picture in stitch.pictures]
+    return sorted(found, key=lambda one: one[0].panels > 1)
 
 
 def files_beside(result: CompareResult) -> list[Files]:
     """Every file of the folder that the page lies in."""
     found = [Files("all numbers, for programs", ["metrics.json"])]
-    first = wording.name_sides(result.timing, result.actual_offset_ms).first.lower()
     found += [
-        Files(f"{one.title}: {first}, offset", [one.synced, one.offset]) for one in pair_pictures(result)
+        Files(f"{one.title}: {sides.first.lower()}, offset", [one.synced, one.offset])
+        for one, sides in pair_pictures(result)
     ]
     if many := result.multiview:
         found += [

@@ -152,8 +152,9 @@ class _Condition:
     scores: Mapping[str, Scores]
 
 
-def conditions_table(result: CompareResult, sides: wording.Sides) -> Table:
+def conditions_table(result: CompareResult) -> Table:
     """All conditions by a few measures; no rows where there are no further ones."""
+    sides = wording.name_sides(result, _cameras(result))
     every = PAIR + ALL_CAMERAS + POINTS_STUDY
     points = result.triangulation
     with_all = points is not None and len(points.cameras) > 2
@@ -188,6 +189,13 @@ def conditions_table(result: CompareResult, sides: wording.Sides) -> Table:
         rows if result.conditions and columns else (),
         first="Condition",
     )
+
+
+def _cameras(result: CompareResult) -> tuple[str, ...]:
+    """The cameras of all studies."""
+    pair = () if result.stereo is None else (result.stereo.reference, result.stereo.other)
+    groups = (result.stitch, result.multiview, result.triangulation, result.poses)
+    return tuple(dict.fromkeys((*pair, *(name for one in groups if one is not None for name in one.cameras))))
 
 
 def _scores(found: CompareResult | ConditionResult, studies: Sequence[str], side: str) -> dict[str, Scores]:

@@ -1,7 +1,10 @@
 """What was measured of a pair's timing, in words."""
 
 from capture_app.text import count
-from reconstruction.scores.timing import Timing
+from reconstruction.scores.timing import RigTiming, Timing
+
+MOST_NAMED = 4
+"""Cameras that are named in a sentence."""
 
 
 def timing_sentences(timing: Timing) -> str:
@@ -13,11 +16,37 @@ def timing_sentences(timing: Timing) -> str:
             "instant, as far as these pictures can tell."
         )
     if timing.offset:
-        return f"{_offset(timing, by)}{_odd(timing)} {_what_to_do(timing)}"
+        return f"{_offset(timing, by)}{_odd(timing)} {_what_to_do(timing)}".rstrip()
     told = f"Whether these cameras were synchronized cannot be told from these pictures: {timing.reason}."
     if timing.late_ms is None:
         return told
     return f"{told} {timing.other} is {_lateness(timing)} against {timing.reference} ({by}; 95 %)."
+
+
+def rig_sentence(rig: RigTiming, pair: Timing | None) -> str:
+    """Which cameras are certainly late beside those of the `pair`, and what mends it; empty where none is."""
+    told = set() if pair is None else {pair.reference, pair.other}
+    late = [one for one in rig.cameras if one.offset and one.other not in told]
+    if not late:
+        return ""
+    shown = [f"{one.other} is {_lateness(one)}" for one in late[:MOST_NAMED]]
+    more = f", and {count(len(late) - MOST_NAMED, 'more camera')}" if len(late) > MOST_NAMED else ""
+    mends = f" {rig.options} pairs the pictures that belong together." if rig.options else ""
+    return f"Against {rig.reference}, {', '.join(shown)}{more} (by what moves; 95 %).{mends}"
+
+
+def rig_lateness(timing: Timing) -> str:
+    """A camera's lateness with its error; empty where that cannot be told."""
+    return "" if timing.late_ms is None else _lateness(timing)
+
+
+def rig_judgement(timing: Timing) -> str:
+    """Whether a camera's pictures are of one instant with the reference's, in a few words."""
+    if timing.synchronized:
+        return "the same instant"
+    if timing.offset:
+        return timing.option or "not the same instant; no other pairing is nearer"
+    return f"cannot be told: {timing.reason}"
 
 
 def motion_sentence(timing: Timing) -> str:
@@ -51,7 +80,12 @@ def _lateness(timing: Timing) -> str:
 
 
 def _offset(timing: Timing, by: str) -> str:
-    assert timing.late_ms is not None
+    if timing.late_ms is None:
+        return (
+            "These cameras were not synchronized: most of what moves is lost, and what is found of it lies "
+            f"{timing.out_of_place_px:.0f} pixels off its rows, unlike what stands still. How many ms that "
+            f"is could not be measured: {timing.reason}."
+        )
     side = "earlier" if timing.late_ms < 0 else "later"
     if timing.by_depth:
         return (
@@ -67,10 +101,16 @@ def _offset(timing: Timing, by: str) -> str:
 
 
 def _odd(timing: Timing) -> str:
-    return f" But {timing.reason}." if timing.reason and not timing.by_depth else ""
+    return f" But {timing.reason}." if timing.reason and not _reason_is_told(timing) else ""
+
+
+def _reason_is_told(timing: Timing) -> bool:
+    return timing.by_depth or timing.late_ms is None
 
 
 def _what_to_do(timing: Timing) -> str:
     if timing.option:
         return f"{timing.option} pairs the pictures that belong together."
+    if timing.late_ms is None:
+        return ""
     return "No other pairing of their pictures is nearer; it takes cameras that fire together."

@@ -1,6 +1,6 @@
 """What a comparison found, in a few sentences for somebody who has never heard of synchronization."""
 
-from reconstruction.report.timing_words import motion_sentence, timing_sentences
+from reconstruction.report.timing_words import motion_sentence, rig_sentence, timing_sentences
 from reconstruction.scores.results import (
     DepthScores,
     MultiviewComparison,
@@ -9,7 +9,7 @@ from reconstruction.scores.results import (
     PoseComparison,
     StereoComparison,
 )
-from reconstruction.scores.timing import Timing
+from reconstruction.scores.timing import RigTiming, Timing, are_together
 
 DEPTH_MEASURES = ("mover_within_2pct", "mover_coverage")
 """What depth is judged by: correct distances where the truth is known, else any distance."""
@@ -18,10 +18,6 @@ PANORAMA_MEASURES = ("mover_misfit_px", "mover_found")
 CLEAR_SHARE = 0.15
 """A loss of this share of the moving pixels is reported as clear."""
 CLEAR_RATIO = 1.5
-ROW_MISMATCH_PX = 1.0
-"""Epipolar error of what moves from which pictures may not be of one instant."""
-ROW_MISMATCH_RATIO = 5.0
-"""And this many times that of what stands still, which does not depend on timing."""
 
 
 def verdict(
@@ -32,14 +28,16 @@ def verdict(
     poses: PoseComparison | None = None,
     multiview: MultiviewComparison | None = None,
     timing: Timing | None = None,
+    rig: RigTiming | None = None,
 ) -> str:
     """A few sentences; `moving_share` is the share of pixels that move, 0..1.
 
-    Pictures are said to be of one instant only where `timing` found them so.
+    Pictures are said to be of one instant only where `timing` (of the pair) and `rig` found them so.
     """
     moved = motion_sentence(timing) if timing is not None else ""
-    found = _what_was_found(stereo, stitch, offset_ms, moving_share, poses, multiview, timing)
-    return f"{moved} {found}".strip()
+    found = _what_was_found(stereo, stitch, offset_ms, moving_share, poses, multiview, timing, rig)
+    others = rig_sentence(rig, timing) if rig is not None else ""
+    return " ".join(text for text in (moved, found, others) if text)
 
 
 def _what_was_found(
@@ -50,21 +48,23 @@ def _what_was_found(
     poses: PoseComparison | None,
     multiview: MultiviewComparison | None,
     timing: Timing | None,
+    rig: RigTiming | None,
 ) -> str:
     late = f"{offset_ms:.0f} ms late"
-    together = timing is not None and timing.synchronized
+
+    def together(*cameras: str) -> bool:
+        return are_together(cameras, timing, rig)
+
     if stereo is not None and timing is not None and timing.offset:
         return f"{timing_sentences(timing)} {_as_recorded(stereo)}".strip()
-    if stereo is not None and not together and not plausibly_synchronized(stereo.synced):
-        return _not_synchronized(stereo, late)
     depth = None
     if stereo is not None:
         moved = timing is not None and bool(timing.moving_cameras)
-        depth = _stereo_sentence(stereo, late, together, moved)
+        depth = _stereo_sentence(stereo, late, together(stereo.reference, stereo.other), moved)
     elif multiview is not None:
-        depth = _multiview_sentence(multiview, together)
-    panorama = _panorama_sentence(stitch, late, together) if stitch is not None else None
-    places = _pose_sentence(poses, together) if poses is not None else None
+        depth = _multiview_sentence(multiview, together(*multiview.cameras))
+    panorama = _panorama_sentence(stitch, late, together(*stitch.cameras)) if stitch is not None else None
+    places = _pose_sentence(poses, together(*poses.cameras)) if poses is not None else None
     clear = [text for text in (depth, panorama, places) if text is not None]
     if clear:
         return " ".join([*clear, *([timing_sentences(timing)] if timing is not None else [])])
@@ -75,7 +75,7 @@ def _what_was_found(
         )
     if stereo is None and stitch is None and multiview is None:
         return "Neither depth nor a panorama could be made from these cameras, so nothing can be compared."
-    if together and timing is not None:
+    if timing is not None and timing.synchronized:
         return (
             f"No clear difference was found between pictures of the same instant and pictures taken {late}: "
             f"what moves here is too slow or too small for this delay. {timing_sentences(timing)}"
@@ -84,25 +84,12 @@ def _what_was_found(
         f"No clear difference was found between the pictures as recorded and pictures taken {late}. "
         "What moves here is too slow or too small for this delay, or the recordings were not synchronized "
         "to begin with."
-    )
-
-
-def plausibly_synchronized(scores: DepthScores) -> bool:
-    """Whether the pictures called synchronized can be of one instant.
-
-    They cannot if most of what moves is lost and has an epipolar error, while what stands still is found and
-    has none.
-    """
-    moving, still = _found_shares(scores)
-    rows, control = scores.mover_epipolar_px, scores.static_epipolar_px
-    if moving is None or still is None or rows is None or control is None:
-        return True
-    return not (moving < 0.5 * still and rows > ROW_MISMATCH_PX and rows > ROW_MISMATCH_RATIO * control)
+    ) + (f" {timing_sentences(timing)}" if timing is not None else "")
 
 
 def _as_recorded(result: StereoComparison) -> str:
     """What is found of what moves and of what stands still in the pictures as they were recorded."""
-    moving, still = _found_shares(result.synced)
+    moving, still = result.synced.found_shares
     if moving is None or still is None:
         return ""
     what = "the right distance is" if result.synced.mover_within_2pct is not None else "a distance is"
@@ -110,21 +97,6 @@ def _as_recorded(result: StereoComparison) -> str:
         f"In the pictures as they were recorded, {what} found for {_percent(moving)} of what moves and for "
         f"{_percent(still)} of what stands still."
     )
-
-
-def _not_synchronized(result: StereoComparison, late: str) -> str:
-    return (
-        f"These cameras were not synchronized. {_as_recorded(result)} What moves is out of place by "
-        f"{result.synced.mover_epipolar_px:.0f} pixels up or down: the pictures called the same instant are "
-        f"of different ones. By how much could not be measured; taking one of them {late} changes little."
-    )
-
-
-def _found_shares(scores: DepthScores) -> tuple[float | None, float | None]:
-    """The share of moving and of still pixels found, correctly where the truth is known."""
-    if scores.mover_within_2pct is not None:
-        return scores.mover_within_2pct, scores.static_within_2pct
-    return scores.mover_coverage, scores.static_coverage
 
 
 def first_known(

@@ -2,14 +2,14 @@
 
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
 from capture_app.text import duration
 from reconstruction.report.verdict import CLEAR_SHARE, DEPTH_MEASURES, first_known
 from reconstruction.scores.compare_results import CompareResult
-from reconstruction.scores.timing import Timing
+from reconstruction.scores.timing import are_apart, are_together
 
 NOT_AVAILABLE = "n/a"
 GAP = "\u202f"
@@ -117,13 +117,19 @@ class Sides:
         return replace(self, late=UNSYNCHRONIZED, late_short="Unsynced")
 
 
-def name_sides(timing: Timing | None, offset_ms: float) -> Sides:
-    """The names; only pictures that were found to be of one instant are called synchronized."""
-    late = lateness(offset_ms)
-    if timing is None or not timing.synchronized:
-        when = "in the pictures as they were recorded"
-        return Sides("As recorded", "Recorded", when, late, apart=timing is not None and timing.offset)
-    return Sides("Synchronized", "Synced", "when both pictures show the same instant", late)
+def name_sides(result: CompareResult, cameras: Sequence[str] = ()) -> Sides:
+    """The names for what is shown of these cameras; without any, of the pair whose timing was measured.
+
+    Only pictures that were found to be of one instant are called synchronized.
+    """
+    pair, rig = result.timing, result.rig_timing
+    asked = cameras or (() if pair is None else (pair.reference, pair.other))
+    late = lateness(result.actual_offset_ms)
+    if asked and are_together(asked, pair, rig):
+        many = "all" if len(asked) > 2 else "both"
+        return Sides("Synchronized", "Synced", f"when {many} pictures show the same instant", late)
+    when = "in the pictures as they were recorded"
+    return Sides("As recorded", "Recorded", when, late, apart=are_apart(asked, pair, rig))
 
 
 def walking_distance(offset_ms: float) -> str:

@@ -10,7 +10,7 @@ from reconstruction.scores.results import (
     StereoComparison,
     TriangulationComparison,
 )
-from reconstruction.scores.timing import Timing
+from reconstruction.scores.timing import RigTiming, Timing
 
 
 class BurstGrid(Struct, frozen=True, kw_only=True):
@@ -119,6 +119,8 @@ class CompareResult(Struct, frozen=True, kw_only=True):
     dose: DoseResult | None = None
     timing: Timing | None = None
     """How late the depth pair's second camera is, by what moves; None where that was not measured."""
+    rig_timing: RigTiming | None = None
+    """The same of all cameras, where there are more than two."""
     burst: BurstGrid | None = None
     bullet_time: BulletTime | None = None
     words: ReportWords | None = None

@@ -49,6 +49,13 @@ class DepthScores(Struct, frozen=True, kw_only=True):
     """By measure, where there are enough instants."""
     instants: int = 0
 
+    @property
+    def found_shares(self) -> tuple[float | None, float | None]:
+        """The share of moving and of still pixels found, correctly where the truth is known."""
+        if self.mover_within_2pct is not None:
+            return self.mover_within_2pct, self.static_within_2pct
+        return self.mover_coverage, self.static_coverage
+
     def interval_of(self, measure: str) -> Interval | None:
         """A measure with its interval, which has no width if there are too few instants."""
         value: float | None = getattr(self, measure)

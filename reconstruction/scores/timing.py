@@ -1,8 +1,11 @@
 """Whether the pictures called one instant are of one instant: measured on what moves in them."""
 
+from collections.abc import Iterable
+
 import msgspec
 from msgspec import Struct
 
+from reconstruction.scores.results import DepthScores
 from reconstruction.time_offsets.offset_fit import MIN_INSTANTS, OffsetFit
 
 SIGMAS = 2.0
@@ -15,6 +18,12 @@ ODD_FRAMES = 0.25
 """An instant that is less of a frame from the others does not disagree with them."""
 ODD_SHARE = 0.2
 """With more of its instants in disagreement, a take has no one lateness."""
+LOST_SHARE = 0.5
+"""Of what stands still: where less of what moves is found, most of it is lost."""
+ROW_MISMATCH_PX = 1.0
+"""Epipolar error of what moves from which pictures may not be of one instant."""
+ROW_MISMATCH_RATIO = 5.0
+"""And this many times that of what stands still, which does not depend on timing."""
 
 
 class InstantTiming(Struct, frozen=True, kw_only=True):
@@ -41,6 +50,8 @@ class Timing(Struct, frozen=True, kw_only=True):
     """It is known to a frame only, by where the depth curve is highest; `reason`: why not by what moves."""
     offset: bool = False
     """It is certainly not zero."""
+    out_of_place_px: float | None = None
+    """Epipolar error of what moves, where pictures of one instant cannot have it."""
     reason: str = ""
     """Why it is not known, or neither zero nor certainly another."""
     shift_ms: float | None = None
@@ -130,3 +141,63 @@ def with_curve_peak(timing: Timing, peak_ms: float | None, peaks: int, spacing_m
         reason = f"depth is found best with the second picture {peak_ms:+.0f} ms later"
         return msgspec.structs.replace(timing, synchronized=False, reason=reason)
     return timing
+
+
+def with_depth_scores(timing: Timing, scores: DepthScores) -> Timing:
+    """The judgement with what depth says of the pictures as they were recorded.
+
+    They are of different instants where most of what moves is lost and has an epipolar error, while what
+    stands still is found and has none. Where moving points say otherwise nothing is certain.
+    """
+    moving, still = scores.found_shares
+    rows, control = scores.mover_epipolar_px, scores.static_epipolar_px
+    if timing.offset or moving is None or still is None or rows is None or control is None:
+        return timing
+    if moving >= LOST_SHARE * still or rows <= max(ROW_MISMATCH_PX, ROW_MISMATCH_RATIO * control):
+        return timing
+    if timing.synchronized:
+        reason = (
+            f"most of what moves is lost and lies {rows:.0f} pixels off its rows, unlike what stands still"
+        )
+        return msgspec.structs.replace(timing, synchronized=False, out_of_place_px=rows, reason=reason)
+    return msgspec.structs.replace(
+        timing, late_ms=None, uncertainty_ms=None, offset=True, out_of_place_px=rows
+    )
+
+
+class RigTiming(Struct, frozen=True, kw_only=True):
+    """How much later the cameras' pictures were taken than those of one of them; `cameras`: of each other."""
+
+    reference: str
+    cameras: tuple[Timing, ...]
+
+    @property
+    def together(self) -> frozenset[str]:
+        """The cameras whose pictures are of one instant with the reference's, itself among them."""
+        return frozenset({self.reference, *(one.other for one in self.cameras if one.synchronized)})
+
+    @property
+    def options(self) -> str:
+        """The options that pair the pictures that belong together; empty where none does."""
+        return " ".join(one.option for one in self.cameras if one.option)
+
+
+def are_together(cameras: Iterable[str], pair: Timing | None, rig: RigTiming | None) -> bool:
+    """Whether the pictures of all these cameras were found to be of one instant.
+
+    The judgement of the `pair` that was measured by itself counts for these two, and against any group they
+    are in.
+    """
+    asked = frozenset(cameras)
+    if pair is not None:
+        measured = {pair.reference, pair.other}
+        if asked <= measured or (measured <= asked and not pair.synchronized):
+            return pair.synchronized
+    return rig is not None and asked <= rig.together
+
+
+def are_apart(cameras: Iterable[str], pair: Timing | None, rig: RigTiming | None) -> bool:
+    """Whether any of these cameras' pictures were found not to be of one instant with another's."""
+    asked = frozenset(cameras)
+    measured = (*(() if pair is None else (pair,)), *(() if rig is None else rig.cameras))
+    return any(one.offset and {one.reference, one.other} <= asked for one in measured)

@@ -38,18 +38,25 @@ class CameraOffset:
 
 
 def measure_rig_offsets(
-    rig: Rig, reference: str | None = None, progress: Progress | None = None
+    rig: Rig,
+    reference: str | None = None,
+    progress: Progress | None = None,
+    *,
+    preferred: str | None = None,
+    max_instants: int = MAX_INSTANTS,
+    finder: PairOffsets | None = None,
 ) -> dict[str, CameraOffset]:
     """The offset of every camera of a calibrated rig; that of the reference is 0.
 
-    `reference` None: the first camera that most others can be measured against. Offsets of pairs, at instants
-    at which something moves before both, are adjusted by least squares. Pairs that share no motion, or only
-    motion along their epipolar lines, tell nothing; a camera that no chain of pairs joins to the reference
-    has a reason instead.
+    `reference` None: a camera that most others can be measured against, the `preferred` one if it is such.
+    Offsets of pairs, at so many instants at which something moves before both, are adjusted by least squares.
+    Pairs that share no motion, or only motion along their epipolar lines, tell nothing; a camera that no
+    chain of pairs joins to the reference has a reason instead. `finder` is one that has seen these images.
     """
     data = rig.dataset
-    motions = [measure_camera_motion(data, name) for name in data.cameras]
-    finder = PairOffsets(rig, all_moves=any(found is not None and found.moves for found in motions))
+    if finder is None:
+        motions = [measure_camera_motion(data, name) for name in data.cameras]
+        finder = PairOffsets(rig, all_moves=any(found is not None and found.moves for found in motions))
     pairs = likely_pairs(rig)
     if progress is not None:
         progress.total += len(pairs)
@@ -57,8 +64,8 @@ def measure_rig_offsets(
     for pair in pairs:
         if progress is not None:
             progress.step(f"{pair[1]} against {pair[0]}")
-        measured[pair] = finder.measure(*pair, MAX_INSTANTS)
-    return adjust_offsets(data.cameras, reference, measured)
+        measured[pair] = finder.measure(*pair, max_instants)
+    return adjust_offsets(data.cameras, reference, measured, preferred)
 
 
 def likely_pairs(rig: Rig) -> list[Pair]:
@@ -76,18 +83,21 @@ def likely_pairs(rig: Rig) -> list[Pair]:
 
 
 def adjust_offsets(
-    names: Sequence[str], reference: str | None, measured: Mapping[Pair, OffsetFit]
+    names: Sequence[str],
+    reference: str | None,
+    measured: Mapping[Pair, OffsetFit],
+    preferred: str | None = None,
 ) -> dict[str, CameraOffset]:
     """Least squares over the pairs (first, second): the second's offset minus the first's.
 
-    `reference` as of `measure_rig_offsets`.
+    `reference` and `preferred` as of `measure_rig_offsets`.
     """
     known = {
         pair: (fit.offset_ms, fit.sd_ms)
         for pair, fit in measured.items()
         if fit.offset_ms is not None and fit.sd_ms is not None
     }
-    reference = reference or max(names, key=lambda name: len(_joined_to(name, known)))
+    reference = reference or max(names, key=lambda name: (len(_joined_to(name, known)), name == preferred))
     joined = _joined_to(reference, known)
     others = [name for name in names if name in joined and name != reference]
     found = {reference: CameraOffset(0.0, 0.0, pairs=_partners(reference, known))}

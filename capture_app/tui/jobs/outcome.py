@@ -57,6 +57,8 @@ def _of_dose(found: Mapping[str, Any]) -> str:
     tolerated, timing = found["tolerable_offset_ms"], found.get("timing") or {}
     if timing.get("offset"):
         late = timing["late_ms"]
+        if late is None:
+            return "not synchronized: what moves is lost and off its rows; by how much is not known"
         side = "early" if late < 0 else "late"
         if timing.get("by_depth"):
             return f"not synchronized: {found['other']} is about {abs(late):.0f} ms {side}, known to a frame"

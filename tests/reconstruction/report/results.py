@@ -20,7 +20,7 @@ from reconstruction.scores.results import (
     PoseScores,
     StereoComparison,
 )
-from reconstruction.scores.timing import InstantTiming, Timing
+from reconstruction.scores.timing import InstantTiming, RigTiming, Timing
 
 TIMING = Timing(
     reference="cam2",
@@ -30,6 +30,15 @@ TIMING = Timing(
     uncertainty_ms=0.4,
     instants=tuple(InstantTiming(instant=k, late_ms=0.1 * k, sd_ms=0.3, points=20) for k in range(5)),
 )
+
+
+def rig_timing(reference: str, *others: str) -> RigTiming:
+    """All of them together with the reference."""
+    changes = ({"reference": reference, "other": other, "instants": ()} for other in others)
+    return RigTiming(
+        reference=reference, cameras=tuple(msgspec.structs.replace(TIMING, **one) for one in changes)
+    )
+
 
 NASTY = "jump <script>alert('x')</script> & \"pinwheel\" $css {x}"
 
@@ -71,6 +80,7 @@ RESULT = CompareResult(
     stereo=STEREO,
     stitch=STITCH,
     timing=TIMING,
+    rig_timing=rig_timing("cam2", "cam0", "cam3", "cam4"),
     sync_residual_us=85.2,
     sync_bound_us=1912,
     seconds=14.24,
@@ -146,9 +156,11 @@ def whole_result(out: Path) -> CompareResult:
         side: tuple(grey(out, f"sweep_{c}_{side}", (96, 128), 60 + 40 * k) for k, c in enumerate(CAMERAS))
         for side in SIDES
     }
+    timing = msgspec.structs.replace(TIMING, reference=CAMERAS[0], other=CAMERAS[1])
     return CompareResult(
         session="sessions/jump",
-        timing=TIMING,
+        timing=timing,
+        rig_timing=rig_timing(*CAMERAS),
         offset_ms=66,
         offset_frames=2,
         actual_offset_ms=66.666,
@@ -191,7 +203,7 @@ def whole_result(out: Path) -> CompareResult:
             points=tuple(DosePoint(offset_ms=33.333 * k, offset_frames=k, scores=scores) for k in range(3)),
             instants=3,
             decreasing=True,
-            timing=TIMING,
+            timing=timing,
             tolerable_offset_ms=3.5,
             speed_px_per_ms=0.2,
             sync_residual_us=50,

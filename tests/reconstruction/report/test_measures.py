@@ -43,15 +43,36 @@ def test_cameras_that_moved_leave_no_control(read_report):
 
 def test_pictures_that_are_not_of_one_instant_are_not_called_synchronized(read_report, whole):
     lost = depth(mover_within_2pct=0.005, mover_epipolar_px=9.8, static_epipolar_px=0.05)
-    stereo = msgspec.structs.replace(STEREO, synced=lost, offset=lost)
-    apart = msgspec.structs.replace(TIMING, synchronized=False, offset=True, late_ms=33.0)
-    page = read_report(whole, stereo=stereo, timing=apart, verdict="They were not.")
+    stereo = msgspec.structs.replace(whole.stereo, synced=lost, offset=lost)
+    apart = msgspec.structs.replace(whole.timing, synchronized=False, offset=True, late_ms=33.0)
+    page = read_report(whole, stereo=stereo, timing=apart, rig_timing=None, verdict="They were not.")
     assert "As recorded against offset" in page.text
     assert "Synced" not in page.text
     assert "fire together; these did not" in page.text
     assert "in the pictures as they were recorded" in page.text
     assert "comes from timing alone" not in page.text
     assert "they are measured equally well in both (67.3 % and 67.3 %)." in page.text
+
+
+def test_a_camera_that_is_late_takes_the_word_from_what_it_is_part_of(read_report, whole):
+    right, late = "cam_right", {"synchronized": False, "offset": True, "late_ms": 33.0, "shift_ms": 33.0}
+    cameras = [
+        msgspec.structs.replace(one, **late) if one.other == right else one
+        for one in whole.rig_timing.cameras
+    ]
+    rig = msgspec.structs.replace(whole.rig_timing, cameras=tuple(cameras))
+    page = read_report(whole, rig_timing=rig)
+    assert "Synchronized against offset" in page.text
+    pair, many = (page.text.rindex(part) for part in ("Depth from cameras", "Depth from 3 cameras"))
+    assert "Synced" in page.text[pair : pair + 120]
+    assert "Recorded" in page.text[many : many + 120]
+    assert "fire together; these did not" in page.text
+    table = page.text[page.text.rindex("When the cameras took their pictures, against cam_left") :]
+    assert re.match(
+        r".*?cam_middle\s*0\.1 ± 0\.4 ms late\s*the same instant\s*"
+        r"cam_right\s*33\.0 ± 0\.4 ms late\s*--time-shift-ms cam_right=33",
+        table,
+    )
 
 
 def test_without_ground_truth_nothing_is_called_correct(read_report):
@@ -97,13 +118,14 @@ def test_a_panorama_is_judged_by_what_moves_where_that_is_known(read_report):
 
 
 def test_depth_alone_says_why_there_is_no_panorama(read_report):
-    page = read_report(stitch=None, stitch_skipped="the pictures do not overlap")
+    page = read_report(stitch=None, stitch_skipped="the pictures do not overlap", rig_timing=None)
     assert "No panorama was made: the pictures do not overlap" in page.text
     assert len(page.all("table")) == 1
 
 
 def test_with_nothing_measured_the_page_says_so_and_claims_nothing(read_report):
-    page = read_report(stereo=None, stitch=None, sync_residual_us=None, sync_bound_us=None, versions={})
+    nothing = {"stereo": None, "stitch": None, "rig_timing": None}
+    page = read_report(**nothing, sync_residual_us=None, sync_bound_us=None, versions={})
     assert "Depth was not measured" in page.text
     assert "No panorama was made" in page.text
     assert not page.all("table")
@@ -181,6 +203,6 @@ def test_the_tables_in_words_read_as_in_the_report(read_report) -> None:
 def test_in_words_too_nothing_is_called_synchronized_that_cannot_be() -> None:
     lost = depth(mover_within_2pct=0.005, mover_epipolar_px=9.8, static_epipolar_px=0.05)
     stereo = msgspec.structs.replace(STEREO, synced=lost, offset=lost)
-    words = report_words(msgspec.structs.replace(RESULT, stereo=stereo, timing=None))
+    words = report_words(msgspec.structs.replace(RESULT, stereo=stereo, timing=None, rig_timing=None))
     assert words.synced == "As recorded"
     assert words.tables[0].columns[0] == "Recorded"

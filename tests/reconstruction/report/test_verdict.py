@@ -1,6 +1,6 @@
 """The verdict says what the figures say, also where they say nothing."""
 
-from reconstruction.report.verdict import plausibly_synchronized, verdict
+from reconstruction.report.verdict import verdict
 from reconstruction.scores.results import (
     DepthScores,
     MultiviewComparison,
@@ -11,7 +11,7 @@ from reconstruction.scores.results import (
     PoseScores,
     StereoComparison,
 )
-from reconstruction.scores.timing import Timing
+from reconstruction.scores.timing import RigTiming, Timing, with_depth_scores
 
 
 def stereo(synced: float, offset: float, still: float = 0.8, *, truth: bool = True) -> StereoComparison:
@@ -68,14 +68,25 @@ def test_cameras_that_were_never_together_are_not_called_synchronized() -> None:
         )
         return StereoComparison(reference="a", other="b", synced=scores, offset=scores)
 
-    text = verdict(seen(0.04, 9.8), None, 66.7, 0.1)
-    assert text.startswith("These cameras were not synchronized.")
+    unknown, sure = (
+        Timing(reference="a", other="b", reason="too few points"),
+        Timing(reference="a", other="b", synchronized=True, late_ms=0.1, uncertainty_ms=0.6),
+    )
+    lost = seen(0.04, 9.8)
+    text = verdict(lost, None, 66.7, 0.1, timing=with_depth_scores(unknown, lost.synced))
+    assert text.startswith("These cameras were not synchronized:")
     assert "a distance is found for 4 % of what moves and for 96 % of what stands still" in text
-    assert "out of place by 10 pixels" in text
+    assert "lies 10 pixels off its rows" in text
+    assert "could not be measured: too few points." in text
+    # Where points tell otherwise, neither is certain.
+    torn = with_depth_scores(sure, lost.synced)
+    assert not torn.synchronized
+    assert not torn.offset
+    assert "cannot be told" in verdict(lost, None, 66.7, 0.1, timing=torn)
     # A blank thing that no pair can match, and a pair that matches it well, say nothing against the times.
-    assert plausibly_synchronized(seen(0.04, 0.2).synced)
-    assert plausibly_synchronized(seen(0.9, 1.5).synced)
-    assert plausibly_synchronized(stereo(0.04, 0.02).synced)
+    for one in (seen(0.04, 0.2), seen(0.9, 1.5), stereo(0.04, 0.02)):
+        assert with_depth_scores(unknown, one.synced) == unknown
+        assert with_depth_scores(sure, one.synced) == sure
 
 
 def test_what_a_panorama_lost_is_told_where_no_misfit_is_left() -> None:
@@ -83,6 +94,27 @@ def test_what_a_panorama_lost_is_told_where_no_misfit_is_left() -> None:
         text = verdict(None, stitch(2.0, misfit, (0.97, 0.11)), 66.7, 0.1)
         assert "97 % of what moves is in both" in text
         assert "11 % with one picture 67 ms late" in text
+
+
+def test_cameras_beside_the_pair_that_are_late_are_named_with_what_mends_them() -> None:
+    def camera(name: str, late_ms: float | None, **more: float) -> Timing:
+        sure = late_ms is not None
+        return Timing(
+            reference="a",
+            other=name,
+            synchronized=sure and not more,
+            offset=bool(more),
+            late_ms=late_ms,
+            uncertainty_ms=0.6 if sure else None,
+            **more,
+        )
+
+    pair = camera("b", 0.1)
+    late = RigTiming(reference="a", cameras=(pair, camera("c", -40.0, shift_ms=-40.0), camera("d", None)))
+    text = verdict(stereo(0.97, 0.01), None, 66.7, 0.1, timing=pair, rig=late)
+    assert text.startswith("When both pictures show the same instant")
+    assert "Against a, c is 40.0 ± 0.6 ms early (by what moves; 95 %). --time-shift-ms c=-40 pairs" in text
+    assert verdict(stereo(0.97, 0.01), None, 66.7, 0.1, timing=pair) in text
 
 
 def test_no_difference_is_said_as_such() -> None:

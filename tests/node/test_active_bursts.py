@@ -12,9 +12,9 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from capture_app.errors import BadInputError
+from capture_app.errors import BadInputError, IncompleteError
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.leader.active_bursts import ActiveBursts, CancelledBurstError
+from capture_app.node.leader.active_bursts import MAX_BURSTS_AHEAD, ActiveBursts, CancelledBurstError
 from capture_app.session.reading.reader import Session
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.wire.codec import decode
@@ -83,6 +83,70 @@ async def test_what_was_confirmed_of_a_cancelled_burst_is_kept(tmp_path: Path) -
         manifest = Session.open(session.session).manifest
         assert len(manifest.images) == 1
         assert {gap.reason for gap in manifest.missing} == {"the burst was cancelled"}
+
+
+async def test_bursts_ahead_are_bounded_keep_nobody_waiting_and_can_be_cancelled(tmp_path: Path) -> None:
+    engine = engine_of("a")
+    async with bursts_of(tmp_path, engine) as bursts:
+        hour_ns = NOW_NS + 3_600 * 10**9
+        ahead = [await bursts.order(frames=1, at_leader_ns=hour_ns) for _ in range(MAX_BURSTS_AHEAD)]
+        with pytest.raises(IncompleteError, match="ordered ahead already: 1, 2") as refused:
+            await bursts.order(frames=1, at_leader_ns=hour_ns)
+        assert "--cancel" in (refused.value.hint or "")
+        now = await order(bursts)
+        assert not now.finished.is_set(), "those ahead are not in its way"
+        await bursts.cancel(ahead[0].burst.number)
+        again = await bursts.order(frames=1, at_leader_ns=hour_ns)
+        assert again.burst.number > now.burst.number
+
+
+@pytest.mark.parametrize("at_ns", [2**70, -(2**70), NOW_NS + 366 * 86_400 * 10**9, 0])
+async def test_a_burst_a_year_away_is_refused_and_leaves_nothing(tmp_path: Path, at_ns: int) -> None:
+    engine = engine_of("a")
+    async with bursts_of(tmp_path, engine) as bursts:
+        if at_ns == 0:
+            assert (await bursts.order(frames=1, at_leader_ns=at_ns)).burst.frames == 1
+            return
+        with pytest.raises(BadInputError, match="is not possible"):
+            await bursts.order(frames=1, at_leader_ns=at_ns)
+        assert await asyncio.to_thread(lambda: list(tmp_path.iterdir())) == []
+        assert triggers_sent(engine) == []
+
+
+async def test_a_camera_that_was_silent_once_holds_up_no_further_burst(tmp_path: Path) -> None:
+    engine, now_ns = engine_of("a", "b"), NOW_NS
+    bursts = ActiveBursts(tmp_path, engine, lambda: now_ns, lambda _: None)
+
+    async def take(*, late: bool = False) -> float:
+        """Take a burst to which only one camera brings something; return how many seconds it took."""
+        nonlocal now_ns
+        session = await bursts.order(frames=1, spare=0)
+        began_ns, number = now_ns, session.burst.number
+        for name in ("a", "b") if late else ("a",):
+            await session.accept_report(replace(report(name, 0), burst=number), now_ns)
+            await receive_image(session, replace(upload(name, 0), burst=number), pieces(IMAGE), now_ns)
+        session.stream_opened("b")
+        while not session.finished.is_set():
+            now_ns += SILENCE_STEP_NS
+            await session.give_up_silent_cameras({}, now_ns)
+            # It says again and again that it will bring something.
+            if not session.finished.is_set() and now_ns - began_ns > SILENCE_STEP_NS:
+                await session.accept_report(replace(report("b", 0), burst=number), now_ns)
+        await bursts.wait_until_saved(number)
+        await asyncio.sleep(0)
+        return (now_ns - began_ns) / 1e9
+
+    try:
+        assert 170 < await take() < 200
+        assert await take() < 15
+        assert await take() < 15
+        assert await take(late=True) == 0
+        assert 170 < await take() < 200, "it is trusted again"
+    finally:
+        await bursts.close()
+
+
+SILENCE_STEP_NS = 500_000_000
 
 
 def open_files() -> int:

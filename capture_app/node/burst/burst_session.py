@@ -1,7 +1,7 @@
 """A burst on the leader's side: reports and images come in, a session comes out, whatever is missing."""
 
 import asyncio
-from collections.abc import AsyncIterator, Coroutine, Mapping, Sequence
+from collections.abc import AsyncIterator, Collection, Coroutine, Mapping, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -39,8 +39,9 @@ class BurstSession:
         disk: DiskThreads,
         *,
         interrupted: plans.InterruptedBurst | None = None,
+        hasty: Collection[str] = (),
     ) -> None:
-        """Begin with these cameras, or go on where an earlier run left off."""
+        """Begin with these cameras, or go on where an earlier run left off; `hasty`: wait less for those."""
         self.burst = burst
         self.finished = asyncio.Event()
         self.session: Path | None = None
@@ -49,8 +50,11 @@ class BurstSession:
         self._disk = disk
         self._interrupted = interrupted
         begin_ns = burst.instants_ns[-1] + AFTER_LAST_INSTANT_NS
-        records = (CameraRecord(name=n, facts=of) for n, of in cameras.items() if n in burst.clients)
-        self._cameras = {record.name: CameraProgress(record, begin_ns) for record in records}
+        self._cameras = {
+            name: CameraProgress(CameraRecord(name=name, facts=of), begin_ns, was_silent=name in hasty)
+            for name, of in cameras.items()
+            if name in burst.clients
+        }
         self._choice = InstantChoice(burst)
         if interrupted is not None:
             self._cameras, self._choice = interrupted.cameras, interrupted.choice
@@ -122,12 +126,13 @@ class BurstSession:
         camera.interrupt()
         async with camera.writing:
             self._check_open()
-            if camera.report is None and report.events:
+            first = camera.report is None
+            if first and report.events:
                 events = ({"camera": report.camera.name, **event} for event in report.events)
                 await self._disk.call(self._writer.add_event, *events)
-            known = camera.report if self._interrupted is not None else None
+            known = camera.report if self._interrupted else None
             camera.report, camera.given_up, camera.silent = plans.camera_plan(report, known), "", False
-            camera.note_heard(now_ns)
+            camera.note_heard(now_ns, advanced=first or not self._choice.is_settled)
             await self._settlement.settle()
             if self._choice.is_settled:
                 await self._settlement.save_plan()
@@ -168,7 +173,7 @@ class BurstSession:
         except DiskFullError:
             await self.finish_now("the leader's disk is full")
             raise
-        camera.note_heard(now_ns)
+        camera.note_heard(now_ns, advanced=True)
         return task
 
     async def give_up_camera(self, name: str, reason: str, *, silent: bool = False) -> None:
@@ -225,11 +230,13 @@ class BurstSession:
         """Wait for nothing more: what has come is saved, and without any image there is no session."""
         await self.finish_now(reason, silent=False)
 
+    def silent_cameras(self) -> set[str]:
+        """Those that have brought nothing, and were given up for their silence."""
+        return {name for name, camera in self._cameras.items() if camera.silent and not camera.instants}
+
     def is_empty(self) -> bool:
         """Whether no image has come yet."""
         return not any(camera.instants for camera in self._cameras.values())
-
-    # The parts
 
     def _camera(self, name: str) -> CameraProgress:
         try:

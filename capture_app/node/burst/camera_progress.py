@@ -17,6 +17,8 @@ from capture_app.session.writing.session_writer import SessionWriter
 
 PATIENCE_NS = 10_000_000_000
 """A camera that has had no stream open for this long has left its images behind."""
+HASTE_NS = 2_000_000_000
+"""The same of a camera that left the burst before without a word."""
 STALL_NS = 180_000_000_000
 """A camera that has a stream open and sends nothing for this long has too."""
 
@@ -32,6 +34,10 @@ class CameraProgress:
     """What it has told, with the instants' numbers as they were ordered."""
     instants: set[int] = field(default_factory=set)
     """Those whose images are in the session, with their numbers there."""
+    was_silent: bool = False
+    """It brought nothing of the burst before, without a word: it is waited for less."""
+    advanced_ns: int = 0
+    """When it last brought something, or had to wait for others."""
     given_up: str = ""
     silent: bool = False
     """Given up because nothing was heard of it: it may still have its images."""
@@ -41,6 +47,10 @@ class CameraProgress:
     """By their numbers in the session, the images that have come and are not safely on the disk yet."""
     # One write at a time: a node that sends again after a broken stream meets its own first try.
     writing: asyncio.Lock = field(default_factory=asyncio.Lock)
+
+    def __post_init__(self) -> None:
+        """Count as advanced from when it is waited for."""
+        self.advanced_ns = max(self.advanced_ns, self.heard_ns)
 
     def is_complete(self, choice: InstantChoice) -> bool:
         """Whether nothing is waited for."""
@@ -61,13 +71,18 @@ class CameraProgress:
         if self.saving:
             return ""
         silent_ns, name = now_ns - self.heard_ns, self.camera.name
-        if silent_ns >= PATIENCE_NS and (not self.streams or name in lost):
+        gone_ns, stalled_ns = (HASTE_NS, PATIENCE_NS) if self.was_silent else (PATIENCE_NS, STALL_NS)
+        if silent_ns >= gone_ns and (not self.streams or name in lost):
             return lost.get(name, "it sent nothing")
-        return f"it sent nothing for {STALL_NS // 10**9} s" if silent_ns >= STALL_NS else ""
+        # Words without images do not count: they could go on for ever.
+        stalled = now_ns - self.advanced_ns >= stalled_ns
+        return f"it sent nothing for {stalled_ns // 10**9} s" if stalled else ""
 
-    def note_heard(self, now_ns: int) -> None:
-        """The camera has been heard of."""
+    def note_heard(self, now_ns: int, *, advanced: bool = False) -> None:
+        """The camera has been heard of; `advanced` where it brought something, or waits for others."""
         self.heard_ns = max(self.heard_ns, now_ns)
+        if advanced:
+            self.advanced_ns = max(self.advanced_ns, now_ns)
 
     def interrupt(self) -> None:
         """End the image that is coming in: a stream that the node has left may not have noticed yet."""

@@ -23,7 +23,9 @@ from capture_app.sync.rig.leader import Leader
 from capture_app.sync.wire.messages import NodeState
 
 CANCELLED = "the burst was cancelled"
-MAX_OPEN_BURSTS, REMEMBERED = 16, 64
+MAX_OPEN_BURSTS, MAX_BURSTS_AHEAD, REMEMBERED = 16, 16, 64
+SOON_NS = 30_000_000_000
+"""A burst that begins later is one ahead, and is none of those that are being saved."""
 UNNAMED = "burst"
 """What the sessions of takes without a name begin with."""
 MAX_FOLDER_NUMBER = 999_999
@@ -62,6 +64,8 @@ class ActiveBursts:
         """The number in the name of the last session, by what is before it."""
         self._image_bytes: dict[str, int] = {}
         self._spools: dict[str, SpoolSpace] = {}
+        self._silent: set[str] = set()
+        """Cameras of this run that left their last burst without a word: one must not hold up all others."""
         self._tasks: set[asyncio.Task[None]] = set()
         self._spawn(self._watch_silence())
         self._spawn(self.resumed.resume_all(now_ns(), folders=resume, wait_ns=return_ns))
@@ -95,10 +99,7 @@ class ActiveBursts:
         Raises BadInputError for an impossible burst or a folder that cannot be written, NoCameraHereError
         where there is no camera, DiskFullError where it will hardly find room here or on a node.
         """
-        if len(self._bursts) >= MAX_OPEN_BURSTS:
-            raise IncompleteError(
-                f"{MAX_OPEN_BURSTS} bursts are still being saved", hint="wait until they are there"
-            )
+        self._check_number(at_leader_ns)
         prefix = name or UNNAMED
         check_name(f"{prefix}-{MAX_FOLDER_NUMBER}", "take")
         self._engine.check_burst(frames=frames, spacing=spacing)
@@ -123,7 +124,9 @@ class ActiveBursts:
             await asyncio.to_thread(writer.discard)
             raise
         facts = {view.name: view.camera for view in self._engine.clients(self.now_ns())}
-        session = self._bursts[number] = self.newest = BurstSession(burst, facts, writer, self._disk)
+        session = self._bursts[number] = self.newest = BurstSession(
+            burst, facts, writer, self._disk, hasty=self._silent
+        )
         self._spawn(self._follow(session))
         # On disk before any node can hear of it, so that whatever is picked can be fetched after a crash.
         try:
@@ -132,6 +135,23 @@ class ActiveBursts:
             await session.cancel(error.what)
             raise
         return session
+
+    def _check_number(self, at_leader_ns: int | None) -> None:
+        """Raise IncompleteError where too many bursts are under way, or ordered ahead."""
+        soon_ns = self.now_ns() + SOON_NS
+        open_bursts = [of.burst for of in self._bursts.values() if not of.finished.is_set()]
+        ahead = [burst.number for burst in open_bursts if burst.instants_ns[0] > soon_ns]
+        is_ahead = at_leader_ns is not None and at_leader_ns > soon_ns
+        if is_ahead and len(ahead) >= MAX_BURSTS_AHEAD:
+            numbers = ", ".join(map(str, ahead))
+            raise IncompleteError(
+                f"{len(ahead)} bursts are ordered ahead already: {numbers}",
+                hint="wait for them, or cancel one: capture-app burst --cancel BURST",
+            )
+        if len(open_bursts) - len(ahead) >= MAX_OPEN_BURSTS:
+            raise IncompleteError(
+                f"{MAX_OPEN_BURSTS} bursts are still being saved", hint="wait until they are there"
+            )
 
     async def cancel(self, number: int) -> None:
         """Take a burst back: nodes forget it, and what has come already is saved.
@@ -209,6 +229,7 @@ class ActiveBursts:
         if path is not None:
             self._image_bytes |= session.mean_image_bytes()
         if self._bursts.get(number) is session:
+            self._silent = (self._silent - {*session.burst.clients}) | session.silent_cameras()
             del self._bursts[number]
             self._finished[number] = status
             if len(self._finished) > REMEMBERED:

@@ -11,7 +11,7 @@ from capture_app.sync.rig.events import LeaderEvent, NodeLost
 from capture_app.sync.rig.frame_picks import Burst
 from capture_app.sync.rig.orders import Orders, check_burst
 from capture_app.sync.rig.roster import Address, ClientView, Member, Roster
-from capture_app.sync.rig.terms import RigTerms
+from capture_app.sync.rig.terms import GridReview, RigTerms
 from capture_app.sync.rig.uplink import Uplink
 from capture_app.sync.wire.beacon import ArrivalReport, Group
 from capture_app.sync.wire.codec import FromClient, WireError, decode, encode, reply_at, reply_before_t2
@@ -32,8 +32,6 @@ _MS = 1_000_000
 FREE_PACE_NS, SLOWEST_PACE_NS = 25 * _MS, 60_000 * _MS
 TRIGGER_LEAD_NS = 500 * _MS
 """A burst that is asked for now begins this much later, so that every client hears of it before."""
-FEW_CAMERAS, UPDATE_EVERY_NS = 20, _MS // 5
-"""The goal of more than a few cameras is updated once in so long for each of them, not at each heartbeat."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,9 +65,7 @@ class Leader:
         self._roster = Roster(rng)
         self._orders = Orders()
         self._broadcaster = Broadcaster(config.instance, config.beacons)
-        self._goal_due_ns = 0
-        self._grid_in_doubt = False
-        """Whether the camera that laid the grid may be gone."""
+        self._grid = GridReview(self.terms, self._roster, self._orders)
         self._times: deque[tuple[bytes, Address]] = deque()
         self._outbox: deque[tuple[ControlMessage, Address]] = deque()
         self._events: deque[LeaderEvent] = deque()
@@ -109,6 +105,8 @@ class Leader:
             return
         member.address = address
         member.last_heard_ns = now_ns
+        if self._roster.confirm(member) and not self.terms.is_held(member.camera):
+            self._grid.is_due = True
         if isinstance(message, TimeRequest):
             self._times.append((reply_before_t2(message, now_ns), address))
             return
@@ -121,8 +119,8 @@ class Leader:
         match message:
             case Heartbeat():
                 member.report = message.report
-                if member.name in self._roster.immovable:
-                    self._update_goal(now_ns)
+                if member.name in self._roster.immovable and self._grid.update_goal(now_ns):
+                    self.acknowledge_all()
                 if not passed_on:
                     self.acknowledge(member)
             case TriggerAck():
@@ -143,11 +141,13 @@ class Leader:
 
     def handle_timer(self, now_ns: int) -> None:
         """Do what is due; call it at `next_timer`, or any time."""
-        for lost in self._roster.mark_silent_lost(now_ns):
-            self._note_lost(lost)
+        for gone in self._roster.mark_silent_lost(now_ns):
+            self._events.append(gone)
+            self._grid.is_due = True
         self._events.extend(self._roster.forget_long_lost(now_ns))
-        if self._grid_in_doubt:
-            self._review_grid(now_ns)
+        # A relay's grid is the root's.
+        if self._grid.is_due and self._uplink is None and self._grid.review(now_ns):
+            self.acknowledge_all()
         self._events.extend(self._orders.expire(now_ns))
         self._outbox.extend(
             (trigger, member.address) for member, trigger in self._orders.triggers_due(now_ns)
@@ -258,27 +258,7 @@ class Leader:
 
     def _note_lost(self, event: NodeLost) -> None:
         self._events.append(event)
-        self._grid_in_doubt = True
-
-    def _review_grid(self, now_ns: int) -> None:
-        """Lay another grid where no camera that is here runs at its rate; not near a burst."""
-        if self._uplink is not None or self._orders.is_busy(now_ns):
-            return
-        self._grid_in_doubt = False
-        cameras = [member.camera for member in self._roster.cameras()]
-        if self.terms.release_grid(cameras) and cameras and self.terms.lay_grid(cameras[0], now_ns):
-            self.acknowledge_all()
-
-    def _update_goal(self, now_ns: int) -> None:
-        """Move the goal to suit the cameras that cannot follow it, and tell all members; not near a burst."""
-        shared, immovable = self.terms.shared_goal, len(self._roster.immovable)
-        if shared is None or self.terms.upstream is not None or self._orders.is_busy(now_ns):
-            return
-        if immovable > FEW_CAMERAS and now_ns < self._goal_due_ns:
-            return
-        self._goal_due_ns = now_ns + immovable * UPDATE_EVERY_NS
-        if shared.update(self._roster.camera_phases(), now_ns):
-            self.acknowledge_all()
+        self._grid.is_due = True
 
     def _receive_hello(self, hello: Hello, address: Address, now_ns: int) -> None:
         refusal = self._roster.refusal(hello) or ("" if self._uplink is None else self._uplink.refusal(hello))
@@ -288,6 +268,7 @@ class Leader:
         # A relay's grid is the root's.
         if self._uplink is None and self.terms.lay_grid(hello.camera, now_ns):
             self.acknowledge_all()
+        self._events.extend(self._roster.make_room(hello))
         member, event = self._roster.admit(hello, address, now_ns)
         if event is not None:
             self._events.append(event)

@@ -56,6 +56,8 @@ TRIGGER_AGAIN_NS = 50 * _MS
 TRIGGER_GIVE_UP_NS = 5000 * _MS
 AFTER_BURST_NS = 1000 * _MS
 """The goal stays as it is for so long after a burst's last instant: until then clients pick frames."""
+MOST_AWAY_NS = 24 * 3_600_000_000_000
+"""A burst begins at most so long after, or before, it is ordered."""
 CANCELLED = "it was cancelled"
 """A client's answer to a trigger that takes a burst back."""
 
@@ -114,6 +116,11 @@ class Orders:
         alignment; without a number it gets the next one. Raises what `check_burst` does.
         """
         goal, first_ns = check_burst(cameras, goal, frames, spacing), at_leader_ns
+        if abs(at_leader_ns - now_ns) > MOST_AWAY_NS:
+            raise BadInputError(
+                f"a burst at {at_leader_ns} ns of the leader's clock, which shows {now_ns}, is not possible",
+                hint=f"at most {MOST_AWAY_NS // 3_600_000_000_000} hours away; for later ones, start it then",
+            )
         if max_delay_ns > 0:
             first_ns = instant_of_least_spread(goal, _forecasts(cameras), first_ns, max_delay_ns)
         step_ns = spacing * goal.period_ns

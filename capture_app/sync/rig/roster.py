@@ -50,6 +50,8 @@ class Member:
     """The relay that it joined, where that speaks for it."""
     lost: str = ""
     """Why it is counted as lost; empty while it is here."""
+    is_confirmed: bool = False
+    """Whether it has said more than hello, by the number that it was told: it is where it says it is."""
 
 
 def van_der_corput(index: int) -> float:
@@ -74,6 +76,8 @@ class Roster:
         """How many of those ask this leader for the time, not a relay."""
         self._rng = rng
         self._by_number: dict[int, Member] = {}
+        self._unconfirmed: dict[str, Member] = {}
+        """Those that have said no more than hello, the oldest first."""
         self._joins = 0
         self._silence_ns = self._forget_ns = 0
         """No member can have been silent for too long, or lost for too long, before these times."""
@@ -97,11 +101,31 @@ class Roster:
             return f"another camera named {hello.name} is here"
         if not is_name(hello.name):
             return "its name is not a valid name"
-        if known is None and len(self.members) >= MAX_CLIENTS:
+        if known is None and len(self.members) >= MAX_CLIENTS and self._least_needed() is None:
             return "the rig is full"
         if not MIN_PERIOD_NS <= hello.camera.period_ns <= MAX_PERIOD_NS:
             return f"a frame period of {hello.camera.period_ns} ns is not possible"
         return ""
+
+    def confirm(self, member: Member) -> bool:
+        """Note that a member has said more than hello; whether that is new."""
+        first, member.is_confirmed = not member.is_confirmed, True
+        self._unconfirmed.pop(member.name, None)
+        return first
+
+    def make_room(self, hello: Hello) -> list[NodeForgotten]:
+        """Forget one that is not needed where a new client that is not refused would be one too many."""
+        if hello.name in self.members or len(self.members) < MAX_CLIENTS:
+            return []
+        member = self._least_needed()
+        return [] if member is None else [self.forget(member)]
+
+    def _least_needed(self) -> Member | None:
+        """Return one that has said no more than hello, else the one that has been lost for the longest."""
+        if self._unconfirmed:
+            return next(iter(self._unconfirmed.values()))
+        lost = (member for member in self.members.values() if member.lost)
+        return min(lost, key=lambda member: member.last_heard_ns, default=None)
 
     def admit(
         self, hello: Hello, address: Address, now_ns: int
@@ -125,6 +149,8 @@ class Roster:
         self._count(member, 1)
         self._silence_ns = min(self._silence_ns, now_ns + CLIENT_SILENT_NS)
         self.members[hello.name] = self._by_number[number] = member
+        self._unconfirmed.pop(hello.name, None)
+        self._unconfirmed[hello.name] = member
         self.immovable.pop(hello.name, None)
         if hello.camera.phase_control in WEIGHTS and hello.camera.kind not in WITHOUT_CAMERA:
             self.immovable[hello.name] = member
@@ -146,6 +172,7 @@ class Roster:
         """Forget a member as if it had never been here."""
         self._count(member, -1)
         self._by_number.pop(member.number, None)
+        self._unconfirmed.pop(member.name, None)
         self.immovable.pop(member.name, None)
         del self.members[member.name]
         return NodeForgotten(member.name)
@@ -162,18 +189,22 @@ class Roster:
         )
         return [self.forget(member) for member in over]
 
-    def mark_silent_lost(self, now_ns: int) -> list[NodeLost]:
-        """Count silent members as lost, and note when the next one could be."""
+    def mark_silent_lost(self, now_ns: int) -> list[NodeLost | NodeForgotten]:
+        """Count silent members as lost, and note when the next one could be.
+
+        One that has never said more than hello is forgotten.
+        """
         if now_ns < self._silence_ns:
             return []
-        lost = []
+        lost: list[NodeLost | NodeForgotten] = []
         self._silence_ns = now_ns + CLIENT_SILENT_NS
-        for member in self.members.values():
+        for member in tuple(self.members.values()):
             if member.lost:
                 continue
             patience_ns = CLOCK_SILENT_NS if member.camera.kind == CLOCK_ONLY else CLIENT_SILENT_NS
             if now_ns - member.last_heard_ns >= patience_ns:
-                lost.append(self.mark_lost(member, f"silent for {patience_ns // 10**9} s"))
+                event = self.mark_lost(member, f"silent for {patience_ns // 10**9} s")
+                lost.append(event if member.is_confirmed else self.forget(member))
             else:
                 self._silence_ns = min(self._silence_ns, member.last_heard_ns + patience_ns)
         return lost

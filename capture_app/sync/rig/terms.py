@@ -1,14 +1,22 @@
 """A leader's own terms, alike for all its clients: the grid of instants and the way to the root's time."""
 
-from collections.abc import Iterable
+from bisect import bisect_left, bisect_right
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from capture_app.camera_facts import CameraFacts
 from capture_app.sync.phase.aligner import HOPELESS_PPM
 from capture_app.sync.phase.goal import Goal
 from capture_app.sync.phase.shared_goal import SharedGoal
+from capture_app.sync.rig.orders import Orders
+from capture_app.sync.rig.roster import Roster
 from capture_app.sync.wire.messages import WITHOUT_CAMERA, Terms
 from capture_app.sync.wire.upstream_map import UpstreamMap
+
+SLOWEST_VIDEO_NS = 1_000_000_000
+"""A camera with longer frames lays the grid only where no other is here."""
+FEW_CAMERAS, UPDATE_EVERY_NS = 20, 200_000
+"""The goal of more than a few cameras is updated once in so long for each of them, not at each heartbeat."""
 
 
 @dataclass(slots=True)
@@ -45,15 +53,34 @@ class RigTerms:
         self.shared_goal = SharedGoal(goal)
         return True
 
-    def release_grid(self, cameras: Iterable[CameraFacts]) -> bool:
-        """Let the next camera lay the grid where none of these can be held on it; whether that is so."""
+    def is_held(self, camera: CameraFacts) -> bool:
+        """Whether a camera can be held on the present grid."""
+        goal = self.goal
+        return goal is not None and abs(camera.period_ns - goal.period_ns) <= _near_ns(goal.period_ns)
+
+    def follow_cameras(self, cameras: Sequence[CameraFacts], now_ns: int) -> bool:
+        """Lay the grid at the rate of most of these cameras; whether it has changed.
+
+        Of equals the present one stays; rates of stills, not of video, are for rigs that have nothing else.
+        Without any camera the next one lays it.
+        """
         goal = self.goal
         if goal is None or self.period_ns is not None or not self.grid_is_of_cameras:
             return False
-        near_ns = goal.period_ns * HOPELESS_PPM * 1e-6
-        if any(abs(camera.period_ns - goal.period_ns) <= near_ns for camera in cameras):
+        if not cameras:
+            self.grid_is_of_cameras = False
             return False
-        self.grid_is_of_cameras = False
+        ordered = sorted(camera.period_ns for camera in cameras)
+
+        def support(period_ns: int) -> tuple[bool, int]:
+            near_ns = _near_ns(period_ns)
+            held = bisect_right(ordered, period_ns + near_ns) - bisect_left(ordered, period_ns - near_ns)
+            return held > 0 and period_ns <= SLOWEST_VIDEO_NS, held
+
+        best_ns = max(dict.fromkeys(camera.period_ns for camera in cameras), key=support)
+        if support(best_ns) <= support(goal.period_ns):
+            return False
+        self.shared_goal = SharedGoal(Goal(now_ns, best_ns))
         return True
 
     def message(self, pace_ns: int) -> Terms:
@@ -70,3 +97,39 @@ class RigTerms:
             upstream=self.upstream,
             in_holdover=self.in_holdover,
         )
+
+
+class GridReview:
+    """When a leader's grid is laid anew, or moved, by who is here; not near a burst."""
+
+    def __init__(self, terms: RigTerms, roster: Roster, orders: Orders) -> None:
+        self._terms, self._roster, self._orders = terms, roster, orders
+        self.is_due = False
+        """Whether the cameras that the grid suits may not be those that are here."""
+        self._goal_due_ns = 0
+
+    def review(self, now_ns: int) -> bool:
+        """Lay the grid as most cameras have it; whether it has changed.
+
+        One that has said no more than hello may not even be there, and has no vote where another one is.
+        """
+        if self._orders.is_busy(now_ns):
+            return False
+        self.is_due = False
+        here = self._roster.cameras()
+        voters = [member.camera for member in here if member.is_confirmed]
+        return self._terms.follow_cameras(voters or [member.camera for member in here], now_ns)
+
+    def update_goal(self, now_ns: int) -> bool:
+        """Move the goal to suit the cameras that cannot follow it; whether it has changed."""
+        shared, immovable = self._terms.shared_goal, len(self._roster.immovable)
+        if shared is None or self._terms.upstream is not None or self._orders.is_busy(now_ns):
+            return False
+        if immovable > FEW_CAMERAS and now_ns < self._goal_due_ns:
+            return False
+        self._goal_due_ns = now_ns + immovable * UPDATE_EVERY_NS
+        return shared.update(self._roster.camera_phases(), now_ns)
+
+
+def _near_ns(period_ns: int) -> float:
+    return period_ns * HOPELESS_PPM * 1e-6

@@ -23,7 +23,7 @@ from capture_app.sync.rig.time_client import HELLOS
 from capture_app.sync.tree.follower import Address, Follower, FollowerConfig
 from capture_app.sync.tree.relay import Relay
 from capture_app.sync.wire.codec import decode, encode
-from capture_app.sync.wire.messages import CLOCK_ONLY, Hello, NodeState, Terms, Welcome
+from capture_app.sync.wire.messages import CLOCK_ONLY, Hello, NodeState, Terms, TimeRequest, Welcome
 from capture_app.sync.wire.upstream_map import MAX_DEPTH, upstream_map
 from tests.facts import make_facts
 from tests.simulation.rig.rigs import S, checked_error_ns
@@ -228,6 +228,8 @@ def test_a_leader_of_many_asks_for_a_slower_pace_and_bears_silent_clocks() -> No
         welcome = decode(data)
         assert isinstance(welcome, Welcome)
         paces.append(welcome.terms.pace_ns)
+        leader.receive_message(TimeRequest(welcome.client, 0, i), (f"n{i}", 0), i)
+        leader.datagrams_to_send(i)
     assert paces[0] == 0
     assert paces[-1] == 100_000_000
     leader.handle_timer(CLIENT_SILENT_NS + 100)

@@ -7,7 +7,7 @@ import pytest
 from capture_app.errors import BadInputError
 from capture_app.sync.rig.events import NodeForgotten, NodeJoined, NodeLost, NodeReturned
 from capture_app.sync.rig.leader import Leader, LeaderConfig
-from capture_app.sync.rig.roster import FORGET_LOST_NS
+from capture_app.sync.rig.roster import FORGET_LOST_NS, MAX_CLIENTS
 from capture_app.sync.wire.codec import decode, encode
 from capture_app.sync.wire.messages import Goodbye, Heartbeat, HeartbeatAck, Hello, NodeState, Report, Welcome
 from tests.facts import make_facts
@@ -52,7 +52,7 @@ def run_timers(leader: Leader, until_ns: int) -> int:
 
 
 def test_a_lost_node_is_known_for_ten_minutes_and_then_forgotten(leader: Leader) -> None:
-    joined(leader, "cam", S)
+    beat(leader, joined(leader, "cam", S), S)
     calls = run_timers(leader, S + FORGET_LOST_NS - 1)
     assert names(leader, 0) == ["cam"]
     calls += run_timers(leader, S + FORGET_LOST_NS)
@@ -63,7 +63,7 @@ def test_a_lost_node_is_known_for_ten_minutes_and_then_forgotten(leader: Leader)
 
 
 def test_a_node_that_returns_in_time_is_not_forgotten(leader: Leader) -> None:
-    joined(leader, "cam", S)
+    beat(leader, joined(leader, "cam", S), S)
     run_timers(leader, 500 * S)
     number = joined(leader, "cam", 500 * S)
     for at_s in range(501, 700):
@@ -128,3 +128,60 @@ def test_a_rate_that_was_asked_for_is_kept() -> None:
     joined(leader, "other", 3 * S)
     assert leader.goal is not None
     assert leader.goal.period_ns == LONG_NS
+
+
+def test_ten_thousand_hellos_keep_nobody_out_and_are_forgotten(leader: Leader) -> None:
+    beat(leader, joined(leader, "cam", S), S)
+    for number in range(MAX_CLIENTS + 50):
+        hello = Hello(f"x{number}", number, make_facts(period_ns=LONG_NS))
+        leader.receive_datagram(encode(hello), ("x", number), S + number)
+    leader.datagrams_to_send(2 * S)
+    number = joined(leader, "late", 2 * S)
+    beat(leader, number, 2 * S)
+    assert len(leader.clients(2 * S)) == MAX_CLIENTS
+    assert leader.goal is not None
+    assert leader.goal.period_ns == USUAL_NS, "who has only said hello does not set the rate"
+    for at_s in (3, 4):
+        leader.handle_timer(at_s * S)
+    assert names(leader, 4 * S) == ["cam", "late"], "of the others nobody has ever been heard"
+
+
+def test_a_member_that_is_lost_for_the_longest_makes_room_in_a_full_rig(leader: Leader) -> None:
+    for number in range(MAX_CLIENTS):
+        at_ns = S + number
+        beat(leader, joined(leader, f"c{number}", at_ns), at_ns)
+    with pytest.raises(StopIteration):
+        joined(leader, "late", S + MAX_CLIENTS)
+    leader.handle_timer(4 * S)
+    joined(leader, "late", 5 * S)
+    assert "late" in names(leader, 5 * S)
+    assert "c0" not in names(leader, 5 * S)
+    assert "c1" in names(leader, 5 * S)
+
+
+@pytest.mark.parametrize(
+    ("first_ns", "others", "expected_ns"),
+    [
+        (2 * USUAL_NS, (USUAL_NS, USUAL_NS), USUAL_NS),
+        (2 * USUAL_NS, (USUAL_NS,), 2 * USUAL_NS),
+        (LONG_NS, (USUAL_NS,), USUAL_NS),
+        (USUAL_NS, (LONG_NS, LONG_NS, LONG_NS), USUAL_NS),
+        (LONG_NS, (LONG_NS, 3 * LONG_NS), LONG_NS),
+        (USUAL_NS, (USUAL_NS + 5_000, 2 * USUAL_NS, 2 * USUAL_NS), USUAL_NS),
+    ],
+)
+def test_the_grid_is_that_of_most_cameras_and_no_odd_one_sets_it(
+    leader: Leader, first_ns: int, others: tuple[int, ...], expected_ns: int
+) -> None:
+    """A webcam that comes up in the dark first, at half its rate; a stranger that claims a frame a minute."""
+    numbers = [joined(leader, "odd", S, first_ns)]
+    numbers += [joined(leader, f"cam{number}", S, of) for number, of in enumerate(others)]
+    for number in numbers:
+        beat(leader, number, 2 * S)
+        leader.handle_timer(2 * S)
+    assert leader.goal is not None
+    assert leader.goal.period_ns == expected_ns
+    told = [decode(data) for data, _ in leader.datagrams_to_send(2 * S)]
+    newest = {message.client: message.terms for message in told if isinstance(message, HeartbeatAck)}
+    assert {terms.period_ns for terms in newest.values()} == {expected_ns}
+    assert newest.keys() == {*numbers}

@@ -9,6 +9,7 @@
 struct law {
     double (*excess_us)(struct law *); /* draws what comes on top of the minimum */
     double minimum_us, mean_us, shape;
+    double wait_us, quick_us; /* where some are quick: of the others at least, and of the quick ones on average */
     uint64_t random_state;
 };
 
@@ -67,6 +68,17 @@ static double lognormal_excess(struct law *law)
     return exp(middle + law->shape * normal(law));
 }
 
+static double waiting_excess(struct law *law)
+{
+    double mean_us = law->mean_us - law->minimum_us - law->wait_us;
+    return law->wait_us + gamma_unit(law, law->shape) * mean_us / law->shape;
+}
+
+static double quick_excess(struct law *law)
+{
+    return -law->quick_us * log(uniform(law));
+}
+
 static const struct {
     const char *name;
     double (*excess_us)(struct law *);
@@ -75,16 +87,38 @@ static const struct {
     {"constant", constant_excess, 1},
     {"gamma", gamma_excess, 3},
     {"lognormal", lognormal_excess, 3},
+    {"rare", waiting_excess, 5},
 };
 
-/* Read LAW,MINIMUM_US[,MEAN_US,SHAPE]; false if it cannot be understood. */
+/* When a link is quick, both ways: time is in slots, each quick or not by chance, and none at first. */
+struct moments {
+    uint64_t random_state;
+    int64_t began_ns, last_ns;
+};
+
+enum { SLOT_NS = 4000000 };
+static double quick_share;
+static int64_t quick_after_ns, idle_ns = INT64_MAX;
+
+/* Whether a frame of this moment is quick; after an idle stretch the link begins anew. */
+static bool is_quick(struct moments *link, int64_t now_ns)
+{
+    if (!link->last_ns || now_ns - link->last_ns > idle_ns)
+        link->began_ns = now_ns;
+    link->last_ns = now_ns;
+    uint64_t slot = link->random_state + (uint64_t)(now_ns / SLOT_NS) * UINT64_C(0x9e3779b97f4a7c15);
+    return now_ns - link->began_ns >= quick_after_ns && (double)random_bits(&slot) < quick_share * 0x1p64;
+}
+
+/* Read LAW,MINIMUM_US[,MEAN_US,SHAPE[,WAIT_US,QUICK_US]]; false if it cannot be understood. */
 static bool read_law(struct law *law, const char *text)
 {
     char name[16];
-    int read = sscanf(text, "%15[a-z],%lf,%lf,%lf", name, &law->minimum_us, &law->mean_us, &law->shape);
+    int read = sscanf(text, "%15[a-z],%lf,%lf,%lf,%lf,%lf", name, &law->minimum_us, &law->mean_us,
+                      &law->shape, &law->wait_us, &law->quick_us);
     for (size_t i = 0; i < sizeof LAWS / sizeof *LAWS; i++)
         if (read == 1 + LAWS[i].numbers && strcmp(name, LAWS[i].name) == 0)
             law->excess_us = LAWS[i].excess_us;
-    bool possible = read <= 2 || (law->mean_us > law->minimum_us && law->shape > 0.0);
+    bool possible = read <= 2 || (law->mean_us > law->minimum_us + law->wait_us && law->shape > 0.0);
     return law->excess_us && law->minimum_us >= 0.0 && possible;
 }

@@ -3,36 +3,71 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+from capture_app.simulation.network.delay_laws import DelayLaw, GammaDelay
+from capture_app.simulation.network.paper_link import (
+    LATE_NS,
+    LATE_SHARE,
+    PAPER_LINK,
+    QUICK_AFTER_NS,
+    QUICK_SHARE,
+)
+
 
 @dataclass(frozen=True, slots=True)
 class Delays:
     """One-way delays in us: `constant` is the minimum; `gamma` and `lognormal` have this mean in all.
 
-    `shape` is that of the Gamma, or the sigma of the lognormal.
+    `shape` is that of the Gamma, or the sigma of the lognormal. `rare` is a Gamma of that mean in all from
+    `wait_us` above the minimum on, and at quick moments exponential from the minimum on, of mean `quick_us`.
     """
 
     minimum_us: float
     mean_us: float
     law: str = "gamma"
     shape: float = 2.0
+    wait_us: float = 0.0
+    quick_us: float = 0.0
 
     def __str__(self) -> str:
         """Return the emulator's word for it."""
         if self.law == "constant":
             return f"constant,{self.minimum_us}"
-        return f"{self.law},{self.minimum_us},{self.mean_us},{self.shape}"
+        word = f"{self.law},{self.minimum_us},{self.mean_us},{self.shape}"
+        return f"{word},{self.wait_us},{self.quick_us}" if self.law == "rare" else word
 
 
-TO_LEADER, TO_CLIENT = Delays(479.0, 1878.0), Delays(517.0, 1133.0)
-"""WiFi as the paper measured it (Table III); the paper gives no law, Gamma of shape 2 is an assumption."""
+def _rarely_quick(most: DelayLaw, quick: DelayLaw) -> Delays:
+    assert isinstance(most, GammaDelay)
+    assert isinstance(quick, GammaDelay)
+    minimum_us = quick.minimum_ns / 1000.0
+    return Delays(
+        minimum_us,
+        most.mean_ns / 1000.0,
+        "rare",
+        most.shape,
+        wait_us=most.minimum_ns / 1000.0 - minimum_us,
+        quick_us=quick.mean_ns / 1000.0 - minimum_us,
+    )
+
+
+assert PAPER_LINK.quick is not None
+TO_LEADER = _rarely_quick(PAPER_LINK.to_leader, PAPER_LINK.quick.to_leader)
+TO_CLIENT = _rarely_quick(PAPER_LINK.to_client, PAPER_LINK.quick.to_client)
+"""WiFi as the paper measured it; `capture_app/simulation/network/paper_link.py` says what is assumed."""
+IDLE_US = 200_000
+"""A link that was idle for longer is as slow as at first: so each trial of a benchmark finds it as a phone does
+that has just joined."""
 
 
 @dataclass(frozen=True, slots=True)
 class EmulatedLink:
     """A link between two ends, `NAMESPACE/DEVICE`, with the delays of its two directions."""
 
-    OUTLIERS: ClassVar[tuple[str, ...]] = ("-o", "0.0064", "-u", "20000")
-    """The share of frames that come up to 20 ms later still (the paper: 0.64 % over 10 ms)."""
+    OPTIONS: ClassVar[tuple[str, ...]] = (
+        *("-o", f"{LATE_SHARE}", "-f", f"{LATE_NS / 1000:.0f}", "-u", "20000"),
+        *("-q", f"{QUICK_SHARE}", "-a", f"{QUICK_AFTER_NS / 1000:.0f}", "-i", f"{IDLE_US}"),
+    )
+    """The shares of frames that come 10 to 20 ms later still, and of quick moments."""
 
     leader: str
     client: str

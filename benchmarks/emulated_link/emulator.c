@@ -1,16 +1,21 @@
 /* A wireless link in user space: passes Ethernet frames between pairs of nodes, late and with losses.
 
-   usage: emulator [-s SEED] [-l LOSS] [-o OUTLIERS] [-u OUTLIER_US] NAMESPACE LINK...
+   usage: emulator [-s SEED] [-l LOSS] [-o OUTLIERS] [-f FROM_US] [-u OUTLIER_US] [-q QUICK] [-a AFTER_US]
+                   [-i IDLE_US] NAMESPACE LINK...
 
    LINK is four words: the device of one end, that of the other, each as NODE/DEVICE, and the delays of frames
-   that the first and that the second end receives: LAW,MINIMUM_US[,MEAN_US,SHAPE]. A device is a virtual cable
+   that the first and that the second end receives: LAW,MINIMUM_US[,MEAN_US,SHAPE[,WAIT_US,QUICK_US]]. A device is a virtual cable
    from the node's network namespace to NAMESPACE, of the same name there.
 
      constant   the minimum
      gamma      minimum + Gamma(SHAPE), of that mean in all
      lognormal  minimum + lognormal, SHAPE is its sigma, of that mean in all
+     rare       minimum + WAIT_US + Gamma(SHAPE), of that mean in all; at quick moments minimum + exponential of
+                mean QUICK_US
 
-   -l and -o are shares: of frames lost, and of frames that are late by up to OUTLIER_US more. Frames of a
+   -l and -o are shares: of frames lost, and of frames that are late by FROM_US to OUTLIER_US more; -q is that of
+   quick moments, which a link of law "rare" has from AFTER_US on since it began, both ways at once. A link
+   begins anew when it was idle for longer than IDLE_US. Frames of a
    direction keep their order. Every direction has a random generator of its own, so that its n-th frame is
    drawn the same delay in every run of the same SEED.
 
@@ -39,15 +44,16 @@ enum { AWAKE_NS = 60000, LATE_NS = 100000 };
 struct direction {
     int from, to; /* packet sockets */
     struct law law;
+    struct moments *link;
     struct frame *queue;
     unsigned first, waiting;
     int64_t last_due_ns;
     /* What it did. */
-    uint64_t frames, lost, outliers, overflowed, unsent, held_back, passed, late;
+    uint64_t frames, lost, outliers, quick, overflowed, unsent, held_back, passed, late;
     double drawn_sum_us, drawn_least_us, late_sum_us, late_most_us;
 };
 
-static double loss, outlier_share, outlier_us = 20000.0;
+static double loss, outlier_share, outlier_from_us, outlier_us = 20000.0;
 static volatile sig_atomic_t stopped;
 
 /* Frames */
@@ -66,12 +72,14 @@ static void take_frame(struct direction *d, struct frame *frame, int64_t arrived
         d->lost++;
         return;
     }
-    double delay_us = d->law.minimum_us + d->law.excess_us(&d->law);
+    bool quick = d->law.quick_us > 0.0 && is_quick(d->link, arrived_ns);
+    double delay_us = d->law.minimum_us + (quick ? quick_excess(&d->law) : d->law.excess_us(&d->law));
+    d->quick += quick;
     d->drawn_sum_us += delay_us;
     d->drawn_least_us = fmin(d->drawn_least_us, delay_us);
     if (uniform(&d->law) < outlier_share) {
         d->outliers++;
-        delay_us += outlier_us * uniform(&d->law);
+        delay_us += outlier_from_us + (outlier_us - outlier_from_us) * uniform(&d->law);
     }
     frame->due_ns = arrived_ns + llround(delay_us * 1000.0);
     if (d->waiting && frame->due_ns < d->last_due_ns) {
@@ -159,8 +167,8 @@ static bool become_urgent(void)
 static void report(const struct direction *d, int link, bool urgent)
 {
     uint64_t drawn = d->frames - d->lost;
-    printf("{\"link\": %d, \"real_time\": %s, \"frames\": %lu, \"lost\": %lu, \"outliers\": %lu, ",
-           link, urgent ? "true" : "false", d->frames, d->lost, d->outliers);
+    printf("{\"link\": %d, \"real_time\": %s, \"frames\": %lu, \"lost\": %lu, \"outliers\": %lu, \"quick\": %lu, ",
+           link, urgent ? "true" : "false", d->frames, d->lost, d->outliers, d->quick);
     printf("\"held_back\": %lu, \"overflowed\": %lu, \"unsent\": %lu, \"late_by_100_us\": %lu, ",
            d->held_back, d->overflowed, d->unsent, d->late);
     printf("\"drawn_mean_us\": %.2f, \"drawn_least_us\": %.2f, \"late_mean_us\": %.2f, \"late_most_us\": %.2f}\n",
@@ -171,13 +179,18 @@ static void report(const struct direction *d, int link, bool urgent)
 int main(int argc, char **argv)
 {
     static struct direction directions[2 * MAX_LINKS];
+    static struct moments moments[MAX_LINKS];
     uint64_t seed = 1;
-    for (int option; (option = getopt(argc, argv, "s:l:o:u:")) != -1;) {
+    for (int option; (option = getopt(argc, argv, "s:l:o:f:u:q:a:i:")) != -1;) {
         switch (option) {
         case 's': seed = strtoull(optarg, NULL, 10); break;
         case 'l': loss = atof(optarg); break;
         case 'o': outlier_share = atof(optarg); break;
+        case 'f': outlier_from_us = atof(optarg); break;
         case 'u': outlier_us = atof(optarg); break;
+        case 'q': quick_share = atof(optarg); break;
+        case 'a': quick_after_ns = llround(atof(optarg) * 1000.0); break;
+        case 'i': idle_ns = llround(atof(optarg) * 1000.0); break;
             default: return 2;
         }
     }
@@ -193,6 +206,8 @@ int main(int argc, char **argv)
         struct direction *to_first = &directions[2 * link], *to_second = to_first + 1;
         to_first->to = to_second->from = open_end(namespace, word[0]);
         to_second->to = to_first->from = open_end(namespace, word[1]);
+        to_first->link = to_second->link = &moments[link];
+        moments[link].random_state = seed + (uint64_t)link * UINT64_C(0xd1342543de82ef95);
         errno = 0;
         if (!read_law(&to_first->law, word[2]) || !read_law(&to_second->law, word[3]))
             fail("delays of link", word[0]);

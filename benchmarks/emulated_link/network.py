@@ -107,7 +107,7 @@ class Network:
         self, links: Sequence[EmulatedLink], seed: int, *, loss: float = 0.0
     ) -> Iterator[list[dict[str, Any]]]:
         """Pass frames over the links within the block; afterwards the list holds each direction's report."""
-        options = ["-s", str(seed), "-l", str(loss), *EmulatedLink.OUTLIERS]
+        options = ["-s", str(seed), "-l", str(loss), *EmulatedLink.OPTIONS]
         words = [word for link in links for word in link.words()]
         command = [str(self.scratch / "emulator"), *options, self.air, *words]
         reports: list[dict[str, Any]] = []

@@ -38,6 +38,7 @@ def test_it_says_what_is_missing_and_what_to_type(
 def test_each_law_has_its_word() -> None:
     assert str(Delays(5.0, 9.0)) == "gamma,5.0,9.0,2.0"
     assert str(Delays(5.0, 9.0, "lognormal", 0.6)) == "lognormal,5.0,9.0,0.6"
+    assert str(Delays(5.0, 9.0, "rare", wait_us=1.0, quick_us=0.5)) == "rare,5.0,9.0,2.0,1.0,0.5"
     assert str(Delays(5.0, 5.0, "constant")) == "constant,5.0"
 
 

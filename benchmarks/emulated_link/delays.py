@@ -55,7 +55,7 @@ TO_LEADER = _rarely_quick(PAPER_LINK.to_leader, PAPER_LINK.quick.to_leader)
 TO_CLIENT = _rarely_quick(PAPER_LINK.to_client, PAPER_LINK.quick.to_client)
 """WiFi as the paper measured it; `capture_app/simulation/network/paper_link.py` says what is assumed."""
 IDLE_US = 200_000
-"""A link that was idle for longer is as slow as at first: so each trial of a benchmark finds it as a phone does
+"""A link that was idle for longer is as slow as at first: each trial of a benchmark finds it as a phone does
 that has just joined."""
 
 

@@ -95,7 +95,7 @@ def run_experiment(
     help="Also replay the delays of this recording (columns t_s, rtt_ms).",
 )
 def clock_filters(trace: Path | None, **shared: Any) -> None:
-    """Simulate clock estimators: the paper's filters and ours under six delay distributions."""
+    """Simulate clock estimators: the paper's filters and ours under seven delay distributions."""
     from capture_app.experiments.clock_filters.experiment import run
 
     run_experiment(partial(run, trace=trace), **shared)

@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     from capture_app.experiments.common.result import Outcome
 
 EXPERIMENTS: dict[str, str] = {
-    "clock-filters": "Clock estimators under six delay distributions: mean, minimum, ours.",
+    "clock-filters": "Clock estimators under seven delay distributions: mean, minimum, ours.",
     "scale": "Thousands of clocks for an hour: one leader, and a tree of relays.",
     "link": "The engine's own clock and other filters on a real link between two processes.",
     "led-panel": "Total error, read from pictures of the paper's LED panel.",

@@ -1,18 +1,40 @@
-"""The tables of `clock-filters`, and its pictures: the wedge, one-way delays, convergence, and the laws."""
+"""The tables of `clock-filters`, and its pictures: the wedge, one-way times, convergence, and the laws."""
 
+from collections.abc import Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-from capture_app.experiments.clock_filters.coverage import SITUATIONS
-from capture_app.experiments.clock_filters.trials import FIRST, Study
+from capture_app.experiments.clock_filters.convergence import Convergence, Setting
+from capture_app.experiments.clock_filters.coverage import SITUATIONS, Coverages
+from capture_app.experiments.clock_filters.paper_plots import (
+    NAMES,
+    draw_convergence,
+    draw_one_way,
+    draw_wedge,
+)
+from capture_app.experiments.clock_filters.paper_protocol import Message, one_way_table
+from capture_app.experiments.clock_filters.trials import FIRST, EstimatorErrors
+from capture_app.experiments.common.paper_values import TABLE_3
 from capture_app.experiments.common.plots import new_figure, save
 from capture_app.experiments.common.result import Table
 from capture_app.simulation.network.paper_link import LINKS_BY_LAW
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
 
-NAMES = {"mean": "mean", "minimum": "minimum", "per_direction_minimum": "per direction", "ours": "ours"}
+@dataclass(frozen=True, slots=True)
+class Study:
+    """All that is measured, for the figures, the tables and the pictures."""
+
+    laws: Mapping[str, EstimatorErrors]
+    messages: list[Message]
+    """Of a run as the paper's."""
+    convergence: Mapping[Setting, Convergence]
+    coverages: Mapping[str, Coverages]
+    """By law, on links whose least delays differ by chance."""
+
+    def coverage(self, situation: str) -> float:
+        """Share of the trials of all laws in which the stated 95 % held in a situation."""
+        found = [by_situation[situation] for by_situation in self.coverages.values()]
+        return sum(one.held for one in found) / sum(len(one.errors_us) for one in found)
 
 
 def tables(study: Study) -> tuple[Table, ...]:
@@ -31,8 +53,21 @@ def tables(study: Study) -> tuple[Table, ...]:
         for law, trials in study.laws.items()
     ]
     by_count = [
-        (str(k), *(f"{trials.mean_abs(name):.1f}" for name in names))
-        for k, trials in study.convergence.items()
+        Table(
+            ("messages", *head),
+            [
+                (str(k), *(f"{trials.mean_abs(name):.1f}" for name in names))
+                for k, trials in convergence.after.items()
+            ],
+            f"Paper's link, {setting.name}: mean absolute error after K messages, us",
+        )
+        for setting, convergence in study.convergence.items()
+    ]
+    ours = one_way_table(study.messages)
+    one_way: list[tuple[str, ...]] = [
+        (value.label, f"{ours[value.name]:.0f}", f"{value.value:.0f}")
+        for value in TABLE_3.values
+        if value.value is not None
     ]
     by_situation = []
     for situation in SITUATIONS:
@@ -58,54 +93,24 @@ def tables(study: Study) -> tuple[Table, ...]:
             by_situation,
             "How often the stated 95 % holds, least delays drawn for each trial; errors in us",
         ),
-        Table(("messages", *head), by_count, "Paper's link: mean absolute error after K messages, us"),
+        Table(("us", "ours", "paper"), one_way, "Messages of one run as the paper's, its table III"),
+        *by_count,
     )
 
 
-def draw_study(study: Study, path: Path) -> Path:
-    """Draw four panels into one picture."""
-    figure = new_figure(figsize=(12, 8))
-    (wedge, delays), (convergence, laws) = figure.subplots(2, 2)
-    _wedge(wedge, study)
-    _delays(delays, study)
-    _convergence(convergence, study)
-    _laws(laws, study)
-    return save(figure, path)
+def draw_study(study: Study, folder: Path) -> list[Path]:
+    """Draw the paper's three figures of messages, and the filters under each law."""
+    return [
+        draw_one_way(study.messages, folder / "one-way-times.png"),
+        draw_wedge(study.messages, folder / "offset-against-round-trip.png"),
+        draw_convergence(study.convergence, folder / "convergence.png"),
+        _draw_laws(study, folder / "clock-filters.png"),
+    ]
 
 
-def _wedge(axes: "Axes", study: Study) -> None:
-    round_trips_ms = [(m.there_ns + m.back_ns) / 1e6 for m in study.messages]
-    axes.scatter(round_trips_ms, study.offset_errors_us, s=2, alpha=0.3, linewidths=0)
-    axes.set(
-        xlim=(0, 12),
-        ylim=(-5000, 5000),
-        title=f"{len(study.messages)} messages",
-        xlabel="round trip, ms",
-        ylabel="error of the offset, us",
-    )
-
-
-def _delays(axes: "Axes", study: Study) -> None:
-    ways = {
-        "leader to client": [m.back_ns / 1e6 for m in study.messages],
-        "client to leader": [m.there_ns / 1e6 for m in study.messages],
-    }
-    for name, delays_ms in ways.items():
-        axes.hist(delays_ms, bins=120, range=(0, 8), alpha=0.6, label=name)
-    axes.set(title="one-way delays", xlabel="ms", ylabel="messages")
-    axes.legend()
-
-
-def _convergence(axes: "Axes", study: Study) -> None:
-    for key, name in NAMES.items():
-        axes.plot(
-            list(study.convergence), [t.mean_abs(key) for t in study.convergence.values()], "o-", label=name
-        )
-    axes.set(xscale="log", yscale="log", title="convergence", xlabel="messages", ylabel="mean abs error, us")
-    axes.legend()
-
-
-def _laws(axes: "Axes", study: Study) -> None:
+def _draw_laws(study: Study, path: Path) -> Path:
+    figure = new_figure(figsize=(9, 4.5))
+    axes = figure.subplots()
     width = 0.2
     for i, (key, name) in enumerate(NAMES.items()):
         places = [place + (i - 1.5) * width for place in range(len(study.laws))]
@@ -113,3 +118,4 @@ def _laws(axes: "Axes", study: Study) -> None:
     axes.set_xticks(range(len(study.laws)), list(study.laws), rotation=30, ha="right")
     axes.set(yscale="log", title="300 messages under each law", ylabel="mean abs error, us")
     axes.legend()
+    return save(figure, path)

@@ -1,17 +1,14 @@
 """Trials of `clock-filters`: all estimators on the same messages, and their errors."""
 
 import random
-from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from capture_app.clock import SimulatedClock
-from capture_app.experiments.clock_filters.coverage import Coverages
 from capture_app.experiments.clock_filters.filters import ClockEstimator, estimator_family
 from capture_app.experiments.common.result import error_figures
 from capture_app.simulation.network.delay_laws import ReplayedDelay
-from capture_app.simulation.network.exchanges import Exchange, exchanges
+from capture_app.simulation.network.exchanges import exchanges
 from capture_app.simulation.network.link import Link
-from capture_app.simulation.network.paper_link import PAPER_LINK
 
 FIRST = 300
 """K of the paper, and of our engine."""
@@ -51,24 +48,6 @@ class EstimatorErrors:
         return self.mean_abs("minimum") / self.mean_abs("ours")
 
 
-@dataclass(frozen=True, slots=True)
-class Study:
-    """All that is measured, for the figures, the tables and the pictures."""
-
-    laws: Mapping[str, EstimatorErrors]
-    messages: list[Exchange]
-    offset_errors_us: list[float]
-    """Error of the offset that each of the messages gives by itself."""
-    convergence: Mapping[int, EstimatorErrors]
-    coverages: Mapping[str, Coverages]
-    """By law, on links whose least delays differ by chance."""
-
-    def coverage(self, situation: str) -> float:
-        """Share of the trials of all laws in which the stated 95 % held in a situation."""
-        found = [by_situation[situation] for by_situation in self.coverages.values()]
-        return sum(one.held for one in found) / sum(len(one.errors_us) for one in found)
-
-
 def draw_clock(rng: random.Random) -> SimulatedClock:
     """Draw a client's clock: hours of offset, SKEW_PPM of skew."""
     return SimulatedClock(round(rng.uniform(-36e12, 36e12)), rng.gauss(0.0, SKEW_PPM), 10**12)
@@ -97,16 +76,3 @@ def run_law_trials(link: Link, count: int, seed: str) -> EstimatorErrors:
         for name, estimator in family.items():
             result.add(name, estimator, clock, true_ns)
     return result
-
-
-def run_convergence_trial(
-    convergence: Mapping[int, EstimatorErrors], messages: int, rng: random.Random
-) -> None:
-    """Add each estimator's error after as many messages as the mapping has keys for."""
-    clock = draw_clock(rng)
-    family = estimator_family()
-    for k, message in enumerate(exchanges(PAPER_LINK, clock, rng, count=messages, pace_ns=PACE_NS), start=1):
-        for name, estimator in family.items():
-            estimator.add(message.sample)
-            if k in convergence:
-                convergence[k].add(name, estimator, clock, message.arrived_true_ns)

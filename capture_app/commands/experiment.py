@@ -228,6 +228,14 @@ def link(
 )
 @click.option("--quick", is_flag=True, help="A tenth of the trials: four minutes on two cores.")
 @click.option(
+    "--compared",
+    type=FOLDER,
+    metavar="DIR",
+    multiple=True,
+    help="Folder that `reconstruct compare` has written, of a session in sample_sessions/, to show as the "
+    "paper's applications. Repeat for several.",
+)
+@click.option(
     "--markdown",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
@@ -235,12 +243,14 @@ def link(
 )
 @seed_option
 @json_option
-def paper(out: Path, quick: bool, markdown: Path | None, seed: int, as_json: bool) -> None:
+def paper(
+    out: Path, quick: bool, compared: tuple[Path, ...], markdown: Path | None, seed: int, as_json: bool
+) -> None:
     """Measure every table and figure of the paper, as it did and by default, and write a page."""
     from capture_app.experiments.paper import experiment as study
     from capture_app.experiments.paper.wording import HEAD, by_default, headlines, ours, papers, sign
 
-    report = study.run(out, quick=quick, seed=seed, talk=talk, markdown=markdown)
+    report = study.run(out, quick=quick, seed=seed, talk=talk, compared=compared, markdown=markdown)
     if as_json:
         print_json(report)
         return

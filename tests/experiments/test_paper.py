@@ -98,7 +98,7 @@ def test_a_number_put_into_the_model_is_no_success() -> None:
     one = Reproduction(
         of=TABLE_3, seed=1, protocol=ours, default=None, simulated="All.", given=("bias.mean",)
     )
-    report = make_report({"table-3": one}, Path(), quick=False, seed=1, talk=print)
+    report = make_report({"table-3": one}, (), Path(), quick=False, seed=1, talk=print)
     verdicts = {row.name: row.verdict for row in report.tables[0].rows}
     assert (verdicts["bias.mean"], verdicts["bias.least"]) == ("put in", "better")
     assert (verdicts["difference.least"], verdicts["messages"]) == ("", "")

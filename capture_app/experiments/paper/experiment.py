@@ -1,10 +1,11 @@
 """All that is measured of the paper, written as a page, as JSON and as Markdown."""
 
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from capture_app.errors import BadInputError
+from capture_app.experiments.paper.compared import read_compared
 from capture_app.experiments.paper.markdown import render_markdown
 from capture_app.experiments.paper.page import render_page
 from capture_app.experiments.paper.parts import measure_all
@@ -22,17 +23,20 @@ def run(
     quick: bool,
     seed: int,
     talk: Callable[[str], None],
+    compared: Sequence[Path] = (),
     markdown: Path | None = None,
     only: frozenset[str] = frozenset(),
 ) -> PaperReport:
     """Measure everything and write the page into a folder that exists; `only` names keys, empty for all.
 
-    `markdown` is a file that gets the page, too; its pictures go into `images` beside it. Raises
-    BadInputError where something cannot be written, NotAvailableError without matplotlib.
+    `compared` are folders of `reconstruct compare`, of bundled sessions. `markdown` is a file that gets the
+    page, too; its pictures go into `images` beside it. Raises BadInputError where something cannot be read
+    or written, NotAvailableError without matplotlib.
     """
+    applications = read_compared(compared, out)
     found = measure_all(share=QUICK_SHARE if quick else 1.0, seed=seed, talk=talk, only=only)
     try:
-        report = make_report(found, out, quick=quick, seed=seed, talk=talk)
+        report = make_report(found, applications, out, quick=quick, seed=seed, talk=talk)
         write_atomic(out / NUMBERS, pretty_json(report))
         write_atomic(out / PAGE, render_page(report).encode())
         if markdown is not None:
@@ -48,7 +52,6 @@ def run(
 def _write_markdown(report: PaperReport, out: Path, markdown: Path) -> None:
     before = f"images/{markdown.stem}-"
     (markdown.parent / "images").mkdir(parents=True, exist_ok=True)
-    for entry in (*report.tables, *report.figures):
-        for name in entry.files:
-            shutil.copyfile(out / name, markdown.parent / f"{before}{name}")
+    for name in report.pictures():
+        shutil.copyfile(out / name, markdown.parent / f"{before}{name}")
     write_atomic(markdown, render_markdown(report, before).encode())

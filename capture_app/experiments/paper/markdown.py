@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 from capture_app.experiments.paper import wording
+from capture_app.experiments.paper.applications import Application
 from capture_app.experiments.paper.report import Entry, PaperReport, Row
 
 
@@ -29,15 +30,33 @@ def _lines(report: PaperReport, pictures: str) -> Iterator[str]:
     yield ""
     yield "## Applications"
     yield ""
-    yield (
-        "Pictures, not measurements of synchronization: other commands make them of sessions that come with "
-        "the project. Their numbers are in [compare.md](compare.md)."
-    )
-    yield ""
-    yield "| the paper | what it shows | the command | what its report shows |"
-    yield "|---|---|---|---|"
+    yield wording.APPLICATIONS_LEAD
     for one in report.applications:
-        yield f"| {one.place} | {one.title} | `{one.command}` | {one.shows} |"
+        yield from _application(one, pictures)
+
+
+def _application(one: Application, pictures: str) -> Iterator[str]:
+    yield ""
+    yield f"### {one.place}: {one.title}"
+    names = list(wording.CONDITIONS.values())
+    if len(one.files) == len(names):
+        yield ""
+        yield f"| {' | '.join(names)} |"
+        yield "|---|---|"
+        yield f"| {' | '.join(f'![{one.title}]({pictures}{name})' for name in one.files)} |"
+    else:
+        for name in one.files:
+            yield ""
+            yield f"![{one.title}]({pictures}{name})"
+    if one.measures:
+        yield ""
+        yield f"|  | {' | '.join(names)} |"
+        yield "|---|---:|---:|"
+        for measure in one.measures:
+            cells = (wording.condition(measure, name) for name in wording.CONDITIONS)
+            yield f"| {measure.label} | {' | '.join(cells)} |"
+    yield ""
+    yield f"`{one.command}`" + ("" if one.measures else " (not run for this page)")
 
 
 def _anchor(entry: Entry) -> str:

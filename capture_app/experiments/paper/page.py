@@ -13,6 +13,7 @@ FILTERS = (
     wording.by_default,
     wording.set_ups,
     wording.in_print,
+    wording.condition,
 )
 
 
@@ -33,5 +34,7 @@ def render_page(report: PaperReport) -> str:
         title=wording.TITLE,
         lead=wording.LEAD,
         key=wording.KEY,
+        applications_lead=wording.APPLICATIONS_LEAD,
+        conditions=wording.CONDITIONS,
         measured=wording.measured(report).replace("`", ""),
     )

@@ -1,6 +1,6 @@
 """What `paper.json` holds: every table and figure of the paper, with ours beside it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Literal
 
@@ -9,7 +9,7 @@ import msgspec
 from capture_app.experiments.common.paper_values import PaperFigure, PaperValue
 from capture_app.experiments.common.reproduction import Measured, Reproduction
 from capture_app.experiments.common.result import Kind
-from capture_app.experiments.paper.applications import APPLICATIONS, Application
+from capture_app.experiments.paper.applications import Application
 
 Verdict = Literal["better", "worse", "put in", ""]
 """Of ours at the paper's protocol: beside its number where less is better, or put into the model."""
@@ -59,11 +59,27 @@ class PaperReport(msgspec.Struct, frozen=True, kw_only=True):
     seed: int
     tables: tuple[Entry, ...]
     figures: tuple[Entry, ...]
-    applications: tuple[Application, ...] = APPLICATIONS
+    applications: tuple[Application, ...]
+    """What other commands make of bundled sessions; without numbers where their results were not given."""
+
+    def pictures(self) -> tuple[str, ...]:
+        """The names of all pictures."""
+        entries = (*self.tables, *self.figures)
+        return tuple(
+            name
+            for files in (*(e.files for e in entries), *(a.files for a in self.applications))
+            for name in files
+        )
 
 
 def make_report(
-    found: dict[str, Reproduction], folder: Path, *, quick: bool, seed: int, talk: Callable[[str], None]
+    found: Mapping[str, Reproduction],
+    applications: tuple[Application, ...],
+    folder: Path,
+    *,
+    quick: bool,
+    seed: int,
+    talk: Callable[[str], None],
 ) -> PaperReport:
     """Draw all pictures into a folder that exists, and put everything together."""
     tables: list[Entry] = []
@@ -74,7 +90,9 @@ def make_report(
             talk(f"drew {path}")
         entry = _entry(one, tuple(path.name for path in files))
         (figures if isinstance(one.of, PaperFigure) else tables).append(entry)
-    return PaperReport(quick=quick, seed=seed, tables=tuple(tables), figures=tuple(figures))
+    return PaperReport(
+        quick=quick, seed=seed, tables=tuple(tables), figures=tuple(figures), applications=applications
+    )
 
 
 def _entry(one: Reproduction, files: tuple[str, ...]) -> Entry:

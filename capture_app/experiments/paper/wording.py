@@ -2,6 +2,7 @@
 
 import re
 
+from capture_app.experiments.paper.applications import Measure
 from capture_app.experiments.paper.report import Entry, PaperReport, Row, SetUp
 from capture_app.text import count
 
@@ -16,8 +17,13 @@ KEY = (
     "the model, so that agreeing shows nothing. No sign: neither way is better."
 )
 HEAD = ("", "paper", "ours, its protocol", "ours, default")
+APPLICATIONS_LEAD = (
+    "Made by other commands of sessions that come with the project, rendered by its simulator (simulated). "
+    "The paper shows them as pictures, without numbers."
+)
+CONDITIONS = {"synced": "synchronized", "offset": "some time apart"}
 NOTHING = "–"
-UNITS = {"us": "µs"}
+UNITS = {"us": "µs", "degrees": "°"}
 SIGNS = {"better": "✓", "worse": "✗", "put in": "=", "": ""}
 
 
@@ -52,6 +58,11 @@ def sign(row: Row) -> str:
 def by_default(row: Row) -> str:
     """Write ours by default."""
     return number(row.default, row.unit)
+
+
+def condition(measure: Measure, name: str) -> str:
+    """Write an application's number in a condition, `synced` or `offset`."""
+    return number(getattr(measure, name), measure.unit)
 
 
 def set_ups(entry: Entry) -> tuple[str, ...]:

@@ -157,6 +157,9 @@ class Comparison:
         self.progress.last("report")
         return CompareResult(
             session=str(session),
+            origin=self.dataset.session.manifest.origin,
+            camera_count=len(self.dataset.cameras),
+            instant_count=len(self.dataset.instants_ns),
             offset_ms=self.offset.asked_ms,
             offset_frames=self.offset.frames,
             actual_offset_ms=self.offset.actual_ms,

@@ -13,6 +13,7 @@ from reconstruction.common.drawing import colour_depth, display_range, mark_move
 from reconstruction.common.geometry import Array
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.compare.camera_group import MIN_CAMERAS, CameraGroup, choose_camera_group
+from reconstruction.compare.instant_clouds import save_clouds
 from reconstruction.compare.study import ALL_APART, SIDES, ComparisonTally, write_pictures
 from reconstruction.multiview.instant_depth import SWEEP, InstantDepth, compute_instant_depth
 from reconstruction.multiview.instant_scoring import InstantScorer
@@ -20,7 +21,7 @@ from reconstruction.multiview.matcher import ChosenMatcher
 from reconstruction.multiview.source_views import choose_source_views
 from reconstruction.multiview.undistorted_session import UndistortedSession
 from reconstruction.scores.depth_truth import TOLERANCE_TEXT, right_depth
-from reconstruction.scores.results import MultiviewComparison, MultiviewScores, Picture
+from reconstruction.scores.results import InstantClouds, MultiviewComparison, MultiviewScores, Picture
 from reconstruction.scores.tally import Measurements
 from reconstruction.session.conditions import Condition
 from reconstruction.session.instant_choice import choose_moving_instants
@@ -116,6 +117,7 @@ class MultiviewStudy:
         for one, maps in zip(instants, found, strict=True):
             measured = scorer.measure(one.instant, one.shown, maps)
             tally.add(measured, self._facts(one, measured["synced"]))
+        pictures, clouds = self._show(instants, found, scorer, folder) if folder else ((), None)
         return MultiviewComparison(
             reference=self.group.reference,
             cameras=self.group.cameras,
@@ -126,7 +128,8 @@ class MultiviewStudy:
             width_px=self.shots.views[self.group.reference].width,
             per_instant=tally.per_instant,
             differences=tally.differences,
-            pictures=self._pictures(instants, found, scorer, folder) if folder else (),
+            pictures=pictures,
+            clouds=clouds,
             left_out=dict(self.group.left_out),
             matcher=self.matcher.name,
             matcher_note=self.matcher.note,
@@ -170,21 +173,23 @@ class MultiviewStudy:
         pixels = synced.shares["mover_coverage"][1]
         return {"instant": one.instant, "mover_pixels": pixels, **one.delays_ms(self.dataset)}
 
-    def _pictures(
+    def _show(
         self,
         instants: list[ShownInstant],
         found: list[dict[str, InstantDepth]],
         scorer: InstantScorer,
         folder: Path,
-    ) -> tuple[Picture, ...]:
+    ) -> tuple[tuple[Picture, ...], InstantClouds | None]:
+        """Pictures and clouds of the instant at which most of what moves was found."""
         moving = [self.shots.moving(self.group.reference, one.instant) for one in instants]
         seen = [
             int((mask & (maps["synced"].depth > 0)).sum()) for mask, maps in zip(moving, found, strict=True)
         ]
         best = int(np.argmax(seen))
         instant = instants[best].instant
-        photo = self.shots.image(self.group.reference, instant).colours
-        return _draw_depth(photo, found[best], moving[best], scorer.true_depth(instant), folder)
+        shot = self.shots.image(self.group.reference, instant)
+        pictures = _draw_depth(shot.colours, found[best], moving[best], scorer.true_depth(instant), folder)
+        return pictures, save_clouds(instant, found[best], shot.calibrated.view, moving[best], folder)
 
 
 def _draw_depth(

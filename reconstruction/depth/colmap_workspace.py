@@ -6,8 +6,9 @@ COLMAP's own code then reads wrong normals; fusion silently drops most points.
 """
 
 from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
@@ -195,17 +196,34 @@ def fuse_depth_maps(folder: Path, cloud: Path, views: int) -> int:
     return count
 
 
-def read_fused_cloud(path: Path, views: int) -> tuple[Array, Array]:
-    """Points (n, 3) of a fused PLY, and by its `.vis` file from which views' maps each was fused."""
+@dataclass(frozen=True, eq=False)
+class FusedCloud:
+    """Points (n, 3) float32 in the rig's frame, colours (n, 3) uint8 RGB, and whose maps each was fused from.
+
+    `seen` (n, views) bool.
+    """
+
+    points: Array
+    colours: Array
+    seen: Array
+
+    @classmethod
+    def empty(cls, views: int) -> Self:
+        """A cloud without a point."""
+        return cls(np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8), np.zeros((0, views), bool))
+
+
+def read_fused_cloud(path: Path, views: int) -> FusedCloud:
+    """A fused PLY, and the `.vis` file beside it."""
     data = path.read_bytes()
     start = data.index(b"end_header\n") + len(b"end_header\n")
     vertex = np.dtype([("at", "<f4", 3), ("normal", "<f4", 3), ("colour", "u1", 3)])
-    points = np.frombuffer(data, vertex, offset=start)["at"]
+    rows = np.frombuffer(data, vertex, offset=start)
     lists = np.frombuffer(path.with_name(path.name + ".vis").read_bytes(), "<u4", offset=8)
-    seen = np.zeros((len(points), views), bool)
+    seen = np.zeros((len(rows), views), bool)
     at = 0
     for row in seen:
         count = int(lists[at])
         row[lists[at + 1 : at + 1 + count]] = True
         at += 1 + count
-    return np.array(points), seen
+    return FusedCloud(np.array(rows["at"]), np.array(rows["colour"]), seen)

@@ -11,7 +11,12 @@ from capture_app.errors import BadInputError, NotAvailableError
 from reconstruction.common.brightness import match_brightness
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import SourceView
-from reconstruction.depth.colmap_workspace import fuse_depth_maps, read_fused_cloud, write_workspace
+from reconstruction.depth.colmap_workspace import (
+    FusedCloud,
+    fuse_depth_maps,
+    read_fused_cloud,
+    write_workspace,
+)
 from reconstruction.depth.geometric_consistency import ConsistencyLimits, count_coinciding_views
 from reconstruction.depth.plane_sweep import Surface
 from reconstruction.depth.sweep_matcher import ViewDepth
@@ -31,14 +36,16 @@ class InstantDepth:
     `depth` is 0 where there is none. `consistent` (bool): where two other views, each matched by
     itself, found the same depth, before any other check. `difference`: grey levels between the reference
     and its sources, seen through all that was matched; the median over them, NaN = none sees it.
-    `points` (n, 3) float32; `seen` (n, cameras) bool: whose maps each point was fused from, in the order
-    in which the images were given. Without COLMAP there is no cloud, and `no_cloud` says so.
+    `points` (n, 3) float32 of `colours` (n, 3) uint8 RGB; `seen` (n, cameras) bool: whose maps each point was
+    fused from, in the order in which the images were given. Without COLMAP there is no cloud, and
+    `no_cloud` says so.
     """
 
     depth: Array
     consistent: Array
     difference: Array
     points: Array
+    colours: Array
     seen: Array
     no_cloud: Array
 
@@ -99,7 +106,7 @@ def _fuse_cloud(
     images: Mapping[str, InputImage], found: Mapping[str, ViewDepth], group: int
 ) -> dict[str, Array]:
     fused = [camera for camera in images if camera in found]
-    points, seen, reason = np.zeros((0, 3), np.float32), np.zeros((0, len(fused)), bool), ""
+    made, reason = FusedCloud.empty(len(fused)), ""
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
         cloud = Path(scratch) / "fused.ply"
         try:
@@ -107,12 +114,12 @@ def _fuse_cloud(
             maps = {camera: found[camera] for camera in fused}
             write_workspace(Path(scratch), image_views(kept), image_colours(kept), maps)
             fuse_depth_maps(Path(scratch), cloud, group)
-            points, seen = read_fused_cloud(cloud, len(fused))
+            made = read_fused_cloud(cloud, len(fused))
         except NotAvailableError as error:
             reason = str(error)
         except BadInputError:
             # No point is consistent in enough cameras: an empty cloud is a result too.
             pass
-    whole = np.zeros((len(points), len(images)), bool)
-    whole[:, [list(images).index(camera) for camera in fused]] = seen
-    return {"points": points, "seen": whole, "no_cloud": np.array(reason)}
+    seen = np.zeros((len(made.points), len(images)), bool)
+    seen[:, [list(images).index(camera) for camera in fused]] = made.seen
+    return {"points": made.points, "colours": made.colours, "seen": seen, "no_cloud": np.array(reason)}

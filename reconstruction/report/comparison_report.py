@@ -1,18 +1,14 @@
 """The report of a comparison: one self-contained HTML page for somebody who knows nothing of cameras."""
 
-import base64
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
 from pathlib import Path
 
-import cv2
-import numpy as np
-
-from capture_app.errors import BadInputError
 from capture_app.text import count
 from reconstruction.report import wording
 from reconstruction.report.charts import pose_chart
+from reconstruction.report.cloud_view import view_clouds
 from reconstruction.report.dose_report import dose_heading, dose_view
+from reconstruction.report.embedding import embed_image
 from reconstruction.report.measures import (
     DEPTH,
     PANORAMA,
@@ -20,20 +16,21 @@ from reconstruction.report.measures import (
     multiview_measures,
     pose_measures,
 )
-from reconstruction.report.page import Claim, Section, render_page, write_page
-from reconstruction.report.provenance import files_beside, pair_pictures, provenance_entries
+from reconstruction.report.opening import claims, describe_exactness, describe_origin
+from reconstruction.report.page import Section, render_page, write_page
+from reconstruction.report.provenance import ShownPicture, files_beside, pair_pictures, provenance_entries
 from reconstruction.report.tables import WITH_CONTROL, Table, conditions_table, instants_table, twin_table
 from reconstruction.report.timing_table import timing_table
-from reconstruction.report.verdict import DEPTH_MEASURES, PANORAMA_MEASURES, first_known
 from reconstruction.scores.compare_results import CompareResult, ReportWords, WordTable
 
-KINDS = {b"\x89PNG\r\n\x1a\n": "image/png", b"\xff\xd8\xff": "image/jpeg"}
+HEROES = ("stereo_depth", "panorama")
+"""The picture of the first screen: where something is lost, not only elsewhere, in the late one."""
 
 
 def write_report(result: CompareResult, out: Path) -> Path:
     """Write `report.html` into the folder `out`, whole or not at all, and return its path.
 
-    Pictures are read from `out` by the paths in the result and embedded unchanged.
+    Pictures are read from `out` by the paths in the result; the page holds smaller copies.
 
     Raises:
         BadInputError: a picture is missing or is no PNG or JPEG, or the page cannot be written.
@@ -72,23 +69,30 @@ def _in_words(table: Table) -> WordTable:
 def _page(result: CompareResult, out: Path) -> str:
     name = Path(result.session).name or result.session
     sides = wording.name_sides(result)
-    pictures = pair_pictures(result)
-    two_claims, claims_note = _claims(result)
+    origin = describe_origin(result)
+    clouds = result.multiview.clouds if result.multiview else None
+    two_claims, claims_note = claims(result)
     return render_page(
         title=f"{name}: {sides.first.lower()} against {sides.late}",
         kicker=f"{sides.first} against offset",
         name=name,
         verdict=result.verdict,
         sections=_sections(result),
-        claims=two_claims,
-        claims_note=claims_note,
+        opening="opening.html",
+        kind=origin.word if origin else "",
         view={
+            "claims": two_claims,
+            "claims_note": claims_note,
             "result": result,
-            "pictures": pictures,
+            "origin": origin,
+            "exactness": describe_exactness(result),
+            "hero": _hero(result),
+            "cloud": view_clouds(clouds, out) if clouds else None,
+            "pictures": _others(result),
             "sweep_sides": wording.name_sides(
                 result, result.bullet_time.cameras if result.bullet_time else ()
             ),
-            "image": lambda path: _embed(out / path),
+            "image": lambda path, panels=1: embed_image(out / path, panels),
             "dose": dose_view(result.dose) if result.dose else None,
             "control": wording.control(result),
             "provenance": provenance_entries(result),
@@ -99,11 +103,19 @@ def _page(result: CompareResult, out: Path) -> str:
     )
 
 
+def _hero(result: CompareResult) -> ShownPicture | None:
+    return next((shown for shown in pair_pictures(result) if shown[0].key in HEROES), None)
+
+
+def _others(result: CompareResult) -> list[ShownPicture]:
+    return [shown for shown in pair_pictures(result) if shown != _hero(result)]
+
+
 def _sections(result: CompareResult) -> list[Section]:
     """The sections there is something to show in."""
     found: list[tuple[object, str, str]] = [
         (True, "why", "Why the instant matters"),
-        (pair_pictures(result), "pictures", "See the difference"),
+        (_others(result), "pictures", "See the difference"),
         (result.bullet_time, "sweep", "From camera to camera"),
         (result.burst, "burst", "The burst"),
         (result.dose, "dose", dose_heading(result.dose) if result.dose else ""),
@@ -166,66 +178,3 @@ def _all_cameras(result: CompareResult) -> Mapping[str, object]:
         view["pose_chart"] = pose_chart(poses, sides)
         view["pose_delays"] = wording.describe_delays(poses.offsets_ms, poses.cameras[0])
     return view
-
-
-def _claims(result: CompareResult) -> tuple[Sequence[Claim], str]:
-    """Both numbers and a note on them; none where nothing was measured."""
-    stereo, stitch = result.stereo, result.stitch
-    depth = first_known(stereo.synced, stereo.offset, *DEPTH_MEASURES) if stereo else None
-    found = first_known(stitch.synced, stitch.offset, *PANORAMA_MEASURES) if stitch else None
-    note = ""
-    cameras = (stereo.reference, stereo.other) if stereo and depth else stitch.cameras if stitch else ()
-    sides = wording.name_sides(result, cameras)
-    if depth:
-        measure, *shares = depth
-        what = "of the moving surface measured correctly"
-        if measure != DEPTH_MEASURES[0]:
-            what = "of the moving surface given a distance"
-            note = "The true distances are not known here, so this counts pixels where both pictures agree."
-        shown = [wording.share(value, decimals=0) for value in shares]
-    elif found and found[0] == PANORAMA_MEASURES[0]:
-        _, *values = found
-        what = "of misfit of moving things where the pictures of the panorama overlap"
-        shares = [value / max(1e-9, *values) for value in values]
-        shown = [wording.quantity(value, "px") for value in values]
-    elif found:
-        _, *shares = found
-        what = "of moving things in both pictures where these overlap in the panorama"
-        shown = [wording.share(value, decimals=0) for value in shares]
-    else:
-        return (), ""
-    whens = (sides.when, f"when one picture is {sides.late}")
-    both = zip(("synced", "offset"), shown, shares, whens, strict=True)
-    return [Claim(tone, value, share, what, when) for tone, value, share, when in both], note
-
-
-@dataclass(frozen=True)
-class _EmbeddedImage:
-    """A picture as a `data:` address, and its size, px."""
-
-    address: str
-    width: int
-    height: int
-
-
-def _embed(path: Path) -> _EmbeddedImage:
-    """Read a PNG or JPEG to be embedded unchanged.
-
-    Raises:
-        BadInputError: the file is missing, or is no PNG or JPEG.
-    """
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise BadInputError(
-            f"the report lacks the picture {path}: {error.strerror or error}",
-            hint="compare the session again",
-        ) from error
-    kind = next((kind for magic, kind in KINDS.items() if data.startswith(magic)), None)
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED) if kind else None
-    if image is None:
-        raise BadInputError(
-            f"the picture {path} is not a readable PNG or JPEG", hint="compare the session again"
-        )
-    address = f"data:{kind};base64,{base64.b64encode(data).decode()}"
-    return _EmbeddedImage(address, width=image.shape[1], height=image.shape[0])

@@ -31,17 +31,6 @@ class Section:
     title: str = ""
 
 
-@dataclass(frozen=True)
-class Claim:
-    """One condition's number: in words, as a share 0..1 to draw, of what, and in which pictures."""
-
-    tone: str
-    value: str
-    share: float
-    what: str
-    when: str
-
-
 def render_page(
     *,
     title: str,
@@ -50,15 +39,16 @@ def render_page(
     verdict: str,
     sections: Sequence[Section],
     view: Mapping[str, object],
-    claims: Sequence[Claim] = (),
-    claims_note: str = "",
+    opening: str = "",
+    kind: str = "",
     numbers_in: Sequence[str] = (METRICS,),
     package: str = "reconstruction.report",
 ) -> str:
     """Render the page's frame around its sections, whose templates read `view`.
 
-    `verdict` is the headline and what follows it; `numbers_in` are the files beside the page that hold
-    its numbers; the sections' templates are those of `package`, then the report's.
+    `verdict` is the headline and what follows it, `opening` the template of what stands below it on the
+    first screen, `kind` a word on where the pictures come from; `numbers_in` are the files beside the page
+    that hold its numbers; the sections' templates are those of `package`, then the report's.
     """
     headline, lead = wording.headline(verdict)
     frame = {
@@ -68,8 +58,8 @@ def render_page(
         "headline": headline,
         "lead": lead,
         "sections": sections,
-        "claims": claims,
-        "claims_note": claims_note,
+        "opening": opening,
+        "kind": kind,
         "numbers_in": numbers_in,
     }
     return _environment(package).get_template("page.html").render({**view, **frame})

@@ -8,6 +8,9 @@ from reconstruction.report import wording
 from reconstruction.scores.compare_results import CompareResult
 from reconstruction.scores.results import Picture
 
+ShownPicture = tuple[Picture, wording.Sides]
+"""A picture, and what its two sides are called."""
+
 
 @dataclass(frozen=True)
 class Entry:
@@ -66,7 +69,7 @@ def _pair(cameras: Sequence[str], instants: int, reason: str) -> str:
     return f"{words} (selection: {reason})" if reason else words
 
 
-def pair_pictures(result: CompareResult) -> list[tuple[Picture, wording.Sides]]:
+def pair_pictures(result: CompareResult) -> list[ShownPicture]:
     """The pictures that compare a pair, and what their sides are called.
 
     Those with a slider come first, they show the difference at once.
@@ -92,6 +95,8 @@ def files_beside(result: CompareResult) -> list[Files]:
         found += [
             Files(f"{one.title}: {wording.UNSYNCHRONIZED}", [one.synced, one.offset]) for one in many.pictures
         ]
+        if many.clouds:
+            found.append(Files("the cloud of one instant in both", [many.clouds.synced, many.clouds.offset]))
     if sweep := result.bullet_time:
         found.append(Files("from camera to camera, to share", [sweep.file]))
         found.append(Files("the same, picture by picture", [*sweep.synced, *sweep.offset]))

@@ -49,6 +49,13 @@ def number(value: float | None) -> str:
     return NOT_AVAILABLE if value is None else f"{value:,.0f}".replace(",", GAP)
 
 
+def times(ratio: float) -> str:
+    """How many times, to two digits: it is a comparison, not a measurement."""
+    digits = max(0, math.floor(math.log10(ratio)) - 1) if ratio >= 1 else 0
+    rounded = round(ratio / 10**digits) * 10**digits if ratio >= 10 else round(ratio, 1)
+    return f"{rounded:,.0f}".replace(",", GAP) + " times" if ratio >= 10 else f"{rounded:g} times"
+
+
 def milliseconds(value_ms: float) -> str:
     """A time in ms, with a decimal only if it is not 0."""
     return f"{value_ms:.1f}".removesuffix(".0") + f"{GAP}ms"

@@ -92,6 +92,10 @@ class CompareResult(Struct, frozen=True, kw_only=True):
     """Everything `reconstruct compare` found; written as `metrics.json` and printed by --json."""
 
     session: str
+    origin: str = ""
+    """captured, simulated or imported, as the session says."""
+    camera_count: int = 0
+    instant_count: int = 0
     offset_ms: float
     """The offset that was asked for."""
     offset_frames: int

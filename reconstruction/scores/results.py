@@ -101,6 +101,22 @@ class MultiviewScores(DepthScores, frozen=True, kw_only=True):
     static_recall: float | None = None
 
 
+class InstantClouds(Struct, frozen=True, kw_only=True):
+    """The fused clouds of one instant: paths of PLY files in the rig's frame, and whence they are shown."""
+
+    instant: int
+    synced: str
+    offset: str
+    rotation: tuple[float, ...]
+    """Of the reference camera, from the rig's frame to its own, row by row."""
+    centre: tuple[float, ...]
+    """Where it stands."""
+    focal: float
+    """Its focal length over its pictures' width."""
+    pivot: tuple[float, ...]
+    """What a viewer turns about: the middle of what moves."""
+
+
 class MultiviewComparison(Struct, frozen=True, kw_only=True):
     """Depth from all cameras, synchronized and with every camera off by another time.
 
@@ -127,6 +143,8 @@ class MultiviewComparison(Struct, frozen=True, kw_only=True):
     """Offset minus synced by measure, paired by instant."""
     pictures: tuple[Picture, ...] = ()
     """Their offset side is not that of the pair: it is every camera off by another time."""
+    clouds: InstantClouds | None = None
+    """Of the instant that the pictures show; None where no cloud was fused."""
     left_out: dict[str, str] = {}
     """Cameras without depth, and why."""
     cloud_skipped: str = ""

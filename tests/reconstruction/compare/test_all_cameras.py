@@ -158,6 +158,7 @@ class FlatDepth:
             consistent=flat > 0,
             difference=flat,
             points=np.zeros((0, 3)),
+            colours=np.zeros((0, 3), np.uint8),
             seen=np.zeros((0, len(shots)), bool),
             no_cloud=np.array("no fusion in this test"),
         )

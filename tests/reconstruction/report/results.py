@@ -6,10 +6,12 @@ import cv2
 import msgspec
 import numpy as np
 
+from reconstruction.common.point_file import write_points
 from reconstruction.scores.compare_results import BulletTime, BurstGrid, CompareResult, ConditionResult
 from reconstruction.scores.dose_result import DosePoint, DoseResult
 from reconstruction.scores.results import (
     DepthScores,
+    InstantClouds,
     Interval,
     MultiviewComparison,
     MultiviewScores,
@@ -115,6 +117,26 @@ def greys(out: Path, key: str, title: str, shape: tuple[int, int], *levels: int)
     return Picture(key=key, title=title, synced=paths[0], offset=paths[1], caption="Bright is near.")
 
 
+def clouds(out: Path) -> InstantClouds:
+    """Clouds of a coloured ball, and of a wall where the ball is lost; their files lie in `out`."""
+    rng = np.random.default_rng(1)
+    around = rng.normal(size=(3_000, 3))
+    ball = np.array([0, 0, 4.0]) + 0.8 * around / np.linalg.norm(around, axis=1, keepdims=True)
+    wall = np.column_stack([rng.uniform(-2, 2, (3_000, 2)), np.full(3_000, 6.0)])
+    paths = {}
+    for side, points in (("synced", np.vstack([ball, wall])), ("offset", wall)):
+        paths[side] = f"pictures/cloud_{side}.ply"
+        write_points(out / paths[side], points, rng.integers(80, 255, points.shape))
+    return InstantClouds(
+        instant=2,
+        **paths,
+        rotation=(1, 0, 0, 0, 1, 0, 0, 0, 1),
+        centre=(0, 0, 0),
+        focal=0.9,
+        pivot=(0, 0, 4),
+    )
+
+
 def whole_result(out: Path) -> CompareResult:
     """The result; its pictures lie in `out`."""
     scores = DepthScores(
@@ -178,6 +200,7 @@ def whole_result(out: Path) -> CompareResult:
             per_instant=({"instant": 2, "synced_mover_points": 12345, "offset_mover_points": 45},),
             pictures=(greys(out, "multiview_depth", "Distance from all cameras", (96, 128), 90, 190),),
             left_out={"cam_dark": "its picture is black"},
+            clouds=clouds(out),
         ),
         poses=PoseComparison(
             cameras=CAMERAS,

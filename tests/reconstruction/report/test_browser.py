@@ -7,7 +7,7 @@ import pytest
 
 from reconstruction.report.comparison_report import write_report
 from tests.browser import CHROMIUM, Browser
-from tests.reconstruction.report.results import CAMERAS, SHAPES, whole_result
+from tests.reconstruction.report.results import CAMERAS, SHAPES, greys, whole_result, with_pictures
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on this machine")
 
@@ -208,3 +208,50 @@ def test_the_browser_has_nothing_to_complain_about(browser, report):
         )
         == 0
     )
+
+
+DRAWN = "document.querySelector('.cloud canvas').dataset.drawn"
+LIT = """(() => {
+  const canvas = document.querySelector('.cloud canvas');
+  const copy = new OffscreenCanvas(canvas.width, canvas.height).getContext('2d', {willReadFrequently: true});
+  copy.drawImage(canvas, 0, 0);
+  const data = copy.getImageData(0, 0, canvas.width, canvas.height).data;
+  let lit = 0;
+  for (let k = 0; k < data.length; k += 4) lit += data[k] > 60;
+  return lit / (data.length / 4);
+})()"""
+
+
+def test_the_cloud_is_turned_by_keys_and_by_hand(browser, report, still):
+    browser.ask("document.querySelector('.cloud').scrollIntoView()")
+    assert browser.ask(DRAWN) == "synced 0.000 0.000 1.00"
+    browser.ask("document.querySelector('.cloud canvas').focus()")
+    browser.press("ArrowRight", 39)
+    browser.wait_until(f"{DRAWN} === 'synced 0.100 0.000 1.00'")
+    browser.press("+", 187, text="+")
+    browser.wait_until(f"{DRAWN} === 'synced 0.100 0.000 1.15'")
+    browser.drag(*browser.point(".cloud canvas", 0.3, 0.6))
+    browser.wait_until(f"!{DRAWN}.startsWith('synced 0.100')")
+    assert browser.complaints == []
+
+
+def test_the_cloud_shows_either_side(browser, report, still):
+    both = []
+    for side in ("synced", "offset"):
+        browser.ask(f"document.querySelector('.cloud input[value={side}]').click()")
+        browser.wait_until(f"{DRAWN}.startsWith('{side}')")
+        both.append(browser.ask(LIT))
+    assert both[0] > 0.3
+    assert both[1] > 0.2
+    assert both[0] != both[1]
+
+
+@pytest.mark.parametrize("width", [400, 1280])
+def test_the_first_screen_answers(browser, tmp_path, width):
+    result = whole_result(tmp_path)
+    hero = greys(tmp_path, "stereo_depth", "Distance", (480, 640), 60, 180)
+    browser.open(write_report(with_pictures(result, hero), tmp_path), width=width)
+    for part in (".exactness", ".hero .handle"):
+        bottom = browser.ask(f"document.querySelector('{part}').getBoundingClientRect().bottom")
+        assert 0 < bottom <= 900, part
+    assert browser.complaints == []

@@ -1,0 +1,85 @@
+"""The first screen: what it is of, how exact the take was beside what its motion bears, one large picture."""
+
+import msgspec
+import pytest
+
+from reconstruction.report import wording
+from reconstruction.report.opening import describe_exactness
+from reconstruction.scores.timing import RigTiming
+from tests.reconstruction.report.results import RESULT, TIMING, greys, whole_result, with_pictures
+
+
+def shown(text: str) -> str:
+    return text.replace(wording.GAP, " ")
+
+
+@pytest.mark.parametrize(
+    ("origin", "word"), [("simulated", "Simulated"), ("captured", "Captured"), ("imported", "Imported")]
+)
+def test_where_the_pictures_come_from_is_said_first(read_report, origin, word):
+    page = read_report(origin=origin, camera_count=5, instant_count=1)
+    assert page.text.index(word) < page.text.index("Synchronized cameras measure")
+    assert "5 cameras, 1 instant;" in page.text
+
+
+def test_the_error_stands_beside_what_the_motion_bears(tmp_path):
+    found = describe_exactness(whole_result(tmp_path))
+    assert (shown(found.error), shown(found.bears)) == ("≤ 50 µs", "3.5 ms")
+    assert found.error_source == "by the session's own record; 0.1 ± 0.4 ms late by what moves"
+    assert shown(found.conclusion) == "70 times more exact than this motion needs."
+
+
+def test_a_take_that_is_too_coarse_is_called_so(tmp_path):
+    result = msgspec.structs.replace(whole_result(tmp_path), sync_residual_us=9_000.0)
+    assert describe_exactness(result).conclusion == "This take is not exact enough for this motion."
+
+
+def test_no_record_hides_an_offset_that_was_measured(tmp_path):
+    late = msgspec.structs.replace(TIMING, synchronized=False, offset=True, late_ms=33.3, uncertainty_ms=0.5)
+    found = describe_exactness(msgspec.structs.replace(whole_result(tmp_path), timing=late))
+    assert found.error == "33.3 ± 0.5 ms late"
+    assert found.bears == wording.NOT_AVAILABLE
+    assert found.conclusion == ""
+
+
+def test_an_offset_of_any_camera_counts(tmp_path):
+    late = msgspec.structs.replace(TIMING, other="cam_far", synchronized=False, offset=True, late_ms=-17.1)
+    rig = RigTiming(reference="cam2", cameras=(TIMING, late))
+    found = describe_exactness(msgspec.structs.replace(whole_result(tmp_path), rig_timing=rig))
+    assert found.error == "17.1 ± 0.4 ms early"
+    assert found.error_source.startswith("cam_far against cam2")
+    assert found.conclusion == ""
+
+
+def test_what_was_not_measured_is_not_made_up():
+    found = describe_exactness(msgspec.structs.replace(RESULT, timing=None, sync_residual_us=None))
+    assert (found.error, found.bears) == (wording.NOT_AVAILABLE, wording.NOT_AVAILABLE)
+    assert "not measured" in found.error_source + found.bears_source
+    assert found.conclusion == ""
+
+
+def test_a_motion_that_bears_all_that_was_tried_has_a_lower_bound_only(tmp_path):
+    whole = whole_result(tmp_path)
+    dose = msgspec.structs.replace(whole.dose, tolerable_offset_ms=None)
+    found = describe_exactness(msgspec.structs.replace(whole, dose=dose))
+    assert shown(found.bears) == "> 67 ms"
+    assert found.conclusion == ""
+
+
+def test_the_depth_picture_is_on_the_first_screen_and_not_again_below(tmp_path, read_report):
+    hero = greys(tmp_path, "stereo_depth", "Distance", (48, 64), 10, 200)
+    other = greys(tmp_path, "stereo_movers", "What moves", (48, 64), 20, 100)
+    page = read_report(with_pictures(RESULT, other, hero))
+    alts = [shown(image["alt"]) for image in page.all("img")]
+    assert alts[:2] == ["Distance, synchronized", "Distance, 67 ms late"]
+    assert len(alts) == 4
+    assert page.text.index("Distance") < page.text.index("Why the instant matters")
+    alone = read_report(with_pictures(RESULT, hero))
+    assert "See the difference" not in alone.text
+
+
+@pytest.mark.parametrize(
+    ("ratio", "words"), [(1.23, "1.2 times"), (9.96, "10 times"), (68.4, "68 times"), (4312.0, "4 300 times")]
+)
+def test_a_ratio_is_told_to_two_digits(ratio, words):
+    assert shown(wording.times(ratio)) == words

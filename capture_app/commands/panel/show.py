@@ -4,16 +4,13 @@ import asyncio
 import sys
 import threading
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from capture_app.commands.options import run_until_stopped
 from capture_app.errors import SimulshotError
+from capture_app.panel.screen.server import DEFAULT_PORT, PageServer
 from capture_app.terminal import json_option, print_json, print_line, talk
-
-if TYPE_CHECKING:
-    from capture_app.panel.screen.server import PageServer
 
 
 @click.command()
@@ -25,7 +22,7 @@ if TYPE_CHECKING:
 @click.option(
     "--port",
     type=click.IntRange(0, 65535),
-    default=8010,
+    default=DEFAULT_PORT,
     metavar="PORT",
     help="TCP port of the page; 0 chooses a free one.",
 )
@@ -43,7 +40,6 @@ def show(host: str, port: int, save: Path | None, as_json: bool) -> None:
     the refreshes and draws each one's number. With --host 0.0.0.0 a phone can show it: scan the code.
     """
     from capture_app.panel.screen.page import page_headers, page_html
-    from capture_app.panel.screen.server import PageServer
 
     if save is not None:
         _save(save, page_html(), as_json)
@@ -65,7 +61,7 @@ def _save(file: Path, page: bytes, as_json: bool) -> None:
         print_line(str(file))
 
 
-async def _serve(server: "PageServer", as_json: bool) -> None:
+async def _serve(server: PageServer, as_json: bool) -> None:
     from capture_app.net.address import ANY_HOST, Address, reachable_host
 
     host, port = server.server_name, server.server_port

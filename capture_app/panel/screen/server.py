@@ -7,6 +7,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 
 from capture_app.errors import NetworkError
 
+DEFAULT_PORT = 8010
 REQUEST_S = 10.0
 """A client that has not sent its request by then is let go."""
 

@@ -23,6 +23,7 @@ from capture_app.tui.question import Answer, Question
 from capture_app.tui.record import RigRecord
 from capture_app.tui.rig.camera_list import CameraList
 from capture_app.tui.rig.news_pane import NewsPane
+from capture_app.tui.rig.panel_screen import PanelScreen
 from capture_app.tui.rig_source import RigSource
 from capture_app.tui.settings import Settings
 from capture_app.tui.start.panel import StartPanel
@@ -47,6 +48,9 @@ class RigView(ModeView):
         ),
         Binding("a", "add", "Add cameras", id="rig.add", tooltip="start or invite more"),
         Binding("n", "news", "News", id="rig.news", tooltip="scroll in what happened"),
+        Binding(
+            "p", "panel", "Panel", id="rig.panel", tooltip="check the rig by a clock that all cameras see"
+        ),
         Binding("escape", "back", "Back", id="rig.back"),
     ]
 
@@ -179,7 +183,7 @@ class RigView(ModeView):
         """What can be done with a list of cameras, and what while some are added."""
         if action == "remove":
             return self._cameras.has_focus
-        if action in ("add", "news"):
+        if action in ("add", "news", "panel"):
             return self._cameras.display
         return self._adding is not None if action == "back" else True
 
@@ -197,6 +201,10 @@ class RigView(ModeView):
     def action_news(self) -> None:
         """Go to the news, to scroll in them; or back."""
         (self._cameras if self._news.has_focus else self._news).focus()
+
+    def action_panel(self) -> None:
+        """Show how to check the rig with a panel."""
+        self.app.push_screen(PanelScreen())
 
     def action_remove(self) -> None:
         """Take the chosen camera off the rig."""

@@ -43,7 +43,7 @@ class Server:
         )
 
     def run(self, folder: Path, *arguments: object) -> Run:
-        """Run a command line; `folder` is for what it prints."""
+        """Run a command line; `folder` is for what it prints, and for calibrations that it keeps."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         asked = {"arguments": [str(one) for one in arguments], "folder": str(folder)}
@@ -63,6 +63,7 @@ def _fork(folder: Path, arguments: list[str]) -> Run:
     files = folder / "stdout", folder / "stderr"
     child = os.fork()
     if not child:
+        os.environ["XDG_DATA_HOME"] = str(folder / "data")
         _child(arguments, *files)
     _, status, usage = os.wait4(child, 0)
     out, err = (file.read_text(errors="replace") for file in files)

@@ -149,8 +149,8 @@ class PanoramaStudy(PairStudy):
 
 def _misfit_of(overlap: Overlap, moving: Array, moved: Array, still: Array) -> Measurements:
     """Measures of `PanoramaScores`; masks of what moves in the first, moved in either, and stands still."""
-    found = measure_misfit(overlap, still)
-    difference = overlap.difference(still)
+    matched_overlap = overlap.with_brightness_matched(still)
+    found, difference = measure_misfit(matched_overlap), matched_overlap.difference
     measured = Measurements(medians={"overlap_misfit_px": known(found.length)})
     for kind, points, pixels in (("mover", moving, moved), ("static", still, still)):
         lengths = found.of(points)

@@ -14,14 +14,18 @@ from reconstruction.depth.geometric_consistency import (
     remove_speckles,
 )
 from reconstruction.depth.plane_sweep import Surface, SweepOptions, motion_px, sweep_planes
-from reconstruction.depth.view_overlap import ViewOverlap, find_overlaps, refuse_views, seen_points
+from reconstruction.depth.view_overlap import (
+    MIN_SCORE,
+    ViewOverlap,
+    find_overlaps,
+    refuse_views,
+    seen_points,
+)
 from reconstruction.depth.worker_pool import worker_pool
 
 WIDTH_PX = 176
 LEVELS = (48, 192)
 MAX_NEIGHBOURS = 3
-MIN_SCORE = 0.12
-"""A neighbour that shares less than about an eighth of the picture is not worth its time."""
 MIN_PIXELS = 150
 MIN_ISLAND_PX = 30
 MAX_COST = 0.35

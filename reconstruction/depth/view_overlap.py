@@ -20,6 +20,8 @@ SPACINGS = (0.7, 250.0)
 """Depths that are tried for two views, in distances between them: parallax of about 70 to 0.2 degrees."""
 MIN_SHARE = 0.05
 """Views that share less show different things."""
+MIN_SCORE = 0.12
+"""A view that shares less than about an eighth of the picture is not worth its time."""
 SPAN_SHARE = 0.3
 """Depths at which two views share less of the picture are not searched."""
 

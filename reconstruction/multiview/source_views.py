@@ -5,11 +5,9 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from reconstruction.common.geometry import Array, View
-from reconstruction.depth.view_overlap import score_points, seen_points
+from reconstruction.depth.view_overlap import MIN_SCORE, score_points, seen_points
 
 MAX_SOURCES = 4
-MIN_SCORE = 0.12
-"""A source with less than about an eighth of the picture in common is not worth its time."""
 
 
 def choose_source_views(views: Mapping[str, View], points: Mapping[str, Array]) -> dict[str, tuple[str, ...]]:

@@ -9,6 +9,7 @@ import msgspec
 
 from capture_app.errors import BadInputError
 from capture_app.session.format.manifest import MANIFEST
+from reconstruction.calibration.adoption import adopt_kept_calibration
 from reconstruction.calibration.rig import calibrated_views
 from reconstruction.common.foreign_calls import opencv_calls
 from reconstruction.common.geometry import Array, View
@@ -59,6 +60,8 @@ class PanoramaResult(msgspec.Struct, frozen=True, kw_only=True):
     used: tuple[str, ...]
     left_out: dict[str, str]
     """Pictures that are not in it, and why."""
+    calibration: str = ""
+    """Where the lenses are known from; empty where they were estimated from the pictures."""
     synced: ConditionPanorama
     offset: ConditionPanorama | None = None
     actual_offset_ms: float = 0.0
@@ -89,6 +92,8 @@ class StitchInput:
     offset_ms: float = 0.0
     absent: dict[str, str] = field(default_factory=dict)
     """Cameras without a picture of the instant, and that."""
+    calibration: str = ""
+    """Where the views are from."""
 
 
 def stitch(sources: tuple[Path, ...], out: Path, options: StitchOptions) -> PanoramaResult:
@@ -110,6 +115,7 @@ def stitch(sources: tuple[Path, ...], out: Path, options: StitchOptions) -> Pano
             source=" ".join(map(str, sources)),
             used=stitcher.used,
             left_out=given.absent | stitcher.left_out,
+            calibration=given.calibration,
             synced=synced,
             offset=offset,
             actual_offset_ms=given.offset_ms,
@@ -180,14 +186,17 @@ def _session_input(folder: Path, options: StitchOptions) -> StitchInput:
     dataset.fit_memory(images=len(dataset.cameras), bytes_per_pixel=KEPT_BYTES_PER_PIXEL)
     cameras = [name for name in dataset.nearest_instants(instant, ()) if dataset.has_image(name, instant)]
     absent = {c: f"it has no image of instant {instant}" for c in dataset.cameras if c not in cameras}
+    adopt_kept_calibration(dataset)
     views = _known_views(dataset, cameras)
+    calibration = dataset.calibration()
+    source = (calibration.source or "the session's own") if calibration is not None and views else ""
     if len(dataset.instants_ns) < 2:
         images = {name: dataset.image(name, instant) for name in cameras}
-        return StitchInput(ConditionInput(images, {}), views, absent=absent)
+        return StitchInput(ConditionInput(images, {}), views, absent=absent, calibration=source)
     motion = SceneMotion(dataset, 1)
     synced = _condition(dataset, motion, dict.fromkeys(cameras, instant))
     if options.offset_ms is None:
-        return StitchInput(synced, views, absent=absent)
+        return StitchInput(synced, views, absent=absent, calibration=source)
     offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, options.offset_ms)
     later = dict(offset.pairs).get(instant)
     late = cameras[1::2]
@@ -198,7 +207,7 @@ def _session_input(folder: Path, options: StitchOptions) -> StitchInput:
         )
     shown = dict.fromkeys(cameras, instant) | dict.fromkeys(late, later)
     offset_input = _condition(dataset, motion, shown)
-    return StitchInput(synced, views, offset_input, tuple(late), offset.actual_ms, absent)
+    return StitchInput(synced, views, offset_input, tuple(late), offset.actual_ms, absent, source)
 
 
 def _condition(dataset: Dataset, motion: SceneMotion, shown: Mapping[str, int]) -> ConditionInput:

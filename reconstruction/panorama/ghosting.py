@@ -70,7 +70,8 @@ class Overlaps:
         for a, b in combinations(layers, 2):
             overlap = overlap_of(layers[a], layers[b])
             if overlap is not None:
-                self._judge(a, b, overlap, movers)
+                everywhere = np.ones_like(overlap.both)
+                self._judge(a, b, overlap.with_brightness_matched(everywhere), movers)
 
     @property
     def misfit(self) -> Misfit:
@@ -93,8 +94,7 @@ class Overlaps:
 
     def _judge(self, a: str, b: str, overlap: Overlap, movers: Mapping[str, Array]) -> None:
         moving = overlap.crop(movers[a], self._layers[a].box) if a in movers else None
-        everywhere = np.ones_like(overlap.both)
-        found = measure_misfit(overlap, everywhere)
+        found = measure_misfit(overlap)
         counts = not self._late or (a in self._late) != (b in self._late)
         if counts:
             self._lengths.append(found.length)
@@ -103,7 +103,7 @@ class Overlaps:
             on_movers = Misfit.at_points(found.of(moving))
             if counts:
                 self._mover_lengths.append(found.of(moving))
-        difference = overlap.difference(everywhere)
+        difference = overlap.difference
         part = part_of(overlap.box, self._canvas)
         self._worst[part] = np.maximum(self._worst[part], difference)
         self.scores.append(

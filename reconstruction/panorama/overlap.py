@@ -1,6 +1,6 @@
 """How well two layers of a panorama fit where they overlap, before blending: at points that can tell."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -49,7 +49,7 @@ def known(lengths: Array) -> Array:
 
 @dataclass(frozen=True)
 class Overlap:
-    """Two layers in a box that both reach into: grey pictures (uint8), and which pixels both have (bool)."""
+    """Two layers in a box that both reach into: grey pictures, and which pixels both have (bool)."""
 
     box: Box
     first: Array
@@ -61,15 +61,17 @@ class Overlap:
         left, top, right, bottom = self.box
         return pixels[top - box[1] : bottom - box[1], left - box[0] : right - box[0]]
 
-    def matched_second(self, still: Array) -> Array:
-        """The second picture (float32) as bright as the first is on what stands still (bool)."""
+    def with_brightness_matched(self, still: Array) -> "Overlap":
+        """The second picture (float32 then) as bright as the first is on what stands still (bool)."""
         second = self.second.astype(np.float32)
         gain, bias = gain_and_bias(self.first, np.where(self.both & still, second, np.float32(np.nan)))
-        return np.asarray(np.clip(gain * second + bias, 0, 255), np.float32)
+        return replace(self, second=np.asarray(np.clip(gain * second + bias, 0, 255), np.float32))
 
-    def difference(self, still: Array) -> Array:
-        """By how many grey levels the pictures differ (float32), brightness matched as above; 0 beyond."""
-        return np.asarray(np.where(self.both, np.abs(self.first - self.matched_second(still)), 0), np.float32)
+    @property
+    def difference(self) -> Array:
+        """By how many grey levels the pictures differ (float32); 0 where only one has a pixel."""
+        apart = np.abs(self.first - self.second.astype(np.float32))
+        return np.asarray(np.where(self.both, apart, np.float32(0)))
 
 
 def overlap_of(a: Layer, b: Layer) -> Overlap | None:
@@ -91,13 +93,11 @@ def overlap_of(a: Layer, b: Layer) -> Overlap | None:
     return Overlap(box, first, second, np.asarray(both) > 0)
 
 
-def measure_misfit(overlap: Overlap, still: Array) -> PictureMisfit:
-    """Find the first picture's points again in the second, and back from there (Lucas and Kanade).
-
-    Brightness is matched on what is `still` (bool), which may be all.
-    """
-    first = np.where(overlap.both, overlap.first, 0).astype(np.uint8)
-    second = np.where(overlap.both, overlap.matched_second(still), 0).astype(np.uint8)
+def measure_misfit(overlap: Overlap) -> PictureMisfit:
+    """Find the first picture's points again in the second, and back from there (Lucas and Kanade)."""
+    first, second = (
+        np.where(overlap.both, picture, 0).astype(np.uint8) for picture in (overlap.first, overlap.second)
+    )
     at = _points(first, overlap.both)
     if not len(at):
         return PictureMisfit(at, np.zeros(0))

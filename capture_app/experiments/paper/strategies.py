@@ -122,7 +122,9 @@ def reproduce(seed: int) -> Reproduction:
         of=FIGURE_4,
         seed=seed,
         protocol=Measured(papers, 1, "a random sleep before each restart; an ideal sensor"),
-        default=Measured(ours, 1, "aimed restarts; a phone that nobody has seen, to 20 µs"),
+        default=Measured(
+            ours, 1, "a webcam's aimed restarts into the same window; a phone that nobody has seen, to 20 us"
+        ),
         simulated="Frames of simulated sensors at their true times; clocks are known exactly.",
         notes=("One camera each, for the drawing; how many it takes on average is in the tables.",),
         draw=lambda folder: [_draw(restarts, injected, aimed, learned, folder / "figure-4.svg")],

@@ -91,5 +91,6 @@ def measured(report: PaperReport) -> str:
 
 
 def headlines(report: PaperReport) -> list[tuple[Entry, Row]]:
-    """Return the numbers for the top of the page, each with the table that it is of."""
-    return [(entry, row) for entry in report.tables for row in entry.rows if row.headline]
+    """Return the numbers for the top of the page, each with what it is of."""
+    entries = (*report.tables, *report.figures)
+    return [(entry, row) for entry in entries for row in entry.rows if row.headline]

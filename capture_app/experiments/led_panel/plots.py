@@ -1,4 +1,4 @@
-"""Pictures of `led-panel` and `naive`: the paper's histograms, and what the cameras saw."""
+"""Pictures of `led-panel`: the paper's histograms, and what the cameras saw."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -41,25 +41,6 @@ def draw_led_panel(
         axes.set_title(title)
         axes.set_axis_off()
     return [save(figure, folder / "led-panel.png"), save(pair, folder / "led-panel-pictures.png")]
-
-
-def draw_naive(
-    sizes_ms: Mapping[str, Sequence[float]],
-    chain_us: Sequence[float],
-    paper: Mapping[str, Mapping[str, float]],
-    folder: Path,
-) -> Path:
-    """Draw the sizes of the modelled triggers' errors, and the errors of the whole chain in microseconds."""
-    figure = new_figure(figsize=(15, 4))
-    *triggers, chain = figure.subplots(1, len(sizes_ms) + 1)
-    for axes, (name, sizes) in zip(triggers, sizes_ms.items(), strict=True):
-        axes.hist(sizes, bins=30)
-        mean_ms = paper[f"{name}_ms"]["mean_abs"]
-        axes.axvline(mean_ms, color="tab:red", linestyle="--", label="paper: mean")
-        axes.set(title=f"{name} triggers, modelled", xlabel="distance, ms", ylabel="trials", xlim=(0, None))
-        axes.legend(fontsize="small")
-    _histogram(chain, chain_us, "our chain, simulated")
-    return save(figure, folder / "naive.png")
 
 
 def _histogram(axes: "Axes", errors_us: Sequence[float], title: str) -> None:

@@ -18,7 +18,7 @@ from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.wording import News
 from capture_app.node.wire.status import BurstStatus
 from capture_app.session.reading.reader import Session
-from capture_app.text import ProgressStep
+from capture_app.text import UNREADABLE, ProgressStep
 
 FRAMES = 5
 QUICK = ("--max-multiview-instants", "3", "--multiview-width", "320")
@@ -152,7 +152,7 @@ async def compare(session: Path, out: Path, talk: Talk) -> dict[str, Any]:
         await child.stop()
     try:
         metrics: dict[str, Any] = msgspec.json.decode(printed, type=dict[str, Any])
-    except msgspec.DecodeError as error:
+    except UNREADABLE as error:
         raise SimulshotError(f"reconstruct compare printed no JSON: {error}") from error
     return metrics
 

@@ -95,7 +95,7 @@ def list_rigs() -> list[RunningRig]:
         try:
             rig = msgspec.json.decode(path.read_bytes(), type=RunningRig)
             parse_address(rig.leader)
-        except (OSError, ValueError):
+        except (OSError, ValueError, RecursionError):
             continue
         if _runs(rig.pid):
             rigs.append(rig)

@@ -8,10 +8,9 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
 import click
-import msgspec
 
 from capture_app.errors import ExitCode, SimulshotError
-from capture_app.text import ProgressStep, pretty_json, printable
+from capture_app.text import ProgressStep, pretty_json, printable, terminal_json
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
@@ -50,7 +49,7 @@ def print_json(value: Any) -> None:
 
 def print_json_line(value: Any) -> None:
     """Print one JSON object on one line of stdout, at once."""
-    click.echo(msgspec.json.encode(value))
+    click.echo(terminal_json(value))
 
 
 def print_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:

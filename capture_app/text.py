@@ -8,6 +8,12 @@ import msgspec
 
 NO_VALUE = "–"
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
+_C1_CONTROL = re.compile(rb"\x7f|\xc2[\x80-\x9f]")
+_JSON_ODD = re.compile(rb"\\(u[0-9a-fA-F]{4}|.)|\x7f|\xc2[\x80-\x9f]", re.DOTALL)
+"""In JSON: an escape, or a control character that needs none."""
+REPLACEMENT = b"\xef\xbf\xbd"
+UNREADABLE = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
+"""What decoding data of strangers raises: not of the type, not UTF-8, nested too deeply."""
 _PROGRESS = re.compile(r"\[\s*(\d+)/(\d+)\]\s*(.*)")
 
 
@@ -53,9 +59,27 @@ def printable(text: str) -> str:
     return _CONTROL.sub(lambda found: repr(found[0])[1:-1], text)
 
 
+def printable_json(data: bytes) -> bytes:
+    """Return JSON in whose texts control characters, but for tabs and line ends, are replaced by U+FFFD."""
+    return _JSON_ODD.sub(_printable_escape, data)
+
+
+def _printable_escape(found: re.Match[bytes]) -> bytes:
+    escape = found[1]
+    if escape is None or escape in (b"b", b"f", b"r"):
+        return REPLACEMENT
+    is_control = escape[:1] == b"u" and _CONTROL.match(chr(int(escape[1:], 16))) is not None
+    return REPLACEMENT if is_control else found[0]
+
+
+def terminal_json(value: Any) -> bytes:
+    """Encode msgspec structs or plain data as JSON that no terminal takes for commands."""
+    return _C1_CONTROL.sub(lambda found: b"\\u00%02x" % found[0][-1], msgspec.json.encode(value))
+
+
 def pretty_json(value: Any) -> bytes:
     """Encode msgspec structs or plain data as JSON for people, one value a line."""
-    return msgspec.json.format(msgspec.json.encode(value), indent=2)
+    return msgspec.json.format(terminal_json(value), indent=2)
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,9 +2,20 @@
 
 from collections.abc import Callable
 
+import msgspec
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from capture_app.text import ProgressStep, clock_offset, count, duration, printable
+from capture_app.text import (
+    ProgressStep,
+    clock_offset,
+    count,
+    duration,
+    printable,
+    printable_json,
+    terminal_json,
+)
 
 
 @pytest.mark.parametrize(
@@ -44,3 +55,24 @@ def test_a_progress_line_is_read_as_it_was_written() -> None:
 
 def test_control_characters_are_shown_not_obeyed() -> None:
     assert printable("a\x1b[31m\rb\tc\n") == "a\\x1b[31m\\rb\tc\n"
+
+
+@given(st.dictionaries(st.text(), st.text()))
+def test_json_is_printable_and_keeps_all_but_control_characters(value: dict[str, str]) -> None:
+    data = msgspec.json.encode(value)
+    expected = {"".join(map(shown, key)): "".join(map(shown, text)) for key, text in value.items()}
+    assert msgspec.json.decode(printable_json(data)) == expected
+    printed = terminal_json(value)
+    assert msgspec.json.decode(printed) == value
+    assert not any(ord(letter) < 32 or 127 <= ord(letter) < 160 for letter in printed.decode())
+
+
+def shown(letter: str) -> str:
+    is_control = letter not in "\n\t" and (ord(letter) < 32 or 127 <= ord(letter) < 160)
+    return "\ufffd" if is_control else letter
+
+
+def test_a_backslash_before_an_escape_is_not_mistaken_for_one() -> None:
+    text = r"C:\u001b \\u009b"
+    data = msgspec.json.encode(text)
+    assert printable_json(data) == data

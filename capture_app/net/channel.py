@@ -19,6 +19,7 @@ import msgspec
 from capture_app.errors import NetworkError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.net.stream_limits import Patience
+from capture_app.text import UNREADABLE, printable_json
 
 MAGIC = b"SSH1"
 MAX_HEADER_BYTES = 1 << 20
@@ -119,8 +120,9 @@ class Channel(Generic[M]):
             raise NetworkError(_BROKEN) from error
         self._unread = payload_bytes
         try:
-            message = self._decoder.decode(header)
-        except (msgspec.MsgspecError, SimulshotError) as error:
+            # What a peer says reaches screens and logs: none of it may steer a terminal.
+            message = self._decoder.decode(printable_json(header))
+        except (*UNREADABLE, SimulshotError) as error:
             raise NetworkError(
                 f"unreadable message: {error}", hint="do both ends run the same version?"
             ) from error

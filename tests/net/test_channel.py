@@ -26,6 +26,12 @@ class Pong(msgspec.Struct, frozen=True, tag="pong"):
 
 PING = msgspec.json.encode(Ping(1))
 
+
+def header(data: bytes) -> bytes:
+    """A message of that header, without a payload."""
+    return struct.pack(">4sIQ", b"SSH1", len(data), 0) + data
+
+
 Serve = Callable[[Channel[Any]], Awaitable[None]]
 
 
@@ -67,6 +73,10 @@ async def test_a_message_and_its_payload_come_back() -> None:
         (struct.pack(">4sIQ", b"SSH1", 2, 0) + b"{}", "unreadable message"),
         (struct.pack(">4sIQ", b"SSH1", len(PING), 9) + PING + b"...", "broke off"),
         (b"SSH", "broke off"),
+        (header(b'{"type":"ping","number":1,"more":' + b"[" * 50_000), "unreadable message"),
+        (header(b'{"type":"ping\xff","number":1}'), "unreadable message"),
+        (header(b'{"type":"ping","number":' + b"9" * 5000 + b"}"), "unreadable message"),
+        (header(b"\xff\xfe\x00"), "unreadable message"),
     ],
 )
 async def test_a_stranger_loses_its_own_stream_and_nobody_elses(sent: bytes, why: str) -> None:
@@ -287,3 +297,20 @@ async def test_where_all_streams_are_in_use_a_further_one_is_refused() -> None:
                             break
                 except NetworkError:
                     await asyncio.sleep(0.01)
+
+
+async def test_no_text_of_a_stream_steers_a_terminal() -> None:
+    async def say_again(channel: Channel[Note]) -> None:
+        while (message := await channel.receive_header()) is not None:
+            assert "\x1b" not in message.text
+            assert "\u009b" not in message.text
+            await channel.send(message)
+
+    async with serving(say_again, Note) as address, await connect(address, Note) as channel:
+        await channel.send(Note("\x1b[2J\u009b31m\r two\nlines \\u001b"))
+        message = await channel.receive_header()
+        assert message.text == "\ufffd[2J\ufffd31m\ufffd two\nlines \\u001b"
+
+
+class Note(msgspec.Struct, frozen=True, tag="note"):
+    text: str

@@ -14,7 +14,7 @@ from capture_app.net.channel import Channel, connect
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.resumed_bursts import ResumedBursts
 from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.transfer.spool import Spool
+from capture_app.node.transfer.spool import REPORT, Spool
 from capture_app.node.wire.messages import (
     BurstRequest,
     CameraReport,
@@ -29,7 +29,8 @@ from capture_app.node.wire.messages import (
     ToLeader,
 )
 from capture_app.node.wire.operating import ViewfinderOpened
-from capture_app.session.format.manifest import MissingImage
+from capture_app.session.format.journal import record_of_line
+from capture_app.session.format.manifest import JOURNAL, ImageRecord, MissingImage
 from capture_app.session.reading.reader import Session
 from tests.node import bursts
 from tests.node.joining import joined
@@ -190,3 +191,21 @@ async def test_a_late_report_changes_only_what_was_missing_of_its_camera(tmp_pat
 
 
 ODD = replace(bursts.CAMERA, model="Stranger")
+
+
+DEEP = b'{"x":' + b"[" * 100_000
+
+
+def test_a_line_that_is_nested_too_deeply_is_a_damaged_one(tmp_path: Path) -> None:
+    assert record_of_line(DEEP, ImageRecord) is None
+    spool = Spool(tmp_path, "a")
+    assert spool.open() == []
+    burst = spool.create_burst(bursts.report("a", 0, 1))
+    burst.add_image(bursts.upload("a", 0), bursts.IMAGE)
+    with (burst.folder / JOURNAL).open("ab") as journal:
+        journal.write(DEEP + b"\n")
+    assert [image.record.instant for image in burst.read_images()] == [0]
+    (burst.folder / REPORT).write_bytes(DEEP)
+    with pytest.raises(BadInputError, match=REPORT):
+        burst.read_report()
+    spool.close()

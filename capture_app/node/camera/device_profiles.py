@@ -11,6 +11,7 @@ from capture_app.camera_facts import CameraFacts
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.locks import lock_file
 from capture_app.sync.phase.injection_history import GAIN_LIMITS, InjectionProfile
+from capture_app.text import UNREADABLE
 
 FILE = "device-profiles.json"
 MOST_LATENCIES = 24
@@ -84,7 +85,7 @@ class DeviceProfiles:
     def _read(self) -> dict[str, _Entry]:
         try:
             return msgspec.json.decode(self._path.read_bytes(), type=dict[str, _Entry])
-        except (OSError, msgspec.DecodeError, UnicodeDecodeError):
+        except (OSError, *UNREADABLE):
             return {}
 
 

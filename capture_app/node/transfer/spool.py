@@ -23,6 +23,7 @@ from capture_app.session.files.locks import lock_folder
 from capture_app.session.format.checks import read_struct
 from capture_app.session.format.journal import lines_of_file
 from capture_app.session.format.manifest import JOURNAL
+from capture_app.text import UNREADABLE
 
 REPORT = "report.json"
 
@@ -84,7 +85,7 @@ class SpooledBurst:
         for line in lines_of_file(journal.read_bytes()) if journal.exists() else ():
             try:
                 image = msgspec.json.decode(line, type=ImageUpload)
-            except (msgspec.DecodeError, UnicodeDecodeError):
+            except UNREADABLE:
                 continue
             if self.image_file(image).is_file():
                 yield image

@@ -10,6 +10,7 @@ import msgspec
 from capture_app.errors import BadInputError
 from capture_app.names import check_name
 from capture_app.session.format.manifest import MANIFEST, Manifest
+from capture_app.text import UNREADABLE
 
 _T = TypeVar("_T")
 
@@ -58,7 +59,7 @@ def read_struct(path: Path, kind: type[_T], newest: int | None = None) -> _T:
         return msgspec.json.decode(data, type=kind)
     except msgspec.ValidationError as error:
         raise BadInputError(f"{path} does not fit its schema: {error}") from error
-    except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+    except UNREADABLE as error:
         raise BadInputError(f"{path} is not valid JSON: {error}{_line_of(data, str(error))}") from error
 
 

@@ -9,6 +9,7 @@ from typing import TypeVar
 import msgspec
 
 from capture_app.session.files.durable import AppendOnlyFile, sync_all
+from capture_app.text import UNREADABLE
 
 _T = TypeVar("_T")
 
@@ -68,7 +69,7 @@ def record_of_line(line: bytes, kind: type[_T]) -> _T | None:
     """Read a line; None for one that a crash has torn or a fault has changed."""
     try:
         return msgspec.json.decode(line, type=kind)
-    except (msgspec.DecodeError, UnicodeDecodeError):
+    except UNREADABLE:
         return None
 
 

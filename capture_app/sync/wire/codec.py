@@ -8,6 +8,7 @@ request.
 import struct
 
 import msgspec
+from msgspec.structs import replace
 
 from capture_app.sync.wire.beacon import ArrivalReport
 from capture_app.sync.wire.messages import (
@@ -15,10 +16,12 @@ from capture_app.sync.wire.messages import (
     Goodbye,
     Heartbeat,
     Hello,
+    JoinRefusal,
     TimeReply,
     TimeRequest,
     TriggerAck,
 )
+from capture_app.text import REPLACEMENT, UNREADABLE
 
 MAGIC = b"sS"
 VERSION = 1
@@ -65,16 +68,38 @@ def decode(data: bytes) -> Message:
         raise WireError(f"protocol version {version}, this is version {VERSION}")
     if kind == _KIND_CONTROL:
         try:
-            message: ControlMessage = _decoder.decode(data[_HEADER.size :])
-        except (msgspec.DecodeError, msgspec.ValidationError, UnicodeDecodeError) as error:
+            return _printable(_decoder.decode(data[_HEADER.size :]))
+        except UNREADABLE as error:
             raise WireError(f"malformed control message: {error}") from error
-        return message
     if kind not in (_KIND_TIME_REQUEST, _KIND_TIME_REPLY) or len(data) != _TIME.size:
         raise WireError(f"unknown message kind {kind} of {len(data)} bytes")
     client, sequence, t0_ns, t1_ns, t2_ns = _TIME.unpack(data)[3:]
     if kind == _KIND_TIME_REQUEST:
         return TimeRequest(client, sequence, t0_ns)
     return TimeReply(client, sequence, t0_ns, t1_ns, t2_ns)
+
+
+def _printable(message: ControlMessage) -> ControlMessage:
+    """The message with texts that no terminal takes for commands: they reach screens and logs."""
+    match message:
+        case Hello(camera=camera):
+            texts = camera.kind, camera.model, camera.pixel_format
+            if not all(map(str.isprintable, texts)):
+                kind, model, pixel_format = map(_plain, texts)
+                camera = replace(camera, kind=kind, model=model, pixel_format=pixel_format)
+                return replace(message, camera=camera)
+        case Heartbeat(report=report) if not report.message.isprintable():
+            return replace(message, report=replace(report, message=_plain(report.message)))
+        case JoinRefusal(reason=reason) if not reason.isprintable():
+            return replace(message, reason=_plain(reason))
+        case TriggerAck(refusal=reason) if not reason.isprintable():
+            return replace(message, refusal=_plain(reason))
+    return message
+
+
+def _plain(text: str) -> str:
+    """A text of one line, without what cannot be printed."""
+    return "".join(letter if letter.isprintable() else REPLACEMENT.decode() for letter in text)
 
 
 def request_before_t0(client: int, sequence: int) -> bytes:

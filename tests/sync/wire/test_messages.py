@@ -6,12 +6,14 @@ import msgspec
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from msgspec import structs
 
 from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.sync.wire.beacon import MOST_ARRIVALS, AgreedArrival, ArrivalReport, Beacon, Group
 from capture_app.sync.wire.codec import MAGIC, MAX_DATAGRAM, VERSION, Message, WireError, decode, encode
 from capture_app.sync.wire.messages import (
     ControlMessage,
+    Goodbye,
     Heartbeat,
     HeartbeatAck,
     Hello,
@@ -29,7 +31,7 @@ from tests.facts import make_facts
 
 u32 = st.integers(0, 2**32 - 1)
 i64 = st.integers(-(2**63), 2**63 - 1)
-text = st.text(max_size=200)
+text = st.text(st.characters(exclude_categories=("C", "Z")), max_size=200)
 names = st.from_regex(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}", fullmatch=True)
 cameras = st.builds(
     CameraFacts,
@@ -200,3 +202,37 @@ def test_a_leader_of_before_is_one_without_beacons() -> None:
     welcome = decode(data)
     assert isinstance(welcome, Welcome)
     assert welcome.beacons is None
+
+
+CLEAR_SCREEN = "\x1b[2J\x1b]0;owned\x07\u009b31m"
+
+
+def test_no_text_of_a_datagram_steers_a_terminal() -> None:
+    facts = structs.replace(make_facts(), kind=CLEAR_SCREEN, model=CLEAR_SCREEN, pixel_format="\r\n")
+    told: list[Hello | Heartbeat | JoinRefusal | TriggerAck] = [
+        Hello("cam", 1, facts),
+        Heartbeat(1, Report(state=NodeState.READY, message=f"fine {CLEAR_SCREEN}")),
+        JoinRefusal(1, CLEAR_SCREEN),
+        TriggerAck(1, 2, 3, CLEAR_SCREEN),
+    ]
+    hello, heartbeat, refusal, ack = (decode(encode(message)) for message in told)
+    assert isinstance(hello, Hello)
+    assert isinstance(heartbeat, Heartbeat)
+    assert isinstance(refusal, JoinRefusal)
+    assert isinstance(ack, TriggerAck)
+    texts = (hello.camera.kind, hello.camera.model, hello.camera.pixel_format)
+    for text in (*texts, heartbeat.report.message, refusal.reason, ack.refusal):
+        assert text.isprintable()
+    assert heartbeat.report.message.startswith("fine ")
+    assert hello.camera.width == facts.width
+    usual = Heartbeat(1, Report(state=NodeState.READY, message="±12 µs – schön"))
+    assert decode(encode(usual)) == usual
+
+
+@pytest.mark.parametrize("nesting", [b"\x91", b"\x81\xa1x", b"\xdd\x00\x00\x00\x01"])
+def test_nested_messages_are_malformed_and_no_error_of_python(nesting: bytes) -> None:
+    header = encode(Goodbye(1))[:4]
+    for begin in (b"", b"\x82\xa4type\xa7goodbye\xa1y"):
+        deep = header + begin + nesting * (1_200 // len(nesting))
+        with pytest.raises(WireError, match="malformed"):
+            decode(deep)

@@ -27,7 +27,8 @@ ITSELF = "benchmarks.clock.reference_broadcast"
 PORT = 47010
 LEADER, NODE = "10.79.0.1", "10.79.0.1{}"
 TAILS_US = (1399.0, 616.0)
-"""Mean delay beyond the least, to the leader and from it, as on the paper's link; Gamma of shape 2."""
+"""Mean delay beyond the least, to the leader and from it, Gamma of shape 2: as the paper's link has it beyond
+its quickest message."""
 LINKS = {
     "own asymmetries": ((400.0, 800.0), (479.0, 517.0), (800.0, 400.0)),
     "all alike": ((479.0, 517.0),) * 3,

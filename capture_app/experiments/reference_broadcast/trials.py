@@ -20,7 +20,7 @@ EVERY_NS = S // 2
 LEAST_US = (300.0, 900.0)
 """Least delay of each way of a link that is drawn; half the difference of the two cannot be measured."""
 TAILS_US = (1399.0, 616.0)
-"""Mean delay beyond the least, to the leader and from it, as on the paper's link."""
+"""Mean delay beyond the least, to the leader and from it: as the paper's beyond its quickest message."""
 FAR_TOO_LATE = 0.0064
 RECEIVER_US = 10
 """A receiver's own delay is drawn up to this; what comes by chance has a mean of half of it."""

@@ -25,7 +25,7 @@ SETTLED_S = 60.0
 SHARD_CLIENTS = 300
 PAIRS = 1000
 """Drawn at each instant."""
-PAPER = {"clients": 11, "link": "minimum filter: 19 us of bias between two clients at best"}
+PAPER = {"clients": 11}
 
 
 @dataclass(frozen=True, slots=True)

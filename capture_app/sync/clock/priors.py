@@ -14,8 +14,9 @@ DRIFT = 0.025e-6 / 1e9
 """Change of a skew in a ns, before the samples show it: a crystal that warms up has up to 0.05 ppm/s."""
 ASYMMETRY = 0.07
 """Half the difference of the two minimum delays, as a share of half the least round trip: no two-way message
-can show it. One WiFi link has 0.038 (Ansari et al. 2019, table III); chipsets are slower one way in general
-(Mahmood, Exel and Sauter 2014). Set so that links drawn with 0.1 are covered; with 0.2, two in three are."""
+can show it. The one quickest message of one WiFi link had 0.038 (Ansari et al. 2019, table III); chipsets are
+slower one way in general (Mahmood, Exel and Sauter 2014). Set so that links drawn with 0.1 are covered; with
+0.2, two in three are."""
 STAMP_NS = 1_000.0
 """The asymmetry of two programs: one that was just woken up stamps late (real; on loopback and cables)."""
 EXCESS = 0.7

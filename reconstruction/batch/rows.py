@@ -34,6 +34,8 @@ class Row(Struct, frozen=True, kw_only=True):
     median_error_pct: float | None = None
     fused_points: int | None = None
     folder: str = ""
+    picture: str = ""
+    """The reference camera's depth, as colours."""
 
     @property
     def problem(self) -> str:
@@ -75,11 +77,19 @@ class BatchResult(Struct, frozen=True, kw_only=True):
     seconds: float
 
 
+class _ViewRecord(Struct, frozen=True, kw_only=True):
+    """Whose depth it is, and the picture of it in the unit's folder."""
+
+    camera: str = ""
+    picture: str = ""
+
+
 class _UnitRecord(Struct, frozen=True, kw_only=True):
     """The figures in a unit.json."""
 
     not_applicable: str = ""
-    views: tuple[dict[str, object], ...] = ()
+    reference: str = ""
+    views: tuple[_ViewRecord, ...] = ()
     coverage: float | None = None
     within_2pct: float | None = None
     mover_within_2pct: float | None = None
@@ -91,6 +101,8 @@ class _UnitRecord(Struct, frozen=True, kw_only=True):
 def completed_row(unit: Unit, root: Path) -> Row:
     """The row of a unit with a result."""
     record = msgspec.json.decode((root / unit.folder / RESULT).read_bytes(), type=_UnitRecord)
+    pictures = {view.camera: view.picture for view in record.views}
+    picture = pictures.get(record.reference, "")
     return Row(
         session=unit.name,
         instant=unit.instant,
@@ -98,6 +110,7 @@ def completed_row(unit: Unit, root: Path) -> Row:
         not_applicable=record.not_applicable,
         cameras=len(record.views) or None,
         folder=unit.folder,
+        picture=f"{unit.folder}/{picture}" if picture else "",
         **{name: getattr(record, name) for name in FIGURES},
     )
 

@@ -13,6 +13,7 @@ import msgspec
 from capture_app.session.files.durable import write_atomic
 from capture_app.text import count, pretty_json
 from reconstruction.batch.rows import BatchResult, Group, Row
+from reconstruction.batch.thumbnails import depth_sheets
 from reconstruction.batch.units import RESULT
 from reconstruction.report import tables as report
 from reconstruction.report import wording
@@ -33,7 +34,7 @@ def write_summary(root: Path, result: BatchResult) -> None:
     """Write the three files into the batch's folder."""
     write_atomic(root / JSON, pretty_json({"groups": result.groups, "units": result.units}) + b"\n")
     write_atomic(root / CSV, _csv(result.units).encode())
-    write_atomic(root / HTML, _html(result).encode())
+    write_atomic(root / HTML, _html(root, result).encode())
 
 
 def _csv(rows: Sequence[Row]) -> str:
@@ -45,7 +46,7 @@ def _csv(rows: Sequence[Row]) -> str:
     return text.getvalue()
 
 
-def _html(result: BatchResult) -> str:
+def _html(root: Path, result: BatchResult) -> str:
     """The whole page. Holds no times and no durations."""
     failures = [row for row in result.units if row.problem]
     failed = f", {result.failed} failed" if result.failed else ""
@@ -53,16 +54,19 @@ def _html(result: BatchResult) -> str:
     made = len(result.units) - result.failed - result.not_applicable
     verdict = f"{count(made, 'unit')} computed{failed}"
     sections = [Section("problems.html", title="What has no result")] if failures else []
+    sheets = depth_sheets(root, result.units)
+    pictures = [Section("depth_sheets.html", "depth", title="What was found")] if sheets else []
     return render_page(
         title=f"Batch: {verdict}",
         kicker="Batch of reconstructions",
         name="",
         verdict=f"{verdict}. A unit is depth from all cameras of one instant of a session in one condition.",
-        sections=[*sections, Section("figures.html")],
+        sections=[*sections, *pictures, Section("figures.html")],
         numbers_in=(CSV, JSON),
         package="reconstruction.batch",
         view={
             "failures": failures,
+            "sheets": sheets,
             "groups": _table("Medians over the instants", "Instants", list(map(_group, result.groups))),
             "units": _table("Every unit", "Instant", [_unit(row) for row in result.units if not row.problem]),
         },

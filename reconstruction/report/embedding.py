@@ -28,8 +28,8 @@ class EmbeddedImage:
     height: int
 
 
-def embed_image(path: Path, panels: int = 1) -> EmbeddedImage:
-    """Read a PNG or JPEG and pack it for a page; `panels` lie side by side in it.
+def embed_image(path: Path, panels: int = 1, most_px: int = MAX_PANEL_PX) -> EmbeddedImage:
+    """Read a PNG or JPEG and pack it for a page, each of its `panels` side by side `most_px` wide at most.
 
     Raises:
         BadInputError: the file is missing, or is no PNG or JPEG.
@@ -47,7 +47,7 @@ def embed_image(path: Path, panels: int = 1) -> EmbeddedImage:
         raise BadInputError(
             f"the picture {path} is not a readable PNG or JPEG", hint="compare the session again"
         )
-    shown = _shrink(image, MAX_PANEL_PX * panels)
+    shown = _shrink(image, most_px * panels)
     quality = LOSSLESS if data.startswith(PNG) else QUALITY
     _, packed = cv2.imencode(".webp", shown, [cv2.IMWRITE_WEBP_QUALITY, quality])
     address = f"data:image/webp;base64,{base64.b64encode(packed.tobytes()).decode()}"

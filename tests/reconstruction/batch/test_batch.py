@@ -11,6 +11,8 @@ from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import cv2
+import numpy as np
 import pytest
 
 from capture_app.errors import BadInputError, DiskFullError, ExitCode, NotAvailableError
@@ -18,7 +20,9 @@ from capture_app.session.reading.reader import Session
 from reconstruction.batch.command import batch, exit_code
 from reconstruction.batch.executors import LocalExecutor
 from reconstruction.batch.plan import DEPTH_TASK, BatchOptions, plan
+from reconstruction.batch.rows import Row
 from reconstruction.batch.slurm import SlurmExecutor
+from reconstruction.batch.thumbnails import depth_sheets
 from reconstruction.batch.units import Outcome, Unit, run_unit
 from reconstruction.multiview.matcher import Matcher
 from reconstruction.session.conditions import Condition
@@ -63,6 +67,11 @@ def test_real_units_in_processes_and_nothing_twice(
     assert abs(synced["static_within_2pct"] - offset["static_within_2pct"]) < 0.5
     for row in result["units"]:
         assert (out / row["folder"] / "fused.ply").stat().st_size > 1000
+    page = (out / "summary.html").read_text()
+    assert page.count("data:image/webp") == 2
+    for row in result["units"]:
+        assert f'href="{row["picture"]}"' in page
+        assert (out / row["picture"]).stat().st_size > 1000
     before = {path: path.read_bytes() for path in out.rglob("*") if path.is_file()}
     printed = reconstruct("batch", *asked)
     assert printed.out.splitlines()[0] == "0 computed, 2 reused, 0 failed"
@@ -126,6 +135,22 @@ def test_the_summary_says_the_same_in_three_formats(run: Callable[..., Any]) -> 
     assert page.count("<dt>") == sum(bool(row["error"]) for row in rows)
     assert "3 units computed, 3 failed" in page
     assert rows[0]["coverage"] == "0.5"
+
+
+def test_a_sheet_shows_instants_evenly_and_lives_without_a_picture(tmp_path: Path) -> None:
+    assert cv2.imwrite(str(tmp_path / "depth.png"), np.full((90, 320, 3), 80, np.uint8))
+    (tmp_path / "spoilt.png").write_bytes(b"not a picture")
+    rows = [
+        Row(session="take", instant=k, condition="synced", picture="spoilt.png" if k == 0 else "depth.png")
+        for k in range(30)
+    ]
+    rows += [Row(session="take", instant=5, condition="66", error="too dark")]
+    (sheet,) = depth_sheets(tmp_path, rows)
+    assert list(sheet.instants) == [0, 2, 5, 7, 10, 12, 15, 17, 20, 22, 25, 27]
+    ((condition, cells),) = sheet.rows
+    assert condition == "synced"
+    assert cells[0] is None
+    assert all(cell.image.width == 160 and cell.path == "depth.png" for cell in cells[1:])
 
 
 def test_no_name_becomes_markup_in_the_summary(run: Callable[..., Any], scene: Scene, tmp_path: Path) -> None:

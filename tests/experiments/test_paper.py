@@ -10,7 +10,9 @@ from capture_app.cli import run
 from capture_app.errors import ExitCode
 from capture_app.experiments.common.paper_values import FIGURE_6, TABLE_2, TABLE_3, WORST_PAIR
 from capture_app.experiments.common.reproduction import Measured, Reproduction, share_of
+from capture_app.experiments.led_panel import paper as panel_part
 from capture_app.experiments.paper import experiment, five_phones, wording
+from capture_app.experiments.paper.page import prose
 from capture_app.experiments.paper.parts import PARTS, all_of_the_paper
 from capture_app.experiments.paper.report import PaperReport, make_report
 
@@ -126,3 +128,21 @@ def test_a_folder_that_cannot_be_made_is_told_before_the_work(
     out = tmp_path / "file" / "page"
     assert run(["experiment", "paper", "--out", str(out)]) == ExitCode.BAD_INPUT
     assert "name a folder" in capsys.readouterr().err
+
+
+def test_two_phones_at_the_papers_protocol() -> None:
+    table, panel, histograms = panel_part.paper_part(share=0.001, seed=1, talk=lambda _: None)
+    assert (table.protocol.trials, panel.given) == (1, ("tau", "exposure", "repeats"))
+    values = table.protocol.values
+    assert set(values) == set(TABLE_2.names)
+    assert values["total.max"] < TABLE_2["total.max"]
+    assert values["total.mean"] <= values["phase.mean"] + values["clock.mean"] + 10.0
+    assert panel.protocol.values["apart"] == pytest.approx(values["total.mean"])
+    assert histograms.default is not None
+    assert set(histograms.default.values) == set(FIGURE_6.names)
+
+
+def test_commands_are_code_and_text_is_no_markup() -> None:
+    assert prose("see `capture-app <it>`, 5 us & more") == (
+        "see <code>capture-app &lt;it&gt;</code>, 5\N{NO-BREAK SPACE}µs &amp; more"
+    )

@@ -1,18 +1,28 @@
 """The page: one HTML file, its pictures beside it."""
 
+import re
+
 from jinja2 import Environment, PackageLoader, StrictUndefined
+from markupsafe import Markup, escape
 
 from capture_app.experiments.paper import wording
 from capture_app.experiments.paper.report import PaperReport
 
 PACKAGE = "capture_app.experiments.paper"
+
+
+def prose(text: str) -> Markup:
+    """Return a text of an experiment as HTML, its commands set as code."""
+    return Markup(re.sub(r"`([^`]*)`", r"<code>\1</code>", str(escape(wording.in_print(text)))))  # noqa: S704
+
+
 FILTERS = (
     wording.papers,
     wording.ours,
     wording.sign,
     wording.by_default,
     wording.set_ups,
-    wording.in_print,
+    prose,
     wording.condition,
 )
 
@@ -36,5 +46,5 @@ def render_page(report: PaperReport) -> str:
         key=wording.KEY,
         applications_lead=wording.APPLICATIONS_LEAD,
         conditions=wording.CONDITIONS,
-        measured=wording.measured(report).replace("`", ""),
+        measured=wording.measured(report),
     )

@@ -27,6 +27,8 @@ class SensorProfile:
     """Rows that a frame is longer than its exposure; the overhead of an injection."""
     injection_gain: float = 1
     """Frames that the length of a long frame is held for, 1 to 3; the last one in part."""
+    injection_jitter_ns: int = 0
+    """Standard deviation of what an injection moves the phase by beyond its whole rows."""
     image_width: int = 640
     image_rows: int = 480
     exposure_ns: int = 4_000_000
@@ -60,10 +62,13 @@ class SensorProfile:
             if not 0.0 <= share <= 1.0:
                 raise BadInputError(f"a share of {share:g} is out of range (0 to 1)")
         if (
-            min(self.timestamp_noise_ns, self.timestamp_quantum_ns) < 0
+            min(self.timestamp_noise_ns, self.timestamp_quantum_ns, self.injection_jitter_ns) < 0
             or not abs(self.period_error_ppm) <= 10_000
         ):
-            raise BadInputError("timestamp noise or quantum is below 0 or the period error above 10000 ppm")
+            raise BadInputError(
+                "timestamp noise or quantum or injection jitter is below 0, or the period error above"
+                " 10000 ppm"
+            )
         longest_ns = (self.frame_length_rows - self.margin_rows) * self.row_time_ns
         if not self.min_exposure_ns <= self.exposure_ns <= longest_ns:
             raise BadInputError(

@@ -56,7 +56,10 @@ class Sensor:
         """Number of the stream under way or just ended; -1 before the first."""
         self._stream_start_true_ns = 0
         self._rows = 0
+        self._late_ns = 0
+        """By how much injections moved the stream beyond whole rows."""
         self._sequence = 0
+        self._lateness_ns: dict[int, int] = {}
         self._exposure_rows: dict[int, int] = {}
         self._length_rows: dict[int, int] = {}
 
@@ -73,7 +76,8 @@ class Sensor:
         self._stream_start_true_ns = true_ns + max(0, round(self._start_rng.gauss(mean_ns, sd_ns)))
         self.stream += 1
         self.streaming = True
-        self._rows = self._sequence = 0
+        self._rows = self._sequence = self._late_ns = 0
+        self._lateness_ns.clear()
         self._exposure_rows.clear()
         self._length_rows.clear()
 
@@ -102,6 +106,8 @@ class Sensor:
         rows = self.profile.whole_rows(exposure_ns)
         self._exposure_rows[obeying] = rows
         usual = self.profile.frame_length_rows
+        if self.profile.injection_jitter_ns:
+            self._lateness_ns[obeying] = round(self._command_rng.gauss(0.0, self.profile.injection_jitter_ns))
         for sequence, stretch in enumerate(self.profile.stretches_rows(exposure_ns), obeying):
             self._length_rows[sequence] = max(usual + stretch, self._length_rows.get(sequence, usual))
 
@@ -141,6 +147,7 @@ class Sensor:
         rows = self._exposure_rows.pop(sequence, profile.exposure_ns // profile.row_time_ns)
         self._sequence += 1
         self._rows += self._length_rows.pop(sequence, profile.frame_length_rows)
+        self._late_ns += self._lateness_ns.pop(sequence, 0)
         exposure_ns = rows * profile.row_time_ns
         return SensorFrame(
             sequence=sequence,
@@ -155,4 +162,5 @@ class Sensor:
     def _start_of(self, rows: int) -> int:
         """True start in ns of the frame that many rows into the stream; integers, so that nothing adds up."""
         nominal_ns = rows * self.profile.row_time_ns
-        return self._stream_start_true_ns + nominal_ns + nominal_ns * self._error_ppb // 10**9
+        stretched_ns = nominal_ns + nominal_ns * self._error_ppb // 10**9
+        return self._stream_start_true_ns + stretched_ns + self._late_ns

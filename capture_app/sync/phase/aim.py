@@ -3,7 +3,8 @@
 from dataclasses import dataclass
 
 LARGEST_AIM = 0.6
-"""Most that a stream is moved past its goal in advance of its drift, as a share of the tolerance."""
+"""Most that a stream is moved past its goal in advance of its drift, as a share of the tolerance; a quarter
+of that where half the tolerance is to be met."""
 BURST_SHARE = 0.25
 """A burst whose error would exceed this share of the tolerance is corrected in advance."""
 
@@ -20,6 +21,10 @@ class Course:
     """Added to the tolerance, so that noise does not make a phase at its limit flicker in and out."""
     latency_frames: float = 0.0
     """Frames from a small step's command until it counts."""
+    landing_ns: float = 0.0
+    """How near a move should bring the stream."""
+    left_ns: float = 0.0
+    """An error of up to so much is left as it is."""
 
     def error_after(self, ns: float) -> float:
         """Error in ns after so much time, if nothing moves the stream."""
@@ -45,7 +50,7 @@ class Aim:
 
 def aim_to_stay(course: Course, lead_ns: float, hold_ns: int) -> Aim:
     """Where a stream stays within its tolerance for longest: drift takes it through the middle."""
-    furthest_ns = LARGEST_AIM * course.tolerance_ns
+    furthest_ns = LARGEST_AIM * course.landing_ns**2 / max(1, course.tolerance_ns)
     wanted_ns = min(max(-course.drift * hold_ns / 2, -furthest_ns), furthest_ns)
     return Aim(lead_ns, course.error_after(lead_ns), wanted_ns, wanted_ns)
 
@@ -58,14 +63,15 @@ def aim_to_meet(course: Course, lead_ns: float, ahead_ns: float) -> Aim | None:
 
 
 def aim_at_burst(
-    course: Course, lead_ns: float, ready_ns: float, begins_ns: float, lasts_ns: float
+    course: Course, lead_ns: float, ready_ns: float, scatter_ns: float, *, begins_ns: float, lasts_ns: float
 ) -> Aim | None:
     """Where drift takes a stream to its goal in the middle of a burst.
 
     None if the burst begins before `ready_ns`, when no long frame is on its way any more, or if its
-    error will be small.
+    error will be small, or no larger than `scatter_ns`, by which moves miss.
     """
     middle_ns = begins_ns + lasts_ns / 2
-    if begins_ns < ready_ns or abs(course.error_after(middle_ns)) <= BURST_SHARE * course.tolerance_ns:
+    small_ns = max(BURST_SHARE * course.tolerance_ns, scatter_ns)
+    if begins_ns < ready_ns or abs(course.error_after(middle_ns)) <= small_ns:
         return None
     return Aim(lead_ns, course.error_after(lead_ns), -course.drift * (middle_ns - lead_ns), 0.0)

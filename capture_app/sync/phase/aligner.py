@@ -2,16 +2,17 @@
 
 import random
 
-from capture_app.camera_facts import CameraFacts, PhaseControl
+from capture_app.camera_facts import CameraFacts
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.phase.actuator import Move, MoveEffect, PhaseActuator
+from capture_app.sync.phase.actuator import Move, MoveEffect
+from capture_app.sync.phase.actuator_choice import choose_actuator
 from capture_app.sync.phase.aim import Course
+from capture_app.sync.phase.alignment import Alignment, inner_of
 from capture_app.sync.phase.command_tracker import CommandTracker
-from capture_app.sync.phase.frame_duration import FrameDurationActuator
 from capture_app.sync.phase.goal import Goal
 from capture_app.sync.phase.injection import InjectionActuator
 from capture_app.sync.phase.injection_history import InjectionProfile
-from capture_app.sync.phase.reach import Reach
+from capture_app.sync.phase.reach import SHORT_STAY_NS, Reach
 from capture_app.sync.phase.reset import ResetActuator
 from capture_app.sync.stamps.estimator import PhaseEstimator
 from capture_app.sync.stamps.frame_stamp import FrameStamp, PhaseEstimate, StampError
@@ -49,12 +50,19 @@ class Aligner:
         self._actuator = choose_actuator(camera, rng=rng, profile=profile, aimed=aimed)
         self._commands = CommandTracker(self._phase, self._actuator)
         self._least_frames = SETTLED_FRAMES[0]
-        self.aligned = False
-        """Whether the frames were within the tolerance asked for at the last step."""
-        self.within_reach = False
-        """Whether they were within the tolerance in force, which the step of their stamps may widen."""
+        self._alignment = Alignment(camera.phase_control)
         self.problem = ""
         """Why this camera can never be aligned, in plain words; empty if it can."""
+
+    @property
+    def aligned(self) -> bool:
+        """Whether the frames were within the tolerance asked for at the last step."""
+        return self._alignment.aligned
+
+    @property
+    def within_reach(self) -> bool:
+        """Whether they were within the tolerance in force, which the step of their stamps may widen."""
+        return self._alignment.within_reach
 
     @property
     def settled(self) -> bool:
@@ -129,9 +137,13 @@ class Aligner:
 
     def note_stream_start(self, local_ns: int) -> None:
         """Note that the stream was started or restarted at a local time; its next frame shows the latency."""
-        self.aligned = False
+        self._alignment.clear()
         if isinstance(self._actuator, ResetActuator):
             self._actuator.note_start(local_ns, self._phase.period_ns)
+
+    def forget_alignment(self) -> None:
+        """Call the stream aligned no more: there is no clock to judge it by."""
+        self._alignment.clear()
 
     def settle_command(self, now_local_ns: int) -> None:
         """End the command under way once its effect shows or is overdue, and learn from the effect."""
@@ -173,25 +185,37 @@ class Aligner:
         """
         self.settle_command(now_local_ns)
         now_leader_ns = time_map.leader_from_local(now_local_ns)
-        now = self.estimate(time_map, goal, now_leader_ns)
+        now, hidden_ns = self.estimate(time_map, goal, now_leader_ns), self._phase.quantum_error_ns
         if now is None or not self.settled:
-            still = self._phase.unmoved and self._phase.known
-            self._judge(self._error_ns(time_map, goal, now_local_ns) if still else None, 0.0, onset=False)
+            if self._phase.unmoved and self._phase.known:
+                error_ns = self._error_ns(time_map, goal, now_local_ns)
+                self._alignment.judge_unmoved(error_ns, self.reach.tolerances_ns, hidden_ns)
+            else:
+                self._alignment.clear()
             return None
         self.problem = self._find_problem(now, goal)
         self.reach.update(self._phase, now.drift_ppm)
-        self._judge(None if self.problem else now.error_ns, 2.0 * now.sigma_ns)
-        if self.problem or self._actuator is None:
+        doubt_ns, inner_ns = 2.0 * now.sigma_ns, inner_of(self.reach.tolerance_ns, hidden_ns)
+        if self.problem:
+            self._alignment.clear()
             return None
-        if self._phase.as_expected and now.frames < FRAMES_TO_ACT:
+        self._alignment.hurried = self.reach.stay_ns < SHORT_STAY_NS or hidden_ns > doubt_ns
+        self._alignment.judge(now.error_ns, doubt_ns, now.frames, self.reach.tolerances_ns, hidden_ns)
+        if self._actuator is None or (self._phase.as_expected and now.frames < FRAMES_TO_ACT):
             return None
+        is_open = self._alignment.is_open(now.error_ns, doubt_ns, now.frames, inner_ns)
+        if is_open and burst_leader_ns is None:
+            return None
+        landing_ns = self._alignment.landing_ns(inner_ns)
         course = Course(
             now.error_ns + self._phase.shift_to_come(now_local_ns),
             now.drift_ppm * 1e-6,
             self._phase.period_ns,
-            self._inner_ns(self.reach.tolerance_ns),
-            min(2.0 * now.sigma_ns, self.reach.tolerance_ns / 2) if self.within_reach else 0.0,
+            inner_ns,
+            min(doubt_ns, self.reach.tolerance_ns / 2) if self.within_reach else 0.0,
             self._phase.shifts.latency_frames,
+            landing_ns,
+            inner_ns if self.within_reach else landing_ns - doubt_ns,
         )
         if burst_leader_ns is not None:
             first_ns, last_ns = burst_leader_ns
@@ -212,31 +236,16 @@ class Aligner:
             wanted_local_ns=self._wanted(time_map, goal, landing_local_ns) + round(aim.wanted_ns),
             shift_ns=round((aim.wanted_ns - aim.error_ns) % self._phase.period_ns),
             period_ns=self._phase.period_ns,
-            tolerance_ns=course.tolerance_ns,
+            tolerance_ns=landing_ns,
             aim_ns=aim.off_centre_ns,
         )
         command = self._actuator.command(move)
-        if command is None or not self._commands.begin(command, now_local_ns):
-            return None
-        return command
-
-    def _judge(self, error_ns: float | None, grace_ns: float, *, onset: bool = True) -> None:
-        """Say whether frames are aligned: at the edge up to `grace_ns` off, `onset` also if they were not."""
-
-        def judge(before: bool, tolerance_ns: int) -> bool:
-            limit_ns = inner_ns = self._inner_ns(tolerance_ns)
-            if self._phase.quantum_error_ns > grace_ns:
-                limit_ns = inner_ns - round(grace_ns)
-            elif before:
-                limit_ns += round(min(grace_ns, inner_ns / 2))
-            return error_ns is not None and (before or onset) and abs(error_ns) <= limit_ns
-
-        self.aligned = judge(self.aligned, self.reach.asked_ns)
-        self.within_reach = judge(self.within_reach, self.reach.tolerance_ns)
-
-    def _inner_ns(self, tolerance_ns: int) -> int:
-        """What stamps leave of a tolerance for the error that is seen."""
-        return max(0, round(tolerance_ns - self._phase.quantum_error_ns))
+        if command is None:
+            self._alignment.note_no_better()
+        elif self._commands.begin(command, now_local_ns):
+            self._alignment.note_move(now.error_ns)
+            return command
+        return None
 
     def _error_ns(self, time_map: TimeMap, goal: Goal, local_ns: int) -> int:
         """Distance from the goal of the frame nearest to a local time."""
@@ -268,32 +277,3 @@ class Aligner:
                 f" {1e9 / goal.period_ns:.3f}, too different to align"
             )
         return self._actuator.problem if self._actuator else ""
-
-
-def choose_actuator(
-    camera: CameraFacts, *, rng: random.Random, profile: InjectionProfile | None, aimed: bool
-) -> PhaseActuator | None:
-    """Return the actuator of a camera, None where its phase cannot be moved.
-
-    `profile` is what is known from before of its injections; `aimed=False` restarts at random times.
-    """
-    match camera.phase_control:
-        case PhaseControl.INJECTION:
-            return InjectionActuator(
-                period_ns=camera.period_ns,
-                row_time_ns=camera.row_time_ns,
-                min_exposure_ns=max(camera.min_exposure_ns or 0, camera.exposure_ns or 0),
-                max_exposure_ns=camera.max_exposure_ns,
-                profile=profile,
-            )
-        case PhaseControl.RESET:
-            return ResetActuator(rng=rng, aimed=aimed)
-        case PhaseControl.FRAME_DURATION:
-            return FrameDurationActuator(
-                period_ns=camera.period_ns,
-                row_time_ns=camera.row_time_ns,
-                min_duration_ns=camera.min_frame_duration_ns,
-                max_duration_ns=camera.max_frame_duration_ns,
-            )
-        case PhaseControl.NONE:
-            return None

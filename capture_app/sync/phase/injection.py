@@ -111,7 +111,8 @@ class InjectionActuator(PhaseActuator):
         if self.sure and course.tolerance_ns * 2 < abs(course.drift) * lead_ns:
             # It would be out again before the next injection counts: only bursts are worth one.
             return None
-        if any(abs(course.error_after(later_ns)) <= course.tolerance_ns for later_ns in (lead_ns, WAIT_NS)):
+        waits_ns = (lead_ns, WAIT_NS) if aligned else (lead_ns,)
+        if any(abs(course.error_after(later_ns)) <= course.left_ns for later_ns in waits_ns):
             return None
         return aim_to_stay(course, lead_ns, hold_ns if self.sure else 0)
 
@@ -121,7 +122,8 @@ class InjectionActuator(PhaseActuator):
             return None
         lead_ns = max(self._latencies) * course.period_ns
         ready_ns = self._burst_lead_frames * course.period_ns
-        return aim_at_burst(course, lead_ns, ready_ns, begins_ns, lasts_ns)
+        scatter_ns = 0.0 if self.profile is None else self._history.scatter_ns(self.profile)
+        return aim_at_burst(course, lead_ns, ready_ns, scatter_ns, begins_ns=begins_ns, lasts_ns=lasts_ns)
 
     def command(self, move: Move) -> InjectFrame | None:
         """One long frame; a shift that takes more than the longest exposure is done in part."""

@@ -7,7 +7,10 @@ frames (the gain), but any real gain is met: whole ones are believed until they 
 from collections import deque
 from dataclasses import dataclass
 from itertools import combinations
+from math import sqrt
 from statistics import median
+
+from capture_app.sync.stamps.robust_slope import SIGMA_FROM_MAD
 
 GAINS = (1.0, 2.0, 3.0)
 GAIN_LIMITS = (0.5, 4.0)
@@ -81,6 +84,19 @@ class InjectionHistory:
     def miss_rows(self, profile: InjectionProfile, rows: int, shift_rows: float) -> float:
         """How far a shift was from what a profile says, in the sensor's own rows."""
         return abs(shift_rows - profile.shift_rows(rows)) / self._grain
+
+    def scatter_ns(self, profile: InjectionProfile) -> float:
+        """Standard deviation of what injections did about what a profile says; 0 until it shows."""
+        misses = [self.miss_rows(profile, *one) for one in self._seen if one[1]]
+        if len(misses) < 2:
+            return 0.0
+        return (
+            SIGMA_FROM_MAD
+            * median(misses)
+            * sqrt(len(misses) / (len(misses) - 1))
+            * self._grain
+            * self.row_ns
+        )
 
     def neutral_near(self, profile: InjectionProfile, shift_rows: float) -> float:
         """Neutral rows by the injection that moved the phase most nearly so far, if it fits the profile.

@@ -11,6 +11,8 @@ EASED = 0.7
 """A reach is made smaller only if it is by this factor: no limit that comes and goes."""
 LONG_STAY_NS = 2_000_000_000
 """A stream that stays within its tolerance for longer is held by a correction now and then."""
+SHORT_STAY_NS = 1_500_000_000
+"""One that stays for less is out again before it could be moved twice."""
 
 
 class Reach:
@@ -28,6 +30,11 @@ class Reach:
     def tolerance_ns(self) -> int:
         """The tolerance in force."""
         return max(self.asked_ns, self.reachable_ns)
+
+    @property
+    def tolerances_ns(self) -> tuple[int, int]:
+        """The tolerance asked for, and the one in force."""
+        return self.asked_ns, self.tolerance_ns
 
     @property
     def drifts_fast(self) -> bool:

@@ -241,6 +241,7 @@ class Client(Generic[F]):
     def _align(self, now_ns: int) -> None:
         grid, time_map = self._grid, self.time_map
         if grid is None or time_map is None or self.time.state is not NodeState.READY:
+            self.aligner.forget_alignment()
             return
         burst_ns = self._bursts.first_before(time_map.leader_from_local(now_ns + HOLD_BEFORE_BURST_NS))
         if self._phase_loop.step(grid, time_map, now_ns, burst_leader_ns=burst_ns):

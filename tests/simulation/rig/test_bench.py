@@ -59,7 +59,7 @@ def test_unknown_phones_take_two_injections_and_known_ones_one() -> None:
         align_one_camera(PROFILES["phone-a"], n, 20_000, known=known_profile(PROFILES["phone-a"]))
         for n in range(20)
     ]
-    assert sum(way.moves for way in unknown) <= 2.05 * len(unknown)
+    assert sum(way.moves for way in unknown) <= 2.15 * len(unknown)
     assert all(way.moves == 1 for way in known)
     theirs = [inject_like_libsoftwaresync(phone, n, 20_000) for n, phone in enumerate(phones)]
     assert sum(way.seconds is None for way in theirs) > len(theirs) / 2

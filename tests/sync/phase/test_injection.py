@@ -78,7 +78,7 @@ def test_any_gain_is_learned_and_every_camera_aligned(gain: float, row_known: bo
         assert bench.aligner.injection_profile is not None
         corrections.append(last.corrections)
         gains.append(bench.aligner.injection_profile.gain)
-    assert max(corrections) <= 5
+    assert max(corrections) <= 6
     assert median(gains) == pytest.approx(gain, abs=0.01)
 
 

@@ -99,7 +99,7 @@ def test_no_frame_is_off_by_more_than_is_said(step_ns: float, tolerance_ns: int,
             off_aligned += look.aligned and abs(look.error_ns) > 1.1 * tolerance_ns
             off_reach += abs(look.error_ns) > aligner.reach.tolerance_ns
             off_uncertainty += abs(look.error_ns - now.error_ns) > now.uncertainty_ns
-    assert said > 300
+    assert said > 250
     assert off_aligned + off_reach <= 0.01 * said
     assert off_uncertainty <= 0.05 * said
 
@@ -125,7 +125,7 @@ def test_a_drift_that_injections_cannot_hold_is_told_and_met_at_a_burst() -> Non
         bench.run(20 * S)
     shares = [sum(look.aligned for look in bench.run(10 * S)) / 300 for bench in (held, slow)]
     assert shares[0] > 0.4
-    assert shares[1] > 0.9
+    assert shares[1] > 0.85
     assert not slow.aligner.reach.fleetingness
     assert "a second" in held.aligner.reach.fleetingness
     commands = len(fleeting.commands)

@@ -1,0 +1,100 @@
+"""Whether a stream is aligned: where several frames put it, and how sure that is."""
+
+from capture_app.camera_facts import PhaseControl
+from capture_app.sync.stamps.frame_line import PHASE_FRAMES
+
+LANDING_SHARE = {PhaseControl.INJECTION: 0.5, PhaseControl.FRAME_DURATION: 1.0}
+"""A stream that can be moved to anywhere is called aligned once it is within this share of its tolerance, and
+for as long as it is within all of it: any two that were just aligned are as near to each other as each may
+be to the goal, and drift has room."""
+MOST_LANDINGS = 8
+"""After so many moves the whole tolerance is enough."""
+FEWEST_FRAMES = 2
+"""So many frames since it moved must say so: one may be late by chance."""
+
+
+class Alignment:
+    """Judges one stream by its error, and by how far off that may be; all in ns."""
+
+    def __init__(self, phase_control: PhaseControl) -> None:
+        self._share = LANDING_SHARE.get(phase_control)
+        """None where a stream lands by chance: where it seems to be must do then."""
+        self.aligned = False
+        """Whether the frames were within the tolerance asked for at the last step."""
+        self.within_reach = False
+        """Whether they were within the tolerance in force, which the step of their stamps may widen."""
+        self.hurried = False
+        """Whether all of its tolerance is enough: it drifts out again before it could be moved twice, or its
+        stamps come in coarse steps."""
+        self._landings = 0
+        self._nearest = False
+        self._moved_from_ns: float | None = None
+
+    def clear(self) -> None:
+        """Call the stream aligned no more until it is judged again."""
+        self.aligned = self.within_reach = False
+
+    def note_move(self, error_ns: float) -> None:
+        """Note that the stream is moved from where it has that error."""
+        self._nearest = False
+        self._moved_from_ns = None if self.within_reach else error_ns
+        self._landings += not self.within_reach
+
+    def note_no_better(self) -> None:
+        """Note that no move would bring the stream nearer to its goal."""
+        self._nearest = True
+
+    def landing_ns(self, inner_ns: int) -> int:
+        """How near a move should bring the stream, of what its stamps leave of its tolerance."""
+        if self._share is None or self._nearest or self.hurried or self._landings >= MOST_LANDINGS:
+            return inner_ns
+        return round(self._share * inner_ns)
+
+    def is_open(self, error_ns: float, doubt_ns: float, frames: int, inner_ns: int) -> bool:
+        """Whether more frames may show that a stream which is not within reach is."""
+        if self._share is None or self.within_reach or frames >= PHASE_FRAMES:
+            return False
+        return abs(error_ns) < self.landing_ns(inner_ns) + doubt_ns
+
+    def judge(
+        self, error_ns: float, doubt_ns: float, frames: int, tolerances_ns: tuple[int, int], hidden_ns: float
+    ) -> None:
+        """Judge by an error that may be off by `doubt_ns`, after so many frames in one place.
+
+        `tolerances_ns` are the one asked for and the one in force, `hidden_ns` what the stamps' step hides.
+        """
+        if self._moved_from_ns is not None and frames >= FEWEST_FRAMES:
+            # Where rows are coarse, the same move only leads to the same place.
+            self._nearest = abs(error_ns - self._moved_from_ns) < doubt_ns
+            self._moved_from_ns = None
+        aligned, within_reach = (
+            abs(error_ns) <= self._limit_ns(before, tolerance_ns, doubt_ns, frames, hidden_ns)
+            for before, tolerance_ns in zip((self.aligned, self.within_reach), tolerances_ns, strict=True)
+        )
+        self.aligned, self.within_reach = aligned, within_reach
+        if within_reach:
+            self._landings = 0
+
+    def judge_unmoved(self, error_ns: float, tolerances_ns: tuple[int, int], hidden_ns: float) -> None:
+        """Judge a stream that is about to move and has not yet: it may only be called aligned no more."""
+        asked_ns, in_force_ns = (inner_of(tolerance_ns, hidden_ns) for tolerance_ns in tolerances_ns)
+        self.aligned = self.aligned and abs(error_ns) <= asked_ns
+        self.within_reach = self.within_reach and abs(error_ns) <= in_force_ns
+
+    def _limit_ns(
+        self, before: bool, tolerance_ns: int, doubt_ns: float, frames: int, hidden_ns: float
+    ) -> float:
+        inner_ns = inner_of(tolerance_ns, hidden_ns)
+        if hidden_ns > doubt_ns:
+            return inner_ns - doubt_ns
+        if self._share is None:
+            # Noise alone should not take a stream out that could only be restarted.
+            return inner_ns + min(doubt_ns, inner_ns / 2) if before else inner_ns
+        if before:
+            return inner_ns
+        return self.landing_ns(inner_ns) - doubt_ns if frames >= FEWEST_FRAMES else -1.0
+
+
+def inner_of(tolerance_ns: int, hidden_ns: float) -> int:
+    """What stamps whose step hides so much leave of a tolerance for the error that is seen."""
+    return max(0, round(tolerance_ns - hidden_ns))

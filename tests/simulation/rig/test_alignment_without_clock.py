@@ -1,0 +1,32 @@
+"""A rig never calls a camera ready by what was true before its leader was gone."""
+
+from capture_app.clock import SimulatedClock
+from capture_app.simulation.devices.profiles import PROFILES
+from capture_app.simulation.network.delay_laws import GammaDelay
+from capture_app.simulation.network.link import Link
+from capture_app.simulation.rig.rig import NodeSpec, VirtualRig
+from capture_app.sync.wire.messages import NodeState
+
+S = 1_000_000_000
+CABLE = Link(GammaDelay(30_000, 45_000), GammaDelay(30_000, 45_000))
+
+
+def test_a_stream_that_moved_while_there_was_no_clock_is_aligned_before_it_is_ready() -> None:
+    rig = VirtualRig([NodeSpec("cam", PROFILES["phone-a"], SimulatedClock(0), CABLE, 60_000)], seed=4)
+    assert rig.run_until(rig.all_ready, limit_ns=20 * S)
+    node = rig.nodes["cam"]
+    assert node.client.aligner.aligned
+    rig.restart_leader()
+    assert rig.run_until(lambda: node.client.state is NodeState.SYNCING, limit_ns=20 * S)
+    node.sensor.inject(50_000_000, rig.now_true_ns)
+    states = set()
+
+    def has_left_syncing() -> bool:
+        states.add(node.client.state)
+        return node.client.state is not NodeState.SYNCING
+
+    assert rig.run_until(has_left_syncing, limit_ns=20 * S)
+    assert not node.client.aligner.aligned
+    assert NodeState.READY not in states, "by what was true before"
+    assert rig.run_until(rig.all_ready, limit_ns=20 * S)
+    assert abs(node.client.phase_error_ns(node.client.ring.newest_local_ns or 0) or 0) < 60_000

@@ -9,6 +9,7 @@
 # make bench-any-rig   depth of an object by rigs of every kind: rings, a dome, opposite pairs, mixed (30 min; BENCH="--width 320")
 # make bench-multiview   depth from many views, beside a plain sweep and SGBM (BENCH="--scene plain ...")
 # make bench-pairs   wrong pixels of rectified pairs with a truth, beside OpenCV's SGBM (BENCH="FOLDER ...": other pairs)
+# make bench-panel   the time read off 200 photographs of an LED panel and 200 of a screen, and whether its error bar holds (15 min; BENCH="--count 20")
 # make test-crash   writers and outputs killed at every step, every bit flipped (slow)
 # make bench-reference   nodes that hear the same multicast beacons, on emulated links (root, 3 min)
 # make bench-relay   a rig with cameras below a relay, over two emulated WiFi links (root, 6 min)
@@ -31,7 +32,7 @@ SECONDS ?= 120
 LIBRARIES := libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
 	libusb-1.0.so.0:libusb-1.0-0 libudev.so.1:libudev1 libidn2.so.0:libidn2-0
 
-.PHONY: help install demo animation calibration-pictures screenshots samples test test-odd-inputs test-v4l2 test-slurm bench-sync bench-reference bench-relay bench-rig bench-clients bench-any-rig bench-multiview bench-pairs bench-tui soak test-crash check format system clean
+.PHONY: help install demo animation calibration-pictures screenshots samples test test-odd-inputs test-v4l2 test-slurm bench-sync bench-reference bench-relay bench-rig bench-clients bench-any-rig bench-multiview bench-pairs bench-panel bench-tui soak test-crash check format system clean
 .DEFAULT_GOAL := help
 
 help:
@@ -88,6 +89,9 @@ bench-multiview: $(VENV)/.installed
 
 bench-pairs: $(VENV)/.installed
 	@$(BIN)/python -m benchmarks.reconstruction.stereo_pairs $(BENCH)
+
+bench-panel: $(VENV)/.installed
+	$(BIN)/python -m benchmarks.panel.read_photographs $(BENCH)
 
 bench-tui: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.screen.tui_load $(BENCH)

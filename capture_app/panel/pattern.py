@@ -55,7 +55,7 @@ class Lamp:
     lit: int
     period: int
     delay: float
-    """It shows its light so many ticks late, as a screen draws one edge before the other."""
+    """It shows its light so many ticks later than the panel's middle, as a screen draws edge by edge."""
 
     def is_lit(self, tick: int) -> bool:
         """Whether it is lit in that tick, by the panel's own time."""
@@ -163,13 +163,13 @@ class Panel:
     def _delay(self, x: float, y: float) -> float:
         across, down = x / self.width, y / self.height
         share = {
-            Scan.NONE: 0.0,
+            Scan.NONE: 0.5,
             Scan.DOWN: down,
             Scan.UP: 1 - down,
             Scan.RIGHT: across,
             Scan.LEFT: 1 - across,
         }
-        return SCAN_SHARE * share[self.scan]
+        return SCAN_SHARE * (share[self.scan] - 0.5)
 
     def light(self, tick: int) -> tuple[bool, ...]:
         """Which lamps are lit in that tick, in the order of `lamps`; all that whoever draws it need know."""

@@ -125,8 +125,8 @@ def test_the_time_can_be_read_off_the_panel_of_leds() -> None:
         assert picture is not None
         assert record.exposure_ns is not None
         assert row_time_ns is not None
-        red = np.asarray(picture[..., 2], np.uint8)
-        read_ns = led_panel.read_time(red, exposure_ns=record.exposure_ns, row_time_ns=row_time_ns)
+        picture = np.asarray(picture, np.uint8)
+        read_ns = led_panel.read_time(picture, exposure_ns=record.exposure_ns, row_time_ns=row_time_ns)
         true_ns = truth[record.camera, record.instant] % led_panel.CYCLE_NS
         assert abs(led_panel.difference_ns(read_ns, true_ns)) < 5_000
 

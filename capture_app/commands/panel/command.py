@@ -2,6 +2,7 @@
 
 import click
 
+from capture_app.commands.panel.read import read
 from capture_app.commands.panel.show import show
 from capture_app.commands.panel.sketch import sketch
 
@@ -14,5 +15,5 @@ def panel() -> None:
     """
 
 
-for command in (show, sketch):
+for command in (show, read, sketch):
     panel.add_command(command)

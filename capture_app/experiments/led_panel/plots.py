@@ -37,7 +37,7 @@ def draw_led_panel(
             axes.legend(loc="upper right", fontsize="small")
     pair = new_figure(figsize=(10, 4))
     for axes, picture, title in zip(pair.subplots(1, 2), pictures, ("leader", "client"), strict=True):
-        axes.imshow(picture, cmap="gray", vmin=0, vmax=255)
+        axes.imshow(picture[..., ::-1])
         axes.set_title(title)
         axes.set_axis_off()
     return [save(figure, folder / "led-panel.png"), save(pair, folder / "led-panel-pictures.png")]

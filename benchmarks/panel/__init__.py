@@ -1,0 +1,1 @@
+"""How well the time is read off photographs of panels."""

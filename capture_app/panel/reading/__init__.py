@@ -1,0 +1,1 @@
+"""Reads panels in pictures: finds the frame, measures each lamp's light, tells the time and its error."""

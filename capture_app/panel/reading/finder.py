@@ -1,0 +1,129 @@
+"""Finds a panel in a picture by the markers of its frame."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from capture_app.panel.catalog import panel_of_marker
+from capture_app.panel.pattern import DICTIONARY, MARKER_SIZE, Panel
+
+Floats = NDArray[np.float64]
+
+MIN_MARKERS = 3
+"""Of the four; something may stand before one."""
+MAX_BEND = 0.12
+"""Pitches that marker corners may lie off a flat frame, by a lens or a bent print: a fifth of a lamp."""
+_MIN_PITCH_PX = 5.0
+"""Pixels from lamp to lamp below which their light cannot be told apart."""
+_LARGE_PX = 1600
+"""Pictures wider than this are looked through at half their size as well: markers may be too large to see."""
+
+
+@dataclass(frozen=True, slots=True)
+class FoundPanel:
+    """A panel and where it is in a picture: `matrix` (3, 3) takes panel coordinates to pixels."""
+
+    panel: Panel
+    matrix: Floats
+    markers: int
+    bend: float
+    """Mean distance of the markers' corners from where the matrix puts them, in pitches."""
+
+    def pixels(self, places: Floats) -> Floats:
+        """Pixels (n, 2) of places (n, 2) on the panel."""
+        seen = np.column_stack([places, np.ones(len(places))]) @ self.matrix.T
+        return np.asarray(seen[:, :2] / seen[:, 2:])
+
+    @property
+    def pitch_px(self) -> float:
+        """Smallest distance of two neighbouring lamps, in pixels, in the middle of the panel."""
+        middle = np.array([self.panel.width / 2, self.panel.height / 2])
+        at, right, down = self.pixels(middle + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
+        return float(min(np.linalg.norm(right - at), np.linalg.norm(down - at)))
+
+
+class PanelNotFoundError(Exception):
+    """No panel is in a picture, or none that can be read; the message says why."""
+
+
+class PanelFinder:
+    """Finds panels in pictures (uint8 grey); their markers say which panel it is."""
+
+    def __init__(self) -> None:
+        words = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{DICTIONARY}"))
+        options = cv2.aruco.DetectorParameters()
+        options.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
+        options.minMarkerPerimeterRate = 0.02
+        self._detector = cv2.aruco.ArucoDetector(words, options)
+
+    def find(self, grey: NDArray[np.uint8]) -> FoundPanel:
+        """The panel with the most markers in a picture; raises PanelNotFoundError for none."""
+        best: dict[int, Floats] = {}
+        for seen, scale in self._looks(grey):
+            found = _of_one_panel(self._detect(seen, scale))
+            if len(found) > len(best):
+                best = found
+            if len(best) == 4:
+                break
+        if len(best) < MIN_MARKERS:
+            raise PanelNotFoundError(
+                f"{len(best)} markers of a panel were found; {MIN_MARKERS} are needed"
+                if best
+                else "no marker of a panel was found"
+            )
+        return _place(best)
+
+    def _looks(self, grey: NDArray[np.uint8]) -> "list[tuple[NDArray[Any], float]]":
+        """Pictures to look for markers in, and how large each is against the original."""
+        looks: list[tuple[NDArray[Any], float]] = [(grey, 1.0)]
+        # Dark pictures, as short exposures are, show little of what does not shine.
+        looks.append((cv2.createCLAHE(4.0, (8, 8)).apply(grey), 1.0))
+        if grey.shape[1] > _LARGE_PX:
+            looks.append((cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), 0.5))
+        else:
+            looks.append((cv2.resize(grey, None, fx=2.0, fy=2.0, interpolation=cv2.INTER_CUBIC), 2.0))
+        return looks
+
+    def _detect(self, grey: NDArray[Any], scale: float) -> dict[int, Floats]:
+        corners, numbers, _ = self._detector.detectMarkers(grey)
+        if numbers is None:
+            return {}
+        # Pixels' middles lie at whole numbers.
+        places = [(np.asarray(each, float).reshape(4, 2) + 0.5) / scale - 0.5 for each in corners]
+        return dict(zip(np.ravel(numbers).tolist(), places, strict=True))
+
+
+def _of_one_panel(markers: dict[int, Floats]) -> dict[int, Floats]:
+    """Those markers that belong to the panel of which the most are seen."""
+    by_panel: dict[str, dict[int, Floats]] = {}
+    for number, corners in markers.items():
+        panel = panel_of_marker(number)
+        if panel is not None:
+            by_panel.setdefault(panel.name, {})[number] = corners
+    return max(by_panel.values(), key=len, default={})
+
+
+def _place(markers: dict[int, Floats]) -> FoundPanel:
+    panel = panel_of_marker(next(iter(markers)))
+    assert panel is not None, "only those of a panel come here"
+    at = {marker.number: np.array(marker.corners) for marker in panel.markers}
+    places = np.concatenate([at[number] for number in markers])
+    pixels = np.concatenate(list(markers.values()))
+    matrix, _ = cv2.findHomography(places, pixels)
+    if matrix is None:
+        raise PanelNotFoundError("the markers of the panel lie on a line")
+    found = FoundPanel(panel, np.asarray(matrix, float), len(markers), 0.0)
+    error = np.linalg.norm(found.pixels(places) - pixels, axis=1)
+    side = np.linalg.norm(np.diff(pixels.reshape(-1, 4, 2), axis=1), axis=2).mean() / MARKER_SIZE
+    bend = float(error.mean() / side)
+    if bend > MAX_BEND:
+        raise PanelNotFoundError(f"the markers of the panel are not on a flat frame ({bend:.2f} pitches off)")
+    if found.pitch_px < _MIN_PITCH_PX:
+        raise PanelNotFoundError(
+            f"the panel is too small: its lamps are {found.pitch_px:.1f} pixels apart, "
+            f"{_MIN_PITCH_PX:g} are needed"
+        )
+    return FoundPanel(panel, found.matrix, len(markers), bend)

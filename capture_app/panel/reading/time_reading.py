@@ -1,0 +1,110 @@
+"""Reads the time off a picture of a panel, with an error bar, or says why it cannot."""
+
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+
+from capture_app.panel.pattern import Panel
+from capture_app.panel.reading.finder import FoundPanel, PanelFinder
+from capture_app.panel.reading.lamp_light import measure
+from capture_app.panel.reading.light_model import LightModel, Shutter
+from capture_app.panel.reading.posterior import Freedom, PanelUnreadableError, gather
+from capture_app.panel.reading.time_search import search
+
+Floats = NDArray[np.float64]
+
+_MISFIT = 4.0
+_MAX_MISFITS = 0.12
+"""A panel of which more lamps than this share misfit by as many sigmas is not what its markers say."""
+_MIN_CONTRAST, _MIN_LIGHT = 4.0, 0.005
+"""Lamps that are lit must stand out by this factor from the noise, and by this share of a full sensor."""
+UNKNOWN_EXPOSURES_NS = tuple(np.geomspace(50e3, 40e6, 30).tolist())
+UNKNOWN_ROW_TIMES_NS = tuple(np.linspace(0, 36e3, 10).tolist())
+_SCREEN_MODEL_TICKS = 0.06
+"""What is not known of how a screen draws and how slowly its cells change, in refreshes."""
+_LED_MODEL_NS = 4_000.0
+"""What is not known of where lamps' middles are, and of the switching of LEDs."""
+
+
+@dataclass(frozen=True, slots=True)
+class PanelTime:
+    """When a picture was taken by a panel, in ns of its cycle."""
+
+    panel: Panel
+    middle_ns: float
+    """Middle of the exposure of row `row`."""
+    uncertainty_ns: float
+    """The middle is within this with a chance of 95 %."""
+    row: float
+    """Row of the picture in which the panel's middle lies."""
+    shutter: Shutter
+    """As told, or as it fits best."""
+    row_time_error_ns: float
+    """The row time is within this with a chance of 95 %; 0 where it was told."""
+    markers: int
+    misfit: float
+    """Root mean square misfit of the lamps, in sigmas."""
+
+    def at_row(self, row: float) -> tuple[float, float]:
+        """Middle of that row's exposure, in ns of the panel, and its 95 % error."""
+        away = row - self.row
+        error_ns = float(np.hypot(self.uncertainty_ns, away * self.row_time_error_ns))
+        return self.middle_ns + away * self.shutter.row_time_ns, error_ns
+
+
+def read_panel(
+    picture: NDArray[np.uint8], *, exposure_ns: float | None = None, row_time_ns: float | None = None
+) -> PanelTime:
+    """The time that a panel tells in a picture (uint8, BGR); nobody need say which panel or where it is.
+
+    Exposure and row time that are None are found with it. Raises PanelNotFoundError where there is no panel,
+    and PanelUnreadableError where it tells no time or not one time.
+    """
+    found = PanelFinder().find(np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), np.uint8))
+    return read_found(found, picture, exposure_ns=exposure_ns, row_time_ns=row_time_ns)
+
+
+def read_found(
+    found: FoundPanel,
+    picture: NDArray[np.uint8],
+    *,
+    exposure_ns: float | None = None,
+    row_time_ns: float | None = None,
+) -> PanelTime:
+    """As `read_panel`, of a panel that is found already."""
+    model = LightModel(found.panel, measure(found, picture))
+    _, on = model.rough_fit()
+    dark, bright = np.percentile(model.seen.light, (20, 97))
+    if bright - dark < _MIN_CONTRAST * model.seen.noise + _MIN_LIGHT:
+        raise PanelUnreadableError(
+            "its lamps do not stand out: too dark, too short an exposure, or switched off"
+        )
+    free = Freedom(exposure_ns is None, row_time_ns is None)
+    exposures = UNKNOWN_EXPOSURES_NS if exposure_ns is None else (float(exposure_ns),)
+    row_times = UNKNOWN_ROW_TIMES_NS if row_time_ns is None else (float(row_time_ns),)
+    shutters = [Shutter(exposure, row) for exposure in exposures for row in row_times]
+    posterior = gather(model, search(model, shutters), free)
+    best = posterior.best
+    shares = model.shares(np.array([best.middle_ns]), best.shutter, response_ns=best.response_ns)
+    misfit = model.fit(shares, on).misfit[0]
+    wrong = float((np.abs(misfit) > _MISFIT).mean())
+    if wrong > _MAX_MISFITS:
+        raise PanelUnreadableError(
+            f"{100 * wrong:.0f} % of its lamps shine as those of {found.panel.name} never would: is it that "
+            "panel, are exposure and row time right, is it hidden or too blurred?"
+        )
+    middle_ns, spread_ns = posterior.interval()
+    model_ns = _SCREEN_MODEL_TICKS * found.panel.tick_ns if found.panel.is_screen else _LED_MODEL_NS
+    row_time_ns, row_time_error_ns = posterior.row_time()
+    return PanelTime(
+        found.panel,
+        middle_ns % found.panel.cycle_ns,
+        float(np.hypot(spread_ns, model_ns)),
+        model.row,
+        Shutter(best.shutter.exposure_ns, row_time_ns),
+        row_time_error_ns,
+        found.markers,
+        float(np.sqrt(np.mean(np.minimum(misfit**2, 25)))),
+    )

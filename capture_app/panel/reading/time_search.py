@@ -1,0 +1,68 @@
+"""Searches a whole cycle of a panel for the times that a picture may have been taken at."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture_app.panel.reading.light_model import LightModel, Shutter
+
+Floats = NDArray[np.float64]
+
+STEPS = 8
+"""Times tried for each tick."""
+_GROUP_STEPS = 16
+"""Times tried for each lamp of a group at most: they are further apart for those that are lit longer."""
+CANDIDATES = 12
+"""Of each shutter."""
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A time, in ns of the panel, and the shutter, that may be right."""
+
+    middle_ns: float
+    shutter: Shutter
+    score: float
+    response_ns: float = 0.0
+    """Time constant of a screen's cells."""
+
+
+def search(model: LightModel, shutters: "list[Shutter]") -> list[Candidate]:
+    """The likeliest times of the panel's cycle with any of the shutters, best first, a tick or more apart."""
+    panel = model.panel
+    step_ns = panel.tick_ns / STEPS
+    times = np.arange(round(panel.cycle_ticks * STEPS))
+    off, on = model.rough_fit()
+    found: list[Candidate] = []
+    for shutter in shutters:
+        score = np.zeros(len(times))
+        for group in np.unique(model.group):
+            table, bins = _group_scores(model, model.group == group, shutter, off, on)
+            score += table[
+                (times * step_ns / model.period[model.group == group][0] * bins).astype(int) % bins
+            ]
+        for _ in range(CANDIDATES):
+            best = int(np.argmax(score))
+            found.append(Candidate(best * step_ns, shutter, float(score[best])))
+            score[np.arange(best - STEPS, best + STEPS + 1) % len(score)] = -np.inf
+    found.sort(key=lambda one: -one.score)
+    return found
+
+
+def _group_scores(
+    model: LightModel, of: NDArray[np.bool_], shutter: Shutter, off: float, on: float
+) -> tuple[Floats, int]:
+    """Log-likelihoods of one group's lamps over its period, each the best of its own and its neighbours'."""
+    period_ns, lit_ns = float(model.period[of][0]), float(model.lit[of][0])
+    fine = round(lit_ns / model.panel.tick_ns * STEPS)
+    each = min(fine, _GROUP_STEPS)
+    bins = 10 * each
+    times = (np.arange(bins) + 0.5) * period_ns / bins
+    shares = model.shares(times, shutter, of)
+    variance = model.variance(shares, on, of)
+    misfit = model.seen.light[of] - off - on * shares
+    misfit = np.where(model.seen.saturated[of] & (misfit < 0), 0.0, misfit)
+    score = -(3 * np.log1p(misfit**2 / variance / 5) + 0.5 * np.log(variance)).sum(axis=1)
+    # Time is coarse here: what a neighbour can be, this may be.
+    return np.maximum(score, np.maximum(np.roll(score, 1), np.roll(score, -1))), bins

@@ -1,5 +1,6 @@
 """The paper's tables and figures: what an experiment may hand over, and the page made of it."""
 
+from importlib import import_module
 from operator import attrgetter
 from pathlib import Path
 
@@ -8,13 +9,21 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.errors import ExitCode
-from capture_app.experiments.common.paper_values import FIGURE_6, TABLE_2, TABLE_3, WORST_PAIR
+from capture_app.experiments.common.paper_values import (
+    FIGURE_6,
+    INJECTIONS,
+    RESTARTS,
+    TABLE_2,
+    TABLE_3,
+    WORST_PAIR,
+)
 from capture_app.experiments.common.reproduction import Measured, Reproduction, share_of
 from capture_app.experiments.led_panel import paper as panel_part
 from capture_app.experiments.paper import experiment, five_phones, wording
 from capture_app.experiments.paper.page import prose
 from capture_app.experiments.paper.parts import PARTS, all_of_the_paper
 from capture_app.experiments.paper.report import PaperReport, make_report
+from capture_app.experiments.phase import paper as phase_part
 
 
 def test_a_number_of_the_paper_by_its_name() -> None:
@@ -146,3 +155,20 @@ def test_commands_are_code_and_text_is_no_markup() -> None:
     assert prose("see `capture-app <it>`, 5 us & more") == (
         "see <code>capture-app &lt;it&gt;</code>, 5\N{NO-BREAK SPACE}µs &amp; more"
     )
+
+
+def test_injections_and_restarts_at_the_papers_protocol() -> None:
+    injections, restarts = phase_part.paper_part(share=0.01, seed=1, talk=lambda _: None)
+    assert injections.protocol.values["moves.mean"] < INJECTIONS["moves.mean"]
+    assert injections.protocol.values["all_s"] < INJECTIONS["all_s"]
+    assert restarts.default is not None
+    # The window is four times as wide.
+    assert restarts.default.values["tries.mean"] < restarts.protocol.values["tries.mean"]
+    assert 0.5 < restarts.protocol.values["each_s"] < RESTARTS["each_s"]
+
+
+def test_every_table_and_figure_is_measured() -> None:
+    measured = [key for keys in PARTS.values() for key in keys]
+    assert sorted(measured) == sorted(one.key for one in all_of_the_paper())
+    for module in PARTS:
+        assert import_module(f"capture_app.experiments.{module}").paper_part

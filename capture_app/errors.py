@@ -69,7 +69,11 @@ class NoCameraHereError(IncompleteError):
     """A burst was ordered and no camera has joined the leader."""
 
 
-class DiskFullError(SimulshotError):
+class DiskError(SimulshotError):
+    """A disk that cannot be written or read at present: read-only, or with an error of its device."""
+
+
+class DiskFullError(DiskError):
     """A disk without room for what is to be written; room can be made, and then it goes on."""
 
 

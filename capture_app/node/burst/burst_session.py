@@ -9,13 +9,13 @@ from typing import Any
 from msgspec.structs import replace
 
 from capture_app.camera_facts import CameraFacts
-from capture_app.errors import BadInputError, DiskFullError, SimulshotError, TryAgainError
+from capture_app.errors import BadInputError, DiskError, SimulshotError, TryAgainError
 from capture_app.node.burst import plans
 from capture_app.node.burst.camera_progress import CameraProgress
 from capture_app.node.burst.disk_threads import DiskThreads
 from capture_app.node.burst.image_commits import ImageCommits
 from capture_app.node.burst.instant_choice import InstantChoice
-from capture_app.node.burst.progress import burst_status, mean_image_bytes, waiting_text
+from capture_app.node.burst.progress import burst_status, disk_reason, mean_image_bytes, waiting_text
 from capture_app.node.burst.settlement import Settlement
 from capture_app.node.transfer.partial_image import PartialImage
 from capture_app.node.wire.messages import CameraReport, ImageUpload, ReportAck
@@ -45,7 +45,8 @@ class BurstSession:
         self.burst = burst
         self.finished = asyncio.Event()
         self.session: Path | None = None
-        self.message = ""
+        self.message = self.trouble = ""
+        """Trouble: why the leader's disk takes nothing of it at present; nodes keep it, and ask again."""
         self._writer = writer
         self._disk = disk
         self._interrupted = interrupted
@@ -85,7 +86,7 @@ class BurstSession:
     def status(self) -> BurstStatus:
         """How far it is; a burst of an earlier run has no number in this one."""
         done = self.finished.is_set()
-        waiting = "" if done else waiting_text(self._commits, self._settlement.undecided)
+        waiting = "" if done else self.trouble or waiting_text(self._commits, self._settlement.undecided)
         return burst_status(
             self.burst,
             self._writer,
@@ -119,7 +120,7 @@ class BurstSession:
         """Note what a camera will send; return what of it is wanted, and is here already.
 
         While that depends on other cameras it waits up to `wait_s` for them. Raises BadInputError for a
-        report that is not of this burst.
+        report that is not of this burst, DiskError while the disk does not take it.
         """
         camera = self._camera(report.camera.name)
         self._choice.check_ordered([*report.instants, *(missing.instant for missing in report.missing)])
@@ -170,8 +171,8 @@ class BurstSession:
                 saved = self._commits.add(ReceivedImage(record, partial.file, truth, upload.true_ns))
                 task = asyncio.create_task(self._wait_until_saved(camera, record, saved))
                 camera.saving[record.instant] = task
-        except DiskFullError:
-            await self.finish_now("the leader's disk is full")
+        except DiskError as error:
+            await self.finish_now(disk_reason(error))
             raise
         camera.note_heard(now_ns, advanced=True)
         return task
@@ -232,7 +233,7 @@ class BurstSession:
 
     def silent_cameras(self) -> set[str]:
         """Those that have brought nothing, and were given up for their silence."""
-        return {name for name, camera in self._cameras.items() if camera.silent and not camera.instants}
+        return {name for name, of in self._cameras.items() if of.silent and not of.instants}
 
     def is_empty(self) -> bool:
         """Whether no image has come yet."""
@@ -259,8 +260,8 @@ class BurstSession:
     ) -> str:
         try:
             await saved
-        except DiskFullError:
-            self._spawn(self.finish_now("the leader's disk is full"))
+        except DiskError as error:
+            self._spawn(self.finish_now(disk_reason(error)))
             raise
         finally:
             camera.saving.pop(record.instant, None)

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
+from capture_app.errors import DiskError, DiskFullError
 from capture_app.node.burst.camera_progress import CameraProgress
 from capture_app.node.burst.image_commits import ImageCommits
 from capture_app.node.burst.instant_choice import InstantChoice
@@ -21,6 +22,11 @@ def waiting_text(commits: ImageCommits, undecided: Sequence[str]) -> str:
     if seconds >= SAID_AFTER_S:
         return f"waiting for the disk: {count(images, 'image')}, {seconds:.0f} s"
     return f"waiting to hear from {', '.join(undecided)}" if undecided else ""
+
+
+def disk_reason(error: DiskError) -> str:
+    """Why images are missing when the leader's disk failed."""
+    return "the leader's disk is full" if isinstance(error, DiskFullError) else f"at the leader: {error.what}"
 
 
 def burst_status(

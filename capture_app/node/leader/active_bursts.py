@@ -13,7 +13,7 @@ from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.disk_threads import DiskThreads
 from capture_app.node.burst.resumed_bursts import RETURN_NS, ResumedBursts
 from capture_app.node.leader.readiness import check_room, expected_image_bytes
-from capture_app.node.leader.wording import News
+from capture_app.node.leader.wording import DiskNews, News
 from capture_app.node.wire.messages import CameraReport, ImageUpload, ReportAck, SpoolSpace
 from capture_app.node.wire.status import BurstStatus
 from capture_app.session.writing.session_writer import SessionWriter
@@ -66,6 +66,8 @@ class ActiveBursts:
         self._spools: dict[str, SpoolSpace] = {}
         self._silent: set[str] = set()
         """Cameras of this run that left their last burst without a word: one must not hold up all others."""
+        self._trouble = ""
+        """Why the leader's disk takes nothing at present, as it was told."""
         self._tasks: set[asyncio.Task[None]] = set()
         self._spawn(self._watch_silence())
         self._spawn(self.resumed.resume_all(now_ns(), folders=resume, wait_ns=return_ns))
@@ -202,8 +204,11 @@ class ActiveBursts:
         return self._spools
 
     def note_spool_space(self, space: SpoolSpace) -> None:
-        """Note how much room a node has, for the next burst."""
+        """Note how much room a node has, for the next burst, and tell where that cannot be used."""
+        before = self._spools.get(space.camera)
         self._spools[space.camera] = space
+        if space.problem != ("" if before is None else before.problem):
+            self._on_news(DiskNews(space.camera, space.problem))
 
     def tell_progress(self, session: BurstSession) -> None:
         """Report how far a burst is, unless it is finished: that is reported once."""
@@ -248,6 +253,10 @@ class ActiveBursts:
             for session in (*tuple(self._bursts.values()), *self.resumed.sessions()):
                 if not session.finished.is_set():
                     await session.give_up_silent_cameras(lost, now_ns)
+            troubles = (of.trouble for of in (*self._bursts.values(), *self.resumed.sessions()))
+            if (trouble := next(filter(None, troubles), "")) != self._trouble:
+                self._trouble = trouble
+                self._on_news(DiskNews(None, trouble))
 
     def _spawn(self, work: Coroutine[Any, Any, None]) -> None:
         task = asyncio.ensure_future(work)

@@ -4,7 +4,7 @@ import time
 from collections import deque
 from collections.abc import Callable
 
-from capture_app.node.leader.wording import News, news_line
+from capture_app.node.leader.wording import DiskNews, News, news_line
 from capture_app.node.wire.status import BurstStatus
 from capture_app.node.wire.views import Level, NewsLine
 from capture_app.sync.rig import events
@@ -37,6 +37,7 @@ class NewsLog:
                 self.add(news_line(news), level="info" if whole else "warning")
         elif text := news_line(news):
             warns = isinstance(news, events.NodeLost | events.BurstRefused | HostOffRate)
+            warns = warns or (isinstance(news, DiskNews) and bool(news.problem))
             self.add(text, camera=news.name, level="warning" if warns else "info")
 
     def after(self, unix_ns: int) -> tuple[NewsLine, ...]:

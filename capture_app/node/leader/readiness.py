@@ -4,7 +4,7 @@ import asyncio
 from collections.abc import AsyncGenerator, Callable, Mapping, Sequence
 from pathlib import Path
 
-from capture_app.errors import DiskFullError, IncompleteError
+from capture_app.errors import DiskError, DiskFullError, IncompleteError
 from capture_app.node.leader.snapshots import present_cameras
 from capture_app.node.wire.messages import SpoolSpace
 from capture_app.session.files.disk import SPARE_BYTES, free_bytes
@@ -29,10 +29,14 @@ class FolderRoom:
         self._free_bytes: int | None = None
         self._looked_ns = 0
 
-    def free_bytes(self, now_ns: int) -> int:
-        """Return it as of `now_ns`, or of a few seconds before."""
+    def free_bytes(self, now_ns: int) -> int | None:
+        """Return it as of `now_ns`, or of a few seconds before; None where the disk does not answer."""
         if self._free_bytes is None or now_ns - self._looked_ns >= LOOK_EVERY_NS:
-            self._free_bytes, self._looked_ns = free_bytes(self._folder), now_ns
+            self._looked_ns = now_ns
+            try:
+                self._free_bytes = free_bytes(self._folder)
+            except DiskError:
+                self._free_bytes = None
         return self._free_bytes
 
 

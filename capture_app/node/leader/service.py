@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 from collections.abc import AsyncGenerator, Callable
 
-from capture_app.errors import BadInputError, NetworkError, SimulshotError, TryAgainError
+from capture_app.errors import BadInputError, DiskError, NetworkError, SimulshotError, TryAgainError
 from capture_app.net.channel import Channel
 from capture_app.node.burst.answers import ImageAnswers, refusal_of
 from capture_app.node.burst.burst_session import BurstSession
@@ -64,9 +64,11 @@ class LeaderService:
                     await self._answer(channel, message, working_on)
                 except NetworkError:
                     raise
-                except SimulshotError as error:
+                except (SimulshotError, OSError) as error:
+                    # What the network raises is a NetworkError: this is the disk.
+                    what = error if isinstance(error, SimulshotError) else DiskError(f"on its disk: {error}")
                     await answers.drain()
-                    await channel.send(refusal_of(error))
+                    await channel.send(refusal_of(what))
         finally:
             await answers.close()
             for session, camera in working_on.values():
@@ -100,6 +102,15 @@ class LeaderService:
         saving.add_done_callback(lambda _: self._bursts.tell_progress(session))
         return saving
 
+    async def _take_report(self, session: BurstSession, message: messages.CameraReport) -> messages.ReportAck:
+        try:
+            ack = await session.accept_report(message, self._bursts.now_ns(), wait_s=UNDECIDED_S)
+        except DiskError as error:
+            session.trouble = str(error)
+            raise
+        session.trouble = ""
+        return ack
+
     async def _answer(
         self, channel: Channel[messages.ToLeader], message: messages.ToLeader, working_on: WorkingOn
     ) -> None:
@@ -121,8 +132,7 @@ class LeaderService:
                     if key in working_on:
                         working_on[key][0].stream_closed(camera, self._bursts.now_ns())
                     working_on[key] = session, camera
-                now_ns = self._bursts.now_ns()
-                await channel.send(await session.accept_report(message, now_ns, wait_s=UNDECIDED_S))
+                await channel.send(await self._take_report(session, message))
             case messages.NodeStream():
                 await channel.send(messages.ReportAck())
             case messages.SpoolSpace():

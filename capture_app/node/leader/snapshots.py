@@ -2,14 +2,14 @@
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 
-from msgspec.structs import asdict
+from msgspec.structs import asdict, replace
 
 from capture_app.net.address import Address
 from capture_app.node.wire.messages import SpoolSpace
 from capture_app.node.wire.operating import Vitals
 from capture_app.node.wire.status import NodeStatus
 from capture_app.sync.rig.roster import ClientView
-from capture_app.sync.wire.messages import WITHOUT_CAMERA, NodeState
+from capture_app.sync.wire.messages import WITHOUT_CAMERA, NodeState, Report
 from capture_app.sync.wire.upstream_map import MAX_DEPTH
 
 _UNKNOWN = Vitals()
@@ -24,11 +24,12 @@ def node_statuses(
 ) -> tuple[NodeStatus, ...]:
     """All nodes by name, with their place in the tree; `local` are processes of the leader's."""
     by_name = {view.name: view for view in views}
+    known = spools or {}
     return tuple(
         NodeStatus(
-            **asdict(view.report),
+            **asdict(_with_disk(view.report, known.get(view.name))),
             **asdict((vitals or {}).get(view.name, _UNKNOWN)),
-            disk_free_bytes=space.free_bytes if (space := (spools or {}).get(view.name)) else None,
+            disk_free_bytes=space.free_bytes if (space := known.get(view.name)) else None,
             on_leader=view.name in local,
             name=view.name,
             address=str(Address(*view.address)),
@@ -39,6 +40,13 @@ def node_statuses(
         )
         for view in views
     )
+
+
+def _with_disk(report: Report, space: SpoolSpace | None) -> Report:
+    """A node's report, with what is wrong with its disk where it has nothing else to say."""
+    if space is None or not space.problem or report.message or report.state is NodeState.LOST:
+        return report
+    return replace(report, message=space.problem)
 
 
 def in_tree_order(nodes: tuple[NodeStatus, ...]) -> Iterator[NodeStatus]:

@@ -1,5 +1,7 @@
 """What happens at a leader, in a line each, for the terminal and the screen alike."""
 
+from dataclasses import dataclass
+
 from capture_app.net.address import Address
 from capture_app.node.wire.status import BurstStatus
 from capture_app.sync.rig import events, node_message
@@ -8,8 +10,17 @@ from capture_app.sync.timekeeping import clock_events
 from capture_app.sync.timekeeping.rate_jury import HostAtRate, HostOffRate
 from capture_app.text import duration
 
-News = events.LeaderEvent | HostOffRate | HostAtRate | BurstStatus
-"""What a leader tells about: nodes that come and go, odd clocks, and bursts that make progress."""
+
+@dataclass(frozen=True, slots=True)
+class DiskNews:
+    """A disk that cannot be used, of a camera's node or, without a name, the leader's; or that can again."""
+
+    name: str | None
+    problem: str
+
+
+News = events.LeaderEvent | HostOffRate | HostAtRate | DiskNews | BurstStatus
+"""What a leader tells about: nodes that come and go, odd clocks, disks, and bursts that make progress."""
 
 
 def news_line(news: News) -> str:
@@ -29,6 +40,8 @@ def news_line(news: News) -> str:
             return off_rate_line(news)
         case HostAtRate():
             return f"the clock of {news.name or 'the leader'} runs at its usual rate again"
+        case DiskNews():
+            return f"{news.name or 'leader'}: {news.problem or 'its disk can be used again'}"
         case events.BurstRefused():
             return f"burst {news.burst}: without {news.name}: {news.reason}"
         case BurstStatus():

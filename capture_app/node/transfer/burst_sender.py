@@ -9,7 +9,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from capture_app.errors import NetworkError, SimulshotError
+from capture_app.errors import DiskError, NetworkError, SimulshotError
 from capture_app.net.channel import Channel
 from capture_app.node.transfer.burst_upload import BurstUpload
 from capture_app.node.wire import messages
@@ -121,7 +121,10 @@ class BurstSender:
         self, burst: BurstUpload, image: messages.ImageUpload, receipts: dict[int, messages.ImageReceipt]
     ) -> None:
         record = image.record
-        data = await asyncio.to_thread(burst.load, image)
+        try:
+            data = await asyncio.to_thread(burst.load, image)
+        except DiskError as error:
+            raise PostponedError(error.what, hint=error.hint) from error
         if data is None:
             with contextlib.suppress(ValueError):
                 burst.images.remove(image)
@@ -206,7 +209,9 @@ class BurstSender:
 async def _delete(files: Collection[Path]) -> None:
     def delete() -> None:
         for file in files:
-            file.unlink(missing_ok=True)
+            # On a disk that is read-only now it stays, and is offered again when the node is started again.
+            with contextlib.suppress(OSError):
+                file.unlink(missing_ok=True)
 
     if files:
         await asyncio.to_thread(delete)

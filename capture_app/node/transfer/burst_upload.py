@@ -11,6 +11,7 @@ from msgspec.structs import replace
 from capture_app.cameras.base import CapturedFrame
 from capture_app.node.transfer.spool import SpooledBurst
 from capture_app.node.wire.messages import CameraReport, ImageUpload
+from capture_app.session.files.disk import disk_error
 from capture_app.session.format.manifest import MissingImage
 from capture_app.sync.rig.frame_picks import Pick
 
@@ -34,7 +35,7 @@ class BurstUpload:
     """Images of which the leader has others in their places: they are not sent, and not deleted."""
     spooled: SpooledBurst | None = None
     spooling: bool = True
-    """Whether the spool is to be used; False once it was full."""
+    """Whether the spool is to be used; False once it could not be."""
     is_settled: bool = False
     """Whether the leader has said which instants it wants."""
     wanted: frozenset[int] | None = None
@@ -45,14 +46,19 @@ class BurstUpload:
     """Called when no further instants are wanted."""
 
     def load(self, image: ImageUpload) -> bytes | None:
-        """An image's bytes; None where the spool does not have them as they were."""
+        """An image's bytes; None where the spool does not have them as they were.
+
+        Raises DiskError where its disk cannot be read at present.
+        """
         if image.record.instant in self.in_memory:
             return self.in_memory[image.record.instant]
         assert self.spooled is not None
         try:
             data = self.spooled.image_file(image).read_bytes()
-        except OSError:
+        except FileNotFoundError:
             return None
+        except OSError as error:
+            raise disk_error(error, self.spooled.folder) from error
         record = image.record
         whole = len(data) == record.bytes + image.truth_bytes
         return data if whole and hashlib.sha256(data[: record.bytes]).hexdigest() == record.sha256 else None

@@ -106,14 +106,14 @@ class FrameEncoder:
         except SimulshotError as error:
             # The folder of a burst that is over is gone.
             if not burst.is_over:
-                note_full_spool(burst, error, self._talk)
+                note_useless_spool(burst, error, self._talk)
         else:
             burst.unsynced[picked.instant] = image
         return image
 
 
-def note_full_spool(burst: BurstUpload, error: SimulshotError, talk: Callable[[str], None]) -> None:
-    """Keep a burst in memory from now on."""
+def note_useless_spool(burst: BurstUpload, error: SimulshotError, talk: Callable[[str], None]) -> None:
+    """Keep a burst in memory from now on, as the spool cannot take it; the next one tries again."""
     burst.spooling = False
     talk(f"burst {burst.report.burst} is kept in memory until the leader has it: {error}")
 

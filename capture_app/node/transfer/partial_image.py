@@ -67,9 +67,15 @@ class PartialImage:
     def split_off_truth(self) -> bytes:
         """Check what has come, leave the image alone in the file, and return the ground truth.
 
-        Raises TryAgainError, and deletes the file, where it is not what the upload tells.
+        Raises TryAgainError, and deletes the file, where it is not what the upload tells; DiskError.
         """
         self.close()
+        try:
+            return self._split_off_truth()
+        except OSError as error:
+            raise disk_error(error, self.file.parent) from error
+
+    def _split_off_truth(self) -> bytes:
         upload, record = self.upload, self.upload.record
         sha256 = hashlib.sha256()
         truth = b""

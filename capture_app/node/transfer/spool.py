@@ -9,16 +9,18 @@ SPOOL/<camera>/<leader>-<burst>/
 import os
 import shutil
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
 import msgspec
+from msgspec.structs import replace
 
-from capture_app.errors import BadInputError, TryAgainError
+from capture_app.errors import BadInputError, DiskError, DiskFullError, TryAgainError
 from capture_app.names import check_name
-from capture_app.node.wire.messages import CameraReport, ImageUpload
-from capture_app.session.files.disk import disk_error
-from capture_app.session.files.durable import AppendOnlyFile, sync_all, write_atomic, write_unsynced
+from capture_app.node.wire.messages import CameraReport, ImageUpload, SpoolSpace
+from capture_app.session.files.disk import LITTLE_BYTES, disk_error, free_bytes, reserve
+from capture_app.session.files.durable import PART, AppendOnlyFile, sync_all, write_atomic, write_unsynced
 from capture_app.session.files.locks import lock_folder
 from capture_app.session.format.checks import read_struct
 from capture_app.session.format.journal import lines_of_file
@@ -26,6 +28,8 @@ from capture_app.session.format.manifest import JOURNAL
 from capture_app.text import UNREADABLE
 
 REPORT = "report.json"
+UNKNOWN_ROOM = 1 << 30
+"""What is told, in bytes, of a spool that memory stands in for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,7 +62,8 @@ class SpooledBurst:
             finally:
                 journal.close(synced=False)
         except OSError as error:
-            self.image_file(image).unlink(missing_ok=True)
+            with suppress(OSError):
+                self.image_file(image).unlink(missing_ok=True)
             raise disk_error(error, self.folder) from error
 
     def sync(self, images: Iterable[ImageUpload]) -> None:
@@ -80,9 +85,13 @@ class SpooledBurst:
         return report
 
     def read_images(self) -> Iterator[ImageUpload]:
-        """Yield the headers of the images that are still here."""
+        """Yield the headers of the images that are still here. Raises DiskError."""
         journal = self.folder / JOURNAL
-        for line in lines_of_file(journal.read_bytes()) if journal.exists() else ():
+        try:
+            lines = lines_of_file(journal.read_bytes()) if journal.exists() else []
+        except OSError as error:
+            raise disk_error(error, self.folder) from error
+        for line in lines:
             try:
                 image = msgspec.json.decode(line, type=ImageUpload)
             except UNREADABLE:
@@ -135,6 +144,23 @@ class Spool:
             burst.remove()
             raise disk_error(error, self.folder) from error
         return burst
+
+    def look(self) -> SpoolSpace:
+        """Return how much room it has, and why it cannot be used, if so. Blocks on the disk."""
+        space = SpoolSpace(camera=self.camera, free_bytes=0, spool=str(self.folder))
+        probe = self.folder / f"probe{PART}"
+        try:
+            reserve(probe, LITTLE_BYTES)
+            probe.unlink()
+            return replace(space, free_bytes=free_bytes(self.folder))
+        except OSError as error:
+            problem = disk_error(error, self.folder)
+        except DiskError as error:
+            problem = error
+        if isinstance(problem, DiskFullError):
+            return replace(space, problem=problem.what)
+        # Memory stands in for it, and how much of that there is depends on the leader.
+        return replace(space, free_bytes=UNKNOWN_ROOM, problem=problem.what)
 
     def close(self) -> None:
         """Let another node use it. Calling it twice is harmless."""

@@ -14,10 +14,9 @@ from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect
 from capture_app.node.transfer.burst_sender import BurstSender, PostponedError
 from capture_app.node.transfer.burst_upload import BurstUpload
-from capture_app.node.transfer.encoding import FrameEncoder, note_full_spool
+from capture_app.node.transfer.encoding import FrameEncoder, note_useless_spool
 from capture_app.node.transfer.spool import Spool
-from capture_app.node.wire.messages import CameraReport, FromLeader, ImageUpload, NodeStream, SpoolSpace
-from capture_app.session.files.disk import free_bytes
+from capture_app.node.wire.messages import CameraReport, FromLeader, ImageUpload, NodeStream
 from capture_app.session.format.manifest import MissingImage
 from capture_app.sync.rig.frame_picks import Pick
 from capture_app.text import count
@@ -140,7 +139,9 @@ class Uploader:
             if burst is None:
                 await self._to_encode.wait()
                 continue
+            spooling = burst.spooling
             await self._encoder.encode_next(burst)
+            self._space_is_due |= burst.spooling != spooling
             if burst.is_over and burst.spooled is not None:
                 await asyncio.to_thread(burst.spooled.remove)
             self._news.set()
@@ -159,7 +160,7 @@ class Uploader:
                     await asyncio.to_thread(spooled.sync, images.values())
                 except SimulshotError as error:
                     burst.unsynced.clear()
-                    note_full_spool(burst, error, self.talk)
+                    note_useless_spool(burst, error, self.talk)
                     continue
                 for instant in images:
                     if burst.unsynced.pop(instant, None) is not None:
@@ -226,9 +227,7 @@ class Uploader:
         self._space_is_due = False
         if self.spool is None:
             return
-        folder = self.spool.folder
-        space = SpoolSpace(camera=self.spool.camera, free_bytes=free_bytes(folder), spool=str(folder))
-        await sender.ask(space)
+        await sender.ask(await asyncio.to_thread(self.spool.look))
 
 
 def _with_images(report: CameraReport, images: Iterable[ImageUpload]) -> CameraReport:

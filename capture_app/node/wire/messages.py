@@ -65,6 +65,8 @@ class SpoolSpace(Message, frozen=True, kw_only=True, tag="spool-space"):
     free_bytes: Count
     spool: str
     """Where it is, on that node."""
+    problem: str = ""
+    """Why it cannot be used at present: pictures are kept in memory until the leader has them."""
 
 
 class ImageAck(Message, frozen=True, kw_only=True, tag="image-ack"):

@@ -5,7 +5,7 @@ import os
 import shutil
 from pathlib import Path
 
-from capture_app.errors import BadInputError, DiskFullError, SimulshotError
+from capture_app.errors import BadInputError, DiskError, DiskFullError
 
 LITTLE_BYTES = 1 << 20
 """With less than this on a disk, a write that failed without a reason failed for want of room."""
@@ -39,10 +39,16 @@ def reserve(path: Path, size: int) -> None:
 
 
 def free_bytes(folder: Path) -> int:
-    """What is free for this user on the disk of a folder, which need not be there yet, in bytes."""
-    while not folder.exists() and folder != folder.parent:
-        folder = folder.parent
-    return shutil.disk_usage(folder).free
+    """What is free for this user on the disk of a folder, which need not be there yet, in bytes.
+
+    Raises DiskError where the disk does not answer.
+    """
+    try:
+        while not folder.exists() and folder != folder.parent:
+            folder = folder.parent
+        return shutil.disk_usage(folder).free
+    except OSError as error:
+        raise disk_error(error, folder) from error
 
 
 def is_full(error: OSError, folder: Path | None = None, little_bytes: int = LITTLE_BYTES) -> bool:
@@ -55,10 +61,10 @@ def is_full(error: OSError, folder: Path | None = None, little_bytes: int = LITT
     return folder is not None and folder.is_dir() and shutil.disk_usage(folder).free < little_bytes
 
 
-def disk_error(error: OSError, folder: Path) -> SimulshotError:
+def disk_error(error: OSError, folder: Path) -> DiskError:
     """An error of the disk in words."""
     if is_full(error):
         what = f"the disk of {folder} is full"
         return DiskFullError(what, hint="what was saved before is intact; make room, and it can go on")
     where = error.filename or folder
-    return SimulshotError(f"cannot write {where}: {error.strerror}", hint="what was saved before is intact")
+    return DiskError(f"cannot write {where}: {error.strerror}", hint="what was saved before is intact")

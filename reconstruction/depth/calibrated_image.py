@@ -147,6 +147,18 @@ class SourceView:
         return np.asarray(np.minimum(both, 1.0, out=both))
 
 
+BETTER_OF_TWO = 0.65
+"""Weight of the better of two sources: beside something near one of them sees that instead."""
+
+
+def combine_costs(costs: Sequence[Array]) -> Array:
+    """The cost of one to four sources together: one of them may see something in front."""
+    if len(costs) == 2:
+        better, worse = np.minimum(*costs), np.maximum(*costs)
+        return np.asarray(cv2.addWeighted(better, BETTER_OF_TWO, worse, 1 - BETTER_OF_TWO, 0))
+    return mean_of_lowest(costs, {1: 1, 3: 2}.get(len(costs), 3))
+
+
 def mean_of_lowest(costs: Sequence[Array], best: int) -> Array:
     """Mean of the `best` (1, 2 or 3) lowest of several cost maps, pixel by pixel."""
     lowest = [np.array(costs[0], copy=True)]

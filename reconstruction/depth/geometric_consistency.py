@@ -12,7 +12,9 @@ from reconstruction.depth.plane_sweep import Surface
 
 USUAL_WIDTH = 640
 SUPPORT_SHARE = 0.7
-"""Share of the neighbourhood that must be kept around a pixel which few views can see."""
+"""Share of the surface nearby that must be kept around a pixel which few views can see."""
+SUPPORT_PLACES = 12
+"""Places nearby that must be on its surface: a few of them are chance."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +44,7 @@ class ConsistencyLimits:
     min_island_px: int = 50
     """Smaller islands of depth are dropped."""
     support_px: int = 15
-    """Side of the neighbourhood that must be kept around a pixel which few views can see."""
+    """Side of the neighbourhood that counts as nearby around a pixel which few views can see."""
 
 
 def consistent_and_visible_views(
@@ -85,9 +87,8 @@ def consistent_pixels(
     usual = min(limits.min_views, max(1, sources - 1))
     agreed = count >= usual
     few = count >= np.clip(able.astype(np.int16) - 1, 1, usual)
-    if (few & ~agreed).any():
-        window = (limits.support_px, limits.support_px)
-        agreed |= few & (cv2.blur((few | agreed).astype(np.float32), window) > SUPPORT_SHARE)
+    unsure = np.nonzero(few & ~agreed)
+    agreed[unsure] = _kept_share(few | agreed, surface, unsure, limits) > SUPPORT_SHARE
     evidence = agreed & (surface.cost < limits.max_cost)
     # A single pixel of low cost is chance: evidence comes in patches.
     evidence = cv2.blur(evidence.astype(np.float32), (5, 5)) > 0.4
@@ -95,6 +96,31 @@ def consistent_pixels(
     carried = (away <= limits.max_rim) | _between(evidence, round(limits.max_carry * evidence.shape[1]))
     carried |= ~blank & (away < limits.max_carry)
     return remove_speckles(agreed & carried, surface.inverse_depth, limits.min_island_px)
+
+
+def _kept_share(kept: Array, surface: Surface, pixels: tuple[Array, ...], limits: ConsistencyLimits) -> Array:
+    """Which share of a pixel's own surface nearby is kept, at these rows and columns (n,).
+
+    What is seen beside its edge does not count: of the background nothing may be kept.
+    """
+    reach = limits.support_px // 2
+    rows, columns = pixels
+    level, slope_x, slope_y = (
+        part[pixels] for part in (surface.inverse_depth, surface.slope_x, surface.slope_y)
+    )
+    # What lies beyond the picture is on no surface.
+    around = cv2.copyMakeBorder(
+        surface.inverse_depth, reach, reach, reach, reach, cv2.BORDER_CONSTANT, value=(-1e6,)
+    )
+    beyond = np.pad(kept, reach)
+    places, there = (np.zeros(len(rows), np.float32) for _ in range(2))
+    for dy in range(-reach, reach + 1, 2):
+        for dx in range(-reach, reach + 1, 2):
+            at = rows + (reach + dy), columns + (reach + dx)
+            near = np.abs(around[at] - level - slope_x * dx - slope_y * dy) < limits.relative_depth * level
+            places += near
+            there += near & beyond[at]
+    return np.asarray(there / np.maximum(places, SUPPORT_PLACES))
 
 
 def _between(evidence: Array, reach: int) -> Array:

@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from reconstruction.common.geometry import Array
-from reconstruction.depth.calibrated_image import CalibratedImage, SourceView, mean_of_lowest
+from reconstruction.depth.calibrated_image import CalibratedImage, SourceView, combine_costs
 from reconstruction.depth.plane_fitting import fit_planes
 from reconstruction.depth.semiglobal_aggregation import aggregate_costs, cheapest_depths
 
@@ -153,9 +153,7 @@ def _find_cheapest(
     """Number and cost of each pixel's cheapest of `count` depths, by every source's costs of each depth."""
     volume = np.empty((reference.view.height, count, reference.view.width), np.uint8)
     for number, costs in enumerate(source_costs):
-        # The best three of four sources: one may see something in front.
-        best = {1: 1, 2: 2, 3: 2}.get(len(costs), 3)
-        np.multiply(mean_of_lowest(costs, best), WORST_COST, out=volume[:, number, :], casting="unsafe")
+        np.multiply(combine_costs(costs), WORST_COST, out=volume[:, number, :], casting="unsafe")
     return cheapest_depths(aggregate_costs(volume, reference.grey, small, large), volume)
 
 

@@ -8,7 +8,7 @@ import pytest
 
 from capture_app.errors import BadInputError
 from reconstruction.common.geometry import Array, View, resize_view
-from reconstruction.depth.calibrated_image import CalibratedImage, SourceView, mean_of_lowest
+from reconstruction.depth.calibrated_image import CalibratedImage, SourceView, combine_costs, mean_of_lowest
 from reconstruction.depth.coarse_scene import find_coarse_scene
 from reconstruction.depth.geometric_consistency import (
     ConsistencyLimits,
@@ -181,6 +181,14 @@ def test_mean_of_best_leaves_out_the_worst() -> None:
         assert mean_of_lowest(costs, best)[0, 0] == pytest.approx(mean)
 
 
+def test_of_two_sources_one_that_sees_something_in_front_spoils_little() -> None:
+    same, other = (np.full((2, 2), value, np.float32) for value in (0.1, 0.9))
+    assert combine_costs([same])[0, 0] == pytest.approx(0.1)
+    assert combine_costs([same, other])[0, 0] == pytest.approx(0.38)
+    assert combine_costs([other, same, same])[0, 0] == pytest.approx(0.1)
+    assert combine_costs([same, same, other, same])[0, 0] == pytest.approx(0.1)
+
+
 def test_semiglobal_fills_a_blank_patch_and_keeps_an_edge() -> None:
     truth = np.full((24, 40), 3)
     truth[:, 20:] = 9
@@ -242,6 +250,22 @@ def test_one_vote_is_enough_where_nobody_else_can_see_but_not_against_others() -
     assert kept[:18, inner].all()
     assert kept[20:45, inner].all()
     assert not kept[55:75, inner].any()
+
+
+def test_a_rim_that_one_view_sees_is_kept_beside_a_background_that_none_sees() -> None:
+    level, rim = np.full((60, 100), 0.4, np.float32), slice(50, 60)
+    level[:, :60] = 0.8
+    flat = np.zeros_like(level)
+    count, able = (np.zeros(level.shape, np.uint8) for _ in range(2))
+    count[:, :50] = able[:] = 2
+    count[:, rim] = able[:, rim] = 1
+    seen = Surface(level, flat, flat, flat)
+    kept = consistent_pixels(seen, count, able, 3, flat > 0, ConsistencyLimits())
+    assert kept[:, :60].all()
+    assert not kept[:, 60:].any()
+    # A few pixels whose surface nobody else confirms, as of what moves between the pictures.
+    count[:, :56] = 0
+    assert not consistent_pixels(seen, count, able, 3, flat > 0, ConsistencyLimits()).any()
 
 
 def test_speckles_go_and_large_islands_stay() -> None:

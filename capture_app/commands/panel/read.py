@@ -5,21 +5,24 @@ from typing import TYPE_CHECKING
 
 import click
 
+from capture_app.commands.options import ANY_PATH, FOLDER
 from capture_app.terminal import json_option, print_json, print_line, print_table, show_count
-from capture_app.text import count, duration
+from capture_app.text import count, duration, pretty_json
 
 if TYPE_CHECKING:
     from capture_app.panel.reading.pair_errors import Held, PairTable, RigErrors
     from capture_app.panel.reading.session_times import SessionTimes
 
+RESULT = "panel.json"
 RATE_LIMIT_PPM = 3_000.0
 """A panel whose clock differs by more than this from the session's is not the one that its markers tell."""
 
 
 @click.command()
-@click.argument("session", type=click.Path(path_type=Path))
+@click.argument("session", type=ANY_PATH)
+@click.option("--out", type=FOLDER, metavar="DIR", help=f"Folder to write {RESULT} to, with all figures.")
 @json_option
-def read(session: Path, as_json: bool) -> None:
+def read(session: Path, out: Path | None, as_json: bool) -> None:
     """Read a panel in the pictures of SESSION: how far apart the cameras took each instant.
 
     Finds the panel by its markers, so that nothing need be said of it, in imported sessions too. Total is
@@ -28,12 +31,17 @@ def read(session: Path, as_json: bool) -> None:
     """
     from capture_app.panel.reading.pair_errors import rig_errors
     from capture_app.panel.reading.session_times import read_session
+    from capture_app.session.files.output_folder import OutputFolder, replaces_only
     from capture_app.session.reading.reader import Session
 
     times = read_session(Session.open(session), show_count("pictures"))
     errors = rig_errors(times)
+    found = _as_json(times, errors)
+    if out is not None:
+        with OutputFolder(out, replaces_only({RESULT})) as output:
+            (output.folder / RESULT).write_bytes(pretty_json(found))
     if as_json:
-        print_json(_as_json(times, errors))
+        print_json(found)
         return
     _print_pictures(times)
     if errors.all is None:

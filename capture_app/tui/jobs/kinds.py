@@ -88,6 +88,14 @@ DOSE = JobKind(
     result="metrics.json",
     report="report.html",
 )
+PANEL = JobKind(
+    "panel",
+    "Panel",
+    "how far apart the cameras were, by a panel",
+    CAPTURE,
+    ("panel", "read"),
+    result="panel.json",
+)
 VERIFY = JobKind(
     "verify",
     "Verify",
@@ -116,6 +124,6 @@ EXPORTS: Mapping[str, JobKind] = {
     )
     for name, what in FORMATS.items()
 }
-STUDIES = (COMPARE, MULTIVIEW, STITCH, DOSE)
-"""The jobs of `reconstruct`, whose results can be looked at."""
+STUDIES = (COMPARE, MULTIVIEW, STITCH, DOSE, PANEL)
+"""The jobs whose results can be looked at."""
 KINDS: Mapping[str, JobKind] = {kind.name: kind for kind in (*STUDIES, VERIFY, REPAIR, *EXPORTS.values())}

@@ -7,6 +7,7 @@ import msgspec
 
 from capture_app.text import count
 from capture_app.tui.jobs.kinds import JobKind
+from capture_app.tui.jobs.panel_result import panel_verdict
 
 
 def outcome(kind: JobKind, printed: bytes) -> str:
@@ -91,6 +92,7 @@ _SENTENCES = {
     "multiview": _of_multiview,
     "stitch": _of_stitch,
     "dose": _of_dose,
+    "read": panel_verdict,
     "verify": _of_verify,
     "repair": _of_repair,
     "export": _of_export,

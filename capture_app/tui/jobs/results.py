@@ -12,8 +12,9 @@ from capture_app.session.format.checks import inside
 from capture_app.text import count
 from capture_app.tui.drawing.line_parts import filled_cells
 from capture_app.tui.jobs.job import Job
-from capture_app.tui.jobs.kinds import COMPARE, DOSE, MULTIVIEW, STITCH
+from capture_app.tui.jobs.kinds import COMPARE, DOSE, MULTIVIEW, PANEL, STITCH
 from capture_app.tui.jobs.outcome import moves, outcome, percent
+from capture_app.tui.jobs.panel_result import panel_remarks, panel_tables
 
 SYNCED, LATE = "same instant", "late"
 BAR = 20
@@ -206,11 +207,17 @@ def _dose(found: Mapping[str, Any], folder: Path, verdict: str) -> StudyResult:
     )
 
 
+def _panel(found: Mapping[str, Any], folder: Path, verdict: str) -> StudyResult:
+    tables = tuple(ResultTable(*table) for table in panel_tables(found))
+    return StudyResult(verdict, (), tables, panel_remarks(found))
+
+
 _READERS = {
     COMPARE.name: _comparison,
     STITCH.name: _panorama,
     MULTIVIEW.name: _multiview,
     DOSE.name: _dose,
+    PANEL.name: _panel,
 }
 
 

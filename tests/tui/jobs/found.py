@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from capture_app.tui.jobs.job import Job, JobState
-from capture_app.tui.jobs.kinds import COMPARE, DOSE, KINDS, MULTIVIEW, STITCH
+from capture_app.tui.jobs.kinds import COMPARE, DOSE, KINDS, MULTIVIEW, PANEL, STITCH
 from capture_app.tui.jobs.records import default_out, save_record
 
 VERDICT = (
@@ -145,4 +145,37 @@ def add_depth(root: Path, session: str) -> Job:
         "files": ["fused.ply", "depth.npz"],
     }
     (job.out / "multiview.json").write_text(json.dumps(found))
+    return job
+
+
+def add_panel(root: Path, session: str, *, compared: bool = True) -> Job:
+    """What a panel showed of two cameras; `compared`: of one instant at least, in both."""
+    job = add_job(root, PANEL.name, session)
+    assert job.out is not None
+    job.out.mkdir(parents=True)
+
+    def summary(mean_us: float, max_us: float) -> dict[str, float]:
+        return {"mean_abs_ns": 1e3 * mean_us, "std_ns": 5e3, "max_ns": 1e3 * max_us, "bias_ns": -2e3}
+
+    kinds = {"total": summary(32, 121), "phase": summary(7, 21), "clock": summary(30, 115)}
+    table = {"cameras": ["cam00", "cam01"], "count": 5, **kinds, "reading_uncertainty_ns": 14e3}
+    pictures = [
+        {"camera": camera, "instant": instant, "uncertainty_ns": 10e3}
+        for camera in ("cam00", "cam01")
+        for instant in range(5)
+    ]
+    found = {
+        "panel": "led-pair",
+        "tick_ns": 200e3,
+        "cycle_ns": 1e9,
+        "exposures_known": False,
+        "pictures": pictures,
+        "refusals": [{"camera": "cam01", "instant": 5, "reason": "no marker of a panel"}],
+        "errors": {
+            "all": table if compared else None,
+            "pairs": [table] if compared else [],
+            "within_uncertainty": {"held": 5, "count": 5} if compared else None,
+        },
+    }
+    (job.out / "panel.json").write_text(json.dumps(found))
     return job

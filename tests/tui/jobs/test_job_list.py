@@ -14,10 +14,12 @@ from capture_app.session.reading.reader import Session
 from capture_app.text import ProgressStep
 from capture_app.tui.jobs.job import Job, JobState
 from capture_app.tui.jobs.job_list import JobList
-from capture_app.tui.jobs.kinds import COMPARE, EXPORTS, KINDS, VERIFY
+from capture_app.tui.jobs.kinds import COMPARE, EXPORTS, KINDS, PANEL, VERIFY
 from capture_app.tui.jobs.records import INTERRUPTED
+from capture_app.tui.jobs.results import read_result
 from tests.waiting import until
 
+SAMPLES = Path(__file__).parents[3] / "sample_sessions"
 QUICK = replace(COMPARE, module="tests.tui.jobs.quick_command", command=("compare",), quick="")
 
 
@@ -169,7 +171,10 @@ async def test_verify_and_export_are_jobs_too(jobs: JobList, session: Session, t
 
 def test_each_kind_has_a_line_that_one_could_type(session: Session, tmp_path: Path) -> None:
     lines = [kind.command_line(session.folder, tmp_path / "out", kind.quick) for kind in KINDS.values()]
-    assert all(line.startswith(("reconstruct ", "capture-app sessions ")) for line in lines)
+    assert all(
+        line.startswith(("reconstruct ", "capture-app sessions ", "capture-app panel read "))
+        for line in lines
+    )
     assert f"capture-app sessions export {session.folder} --to colmap --out {tmp_path / 'out'}" in lines
 
 
@@ -183,3 +188,16 @@ def test_time_left_is_reckoned_from_the_steps(tmp_path: Path) -> None:
     assert job.seconds_left == pytest.approx(60.0)
     job.step = ProgressStep(5, 0, "odd")
     assert job.share is None
+
+
+async def test_a_panel_is_read_and_its_figures_can_be_looked_at(jobs: JobList) -> None:
+    job = jobs.add(PANEL, SAMPLES / "led_panel")
+    await jobs.wait()
+    assert job.state is JobState.DONE, list(job.log)
+    assert "apart on average" in job.message
+    result = read_result(job)
+    assert result.verdict == job.message
+    apart, seen = result.tables
+    assert [row[0] for row in apart.rows] == ["cam00 – cam01"]
+    assert [row[:3] for row in seen.rows] == [("cam00", "5", "0"), ("cam01", "5", "0")]
+    assert "shows the same again after 1.0 s" in result.remarks[0]

@@ -226,7 +226,7 @@ def link(
     callback=_require_plots,
     help="Folder for index.html, paper.json and the pictures (needs simulshot[plots]).",
 )
-@click.option("--quick", is_flag=True, help="A tenth of the trials: four minutes on two cores.")
+@click.option("--quick", is_flag=True, help="A quarter of the trials: at most four minutes on two cores.")
 @click.option(
     "--compared",
     type=FOLDER,

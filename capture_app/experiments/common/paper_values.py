@@ -72,9 +72,9 @@ TABLE_1 = PaperTable(
     "Pictures triggered without synchronization",
     "Table I",
     (
-        *_triggers("wired", "selfie stick through an audio splitter", 180.0, 103.0, 50.0, 2.0),
-        *_triggers("bluetooth", "two Bluetooth remotes, one button", 200.0, 69.0, 65.0, 1.0),
-        *_triggers("wifi", "message over WiFi", 677.0, 123.0, 84.0, None),
+        *_triggers("wired", "triggered by a selfie stick", 180.0, 103.0, 50.0, 2.0),
+        *_triggers("bluetooth", "triggered by Bluetooth remotes", 200.0, 69.0, 65.0, 1.0),
+        *_triggers("wifi", "triggered by a message over WiFi", 677.0, 123.0, 84.0, None),
     ),
 )
 TABLE_2 = PaperTable(
@@ -241,13 +241,11 @@ FIGURE_S2 = PaperFigure(
     "Convergence of the filters with the number of messages",
     "Supplement, figure 2",
     (
-        PaperValue("mean.10000", "mean filter after 10,000 messages", "us", 400.0, less_is_better=True),
-        PaperValue("minimum.10000", "minimum filter after 10,000 messages", "us", 19.0, less_is_better=True),
-        PaperValue("ours.10000", "this program's after 10,000 messages", "us", None, less_is_better=True),
-        PaperValue(
-            "minimum.300", "minimum filter after 300 messages", "us", None, False, True, headline=True
-        ),
-        PaperValue("ours.300", "this program's after 300 messages", "us", None, False, True, headline=True),
+        PaperValue("mean.10000", "mean filter, 10,000 messages", "us", 400.0, less_is_better=True),
+        PaperValue("minimum.10000", "minimum filter, 10,000 messages", "us", 19.0, less_is_better=True),
+        PaperValue("ours.10000", "this program, 10,000 messages", "us", None, less_is_better=True),
+        PaperValue("minimum.300", "minimum filter, 300 messages", "us", None, False, True, headline=True),
+        PaperValue("ours.300", "this program, 300 messages", "us", None, False, True, headline=True),
     ),
 )
 

@@ -33,7 +33,7 @@ def new_figure(**options: Any) -> "Figure":
 
 
 def save(figure: "Figure", path: Path) -> Path:
-    """Write the figure as the suffix says (.png or .svg), with the same bytes for the same figure."""
+    """Write the figure as the suffix says (.png, .jpg or .svg), with the same bytes for the same figure."""
     from matplotlib import rc_context
 
     nameless = {".png": {"Software": None}, ".svg": {"Date": None}}

@@ -66,4 +66,4 @@ def draw_panel(pictures: tuple[Image, Image], folder: Path) -> list[Path]:
             axes.imshow(picture[..., ::-1])
         axes.set_title(title)
         axes.set_axis_off()
-    return [save(figure, folder / "figure-5.png")]
+    return [save(figure, folder / "figure-5.jpg")]

@@ -13,7 +13,7 @@ from capture_app.experiments.paper.report import PaperReport, make_report
 from capture_app.session.files.durable import write_atomic
 from capture_app.text import pretty_json
 
-QUICK_SHARE = 0.1
+QUICK_SHARE = 0.25
 PAGE, NUMBERS = "index.html", "paper.json"
 
 

@@ -111,7 +111,7 @@ def paper_part(*, share: float, seed: int, talk: Callable[[str], None]) -> Seque
                 f"the clients at once, {MESSAGES} messages at least, until clocks are good for {setups[1]}",
             ),
             simulated=SIMULATED,
-            notes=("The leader's own camera needs no messages over the air in the paper, but it does here.",),
+            notes=("By default the leader's own camera counts, too; it asks within its machine.",),
         ),
         Reproduction(
             of=BURST,

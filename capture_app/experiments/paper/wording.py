@@ -86,7 +86,7 @@ def in_print(text: str) -> str:
 
 def measured(report: PaperReport) -> str:
     """Say how the report came about."""
-    fewer = " with a tenth of the trials (`--quick`)" if report.quick else ""
+    fewer = " with a quarter of the trials (`--quick`)" if report.quick else ""
     return f"Made by `capture-app experiment paper`{fewer}, seed {report.seed}."
 
 

@@ -1,6 +1,5 @@
 """The page of a screen's panel in a real browser, where there is one; refreshes come as the test says."""
 
-import base64
 import json
 from collections.abc import Iterator
 from functools import cache
@@ -13,53 +12,22 @@ from numpy.typing import NDArray
 
 from capture_app.panel.catalog import panel_of_marker
 from capture_app.panel.pattern import DICTIONARY, Panel
-from capture_app.panel.screen.page import page_html
 from tests.browser import CHROMIUM, Browser
-
-CLOCK = """
-let callback = null, now = 0;
-window.requestAnimationFrame = (asked) => { callback = asked; return 1; };
-performance.now = () => now;
-window.refresh = (ms) => { now = ms; const due = callback; callback = null; due(ms); };
-"""
-"""The browser's clock and screen: `refresh(ms)` is a refresh at that time."""
+from tests.panel.screen.browser_page import play, shown, start_browser, write_page
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="there is no Chromium here")
 
 
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    browser = Browser(tmp_path_factory.mktemp("profile"))
-    try:
-        browser.start()
-        browser.do("Page.addScriptToEvaluateOnNewDocument", source=CLOCK)
-        yield browser
-    finally:
-        browser.close()
+    browser = start_browser(tmp_path_factory.mktemp("profile"))
+    yield browser
+    browser.close()
 
 
 @pytest.fixture(scope="module")
 def page(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    file = tmp_path_factory.mktemp("page") / "panel.html"
-    file.write_bytes(page_html())
-    return file
-
-
-def play(
-    browser: Browser, rate_hz: float, refreshes: range, *, coarse_ms: float = 0.1, skip: int = 0
-) -> None:
-    """Let refreshes happen; of `skip` of them each one goes without a callback."""
-    browser.ask(
-        f"for (let k = {refreshes.start}; k < {refreshes.stop}; k++) if (!{skip} || k % {skip}) "
-        f"refresh(Math.floor((1000.37 + k * 1000 / {rate_hz}) / {coarse_ms}) * {coarse_ms})"
-    )
-
-
-def shown(browser: Browser) -> NDArray[np.uint8]:
-    """What stands on the page's canvas."""
-    data = browser.ask("document.getElementById('panel').toDataURL('image/png')").split(",")[1]
-    picture = cv2.imdecode(np.frombuffer(base64.b64decode(data), np.uint8), cv2.IMREAD_GRAYSCALE)
-    return np.asarray(picture, np.uint8)
+    return write_page(tmp_path_factory.mktemp("page"))
 
 
 def look(picture: NDArray[np.uint8]) -> tuple[Panel, tuple[bool, ...]] | None:

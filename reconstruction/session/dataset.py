@@ -1,6 +1,8 @@
 """A session's images and ground truth, by camera and instant."""
 
 import hashlib
+import zipfile
+import zlib
 from collections.abc import Iterable, Mapping, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -179,7 +181,7 @@ class Dataset:
         if path is None:
             return None
         try:
-            with np.load(path) as data:
+            with path.open("rb") as file, np.load(file) as data:
                 depth, movers = np.asarray(data["depth_m"], np.float32), np.asarray(data["movers"], np.uint8)
                 if self._scale < 1.0:
                     size, how = self.size(camera), cv2.INTER_NEAREST_EXACT
@@ -187,7 +189,7 @@ class Dataset:
                         np.asarray(cv2.resize(a, size, interpolation=how)) for a in (depth, movers)
                     )
                 return np.where(np.isfinite(depth), depth, np.float32(0)), movers > 0
-        except (OSError, ValueError, KeyError, EOFError) as error:
+        except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as error:
             raise BadInputError(f"{path} is not a ground-truth file: {error}") from error
 
     def ground_truth_file(self, camera: str, instant: int) -> Path | None:

@@ -1,18 +1,23 @@
 """Checks of paths, JSON files and manifests that may come from anywhere, and of what is written."""
 
 import re
+import stat
+from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path, PurePosixPath
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import msgspec
 
 from capture_app.errors import BadInputError
 from capture_app.names import check_name
+from capture_app.session.files.regular import read_regular
 from capture_app.session.format.manifest import MANIFEST, Manifest
 from capture_app.text import UNREADABLE
 
 _T = TypeVar("_T")
+MOST_INTEGER, MOST_REAL = 2**63, 1e15
+"""Numbers of a manifest are smaller: sums and products of them then stay numbers everywhere."""
 
 
 class _Version(msgspec.Struct):
@@ -22,19 +27,26 @@ class _Version(msgspec.Struct):
 
 
 def inside(folder: Path, path: str) -> Path:
-    """The file of a path that a manifest gives. Raises BadInputError where it leads out of the folder."""
+    """The file of a path that a manifest gives, which need not be there.
+
+    Raises BadInputError where it leads out of the folder, or is a pipe or a device.
+    """
     parts = PurePosixPath(path).parts
     odd = not parts or path.startswith("/") or ".." in parts or "\\" in path or "\0" in path
-    file = folder / path
+    file, waits = folder / path, False
     try:
         safe = not odd and file.resolve().is_relative_to(folder.resolve())
         if safe:
             with suppress(FileNotFoundError, NotADirectoryError):
-                file.stat()  # from Python 3.13 on a loop of links resolves, and fails only here
+                # From Python 3.13 on a loop of links resolves, and fails only here.
+                mode = file.stat().st_mode
+                waits = not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
     except (OSError, RuntimeError):
         safe = False
     if not safe:
         raise BadInputError(f"{folder / MANIFEST} names {path!r}, which lies outside the session")
+    if waits:
+        raise BadInputError(f"{folder / MANIFEST} names {path!r}, which is not a regular file")
     return file
 
 
@@ -45,7 +57,7 @@ def read_struct(path: Path, kind: type[_T], newest: int | None = None) -> _T:
     fit the struct; the message says where.
     """
     try:
-        data = path.read_bytes()
+        data = read_regular(path)
     except OSError as error:
         raise BadInputError(f"cannot read {path}: {error.strerror}") from error
     try:
@@ -79,10 +91,14 @@ def indented(data: bytes) -> bytes:
 
 
 def check_references(path: Path, manifest: Manifest) -> None:
-    """Check the names, and that images are of cameras and instants that the manifest at `path` has.
+    """Check the names and numbers, and that images are of cameras and instants of the manifest at `path`.
 
     Raises BadInputError for the first that is not.
     """
+    if not all(map(_is_usual, _numbers(msgspec.to_builtins(manifest)))):
+        raise BadInputError(f"{path} has a number that no session has, such as one of over 64 bits")
+    if not manifest.burst.instants_ns:
+        raise BadInputError(f"{path} has no instants")
     names = [camera.name for camera in manifest.cameras]
     if len(set(names)) != len(names):
         raise BadInputError(f"{path} lists a camera twice")
@@ -95,6 +111,23 @@ def check_references(path: Path, manifest: Manifest) -> None:
             raise BadInputError(f"{path}: {where} is of an unknown camera, {camera}")
         if instant >= len(manifest.burst.instants_ns):
             raise BadInputError(f"{path}: {where} is of an unknown instant, {instant}")
+
+
+def _numbers(value: Any) -> Iterator[int | float]:
+    """Yield all numbers in plain data."""
+    if isinstance(value, dict):
+        value = value.values()
+    elif isinstance(value, int | float):
+        yield value
+        return
+    elif not isinstance(value, list | tuple):
+        return
+    for part in value:
+        yield from _numbers(part)
+
+
+def _is_usual(number: int | float) -> bool:
+    return abs(number) < (MOST_INTEGER if isinstance(number, int) else MOST_REAL)
 
 
 def _line_of(data: bytes, message: str) -> str:

@@ -12,9 +12,13 @@ from capture_app.session.format.manifest import IMAGE_SUFFIXES
 from capture_app.session.importers.embedded_times import video_pictures, video_times_ns
 from capture_app.session.importers.frame_matching import TimedFrame
 from capture_app.session.reading.decoding import image_size
+from capture_app.session.reading.exif import read_exif
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".mjpg", ".mjpeg", ".mpg", ".mpeg")
 JPEG_QUALITY = 95
+TURNED_QUALITY = 98
+"""Of pictures that were JPEGs before."""
+JPEG_BEGIN = b"\xff\xd8"
 
 
 class Source(ABC):
@@ -45,7 +49,10 @@ class Source(ABC):
 
 
 class ImageFolder(Source):
-    """A folder of image files, in natural order, or one image; their bytes are kept as they are."""
+    """A folder of image files, in natural order, or one image.
+
+    Their bytes are kept as they are, but for those that EXIF says to turn.
+    """
 
     kind = "images"
 
@@ -86,10 +93,34 @@ def read_images(
             data = read(file)
         except OSError as error:
             raise BadInputError(f"cannot read {file}: {error.strerror}") from error
+        data = upright(data)
         size = image_size(data)
         if size is None:
             raise BadInputError(f"{file} is not an image that can be decoded")
         yield index, data, size
+
+
+def upright(data: bytes) -> bytes:
+    """Return an image file's bytes as they are, or encoded anew where its EXIF says that it is to be turned.
+
+    Some programs turn such pictures and some do not: in a session all see the same.
+    """
+    try:
+        turned = read_exif(data).orientation in range(2, 9) if data[:2] == JPEG_BEGIN else False
+    except ValueError:
+        return data
+    if not turned:
+        return data
+    import cv2
+    import numpy as np
+
+    try:
+        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR)
+    except cv2.error:
+        return data
+    if image is None:
+        return data
+    return bytes(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, TURNED_QUALITY])[1].tobytes())
 
 
 class Video(Source):

@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from capture_app.session.files.durable import write_unsynced
+from capture_app.session.files.regular import read_regular
 from capture_app.session.format.burst_plan import PLAN
 from capture_app.session.format.ground_truth import TIMES, TRUE_TIMES_JOURNAL
 from capture_app.session.format.manifest import CALIBRATION, EVENTS, JOURNAL, MANIFEST, RECIPE
@@ -33,7 +34,7 @@ def write_checksums(folder: Path, manifest: bytes) -> Path:
 def changed_files(folder: Path) -> Iterator[tuple[str, str]]:
     """Yield the path and what is wrong for each file that is not as it was when the session was finished."""
     try:
-        stored = (folder / CHECKSUMS).read_bytes()
+        stored = read_regular(folder / CHECKSUMS)
     except OSError:
         yield CHECKSUMS, "the checksums are missing"
         return
@@ -45,7 +46,7 @@ def changed_files(folder: Path) -> Iterator[tuple[str, str]]:
             yield CHECKSUMS, f"has an unknown line: {line!r}"
             continue
         try:
-            actual = hashlib.sha256((folder / name).read_bytes()).hexdigest()
+            actual = hashlib.sha256(read_regular(folder / name)).hexdigest()
         except OSError as error:
             yield name, f"cannot be read: {error.strerror}"
             continue

@@ -1,9 +1,11 @@
-"""What a JPEG's EXIF says (CIPA DC-008): when it was taken, and how wide its lens saw."""
+"""What a JPEG's EXIF says (CIPA DC-008): when it was taken, how it is held, and how wide its lens saw."""
 
 import struct
 from dataclasses import dataclass
 
 _EXIF_IFD, _DATE, _PART, _FOCAL_35MM = 0x8769, 0x9003, 0x9291, 0xA405
+_ORIENTATION = 0x0112
+UPRIGHT = 1
 
 
 @dataclass(frozen=True)
@@ -15,6 +17,8 @@ class Exif:
     part_of_second: str = ""
     focal_35mm: int | None = None
     """Focal length in mm of a lens that sees as wide a diagonal on 35 mm film."""
+    orientation: int = UPRIGHT
+    """How the picture is to be turned to be seen upright: 1 (not at all) to 8."""
 
 
 def read_exif(data: bytes) -> Exif:
@@ -36,11 +40,15 @@ def _read_tiff(tiff: bytes) -> Exif:
     if order is None:
         raise ValueError("neither II nor MM")
     first = _entries(tiff, order, struct.unpack_from(f"{order}I", tiff, 4)[0])
+    orientation = UPRIGHT
+    if _ORIENTATION in first:
+        orientation = struct.unpack_from(f"{order}H", first[_ORIENTATION][1])[0]
     if _EXIF_IFD not in first:
-        return Exif()
+        return Exif(orientation=orientation)
     inner = _entries(tiff, order, struct.unpack(f"{order}I", first[_EXIF_IFD][1])[0])
     focal = struct.unpack_from(f"{order}H", inner[_FOCAL_35MM][1])[0] if _FOCAL_35MM in inner else 0
-    return Exif(_text(tiff, order, inner.get(_DATE)), _text(tiff, order, inner.get(_PART)), focal or None)
+    date, part = (_text(tiff, order, inner.get(tag)) for tag in (_DATE, _PART))
+    return Exif(date, part, focal or None, orientation)
 
 
 def _entries(tiff: bytes, order: str, place: int) -> dict[int, tuple[int, bytes]]:

@@ -89,8 +89,11 @@ def judge(manifest: Manifest) -> Verdict:
 
 
 def find_sync_record(manifest: Manifest) -> SyncRecord:
-    """The manifest's record of its synchronization; older ones lack it, but their images tell."""
-    return manifest.sync or sync_record(manifest.cameras, manifest.burst, manifest.images, manifest.missing)
+    """The manifest's record of its synchronization; where it lacks one of its instants, their images tell."""
+    sync = manifest.sync
+    if sync is not None and len(sync.spread_ns) == len(manifest.burst.instants_ns):
+        return sync
+    return sync_record(manifest.cameras, manifest.burst, manifest.images, manifest.missing)
 
 
 def describe_displacement(sync: SyncRecord, px_per_s: float = PX_PER_S) -> str:

@@ -11,6 +11,7 @@ import msgspec
 
 from capture_app.errors import BadInputError
 from capture_app.session.files.durable import PART
+from capture_app.session.files.regular import read_regular
 from capture_app.session.format.ground_truth import ground_truth_path
 from capture_app.session.format.journal import lines_of_file, record_of_line
 from capture_app.session.format.manifest import (
@@ -116,7 +117,7 @@ def _sync(session: Session) -> Iterator[Problem]:
 def _image(session: Session, record: ImageRecord) -> Iterator[Problem]:
     yield from _times(session, record)
     try:
-        data = session.image_file(record).read_bytes()
+        data = read_regular(session.image_file(record))
     except FileNotFoundError:
         yield Problem(ProblemKind.MISSING, record.path, "the image is missing")
         return
@@ -167,7 +168,7 @@ def _times(session: Session, record: ImageRecord) -> Iterator[Problem]:
 
 def _journal(session: Session) -> Iterator[Problem]:
     try:
-        lines = lines_of_file((session.folder / JOURNAL).read_bytes())
+        lines = lines_of_file(read_regular(session.folder / JOURNAL))
     except OSError:
         yield Problem(ProblemKind.MISSING, JOURNAL, "the journal is missing")
         return

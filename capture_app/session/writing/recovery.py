@@ -9,6 +9,7 @@ import msgspec
 
 from capture_app.errors import BadInputError
 from capture_app.session.files.durable import PART, free_name, make_folders, sync_folder, write_atomic
+from capture_app.session.files.regular import read_regular
 from capture_app.session.format.checks import read_struct
 from capture_app.session.format.ground_truth import TRUE_TIMES_JOURNAL, TrueTime, ground_truth_path
 from capture_app.session.format.journal import lines_of_file, record_of_line
@@ -37,7 +38,7 @@ def recover_images(folder: Path) -> tuple[list[ImageRecord], list[ImageRecord]]:
     Files that it does not list, and those whose bytes have changed, are moved into `set_aside`.
     Needs the session's lock. Raises OSError.
     """
-    data = (folder / JOURNAL).read_bytes() if (folder / JOURNAL).exists() else b""
+    data = read_regular(folder / JOURNAL) if (folder / JOURNAL).exists() else b""
     records: dict[tuple[str, int], ImageRecord] = {}
     for line in lines_of_file(data):
         if (listed := record_of_line(line, ImageRecord)) is not None:
@@ -79,7 +80,7 @@ def recover_true_times(folder: Path, images: Iterable[ImageRecord]) -> dict[tupl
     if not path.exists():
         return {}
     known: dict[tuple[str, int], TrueTime] = {}
-    lines = lines_of_file(path.read_bytes())
+    lines = lines_of_file(read_regular(path))
     for line in lines:
         if (true := record_of_line(line, TrueTime)) is not None:
             known[true.camera, true.instant] = true

@@ -162,10 +162,14 @@ def test_cases_of_phase_are_judged_by_the_truth() -> None:
 
 def test_two_phones_take_pictures_of_the_panel_that_tell_their_times(tmp_path: Path) -> None:
     outcome = led_panel.run(trials=1, seed=1, talk=nothing)
-    ours = outcome.result.ours
+    ours, oracle = outcome.result.ours, outcome.result.baseline["oracle_clock_us"]
     assert abs(ours["total_us"]["bias"] - ours["true_total_us"]["bias"]) < 15.0
     assert ours["total_us"]["max"] < 121.0
     assert ours["phase_us"]["max"] < 21.0
+    assert 1.0 <= ours["injections_mean"] <= 5.5
+    assert ours["by_default"]["hard_bound_held_share"] == 1.0
+    assert set(ours["scatter_20_us"]) == set(ours["by_default"])
+    assert oracle["max"] < 20.0
     assert [path.name for path in draw(outcome, tmp_path)] == ["led-panel.png", "led-panel-pictures.png"]
 
 

@@ -11,7 +11,7 @@ from capture_app.simulation.rendering.led_panel import Image
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from capture_app.experiments.led_panel.experiment import Trial
+    from capture_app.experiments.led_panel.trial import Trial
 
 PARTS = {"phase": "phase", "clock": "clock", "total": "phase and clock"}
 BINS = 41

@@ -9,7 +9,7 @@ from capture_app.experiments.common.paper_values import TABLE_1, TABLE_2
 from capture_app.experiments.common.plots import new_figure, save
 from capture_app.experiments.common.result import Outcome, Result, Table, error_figures
 from capture_app.experiments.common.workers import call_all
-from capture_app.experiments.led_panel.experiment import run_trial
+from capture_app.experiments.led_panel.trial import run_trial
 from capture_app.experiments.naive.mechanisms import TRIGGERS
 
 TRIALS = 1000

@@ -11,6 +11,7 @@ from capture_app.simulation.network.link import Channel, Link, MediumQueue, Shar
 from capture_app.simulation.network.paper_link import PAPER_LINK
 from capture_app.simulation.network.radio_cell import RadioCell, Receiver, deliver_broadcast
 from capture_app.simulation.rig.virtual_time import Timer, VirtualTime
+from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.phase.injection_history import InjectionProfile
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.events import BurstPicked, ClientEvent, LeaderEvent
@@ -18,6 +19,7 @@ from capture_app.sync.rig.frame_picks import Burst
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.stamps.frame_stamp import FrameStamp
+from capture_app.sync.timekeeping.accuracy_goal import AccuracyGoal
 from capture_app.sync.timekeeping.poll_schedule import PollSchedule, SteadySchedule
 from capture_app.sync.wire.beacon import Group
 from capture_app.sync.wire.camera_commands import InjectFrame, RestartStream, SetFrameDuration
@@ -43,6 +45,10 @@ class NodeSpec:
     receiver: Receiver = PLAIN_RECEIVER
     schedule: Callable[[], PollSchedule] = SteadySchedule
     """Makes the schedule by which it asks for the time."""
+    any_clock: bool = False
+    """Whether its clock is good enough once its schedule calls it synchronized, however well it is known."""
+    on_sample: Callable[[ClockSample], None] | None = None
+    """Called with each of its exchanges with the leader."""
 
 
 @dataclass(slots=True)
@@ -108,7 +114,9 @@ class VirtualRig:
             ring_frames=60,
             injection_profile=spec.injection_profile,
         )
-        client: Client[SensorFrame] = Client(config, rng, spec.schedule())
+        client: Client[SensorFrame] = Client(config, rng, spec.schedule(), on_sample=spec.on_sample)
+        if spec.any_clock:
+            client.time.timekeeper.goal = AccuracyGoal()
         node = VirtualNode(spec, Sensor(spec.profile, rng), client, self._channel(spec.link))
         node.timer = Timer(self._time, self._pump, node)
         self.nodes[spec.name] = node

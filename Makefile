@@ -16,6 +16,7 @@
 # make bench-rig   bursts of five cameras with two fast clocks, over emulated WiFi links (root, 4 min)
 # make bench-clients   a thousand clients of one leader over real UDP, half a minute
 # make soak SECONDS=120   burst after burst, and whether threads, memory, open files or phase errors grow (SOAK="--cameras 5 --every 20")
+# make hostile   hostile datagrams, frames and connections against a running rig (HOSTILE="--datagrams 10000000 --frames 200000")
 # make bench-tui   what the terminal UI costs beside a rig of 20 cameras, and that the rig does not notice it (5 min)
 # make screenshots   the pictures of the screen in docs/images, from a real run with simulated cameras
 # make animation   film a take on the real screen for README, a minute or two
@@ -32,7 +33,7 @@ SECONDS ?= 120
 LIBRARIES := libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
 	libusb-1.0.so.0:libusb-1.0-0 libudev.so.1:libudev1 libidn2.so.0:libidn2-0
 
-.PHONY: help install demo animation calibration-pictures screenshots samples test test-odd-inputs test-v4l2 test-slurm bench-sync bench-reference bench-relay bench-rig bench-clients bench-any-rig bench-multiview bench-pairs bench-panel bench-tui soak test-crash check format system clean
+.PHONY: help install demo animation calibration-pictures screenshots samples test test-odd-inputs test-v4l2 test-slurm bench-sync bench-reference bench-relay bench-rig bench-clients bench-any-rig bench-multiview bench-pairs bench-panel bench-tui soak hostile test-crash check format system clean
 .DEFAULT_GOAL := help
 
 help:
@@ -98,6 +99,9 @@ bench-tui: $(VENV)/.installed
 
 soak: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.endurance.soak --seconds $(SECONDS) $(SOAK)
+
+hostile: $(VENV)/.installed
+	$(BIN)/python -m benchmarks.endurance.hostile $(HOSTILE)
 
 calibration-pictures: $(VENV)/.installed
 	$(BIN)/python docs/images/calibration_pictures.py

@@ -190,13 +190,13 @@ async def start(name: str, command: str, *arguments: str) -> Watched:
     return Watched(await Child.start(name, ("capture_app.cli", command, *arguments)))
 
 
-async def listening(child: Child) -> Address:
-    """Return where a leader listens."""
+async def listening(child: Child, said: str = "leader at ") -> Address:
+    """Return where a leader, or a relay that says so, listens."""
     async with asyncio.timeout(JOIN_S):
         while True:
             for line in child.said:
-                if "leader at " in line:
-                    return parse_address(line.partition("leader at ")[2].partition(",")[0])
+                if said in line:
+                    return parse_address(line.partition(said)[2].partition(",")[0])
             if child.process.returncode is not None:
                 raise await child.failure()
             await asyncio.sleep(0.1)

@@ -8,7 +8,7 @@ from contextlib import asynccontextmanager, suppress
 from capture_app.net.address import Address
 from capture_app.net.udp import client_socket
 from capture_app.sync.wire.codec import decode, encode
-from capture_app.sync.wire.messages import Hello, Trigger, TriggerAck, Welcome
+from capture_app.sync.wire.messages import Hello, TimeReply, TimeRequest, Trigger, TriggerAck, Welcome
 from tests.facts import make_facts
 
 PATIENCE_S = 60.0
@@ -43,6 +43,9 @@ async def _stay(leader: Address, name: str, instance: int, here: asyncio.Event) 
                     while True:
                         message = decode(await loop.sock_recv(sock, 2048))
                         if isinstance(message, Welcome) and message.instance == instance:
+                            alive = TimeRequest(message.client, 0, 0)
+                            await loop.sock_sendto(sock, encode(alive), tuple(leader))
+                        if isinstance(message, TimeReply):
                             here.set()
                         if isinstance(message, Trigger):
                             accepted = TriggerAck(message.client, message.leader, message.burst)

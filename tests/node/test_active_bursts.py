@@ -18,7 +18,7 @@ from capture_app.node.leader.active_bursts import MAX_BURSTS_AHEAD, ActiveBursts
 from capture_app.session.reading.reader import Session
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.wire.codec import decode
-from capture_app.sync.wire.messages import Hello, Trigger
+from capture_app.sync.wire.messages import Hello, TimeRequest, Trigger
 from tests.node.bursts import CAMERA, IMAGE, LEADER, pieces, receive_image, report, upload
 
 NOW_NS = 10**12
@@ -29,6 +29,7 @@ def engine_of(*names: str) -> Leader:
     engine = Leader(LeaderConfig(instance=LEADER, transfer_port=1), random.Random(1))
     for number, name in enumerate(names):
         engine.receive_message(Hello(name, number, CAMERA), (name, 0), NOW_NS)
+        engine.receive_message(TimeRequest(engine.members[name].number, 0, 0), (name, 0), NOW_NS)
     return engine
 
 

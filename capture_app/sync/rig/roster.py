@@ -215,10 +215,18 @@ class Roster:
             return min(self._silence_ns, self._forget_ns)
         return self._forget_ns if self.members else None
 
-    def cameras(self) -> list[Member]:
-        """Return those that are here and have a camera, by name."""
-        present = [member for _, member in sorted(self.members.items()) if not member.lost]
-        return [member for member in present if member.camera.kind not in WITHOUT_CAMERA]
+    def cameras(self, *, even_unconfirmed: bool = False) -> list[Member]:
+        """Return those that are here and have a camera, by name.
+
+        One that has said no more than hello may not be where it says it is: it takes no part in bursts.
+        """
+        return [
+            member
+            for _, member in sorted(self.members.items())
+            if not member.lost
+            and member.camera.kind not in WITHOUT_CAMERA
+            and (member.is_confirmed or even_unconfirmed)
+        ]
 
     def camera_phases(self) -> list[CameraPhase]:
         """Return the phases of the immovable members, as they have reported them."""

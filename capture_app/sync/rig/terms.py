@@ -111,14 +111,13 @@ class GridReview:
     def review(self, now_ns: int) -> bool:
         """Lay the grid as most cameras have it; whether it has changed.
 
-        One that has said no more than hello may not even be there, and has no vote where another one is.
+        One that has said no more than hello has no vote where another one is here.
         """
         if self._orders.is_busy(now_ns):
             return False
         self.is_due = False
-        here = self._roster.cameras()
-        voters = [member.camera for member in here if member.is_confirmed]
-        return self._terms.follow_cameras(voters or [member.camera for member in here], now_ns)
+        voters = self._roster.cameras() or self._roster.cameras(even_unconfirmed=True)
+        return self._terms.follow_cameras([member.camera for member in voters], now_ns)
 
     def update_goal(self, now_ns: int) -> bool:
         """Move the goal to suit the cameras that cannot follow it; whether it has changed."""

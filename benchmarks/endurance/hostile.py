@@ -1,0 +1,299 @@
+"""Strangers against a running rig: datagrams, frames over TCP, and connections that say nothing, or half.
+
+A leader, a relay and nodes of simulated cameras are processes of their own on this machine's loopback.
+Messages of the protocol with values out of range, nested, cut, and with bytes changed, go to the UDP ports
+of all of them, and over streams to leader and relay; connections are held open, idle and with half a header.
+Then the rig takes bursts. 0 if none has said anything of an exception, a burst is whole within its time, and
+memory has grown by no more than its limit; 1 if not.
+
+    python -m benchmarks.endurance.hostile --datagrams 200000 --frames 20000 --connections 1000
+"""
+
+import asyncio
+import random
+import resource
+import socket
+import struct
+import sys
+import tempfile
+from argparse import Namespace
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from benchmarks.endurance.soak import CAMERA, JOIN_S, Soak, Watched, are_ready, listening, start
+from benchmarks.report import new_parser, print_report, print_rows, talk
+from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
+from capture_app.net.address import Address, parse_address
+from capture_app.node.operator.requests import ask_status
+from capture_app.node.wire import messages as wire
+from capture_app.node.wire import operating
+from capture_app.session.format.manifest import CameraRecord
+from capture_app.sync.wire import messages
+from capture_app.sync.wire.codec import encode
+
+BURST_S = 10.0
+MEMORY_MB = 60.0
+TURN = 500
+"""So many are sent before the processes get their turn."""
+NASTY: tuple[Any, ...] = (
+    None, True, 0, -1, 1, 2**31, 2**63 - 1, -(2**63), 2**64 - 1, 1e308, float("nan"), float("inf"), "", "a",
+    "\x1b[2J\x1b]0;owned\x07", "x" * 300, b"\xff\xfe", [], [[[]]], {}, {"type": "hello"}, 33_333_333,
+)  # fmt: skip
+FACTS = CameraFacts(
+    kind="sim",
+    model="stranger",
+    width=640,
+    height=480,
+    period_ns=33_333_333,
+    phase_control=PhaseControl.INJECTION,
+    timestamp_source=TimestampSource.START_OF_EXPOSURE,
+)
+TERMS = messages.Terms(leader=1, anchor_leader_ns=0, period_ns=60_000_000_000, pace_ns=60_000_000_000)
+DATAGRAMS: tuple[Any, ...] = (
+    messages.Hello("stranger", 1, FACTS),
+    messages.Hello("cam1", 2, FACTS),
+    messages.Heartbeat(1, messages.Report(state=messages.NodeState.READY, frame_leader_ns=5)),
+    messages.TriggerAck(1, 2, 3, "no"),
+    messages.Goodbye(1),
+    messages.Welcome(1, 1, 47010, TERMS),
+    messages.HeartbeatAck(1, TERMS),
+    messages.Trigger(1, 1, 1, 0, 1, 1),
+    messages.UnknownMember(1),
+    messages.JoinRefusal(1, "no"),
+)
+RECORD = CameraRecord(name="cam1", facts=FACTS)
+FRAMES: tuple[Any, ...] = (
+    wire.NodeStream(camera="cam1", instance=1),
+    wire.CameraReport(leader=1, burst=1, camera=RECORD, instants=(0, 1)),
+    wire.SpoolSpace(camera="cam1", free_bytes=0, spool="/"),
+    wire.StatusRequest(),
+    wire.BurstRequest(frames=1, at_leader_ns=2**70, name="../.."),
+    operating.WatchRequest(),
+    operating.DetailRequest(camera="cam1"),
+    operating.ViewfinderOpened(camera="cam1", instance=1),
+    operating.CancelBurst(burst=10**9),
+    operating.RemoveCamera(name="nobody"),
+)
+
+
+def mutated(value: Any, rng: random.Random) -> Any:
+    """Return plain data with one of its values replaced."""
+    if isinstance(value, dict) and value and rng.random() < 0.9:
+        key = rng.choice([*value])
+        return {**value, key: mutated(value[key], rng)}
+    if isinstance(value, list) and value and rng.random() < 0.7:
+        place = rng.randrange(len(value))
+        return [*value[:place], mutated(value[place], rng), *value[place + 1 :]]
+    return rng.choice(NASTY)
+
+
+def damaged(data: bytes, rng: random.Random) -> bytes:
+    """Return bytes that are cut, changed or followed by a deep nesting, or as they were."""
+    kind = rng.randrange(6)
+    if kind == 0:
+        return data[: rng.randrange(len(data) + 1)]
+    if kind == 1 and data:
+        place = rng.randrange(len(data))
+        return data[:place] + rng.randbytes(1) + data[place + 1 :]
+    if kind == 2:
+        return data + b"\x91" * rng.randrange(1_000)
+    return data
+
+
+def hostile_datagram(rng: random.Random) -> bytes:
+    """Return a datagram: of noise, a time message, or a control message that is not as it should be."""
+    kind = rng.randrange(8)
+    if kind == 0:
+        return rng.randbytes(rng.randrange(1_400))
+    if kind == 1:
+        return struct.pack(">2sBB", b"sS", 1, rng.randrange(4)) + rng.randbytes(rng.choice([0, 32, 31]))
+    head = encode(messages.Goodbye(1))[:4]
+    plain = mutated(msgspec.to_builtins(rng.choice(DATAGRAMS)), rng)
+    with suppress(OverflowError, TypeError):
+        return damaged(head + msgspec.msgpack.encode(plain), rng)
+    return head
+
+
+def hostile_frame(rng: random.Random) -> bytes:
+    """Return the bytes of a message of a stream that is not as it should be."""
+    plain = msgspec.to_builtins(rng.choice(FRAMES))
+    if rng.random() < 0.8:
+        plain = mutated(plain, rng)
+    header = damaged(msgspec.json.encode(plain), rng)
+    if rng.random() < 0.1:
+        header = b'{"type":"camera-report","events":' + b"[" * rng.randrange(60_000)
+    payload = rng.choice([0, 0, 0, 5, 2**40])
+    return struct.pack(">4sIQ", b"SSH1", len(header), payload) + header + bytes(min(payload, 5))
+
+
+async def flood(places: list[Address], datagrams: int, rng: random.Random) -> None:
+    """Send datagrams to all these places."""
+    sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    with sock:
+        for number in range(datagrams):
+            if number % 2_000 == 0:
+                sock.close()
+                sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+            with suppress(OSError):
+                sock.sendto(hostile_datagram(rng), tuple(places[number % len(places)]))
+            if number % TURN == 0:
+                await asyncio.sleep(0.002)
+    sock.close()
+
+
+async def pester(places: list[Address], frames: int, rng: random.Random) -> None:
+    """Send frames over streams, several on each while it is open."""
+    sent = 0
+    while sent < frames:
+        try:
+            reader, writer = await asyncio.open_connection(*rng.choice(places))
+        except OSError:
+            await asyncio.sleep(0.05)
+            continue
+        with suppress(OSError):
+            for _ in range(rng.randrange(1, 6)):
+                writer.write(hostile_frame(rng))
+                sent += 1
+            await writer.drain()
+            with suppress(TimeoutError):
+                async with asyncio.timeout(0.01):
+                    await reader.read(1 << 16)
+        writer.transport.abort()
+
+
+async def hold(places: list[Address], connections: int) -> list[asyncio.StreamWriter]:
+    """Open connections and keep them: idle ones, and ones with half a header."""
+    held = []
+    half = struct.pack(">4sIQ", b"SSH1", 60_000, 0) + bytes(30_000)
+    for number in range(connections):
+        with suppress(OSError, TimeoutError):
+            async with asyncio.timeout(5.0):
+                _, writer = await asyncio.open_connection(*places[number % len(places)])
+            if number % 2:
+                writer.write(half)
+            held.append(writer)
+    return held
+
+
+@asynccontextmanager
+async def rig(folder: Path) -> AsyncIterator[tuple[Soak, Address]]:
+    """A leader with one node, and a relay with another; and where the relay listens."""
+    where = ("--host", "127.0.0.1", "--port", "0")
+    processes = {"leader": await start("leader", "leader", *where, "--sessions", str(folder / "sessions"))}
+    try:
+        leader = await listening(processes["leader"].child)
+        processes["relay"] = await start("relay", "relay", str(leader), "--name", "relay", *where)
+        relay = await listening(processes["relay"].child, "relay at ")
+        for name, parent in (("cam1", leader), ("cam2", relay)):
+            own = ("--until-eof", "--name", name, "--camera", CAMERA, "--clock", "sim")
+            spool = ("--spool", str(folder / "spool"), "--leader", str(parent))
+            processes[name] = await start(name, "node", *own, *spool)
+        run = Soak(leader, processes)
+        async with asyncio.timeout(JOIN_S):
+            while not await are_ready(leader, 3):  # noqa: ASYNC110
+                await asyncio.sleep(0.2)
+        yield run, relay
+    finally:
+        await asyncio.gather(*(of.child.stop() for of in processes.values()))
+
+
+async def attack(options: Namespace, folder: Path) -> dict[str, Any]:
+    """Run the rig, attack it, take bursts, and return what came of it."""
+    rng = random.Random(options.seed)
+    errors: dict[str, list[str]] = {}
+    async with rig(folder) as (run, relay):
+        for name, process in run.processes.items():
+            errors[name] = []
+            process.child.on_line = lambda line, to=errors[name]: (
+                to.append(line) if any(word in line for word in ("Traceback", "Error", "xception")) else None
+            )
+        request = wire.BurstRequest(frames=2, spare=0)
+        await run.take(request, keep=True)
+        read_all(run.processes, 0)
+        nodes = [parse_address(node.address) for node in (await ask_status(run.leader)).nodes]
+        places = list(dict.fromkeys([run.leader, relay, *nodes]))
+        talk(f"attacking {', '.join(map(str, places))}")
+        held = await hold([run.leader, relay], options.connections)
+        await asyncio.gather(
+            flood(places, options.datagrams, rng), pester([run.leader, relay], options.frames, rng)
+        )
+        read_all(run.processes, 1)
+        loop = asyncio.get_running_loop()
+        began_s, whole = loop.time(), False
+        tries = 0
+        while not whole and loop.time() - began_s < 10 * BURST_S:
+            before, tries = len(run.incomplete), tries + 1
+            await run.take(request, keep=True)
+            whole = len(run.incomplete) == before
+        seconds = loop.time() - began_s
+        for writer in held:
+            writer.transport.abort()
+        status = await ask_status(run.leader)
+        read_all(run.processes, 2)
+    return {
+        "kind": "real (loopback)",
+        "datagrams": options.datagrams,
+        "frames": options.frames,
+        "connections": options.connections,
+        "seconds_to_a_whole_burst": seconds,
+        "bursts_until_then": tries,
+        "nodes": [node.name for node in status.nodes],
+        "processes": [
+            {"process": name, "kind": kind, "before": of[0][1], "during": of[1][1], "after": of[2][1]}
+            for name, process in run.processes.items()
+            for kind, of in process.series.items()
+        ],
+        "complaints": [
+            *([] if whole and seconds <= BURST_S else [f"no whole burst within {BURST_S:g} s"]),
+            *(
+                f"{name}: memory grew by {process.series['memory_mb'][2][1] - of[0][1]:.0f} MB"
+                for name, process in run.processes.items()
+                if (of := process.series["memory_mb"])[2][1] - of[0][1] > MEMORY_MB
+            ),
+            *(f"{name} said: {line}" for name, lines in errors.items() for line in lines[:3]),
+            *run.broken,
+        ],
+    }
+
+
+def read_all(processes: dict[str, Watched], place: int) -> None:
+    """Read the figures of all processes."""
+    for process in processes.values():
+        process.read(place)
+
+
+def print_tables(report: dict[str, Any]) -> None:
+    """Print a report for a reader."""
+    columns = {"process": ("process", ""), "kind": ("figure", "")}
+    figures = {name: (name, ".1f") for name in ("before", "during", "after")}
+    print_rows(report["processes"], columns | figures)
+    print(
+        f"{report['datagrams']} datagrams, {report['frames']} frames, {report['connections']} connections:"
+        f" a whole burst after {report['seconds_to_a_whole_burst']:.1f} s,"
+        f" nodes {', '.join(report['nodes'])}"
+    )
+    for line in report["complaints"]:
+        print(f"WRONG: {line}")
+
+
+def main() -> int:
+    """Run it; 0 if the rig bears it, 1 if not."""
+    parser = new_parser(__doc__, seed_of="what is sent")
+    parser.add_argument("--datagrams", type=int, default=200_000)
+    parser.add_argument("--frames", type=int, default=5_000)
+    parser.add_argument("--connections", type=int, default=1_000)
+    options = parser.parse_args()
+    soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
+    resource.setrlimit(resource.RLIMIT_NOFILE, (max(soft, min(hard, 16_384)), hard))
+    with tempfile.TemporaryDirectory(prefix="hostile-") as folder:
+        report = asyncio.run(attack(options, Path(folder)))
+    print_report(report, print_tables, as_json=options.json)
+    return 1 if report["complaints"] else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -68,7 +68,7 @@ def _printable_escape(found: re.Match[bytes]) -> bytes:
     escape = found[1]
     if escape is None or escape in (b"b", b"f", b"r"):
         return REPLACEMENT
-    is_control = escape[:1] == b"u" and _CONTROL.match(chr(int(escape[1:], 16))) is not None
+    is_control = len(escape) > 1 and _CONTROL.match(chr(int(escape[1:], 16))) is not None
     return REPLACEMENT if is_control else found[0]
 
 

@@ -72,6 +72,14 @@ def shown(letter: str) -> str:
     return "\ufffd" if is_control else letter
 
 
+@given(st.binary())
+def test_what_is_no_json_is_no_error(data: bytes) -> None:
+    printable_json(data)
+    for cut in (rb'"\u', rb'"\u00', rb'"\u00g1"', rb'"\x1b"', b'"\\'):
+        printable_json(cut + data)
+        assert printable_json(cut) == cut
+
+
 def test_a_backslash_before_an_escape_is_not_mistaken_for_one() -> None:
     text = r"C:\u001b \\u009b"
     data = msgspec.json.encode(text)

@@ -138,6 +138,8 @@ def test_phase_sets_ours_beside_the_papers_way(tmp_path: Path) -> None:
     assert set(ours["restarts_mean"]["webcam-x3"]) == {"uniform", "aimed", "aimed-with-profile"}
     assert theirs["seconds_mean"]["webcam-x3"]["restart"] > ours["seconds_mean"]["webcam-x3"]["aimed"]
     assert ours["servo_us"]["p99"] < 16.0
+    assert set(ours["one_phone_restarts"]) == set(outcome.result.paper["one_phone_restarts"])
+    assert theirs["one_phone_restarts"]["mean"] > 10.0, "one chance in 33"
     assert len(theirs["ten_phones_seconds_mean"]) == 3
     assert any("webcam-x3" in row for table in outcome.shown() for row in table.rows)
     assert all(path.stat().st_size > 10_000 for path in draw(outcome, tmp_path))
@@ -155,7 +157,7 @@ def test_cases_of_phase_are_judged_by_the_truth() -> None:
         assert case["aligned_share"] == case["within_5_share"] == 1.0
         assert case["false_aligned_share"] == case["false_stuck_share"] == 0.0
         assert case["injections_mean"] <= case["injections_max"] <= 5
-    assert found["gain 1.45"]["injections_mean"] > found["gain 2"]["injections_mean"] <= 2.0
+    assert found["gain 1.45"]["injections_mean"] > found["gain 2"]["injections_mean"] <= 2.5
     coarse = found["stamps of 1 ms, cut"]
     assert 100.0 < coarse["worst_error_us"] <= coarse["tolerance_in_force_max_us"] < 1200.0
 

@@ -15,6 +15,7 @@ from capture_app.sync.phase.injection_history import InjectionProfile
 from capture_app.sync.phase.reach import SHORT_STAY_NS, Reach
 from capture_app.sync.phase.reset import ResetActuator
 from capture_app.sync.stamps.estimator import PhaseEstimator
+from capture_app.sync.stamps.frame_line import QUANTIZED_FRAMES
 from capture_app.sync.stamps.frame_stamp import FrameStamp, PhaseEstimate, StampError
 from capture_app.sync.wire.camera_commands import CameraCommand
 
@@ -199,7 +200,8 @@ class Aligner:
         if self.problem:
             self._alignment.clear()
             return None
-        self._alignment.hurried = self.reach.stay_ns < SHORT_STAY_NS or hidden_ns > doubt_ns
+        coarse = hidden_ns > doubt_ns
+        self._alignment.hurried = self.reach.stay_ns < SHORT_STAY_NS or coarse
         self._alignment.judge(now.error_ns, doubt_ns, now.frames, self.reach.tolerances_ns, hidden_ns)
         if self._actuator is None or (self._phase.as_expected and now.frames < FRAMES_TO_ACT):
             return None
@@ -207,6 +209,7 @@ class Aligner:
         if is_open and burst_leader_ns is None:
             return None
         landing_ns = self._alignment.landing_ns(inner_ns)
+        still_coarse = coarse and now.frames < QUANTIZED_FRAMES
         course = Course(
             now.error_ns + self._phase.shift_to_come(now_local_ns),
             now.drift_ppm * 1e-6,
@@ -215,7 +218,7 @@ class Aligner:
             min(doubt_ns, self.reach.tolerance_ns / 2) if self.within_reach else 0.0,
             self._phase.shifts.latency_frames,
             landing_ns,
-            inner_ns if self.within_reach else landing_ns - doubt_ns,
+            inner_ns if self.within_reach or still_coarse else landing_ns - doubt_ns,
         )
         if burst_leader_ns is not None:
             first_ns, last_ns = burst_leader_ns

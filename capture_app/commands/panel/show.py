@@ -75,8 +75,8 @@ async def _serve(server: PageServer, as_json: bool) -> None:
         import segno
 
         segno.make(url, micro=False).terminal(sys.stderr, compact=True)
-    who = "every machine of the network" if outside else "this machine only; --host 0.0.0.0 for phones"
-    talk(f"the page is for {who}; open it where all cameras see the screen; Ctrl-C ends it")
+    who = "every machine of the network" if outside else "this machine only (--host 0.0.0.0: phones too)"
+    talk(f"the page is for {who}; Ctrl-C ends it")
     thread = threading.Thread(target=server.serve_forever, daemon=True)
     thread.start()
     try:

@@ -4,6 +4,7 @@ import copy
 import json
 import os
 import struct
+import zlib
 from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
@@ -18,6 +19,7 @@ from capture_app.errors import ExitCode, SimulshotError
 from capture_app.session.format.manifest import CALIBRATION, JOURNAL, MANIFEST
 from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.session.reading.checksums import CHECKSUMS
+from capture_app.session.reading.decoding import image_size
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import judge
 from capture_app.session.reading.verify import verify
@@ -94,6 +96,17 @@ def test_a_pipe_in_a_session_keeps_nobody_waiting(session: Session, name: str) -
     os.mkfifo(path)
     with suppress(SimulshotError):
         assert verify(Session.open(session.folder)) != []
+
+
+def test_a_small_file_of_a_huge_picture_is_not_decoded(session: Session) -> None:
+    """Zeros compress a thousandfold: 60,000 pixels square would take 11 GB."""
+    body = b"IHDR" + struct.pack(">IIBBBBB", 60_000, 60_000, 8, 2, 0, 0, 0)
+    bomb = b"\x89PNG\r\n\x1a\n" + struct.pack(">I", 13) + body + struct.pack(">I", zlib.crc32(body))
+    assert image_size(bomb) is None
+    path = session.image_file(session.manifest.images[0])
+    path.write_bytes(bomb)
+    said = [str(problem) for problem in verify(session)]
+    assert any("60000x60000 pixels; left takes 16x12" in line for line in said)
 
 
 def turned_jpeg(orientation: int) -> bytes:

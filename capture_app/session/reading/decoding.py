@@ -1,18 +1,28 @@
 """Decodes image files."""
 
+import io
 from typing import TYPE_CHECKING
+
+from capture_app.session.reading.picture_size import size_of
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+MOST_PIXELS = 1 << 28
+"""Of an image that is decoded: more than any camera takes."""
+
 
 def decode_image(data: bytes, *, colour: bool = False, reduction: int = 1) -> "NDArray[np.uint8] | None":
     """Decode an image file's bytes in full, without turning it by EXIF; None where they are not an image.
 
+    Nor are those of more than MOST_PIXELS, which a small file can tell of.
     `colour`: height x width x BGR of 8 bits, whatever the file has. `reduction`, of a coloured one only:
     a half, quarter or eighth of its size (2, 4 or 8), which takes far less time.
     """
+    told = told_size(data)
+    if told is not None and told[0] * told[1] > MOST_PIXELS:
+        return None
     import cv2  # heavy: only where images are looked at
     import numpy as np
 
@@ -28,6 +38,11 @@ def decode_image(data: bytes, *, colour: bool = False, reduction: int = 1) -> "N
     except cv2.error:
         return None
     return image
+
+
+def told_size(data: bytes) -> tuple[int, int] | None:
+    """Width and height in pixels as an image file's first bytes tell them; None where they do not."""
+    return size_of(io.BytesIO(data))
 
 
 def image_size(data: bytes) -> tuple[int, int] | None:

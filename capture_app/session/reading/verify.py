@@ -23,7 +23,7 @@ from capture_app.session.format.manifest import (
     ImageRecord,
 )
 from capture_app.session.reading.checksums import changed_files
-from capture_app.session.reading.decoding import image_size
+from capture_app.session.reading.decoding import image_size, told_size
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.synchronization import sync_record
 
@@ -132,11 +132,13 @@ def _image(session: Session, record: ImageRecord) -> Iterator[Problem]:
 
 
 def _picture(path: str, data: bytes, camera: CameraRecord) -> Iterator[Problem]:
-    size = image_size(data)
+    told, own = told_size(data), (camera.facts.width, camera.facts.height)
+    # What is of another size need not be decoded, and might not fit into memory.
+    size = told if told is not None and told != own else image_size(data)
     if size is None:
         yield Problem(ProblemKind.UNREADABLE, path, "not an image that can be decoded")
-    elif size != (camera.facts.width, camera.facts.height):
-        what = f"{size[0]}x{size[1]} pixels; {camera.name} takes {camera.facts.width}x{camera.facts.height}"
+    elif size != own:
+        what = f"{size[0]}x{size[1]} pixels; {camera.name} takes {own[0]}x{own[1]}"
         yield _contradiction(path, what)
 
 

@@ -19,14 +19,19 @@ def picture_size(path: Path) -> Size | None:
         OSError: the file cannot be read.
     """
     with path.open("rb") as file:
-        start = file.read(32)
-        for magic, read in _READERS:
-            if start.startswith(magic):
-                file.seek(0)
-                try:
-                    return read(file)
-                except (struct.error, ValueError, OverflowError):
-                    return None
+        return size_of(file)
+
+
+def size_of(file: BinaryIO) -> Size | None:
+    """The same of an open file. Raises OSError."""
+    start = file.read(32)
+    for magic, read in _READERS:
+        if start.startswith(magic):
+            file.seek(0)
+            try:
+                return read(file)
+            except (struct.error, ValueError, OverflowError):
+                return None
     return None
 
 

@@ -1,6 +1,6 @@
 """Finds a panel in a picture by the markers of its frame."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import cv2
@@ -14,8 +14,11 @@ Floats = NDArray[np.float64]
 
 MIN_MARKERS = 3
 """Of the four; something may stand before one."""
-MAX_BEND = 0.12
-"""Pitches that marker corners may lie off a flat frame, by a lens or a bent print: a fifth of a lamp."""
+MAX_ERROR = 0.15
+"""Pitches that marker corners may lie off a flat frame, by a lens or a bent print: a quarter of a lamp."""
+BENDS, SHRINKS = np.linspace(-0.12, 0.2, 33), np.linspace(-0.08, 0.08, 17)
+"""How strongly lenses bend a picture at half its width, from pincushions to wide lenses' barrels; and
+by which share blur makes markers smaller."""
 _MIN_PITCH_PX = 5.0
 """Pixels from lamp to lamp below which their light cannot be told apart."""
 _LARGE_PX = 1600
@@ -24,18 +27,23 @@ _LARGE_PX = 1600
 
 @dataclass(frozen=True, slots=True)
 class FoundPanel:
-    """A panel and where it is in a picture: `matrix` (3, 3) takes panel coordinates to pixels."""
+    """A panel and where it is in a picture: `matrix` (3, 3) takes panel coordinates to pixels.
+
+    A lens bends them: `bend` is its first radial term by half of the picture's width, about `middle` (x, y).
+    """
 
     panel: Panel
     matrix: Floats
-    markers: int
     bend: float
-    """Mean distance of the markers' corners from where the matrix puts them, in pitches."""
+    middle: tuple[float, float]
+    markers: int
+    error: float = 0.0
+    """Mean distance of the markers' corners from where they should be, in pitches."""
 
     def pixels(self, places: Floats) -> Floats:
         """Pixels (n, 2) of places (n, 2) on the panel."""
         seen = np.column_stack([places, np.ones(len(places))]) @ self.matrix.T
-        return np.asarray(seen[:, :2] / seen[:, 2:])
+        return _bend(np.asarray(seen[:, :2] / seen[:, 2:]), self.bend, self.middle)
 
     @property
     def pitch_px(self) -> float:
@@ -74,7 +82,7 @@ class PanelFinder:
                 if best
                 else "no marker of a panel was found"
             )
-        return _place(best)
+        return _place(best, ((grey.shape[1] - 1) / 2, (grey.shape[0] - 1) / 2))
 
     def _looks(self, grey: NDArray[np.uint8]) -> "list[tuple[NDArray[Any], float]]":
         """Pictures to look for markers in, and how large each is against the original."""
@@ -106,24 +114,59 @@ def _of_one_panel(markers: dict[int, Floats]) -> dict[int, Floats]:
     return max(by_panel.values(), key=len, default={})
 
 
-def _place(markers: dict[int, Floats]) -> FoundPanel:
+def _place(markers: dict[int, Floats], middle: tuple[float, float]) -> FoundPanel:
     panel = panel_of_marker(next(iter(markers)))
     assert panel is not None, "only those of a panel come here"
     at = {marker.number: np.array(marker.corners) for marker in panel.markers}
-    places = np.concatenate([at[number] for number in markers])
+    corners = np.stack([at[number] for number in markers])
     pixels = np.concatenate(list(markers.values()))
-    matrix, _ = cv2.findHomography(places, pixels)
-    if matrix is None:
-        raise PanelNotFoundError("the markers of the panel lie on a line")
-    found = FoundPanel(panel, np.asarray(matrix, float), len(markers), 0.0)
-    error = np.linalg.norm(found.pixels(places) - pixels, axis=1)
-    side = np.linalg.norm(np.diff(pixels.reshape(-1, 4, 2), axis=1), axis=2).mean() / MARKER_SIZE
-    bend = float(error.mean() / side)
-    if bend > MAX_BEND:
-        raise PanelNotFoundError(f"the markers of the panel are not on a flat frame ({bend:.2f} pitches off)")
-    if found.pitch_px < _MIN_PITCH_PX:
+    bend, shrink = 0.0, 0.0
+    best = _fit(panel, corners, pixels, bend, shrink, middle)
+    # Blur rounds markers' corners off, which would look like a lens: both are sought by turns.
+    for _ in range(3):
+        if len(markers) == 4:
+            # Fewer markers do not tell a lens from a slant.
+            fits = [_fit(panel, corners, pixels, float(each), shrink, middle) for each in BENDS]
+            best = min(fits, key=lambda fit: fit.error)
+            bend = best.bend
+        tried = [(_fit(panel, corners, pixels, bend, float(each), middle), float(each)) for each in SHRINKS]
+        best, shrink = min(tried, key=lambda fit: fit[0].error)
+    if best.error > MAX_ERROR:
         raise PanelNotFoundError(
-            f"the panel is too small: its lamps are {found.pitch_px:.1f} pixels apart, "
+            f"the markers of the panel are not on a flat frame ({best.error:.2f} pitches off)"
+        )
+    if best.pitch_px < _MIN_PITCH_PX:
+        raise PanelNotFoundError(
+            f"the panel is too small: its lamps are {best.pitch_px:.1f} pixels apart, "
             f"{_MIN_PITCH_PX:g} are needed"
         )
-    return FoundPanel(panel, found.matrix, len(markers), bend)
+    return best
+
+
+def _fit(
+    panel: Panel, corners: Floats, pixels: Floats, bend: float, shrink: float, middle: tuple[float, float]
+) -> FoundPanel:
+    """The panel whose markers' corners (n, 4, 2), shrunk by that share, are seen at pixels by a lens."""
+    centres = corners.mean(axis=1, keepdims=True)
+    places = (centres + (1 - shrink) * (corners - centres)).reshape(-1, 2)
+    matrix, _ = cv2.findHomography(places, _unbend(pixels, bend, middle))
+    if matrix is None:
+        raise PanelNotFoundError("the markers of the panel lie on a line")
+    found = FoundPanel(panel, np.asarray(matrix, float), bend, middle, len(corners))
+    side = np.linalg.norm(np.diff(pixels.reshape(-1, 4, 2), axis=1), axis=2).mean() / MARKER_SIZE
+    return replace(found, error=float(np.linalg.norm(found.pixels(places) - pixels, axis=1).mean() / side))
+
+
+def _unbend(pixels: Floats, bend: float, middle: tuple[float, float]) -> Floats:
+    """Where pixels (n, 2) would be through a lens that bends nothing."""
+    away = (pixels - middle) / middle[0]
+    return np.asarray(middle + middle[0] * away * (1 + bend * (away**2).sum(axis=1, keepdims=True)))
+
+
+def _bend(pixels: Floats, bend: float, middle: tuple[float, float]) -> Floats:
+    """The inverse of `_unbend`, to a small part of a pixel for lenses that are usual."""
+    straight = (pixels - middle) / middle[0]
+    away = straight
+    for _ in range(8 if bend else 0):
+        away = straight / (1 + bend * (away**2).sum(axis=1, keepdims=True))
+    return np.asarray(middle + middle[0] * away)

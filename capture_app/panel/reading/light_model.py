@@ -45,6 +45,8 @@ class LightModel:
         self.start = np.array([(lamp.start + lamp.delay) * panel.tick_ns for lamp in lamps])
         self.lit = np.array([lamp.lit * panel.tick_ns for lamp in lamps])
         self.period = np.array([lamp.period * panel.tick_ns for lamp in lamps])
+        ground = seen.ground
+        self._still = seen.noise**2 + (_GLARE * (ground - np.median(ground))) ** 2
         self.row = float(seen.rows.mean())
         self.later = seen.rows - self.row
 
@@ -79,21 +81,18 @@ class LightModel:
         self, shares: Floats, lamp_light: float, of: "NDArray[np.bool_] | slice" = slice(None)
     ) -> Floats:
         """Variance of each lamp's light where a lamp that is lit all the time has `lamp_light`."""
-        ground = self.seen.ground
-        still = (self.seen.noise**2 + (_GLARE * (ground - np.median(ground))) ** 2)[of]
-        return np.asarray(still + lamp_light**2 * (_FLOOR**2 + (_UNEVEN * shares) ** 2))
+        return np.asarray(self._still[of] + lamp_light**2 * (_FLOOR**2 + (_UNEVEN * shares) ** 2))
 
     def rough_fit(self) -> tuple[float, float]:
         """The light of a lamp that is off, and of one that is lit all the time, before the time is known.
 
-        At any time one lamp of each group is lit in each row, so that their light adds up to one lamp's.
+        At any time one lamp of each group is lit in each row, so that their light adds up to one lamp's; but
+        not in a group that goes on as quickly as the rows of a picture in which it lies on its side.
         """
         light = self.seen.light
         off = float(np.sort(light)[: len(light) // 5].mean())
-        arrays = [self.group == group for group in np.unique(self.group)]
-        largest = max(int(lamps.sum()) for lamps in arrays)
-        sums = [float((light[lamps] - off).mean()) * 10 for lamps in arrays if lamps.sum() == largest]
-        return off, max(sums)
+        sums = [float((light[self.group == group] - off).mean()) * 10 for group in np.unique(self.group)]
+        return off, max(float(np.median(sums)), float(np.percentile(light, 98)) - off)
 
     def fit(self, shares: Floats, lamp_light: float, tones: Floats = TONES) -> "Fit":
         """How well each row of `shares` (times, lamps) fits, at the tone curve that fits best."""

@@ -11,17 +11,17 @@ from capture_app.panel.reading.time_search import Candidate
 
 Floats = NDArray[np.float64]
 
-TEMPER = 0.35
+TEMPER = 0.55
 """Misfits of neighbouring lamps have causes in common: so much of their log-likelihood counts."""
 SHARE = 0.95
 """Of the cases in which the time is within its error bar."""
-_RIVAL = 0.02
-"""A picture is refused where a time beyond the error bar has this chance."""
+_RIVAL, _RIVAL_TEMPER = 0.01, 0.6
+"""A picture is refused where a time elsewhere has this chance; other lamps tell it, so that more counts."""
 _TIMES = 301
 _WORTH = 25.0
 """Candidates worse than the best by this log-likelihood, as it counts, are not looked at any closer."""
-_POOL, _REFINED = 80, 8
-"""Candidates that are looked at, and of these refined."""
+_POOL, _OF_EXPOSURE, _REFINED = 120, 12, 8
+"""Candidates that are looked at, of these with one exposure, and refined."""
 _SPREADS = (0.5, 0.25, 0.12, 0.06, 0.03, 0.015, 0.008, 0.004, 0.002)
 """Shares of the exposure, or of _ROW_STEP_NS, by which the shutter may be off."""
 _ROW_STEP_NS = 10_000.0
@@ -88,12 +88,13 @@ class Posterior:
         Raises PanelUnreadableError where another one is nearly as likely.
         """
         top = max(float(log.max()) for log in self._logs)
+        rival = _RIVAL_TEMPER / TEMPER
         number = max(range(len(self._logs)), key=lambda n: float(self._logs[n].max()))
         times, chances = self._times[number], np.exp(self._logs[number] - top)
         rivals = 0.0
         for other, log in zip(self._times, self._logs, strict=True):
             outside = (other < times[0]) | (other > times[-1])
-            rivals += float(np.exp(log - top)[outside].sum()) * (other[1] - other[0])
+            rivals += float(np.exp(rival * (log - top))[outside].sum()) * (other[1] - other[0])
         if rivals > _RIVAL * float(chances.sum()) * (times[1] - times[0]):
             raise PanelUnreadableError("two times are about as likely")
         summed = np.cumsum(chances) / chances.sum()
@@ -104,7 +105,7 @@ class Posterior:
 def gather(model: LightModel, candidates: list[Candidate], free: Freedom) -> Posterior:
     """How likely the times near the best candidates are."""
     tick_ns = model.panel.tick_ns
-    pool = [_refine(model, one, Freedom(False, False), tick_ns, 25) for one in candidates[:_POOL]]
+    pool = [_refine(model, one, Freedom(False, False), tick_ns, 25) for one in _pool(candidates)]
     pool.sort(key=lambda one: -one.score)
     chosen: list[Candidate] = []
     for one in pool:
@@ -118,6 +119,18 @@ def gather(model: LightModel, candidates: list[Candidate], free: Freedom) -> Pos
         if one.score > refined[0].score - _WORTH / TEMPER and not posterior.holds(one.middle_ns):
             posterior.add(*_neighbourhood(model, one, free))
     return posterior
+
+
+def _pool(candidates: list[Candidate]) -> list[Candidate]:
+    """The best candidates, of each exposure some: the search is too coarse to tell exposures apart."""
+    by_exposure: dict[float, int] = {}
+    pool: list[Candidate] = []
+    for one in candidates:
+        exposure_ns = one.shutter.exposure_ns
+        by_exposure[exposure_ns] = by_exposure.get(exposure_ns, 0) + 1
+        if by_exposure[exposure_ns] <= _OF_EXPOSURE and len(pool) < _POOL:
+            pool.append(one)
+    return pool
 
 
 def _refine_shutter(model: LightModel, one: Candidate, free: Freedom) -> Candidate:

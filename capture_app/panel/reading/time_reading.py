@@ -11,7 +11,7 @@ from capture_app.panel.reading.finder import FoundPanel, PanelFinder
 from capture_app.panel.reading.lamp_light import measure
 from capture_app.panel.reading.light_model import LightModel, Shutter
 from capture_app.panel.reading.posterior import Freedom, PanelUnreadableError, gather
-from capture_app.panel.reading.time_search import search
+from capture_app.panel.reading.time_search import possible_shutters, search
 
 Floats = NDArray[np.float64]
 
@@ -20,12 +20,16 @@ _MAX_MISFITS = 0.12
 """A panel of which more lamps than this share misfit by as many sigmas is not what its markers say."""
 _MIN_CONTRAST, _MIN_LIGHT = 4.0, 0.005
 """Lamps that are lit must stand out by this factor from the noise, and by this share of a full sensor."""
-UNKNOWN_EXPOSURES_NS = tuple(np.geomspace(50e3, 40e6, 30).tolist())
-UNKNOWN_ROW_TIMES_NS = tuple(np.linspace(0, 36e3, 10).tolist())
 _SCREEN_MODEL_TICKS = 0.06
 """What is not known of how a screen draws and how slowly its cells change, in refreshes."""
-_LED_MODEL_NS = 4_000.0
+_LED_MODEL_NS = 6_000.0
 """What is not known of where lamps' middles are, and of the switching of LEDs."""
+_PLACE_SHARE = 0.7
+"""Of the error of the markers' corners, how far all lamps may be off together."""
+_UNSEEN_BEND = 0.12
+"""Pitches by which a lens may bend a panel of which only three markers are seen."""
+_TONE_SHARE = 0.07
+"""By how much a tone curve may misjudge the share for which a lamp was lit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,9 +86,7 @@ def read_found(
             "its lamps do not stand out: too dark, too short an exposure, or switched off"
         )
     free = Freedom(exposure_ns is None, row_time_ns is None)
-    exposures = UNKNOWN_EXPOSURES_NS if exposure_ns is None else (float(exposure_ns),)
-    row_times = UNKNOWN_ROW_TIMES_NS if row_time_ns is None else (float(row_time_ns),)
-    shutters = [Shutter(exposure, row) for exposure in exposures for row in row_times]
+    shutters = possible_shutters(found.panel, exposure_ns, row_time_ns)
     posterior = gather(model, search(model, shutters), free)
     best = posterior.best
     shares = model.shares(np.array([best.middle_ns]), best.shutter, response_ns=best.response_ns)
@@ -96,15 +98,23 @@ def read_found(
             "panel, are exposure and row time right, is it hidden or too blurred?"
         )
     middle_ns, spread_ns = posterior.interval()
-    model_ns = _SCREEN_MODEL_TICKS * found.panel.tick_ns if found.panel.is_screen else _LED_MODEL_NS
+    if found.panel.is_screen:
+        model_ns = _SCREEN_MODEL_TICKS * found.panel.tick_ns
+    else:
+        partly_ns = min(best.shutter.exposure_ns, found.panel.tick_ns)
+        # Where a lamp's middle is misjudged, so is the time of its row.
+        place = found.error if found.markers == 4 else found.error + _UNSEEN_BEND
+        place_ns = _PLACE_SHARE * place * found.pitch_px * best.shutter.row_time_ns
+        model_ns = float(np.linalg.norm([_LED_MODEL_NS, _TONE_SHARE * partly_ns, place_ns]))
     row_time_ns, row_time_error_ns = posterior.row_time()
+    rms = float(np.sqrt(np.mean(np.minimum(misfit**2, 25))))
     return PanelTime(
         found.panel,
         middle_ns % found.panel.cycle_ns,
-        float(np.hypot(spread_ns, model_ns)),
+        float(np.hypot(spread_ns, model_ns)) * max(1.0, rms),
         model.row,
         Shutter(best.shutter.exposure_ns, row_time_ns),
         row_time_error_ns,
         found.markers,
-        float(np.sqrt(np.mean(np.minimum(misfit**2, 25)))),
+        rms,
     )

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from capture_app.panel.pattern import Panel
 from capture_app.panel.reading.light_model import LightModel, Shutter
 
 Floats = NDArray[np.float64]
@@ -13,8 +14,10 @@ STEPS = 8
 """Times tried for each tick."""
 _GROUP_STEPS = 16
 """Times tried for each lamp of a group at most: they are further apart for those that are lit longer."""
-CANDIDATES = 12
-"""Of each shutter."""
+SHORTEST_NS, LONGEST_NS, LONGEST_ROW_NS = 50e3, 24e6, 36e3
+"""Exposures and row times that a camera may have that does not tell them."""
+CANDIDATES, FEW_CANDIDATES = 12, 4
+"""Of a shutter that is known, and of each that may be."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +29,23 @@ class Candidate:
     score: float
     response_ns: float = 0.0
     """Time constant of a screen's cells."""
+
+
+def possible_shutters(panel: Panel, exposure_ns: float | None, row_time_ns: float | None) -> list[Shutter]:
+    """The shutter, or those to try where exposure or row time are not known."""
+    if exposure_ns is not None:
+        exposures = [float(exposure_ns)]
+    else:
+        cycle_ns = 10 * panel.tick_ns
+        exposures = np.geomspace(SHORTEST_NS, min(cycle_ns, LONGEST_NS), 16).tolist()
+        # Longer ones than a turn of all columns differ by what they are longer than whole turns.
+        exposures += np.arange(cycle_ns * 1.2, LONGEST_NS, cycle_ns / 5).tolist()
+    shutters = []
+    for exposure in exposures:
+        row_times = np.linspace(0, LONGEST_ROW_NS, 7 if exposure > 10 * panel.tick_ns else 11)
+        rows = row_times.tolist() if row_time_ns is None else [float(row_time_ns)]
+        shutters += [Shutter(exposure, row) for row in rows]
+    return shutters
 
 
 def search(model: LightModel, shutters: "list[Shutter]") -> list[Candidate]:
@@ -42,7 +62,7 @@ def search(model: LightModel, shutters: "list[Shutter]") -> list[Candidate]:
             score += table[
                 (times * step_ns / model.period[model.group == group][0] * bins).astype(int) % bins
             ]
-        for _ in range(CANDIDATES):
+        for _ in range(CANDIDATES if len(shutters) == 1 else FEW_CANDIDATES):
             best = int(np.argmax(score))
             found.append(Candidate(best * step_ns, shutter, float(score[best])))
             score[np.arange(best - STEPS, best + STEPS + 1) % len(score)] = -np.inf

@@ -53,7 +53,6 @@ class Drawing {
     this.canvas.width = Math.round(size.width * size.density);
     this.canvas.height = Math.round(size.height * size.density);
     this.clear();
-    return this.panel !== undefined;
   }
 
   // A rectangle of the panel, in pitches; its edges fall on the screen's own pixels.

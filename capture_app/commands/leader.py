@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     "--fps",
     type=FiniteRange(0.1, 1000.0),
     metavar="FPS",
-    show_default="that of the first camera",
+    show_default="that of most cameras",
     help="Frame rate of all cameras.",
 )
 @click.option(

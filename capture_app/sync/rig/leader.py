@@ -36,7 +36,7 @@ TRIGGER_LEAD_NS = 500 * _MS
 
 @dataclass(frozen=True, slots=True)
 class LeaderConfig:
-    """What a leader is; without `period_ns` the first camera sets the rig's frame period."""
+    """What a leader is; without `period_ns` the cameras set the rig's frame period."""
 
     instance: int
     transfer_port: int

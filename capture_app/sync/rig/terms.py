@@ -26,7 +26,7 @@ class RigTerms:
     leader: int
     """Its run."""
     period_ns: int | None
-    """The rig's, where it was asked for; None where the first camera sets it."""
+    """The rig's, where it was asked for; None where the cameras set it."""
     align_row: float | None
     shared_goal: SharedGoal | None = None
     upstream: UpstreamMap | None = None

@@ -5,6 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from reconstruction.calibration.rig import Rig
+from reconstruction.compare.timing_study import TimingStudy
+from reconstruction.scores.timing import are_apart, are_together
+from reconstruction.session.dataset import Dataset
 from reconstruction.time_offsets.offset_fit import OffsetFit
 from reconstruction.time_offsets.rig_offsets import adjust_offsets
 from tests.reconstruction.conftest import PERIOD_NS, Reconstruct, Scene, make_view, write_session
@@ -76,3 +80,24 @@ def test_an_unknown_reference_is_refused_in_one_line(tmp_path: Path, reconstruct
     done = reconstruct("time", tmp_path / "nothing", "--reference", "left")
     assert done.code == 3
     assert "no session" in done.complaint
+
+
+def test_a_rig_is_together_only_without_its_late_camera(scene: Scene, tmp_path: Path) -> None:
+    views = {
+        name: make_view((x, 0.02 * (name == "b"), 0)) for name, x in (("a", -0.12), ("b", 0), ("c", 0.12))
+    }
+    session = write_session(tmp_path, scene, views, instants=6, truth=False, late={"c": 1.0})
+    rig = Rig(Dataset.open(session.folder), tmp_path / "stages")
+    rig.calibrate()
+    study = TimingStudy(rig)
+    pair = study.measure_pair(("b", "a"))
+    found = study.measure_rig(pair.reference)
+    assert found.reference == "b"
+    assert found.together == {"a", "b"}
+    assert found.options.startswith("--time-shift-ms c=33")
+    late = next(one for one in found.cameras if one.other == "c")
+    assert late.late_ms == pytest.approx(PERIOD_NS / 1e6, abs=1.0)
+    for cameras, together in (("ab", True), ("bc", False), ("abc", False)):
+        assert are_together(cameras, pair, found) == together
+        assert are_apart(cameras, pair, found) != together
+    assert not are_together("abc", pair, None)

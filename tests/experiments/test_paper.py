@@ -172,3 +172,19 @@ def test_every_table_and_figure_is_measured() -> None:
     assert sorted(measured) == sorted(one.key for one in all_of_the_paper())
     for module in PARTS:
         assert import_module(f"capture_app.experiments.{module}").paper_part
+
+
+def test_the_command_prints_numbers_and_writes_the_page(
+    capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    pytest.importorskip("matplotlib")
+    command = ["experiment", "paper", "--out", str(tmp_path), "--quick", "--only", "table-1"]
+    assert run(command) == ExitCode.OK
+    printed = capsys.readouterr().out
+    assert "Table I: triggered by a selfie stick, mean" in printed
+    assert f"{tmp_path / 'index.html'}" in printed
+    assert run([*command, "--only", "figure-3", "--json"]) == ExitCode.OK
+    report = msgspec.json.decode(capsys.readouterr().out, type=PaperReport)
+    assert report == msgspec.json.decode((tmp_path / "paper.json").read_bytes(), type=PaperReport)
+    assert [entry.key for entry in (*report.tables, *report.figures)] == ["table-1", "figure-3"]
+    assert {row.paper for row in report.tables[0].rows} >= {103.0, 69.0, 123.0}

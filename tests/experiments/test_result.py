@@ -11,7 +11,7 @@ import pytest
 from click.testing import CliRunner
 
 from capture_app.cli import run
-from capture_app.commands.experiment import plain_command
+from capture_app.commands.experiment.command import plain_command
 from capture_app.errors import ExitCode
 from capture_app.experiments.common.plots import new_figure, save
 from capture_app.experiments.common.result import Outcome, Result, error_figures, side_by_side

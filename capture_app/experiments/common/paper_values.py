@@ -129,7 +129,7 @@ LEAST_ROUND_TRIP = PaperTable(
 )
 INJECTIONS = PaperTable(
     "injections",
-    "Phase alignment by injected frames, to 20 us",
+    "Phase alignment by injected frames, to 20 µs",
     "sections 5 and 6",
     (
         PaperValue("moves.mean", "injected frames, mean", "", 5.5, False, True, headline=True),

@@ -35,7 +35,8 @@ def measure_all(
         if {one.of.key for one in part} != set(keys):
             raise ValueError(f"{name} gives {', '.join(one.of.key for one in part)}")
         found |= {one.of.key: one for one in part}
-    return {one.key: found[one.key] for one in all_of_the_paper() if one.key in found}
+    wanted = set(found) & only if only else set(found)
+    return {one.key: found[one.key] for one in all_of_the_paper() if one.key in wanted}
 
 
 def all_of_the_paper() -> tuple[PaperTable, ...]:

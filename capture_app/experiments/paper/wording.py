@@ -86,8 +86,8 @@ def in_print(text: str) -> str:
 
 def measured(report: PaperReport) -> str:
     """Say how the report came about."""
-    fewer = " with a quarter of the trials (`--quick`)" if report.quick else ""
-    return f"Made by `capture-app experiment paper`{fewer}, seed {report.seed}."
+    quick = " --quick" if report.quick else ""
+    return f"Made by `capture-app experiment paper{quick}`, seed {report.seed}; trials stand with each."
 
 
 def headlines(report: PaperReport) -> list[tuple[Entry, Row]]:

@@ -7,52 +7,17 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from capture_app.commands.experiment.options import experiment_options
+from capture_app.commands.experiment.paper import paper
 from capture_app.commands.lazy_group import LazyGroup
-from capture_app.commands.options import FOLDER, AddressType, run_until_stopped
+from capture_app.commands.options import AddressType, run_until_stopped
 from capture_app.experiments import EXPERIMENTS, load
 from capture_app.net.address import DEFAULT_PORT, Address
-from capture_app.terminal import FiniteRange, json_option, print_json, print_line, print_table, talk
+from capture_app.terminal import FiniteRange, print_json, print_line, print_table, talk
 
 if TYPE_CHECKING:
     from capture_app.experiments import Experiment
     from capture_app.experiments.common.result import Outcome
-
-
-def _require_plots(ctx: click.Context, param: click.Parameter, value: Path | None) -> Path | None:
-    """Check before a long run that figures can be drawn."""
-    if value is not None:
-        from capture_app.experiments.common.plots import require
-
-        require(value)
-    return value
-
-
-seed_option = click.option(
-    "--seed",
-    type=click.IntRange(0, 2**63 - 1),
-    metavar="N",
-    default=1,
-    help="Seed of the random numbers.",
-)
-
-
-def experiment_options(command: Callable[..., None]) -> Callable[..., None]:
-    """Add the options that every experiment has."""
-    trials = click.option(
-        "--trials",
-        type=click.IntRange(1, 1_000_000),
-        metavar="N",
-        show_default="depends on the experiment",
-        help="Number of trials.",
-    )
-    plot = click.option(
-        "--plot",
-        type=FOLDER,
-        metavar="DIR",
-        callback=_require_plots,
-        help="Draw figures into this folder (needs simulshot[plots]).",
-    )
-    return trials(seed_option(plot(json_option(command))))
 
 
 def plain_command(name: str, text: str, load_experiment: "Callable[[], Experiment]") -> click.Command:
@@ -215,51 +180,6 @@ def link(
         kind="emulated link" if emulated else "real",
     )
     run_experiment(partial(run, options), **shared)
-
-
-@click.command(name="paper")
-@click.option(
-    "--out",
-    type=FOLDER,
-    metavar="DIR",
-    required=True,
-    callback=_require_plots,
-    help="Folder for index.html, paper.json and the pictures (needs simulshot[plots]).",
-)
-@click.option("--quick", is_flag=True, help="A quarter of the trials: at most four minutes on two cores.")
-@click.option(
-    "--compared",
-    type=FOLDER,
-    metavar="DIR",
-    multiple=True,
-    help="Folder that `reconstruct compare` has written, of a session in sample_sessions/, to show as the "
-    "paper's applications. Repeat for several.",
-)
-@click.option(
-    "--markdown",
-    type=click.Path(path_type=Path, dir_okay=False),
-    metavar="FILE",
-    help="Also write the page as Markdown, its pictures into images/ beside it.",
-)
-@seed_option
-@json_option
-def paper(
-    out: Path, quick: bool, compared: tuple[Path, ...], markdown: Path | None, seed: int, as_json: bool
-) -> None:
-    """Measure every table and figure of the paper, as it did and by default, and write a page."""
-    from capture_app.experiments.paper import experiment as study
-    from capture_app.experiments.paper.wording import HEAD, by_default, headlines, ours, papers, sign
-
-    report = study.run(out, quick=quick, seed=seed, talk=talk, compared=compared, markdown=markdown)
-    if as_json:
-        print_json(report)
-        return
-    rows = [
-        (f"{entry.place}: {row.label}", papers(row), ours(row), sign(row), by_default(row))
-        for entry, row in headlines(report)
-    ]
-    print_table((*HEAD[:3], "", HEAD[3]), rows)
-    print_line(f"\n{out / study.PAGE}")
 
 
 OWN_COMMANDS = {"clock-filters": clock_filters, "link": link, "paper": paper, "scale": scale}

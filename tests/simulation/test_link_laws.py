@@ -12,7 +12,7 @@ from capture_app.simulation.network.exchanges import exchanges
 from capture_app.simulation.network.link import Channel, Link, QuickMoments
 from capture_app.simulation.network.paper_link import LATE_NS, LINKS, PACE_NS, PAPER_LINK, LinkStatistics
 
-TRIALS = {300: 40, 1000: 12, 10_000: 3}
+TRIALS = {300: 30, 1000: 10, 10_000: 2}
 SIGMAS = 4.0
 MS, S = 1_000_000, 1_000_000_000
 
@@ -36,7 +36,7 @@ def misses(link: Link, demanded: LinkStatistics) -> list[str]:
             late += [float(sum(way) > LATE_NS / 1e3) for way in ways]
             there_us += [way[0] for way in ways if sum(way) <= LATE_NS / 1e3]
             back_us += [way[1] for way in ways if sum(way) <= LATE_NS / 1e3]
-        # Three trials tell little of their deviation; the paper rounds to 10 us.
+        # Two trials tell little of their deviation; the paper rounds to 10 us.
         must_be = demanded.least_round_trip_us[count]
         compare(f"least of {count}", least_us, must_be, 0.0125 * must_be if trials < 10 else 1.0)
         if count == max(TRIALS):

@@ -51,7 +51,7 @@ def paper_part(*, share: float, seed: int, talk: Callable[[str], None]) -> Seque
     talk(f"{runs} runs of {MESSAGES} messages")
     done = [run_of_messages(f"{seed} run {i}") for i in range(runs)]
     table = mean_table([one_way_table(messages) for messages in done])
-    short = {count: share_of(times, share, least=20) for count, times in SHORT_RUNS.items()}
+    short = {count: share_of(times, share, least=10) for count, times in SHORT_RUNS.items()}
     first = [run_of_messages(f"{seed} first {i}", FIRST) for i in range(short[FIRST])]
     started = mean_table([one_way_table(messages) for messages in first])
     least = least_round_trips(str(seed), short | {MESSAGES: runs})

@@ -49,6 +49,8 @@ class Channel(Generic[M]):
         """Without `patience` this waits for ever: whoever has asked has limits of its own."""
         self.has_spoken = False
         """Whether the peer has sent a message."""
+        self.is_known = False
+        """Whether it is a node that has joined."""
         self._reader = reader
         self._writer = writer
         self._decoder = decoder
@@ -65,6 +67,7 @@ class Channel(Generic[M]):
 
     def trust(self) -> None:
         """Take messages of any allowed length from now on: the peer is known."""
+        self.is_known = True
         self._header_bytes = MAX_HEADER_BYTES
 
     def allow_silence(self) -> None:

@@ -36,12 +36,19 @@ class Stream(Protocol):
     def has_spoken(self) -> bool:
         """Whether it has sent a message."""
 
+    @property
+    def is_known(self) -> bool:
+        """Whether its peer is a node that has joined."""
+
     def abort(self) -> None:
         """Break it off."""
 
 
 class OpenStreams:
-    """The streams of one port. One that has said nothing makes room for a new one, the oldest first."""
+    """The streams of one port. For a new one room is made by one that has said nothing, or else is not known.
+
+    Of several the oldest; those of nodes that have joined stay.
+    """
 
     def __init__(self, most: int = MOST_STREAMS, most_of_one_address: int = MOST_OF_ONE_ADDRESS) -> None:
         self._most, self._most_of_one_address = most, most_of_one_address
@@ -77,13 +84,14 @@ class OpenStreams:
             self._streams.pop(stream.host, None)
 
     def _make_room(self, streams: list[Stream]) -> bool:
-        for stream in streams:
-            if not stream.has_spoken:
-                self.refused += 1
-                stream.abort()
-                self.remove(stream)
-                return True
-        return False
+        strangers = [stream for stream in streams if not stream.is_known]
+        stream = next((one for one in strangers if not one.has_spoken), next(iter(strangers), None))
+        if stream is None:
+            return False
+        self.refused += 1
+        stream.abort()
+        self.remove(stream)
+        return True
 
 
 def allowed_streams() -> int:

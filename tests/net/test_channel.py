@@ -3,7 +3,7 @@
 import asyncio
 import struct
 from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from typing import Any
 
 import msgspec
@@ -277,8 +277,31 @@ async def watch_and_echo(channel: Channel[Ping]) -> None:
     await echo(channel)
 
 
+async def trust_and_echo(channel: Channel[Ping]) -> None:
+    channel.trust()
+    await echo(channel)
+
+
+async def test_streams_that_go_on_without_being_known_make_room_too() -> None:
+    async with (
+        impatiently_serving(watch_and_echo, Patience(first_s=600.0), most=2) as address,
+        await connect(address, Pong) as oldest,
+        await connect(address, Pong) as other,
+    ):
+        for stranger in (oldest, other):
+            await stranger.send(Ping(1))
+            await stranger.receive()
+        async with await connect(address, Pong) as friend:
+            await friend.send(Ping(2))
+            assert await friend.receive() == (Pong(2), b"")
+            with suppress(NetworkError):
+                assert await oldest.receive() is None
+            await other.send(Ping(3))
+            assert await other.receive() == (Pong(3), b"")
+
+
 async def test_where_all_streams_are_in_use_a_further_one_is_refused() -> None:
-    async with impatiently_serving(watch_and_echo, Patience(), most=2) as address:
+    async with impatiently_serving(trust_and_echo, Patience(), most=2) as address:
         async with await connect(address, Pong) as one, await connect(address, Pong) as two:
             for friend in (one, two):
                 await friend.send(Ping(1))

@@ -31,7 +31,10 @@ def rig_sentence(rig: RigTiming, pair: Timing | None) -> str:
         return ""
     shown = [f"{one.other} is {_lateness(one)}" for one in late[:MOST_NAMED]]
     more = f", and {count(len(late) - MOST_NAMED, 'more camera')}" if len(late) > MOST_NAMED else ""
-    mends = f" {rig.options} pairs the pictures that belong together." if rig.options else ""
+    # Shifts against two references do not go together.
+    one_reference = pair is None or not pair.option or pair.reference == rig.reference
+    options = " ".join(one.option for one in late if one.option and one_reference)
+    mends = f" {options} pairs the pictures that belong together." if options else ""
     return f"Against {rig.reference}, {', '.join(shown)}{more} (by what moves; 95 %).{mends}"
 
 

@@ -176,11 +176,6 @@ class RigTiming(Struct, frozen=True, kw_only=True):
         """The cameras whose pictures are of one instant with the reference's, itself among them."""
         return frozenset({self.reference, *(one.other for one in self.cameras if one.synchronized)})
 
-    @property
-    def options(self) -> str:
-        """The options that pair the pictures that belong together; empty where none does."""
-        return " ".join(one.option for one in self.cameras if one.option)
-
 
 def are_together(cameras: Iterable[str], pair: Timing | None, rig: RigTiming | None) -> bool:
     """Whether the pictures of all these cameras were found to be of one instant.

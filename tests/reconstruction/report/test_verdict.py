@@ -115,6 +115,10 @@ def test_cameras_beside_the_pair_that_are_late_are_named_with_what_mends_them() 
     assert text.startswith("When both pictures show the same instant")
     assert "Against a, c is 40.0 ± 0.6 ms early (by what moves; 95 %). --time-shift-ms c=-40 pairs" in text
     assert verdict(stereo(0.97, 0.01), None, 66.7, 0.1, timing=pair) in text
+    turned = Timing(reference="b", other="a", offset=True, late_ms=33.0, uncertainty_ms=0.6, shift_ms=33.0)
+    text = verdict(stereo(0.97, 0.01), None, 66.7, 0.1, timing=turned, rig=late)
+    assert "c is 40.0" in text
+    assert text.count("--time-shift-ms") == 1
 
 
 def test_no_difference_is_said_as_such() -> None:

@@ -49,6 +49,7 @@ class LightModel:
         self._still = seen.noise**2 + (_GLARE * (ground - np.median(ground))) ** 2
         self.row = float(seen.rows.mean())
         self.later = seen.rows - self.row
+        self._rough = self._find_rough_fit()
 
     def shares(
         self,
@@ -56,8 +57,9 @@ class LightModel:
         shutter: Shutter,
         of: "NDArray[np.bool_] | slice" = slice(None),
         response_ns: float = 0.0,
+        lines: slice = slice(None),
     ) -> Floats:
-        """Share (times, lamps) of its exposure in which each lamp, or each `of` them, shines.
+        """Share (times, lamps) of its exposure in which each lamp, or each `of` them, shines on `lines`.
 
         A screen's cells change with that time constant, and are on the whole as late: the panel's time is
         that which its cells show.
@@ -65,7 +67,7 @@ class LightModel:
         if response_ns:
             lags = response_ns * (_LAGS - 1)
             return np.asarray(sum(self.shares(middle_ns - lag, shutter, of) for lag in lags) / len(lags))
-        later = self.later[of]
+        later = self.later[of][:, lines]
         begin = middle_ns[:, None, None] - shutter.exposure_ns / 2 + later * shutter.row_time_ns
         start, lit, period = (each[of][:, None] for each in (self.start, self.lit, self.period))
         begin = begin - start
@@ -89,6 +91,9 @@ class LightModel:
         At any time one lamp of each group is lit in each row, so that their light adds up to one lamp's; but
         not in a group that goes on as quickly as the rows of a picture in which it lies on its side.
         """
+        return self._rough
+
+    def _find_rough_fit(self) -> tuple[float, float]:
         light = self.seen.light
         off = float(np.sort(light)[: len(light) // 5].mean())
         sums = [float((light[self.group == group] - off).mean()) * 10 for group in np.unique(self.group)]

@@ -15,12 +15,14 @@ TEMPER = 0.55
 """Misfits of neighbouring lamps have causes in common: so much of their log-likelihood counts."""
 SHARE = 0.95
 """Of the cases in which the time is within its error bar."""
-_RIVAL, _RIVAL_TEMPER = 0.01, 0.6
+_RIVAL, _RIVAL_TEMPER = 0.005, 0.6
 """A picture is refused where a time elsewhere has this chance; other lamps tell it, so that more counts."""
+_OPEN = 0.05
+"""A neighbourhood at whose ends times have this chance, against its best, does not bound the time."""
 _TIMES = 301
 _WORTH = 25.0
 """Candidates worse than the best by this log-likelihood, as it counts, are not looked at any closer."""
-_POOL, _OF_EXPOSURE, _REFINED = 120, 12, 8
+_POOL, _OF_EXPOSURE, _REFINED = 120, 12, 6
 """Candidates that are looked at, of these with one exposure, and refined."""
 _SPREADS = (0.5, 0.25, 0.12, 0.06, 0.03, 0.015, 0.008, 0.004, 0.002)
 """Shares of the exposure, or of _ROW_STEP_NS, by which the shutter may be off."""
@@ -85,7 +87,7 @@ class Posterior:
     def interval(self) -> tuple[float, float]:
         """Middle and half width of the 95 % of the likeliest neighbourhood.
 
-        Raises PanelUnreadableError where another one is nearly as likely.
+        Raises PanelUnreadableError where another one is nearly as likely, or where it has no ends.
         """
         top = max(float(log.max()) for log in self._logs)
         rival = _RIVAL_TEMPER / TEMPER
@@ -97,6 +99,10 @@ class Posterior:
             rivals += float(np.exp(rival * (log - top))[outside].sum()) * (other[1] - other[0])
         if rivals > _RIVAL * float(chances.sum()) * (times[1] - times[0]):
             raise PanelUnreadableError("two times are about as likely")
+        if max(chances[0], chances[-1]) > _OPEN * chances.max():
+            raise PanelUnreadableError(
+                "its lamps look the same over too long a time, as in an exposure of whole turns of the panel"
+            )
         summed = np.cumsum(chances) / chances.sum()
         low, high = (float(np.interp(q, summed, times)) for q in ((1 - SHARE) / 2, (1 + SHARE) / 2))
         return (low + high) / 2, (high - low) / 2
@@ -117,7 +123,8 @@ def gather(model: LightModel, candidates: list[Candidate], free: Freedom) -> Pos
     posterior = Posterior(refined[0])
     for one in refined:
         if one.score > refined[0].score - _WORTH / TEMPER and not posterior.holds(one.middle_ns):
-            posterior.add(*_neighbourhood(model, one, free))
+            # What the shutter is matters for the width of the best one only.
+            posterior.add(*_neighbourhood(model, one, free if one is refined[0] else Freedom(False, False)))
     return posterior
 
 
@@ -135,7 +142,7 @@ def _pool(candidates: list[Candidate]) -> list[Candidate]:
 
 def _refine_shutter(model: LightModel, one: Candidate, free: Freedom) -> Candidate:
     reach_ns, factor, step_ns = model.panel.tick_ns, 1.25, 3_000.0
-    for turn in range(8 if free.exposure or free.row_time else 2):
+    for turn in range(7 if free.exposure or free.row_time else 2):
         one = _refine(model, one, free, reach_ns, 33, (1 / factor, 1.0, factor), (-step_ns, 0.0, step_ns))
         reach_ns = max(reach_ns / 2, 0.1 * model.panel.tick_ns)
         if turn > 1:

@@ -12,23 +12,28 @@ from capture_app.panel.reading.lamp_light import measure
 from capture_app.panel.reading.light_model import LightModel, Shutter
 from capture_app.panel.reading.posterior import Freedom, PanelUnreadableError, gather
 from capture_app.panel.reading.time_search import possible_shutters, search
+from capture_app.text import duration
 
 Floats = NDArray[np.float64]
 
 _MISFIT = 4.0
 _MAX_MISFITS = 0.12
 """A panel of which more lamps than this share misfit by as many sigmas is not what its markers say."""
+_MAX_RMS = 1.3
+"""Nor is one whose lamps misfit by as many sigmas on the whole; usual are 0.3 to 1."""
+_MAX_TICKS = 2.0
+"""An error bar of more ticks of LEDs tells no time that they are for."""
 _MIN_CONTRAST, _MIN_LIGHT = 4.0, 0.005
 """Lamps that are lit must stand out by this factor from the noise, and by this share of a full sensor."""
 _SCREEN_MODEL_TICKS = 0.06
 """What is not known of how a screen draws and how slowly its cells change, in refreshes."""
 _LED_MODEL_NS = 6_000.0
 """What is not known of where lamps' middles are, and of the switching of LEDs."""
-_PLACE_SHARE = 0.7
+_PLACE_SHARE = 1.0
 """Of the error of the markers' corners, how far all lamps may be off together."""
 _UNSEEN_BEND = 0.12
 """Pitches by which a lens may bend a panel of which only three markers are seen."""
-_TONE_SHARE = 0.07
+_TONE_SHARE = 0.12
 """By how much a tone curve may misjudge the share for which a lamp was lit."""
 
 
@@ -92,10 +97,11 @@ def read_found(
     shares = model.shares(np.array([best.middle_ns]), best.shutter, response_ns=best.response_ns)
     misfit = model.fit(shares, on).misfit[0]
     wrong = float((np.abs(misfit) > _MISFIT).mean())
-    if wrong > _MAX_MISFITS:
+    rms = float(np.sqrt(np.mean(np.minimum(misfit**2, 25))))
+    if wrong > _MAX_MISFITS or rms > _MAX_RMS:
         raise PanelUnreadableError(
-            f"{100 * wrong:.0f} % of its lamps shine as those of {found.panel.name} never would: is it that "
-            "panel, are exposure and row time right, is it hidden or too blurred?"
+            f"its lamps do not shine as those of {found.panel.name} would at any time: is it that panel, are "
+            "exposure and row time right, is it hidden or too blurred?"
         )
     middle_ns, spread_ns = posterior.interval()
     if found.panel.is_screen:
@@ -107,11 +113,16 @@ def read_found(
         place_ns = _PLACE_SHARE * place * found.pitch_px * best.shutter.row_time_ns
         model_ns = float(np.linalg.norm([_LED_MODEL_NS, _TONE_SHARE * partly_ns, place_ns]))
     row_time_ns, row_time_error_ns = posterior.row_time()
-    rms = float(np.sqrt(np.mean(np.minimum(misfit**2, 25))))
+    uncertainty_ns = float(np.hypot(spread_ns, model_ns)) * max(1.0, rms)
+    if not found.panel.is_screen and uncertainty_ns > _MAX_TICKS * found.panel.tick_ns:
+        raise PanelUnreadableError(
+            f"its time is known to ±{duration(uncertainty_ns)} only: expose shorter, not whole "
+            "turns of the panel"
+        )
     return PanelTime(
         found.panel,
         middle_ns % found.panel.cycle_ns,
-        float(np.hypot(spread_ns, model_ns)) * max(1.0, rms),
+        uncertainty_ns,
         model.row,
         Shutter(best.shutter.exposure_ns, row_time_ns),
         row_time_error_ns,

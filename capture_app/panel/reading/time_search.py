@@ -6,12 +6,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_app.panel.pattern import Panel
+from capture_app.panel.reading.lamp_light import LINES
 from capture_app.panel.reading.light_model import LightModel, Shutter
 
 Floats = NDArray[np.float64]
 
 STEPS = 8
 """Times tried for each tick."""
+_MIDDLE_LINE = slice(LINES // 2, LINES // 2 + 1)
 _GROUP_STEPS = 16
 """Times tried for each lamp of a group at most: they are further apart for those that are lit longer."""
 SHORTEST_NS, LONGEST_NS, LONGEST_ROW_NS = 50e3, 24e6, 36e3
@@ -54,14 +56,14 @@ def search(model: LightModel, shutters: "list[Shutter]") -> list[Candidate]:
     step_ns = panel.tick_ns / STEPS
     times = np.arange(round(panel.cycle_ticks * STEPS))
     off, on = model.rough_fit()
+    groups = [
+        _Group(model, int(number), np.asarray(times * step_ns, float)) for number in np.unique(model.group)
+    ]
     found: list[Candidate] = []
     for shutter in shutters:
         score = np.zeros(len(times))
-        for group in np.unique(model.group):
-            table, bins = _group_scores(model, model.group == group, shutter, off, on)
-            score += table[
-                (times * step_ns / model.period[model.group == group][0] * bins).astype(int) % bins
-            ]
+        for group in groups:
+            score += group.scores(shutter, off, on)
         for _ in range(CANDIDATES if len(shutters) == 1 else FEW_CANDIDATES):
             best = int(np.argmax(score))
             found.append(Candidate(best * step_ns, shutter, float(score[best])))
@@ -70,19 +72,25 @@ def search(model: LightModel, shutters: "list[Shutter]") -> list[Candidate]:
     return found
 
 
-def _group_scores(
-    model: LightModel, of: NDArray[np.bool_], shutter: Shutter, off: float, on: float
-) -> tuple[Floats, int]:
-    """Log-likelihoods of one group's lamps over its period, each the best of its own and its neighbours'."""
-    period_ns, lit_ns = float(model.period[of][0]), float(model.lit[of][0])
-    fine = round(lit_ns / model.panel.tick_ns * STEPS)
-    each = min(fine, _GROUP_STEPS)
-    bins = 10 * each
-    times = (np.arange(bins) + 0.5) * period_ns / bins
-    shares = model.shares(times, shutter, of)
-    variance = model.variance(shares, on, of)
-    misfit = model.seen.light[of] - off - on * shares
-    misfit = np.where(model.seen.saturated[of] & (misfit < 0), 0.0, misfit)
-    score = -(3 * np.log1p(misfit**2 / variance / 5) + 0.5 * np.log(variance)).sum(axis=1)
-    # Time is coarse here: what a neighbour can be, this may be.
-    return np.maximum(score, np.maximum(np.roll(score, 1), np.roll(score, -1))), bins
+class _Group:
+    """Lamps that are lit by turns, and how well they fit at each of the times (ns) that are searched."""
+
+    def __init__(self, model: LightModel, number: int, times_ns: Floats) -> None:
+        self._model = model
+        self._of = model.group == number
+        period_ns, lit_ns = float(model.period[self._of][0]), float(model.lit[self._of][0])
+        bins = 10 * min(round(lit_ns / model.panel.tick_ns * STEPS), _GROUP_STEPS)
+        self._times_ns = (np.arange(bins) + 0.5) * period_ns / bins
+        self._bin = (times_ns / period_ns * bins).astype(int) % bins
+
+    def scores(self, shutter: Shutter, off: float, on: float) -> Floats:
+        """Log-likelihoods of the times, each the best of its own and its neighbours' of these lamps."""
+        model, of = self._model, self._of
+        shares = model.shares(self._times_ns, shutter, of, lines=_MIDDLE_LINE)
+        variance = model.variance(shares, on, of)
+        misfit = model.seen.light[of] - off - on * shares
+        misfit = np.where(model.seen.saturated[of] & (misfit < 0), 0.0, misfit)
+        score = -(3 * np.log1p(misfit**2 / variance / 5) + 0.5 * np.log(variance)).sum(axis=1)
+        # Time is coarse here: what a neighbour can be, this may be.
+        score = np.maximum(score, np.maximum(np.roll(score, 1), np.roll(score, -1)))
+        return np.asarray(score[self._bin])

@@ -7,6 +7,7 @@ import numpy as np
 
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView, combine_costs
+from reconstruction.depth.edge_moves import move_edges
 from reconstruction.depth.plane_fitting import fit_planes
 from reconstruction.depth.semiglobal_aggregation import aggregate_costs, cheapest_depths
 
@@ -36,8 +37,9 @@ class SweepOptions:
     fine_small_step: int = 10
     fine_large_step: int = 300
     """The same in sweeps along the surface."""
-    refinements: tuple[tuple[float, int], ...] = ((0.5, 4), (0.25, 4))
-    """For every sweep along the surface its step, in steps of the first sweep, and how many on each side."""
+    refinements: tuple[tuple[float, int, float], ...] = ((0.5, 4, 0.0125), (0.25, 4, 0.005))
+    """For every sweep along the surface its step, in steps of the first sweep, and how many on each side; and
+    by which share of the picture's width edges may move before."""
     max_proposed_cost: float = 0.8
     """A depth that others propose must match as well as this, or better than what was found before."""
     max_cells: int = 80_000_000
@@ -57,6 +59,14 @@ class Surface:
     cost: Array
 
 
+@dataclass(frozen=True, eq=False)
+class Proposals:
+    """Inverse depths that others put into a view's picture (0 = none), and which are confirmed (bool)."""
+
+    inverse_depth: Array
+    sure: Array
+
+
 def sweep_view(
     reference: CalibratedImage,
     sources: Sequence[CalibratedImage],
@@ -74,35 +84,41 @@ def sweep_view(
     if scale < 1.0:
         surface = _enlarge_surface(surface, reference)
     fine = replace(reference, window=options.fine_window)
-    plan = options.refinements if scale == 1.0 else (*options.refinements, (0.25 * scale, 4))
+    plan = options.refinements if scale == 1.0 else (*options.refinements, (0.25 * scale, 4, 0.0))
     source_views = [SourceView(fine, source) for source in sources]
     return _refine_surface(surface, fine, source_views, step, plan, options)
 
 
 def adopt_proposals(
     surface: Surface,
-    proposed: Array,
+    proposals: Proposals,
     reference: CalibratedImage,
     sources: Sequence[CalibratedImage],
     reach: tuple[float, float],
     options: SweepOptions,
 ) -> Surface:
-    """The surface with the inverse depths `proposed` for some of its pixels (0 = none) where they match too.
+    """The surface with proposals for some of its pixels where they match too.
+
+    Sure ones must match at all, others better than what was found before.
 
     `reach`: the nearest and the farthest depth, as in the first sweep.
     """
     span = (1 / reach[1], 1 / reach[0])
     scale, count = _plan_first_sweep(reference, sources, span, options)
     step = scale * (span[1] - span[0]) / (count - 1)
-    new = proposed > 0
-    level = np.where(new, proposed, surface.inverse_depth).astype(np.float32)
+    new = proposals.inverse_depth > 0
+    level = np.where(new, proposals.inverse_depth, surface.inverse_depth).astype(np.float32)
     slopes = surface.slope_x, surface.slope_y
     planes = fit_planes(level, 2 * TOLERANCE * step, slopes=slopes, reach=2, rounds=3)
     fine = replace(reference, window=options.fine_window)
     source_views = [SourceView(fine, source) for source in sources]
-    swept = _refine_surface(Surface(*planes, surface.cost), fine, source_views, step, ((0.25, 3),), options)
+    swept = _refine_surface(
+        Surface(*planes, surface.cost), fine, source_views, step, ((0.25, 3, 0.0),), options
+    )
     # What moves between the pictures is elsewhere in this one than others have confirmed.
-    new &= swept.cost < np.maximum(surface.cost, options.max_proposed_cost)
+    highest = np.full_like(surface.cost, options.max_proposed_cost)
+    choose = np.where(proposals.sure, np.maximum(highest, surface.cost), np.minimum(highest, surface.cost))
+    new &= swept.cost < choose
     return Surface(
         np.where(new, swept.inverse_depth, surface.inverse_depth),
         np.where(new, swept.slope_x, surface.slope_x),
@@ -130,19 +146,22 @@ def _refine_surface(
     reference: CalibratedImage,
     source_views: Sequence[SourceView],
     step: float,
-    plan: Sequence[tuple[float, int]],
+    plan: Sequence[tuple[float, int, float]],
     options: SweepOptions,
 ) -> Surface:
     """The surface after sweeps along itself: windows bend with it, so that slanted surfaces match."""
-    for share, reach in plan:
+    for share, reach, edges_share in plan:
+        level, *slopes = planes = surface.inverse_depth, surface.slope_x, surface.slope_y
+        if edges_share:
+            edges_px = max(1, round(edges_share * reference.view.width))
+            level, *slopes = move_edges(planes, source_views, edges_px)
         offsets = np.arange(-reach, reach + 1) * (step * share)
-        moved = (surface.inverse_depth + np.float32(offset) for offset in offsets)
+        moved = (level + np.float32(offset) for offset in offsets)
         costs = ([one.matching_cost(one.warp_by_depth(levels)) for one in source_views] for levels in moved)
         steps = options.fine_small_step, options.fine_large_step
         place, cost = _find_cheapest(reference, costs, len(offsets), *steps)
-        found = surface.inverse_depth + (place - reach) * np.float32(step * share)
-        slopes = surface.slope_x, surface.slope_y
-        planes = fit_planes(found, TOLERANCE * step, slopes=slopes, reach=2, stride=2)
+        found = level + (place - reach) * np.float32(step * share)
+        planes = fit_planes(found, TOLERANCE * step, slopes=(slopes[0], slopes[1]), reach=2, stride=2)
         surface = Surface(*planes, cost / WORST_COST)
     return surface
 

@@ -15,7 +15,7 @@ from reconstruction.depth.geometric_consistency import (
     consistent_pixels,
 )
 from reconstruction.depth.plane_fitting import fit_planes, surface_normals
-from reconstruction.depth.plane_sweep import Surface, SweepOptions, adopt_proposals, sweep_view
+from reconstruction.depth.plane_sweep import Proposals, Surface, SweepOptions, adopt_proposals, sweep_view
 from reconstruction.depth.view_propagation import propose_inverse_depth
 from reconstruction.depth.worker_pool import worker_count, worker_pool
 
@@ -51,6 +51,7 @@ def match_all_views(
     `done` is called after each.
     """
     names = [name for name in images if sources.get(name)]
+    paired = [name for name in names if [name] == [o for other in sources[name] for o in sources[other]]]
     fitting = int(CELLS_SHARE * memory_budget().limit_bytes / (worker_count() * BYTES_PER_CELL))
     options = SweepOptions(max_cells=min(SweepOptions.max_cells, fitting))
 
@@ -61,23 +62,43 @@ def match_all_views(
         return found
 
     def propose(name: str) -> Surface:
-        """The surface where others confirm it, elsewhere what their own confirmed surfaces put there."""
-        to_this = [(SourceView(images[other], images[name]), kept[other]) for other in sources[name]]
-        proposed = propose_inverse_depth(to_this, surfaces[name].inverse_depth.shape)
+        """The surface where others confirm it, elsewhere what their own surfaces put there."""
         others = [images[other] for other in sources[name]]
-        free = np.where(kept[name] > 0, 0, proposed)
-        return adopt_proposals(surfaces[name], free, images[name], others, reach[name], options)
+        to_this = [SourceView(other, images[name]) for other in others]
+
+        def from_others(depths: Mapping[str, Array]) -> Array:
+            maps = zip(to_this, (depths[other] for other in sources[name]), strict=True)
+            return propose_inverse_depth(maps, surfaces[name].inverse_depth.shape)
+
+        sure = from_others(kept)
+        proposed = sure
+        if name in paired:
+            # Nobody else could confirm what that camera found, unless this one finds it too.
+            matched = {o: _matched_depth(surfaces[o], kept[o], options) for o in sources[name]}
+            proposed = np.where(sure > 0, sure, from_others(matched))
+        proposals = Proposals(np.where(kept[name] > 0, 0, proposed), sure > 0)
+        return adopt_proposals(surfaces[name], proposals, images[name], others, reach[name], options)
 
     with worker_pool() as pool:
         surfaces = dict(zip(names, pool.map(match, names), strict=True))
         kept = _kept_depths(pool, images, sources, surfaces)
         surfaces = dict(zip(names, pool.map(propose, names), strict=True))
         kept = _kept_depths(pool, images, sources, surfaces)
+        if paired:
+            # What one of two has taken over from the other, the other may now see in turn.
+            surfaces |= zip(paired, pool.map(propose, paired), strict=True)
+            kept = _kept_depths(pool, images, sources, surfaces)
         facing = pool.map(lambda name: _view_normals(surfaces[name], images[name]), names)
         return {
             name: ViewDepth(kept[name], np.where(kept[name][..., None] > 0, normals, 0), surfaces[name])
             for name, normals in zip(names, facing, strict=True)
         }
+
+
+def _matched_depth(surface: Surface, kept: Array, options: SweepOptions) -> Array:
+    """Depth where a view's own windows match, though others did not confirm it, elsewhere 0."""
+    found = (kept <= 0) & (surface.cost < options.max_proposed_cost)
+    return np.where(found, 1 / np.maximum(surface.inverse_depth, 1e-12), 0).astype(np.float32)
 
 
 def _kept_depths(

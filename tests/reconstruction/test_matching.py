@@ -10,6 +10,7 @@ from capture_app.errors import BadInputError
 from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView, combine_costs, mean_of_lowest
 from reconstruction.depth.coarse_scene import find_coarse_scene
+from reconstruction.depth.edge_moves import move_edges
 from reconstruction.depth.geometric_consistency import (
     ConsistencyLimits,
     consistent_and_visible_views,
@@ -17,7 +18,7 @@ from reconstruction.depth.geometric_consistency import (
     remove_speckles,
 )
 from reconstruction.depth.plane_fitting import fit_planes, surface_normals
-from reconstruction.depth.plane_sweep import Surface, SweepOptions, sweep_view
+from reconstruction.depth.plane_sweep import Proposals, Surface, SweepOptions, adopt_proposals, sweep_view
 from reconstruction.depth.semiglobal_aggregation import aggregate_costs, cheapest_depths
 from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
 from tests.reconstruction.conftest import texture
@@ -187,6 +188,52 @@ def test_of_two_sources_one_that_sees_something_in_front_spoils_little() -> None
     assert combine_costs([same, other])[0, 0] == pytest.approx(0.38)
     assert combine_costs([other, same, same])[0, 0] == pytest.approx(0.1)
     assert combine_costs([same, same, other, same])[0, 0] == pytest.approx(0.1)
+
+
+def test_an_edge_moves_to_where_the_pictures_match() -> None:
+    reference, source = view_at(0.0), view_at(0.2)
+    ys, xs = np.mgrid[0:HEIGHT, 0:WIDTH].astype(np.float32)
+    back, front = 0.3, 0.6
+
+    def pixels(x: Array, shift: float) -> Array:
+        return np.asarray(cv2.remap(PAINT, 2 * x + 40 + shift, 2 * ys + 40, cv2.INTER_LINEAR))
+
+    def picture(moved: float) -> Array:
+        """A strip before a wall, seen from `moved` m to the right."""
+        wall, strip = (xs + FOCAL * moved * near for near in (back, front))
+        return np.where((strip > 40) & (strip < 80), pixels(strip, 150), pixels(wall, 0))
+
+    grey = [CalibratedImage(view, picture(x), 5, 4.0) for view, x in ((reference, 0.0), (source, 0.2))]
+    flat = np.zeros_like(xs)
+    true = np.where((xs > 40) & (xs < 80), front, back).astype(np.float32)
+    # The strip begins and ends 4 px too far left, as where a matcher took the wall for it.
+    wrong = np.roll(true, -4, axis=1)
+    level, _, _ = move_edges((wrong, flat, flat), [SourceView(*grey)], 4)
+    # Beside the strip's left edge the other view sees no wall, and nothing tells.
+    inner = np.s_[8:-8, 60:100]
+    assert np.mean(level[inner] != true[inner]) < 0.4 * np.mean(wrong[inner] != true[inner])
+
+
+def test_proposals_that_nobody_confirmed_must_match_better(
+    photos: dict[str, CalibratedImage], truth: Array
+) -> None:
+    right, flat = (1 / truth).astype(np.float32), np.zeros((HEIGHT, WIDTH), np.float32)
+    cost, proposed = np.full_like(flat, 0.1), np.zeros_like(flat)
+    spoilt, doubted = np.s_[20:45, 40:90], np.s_[55:80, 40:90]
+    found = right.copy()
+    found[spoilt], cost[spoilt], proposed[spoilt] = 0.6 * right[spoilt], 0.9, right[spoilt]
+    proposed[doubted] = 0.7 * right[doubted]
+    adopted = adopt_proposals(
+        Surface(found, flat, flat, cost),
+        Proposals(proposed, flat > 0),
+        photos["middle"],
+        [photos["left"], photos["right"]],
+        (1.4, 4.0),
+        SweepOptions(),
+    )
+    error = np.abs(adopted.inverse_depth * truth - 1)
+    assert np.mean(error[spoilt] < 0.02) > 0.8
+    assert np.mean(error[doubted] < 0.02) > 0.9
 
 
 def test_semiglobal_fills_a_blank_patch_and_keeps_an_edge() -> None:

@@ -19,8 +19,8 @@ Floats = NDArray[np.float64]
 _MISFIT = 4.0
 _MAX_MISFITS = 0.12
 """A panel of which more lamps than this share misfit by as many sigmas is not what its markers say."""
-_MAX_RMS = 1.3
-"""Nor is one whose lamps misfit by as many sigmas on the whole; usual are 0.3 to 1."""
+_MAX_RMS, _SCREEN_MAX_RMS = 1.3, 3.5
+"""Nor is one whose lamps misfit by as many sigmas on the whole; usual are 0.3 to 1, of slow screens 2."""
 _MAX_TICKS = 2.0
 """An error bar of more ticks of LEDs tells no time that they are for."""
 _MIN_CONTRAST, _MIN_LIGHT = 4.0, 0.005
@@ -98,7 +98,7 @@ def read_found(
     misfit = model.fit(shares, on).misfit[0]
     wrong = float((np.abs(misfit) > _MISFIT).mean())
     rms = float(np.sqrt(np.mean(np.minimum(misfit**2, 25))))
-    if wrong > _MAX_MISFITS or rms > _MAX_RMS:
+    if wrong > _MAX_MISFITS or rms > (_SCREEN_MAX_RMS if found.panel.is_screen else _MAX_RMS):
         raise PanelUnreadableError(
             f"its lamps do not shine as those of {found.panel.name} would at any time: is it that panel, are "
             "exposure and row time right, is it hidden or too blurred?"

@@ -24,6 +24,9 @@ WARM_FRAMES = (30, 90)
 SETTLED_FRAMES = (5, 60)
 FRAMES_TO_ACT = 3
 """One frame where it was expected tells that a phase has moved, but one may be late by chance."""
+FRAMES_TO_OUTVOTE, UNALIKE = 5, 4.0
+"""Two may be late by chance, too: with fewer frames than outvote them, the first one since the phase moved as
+expected must be no more than so many times the noise off the others."""
 JUDGED_STARTS_FRAMES = 10
 """Once so many frames have come after a start, it shows whether the first one could have been believed."""
 HOPELESS_PPM = 1000.0
@@ -203,7 +206,7 @@ class Aligner:
         coarse = hidden_ns > doubt_ns
         self._alignment.hurried = self.reach.stay_ns < SHORT_STAY_NS or coarse
         self._alignment.judge(now.error_ns, doubt_ns, now.frames, self.reach.tolerances_ns, hidden_ns)
-        if self._actuator is None or (self._phase.as_expected and now.frames < FRAMES_TO_ACT):
+        if self._actuator is None or (self._phase.as_expected and self._frames_may_mislead(now.frames)):
             return None
         is_open = self._alignment.is_open(now.error_ns, doubt_ns, now.frames, inner_ns)
         if is_open and burst_leader_ns is None:
@@ -249,6 +252,13 @@ class Aligner:
             self._alignment.note_move(now.error_ns)
             return command
         return None
+
+    def _frames_may_mislead(self, frames: int) -> bool:
+        """Whether the few frames since the phase has moved as expected may be late ones."""
+        if frames < FRAMES_TO_ACT:
+            return True
+        unalike_ns = max(UNALIKE * self._phase.noise_ns, 2_000.0)
+        return frames < FRAMES_TO_OUTVOTE and self._phase.first_off_ns() > unalike_ns
 
     def _error_ns(self, time_map: TimeMap, goal: Goal, local_ns: int) -> int:
         """Distance from the goal of the frame nearest to a local time."""

@@ -150,7 +150,11 @@ class Roster:
         self._silence_ns = min(self._silence_ns, now_ns + CLIENT_SILENT_NS)
         self.members[hello.name] = self._by_number[number] = member
         self._unconfirmed.pop(hello.name, None)
-        self._unconfirmed[hello.name] = member
+        if known is not None and known.instance == hello.instance and known.is_confirmed:
+            # It has moved, or returns: nobody else knows its run.
+            member.is_confirmed = True
+        else:
+            self._unconfirmed[hello.name] = member
         self.immovable.pop(hello.name, None)
         if hello.camera.phase_control in WEIGHTS and hello.camera.kind not in WITHOUT_CAMERA:
             self.immovable[hello.name] = member

@@ -185,3 +185,13 @@ def test_the_grid_is_that_of_most_cameras_and_no_odd_one_sets_it(
     newest = {message.client: message.terms for message in told if isinstance(message, HeartbeatAck)}
     assert {terms.period_ns for terms in newest.values()} == {expected_ns}
     assert newest.keys() == {*numbers}
+
+
+def test_a_camera_that_moves_to_another_relay_takes_part_without_a_pause(leader: Leader) -> None:
+    beat(leader, joined(leader, "cam", S), S)
+    for via in ("gate", "tower"):
+        moved = Hello("cam", len("cam"), make_facts(period_ns=USUAL_NS), via)
+        leader.receive_datagram(encode(moved), (via, 0), S)
+        assert leader.trigger(S, frames=1).clients == ("cam",)
+    leader.receive_datagram(encode(Hello("other", 9, make_facts())), ("other", 0), S)
+    assert leader.trigger(S, frames=1).clients == ("cam",), "of the other nothing but a hello was heard"

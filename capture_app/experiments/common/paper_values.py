@@ -192,9 +192,9 @@ FIGURE_4 = PaperFigure(
     "Figure 4",
     (
         PaperValue("restarts", "restarts of this camera (paper: mean of all)", "", 28.7),
-        PaperValue("left", "phase error after them", "us", None),
+        PaperValue("left", "phase error after the restarts", "us", None),
         PaperValue("injections", "injected frames (paper: as drawn)", "", 1.0),
-        PaperValue("left_injected", "phase error after them", "us", None),
+        PaperValue("left_injected", "phase error after the injected frames", "us", None),
     ),
 )
 FIGURE_5 = PaperFigure(

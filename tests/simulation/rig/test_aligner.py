@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from capture_app.camera_facts import PhaseControl
-from capture_app.experiments.phase.trials import unknown_phone
+from capture_app.experiments.phase.trials import known_profile, unknown_phone
 from capture_app.simulation.devices.profiles import PROFILES
 from capture_app.simulation.rig.bench import Bench, FrameObservation
 from capture_app.sync.clock.time_map import TimeMap
@@ -61,6 +61,19 @@ def test_a_phone_without_drift_is_aligned_once_and_left_alone() -> None:
     observations = bench.run(60 * S)
     assert bench.aligner.corrections <= 2
     assert all(seen.aligned for seen in observations if seen.now_ns > 5 * S)
+
+
+def test_two_late_timestamps_among_the_first_frames_move_nothing() -> None:
+    profile = replace(PROFILES["phone-a"], outlier_share=0.0, drop_share=0.0)
+    bench = Bench(profile, 3, 20_000, ppm=0.0, known=known_profile(profile))
+    until_aligned(bench)
+    commands = []
+    for late_ns in (463_000, 546_000):
+        frame = bench.sensor.next_frame()
+        stamp = FrameStamp(frame.sequence, frame.stream, frame.timestamp_true_ns + late_ns)
+        bench.aligner.add_frame(stamp)
+        commands.append(bench.aligner.next_command(SAME_CLOCK, bench.goal, stamp.timestamp_ns))
+    assert commands == [None, None]
 
 
 def test_nothing_begins_while_a_burst_is_due() -> None:

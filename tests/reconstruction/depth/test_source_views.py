@@ -8,7 +8,7 @@ import numpy as np
 from reconstruction.common.geometry import View
 from reconstruction.depth.view_overlap import grid_points, refuse_views, score_points
 from reconstruction.multiview.source_views import choose_reference_view, smallest_group
-from tests.reconstruction.small_views import HEIGHT, MATRIX, PLACES, WIDTH, choose_by_depth, view_at
+from tests.reconstruction.depth.small_views import HEIGHT, MATRIX, PLACES, WIDTH, choose_by_depth, view_at
 
 
 def test_sources_see_the_same_from_elsewhere() -> None:

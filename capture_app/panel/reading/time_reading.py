@@ -94,7 +94,7 @@ def read_found(
     shutters = possible_shutters(found.panel, exposure_ns, row_time_ns)
     posterior = gather(model, search(model, shutters), free)
     best = posterior.best
-    shares = model.shares(np.array([best.middle_ns]), best.shutter, response_ns=best.response_ns)
+    shares = model.shares(np.array([best.middle_ns]), best.shutter)
     misfit = model.fit(shares, on).misfit[0]
     wrong = float((np.abs(misfit) > _MISFIT).mean())
     rms = float(np.sqrt(np.mean(np.minimum(misfit**2, 25))))

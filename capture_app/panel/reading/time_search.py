@@ -29,8 +29,6 @@ class Candidate:
     middle_ns: float
     shutter: Shutter
     score: float
-    response_ns: float = 0.0
-    """Time constant of a screen's cells."""
 
 
 def possible_shutters(panel: Panel, exposure_ns: float | None, row_time_ns: float | None) -> list[Shutter]:

@@ -1,5 +1,5 @@
 """A panel that shows the time to cameras: what is lit when, where it is, and its time read off pictures.
 
-One plain description (`Panel.description`) serves whoever draws the panel and whoever reads it. Imports
-`session` and what lies below it.
+One description (`Panel`) serves whoever draws the panel and whoever reads it. Imports `session` and what lies
+below it.
 """

@@ -8,7 +8,7 @@ from typing import Any
 import msgspec
 
 from capture_app.panel.catalog import PANELS, RATE_TOLERANCE, RATES_HZ, screen_panel
-from capture_app.panel.pattern import SCAN_SHARE, Panel
+from capture_app.panel.pattern import SCAN_SHARE, Panel, marker_squares
 
 HERE = Path(__file__).parent
 SCRIPTS = ("counter.js", "drawing.js", "page.js")
@@ -62,10 +62,10 @@ def _panels() -> dict[str, Any]:
 
 
 def _screen(panel: Panel) -> dict[str, Any]:
-    markers = panel.description()["markers"]
+    markers = [marker_squares(marker.number) for marker in panel.markers]
     return {
         "name": panel.name,
         "rate_hz": round(1e9 / panel.tick_ns),
         "scan": panel.scan.value,
-        "markers": ["".join(str(square) for row in marker["white"] for square in row) for marker in markers],
+        "markers": ["".join(str(white) for row in squares for white in row) for squares in markers],
     }

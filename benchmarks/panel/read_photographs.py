@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.panel.photographs import Case, draw_case
+from capture_app.panel.pattern import nearest_ns
 from capture_app.panel.reading.finder import PanelNotFoundError
 from capture_app.panel.reading.time_reading import read_panel
 
@@ -43,7 +44,6 @@ class Outcome:
 
 def judge(case: Case) -> Outcome:
     """Read a photograph and hold it against the truth."""
-    begin = time.perf_counter()
     photograph = case.photograph
     picture = case.picture()
     begin = time.perf_counter()
@@ -55,9 +55,7 @@ def judge(case: Case) -> Outcome:
         )
     except PanelNotFoundError as error:
         return Outcome(case, refusal=str(error), wall_s=time.perf_counter() - begin)
-    cycle_ns = photograph.panel.cycle_ns
-    error_ns = read.middle_ns - case.shown_ns(read.row)
-    error_ns = (error_ns + cycle_ns / 2) % cycle_ns - cycle_ns / 2
+    error_ns = nearest_ns(read.middle_ns - case.shown_ns(read.row), photograph.panel.cycle_ns)
     return Outcome(case, error_ns, read.uncertainty_ns, wall_s=time.perf_counter() - begin)
 
 

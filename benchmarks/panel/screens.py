@@ -11,6 +11,7 @@ import numpy as np
 
 from benchmarks.panel.photographs import draw_case
 from capture_app.panel.catalog import panel_named
+from capture_app.panel.pattern import nearest_ns
 from capture_app.panel.reading.finder import PanelNotFoundError
 from capture_app.panel.reading.time_reading import read_panel
 
@@ -48,8 +49,7 @@ def pair_error(rate_hz: int, exposure_ms: float, seed: int) -> tuple[float, floa
         told.append(read.middle_ns)
         true.append(begin_ns + read.row * photograph.row_time_ns)
         bars.append(read.uncertainty_ns)
-    error_ns = (told[1] - told[0]) - (true[1] - true[0])
-    error_ns = (error_ns + panel.cycle_ns / 2) % panel.cycle_ns - panel.cycle_ns / 2
+    error_ns = nearest_ns((told[1] - told[0]) - (true[1] - true[0]), panel.cycle_ns)
     return error_ns / 1e6, float(np.hypot(*bars)) / 1e6
 
 

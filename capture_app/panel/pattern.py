@@ -203,6 +203,11 @@ class Panel:
         }
 
 
+def nearest_ns(difference_ns: float, cycle_ns: float) -> float:
+    """The nearest to 0 that a difference of times may be that are known but for whole cycles."""
+    return (difference_ns + cycle_ns / 2) % cycle_ns - cycle_ns / 2
+
+
 def marker_squares(number: int) -> list[list[int]]:
     """Which squares of a marker are white, row by row, MARKER_MODULES x MARKER_MODULES of 0 and 1."""
     import cv2  # slow to import, and only whoever draws needs it

@@ -11,6 +11,7 @@ from statistics import median
 
 from msgspec import Struct
 
+from capture_app.panel.pattern import nearest_ns
 from capture_app.panel.reading.session_times import PictureTime, SessionTimes, pairs
 
 
@@ -115,7 +116,7 @@ def rig_errors(times: SessionTimes) -> RigErrors:
 def _pair_error(one: PictureTime, other: PictureTime, cycle_ns: float) -> PairError:
     phase_ns = other.stamp_ns - one.stamp_ns
     # The panel shows the same again after a cycle: of what the total can be, the one nearest to the stamps'.
-    total_ns = phase_ns + _wrapped(other.panel_ns - one.panel_ns - phase_ns, cycle_ns)
+    total_ns = phase_ns + nearest_ns(other.panel_ns - one.panel_ns - phase_ns, cycle_ns)
     stated = _both(one.stamp_uncertainty_ns, other.stamp_uncertainty_ns)
     bounds = _both(one.stamp_bound_ns, other.stamp_bound_ns)
     true = _both(one.true_ns, other.true_ns)
@@ -135,10 +136,6 @@ def _pair_error(one: PictureTime, other: PictureTime, cycle_ns: float) -> PairEr
 
 def _both(one: int | None, other: int | None) -> tuple[int, int] | None:
     return None if one is None or other is None else (one, other)
-
-
-def _wrapped(difference_ns: float, cycle_ns: float) -> float:
-    return (difference_ns + cycle_ns / 2) % cycle_ns - cycle_ns / 2
 
 
 def _table(cameras: Sequence[str], errors: Sequence[PairError]) -> PairTable:
@@ -179,7 +176,7 @@ def _rate(times: SessionTimes) -> tuple[float, float] | None:
         for one, other in pairwise(mine):
             stamps_ns = other.stamp_ns - one.stamp_ns
             if 0 < stamps_ns < times.cycle_ns / 2:
-                gained_ns += _wrapped(other.panel_ns - one.panel_ns - stamps_ns, times.cycle_ns)
+                gained_ns += nearest_ns(other.panel_ns - one.panel_ns - stamps_ns, times.cycle_ns)
                 passed_ns += stamps_ns
         if passed_ns:
             error_ns = math.hypot(mine[0].uncertainty_ns, mine[-1].uncertainty_ns)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_app.panel.catalog import panel_named
+from capture_app.panel.pattern import nearest_ns
 from capture_app.panel.reading.time_reading import read_panel
 from capture_app.simulation.devices.sensor import SensorFrame
 from capture_app.simulation.rendering.panel_photograph import Photograph
@@ -64,7 +65,7 @@ def read_time(picture: Image, *, exposure_ns: int, row_time_ns: float) -> float:
 
 def difference_ns(one_ns: float, other_ns: float) -> float:
     """Return `one` minus `other`, both within CYCLE_NS, as the nearest of what it can be."""
-    return (one_ns - other_ns + CYCLE_NS / 2) % CYCLE_NS - CYCLE_NS / 2
+    return nearest_ns(one_ns - other_ns, CYCLE_NS)
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 
 from capture_app.experiments.common.paper_values import TABLE_2
 from capture_app.experiments.common.plots import new_figure, save
+from capture_app.experiments.led_panel.plots import pictures_figure
 from capture_app.simulation.rendering.led_panel import Image
 
 if TYPE_CHECKING:
@@ -58,12 +59,4 @@ def _mark(axes: "Axes", part: str) -> None:
 
 def draw_panel(pictures: tuple[Image, Image], folder: Path) -> list[Path]:
     """Draw what the leader's phone and the client's phone see of the panel at one instant."""
-    figure = new_figure(figsize=(12, 4.7))
-    for axes, picture, title in zip(figure.subplots(1, 2), pictures, ("leader", "client"), strict=True):
-        if picture.ndim == 2:
-            axes.imshow(picture, cmap="gray", vmin=0, vmax=255)
-        else:
-            axes.imshow(picture[..., ::-1])
-        axes.set_title(title)
-        axes.set_axis_off()
-    return [save(figure, folder / "figure-5.jpg")]
+    return [save(pictures_figure(pictures, (12, 4.7)), folder / "figure-5.jpg")]

@@ -9,6 +9,7 @@ from capture_app.simulation.rendering.led_panel import Image
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
 
     from capture_app.experiments.led_panel.trial import Trial
 
@@ -35,12 +36,18 @@ def draw_led_panel(
                 axes.axvline(-at, color="tab:red", linestyle=style)
             axes.set_ylim(top=1.3 * axes.get_ylim()[1])
             axes.legend(loc="upper right", fontsize="small")
-    pair = new_figure(figsize=(10, 4))
-    for axes, picture, title in zip(pair.subplots(1, 2), pictures, ("leader", "client"), strict=True):
+    pair = pictures_figure(pictures, (10, 4))
+    return [save(figure, folder / "led-panel.png"), save(pair, folder / "led-panel-pictures.png")]
+
+
+def pictures_figure(pictures: tuple[Image, Image], inches: tuple[float, float]) -> "Figure":
+    """Two pictures of an instant (BGR), the leader's and the client's, side by side."""
+    figure = new_figure(figsize=inches)
+    for axes, picture, title in zip(figure.subplots(1, 2), pictures, ("leader", "client"), strict=True):
         axes.imshow(picture[..., ::-1])
         axes.set_title(title)
         axes.set_axis_off()
-    return [save(figure, folder / "led-panel.png"), save(pair, folder / "led-panel-pictures.png")]
+    return figure
 
 
 def _histogram(axes: "Axes", errors_us: Sequence[float], title: str) -> None:

@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from statistics import quantiles
 
+from capture_app.experiments.common.paper_values import INJECTIONS, RESTARTS
 from capture_app.experiments.common.result import Outcome, Result
 from capture_app.experiments.common.workers import call_all
 from capture_app.experiments.phase import report
@@ -63,11 +64,19 @@ PHONE = replace(
 STEADY_PHONE = replace(PHONE, name="steady-phone", start_latency_ns=(700_000_000, 5_000_000))
 
 PAPER = {
-    "injections_mean": {"phone": {"injection": 5.5}},
-    "restarts_mean": {"phone": {"restart": 28.7}},
-    "seconds_mean": {"phone": {"injection": 5.5 * 0.3, "restart": 28.7 * 1.23}},
-    "injections_std": {"phone": {"injection": 0.97}},
-    "one_phone_restarts": {"mean": 28.7, "std": 25.2, "for_95": 98.0, "each_s": 1.23},
+    "injections_mean": {"phone": {"injection": INJECTIONS["moves.mean"]}},
+    "restarts_mean": {"phone": {"restart": RESTARTS["tries.mean"]}},
+    "seconds_mean": {
+        "phone": {
+            "injection": INJECTIONS["moves.mean"] * INJECTIONS["each_s"],
+            "restart": RESTARTS["tries.mean"] * RESTARTS["each_s"],
+        }
+    },
+    "injections_std": {"phone": {"injection": INJECTIONS["moves.std"]}},
+    "one_phone_restarts": {
+        **{name: RESTARTS[f"tries.{name}"] for name in ("mean", "std", "for_95")},
+        "each_s": RESTARTS["each_s"],
+    },
 }
 
 

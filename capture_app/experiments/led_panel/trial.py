@@ -13,8 +13,7 @@ from capture_app.experiments.led_panel.once_schedule import OnceSchedule
 from capture_app.node.camera.camera_node import DEFAULT_TOLERANCE_NS
 from capture_app.simulation.devices.profiles import PROFILES, SensorProfile
 from capture_app.simulation.devices.sensor import SensorFrame
-from capture_app.simulation.network.delay_laws import GammaDelay
-from capture_app.simulation.network.link import Channel, Link
+from capture_app.simulation.network.link import LOOPBACK, Channel
 from capture_app.simulation.network.paper_link import PAPER_LINK
 from capture_app.simulation.rendering.led_panel import Image, difference_ns, read_time, render
 from capture_app.simulation.rig.rig import NodeSpec, VirtualNode, VirtualRig
@@ -28,8 +27,6 @@ READY_NS = 60_000_000_000
 HOURS_NS = 9 * 3600 * 1_000_000_000
 LEAST_STRETCH_NS = 2_000_000
 """Of the random long exposure that undoes a phase, beyond a period."""
-LOOPBACK = Link(GammaDelay(30_000, 45_000), GammaDelay(30_000, 45_000))
-"""From the leader's own camera to the leader: another process of the same machine."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,9 +12,8 @@ from capture_app.experiments.common.reproduction import Measured, Reproduction, 
 from capture_app.experiments.common.workers import call_all
 from capture_app.node.camera.camera_node import DEFAULT_TOLERANCE_NS
 from capture_app.simulation.devices.profiles import PROFILES, SensorProfile
-from capture_app.simulation.network.delay_laws import GammaDelay
 from capture_app.simulation.network.exchanges import TURNAROUND_NS
-from capture_app.simulation.network.link import Channel, Link
+from capture_app.simulation.network.link import LOOPBACK, Channel
 from capture_app.simulation.network.paper_link import PAPER_LINK
 from capture_app.simulation.rig.rig import NodeSpec, VirtualRig
 
@@ -28,8 +27,6 @@ READY_NS, BURST_NS = 120_000_000_000, 3_000_000_000
 HOURS_NS = 9 * 3600 * 1_000_000_000
 SKEW_PPM = 15.0
 """One sigma of the clients' clocks."""
-LOOPBACK = Link(GammaDelay(30_000, 45_000), GammaDelay(30_000, 45_000))
-"""From the leader's own camera to the leader."""
 SIMULATED = (
     "Phones, clocks (15 ppm, one sigma) and the paper's link; the leader's own camera is one of the five."
 )

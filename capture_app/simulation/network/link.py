@@ -8,7 +8,7 @@ import random
 from dataclasses import dataclass
 from typing import Literal
 
-from capture_app.simulation.network.delay_laws import DelayLaw
+from capture_app.simulation.network.delay_laws import DelayLaw, GammaDelay
 
 _S = 1_000_000_000
 _64_BITS = (1 << 64) - 1
@@ -74,6 +74,10 @@ class Link:
             return []
         copies = 2 if rng.random() < self.duplication else 1
         return [law.draw(rng) for _ in range(copies)]
+
+
+LOOPBACK = Link(GammaDelay(30_000, 45_000), GammaDelay(30_000, 45_000))
+"""From the leader's own camera to the leader: another process of the same machine."""
 
 
 class MediumQueue:

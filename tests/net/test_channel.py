@@ -2,9 +2,6 @@
 
 import asyncio
 import struct
-from collections.abc import AsyncIterator, Awaitable, Callable
-from contextlib import asynccontextmanager, suppress
-from typing import Any
 
 import msgspec
 import pytest
@@ -12,47 +9,17 @@ import pytest
 from capture_app.errors import NetworkError
 from capture_app.net.address import Address
 from capture_app.net.channel import MAX_HEADER_BYTES, MAX_PAYLOAD_BYTES, Channel, connect
-from capture_app.net.server import TransferServer, bind_port
-from capture_app.net.stream_limits import Patience
+from capture_app.net.server import bind_port
+from tests.net.echoes import PING, Ping, Pong, Serve, echo, serving
 
 
-class Ping(msgspec.Struct, frozen=True, tag="ping"):
-    number: int
-
-
-class Pong(msgspec.Struct, frozen=True, tag="pong"):
-    number: int
-
-
-PING = msgspec.json.encode(Ping(1))
+class Note(msgspec.Struct, frozen=True, tag="note"):
+    text: str
 
 
 def header(data: bytes) -> bytes:
     """A message of that header, without a payload."""
     return struct.pack(">4sIQ", b"SSH1", len(data), 0) + data
-
-
-Serve = Callable[[Channel[Any]], Awaitable[None]]
-
-
-@asynccontextmanager
-async def serving(
-    serve: Callable[[Channel[Any]], Awaitable[None]], messages: Any = Ping
-) -> AsyncIterator[Address]:
-    datagrams, listening = bind_port("127.0.0.1", 0)
-    server = TransferServer[Any](messages, serve)
-    await server.start(listening)
-    try:
-        yield Address("127.0.0.1", listening.getsockname()[1])
-    finally:
-        await server.stop()
-        datagrams.close()
-
-
-async def echo(channel: Channel[Ping]) -> None:
-    while (received := await channel.receive()) is not None:
-        message, payload = received
-        await channel.send(Pong(message.number), payload[:1], payload[1:])
 
 
 async def test_a_message_and_its_payload_come_back() -> None:
@@ -178,150 +145,6 @@ async def test_a_node_that_goes_away_is_noticed_at_the_root() -> None:
             await gone.wait()
 
 
-@asynccontextmanager
-async def impatiently_serving(serve: Serve, patience: Patience, **limits: Any) -> AsyncIterator[Address]:
-    datagrams, listening = bind_port("127.0.0.1", 0)
-    server = TransferServer[Any](Ping, serve, patience=patience, **limits)
-    await server.start(listening)
-    try:
-        yield Address("127.0.0.1", listening.getsockname()[1])
-    finally:
-        await server.stop()
-        datagrams.close()
-
-
-IMPATIENT = Patience(first_s=0.3, idle_s=0.3, message_s=0.3, header_bytes=100)
-
-
-async def is_closed(reader: asyncio.StreamReader) -> bool:
-    try:
-        async with asyncio.timeout(30):
-            return await reader.read() == b""
-    except ConnectionResetError:
-        return True
-
-
-@pytest.mark.parametrize(
-    "sent",
-    [
-        b"",
-        b"SSH1",
-        struct.pack(">4sIQ", b"SSH1", 90, 0) + b"half of it",
-        struct.pack(">4sIQ", b"SSH1", 101, 0) + bytes(101),
-        struct.pack(">4sIQ", b"SSH1", len(PING), 9) + PING + b"...",
-    ],
-)
-async def test_who_keeps_a_stream_and_says_nothing_loses_it(sent: bytes) -> None:
-    async with impatiently_serving(echo, IMPATIENT) as address:
-        reader, writer = await asyncio.open_connection(*address)
-        writer.write(sent)
-        assert await is_closed(reader)
-        writer.close()
-
-
-async def test_who_takes_nothing_in_loses_its_stream() -> None:
-    ended = asyncio.Event()
-
-    async def tell_for_ever(channel: Channel[Ping]) -> None:
-        await channel.receive()
-        try:
-            while True:
-                await channel.send(Pong(1), bytes(1 << 20))
-        finally:
-            ended.set()
-
-    patience = Patience(first_s=60.0, message_s=0.3)
-    async with (
-        impatiently_serving(tell_for_ever, patience) as address,
-        await connect(address, Pong) as channel,
-    ):
-        await channel.send(Ping(1))
-        async with asyncio.timeout(30):
-            await ended.wait()
-
-
-async def test_who_is_told_things_may_be_silent() -> None:
-    async def watch(channel: Channel[Ping]) -> None:
-        channel.allow_silence()
-        await echo(channel)
-
-    patience = Patience(first_s=60.0, idle_s=0.3)
-    async with impatiently_serving(watch, patience) as address, await connect(address, Pong) as channel:
-        for number in range(2):
-            await channel.send(Ping(number))
-            assert await channel.receive() == (Pong(number), b"")
-            await asyncio.sleep(0.6)
-
-
-async def test_idle_streams_make_room_and_those_that_speak_stay() -> None:
-    async with (
-        impatiently_serving(watch_and_echo, Patience(first_s=600.0), most_of_one_address=4) as address,
-        await connect(address, Pong) as friend,
-    ):
-        await friend.send(Ping(1))
-        assert await friend.receive() == (Pong(1), b"")
-        idle = [await asyncio.open_connection(*address) for _ in range(40)]
-        for reader, _ in idle[:30]:
-            assert await is_closed(reader)
-        async with await connect(address, Pong) as another:
-            await another.send(Ping(2))
-            assert await another.receive() == (Pong(2), b"")
-        await friend.send(Ping(3))
-        assert await friend.receive() == (Pong(3), b"")
-        for _, writer in idle:
-            writer.close()
-
-
-async def watch_and_echo(channel: Channel[Ping]) -> None:
-    channel.allow_silence()
-    await echo(channel)
-
-
-async def trust_and_echo(channel: Channel[Ping]) -> None:
-    channel.trust()
-    await echo(channel)
-
-
-async def test_streams_that_go_on_without_being_known_make_room_too() -> None:
-    async with (
-        impatiently_serving(watch_and_echo, Patience(first_s=600.0), most=2) as address,
-        await connect(address, Pong) as oldest,
-        await connect(address, Pong) as other,
-    ):
-        for stranger in (oldest, other):
-            await stranger.send(Ping(1))
-            await stranger.receive()
-        async with await connect(address, Pong) as friend:
-            await friend.send(Ping(2))
-            assert await friend.receive() == (Pong(2), b"")
-            with suppress(NetworkError):
-                assert await oldest.receive() is None
-            await other.send(Ping(3))
-            assert await other.receive() == (Pong(3), b"")
-
-
-async def test_where_all_streams_are_in_use_a_further_one_is_refused() -> None:
-    async with impatiently_serving(trust_and_echo, Patience(), most=2) as address:
-        async with await connect(address, Pong) as one, await connect(address, Pong) as two:
-            for friend in (one, two):
-                await friend.send(Ping(1))
-                await friend.receive()
-            reader, writer = await asyncio.open_connection(*address)
-            assert await is_closed(reader)
-            writer.close()
-            await two.send(Ping(2))
-            assert await two.receive() == (Pong(2), b"")
-        async with asyncio.timeout(30):
-            while True:
-                try:
-                    async with await connect(address, Pong) as again:
-                        await again.send(Ping(5))
-                        if await again.receive() == (Pong(5), b""):
-                            break
-                except NetworkError:
-                    await asyncio.sleep(0.01)
-
-
 async def test_no_text_of_a_stream_steers_a_terminal() -> None:
     async def say_again(channel: Channel[Note]) -> None:
         while (message := await channel.receive_header()) is not None:
@@ -333,7 +156,3 @@ async def test_no_text_of_a_stream_steers_a_terminal() -> None:
         await channel.send(Note("\x1b[2J\u009b31m\r two\nlines \\u001b"))
         message = await channel.receive_header()
         assert message.text == "\ufffd[2J\ufffd31m\ufffd two\nlines \\u001b"
-
-
-class Note(msgspec.Struct, frozen=True, tag="note"):
-    text: str

@@ -28,7 +28,7 @@ from capture_app.node.wire.messages import (
 from capture_app.session.format.manifest import JOURNAL, CameraRecord
 from capture_app.sync.rig.frame_picks import Pick
 from tests.facts import make_facts
-from tests.net.test_channel import serving
+from tests.net.echoes import serving
 from tests.waiting import until
 
 CAMERA = make_facts(phase_control=PhaseControl.INJECTION)

@@ -1,0 +1,143 @@
+"""How long a port waits for its streams, how many it keeps, and who makes room, over loopback sockets."""
+
+import asyncio
+import struct
+from contextlib import suppress
+
+import pytest
+
+from capture_app.errors import NetworkError
+from capture_app.net.channel import Channel, connect
+from capture_app.net.stream_limits import Patience
+from tests.net.echoes import PING, Ping, Pong, echo, serving
+
+IMPATIENT = Patience(first_s=0.3, idle_s=0.3, message_s=0.3, header_bytes=100)
+
+
+async def is_closed(reader: asyncio.StreamReader) -> bool:
+    try:
+        async with asyncio.timeout(30):
+            return await reader.read() == b""
+    except ConnectionResetError:
+        return True
+
+
+@pytest.mark.parametrize(
+    "sent",
+    [
+        b"",
+        b"SSH1",
+        struct.pack(">4sIQ", b"SSH1", 90, 0) + b"half of it",
+        struct.pack(">4sIQ", b"SSH1", 101, 0) + bytes(101),
+        struct.pack(">4sIQ", b"SSH1", len(PING), 9) + PING + b"...",
+    ],
+)
+async def test_who_keeps_a_stream_and_says_nothing_loses_it(sent: bytes) -> None:
+    async with serving(echo, patience=IMPATIENT) as address:
+        reader, writer = await asyncio.open_connection(*address)
+        writer.write(sent)
+        assert await is_closed(reader)
+        writer.close()
+
+
+async def test_who_takes_nothing_in_loses_its_stream() -> None:
+    ended = asyncio.Event()
+
+    async def tell_for_ever(channel: Channel[Ping]) -> None:
+        await channel.receive()
+        try:
+            while True:
+                await channel.send(Pong(1), bytes(1 << 20))
+        finally:
+            ended.set()
+
+    patience = Patience(first_s=60.0, message_s=0.3)
+    async with (
+        serving(tell_for_ever, patience=patience) as address,
+        await connect(address, Pong) as channel,
+    ):
+        await channel.send(Ping(1))
+        async with asyncio.timeout(30):
+            await ended.wait()
+
+
+async def test_who_is_told_things_may_be_silent() -> None:
+    async def watch(channel: Channel[Ping]) -> None:
+        channel.allow_silence()
+        await echo(channel)
+
+    patience = Patience(first_s=60.0, idle_s=0.3)
+    async with serving(watch, patience=patience) as address, await connect(address, Pong) as channel:
+        for number in range(2):
+            await channel.send(Ping(number))
+            assert await channel.receive() == (Pong(number), b"")
+            await asyncio.sleep(0.6)
+
+
+async def test_idle_streams_make_room_and_those_that_speak_stay() -> None:
+    async with (
+        serving(watch_and_echo, patience=Patience(first_s=600.0), most_of_one_address=4) as address,
+        await connect(address, Pong) as friend,
+    ):
+        await friend.send(Ping(1))
+        assert await friend.receive() == (Pong(1), b"")
+        idle = [await asyncio.open_connection(*address) for _ in range(40)]
+        for reader, _ in idle[:30]:
+            assert await is_closed(reader)
+        async with await connect(address, Pong) as another:
+            await another.send(Ping(2))
+            assert await another.receive() == (Pong(2), b"")
+        await friend.send(Ping(3))
+        assert await friend.receive() == (Pong(3), b"")
+        for _, writer in idle:
+            writer.close()
+
+
+async def watch_and_echo(channel: Channel[Ping]) -> None:
+    channel.allow_silence()
+    await echo(channel)
+
+
+async def trust_and_echo(channel: Channel[Ping]) -> None:
+    channel.trust()
+    await echo(channel)
+
+
+async def test_streams_that_go_on_without_being_known_make_room_too() -> None:
+    async with (
+        serving(watch_and_echo, patience=Patience(first_s=600.0), most=2) as address,
+        await connect(address, Pong) as oldest,
+        await connect(address, Pong) as other,
+    ):
+        for stranger in (oldest, other):
+            await stranger.send(Ping(1))
+            await stranger.receive()
+        async with await connect(address, Pong) as friend:
+            await friend.send(Ping(2))
+            assert await friend.receive() == (Pong(2), b"")
+            with suppress(NetworkError):
+                assert await oldest.receive() is None
+            await other.send(Ping(3))
+            assert await other.receive() == (Pong(3), b"")
+
+
+async def test_where_all_streams_are_in_use_a_further_one_is_refused() -> None:
+    async with serving(trust_and_echo, most=2) as address:
+        async with await connect(address, Pong) as one, await connect(address, Pong) as two:
+            for friend in (one, two):
+                await friend.send(Ping(1))
+                await friend.receive()
+            reader, writer = await asyncio.open_connection(*address)
+            assert await is_closed(reader)
+            writer.close()
+            await two.send(Ping(2))
+            assert await two.receive() == (Pong(2), b"")
+        async with asyncio.timeout(30):
+            while True:
+                try:
+                    async with await connect(address, Pong) as again:
+                        await again.send(Ping(5))
+                        if await again.receive() == (Pong(5), b""):
+                            break
+                except NetworkError:
+                    await asyncio.sleep(0.01)

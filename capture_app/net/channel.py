@@ -27,6 +27,8 @@ MAX_PAYLOAD_BYTES = 64 << 20
 CHUNK_BYTES = 1 << 18
 """The most that is read of a stream at once, and half of what is kept of it unread."""
 CONNECT_TIMEOUT_S = 5.0
+CLOSE_TIMEOUT_S = 30.0
+"""Until what was sent last is taken in, of a stream that is closed."""
 _TOO_SLOW = "the rest of a message did not come in time"
 _BROKEN = "the transfer broke off in the middle of a message"
 
@@ -147,10 +149,13 @@ class Channel(Generic[M]):
             self._unread -= len(chunk)
             yield chunk
 
-    async def send(self, message: msgspec.Struct, *payloads: bytes | memoryview) -> None:
-        """Write one message and its payload, and wait until the peer keeps up.
+    async def send(
+        self, message: msgspec.Struct, *payloads: bytes | memoryview, stall_s: float | None = None
+    ) -> None:
+        """Write one message and its payload, and wait until the peer keeps up, however slow it is.
 
-        Raises NetworkError where the stream has broken off or the message is too large.
+        `stall_s` is how long it may take nothing in, else the stream's patience. Raises NetworkError where
+        it does not, the stream has broken off or the message is too large.
         """
         header = _ENCODER.encode(message)
         payload_bytes = sum(map(len, payloads))
@@ -158,14 +163,27 @@ class Channel(Generic[M]):
             raise NetworkError(f"a message of {len(header)} + {payload_bytes} bytes is too large to send")
         try:
             self._writer.write(_PREFIX.pack(MAGIC, len(header), payload_bytes) + header)
+            # All at once: other tasks may send on this stream too.
             for payload in payloads:
                 self._writer.write(payload)
-            async with asyncio.timeout(self._message_s):
-                await self._writer.drain()
+            await self._drain(self._message_s if stall_s is None else stall_s)
         except TimeoutError as error:
+            # Closing would wait for the same peer.
+            self.abort()
             raise NetworkError("the peer takes nothing in") from error
         except OSError as error:
             raise NetworkError(f"the transfer broke off: {error}") from error
+
+    async def _drain(self, stall_s: float | None) -> None:
+        """Wait until most of what was written is taken in. Raises TimeoutError where nothing is."""
+        while True:
+            before = self._writer.transport.get_write_buffer_size()
+            try:
+                async with asyncio.timeout(stall_s):
+                    return await self._writer.drain()
+            except TimeoutError:
+                if self._writer.transport.get_write_buffer_size() >= before:
+                    raise
 
     async def relay(self, other: "Channel[Any]") -> None:
         """Pass all bytes on between two streams, both ways and unread, until either closes or breaks off."""
@@ -192,10 +210,15 @@ class Channel(Generic[M]):
         self._writer.transport.abort()
 
     async def close(self) -> None:
-        """Close the stream; harmless where it has broken already."""
+        """Close the stream when its peer has all, or takes too long; harmless where it has broken already."""
         self._writer.close()
-        with contextlib.suppress(OSError):
-            await self._writer.wait_closed()
+        try:
+            async with asyncio.timeout(CLOSE_TIMEOUT_S if self._message_s is None else self._message_s):
+                await self._writer.wait_closed()
+        except TimeoutError:
+            self.abort()
+        except OSError:
+            pass
 
     async def __aenter__(self) -> Self:
         return self

@@ -1,16 +1,20 @@
 """How long a port waits for its streams, how many it keeps, and who makes room, over loopback sockets."""
 
 import asyncio
+import socket
 import struct
 from contextlib import suppress
+from typing import Any
 
 import pytest
 
 from capture_app.errors import NetworkError
-from capture_app.net.channel import Channel, connect
+from capture_app.net.address import Address
+from capture_app.net.channel import MAX_PAYLOAD_BYTES, Channel, connect
 from capture_app.net.stream_limits import Patience
 from tests.net.echoes import PING, Ping, Pong, echo, serving
 
+MESSAGE = struct.pack(">4sIQ", b"SSH1", len(PING), 0) + PING
 IMPATIENT = Patience(first_s=0.3, idle_s=0.3, message_s=0.3, header_bytes=100)
 
 
@@ -59,6 +63,86 @@ async def test_who_takes_nothing_in_loses_its_stream() -> None:
         await channel.send(Ping(1))
         async with asyncio.timeout(30):
             await ended.wait()
+
+
+async def test_who_takes_nothing_in_keeps_no_room() -> None:
+    async def tell_for_ever(channel: Channel[Ping]) -> None:
+        channel.trust()
+        message = await channel.receive_header()
+        while message == Ping(1):
+            await channel.send(Pong(1), bytes(1 << 20))
+        await channel.send(Pong(2))
+
+    patience = Patience(first_s=60.0, message_s=0.3)
+    async with (
+        serving(tell_for_ever, patience=patience, most=1) as address,
+        await connect(address, Pong) as stuck,
+    ):
+        await stuck.send(Ping(1))
+        assert await answer_to(address, Ping(2)) == (Pong(2), b"")
+
+
+async def test_a_stream_that_is_closed_is_not_kept_for_what_nobody_takes_in() -> None:
+    written = asyncio.Event()
+
+    async def leave_unsent(channel: Channel[Ping]) -> None:
+        channel.trust()
+        if await channel.receive_header() == Ping(1):
+            with suppress(TimeoutError):
+                async with asyncio.timeout(0.1):
+                    await channel.send(Pong(1), bytes(MAX_PAYLOAD_BYTES))
+            written.set()
+        else:
+            await channel.send(Pong(2))
+
+    patience = Patience(first_s=60.0, message_s=0.5)
+    async with (
+        serving(leave_unsent, patience=patience, most=1) as address,
+        await connect(address, Pong) as stuck,
+    ):
+        await stuck.send(Ping(1))
+        await written.wait()
+        assert await answer_to(address, Ping(2)) == (Pong(2), b"")
+
+
+async def test_a_slow_peer_gets_all_of_a_long_message() -> None:
+    """It takes longer than the port waits for one that takes nothing in."""
+    size = 24 << 20
+    is_sent = False
+
+    async def tell(channel: Channel[Ping]) -> None:
+        nonlocal is_sent
+        await channel.receive_header()
+        await channel.send(Pong(1), bytes(size))
+        is_sent = True
+
+    async with serving(tell, patience=Patience(first_s=60.0, message_s=2.5)) as address:
+        with socket.socket() as slow:
+            slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 16)
+            slow.connect(tuple(address))
+            reader, writer = await asyncio.open_connection(sock=slow)
+            writer.write(MESSAGE)
+            got = len(await reader.readexactly(1 << 16))
+            while piece := await reader.read(1 << 20):
+                got += len(piece)
+                await asyncio.sleep(len(piece) / size * 5.0)
+            writer.close()
+    assert got > size
+    assert is_sent
+
+
+async def answer_to(address: Address, message: Ping) -> Any:
+    """What a port says to a message, as soon as it has room for another stream."""
+    async with asyncio.timeout(30):
+        while True:
+            try:
+                async with await connect(address, Pong) as channel:
+                    await channel.send(message)
+                    if (answer := await channel.receive()) is not None:
+                        return answer
+            except NetworkError:
+                pass
+            await asyncio.sleep(0.01)
 
 
 async def test_who_is_told_things_may_be_silent() -> None:
@@ -132,12 +216,4 @@ async def test_where_all_streams_are_in_use_a_further_one_is_refused() -> None:
             writer.close()
             await two.send(Ping(2))
             assert await two.receive() == (Pong(2), b"")
-        async with asyncio.timeout(30):
-            while True:
-                try:
-                    async with await connect(address, Pong) as again:
-                        await again.send(Ping(5))
-                        if await again.receive() == (Pong(5), b""):
-                            break
-                except NetworkError:
-                    await asyncio.sleep(0.01)
+        assert await answer_to(address, Ping(5)) == (Pong(5), b"")

@@ -175,11 +175,7 @@ class BurstSender:
         message: messages.NodeStream | messages.CameraReport | messages.ImageUpload | messages.SpoolSpace,
         *payloads: memoryview,
     ) -> None:
-        try:
-            async with asyncio.timeout(ANSWER_TIMEOUT_S):
-                await self._channel.send(message, *payloads)
-        except TimeoutError as error:
-            raise NetworkError(f"the leader took nothing in for {ANSWER_TIMEOUT_S:g} s") from error
+        await self._channel.send(message, *payloads, stall_s=ANSWER_TIMEOUT_S)
 
     async def _receive(self) -> Answer:
         while True:

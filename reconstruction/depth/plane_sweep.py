@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -18,6 +19,15 @@ TOLERANCE = 1.0
 
 MIN_PLANES, MAX_PLANES = 24, 400
 """Depths of the first sweep."""
+
+
+class Refinement(NamedTuple):
+    """A sweep along the surface: its step, in steps of the first sweep, and how many of them on each side."""
+
+    step_share: float
+    reach: int
+    edges_share: float = 0.0
+    """By which share of the picture's width edges may move before."""
 
 
 @dataclass(frozen=True)
@@ -37,11 +47,10 @@ class SweepOptions:
     fine_small_step: int = 10
     fine_large_step: int = 300
     """The same in sweeps along the surface."""
-    refinements: tuple[tuple[float, int, float], ...] = ((0.5, 4, 0.0125), (0.25, 4, 0.005))
-    """For every sweep along the surface its step, in steps of the first sweep, and how many on each side; and
-    by which share of the picture's width edges may move before."""
+    refinements: tuple[Refinement, ...] = (Refinement(0.5, 4, 0.0125), Refinement(0.25, 4, 0.005))
     max_proposed_cost: float = 0.8
-    """A depth that others propose must match as well as this, or better than what was found before."""
+    """A depth that others confirmed must match as well as this, or better than what was found before; one
+    that nobody confirmed both."""
     max_cells: int = 80_000_000
     """Pixels times depths of one sweep, some bytes each; larger pictures are swept at a smaller size."""
 
@@ -84,7 +93,7 @@ def sweep_view(
     if scale < 1.0:
         surface = _enlarge_surface(surface, reference)
     fine = replace(reference, window=options.fine_window)
-    plan = options.refinements if scale == 1.0 else (*options.refinements, (0.25 * scale, 4, 0.0))
+    plan = options.refinements if scale == 1.0 else (*options.refinements, Refinement(0.25 * scale, 4))
     source_views = [SourceView(fine, source) for source in sources]
     return _refine_surface(surface, fine, source_views, step, plan, options)
 
@@ -112,9 +121,8 @@ def adopt_proposals(
     planes = fit_planes(level, 2 * TOLERANCE * step, slopes=slopes, reach=2, rounds=3)
     fine = replace(reference, window=options.fine_window)
     source_views = [SourceView(fine, source) for source in sources]
-    swept = _refine_surface(
-        Surface(*planes, surface.cost), fine, source_views, step, ((0.25, 3, 0.0),), options
-    )
+    plan = (Refinement(0.25, 3),)
+    swept = _refine_surface(Surface(*planes, surface.cost), fine, source_views, step, plan, options)
     # What moves between the pictures is elsewhere in this one than others have confirmed.
     highest = np.full_like(surface.cost, options.max_proposed_cost)
     choose = np.where(proposals.sure, np.maximum(highest, surface.cost), np.minimum(highest, surface.cost))
@@ -146,22 +154,23 @@ def _refine_surface(
     reference: CalibratedImage,
     source_views: Sequence[SourceView],
     step: float,
-    plan: Sequence[tuple[float, int, float]],
+    plan: Sequence[Refinement],
     options: SweepOptions,
 ) -> Surface:
     """The surface after sweeps along itself: windows bend with it, so that slanted surfaces match."""
     for share, reach, edges_share in plan:
-        level, *slopes = planes = surface.inverse_depth, surface.slope_x, surface.slope_y
+        planes = surface.inverse_depth, surface.slope_x, surface.slope_y
         if edges_share:
             edges_px = max(1, round(edges_share * reference.view.width))
-            level, *slopes = move_edges(planes, source_views, edges_px)
+            planes = move_edges(planes, source_views, edges_px)
+        level, slope_x, slope_y = planes
         offsets = np.arange(-reach, reach + 1) * (step * share)
         moved = (level + np.float32(offset) for offset in offsets)
         costs = ([one.matching_cost(one.warp_by_depth(levels)) for one in source_views] for levels in moved)
         steps = options.fine_small_step, options.fine_large_step
         place, cost = _find_cheapest(reference, costs, len(offsets), *steps)
         found = level + (place - reach) * np.float32(step * share)
-        planes = fit_planes(found, TOLERANCE * step, slopes=(slopes[0], slopes[1]), reach=2, stride=2)
+        planes = fit_planes(found, TOLERANCE * step, slopes=(slope_x, slope_y), reach=2, stride=2)
         surface = Surface(*planes, cost / WORST_COST)
     return surface
 

@@ -34,7 +34,7 @@ class Rig:
     @property
     def source(self) -> str:
         """The calibration's source, in words."""
-        return self.calibration.source or "the session's own" if self.calibration else "none"
+        return self.calibration.source_words if self.calibration else "none"
 
     @property
     def unit(self) -> str:

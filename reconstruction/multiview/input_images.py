@@ -105,4 +105,4 @@ def load_input_images(
             f"fewer than two cameras can be used ({reasons})",
             hint="depth needs two that are calibrated and see the same from different places",
         )
-    return images, left_out, calibration.source or "the session's own", calibration.unit
+    return images, left_out, calibration.source_words, calibration.unit

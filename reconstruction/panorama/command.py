@@ -189,7 +189,7 @@ def _session_input(folder: Path, options: StitchOptions) -> StitchInput:
     adopt_kept_calibration(dataset)
     views = _known_views(dataset, cameras)
     calibration = dataset.calibration()
-    source = (calibration.source or "the session's own") if calibration is not None and views else ""
+    source = calibration.source_words if calibration is not None and views else ""
     if len(dataset.instants_ns) < 2:
         images = {name: dataset.image(name, instant) for name in cameras}
         return StitchInput(ConditionInput(images, {}), views, absent=absent, calibration=source)

@@ -34,3 +34,8 @@ class Calibration(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     unit: str = "m"
     source: str = ""
     schema_version: int = 1
+
+    @property
+    def source_words(self) -> str:
+        """Where it came from, for people: one that does not say is the session's own."""
+        return self.source or "the session's own"

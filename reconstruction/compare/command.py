@@ -210,7 +210,7 @@ class Comparison:
         """The stereo pair's depth against offset, over fewer instants."""
         if self.stereo.result is None:
             return
-        pair = (self.stereo.result.reference, self.stereo.result.other)
+        pair = self.stereo.result.cameras
         timing = self.timing = with_depth_scores(self._measure_timing(pair), self.stereo.result.synced)
         self.progress.step("depth against offset")
         with suppress(ValueError):

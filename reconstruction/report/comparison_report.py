@@ -134,8 +134,8 @@ def _tables(result: CompareResult) -> Mapping[str, Table | str | None]:
     depth = points = panorama = instants = None
     delays = ""
     if stereo := result.stereo:
-        cameras = f"cameras {stereo.reference} and {stereo.other}"
-        sides = wording.name_sides(result, (stereo.reference, stereo.other))
+        cameras = f"cameras {' and '.join(stereo.cameras)}"
+        sides = wording.name_sides(result, stereo.cameras)
         depth = twin_table(f"Depth from {cameras}", DEPTH, stereo.synced, stereo.offset, sides, WITH_CONTROL)
         instants = instants_table(f"Moving things, {cameras}", stereo.per_instant, sides)
     if many := result.triangulation:

@@ -111,7 +111,7 @@ def claims(result: CompareResult) -> tuple[Sequence[Claim], str]:
     depth = first_known(stereo.synced, stereo.offset, *DEPTH_MEASURES) if stereo else None
     found = first_known(stitch.synced, stitch.offset, *PANORAMA_MEASURES) if stitch else None
     note = ""
-    cameras = (stereo.reference, stereo.other) if stereo and depth else stitch.cameras if stitch else ()
+    cameras = stereo.cameras if stereo and depth else stitch.cameras if stitch else ()
     sides = wording.name_sides(result, cameras)
     if depth:
         measure, *shares = depth

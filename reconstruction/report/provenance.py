@@ -33,8 +33,7 @@ def provenance_entries(result: CompareResult) -> list[Entry]:
     """What decides the numbers, and the software."""
     entries = [Entry("Session", result.session, path=True)]
     if stereo := result.stereo:
-        cameras = (stereo.reference, stereo.other)
-        entries.append(Entry("Depth", _pair(cameras, stereo.synced.instants, stereo.reason)))
+        entries.append(Entry("Depth", _pair(stereo.cameras, stereo.synced.instants, stereo.reason)))
     if stitch := result.stitch:
         entries.append(Entry("Panorama", _pair(stitch.cameras, stitch.synced.instants, stitch.reason)))
     if many := result.multiview:
@@ -75,12 +74,10 @@ def pair_pictures(result: CompareResult) -> list[ShownPicture]:
     Those with a slider come first, they show the difference at once.
     """
     found = []
-    if stereo := result.stereo:
-        sides = wording.name_sides(result, (stereo.reference, stereo.other))
-        found += [(picture, sides) for picture in stereo.pictures]
-    if stitch := result.stitch:
-        sides = wording.name_sides(result, stitch.cameras)
-        found += [(picture, sides) for picture in stitch.pictures]
+    for study in (result.stereo, result.stitch):
+        if study is not None:
+            sides = wording.name_sides(result, study.cameras)
+            found += [(picture, sides) for picture in study.pictures]
     return sorted(found, key=lambda one: one[0].panels > 1)
 
 

@@ -193,9 +193,8 @@ def conditions_table(result: CompareResult) -> Table:
 
 def _cameras(result: CompareResult) -> tuple[str, ...]:
     """The cameras of all studies."""
-    pair = () if result.stereo is None else (result.stereo.reference, result.stereo.other)
-    groups = (result.stitch, result.multiview, result.triangulation, result.poses)
-    return tuple(dict.fromkeys((*pair, *(name for one in groups if one is not None for name in one.cameras))))
+    studies = (result.stereo, result.stitch, result.multiview, result.triangulation, result.poses)
+    return tuple(dict.fromkeys(name for one in studies if one is not None for name in one.cameras))
 
 
 def _scores(found: CompareResult | ConditionResult, studies: Sequence[str], side: str) -> dict[str, Scores]:

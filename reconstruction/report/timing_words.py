@@ -25,7 +25,7 @@ def timing_sentences(timing: Timing) -> str:
 
 def rig_sentence(rig: RigTiming, pair: Timing | None) -> str:
     """Which cameras are certainly late beside those of the `pair`, and what mends it; empty where none is."""
-    told = set() if pair is None else {pair.reference, pair.other}
+    told = () if pair is None else pair.cameras
     late = [one for one in rig.cameras if one.offset and one.other not in told]
     if not late:
         return ""

@@ -60,7 +60,7 @@ def _what_was_found(
     depth = None
     if stereo is not None:
         moved = timing is not None and bool(timing.moving_cameras)
-        depth = _stereo_sentence(stereo, late, together(stereo.reference, stereo.other), moved)
+        depth = _stereo_sentence(stereo, late, together(*stereo.cameras), moved)
     elif multiview is not None:
         depth = _multiview_sentence(multiview, together(*multiview.cameras))
     panorama = _panorama_sentence(stitch, late, together(*stitch.cameras)) if stitch is not None else None

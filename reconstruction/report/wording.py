@@ -130,7 +130,7 @@ def name_sides(result: CompareResult, cameras: Sequence[str] = ()) -> Sides:
     Only pictures that were found to be of one instant are called synchronized.
     """
     pair, rig = result.timing, result.rig_timing
-    asked = cameras or (() if pair is None else (pair.reference, pair.other))
+    asked = cameras or (() if pair is None else pair.cameras)
     late = lateness(result.actual_offset_ms)
     if asked and are_together(asked, pair, rig):
         many = "all" if len(asked) > 2 else "both"

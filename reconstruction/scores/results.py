@@ -80,6 +80,11 @@ class StereoComparison(Struct, frozen=True, kw_only=True):
     reason: str = ""
     """Why this pair was taken."""
 
+    @property
+    def cameras(self) -> tuple[str, str]:
+        """Both, as the other studies have theirs."""
+        return self.reference, self.other
+
 
 class MultiviewScores(DepthScores, frozen=True, kw_only=True):
     """Depth of the reference camera by all of them, in one condition, and the cloud fused from all maps."""

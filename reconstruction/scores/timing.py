@@ -62,6 +62,11 @@ class Timing(Struct, frozen=True, kw_only=True):
     """Cameras that moved while they recorded, and by how many px from frame to frame."""
 
     @property
+    def cameras(self) -> tuple[str, str]:
+        """Both."""
+        return self.reference, self.other
+
+    @property
     def option(self) -> str:
         """The option that pairs the pictures that belong together; empty where none does."""
         return "" if self.shift_ms is None else f"--time-shift-ms {self.other}={self.shift_ms:.4g}"
@@ -185,7 +190,7 @@ def are_together(cameras: Iterable[str], pair: Timing | None, rig: RigTiming | N
     """
     asked = frozenset(cameras)
     if pair is not None:
-        measured = {pair.reference, pair.other}
+        measured = frozenset(pair.cameras)
         if asked <= measured or (measured <= asked and not pair.synchronized):
             return pair.synchronized
     return rig is not None and asked <= rig.together
@@ -195,4 +200,4 @@ def are_apart(cameras: Iterable[str], pair: Timing | None, rig: RigTiming | None
     """Whether any of these cameras' pictures were found not to be of one instant with another's."""
     asked = frozenset(cameras)
     measured = (*(() if pair is None else (pair,)), *(() if rig is None else rig.cameras))
-    return any(one.offset and {one.reference, one.other} <= asked for one in measured)
+    return any(one.offset and asked.issuperset(one.cameras) for one in measured)

@@ -68,13 +68,6 @@ class Link:
     medium: SharedMedium | None = None
     outages: tuple[Outage, ...] = ()
 
-    def deliveries(self, law: DelayLaw, rng: random.Random) -> list[int]:
-        """Return the delays in ns at which copies of one datagram arrive, without any memory."""
-        if rng.random() < self.loss:
-            return []
-        copies = 2 if rng.random() < self.duplication else 1
-        return [law.draw(rng) for _ in range(copies)]
-
 
 LOOPBACK = Link(GammaDelay(30_000, 45_000), GammaDelay(30_000, 45_000))
 """From the leader's own camera to the leader: another process of the same machine."""

@@ -58,6 +58,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=16)
     count = parser.parse_args().count
+    print("rendered photographs, seeds from 0")
     print("  screen  exposure  pairs  refused  error median   largest  bar median  in bar")
     for rate_hz in RATES_HZ:
         for exposure_ms in EXPOSURES_MS:

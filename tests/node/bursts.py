@@ -2,7 +2,7 @@
 
 import asyncio
 import hashlib
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Collection
 from pathlib import Path
 
 from capture_app.camera_facts import PhaseControl
@@ -22,11 +22,12 @@ CAMERA = make_facts(kind="v4l2", model="Webcam", period_ns=PERIOD_NS, phase_cont
 IMAGE = b"a picture of some length"
 
 
-def burst_session(folder: Path, *names: str, spare: int = 0) -> BurstSession:
-    """A burst of two instants, and so many spare ones."""
+def burst_session(folder: Path, *names: str, spare: int = 0, hasty: Collection[str] = ()) -> BurstSession:
+    """A burst of two instants, and so many spare ones; `hasty` ones were silent in the burst before."""
     instants_ns = tuple(INSTANTS_NS[0] + PERIOD_NS * n for n in range(len(INSTANTS_NS) + spare))
     burst = Burst(1, instants_ns, PERIOD_NS, INSTANTS_NS[0], names, spare)
-    return BurstSession(burst, dict.fromkeys(names, CAMERA), SessionWriter.create(folder, "burst-001"), DISK)
+    writer = SessionWriter.create(folder, "burst-001")
+    return BurstSession(burst, dict.fromkeys(names, CAMERA), writer, DISK, hasty=hasty)
 
 
 def report(name: str, *instants: int, missing: tuple[MissingImage, ...] = ()) -> CameraReport:

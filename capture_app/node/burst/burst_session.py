@@ -195,6 +195,7 @@ class BurstSession:
     async def give_up_silent_cameras(self, lost: Mapping[str, str], now_ns: int) -> None:
         """Wait no longer for cameras without a stream, or lost (name to reason), or stalled."""
         for name, camera in self._cameras.items():
+            camera.note_arrivals(now_ns)
             if reason := camera.why_silent(lost, now_ns):
                 await self.give_up_camera(name, reason, silent=True)
 

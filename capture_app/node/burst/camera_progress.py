@@ -21,6 +21,8 @@ HASTE_NS = 2_000_000_000
 """The same of a camera that left the burst before without a word."""
 STALL_NS = 180_000_000_000
 """A camera that has a stream open and sends nothing for this long has too."""
+ADVANCE_BYTES = 1 << 18
+"""So much of an image is something: a slow link brings less than a whole one in all that time."""
 
 
 @dataclass(slots=True)
@@ -38,6 +40,10 @@ class CameraProgress:
     """It brought nothing of the burst before, without a word: it is waited for less."""
     advanced_ns: int = 0
     """When it last brought something, or had to wait for others."""
+    arrived: dict[int, int] = field(default_factory=dict)
+    """How many bytes have come of each image, where it came furthest."""
+    counted_bytes: int = 0
+    """How many of them are counted as an advance."""
     given_up: str = ""
     silent: bool = False
     """Given up because nothing was heard of it: it may still have its images."""
@@ -74,7 +80,7 @@ class CameraProgress:
         gone_ns, stalled_ns = (HASTE_NS, PATIENCE_NS) if self.was_silent else (PATIENCE_NS, STALL_NS)
         if silent_ns >= gone_ns and (not self.streams or name in lost):
             return lost.get(name, "it sent nothing")
-        # Words without images do not count: they could go on for ever.
+        # Words without images do not count, nor images that trickle: they could go on for ever.
         stalled = now_ns - self.advanced_ns >= stalled_ns
         return f"it sent nothing for {stalled_ns // 10**9} s" if stalled else ""
 
@@ -83,6 +89,13 @@ class CameraProgress:
         self.heard_ns = max(self.heard_ns, now_ns)
         if advanced:
             self.advanced_ns = max(self.advanced_ns, now_ns)
+
+    def note_arrivals(self, now_ns: int) -> None:
+        """Count what has come of images since the last time, where it is enough."""
+        arrived = sum(self.arrived.values())
+        if arrived - self.counted_bytes >= ADVANCE_BYTES:
+            self.counted_bytes = arrived
+            self.note_heard(now_ns, advanced=True)
 
     def interrupt(self) -> None:
         """End the image that is coming in: a stream that the node has left may not have noticed yet."""
@@ -137,8 +150,11 @@ class CameraProgress:
             self.interrupt()
             self.partial = partial
             await disk.call(partial.open)
+        instant, end = partial.upload.record.instant, partial.upload.offset
         try:
             async for chunk in payload:
                 await disk.call(partial.add, chunk)
+                end += len(chunk)
+                self.arrived[instant] = max(self.arrived.get(instant, 0), end)
         finally:
             partial.close()

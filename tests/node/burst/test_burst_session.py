@@ -1,5 +1,7 @@
 """A burst on the leader's side: whatever comes or does not come, a session that says so."""
 
+import hashlib
+from collections.abc import AsyncIterator
 from pathlib import Path
 
 import msgspec
@@ -104,6 +106,41 @@ async def test_a_camera_that_stalls_is_given_up_in_the_end(tmp_path: Path) -> No
     await receive_image(session, upload("a", 0), pieces(IMAGE), now_ns=5_000_000_000)
     await session.give_up_silent_cameras({}, 5_000_000_000 + STALL_NS)
     assert len(saved(session).manifest.images) == 1
+
+
+@pytest.mark.parametrize(
+    ("hasty", "piece_bytes", "comes"), [(False, 1 << 18, True), (True, 1 << 18, True), (False, 1, False)]
+)
+async def test_an_image_over_a_slow_link_is_waited_for_while_it_comes(
+    tmp_path: Path, hasty: bool, piece_bytes: int, comes: bool
+) -> None:
+    session = burst_session(tmp_path, "a", hasty=("a",) if hasty else ())
+    session.stream_opened("a")
+    began_ns = now_ns = 5_000_000_000
+    await session.accept_report(report("a", 0), now_ns)
+    image = bytes(8 * piece_bytes)
+    # Its heartbeats may be lost where its images take all of the link.
+    lost = {"a": "lost: silent for 2 s"} if hasty else {}
+
+    async def slowly() -> AsyncIterator[bytes]:
+        nonlocal now_ns
+        for begin in range(0, len(image), piece_bytes):
+            yield image[begin : begin + piece_bytes]
+            now_ns += (PATIENCE_NS if hasty else STALL_NS) // 2
+            await session.give_up_silent_cameras(lost, now_ns)
+
+    sent = upload("a", 0)
+    sha256 = hashlib.sha256(image).hexdigest()
+    sent = msgspec.structs.replace(
+        sent, record=msgspec.structs.replace(sent.record, bytes=len(image), sha256=sha256)
+    )
+    if not comes:
+        with pytest.raises(BadInputError, match="is over"):
+            await receive_image(session, sent, slowly(), began_ns)
+        return
+    await receive_image(session, sent, slowly(), began_ns)
+    (saved_image,) = saved(session).manifest.images
+    assert saved_image.bytes == len(image)
 
 
 async def test_without_any_image_there_is_no_session(tmp_path: Path) -> None:

@@ -12,15 +12,13 @@ from capture_app.experiments.common.reproduction import Measured, Reproduction, 
 from capture_app.experiments.common.result import quantile
 from capture_app.experiments.common.workers import call_all
 from capture_app.experiments.phase.baselines import Attempt, S
-from capture_app.experiments.phase.experiment import PHONE, TOLERANCE_NS
+from capture_app.experiments.phase.experiment import PAPERS_WINDOW_NS, PHONE, TOLERANCE_NS
 from capture_app.experiments.phase.trials import align_one_camera, unknown_phone
 from capture_app.node.camera.camera_node import DEFAULT_TOLERANCE_NS, RESET_TOLERANCE_NS
 from capture_app.simulation.rig.bench import Bench
 
 TRIALS = 239
 """Of the paper's injections; it has ten of restarts."""
-PAPERS_RESET_TOLERANCE_NS = 500_000
-"""To each side: the window of 1 ms is one in all, as the chance of a restart is that over the period."""
 SEARCH_NS = 600 * S
 ENOUGH = 0.95
 SIMULATED = "Phones; clocks and the network are perfect here. Their crystals are off by 15 ppm (one sigma)."
@@ -47,7 +45,7 @@ def paper_part(*, share: float, seed: int, talk: Callable[[str], None]) -> Seque
     restarted = call_all(
         [
             partial(_restart, seed + n, tolerance_ns)
-            for tolerance_ns in (PAPERS_RESET_TOLERANCE_NS, RESET_TOLERANCE_NS)
+            for tolerance_ns in (PAPERS_WINDOW_NS, RESET_TOLERANCE_NS)
             for n in range(count)
         ]
     )
@@ -67,7 +65,7 @@ def paper_part(*, share: float, seed: int, talk: Callable[[str], None]) -> Seque
         Reproduction(
             of=RESTARTS,
             seed=seed,
-            protocol=_restarts(restarted[:count], PAPERS_RESET_TOLERANCE_NS),
+            protocol=_restarts(restarted[:count], PAPERS_WINDOW_NS),
             default=_restarts(restarted[count:], RESET_TOLERANCE_NS),
             simulated=SIMULATED,
             notes=(

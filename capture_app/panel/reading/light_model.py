@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_app.panel.pattern import Panel
+from capture_app.panel.pattern import COUNT, Panel
 from capture_app.panel.reading.lamp_light import LampLight
 
 Floats = NDArray[np.float64]
@@ -96,7 +96,7 @@ class LightModel:
     def _find_rough_fit(self) -> tuple[float, float]:
         light = self.seen.light
         off = float(np.sort(light)[: len(light) // 5].mean())
-        sums = [float((light[self.group == group] - off).mean()) * 10 for group in np.unique(self.group)]
+        sums = [float((light[self.group == group] - off).mean()) * COUNT for group in np.unique(self.group)]
         return off, max(float(np.median(sums)), float(np.percentile(light, 98)) - off)
 
     def fit(self, shares: Floats, lamp_light: float, tones: Floats = TONES) -> "Fit":

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_app.panel.pattern import Panel
+from capture_app.panel.pattern import COUNT, Panel
 from capture_app.panel.reading.lamp_light import LINES
 from capture_app.panel.reading.light_model import LightModel, Shutter
 
@@ -33,16 +33,16 @@ class Candidate:
 
 def possible_shutters(panel: Panel, exposure_ns: float | None, row_time_ns: float | None) -> list[Shutter]:
     """The shutter, or those to try where exposure or row time are not known."""
+    turn_ns = COUNT * panel.tick_ns
     if exposure_ns is not None:
         exposures = [float(exposure_ns)]
     else:
-        cycle_ns = 10 * panel.tick_ns
-        exposures = np.geomspace(SHORTEST_NS, min(cycle_ns, LONGEST_NS), 16).tolist()
+        exposures = np.geomspace(SHORTEST_NS, min(turn_ns, LONGEST_NS), 16).tolist()
         # Longer ones than a turn of all columns differ by what they are longer than whole turns.
-        exposures += np.arange(cycle_ns * 1.2, LONGEST_NS, cycle_ns / 5).tolist()
+        exposures += np.arange(turn_ns * 1.2, LONGEST_NS, turn_ns / 5).tolist()
     shutters = []
     for exposure in exposures:
-        row_times = np.linspace(0, LONGEST_ROW_NS, 7 if exposure > 10 * panel.tick_ns else 11)
+        row_times = np.linspace(0, LONGEST_ROW_NS, 7 if exposure > turn_ns else 11)
         rows = row_times.tolist() if row_time_ns is None else [float(row_time_ns)]
         shutters += [Shutter(exposure, row) for row in rows]
     return shutters
@@ -77,7 +77,7 @@ class _Group:
         self._model = model
         self._of = model.group == number
         period_ns, lit_ns = float(model.period[self._of][0]), float(model.lit[self._of][0])
-        bins = 10 * min(round(lit_ns / model.panel.tick_ns * STEPS), _GROUP_STEPS)
+        bins = COUNT * min(round(lit_ns / model.panel.tick_ns * STEPS), _GROUP_STEPS)
         self._times_ns = (np.arange(bins) + 0.5) * period_ns / bins
         self._bin = (times_ns / period_ns * bins).astype(int) % bins
 

@@ -9,7 +9,7 @@
 # make bench-any-rig   depth of an object by rigs of every kind: rings, a dome, opposite pairs, mixed (30 min; BENCH="--width 320")
 # make bench-multiview   depth from many views, beside a plain sweep and SGBM (BENCH="--scene plain ...")
 # make bench-pairs   wrong pixels of rectified pairs with a truth, beside OpenCV's SGBM (BENCH="FOLDER ...": other pairs)
-# make bench-panel   the time read off 200 photographs of an LED panel and 200 of a screen, and whether its error bar holds (15 min; BENCH="--count 20")
+# make bench-panel   the time read off 200 rendered photographs of LED panels and 200 of screens, and whether its error bar holds (15 min; BENCH="--count 20")
 # make test-crash   writers and outputs killed at every step, every bit flipped (slow)
 # make bench-reference   nodes that hear the same multicast beacons, on emulated links (root, 3 min)
 # make bench-relay   a rig with cameras below a relay, over two emulated WiFi links (root, 6 min)

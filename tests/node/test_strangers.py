@@ -1,15 +1,16 @@
 """What a stranger may not do to a camera's pictures, by a leader's own port and by a leader of its own."""
 
+import asyncio
 import hashlib
 from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
 from msgspec.structs import replace
 
-from capture_app.errors import BadInputError
+from capture_app.errors import BadInputError, NetworkError
 from capture_app.net.channel import Channel, connect
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.resumed_bursts import ResumedBursts
@@ -105,6 +106,25 @@ async def test_nobody_speaks_for_another_camera(tmp_path: Path) -> None:
         (image,) = session.manifest.images
         assert session.image_file(image).read_bytes() == bursts.IMAGE
         assert leader.status().nodes[0].disk_free_bytes is None
+
+
+async def test_a_node_that_has_joined_keeps_one_stream_and_not_all_room(tmp_path: Path) -> None:
+    async with (
+        LeaderNode(sessions=tmp_path, host="127.0.0.1", port=0) as leader,
+        joined(leader.own_address, ("cam0", CAM0), ("cam1", STRANGER)),
+        stream(leader, "cam1", STRANGER) as other,
+        stream(leader, "cam0", CAM0) as left,
+    ):
+        for channel in (other, left):
+            assert isinstance(await answer(channel), ReportAck)
+        async with stream(leader, "cam0", CAM0) as present:
+            assert isinstance(await answer(present), ReportAck)
+            async with asyncio.timeout(30):
+                with suppress(NetworkError):
+                    assert await left.receive() is None
+            for channel, name in ((present, "cam0"), (other, "cam1")):
+                await channel.send(SpoolSpace(camera=name, free_bytes=0, spool="/"))
+                assert isinstance(await answer(channel), ReportAck)
 
 
 async def test_a_node_deletes_only_what_the_leader_has_as_it_is(tmp_path: Path) -> None:

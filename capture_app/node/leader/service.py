@@ -45,6 +45,8 @@ class LeaderService:
         self._orders = orders
         self._viewfinders = viewfinders
         self._watchers = watchers
+        self._speaking: dict[str, Channel[messages.ToLeader]] = {}
+        """The one stream of each node that brings images."""
 
     async def serve(self, channel: Channel[messages.ToLeader]) -> None:
         """Answer a stream until its peer closes it; the user's mistakes are told, not raised."""
@@ -59,7 +61,9 @@ class LeaderService:
                         answers.add(await self._take_image(channel, message))
                         continue
                     if isinstance(message, messages.NodeStream):
+                        self._end_speech(speaker, channel)
                         speaker = message.camera
+                        self._begin_speech(speaker, channel)
                     await answers.drain()
                     await self._answer(channel, message, working_on)
                 except NetworkError:
@@ -70,9 +74,20 @@ class LeaderService:
                     await answers.drain()
                     await channel.send(refusal_of(what))
         finally:
+            self._end_speech(speaker, channel)
             await answers.close()
             for session, camera in working_on.values():
                 session.stream_closed(camera, self._bursts.now_ns())
+
+    def _begin_speech(self, camera: str, channel: Channel[messages.ToLeader]) -> None:
+        if camera in self._speaking:
+            # One that the node has left; and a node that has joined cannot take all room with its streams.
+            self._speaking[camera].abort()
+        self._speaking[camera] = channel
+
+    def _end_speech(self, camera: str, channel: Channel[messages.ToLeader]) -> None:
+        if self._speaking.get(camera) is channel:
+            del self._speaking[camera]
 
     def _check_speaker(
         self, channel: Channel[messages.ToLeader], message: messages.ToLeader, speaker: str

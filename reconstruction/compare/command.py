@@ -141,7 +141,7 @@ class Comparison:
         self._run(self.panorama)
         if no_views is None and self.timing is None and self.panorama.result is not None:
             first, second = self.panorama.result.cameras[:2]
-            self._measure_timing((first, second))
+            self.timing = self._measure_timing((first, second))
         nothing = self.stereo.result is None and self.panorama.result is None
         if nothing and isinstance(no_views, NotAvailableError):
             raise no_views
@@ -211,18 +211,17 @@ class Comparison:
         if self.stereo.result is None:
             return
         pair = self.stereo.result.cameras
-        timing = self.timing = with_depth_scores(self._measure_timing(pair), self.stereo.result.synced)
+        self.timing = with_depth_scores(self._measure_timing(pair), self.stereo.result.synced)
         self.progress.step("depth against offset")
         with suppress(ValueError):
             most = min(DOSE_INSTANTS, self.options.max_instants)
             steps = whole_frame_offsets(self.dataset, max(self.offset.actual_ms, DEFAULT_OFFSET_MS))
-            self.dose = measure_curve(self.rig, pair, steps, most, Progress(0, silent=True), timing)
+            self.dose = measure_curve(self.rig, pair, steps, most, Progress(0, silent=True), self.timing)
             self.timing = self.dose.timing
 
     def _measure_timing(self, pair: tuple[str, str]) -> Timing:
         self.progress.step(f"lateness of {pair[1]} against {pair[0]}")
-        self.timing = self.times.measure_pair(pair)
-        return self.timing
+        return self.times.measure_pair(pair)
 
     def _measure_rig_timing(self) -> None:
         """Where there are more cameras than the pair."""

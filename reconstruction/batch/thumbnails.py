@@ -7,6 +7,7 @@ from pathlib import Path
 from capture_app.errors import BadInputError
 from reconstruction.batch.rows import Row
 from reconstruction.report.embedding import EmbeddedImage, embed_image
+from reconstruction.session.frame_offset import evenly_spread
 
 THUMBNAIL_PX = 160
 MAX_COLUMNS = 12
@@ -41,8 +42,7 @@ def depth_sheets(root: Path, rows: Sequence[Row]) -> list[Sheet]:
 
 def _sheet(root: Path, session: str, rows: Sequence[Row]) -> Sheet:
     instants = sorted({row.instant for row in rows if row.instant is not None})
-    shown = [instants[k * len(instants) // MAX_COLUMNS] for k in range(MAX_COLUMNS)]
-    instants = instants if len(instants) <= MAX_COLUMNS else shown
+    instants = evenly_spread(instants, MAX_COLUMNS)
     found = {(row.condition, row.instant): row.picture for row in rows}
     conditions = dict.fromkeys(row.condition for row in rows)
     return Sheet(

@@ -146,7 +146,7 @@ def test_a_sheet_shows_instants_evenly_and_lives_without_a_picture(tmp_path: Pat
     ]
     rows += [Row(session="take", instant=5, condition="66", error="too dark")]
     (sheet,) = depth_sheets(tmp_path, rows)
-    assert list(sheet.instants) == [0, 2, 5, 7, 10, 12, 15, 17, 20, 22, 25, 27]
+    assert list(sheet.instants) == [0, 3, 5, 8, 11, 13, 16, 18, 21, 24, 26, 29]
     ((condition, cells),) = sheet.rows
     assert condition == "synced"
     assert cells[0] is None

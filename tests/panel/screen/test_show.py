@@ -84,13 +84,17 @@ def test_the_page_is_saved_for_a_screen_without_a_network(
 def test_the_command_serves_until_it_is_stopped() -> None:
     command = [sys.executable, "-m", "capture_app.cli", "panel", "show", "--port", "0", "--json"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-        assert process.stdout is not None
-        text = b""
-        while b"}" not in text:
-            assert select.select([process.stdout], [], [], 120)[0]
-            text += os.read(process.stdout.fileno(), 4096)
-        url = json.loads(text)["url"]
-        assert url.startswith("http://127.0.0.1:")
-        assert ask(int(url.rstrip("/").rpartition(":")[2]), "GET", "/")[0] == 200
-        process.send_signal(signal.SIGINT)
-        assert process.wait(120) == 130
+        try:
+            assert process.stdout is not None
+            text = b""
+            while b"}" not in text:
+                assert select.select([process.stdout], [], [], 120)[0]
+                text += os.read(process.stdout.fileno(), 4096)
+            url = json.loads(text)["url"]
+            assert url.startswith("http://127.0.0.1:")
+            assert ask(int(url.rstrip("/").rpartition(":")[2]), "GET", "/")[0] == 200
+            process.send_signal(signal.SIGINT)
+            assert process.wait(120) == 130
+        finally:
+            # Else the end of the block would wait for it without an end.
+            process.kill()

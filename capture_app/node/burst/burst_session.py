@@ -241,10 +241,9 @@ class BurstSession:
         return not any(camera.instants for camera in self._cameras.values())
 
     def _camera(self, name: str) -> CameraProgress:
-        try:
-            return self._cameras[name]
-        except KeyError:
-            raise BadInputError(f"camera {name!r} is not in burst {self.burst.number}") from None
+        if name not in self._cameras:
+            raise BadInputError(f"camera {name!r} is not in burst {self.burst.number}")
+        return self._cameras[name]
 
     def _check_open(self) -> None:
         if self.finished.is_set():

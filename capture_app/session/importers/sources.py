@@ -11,7 +11,7 @@ from capture_app.names import natural_order
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
 from capture_app.session.importers.embedded_times import video_pictures, video_times_ns
 from capture_app.session.importers.frame_matching import TimedFrame
-from capture_app.session.reading.decoding import image_size
+from capture_app.session.reading.decoding import decode_image, image_size
 from capture_app.session.reading.exif import read_exif
 
 VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".mjpg", ".mjpeg", ".mpg", ".mpeg")
@@ -111,15 +111,11 @@ def upright(data: bytes) -> bytes:
         return data
     if not turned:
         return data
-    import cv2
-    import numpy as np
-
-    try:
-        image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_ANYCOLOR)
-    except cv2.error:
-        return data
+    image = decode_image(data, upright=True)
     if image is None:
         return data
+    import cv2
+
     return bytes(cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, TURNED_QUALITY])[1].tobytes())
 
 

@@ -13,12 +13,15 @@ MOST_PIXELS = 1 << 28
 """Of an image that is decoded: more than any camera takes."""
 
 
-def decode_image(data: bytes, *, colour: bool = False, reduction: int = 1) -> "NDArray[np.uint8] | None":
-    """Decode an image file's bytes in full, without turning it by EXIF; None where they are not an image.
+def decode_image(
+    data: bytes, *, colour: bool = False, reduction: int = 1, upright: bool = False
+) -> "NDArray[np.uint8] | None":
+    """Decode an image file's bytes in full; None where they are not an image.
 
     Nor are those of more than MOST_PIXELS, which a small file can tell of.
     `colour`: height x width x BGR of 8 bits, whatever the file has. `reduction`, of a coloured one only:
-    a half, quarter or eighth of its size (2, 4 or 8), which takes far less time.
+    a half, quarter or eighth of its size (2, 4 or 8), which takes far less time. `upright`: of 8 bits and
+    turned as its EXIF says, which no other image is.
     """
     told = told_size(data)
     if told is not None and told[0] * told[1] > MOST_PIXELS:
@@ -33,6 +36,7 @@ def decode_image(data: bytes, *, colour: bool = False, reduction: int = 1) -> "N
         8: cv2.IMREAD_REDUCED_COLOR_8,
     }
     flags = of_size[reduction] | cv2.IMREAD_IGNORE_ORIENTATION if colour else cv2.IMREAD_UNCHANGED
+    flags = cv2.IMREAD_ANYCOLOR if upright else flags
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if data else None
     except cv2.error:

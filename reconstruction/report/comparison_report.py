@@ -1,6 +1,6 @@
 """The report of a comparison: one self-contained HTML page for somebody who knows nothing of cameras."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from capture_app.text import count
@@ -72,12 +72,13 @@ def _page(result: CompareResult, out: Path) -> str:
     origin = describe_origin(result)
     clouds = result.multiview.clouds if result.multiview else None
     two_claims, claims_note = claims(result)
+    hero, pictures = _first_and_others(result)
     return render_page(
         title=f"{name}: {sides.first.lower()} against {sides.late}",
         kicker=f"{sides.first} against offset",
         name=name,
         verdict=result.verdict,
-        sections=_sections(result),
+        sections=_sections(result, pictures),
         opening="opening.html",
         kind=origin.word if origin else "",
         view={
@@ -86,9 +87,9 @@ def _page(result: CompareResult, out: Path) -> str:
             "result": result,
             "origin": origin,
             "exactness": describe_exactness(result),
-            "hero": _hero(result),
+            "hero": hero,
             "cloud": view_clouds(clouds, out) if clouds else None,
-            "pictures": _others(result),
+            "pictures": pictures,
             "sweep_sides": wording.name_sides(
                 result, result.bullet_time.cameras if result.bullet_time else ()
             ),
@@ -103,19 +104,18 @@ def _page(result: CompareResult, out: Path) -> str:
     )
 
 
-def _hero(result: CompareResult) -> ShownPicture | None:
-    return next((shown for shown in pair_pictures(result) if shown[0].key in HEROES), None)
+def _first_and_others(result: CompareResult) -> tuple[ShownPicture | None, list[ShownPicture]]:
+    """The picture of the first screen, and those further down."""
+    pictures = pair_pictures(result)
+    hero = next((shown for shown in pictures if shown[0].key in HEROES), None)
+    return hero, [shown for shown in pictures if shown is not hero]
 
 
-def _others(result: CompareResult) -> list[ShownPicture]:
-    return [shown for shown in pair_pictures(result) if shown != _hero(result)]
-
-
-def _sections(result: CompareResult) -> list[Section]:
+def _sections(result: CompareResult, pictures: Sequence[ShownPicture]) -> list[Section]:
     """The sections there is something to show in."""
     found: list[tuple[object, str, str]] = [
         (True, "why", "Why the instant matters"),
-        (_others(result), "pictures", "See the difference"),
+        (pictures, "pictures", "See the difference"),
         (result.bullet_time, "sweep", "From camera to camera"),
         (result.burst, "burst", "The burst"),
         (result.dose, "dose", dose_heading(result.dose) if result.dose else ""),

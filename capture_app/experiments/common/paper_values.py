@@ -84,9 +84,20 @@ TABLE_2 = PaperTable(
     (
         *_errors("total", "total error", "us", 121.0, 32.0, 25.0),
         *_errors("phase", "its part from the phase", "us", 21.0, 7.0, 5.0),
-        PaperValue("clock.mean", "its part from the clock, mean", "us", 32.0, True, True),
-        PaperValue("clock.max", "its part from the clock, largest", "us", 121.0, True, True),
-        PaperValue("clock.std", "its part from the clock, standard deviation", "us", 25.0, True, True),
+        PaperValue(
+            "clock.mean", "its part from the clock, mean", "us", 32.0, at_most=True, less_is_better=True
+        ),
+        PaperValue(
+            "clock.max", "its part from the clock, largest", "us", 121.0, at_most=True, less_is_better=True
+        ),
+        PaperValue(
+            "clock.std",
+            "its part from the clock, standard deviation",
+            "us",
+            25.0,
+            at_most=True,
+            less_is_better=True,
+        ),
     ),
 )
 WORST_PAIR = PaperTable(
@@ -94,7 +105,7 @@ WORST_PAIR = PaperTable(
     "More than two phones",
     "section 6",
     (
-        PaperValue("pair.max", "worst pair of all trials", "us", 242.0, False, True, headline=True),
+        PaperValue("pair.max", "worst pair of all trials", "us", 242.0, less_is_better=True, headline=True),
         PaperValue("pair.mean", "worst pair of a trial, mean", "us", None, less_is_better=True),
     ),
 )
@@ -107,12 +118,14 @@ TABLE_3 = PaperTable(
         PaperValue("to_leader.mean", "client to leader, mean", "us", 1878.0),
         PaperValue("difference.mean", "difference of the two means", "us", 746.0),
         PaperValue("round_trip.mean", "round trip, mean", "us", 3012.0),
-        PaperValue("bias.mean", "error of the mean filter", "us", 372.0, False, True, headline=True),
+        PaperValue("bias.mean", "error of the mean filter", "us", 372.0, less_is_better=True, headline=True),
         PaperValue("to_client.least", "leader to client, of the quickest message", "us", 517.0),
         PaperValue("to_leader.least", "client to leader, of the quickest message", "us", 479.0),
         PaperValue("difference.least", "difference of these two", "us", 38.0),
         PaperValue("round_trip.least", "round trip of the quickest message", "us", 996.0),
-        PaperValue("bias.least", "error of the minimum filter", "us", 19.0, False, True, headline=True),
+        PaperValue(
+            "bias.least", "error of the minimum filter", "us", 19.0, less_is_better=True, headline=True
+        ),
         PaperValue("messages", "messages", "", 10_000.0),
         PaperValue("left_out", "left out, over 10 ms", "", 64.0),
     ),
@@ -132,12 +145,12 @@ INJECTIONS = PaperTable(
     "Phase alignment by injected frames, to 20 µs",
     "sections 5 and 6",
     (
-        PaperValue("moves.mean", "injected frames, mean", "", 5.5, False, True, headline=True),
+        PaperValue("moves.mean", "injected frames, mean", "", 5.5, less_is_better=True, headline=True),
         PaperValue("moves.std", "injected frames, standard deviation", "", 0.97, less_is_better=True),
         PaperValue("moves.least", "fewest", "", 4.0, less_is_better=True),
         PaperValue("moves.most", "most", "", 7.0, less_is_better=True),
         PaperValue("each_s", "time for each", "s", 0.3, less_is_better=True),
-        PaperValue("all_s", "time for all, largest", "s", 3.0, True, True),
+        PaperValue("all_s", "time for all, largest", "s", 3.0, at_most=True, less_is_better=True),
     ),
 )
 RESTARTS = PaperTable(
@@ -145,7 +158,7 @@ RESTARTS = PaperTable(
     "Phase alignment by restarts, into a window of 1 ms",
     "section 5",
     (
-        PaperValue("tries.mean", "restarts, mean", "", 28.7, False, True, headline=True),
+        PaperValue("tries.mean", "restarts, mean", "", 28.7, less_is_better=True, headline=True),
         PaperValue("tries.std", "restarts, standard deviation", "", 25.2, less_is_better=True),
         PaperValue("tries.for_95", "restarts that suffice for 95 %", "", 98.0, less_is_better=True),
         PaperValue("each_s", "time for each, mean", "s", 1.23, less_is_better=True),
@@ -158,10 +171,16 @@ START_UP = PaperTable(
     "section 4",
     (
         PaperValue(
-            "five.max", "clocks of five phones synchronized, largest", "s", 10.0, True, True, headline=True
+            "five.max",
+            "clocks of five phones synchronized, largest",
+            "s",
+            10.0,
+            at_most=True,
+            less_is_better=True,
+            headline=True,
         ),
         PaperValue("five.mean", "clocks of five phones synchronized, mean", "s", None, less_is_better=True),
-        PaperValue("one.mean", "a client's clock, mean", "s", 1.0, True, True),
+        PaperValue("one.mean", "a client's clock, mean", "s", 1.0, at_most=True, less_is_better=True),
         PaperValue("ready.mean", "clocks and phases, mean", "s", None, less_is_better=True),
     ),
 )
@@ -214,7 +233,7 @@ FIGURE_6 = PaperFigure(
     "Figure 6",
     (
         PaperValue("phase.max", "phase, largest", "us", 21.0, less_is_better=True),
-        PaperValue("clock.max", "clock, largest", "us", 121.0, True, True),
+        PaperValue("clock.max", "clock, largest", "us", 121.0, at_most=True, less_is_better=True),
         PaperValue("total.max", "total, largest", "us", 121.0, less_is_better=True),
     ),
 )
@@ -244,8 +263,10 @@ FIGURE_S2 = PaperFigure(
         PaperValue("mean.10000", "mean filter, 10,000 messages", "us", 400.0, less_is_better=True),
         PaperValue("minimum.10000", "minimum filter, 10,000 messages", "us", 19.0, less_is_better=True),
         PaperValue("ours.10000", "this program, 10,000 messages", "us", None, less_is_better=True),
-        PaperValue("minimum.300", "minimum filter, 300 messages", "us", None, False, True, headline=True),
-        PaperValue("ours.300", "this program, 300 messages", "us", None, False, True, headline=True),
+        PaperValue(
+            "minimum.300", "minimum filter, 300 messages", "us", None, less_is_better=True, headline=True
+        ),
+        PaperValue("ours.300", "this program, 300 messages", "us", None, less_is_better=True, headline=True),
     ),
 )
 

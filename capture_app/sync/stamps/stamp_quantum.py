@@ -21,7 +21,8 @@ JITTERS = 4.0
 SURE_SHARE = 0.9
 """Share of the intervals that must be on the lattice, of the usual ones as of the others."""
 OTHER_INTERVALS = 8
-"""So many of them must not be the usual one: a few late frames may make a lattice of their own."""
+"""So many of them must not be the usual one: a few late frames may make a lattice of their own. The long and
+the short interval on either side of one late frame say the same, and count once."""
 EXACT_NS = 2.0
 """Rounding of the ns."""
 FINEST_NS = 200.0
@@ -77,8 +78,10 @@ def find_quantum(intervals_ns: Sequence[int]) -> float:
     tried = sorted((gap * stretch for gap in gaps[:WIDEST_GAPS] for stretch in STRETCHES), reverse=True)
     coarsest_ns = COARSEST * median(intervals_ns)
     for tried_ns in tried:
-        others = [(off, count) for off in offs if (count := round(off / tried_ns))]
-        if len(others) < OTHER_INTERVALS:
+        counts = [round(off / tried_ns) for off in offs]
+        others = [(off, count) for off, count in zip(offs, counts, strict=True) if count]
+        returns = sum(a != 0 and a == -b for a, b in pairwise(counts))
+        if len(others) - returns < OTHER_INTERVALS:
             continue
         step_ns = sum(off * count for off, count in others) / sum(count * count for _, count in others)
         if FINEST_NS < step_ns < coarsest_ns and _keep_to(step_ns, offs):

@@ -3,7 +3,7 @@
 import random
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from capture_app.sync.stamps.estimator import PhaseEstimator
@@ -182,10 +182,10 @@ def test_no_frames_whatsoever_raise(frames: list[FrameStamp | str], in_order: bo
             phase.sigma_at(frame.timestamp_ns)
 
 
-# The same examples every time: of 1000 seeds one (309, nothing lost) has jitter that passes for coarse
-# stamps, and puts the phase 24 us off. Known, and still to be mended.
-@settings(max_examples=40, deadline=None, derandomize=True)
+# Of seed 309 four late frames look like stamps of 88 us.
+@settings(max_examples=40, deadline=None)
 @given(lost=st.sets(st.integers(10, 79), max_size=25), seed=st.integers(0, 999))
+@example(lost=set(), seed=309)
 def test_whatever_is_lost_the_phase_stays(lost: set[int], seed: int) -> None:
     phase = fed([s for s in stream(90, seed=seed) if s.sequence not in lost])
     assert phase.drops == len(lost)

@@ -27,6 +27,7 @@ from capture_app.sync.wire.messages import (
     UnknownMember,
     Welcome,
 )
+from capture_app.sync.wire.version import version_answer
 
 _MS = 1_000_000
 FREE_PACE_NS, SLOWEST_PACE_NS = 25 * _MS, 60_000 * _MS
@@ -67,6 +68,7 @@ class Leader:
         self._broadcaster = Broadcaster(config.instance, config.beacons)
         self._grid = GridReview(self.terms, self._roster, self._orders)
         self._times: deque[tuple[bytes, Address]] = deque()
+        self._versions: deque[tuple[bytes, Address]] = deque()
         self._outbox: deque[tuple[ControlMessage, Address]] = deque()
         self._events: deque[LeaderEvent] = deque()
 
@@ -89,9 +91,16 @@ class Leader:
             message = decode(data)
         except WireError:
             self.malformed += 1
+            self.tell_version(data, address)
             return
         if isinstance(message, FromClient):
             self.receive_message(message, address, now_ns)
+
+    def tell_version(self, data: bytes, address: Address) -> None:
+        """Answer a datagram of another version with the version that is spoken here."""
+        answer = version_answer(data)
+        if answer is not None:
+            self._versions.append((answer, address))
 
     def receive_message(self, message: FromClient, address: Address, now_ns: int) -> None:
         """Take in a message that arrived at `now_ns`."""
@@ -165,6 +174,8 @@ class Leader:
         """Return datagrams and where to; time replies carry `now_ns`, so send them at once."""
         datagrams = [(reply_at(before, now_ns), address) for before, address in self._times]
         self._times.clear()
+        datagrams.extend(self._versions)
+        self._versions.clear()
         while self._outbox:
             message, address = self._outbox.popleft()
             datagrams.append((encode(message), address))

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from msgspec import structs
 
-from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
+from capture_app.camera_facts import CameraFacts
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.events import Joined, JoinRefused, LeaderLost
 from capture_app.sync.timekeeping.clock_events import ClockEvent, ClockSynced
@@ -13,9 +13,9 @@ from capture_app.sync.timekeeping.leader_terms import LeaderTerms
 from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, NEVER_NS
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.beacon import AgreedArrival, Beacon
-from capture_app.sync.wire.codec import Message, WireError, decode, encode
+from capture_app.sync.wire.codec import Message, OtherVersionError, WireError, decode, encode
 from capture_app.sync.wire.messages import (
-    CLOCK_ONLY,
+    CLOCK,
     WITHOUT_CAMERA,
     ControlMessage,
     Goodbye,
@@ -30,6 +30,7 @@ from capture_app.sync.wire.messages import (
     UnknownMember,
     Welcome,
 )
+from capture_app.sync.wire.version import version_mismatch
 
 _MS = 1_000_000
 HELLO_EVERY_NS = 500 * _MS
@@ -40,15 +41,6 @@ HEARTBEAT_EVERY_NS = 500 * _MS
 LEADER_SILENT_NS = 2500 * _MS
 MOST_EVENTS = 256
 """So many of the newest are kept for a node that does not take them."""
-CLOCK = CameraFacts(
-    kind=CLOCK_ONLY,
-    model="",
-    width=0,
-    height=0,
-    period_ns=33_333_333,
-    phase_control=PhaseControl.NONE,
-    timestamp_source=TimestampSource.UNKNOWN,
-)
 
 TimeClientEvent = Joined | JoinRefused | LeaderLost | ClockEvent
 
@@ -90,6 +82,8 @@ class TimeClient:
         """Those of the present leader, or of the last one."""
         self.why_joining = ""
         """Why it is no member, where that is known."""
+        self.unanswered = 0
+        """How often it has asked to join since a leader said anything to that."""
         self._heartbeat_due_ns = NEVER_NS
         self._heartbeat_every_ns = heartbeat_every_ns
         self._silent_ns = silent_ns if heartbeat_every_ns is not None else None
@@ -146,9 +140,15 @@ class TimeClient:
         """Return the message of a datagram; None, and count it, where it is none."""
         try:
             return decode(data)
-        except WireError:
-            self.malformed += 1
+        except WireError as error:
+            self.note_unreadable(error)
             return None
+
+    def note_unreadable(self, error: WireError) -> None:
+        """Count what is no message, and take from one of another version why its leader takes nobody in."""
+        self.malformed += 1
+        if isinstance(error, OtherVersionError) and not self.is_member:
+            self._note_refusal(version_mismatch(error.version))
 
     def is_addressed(self, message: Message) -> bool:
         """Whether a message is meant for this member."""
@@ -162,9 +162,7 @@ class TimeClient:
                     self.hellos = HELLOS
             case JoinRefusal() if not self.is_member and message.instance == self.instance:
                 self.hellos = 0 if message.retry_here else self.hellos
-                if message.reason != self.why_joining:
-                    self.why_joining = message.reason
-                    self._events.append(JoinRefused(message.reason))
+                self._note_refusal(message.reason)
             case TimeReply() if self.is_addressed(message):
                 if self.timekeeper.take_reply(message, now_ns):
                     self._heard_ns = now_ns
@@ -187,7 +185,7 @@ class TimeClient:
             return False
         self.terms, self.number = terms, welcome.client
         self.timekeeper.follow(terms, welcome.client, welcome.slot, now_ns)
-        self.hellos, self.why_joining = 0, ""
+        self.hellos, self.unanswered, self.why_joining = 0, 0, ""
         self._heard_ns = now_ns
         self._heartbeat_due_ns = NEVER_NS if self._heartbeat_every_ns is None else now_ns
         self._events.append(Joined(welcome.transfer_port, terms.leader, welcome.beacons))
@@ -224,6 +222,7 @@ class TimeClient:
                 if self.hellos >= HELLOS and not self.why_joining:
                     self.why_joining = NO_ANSWER
                 self.hellos += 1
+                self.unanswered += 1
                 self._hello_due_ns = now_ns + HELLO_EVERY_NS
                 self._outbox.append(self.hello())
             return
@@ -285,6 +284,12 @@ class TimeClient:
         else:
             self.terms = terms
             self.timekeeper.update_terms(terms)
+
+    def _note_refusal(self, reason: str) -> None:
+        self.unanswered = 0
+        if reason != self.why_joining:
+            self.why_joining = reason
+            self._events.append(JoinRefused(reason))
 
     def _note_clock(self, now_ns: int) -> None:
         while (event := self.timekeeper.next_event()) is not None:

@@ -8,12 +8,13 @@ from capture_app.camera_facts import CameraFacts
 from capture_app.sync.clock.clock_filter import ClockFilter
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.failover import LeaderChoice
-from capture_app.sync.rig.time_client import CLOCK, TimeClient, TimeClientEvent
+from capture_app.sync.rig.time_client import TimeClient, TimeClientEvent
 from capture_app.sync.timekeeping.leader_terms import LeaderTerms
 from capture_app.sync.timekeeping.poll_schedule import RoundSchedule
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
-from capture_app.sync.wire.codec import Message, encode
+from capture_app.sync.wire.codec import Message, WireError, encode
 from capture_app.sync.wire.messages import (
+    CLOCK,
     PROBE_NUMBER,
     ControlMessage,
     Goodbye,
@@ -114,6 +115,11 @@ class Follower:
                 self._go_back(address, message, now_ns)
             case _:
                 pass
+
+    def note_unreadable(self, error: WireError, address: Address) -> None:
+        """Note that one of the parents sent what is no message of this version."""
+        if address == self.parent:
+            self.time.note_unreadable(error)
 
     def handle_timer(self, now_ns: int) -> None:
         """Do what is due; call it at `next_timer`, or any time."""

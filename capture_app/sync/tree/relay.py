@@ -12,11 +12,12 @@ import msgspec
 from capture_app.sync.phase.shared_goal import SharedGoal
 from capture_app.sync.rig.events import LeaderEvent
 from capture_app.sync.rig.leader import Leader, LeaderConfig
-from capture_app.sync.rig.time_client import CLOCK, TimeClientEvent
+from capture_app.sync.rig.time_client import TimeClientEvent
 from capture_app.sync.rig.uplink import Uplink
 from capture_app.sync.tree.follower import Address, Follower, FollowerConfig
 from capture_app.sync.wire.codec import FromClient, Message, WireError, decode
 from capture_app.sync.wire.messages import (
+    CLOCK,
     PROBE_NUMBER,
     RELAY,
     Heartbeat,
@@ -52,8 +53,12 @@ class Relay:
         """Take in a datagram that arrived at `now_ns`, of a parent or of a client."""
         try:
             message = decode(data)
-        except WireError:
+        except WireError as error:
             self.malformed += 1
+            if address in self.follower.config.parents:
+                self.follower.note_unreadable(error, address)
+            else:
+                self.leader.tell_version(data, address)
             return
         # An address may be that of a parent and of a client: the kind of message tells which is meant.
         if not isinstance(message, FromClient):

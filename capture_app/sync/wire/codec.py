@@ -21,10 +21,9 @@ from capture_app.sync.wire.messages import (
     TimeRequest,
     TriggerAck,
 )
+from capture_app.sync.wire.version import MAGIC, VERSION
 from capture_app.text import REPLACEMENT, UNREADABLE
 
-MAGIC = b"sS"
-VERSION = 1
 MAX_DATAGRAM = 1200
 """In bytes, of a control message; fits every link without fragments."""
 _KIND_TIME_REQUEST, _KIND_TIME_REPLY, _KIND_CONTROL = 1, 2, 3
@@ -46,6 +45,14 @@ class WireError(ValueError):
     """A datagram that is not one of ours, cut, or of another version."""
 
 
+class OtherVersionError(WireError):
+    """A datagram of another version of the protocol."""
+
+    def __init__(self, version: int) -> None:
+        super().__init__(f"protocol version {version}, this is version {VERSION}")
+        self.version = version
+
+
 def encode(message: Message) -> bytes:
     """Return the datagram of a message. Raises WireError where it would be larger than MAX_DATAGRAM."""
     match message:
@@ -60,12 +67,15 @@ def encode(message: Message) -> bytes:
 
 
 def decode(data: bytes) -> Message:
-    """Return the message of a datagram. Raises WireError where it is not a message of this version."""
+    """Return the message of a datagram. Raises WireError where it is not a message of this version.
+
+    That is an OtherVersionError where it says that it is of another one.
+    """
     if len(data) < _HEADER.size or data[:2] != MAGIC:
         raise WireError("not a simulshot datagram")
     version, kind = data[2], data[3]
     if version != VERSION:
-        raise WireError(f"protocol version {version}, this is version {VERSION}")
+        raise OtherVersionError(version)
     if kind == _KIND_CONTROL:
         try:
             return _printable(_decoder.decode(data[_HEADER.size :]))

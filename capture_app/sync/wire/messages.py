@@ -5,7 +5,7 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
-from capture_app.camera_facts import CameraFacts
+from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.names import Name
 from capture_app.sync.wire.beacon import AgreedArrival, ArrivalReport, Beacon, Group
 from capture_app.sync.wire.upstream_map import UpstreamMap
@@ -32,6 +32,16 @@ Number = Annotated[int, Meta(ge=0, le=0xFFFF_FFFF)]
 """Of a client, as time messages carry it."""
 CLOCK_ONLY = "clock"
 """The kind of a node without a camera that only keeps the time, perhaps for clients below it."""
+CLOCK = CameraFacts(
+    kind=CLOCK_ONLY,
+    model="",
+    width=0,
+    height=0,
+    period_ns=33_333_333,
+    phase_control=PhaseControl.NONE,
+    timestamp_source=TimestampSource.UNKNOWN,
+)
+"""What such a node says of the camera that it has not."""
 RELAY = "relay"
 """The kind of a relay that passes its cameras on to its parent, and bursts to its cameras."""
 WITHOUT_CAMERA = (CLOCK_ONLY, RELAY)

@@ -220,7 +220,7 @@ def import_command(
     libsoftwaresync or RecSync on a phone. Caliscope and FreeMoCap folders are recognized, with their times
     and calibration.
     """
-    from capture_app.session.importers.calibration import Fit
+    from capture_app.session.importers.calibrations.reading import Fit
     from capture_app.session.importers.embedded_times import TimeSource
     from capture_app.session.importers.open_sources import split_name
     from capture_app.session.importers.recording import ImportOptions, import_recording

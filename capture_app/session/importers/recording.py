@@ -9,10 +9,10 @@ from capture_app.errors import BadInputError
 from capture_app.names import check_name
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
-from capture_app.session.importers.calibration import Fit, fit_calibration, read_views
+from capture_app.session.importers.calibrations.reading import Fit, fit_calibration, read_views
 from capture_app.session.importers.embedded_times import TimeSource
 from capture_app.session.importers.frame_matching import Instant, TimedFrame, Timeline
-from capture_app.session.importers.layouts import Layout, recognize_layout
+from capture_app.session.importers.layouts.recognition import Layout, recognize_layout
 from capture_app.session.importers.open_sources import open_sources, split_name
 from capture_app.session.importers.sources import Source
 from capture_app.session.importers.time_source import TimeOptions, make_timeline

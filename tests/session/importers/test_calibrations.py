@@ -11,7 +11,7 @@ import pytest
 
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
-from capture_app.session.importers.calibration import Fit, fit_calibration, read_views
+from capture_app.session.importers.calibrations.reading import Fit, fit_calibration, read_views
 
 K = np.array([[800.0, 0, 320], [0, 810, 240], [0, 0, 1]])
 D = np.array([0.1, -0.2, 0.001, 0.002, 0.3])

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import CameraCalibration
-from capture_app.session.importers.calibration import Fit
+from capture_app.session.importers.calibrations.reading import Fit
 from capture_app.session.importers.recording import ImportOptions, import_recording
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify

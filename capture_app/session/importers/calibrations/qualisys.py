@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.errors import BadInputError
-from capture_app.session.importers.camera_views import Array, View, Views
+from capture_app.session.importers.calibrations.camera_views import Array, View, Views
 
 _SUBPIXELS = 64.0
 _OPENCV_FROM_QUALISYS = np.diag([1.0, -1.0, -1.0])

@@ -8,7 +8,7 @@ import numpy as np
 
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import METRES, Calibration, CameraCalibration, Matrix3, Vector3
-from capture_app.session.importers.camera_views import Array, View, Views
+from capture_app.session.importers.calibrations.camera_views import Array, View, Views
 from capture_app.session.importers.rate_or_table import match_name
 
 
@@ -37,13 +37,13 @@ def read_views(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Vie
         if len(paths) > 1:
             raise BadInputError(f"{first} holds all cameras", hint="give that one file only")
         if first.suffix.lower() == ".toml":
-            from capture_app.session.importers.caliscope import read_caliscope
+            from capture_app.session.importers.calibrations.caliscope import read_caliscope
 
             return read_caliscope(first)
-        from capture_app.session.importers.qualisys import read_qualisys
+        from capture_app.session.importers.calibrations.qualisys import read_qualisys
 
         return read_qualisys(first)
-    from capture_app.session.importers.opencv_files import read_opencv
+    from capture_app.session.importers.calibrations.opencv_files import read_opencv
 
     return read_opencv(paths, cameras)
 

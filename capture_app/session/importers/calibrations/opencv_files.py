@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.errors import BadInputError
-from capture_app.session.importers.camera_views import Array, View, Views, from_rodrigues
+from capture_app.session.importers.calibrations.camera_views import Array, View, Views, from_rodrigues
 
 _MATRIX = ("mtx", "k", "m", "camera_matrix", "cameramatrix", "intrinsic_matrix", "intrinsics")
 _DISTORTION = ("dist", "d", "distortion_coefficients", "distcoeffs", "dist_coeffs", "distortion")

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from capture_app.errors import BadInputError
-from capture_app.session.importers.camera_views import Array, View, Views, from_rodrigues
+from capture_app.session.importers.calibrations.camera_views import Array, View, Views, from_rodrigues
 
 
 def read_caliscope(path: Path) -> Views:

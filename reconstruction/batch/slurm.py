@@ -17,6 +17,7 @@ from typing import Any
 import msgspec
 
 from capture_app.errors import BadInputError, ExitCode, NotAvailableError, SimulshotError
+from capture_app.optional_packages import load_optional
 from capture_app.session.files.durable import write_atomic_unsynced
 from reconstruction.batch.units import WORK, Outcome, Unit, run_unit
 
@@ -36,13 +37,7 @@ class SlurmExecutor:
             NotAvailableError: submitit is not installed, or SLURM's commands are not on this machine.
             BadInputError: a setting is not `name=value`.
         """
-        try:
-            self.submitit: Any = import_module("submitit")
-        except ImportError as error:
-            raise NotAvailableError(
-                "SLURM needs the package submitit, which is not installed",
-                hint="pip install 'simulshot[slurm]'",
-            ) from error
+        self.submitit: Any = load_optional("submitit", "slurm", "SLURM")
         self.settings = {**DEFAULTS, **dict(map(_setting, settings))}
         if jobs:
             self.settings["array_parallelism"] = jobs

@@ -44,7 +44,7 @@ def calibrate_from_images(
         BadInputError: it found no cameras, or lenses that cannot be.
     """
     pycolmap = load_pycolmap(
-        "finding the cameras' positions from the images", hint=", or give it a calibration.json"
+        "finding the cameras' positions from the images", hint="give it a calibration.json"
     )
     chosen = _choose_instants(dataset)
     cameras = [name for name in dataset.cameras if any(dataset.has_image(name, k) for k in chosen)]

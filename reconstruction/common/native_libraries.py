@@ -7,7 +7,7 @@ import threading
 from importlib import metadata
 from types import ModuleType
 
-from capture_app.errors import NotAvailableError
+from capture_app.optional_packages import RECONSTRUCTION, load_optional, require_installed
 from reconstruction.common.foreign_calls import GuardedModule, silenced_output
 
 
@@ -41,6 +41,11 @@ def load_open3d() -> ModuleType:
     return GuardedModule(module, "Open3D")
 
 
+def require_reconstruction(name: str, purpose: str) -> None:
+    """Raise NotAvailableError where one of the two is not installed, before long work begins."""
+    require_installed(name, RECONSTRUCTION, purpose)
+
+
 def library_versions() -> dict[str, str]:
     """Versions of the libraries that decide the figures, for the record."""
     found = {"python": platform.python_version()}
@@ -53,13 +58,6 @@ def library_versions() -> dict[str, str]:
 
 
 def _load(name: str, purpose: str, hint: str = "") -> ModuleType:
-    try:
-        with silenced_output():
-            return importlib.import_module(name)
-    except (ImportError, OSError) as error:
-        raise NotAvailableError(
-            f"{purpose} needs {name}, which this machine cannot load: {error}",
-            hint=f"{name} has no package for every machine (this one: {platform.system()} "
-            f"{platform.machine()}, Python {platform.python_version()}); "
-            f"copy the session to a 64-bit PC{hint}",
-        ) from error
+    with silenced_output():
+        module: ModuleType = load_optional(name, RECONSTRUCTION, purpose, hint=hint)
+    return module

@@ -16,7 +16,7 @@ from reconstruction.common.drawing import colour_depth, display_range
 from reconstruction.common.geometry import View
 from reconstruction.common.image_files import write_image
 from reconstruction.common.memory_budget import memory_budget
-from reconstruction.common.native_libraries import library_versions
+from reconstruction.common.native_libraries import library_versions, require_reconstruction
 from reconstruction.depth.calibrated_image import CalibratedImage
 from reconstruction.depth.coarse_scene import CoarseScene, find_coarse_scene
 from reconstruction.depth.colmap_workspace import fuse_depth_maps, write_workspace
@@ -84,6 +84,9 @@ def multiview(
         BadInputError: the session, the instant or the offsets cannot be used, or nothing was found.
         NotAvailableError: the matcher asked for, or COLMAP or Open3D, is not here.
     """
+    require_reconstruction("pycolmap", "joining the cameras' depth")
+    if options.mesh:
+        require_reconstruction("open3d", "making a mesh")
     output = OutputFolder(out, replaces_only(OURS))
     matcher = choose_matcher(options.matcher)
     stopwatch = _Stopwatch()

@@ -41,6 +41,6 @@ def experiment_options(command: Callable[..., None]) -> Callable[..., None]:
         type=FOLDER,
         metavar="DIR",
         callback=require_plots,
-        help="Draw figures into this folder (needs simulshot[plots]).",
+        help="Draw figures into this folder (needs matplotlib).",
     )
     return trials(seed_option(plot(json_option(command))))

@@ -17,7 +17,7 @@ from capture_app.terminal import json_option, print_json, print_line, print_tabl
     metavar="DIR",
     required=True,
     callback=require_plots,
-    help="Folder for index.html, paper.json and the pictures (needs simulshot[plots]).",
+    help="Folder for index.html, paper.json and the pictures (needs matplotlib).",
 )
 @click.option("--quick", is_flag=True, help="A quarter of the trials: at most four minutes on two cores.")
 @click.option(

@@ -3,12 +3,11 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from capture_app.errors import BadInputError, NotAvailableError
+from capture_app.errors import BadInputError
+from capture_app.optional_packages import load_optional
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-HINT = "pip install 'simulshot[plots]'"
 
 
 def require(folder: Path) -> None:
@@ -22,11 +21,10 @@ def require(folder: Path) -> None:
 
 def new_figure(**options: Any) -> "Figure":
     """Return an empty figure; options as of `matplotlib.figure.Figure`. Raises NotAvailableError."""
-    try:
-        from matplotlib.backends.backend_agg import FigureCanvasAgg
-        from matplotlib.figure import Figure
-    except ImportError:
-        raise NotAvailableError("pictures need matplotlib", hint=HINT) from None
+    load_optional("matplotlib", "plots", "drawing figures")
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     figure = Figure(layout="constrained", **options)
     FigureCanvasAgg(figure)
     return figure

@@ -1,6 +1,5 @@
 """Times of frames read from the recording itself: video timestamps, file names, EXIF."""
 
-import importlib
 import re
 from collections.abc import Container, Iterator, Sequence
 from datetime import UTC, datetime
@@ -13,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_app.errors import BadInputError, NotAvailableError
+from capture_app.optional_packages import load_optional
 from capture_app.session.reading.exif import read_exif
 
 _DATE = re.compile(
@@ -136,10 +136,4 @@ def _nanoseconds(ticks: int, base: Fraction) -> int:
 
 
 def _pyav() -> Any:
-    try:
-        return importlib.import_module("av")
-    except ImportError as error:
-        raise NotAvailableError(
-            "a video's own timestamps need PyAV, which is not installed",
-            hint="pip install 'simulshot[export]', or give the rate: --fps",
-        ) from error
+    return load_optional("av", "export", "reading a video's own timestamps", hint="give the rate: --fps")

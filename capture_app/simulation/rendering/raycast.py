@@ -8,19 +8,12 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_app.errors import NotAvailableError
+from capture_app.optional_packages import RECONSTRUCTION, load_optional
 from capture_app.simulation.scenes.meshes import Floats, Mesh
 
 
 def _open3d() -> Any:
-    try:
-        import open3d
-    except (ImportError, OSError) as error:  # OSError: a system library of Open3D's is missing
-        raise NotAvailableError(
-            f"rendered scenes need Open3D, which does not load here: {error}",
-            hint="use scene=bars, or pip install open3d; on Linux also libgl1 libegl1 libx11-6 libusb-1.0-0",
-        ) from error
-    return open3d
+    return load_optional("open3d", RECONSTRUCTION, "a rendered scene", hint="use scene=bars")
 
 
 class Texture:

@@ -181,8 +181,8 @@ def test_an_unfinished_session(make: Make, refuses: Callable[..., None]) -> None
 
 
 @pytest.mark.parametrize(
-    ("name", "package", "extra"),
-    [("mp4", "av", "export"), ("mcap", "mcap", "export"), ("rrd", "rerun", "rerun")],
+    ("name", "package", "advised"),
+    [("mp4", "av", "av"), ("mcap", "mcap", "mcap"), ("rrd", "rerun", "rerun-sdk")],
 )
 def test_a_package_that_is_not_there(
     make: Make,
@@ -190,12 +190,12 @@ def test_a_package_that_is_not_there(
     monkeypatch: pytest.MonkeyPatch,
     name: str,
     package: str,
-    extra: str,
+    advised: str,
 ) -> None:
     for module in [one for one in sys.modules if one == package or one.startswith(f"{package}.")]:
         monkeypatch.delitem(sys.modules, module)
     monkeypatch.setitem(sys.modules, package, None)
-    refuses(make().folder, ExitCode.NOT_AVAILABLE, f"pip install 'simulshot[{extra}]'", name)
+    refuses(make().folder, ExitCode.NOT_AVAILABLE, f"'{advised}>=", name)
 
 
 def test_a_full_disk_leaves_nothing(

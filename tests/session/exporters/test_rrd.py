@@ -8,7 +8,7 @@ import pytest
 
 from tests.session.exporters.conftest import Export, Make
 
-pytest.importorskip("rerun", reason="rerun-sdk is not installed: pip install 'simulshot[rerun]'")
+pytest.importorskip("rerun", reason="rerun-sdk is not installed")
 
 
 def test_rerun_reads_it(make: Make, export: Export, tmp_path: Path) -> None:

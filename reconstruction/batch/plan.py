@@ -9,7 +9,7 @@ from pathlib import Path
 
 import msgspec
 
-from capture_app.errors import BadInputError, IncompleteError, NotApplicableError
+from capture_app.errors import BadInputError, NotApplicableError
 from capture_app.session.files.durable import write_atomic
 from capture_app.text import pretty_json
 from reconstruction.batch.rows import Row
@@ -21,6 +21,7 @@ from reconstruction.multiview.command import MultiviewOptions, multiview
 from reconstruction.multiview.matcher import Matcher
 from reconstruction.session.conditions import SYNCED, Condition
 from reconstruction.session.dataset import Dataset
+from reconstruction.session.picture_checksums import checked_pictures
 
 DEPTH_TASK = "reconstruction.batch.plan:compute_depth"
 TIMES = ("seconds", "seconds_of")
@@ -113,7 +114,6 @@ def compute_depth(unit: Unit, folder: Path) -> None:
         SimulshotError: the session cannot be used as it is.
     """
     session = Path(unit.session)
-    _verify_images(session, unit)
     options = MultiviewOptions(
         instant=unit.instant,
         offsets_ms=unit.offsets_ms,
@@ -122,7 +122,9 @@ def compute_depth(unit: Unit, folder: Path) -> None:
         time_shifts_ms=unit.time_shifts_ms,
     )
     try:
-        result = msgspec.to_builtins(multiview(session, folder, options))
+        # The unit's key was computed from the checksums.
+        with checked_pictures(required=True):
+            result = msgspec.to_builtins(multiview(session, folder, options))
     except NotApplicableError as error:
         record = {"key": unit.key, "condition": unit.condition, "not_applicable": str(error)}
         write_atomic(folder / RESULT, pretty_json(record))
@@ -135,20 +137,6 @@ def compute_depth(unit: Unit, folder: Path) -> None:
         (folder / leftover).unlink(missing_ok=True)
     result["files"] = ["fused.ply", RESULT]
     write_atomic(folder / RESULT, pretty_json({"key": unit.key, "condition": unit.condition, **result}))
-
-
-def _verify_images(session: Path, unit: Unit) -> None:
-    """Refuse images whose checksums are not those in the session: the unit's key was computed from these."""
-    dataset = Dataset.open(session, unit.time_shifts_ms)
-    for camera, instant in dataset.nearest_instants(unit.instant, unit.offsets_ms).items():
-        if not dataset.has_image(camera, instant):
-            continue
-        record = dataset.record(camera, instant)
-        if hashlib.sha256(dataset.image_bytes(camera, instant)).hexdigest() != record.sha256:
-            raise IncompleteError(
-                f"{dataset.session.image_file(record)} is damaged: its checksum is not the session's",
-                hint="capture-app sessions verify checks every image",
-            )
 
 
 def _truth_checksums(dataset: Dataset, chosen: dict[str, int]) -> list[str]:

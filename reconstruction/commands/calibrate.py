@@ -10,7 +10,7 @@ import click
 from capture_app.board.charuco import CharucoBoard
 from capture_app.board.options import board_options
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line, print_table
-from reconstruction.commands.options import memory_option, session_argument
+from reconstruction.commands.options import checksums_option, memory_option, session_argument
 
 if TYPE_CHECKING:
     from capture_app.board.coverage import BoardCoverage
@@ -84,6 +84,7 @@ def _parse_mark(text: str) -> Mark:
     help="Keep the calibration for later sessions of the same cameras in the same modes.",
 )
 @memory_option
+@checksums_option
 @json_option
 def calibrate(
     session: Path,

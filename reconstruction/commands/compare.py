@@ -70,6 +70,7 @@ def _refuse_synced(
 )
 @options.out_option
 @options.memory_option
+@options.checksums_option
 @json_option
 def compare(session: Path, out: Path, as_json: bool, **chosen: Any) -> None:
     """Compare synchronized images of SESSION with images that are some time apart.

@@ -7,6 +7,7 @@ import click
 
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line
 from reconstruction.commands.options import (
+    checksums_option,
     max_instants_option,
     memory_option,
     pair_option,
@@ -35,6 +36,7 @@ from reconstruction.session.conditions import DEFAULT_OFFSET_MS
     help="Folder for the curve, the numbers and a report.",
 )
 @memory_option
+@checksums_option
 @json_option
 def dose(session: Path, out: Path | None, as_json: bool, **options: Any) -> None:
     """Measure how late one camera may be before the motion in SESSION spoils the depth."""

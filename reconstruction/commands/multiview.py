@@ -25,6 +25,7 @@ from reconstruction.session.conditions import SYNCED, Condition
 @options.time_shift_option
 @options.out_option
 @options.memory_option
+@options.checksums_option
 @json_option
 def multiview(session: Path, condition: Condition, out: Path, as_json: bool, **chosen: Any) -> None:
     """Compute depth maps of all cameras at one instant of SESSION, a point cloud and a mesh."""

@@ -12,6 +12,7 @@ from capture_app.errors import BadInputError
 from capture_app.terminal import talk
 from reconstruction.common.memory_budget import limited_memory, parse_size
 from reconstruction.session.conditions import DISTINCT, DISTINCT_MS, MAX_OFFSET_MS, SYNCED, Condition
+from reconstruction.session.picture_checksums import checked_pictures
 
 if TYPE_CHECKING:
     from reconstruction.multiview.matcher import Matcher
@@ -59,6 +60,24 @@ def memory_option(command: Callable[..., None]) -> Callable[..., None]:
             talk(note)
 
     return limited
+
+
+def checksums_option(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command the option `--require-checksums`, and say which pictures are not as they were saved."""
+
+    @click.option(
+        "--require-checksums",
+        is_flag=True,
+        help="Refuse pictures whose bytes are not those that were saved, rather than name them.",
+    )
+    @wraps(command)
+    def checked(*arguments: Any, require_checksums: bool, **options: Any) -> None:
+        with checked_pictures(required=require_checksums) as checks:
+            command(*arguments, **options)
+        for note in checks.notes:
+            talk(note)
+
+    return checked
 
 
 OFFSETS_HELP = (

@@ -7,6 +7,7 @@ import click
 
 from capture_app.terminal import json_option, print_json, print_line, talk
 from reconstruction.commands.options import (
+    checksums_option,
     instant_option,
     memory_option,
     out_option,
@@ -30,6 +31,7 @@ from reconstruction.commands.options import (
 @time_shift_option
 @out_option
 @memory_option
+@checksums_option
 @json_option
 def stereo(session: Path, out: Path, as_json: bool, **options: Any) -> None:
     """Compute a depth map from two cameras of SESSION, with its confidence and a picture."""

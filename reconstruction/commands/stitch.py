@@ -7,7 +7,13 @@ import click
 
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line
 from capture_app.text import count
-from reconstruction.commands.options import instant_option, memory_option, out_option, time_shift_option
+from reconstruction.commands.options import (
+    checksums_option,
+    instant_option,
+    memory_option,
+    out_option,
+    time_shift_option,
+)
 from reconstruction.session.conditions import MAX_OFFSET_MS
 
 if TYPE_CHECKING:
@@ -28,6 +34,7 @@ if TYPE_CHECKING:
 @time_shift_option
 @out_option
 @memory_option
+@checksums_option
 @json_option
 def stitch(sources: tuple[Path, ...], out: Path, as_json: bool, **options: Any) -> None:
     """Stitch a panorama from one instant of SESSION, or from image files or a folder of them.

@@ -5,7 +5,7 @@ from pathlib import Path
 import click
 
 from capture_app.terminal import json_option, print_json, print_line
-from reconstruction.commands.options import memory_option, session_argument
+from reconstruction.commands.options import checksums_option, memory_option, session_argument
 
 
 @click.command("time")
@@ -17,6 +17,7 @@ from reconstruction.commands.options import memory_option, session_argument
     help="The camera that the others are measured against.",
 )
 @memory_option
+@checksums_option
 @json_option
 def time_command(session: Path, reference: str | None, as_json: bool) -> None:
     """Measure how late each camera of SESSION is, by what moves in its pictures.

@@ -35,6 +35,7 @@ from reconstruction.scores.timing import RigTiming, Timing, are_together, with_d
 from reconstruction.session.conditions import DEFAULT_OFFSET_MS, Condition
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import FrameOffset, evenly_spread, nearest_frame_offset
+from reconstruction.session.picture_checksums import picture_checks
 from reconstruction.session.shown_instants import fixed_offsets_ms
 
 DOSE_INSTANTS = 6
@@ -200,6 +201,7 @@ class Comparison:
                 together=lambda cameras: are_together(cameras, self.timing, self.rig_timing),
             ),
             memory_notes=memory_budget().notes,
+            changed_pictures=picture_checks().changed,
             versions=library_versions(),
         )
 

@@ -33,6 +33,7 @@ from reconstruction.session.frame_offset import (
     pairs_with_images,
 )
 from reconstruction.session.instant_choice import choose_moving_instants
+from reconstruction.session.picture_checksums import picture_checks
 
 MAX_STEPS = 4
 """To either side."""
@@ -95,6 +96,7 @@ def _dose(session: Path, stages: Path, options: DoseOptions) -> DoseResult:
         calibration=rig.source,
         seconds=time.monotonic() - began,
         memory_notes=memory_budget().notes,
+        changed_pictures=picture_checks().changed,
         versions=library_versions(),
     )
 

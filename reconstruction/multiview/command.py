@@ -39,6 +39,7 @@ from reconstruction.multiview.source_views import (
 )
 from reconstruction.scores.depth_truth import depth_shares
 from reconstruction.session.dataset import Dataset
+from reconstruction.session.picture_checksums import picture_checks
 
 RESULT = "multiview.json"
 OURS = {RESULT, "depth", "workspace", "fused.ply", "fused.ply.vis", "cloud.ply", "mesh.ply", "turntable.png"}
@@ -153,6 +154,7 @@ def multiview(
             seconds=stopwatch.total(),
             seconds_of=stopwatch.seconds,
             memory_notes=memory_budget().notes,
+            changed_pictures=picture_checks().changed,
             versions=library_versions(),
         )
         write_atomic(part / RESULT, pretty_json(result))

@@ -58,4 +58,6 @@ class MultiviewResult(Struct, frozen=True, kw_only=True):
     """Wall seconds of each stage."""
     memory_notes: tuple[str, ...] = ()
     """What the memory budget changed."""
+    changed_pictures: tuple[str, ...] = ()
+    """Files whose bytes are not those that were saved."""
     versions: dict[str, str] = {}

@@ -22,6 +22,7 @@ from reconstruction.panorama.stitcher import MAX_SIDE_PX, PanoramaStitcher
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.frame_offset import nearest_frame_offset
 from reconstruction.session.mover_detection import SceneMotion
+from reconstruction.session.picture_checksums import picture_checks
 
 SUFFIXES = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp"}
 
@@ -70,6 +71,8 @@ class PanoramaResult(msgspec.Struct, frozen=True, kw_only=True):
     seconds: float = 0.0
     memory_notes: tuple[str, ...] = ()
     """What the memory budget changed."""
+    changed_pictures: tuple[str, ...] = ()
+    """Files whose bytes are not those that were saved."""
     versions: dict[str, str] = {}
 
 
@@ -122,6 +125,7 @@ def stitch(sources: tuple[Path, ...], out: Path, options: StitchOptions) -> Pano
             time_shifts_ms=dict(options.time_shifts_ms),
             seconds=time.monotonic() - began,
             memory_notes=memory_budget().notes,
+            changed_pictures=picture_checks().changed,
             versions=library_versions(),
         )
         write_metrics(output.folder, result)

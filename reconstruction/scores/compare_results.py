@@ -132,4 +132,6 @@ class CompareResult(Struct, frozen=True, kw_only=True):
     seconds: float = 0.0
     memory_notes: tuple[str, ...] = ()
     """What the memory budget changed."""
+    changed_pictures: tuple[str, ...] = ()
+    """Files whose bytes are not those that were saved."""
     versions: dict[str, str] = {}

@@ -18,6 +18,7 @@ from reconstruction.common.byte_cache import ByteCache
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import image_size, read_image, refuse_odd_shape
 from reconstruction.common.memory_budget import memory_budget
+from reconstruction.session.picture_checksums import picture_checks
 from reconstruction.session.time_shift import shift_times
 
 KEPT_SHARE = 0.12
@@ -140,6 +141,7 @@ class Dataset:
 
         Raises:
             BadInputError: the file is not an image, or not of its camera's size.
+            IncompleteError: it is not what was saved, and checksums are required.
         """
         return self._read(camera, instant)
 
@@ -264,7 +266,9 @@ class Dataset:
         return ByteCache(self._read_image, int(KEPT_SHARE * memory_budget().limit_bytes))
 
     def _read_image(self, camera: str, instant: int) -> Array:
-        path = self.session.image_file(self._records[camera, instant])
+        record = self._records[camera, instant]
+        path = self.session.image_file(record)
+        picture_checks().check(path, record.sha256)
         width, height = self.size_on_disk(camera)
         found = image_size(path)
         if sorted(found) == sorted((width, height)):

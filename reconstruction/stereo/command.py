@@ -19,6 +19,7 @@ from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.output_folder import STAGES, comparison_folder, write_metrics
 from reconstruction.scores.depth_truth import share_right
 from reconstruction.session.dataset import Dataset
+from reconstruction.session.picture_checksums import picture_checks
 from reconstruction.stereo.stereo_pair import DepthMap, StereoPair, find_disparity_range
 
 DEPTH = "depth.tiff"
@@ -70,6 +71,8 @@ class StereoDepth(Struct, frozen=True, kw_only=True):
     """By two names with a comma between, why those cameras can make no depth."""
     memory_notes: tuple[str, ...] = ()
     """What the memory budget changed."""
+    changed_pictures: tuple[str, ...] = ()
+    """Files whose bytes are not those that were saved."""
     seconds: float = 0.0
     versions: dict[str, str]
 
@@ -119,6 +122,7 @@ def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
             left_out=left_out,
             pairs_left_out=dict(choice.left_out),
             memory_notes=memory_budget().notes,
+            changed_pictures=picture_checks().changed,
             seconds=seconds,
         )
         write_metrics(output.folder, result)

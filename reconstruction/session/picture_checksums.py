@@ -1,0 +1,71 @@
+"""Whether the pictures that a command reads are those that were saved: by their checksums, as they are read.
+
+A command says what happens to others (`checked_pictures`): they are used, and named for the user and the
+result, or refused.
+"""
+
+import hashlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from capture_app.errors import IncompleteError
+
+_VERIFY = "capture-app sessions verify checks every image"
+
+
+class PictureChecks:
+    """The checksums of a command's pictures, and which pictures differ from theirs."""
+
+    def __init__(self, *, required: bool) -> None:
+        self.required = required
+        self._changed: dict[Path, None] = {}
+
+    @property
+    def changed(self) -> tuple[str, ...]:
+        """The files whose bytes are not those that were saved, in the order in which they were read."""
+        return tuple(str(path) for path in self._changed)
+
+    @property
+    def notes(self) -> tuple[str, ...]:
+        """One sentence about them for the user, none where all were as saved."""
+        if not self._changed:
+            return ()
+        first, *others = self.changed
+        also = f" (and {len(others)} more)" if others else ""
+        return (
+            f"{first}{also}: not the bytes that were saved, by its checksum, and used all the same. "
+            f"{_VERIFY}; --require-checksums refuses such pictures",
+        )
+
+    def check(self, path: Path, sha256: str) -> None:
+        """Hold a file against its checksum.
+
+        Raises:
+            IncompleteError: they differ, and checksums are required.
+        """
+        if hashlib.sha256(path.read_bytes()).hexdigest() == sha256:
+            return
+        if self.required:
+            raise IncompleteError(f"{path} is damaged: its checksum is not the session's", hint=_VERIFY)
+        self._changed[path] = None
+
+
+def picture_checks() -> PictureChecks:
+    """The checks of the running command; outside of any, changed pictures are used."""
+    return _running[-1] if _running else PictureChecks(required=False)
+
+
+@contextmanager
+def checked_pictures(*, required: bool) -> Iterator[PictureChecks]:
+    """Check the pictures that are read within."""
+    checks = PictureChecks(required=required)
+    _running.append(checks)
+    try:
+        yield checks
+    finally:
+        _running.remove(checks)
+
+
+_running: list[PictureChecks] = []
+"""Of this process, the innermost last, whichever thread reads."""

@@ -1,5 +1,6 @@
 """A relay: a leader to its own nodes in its leader's time, that passes on what both have to say."""
 
+import asyncio
 import random
 import secrets
 from collections.abc import Callable
@@ -14,6 +15,7 @@ from capture_app.net.interfaces import own_hosts
 from capture_app.net.multicast import BeaconSender
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
+from capture_app.node.join_watch import JoinWatch
 from capture_app.node.leader.advice import rig_advice
 from capture_app.node.leader.beacons import send_due_beacon
 from capture_app.node.leader.snapshots import node_statuses
@@ -69,6 +71,7 @@ class RelayNode:
         self._engine: Relay
         self._pump: Pump
         self._server: TransferServer[ToLeader]
+        self._watching: asyncio.Task[None]
 
     async def __aenter__(self) -> Self:
         await self.start()
@@ -110,9 +113,12 @@ class RelayNode:
         self._pump = Pump(self._engine, self._clock, self._drain)
         await self._server.start(listening)
         self._pump.start(datagrams)
+        watch = JoinWatch(self._parents, self._engine.follower.time, self._talk)
+        self._watching = asyncio.create_task(watch.run())
 
     async def stop(self) -> None:
         """Say goodbye to the leader, send the nodes on to others, and close the port."""
+        self._watching.cancel()
         self._talk = lambda _: None
         self._engine.leave()
         self._pump.turn()

@@ -29,6 +29,7 @@ from capture_app.node.camera.records import (
 )
 from capture_app.node.camera.supervisor import CameraSupervisor
 from capture_app.node.camera.viewfinder import Viewfinder
+from capture_app.node.join_watch import JoinWatch
 from capture_app.node.transfer.burst_upload import BurstUpload
 from capture_app.node.transfer.spool import Spool
 from capture_app.node.transfer.uploader import Uploader
@@ -38,7 +39,6 @@ from capture_app.sync.rig import events, node_message
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.failover import Failover
 from capture_app.sync.rig.phase_loop import ClientConfig
-from capture_app.sync.rig.time_client import NO_ANSWER
 from capture_app.sync.timekeeping.clock_events import ClockRateChanged, ClockRateUnusual
 from capture_app.sync.wire.messages import NodeState
 
@@ -102,7 +102,7 @@ class CameraNode:
         )
         self._events: deque[dict[str, JsonValue]] = deque(maxlen=EVENTS_KEPT)
         self._host_rate = HostRate()
-        self._last_state: tuple[NodeState, bool] | None = None
+        self._last_state: NodeState | None = None
 
     async def run(self) -> None:
         """Open the camera, join, and take pictures until cancelled.
@@ -152,6 +152,7 @@ class CameraNode:
                 tasks.create_task(self._camera.carry_out_commands())
                 tasks.create_task(self._uploader.run())
                 tasks.create_task(self._viewfinder.run())
+                tasks.create_task(JoinWatch(self._leaders, self._engine.time, self._talk).run())
         except* SimulshotError as group:
             raise group.exceptions[0] from None
         finally:
@@ -181,9 +182,9 @@ class CameraNode:
         self._engine.time.timekeeper.rate.host_slewing_ppm = self._host_rate.slewing_ppm(self._clock.now_ns())
         while (event := self._engine.next_event()) is not None:
             self._handle_event(event)
-        state, unanswered = self._engine.state, self._engine.time.why_joining == NO_ANSWER
-        if (state, unanswered) != self._last_state:
-            self._last_state = state, unanswered
+        state = self._engine.state
+        if state != self._last_state:
+            self._last_state = state
             message = self._engine.report(self._clock.now_ns()).message
             self._talk(f"{state}: {message}" if message else str(state))
             if state is NodeState.READY:

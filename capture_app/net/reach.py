@@ -1,0 +1,234 @@
+"""Whether a leader can be reached at an address, and where it cannot, why: in a sentence with a remedy.
+
+A question for the version goes out by UDP, and a stream is opened: together with what the kernel knows of
+the way they tell an address without a machine from a machine without a leader, and either from a firewall.
+"""
+
+import asyncio
+import contextlib
+import errno
+import ipaddress
+import secrets
+import socket
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import Enum, auto
+from pathlib import Path
+
+from capture_app.errors import NetworkError
+from capture_app.net.address import Address, resolve
+from capture_app.net.udp import MAX_BYTES, client_socket
+from capture_app.sync.wire.version import (
+    TOKEN_BYTES,
+    VERSION,
+    answered_version,
+    version_mismatch,
+    version_question,
+)
+
+QUESTION_GAPS_S = (0.0, 0.25, 0.5)
+"""How long to wait before each time that the question is sent: any one of the datagrams may be lost."""
+PATIENCE_S = 2.0
+"""Until a machine that is there has answered, and the kernel has asked for its hardware's address twice."""
+LAST_S = 0.3
+"""Of that, for the stream after the datagrams."""
+_NEIGHBOURS = Path("/proc/net/arp")
+_IS_COMPLETE = 0x2
+
+
+class Answer(Enum):
+    """What came of sending something to an address."""
+
+    CAME = auto()
+    REFUSED = auto()
+    """The machine is there, and nothing listens."""
+    FORBIDDEN = auto()
+    """This machine did not let it out."""
+    UNREACHABLE = auto()
+    """No machine is there, or no way to it; or a firewall says so."""
+    NO_WAY = auto()
+    """This machine has no network that leads there."""
+    SILENCE = auto()
+
+
+@dataclass(frozen=True, slots=True)
+class Obstacle:
+    """Why a leader is not reached, and what to do about it."""
+
+    what: str
+    remedy: str
+
+    def __str__(self) -> str:
+        return f"{self.what}: {self.remedy}"
+
+
+_OF_ERRNO = {
+    errno.ECONNREFUSED: Answer.REFUSED,
+    errno.EPERM: Answer.FORBIDDEN,
+    errno.EACCES: Answer.FORBIDDEN,
+    errno.ENETUNREACH: Answer.NO_WAY,
+    errno.EHOSTUNREACH: Answer.UNREACHABLE,
+    errno.EADDRNOTAVAIL: Answer.NO_WAY,
+}
+
+
+async def find_obstacle(leader: Address, patience_s: float = PATIENCE_S) -> Obstacle | None:
+    """Return what is in the way to a leader, None where it answers; ends after `patience_s` at the latest."""
+    try:
+        family, address = await resolve(leader)
+    except NetworkError as error:
+        return Obstacle(error.what, error.hint)
+    datagrams, streams = asyncio.create_task(_ask(family, address)), asyncio.create_task(_open(address))
+    try:
+        # Only an answer settles it: a stream that is refused at once does not, as the datagram may come yet.
+        await asyncio.wait((datagrams,), timeout=patience_s - LAST_S)
+        by_udp, version = datagrams.result() if datagrams.done() else (Answer.SILENCE, None)
+        if by_udp is Answer.CAME:
+            return None if version == VERSION else _other_version(version or 0)
+        await asyncio.wait((streams,), timeout=LAST_S)
+        by_tcp = streams.result() if streams.done() else Answer.SILENCE
+    finally:
+        for task in (datagrams, streams):
+            task.cancel()
+        await asyncio.gather(datagrams, streams, return_exceptions=True)
+    return obstacle(leader, by_udp, by_tcp, is_there=_is_neighbour_there(address.host))
+
+
+async def first_to_answer(leaders: Sequence[Address], patience_s: float = PATIENCE_S) -> Address | None:
+    """Return the leader that answers first, whatever version it speaks; None where none does in time."""
+
+    found: asyncio.Queue[Address] = asyncio.Queue()
+
+    async def note_answer(leader: Address) -> None:
+        with contextlib.suppress(NetworkError):
+            family, address = await resolve(leader)
+            if (await _ask(family, address))[0] is Answer.CAME:
+                found.put_nowait(leader)
+
+    asked = [asyncio.create_task(note_answer(leader)) for leader in leaders]
+    try:
+        async with asyncio.timeout(patience_s):
+            return await found.get()
+    except TimeoutError:
+        return None
+    finally:
+        for task in asked:
+            task.cancel()
+        await asyncio.gather(*asked, return_exceptions=True)
+
+
+def obstacle(leader: Address, by_udp: Answer, by_tcp: Answer, *, is_there: bool | None) -> Obstacle:
+    """Say what is in the way where no datagram was answered; `is_there`: a machine has that address.
+
+    None where that is not known: it is behind a router, or the kernel does not say.
+    """
+    host, port = leader
+    opened = f"sudo ufw allow {port}"
+    answers = {by_udp, by_tcp}
+    if Answer.FORBIDDEN in answers:
+        return Obstacle(
+            f"this machine's own firewall lets nothing out to {leader}",
+            f"allow it, as with: sudo ufw allow out {port}",
+        )
+    if Answer.NO_WAY in answers:
+        return Obstacle(
+            f"this machine has no network that leads to {host}", "join the leader's WiFi or plug in its cable"
+        )
+    if by_tcp is Answer.CAME:
+        return Obstacle(
+            f"{leader} takes streams, but answers no datagram",
+            f"let UDP through its firewall, as with: {opened}/udp (or is it no leader's port?)",
+        )
+    if Answer.REFUSED in answers:
+        return Obstacle(
+            f"{host} is there, but no leader listens on its port {port}",
+            "start it there with: capture-app (this joins by itself then), or check port and firewall",
+        )
+    if is_there:
+        return Obstacle(
+            f"{host} is there, but a firewall drops what is sent to its port {port}",
+            f"open it on that machine, as with: {opened}",
+        )
+    if is_there is False or Answer.UNREACHABLE in answers:
+        return Obstacle(
+            f"no machine answers at {host}",
+            "is it on and in this network, and is that its address?"
+            " `capture-app doctor` on the leader's machine tells it",
+        )
+    return Obstacle(
+        f"nothing comes back from {leader}",
+        "is that the leader's address (`capture-app doctor` there tells it), and does a firewall drop its"
+        f" port? As with: {opened}",
+    )
+
+
+def _other_version(version: int) -> Obstacle:
+    what, _, remedy = version_mismatch(version).partition(": ")
+    return Obstacle(what, remedy)
+
+
+async def _ask(family: socket.AddressFamily, leader: Address) -> tuple[Answer, int | None]:
+    """Ask by UDP until an answer or a refusal comes, for ever; the version is that of an answer."""
+    with client_socket(family) as sock:
+        token = secrets.token_bytes(TOKEN_BYTES)
+        try:
+            # Only a connected socket is told of refusals.
+            sock.connect(leader)
+        except OSError as error:
+            return _answer_of(error), None
+        sending = asyncio.create_task(_send(sock, version_question(token)))
+        receiving = asyncio.create_task(_receive_version(sock, token))
+        try:
+            await asyncio.wait((sending, receiving), return_when=asyncio.FIRST_COMPLETED)
+            done = receiving if receiving.done() else sending
+            return Answer.CAME, done.result()
+        except OSError as error:
+            return _answer_of(error), None
+        finally:
+            sending.cancel()
+            receiving.cancel()
+            await asyncio.gather(sending, receiving, return_exceptions=True)
+
+
+async def _send(sock: socket.socket, question: bytes) -> int:
+    """Send the question several times, and never come back; raises OSError where it cannot leave."""
+    loop = asyncio.get_running_loop()
+    for gap_s in QUESTION_GAPS_S:
+        await asyncio.sleep(gap_s)
+        await loop.sock_sendall(sock, question)
+    never: asyncio.Future[int] = loop.create_future()
+    return await never
+
+
+async def _receive_version(sock: socket.socket, token: bytes) -> int:
+    loop = asyncio.get_running_loop()
+    while True:
+        version = answered_version(await loop.sock_recv(sock, MAX_BYTES), token)
+        if version is not None:
+            return version
+
+
+async def _open(leader: Address) -> Answer:
+    """Open a stream, and close it again."""
+    try:
+        _, writer = await asyncio.open_connection(*leader)
+    except OSError as error:
+        return _answer_of(error)
+    writer.close()
+    return Answer.CAME
+
+
+def _answer_of(error: OSError) -> Answer:
+    return _OF_ERRNO.get(error.errno or 0, Answer.SILENCE)
+
+
+def _is_neighbour_there(host: str) -> bool | None:
+    """Whether the kernel has found hardware of that address on a network of this machine; None: not known."""
+    try:
+        lines = _NEIGHBOURS.read_text().splitlines()[1:]
+        wanted = ipaddress.ip_address(host)
+        rows = (line.split() for line in lines)
+        flags = [int(row[2], 16) for row in rows if ipaddress.ip_address(row[0]) == wanted]
+    except (OSError, ValueError, IndexError):
+        return None
+    return any(flag & _IS_COMPLETE for flag in flags) if flags else None

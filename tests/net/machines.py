@@ -1,0 +1,75 @@
+"""Two machines on one cable, as network namespaces of this one; each has a firewall of its own."""
+
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+
+import pytest
+
+SEARCH_PATH = os.environ.get("PATH", os.defpath) + ":/usr/sbin:/sbin"
+LEADER_HOST, NODE_HOST, NOBODY = "10.77.0.1", "10.77.0.2", "10.77.0.99"
+
+
+class Machine:
+    """One of them."""
+
+    def __init__(self, name: str) -> None:
+        self.name = name
+
+    def command(self, *words: str) -> list[str]:
+        """Return the command that runs another one there."""
+        return [_tool("ip"), "netns", "exec", self.name, *words]
+
+    def start_python(self, *words: str, **environment: str) -> subprocess.Popen[str]:
+        """Start a program of Python's there; both of its outputs are one."""
+        return subprocess.Popen(
+            self.command(sys.executable, *words),
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env={**os.environ, "PYTHONUNBUFFERED": "1", **environment},
+        )
+
+    def add_firewall(self, hook: str, *rules: str) -> None:
+        """Add rules of nftables to its `input` or `output`; skip the test without nftables."""
+        if shutil.which("nft", path=SEARCH_PATH) is None:
+            pytest.skip("no nftables here; apt-get install nftables")
+        chain = f"type filter hook {hook} priority 0;"
+        lines = "\n".join(rules)
+        table = f"table inet simulshot_{hook} {{\nchain of_a_test {{\n{chain}\n{lines}\n}}\n}}\n"
+        done = subprocess.run(
+            self.command(_tool("nft"), "-f", "-"), input=table, text=True, capture_output=True
+        )
+        if done.returncode:
+            pytest.skip(f"nftables does not run here: {done.stderr}")
+
+
+@contextmanager
+def two_machines() -> Iterator[tuple[Machine, Machine]]:
+    """Make a leader's machine and a node's, joined by a cable; skip the test where that cannot be."""
+    if os.geteuid() != 0 or shutil.which("ip", path=SEARCH_PATH) is None:
+        pytest.skip("network namespaces need root and iproute2")
+    leader, node = (Machine(f"simulshot-test-{os.getpid()}-{role}") for role in ("leader", "node"))
+    with ExitStack() as stack:
+        for machine in (leader, node):
+            _ip("netns", "add", machine.name)
+            stack.callback(_ip, "netns", "delete", machine.name)
+            _ip("-n", machine.name, "link", "set", "lo", "up")
+        _ip("-n", leader.name, "link", "add", "cable", "type", "veth", "peer", "cable", "netns", node.name)
+        for machine, host in ((leader, LEADER_HOST), (node, NODE_HOST)):
+            _ip("-n", machine.name, "address", "add", f"{host}/24", "dev", "cable")
+            _ip("-n", machine.name, "link", "set", "cable", "up")
+        yield leader, node
+
+
+def _ip(*words: str) -> None:
+    done = subprocess.run([_tool("ip"), *words], capture_output=True, text=True)
+    if done.returncode:
+        pytest.skip(f"no network namespaces here: {done.stderr.strip()}")
+
+
+def _tool(name: str) -> str:
+    return shutil.which(name, path=SEARCH_PATH) or name

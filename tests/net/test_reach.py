@@ -1,0 +1,134 @@
+"""Why a leader is not reached is said in a sentence with a remedy, whatever is in the way."""
+
+import asyncio
+import socket
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import pytest
+
+from capture_app.net.address import Address
+from capture_app.net.reach import Answer, find_obstacle, first_to_answer, obstacle
+from capture_app.sync.wire.version import VERSION, version_answer, version_mismatch
+
+from .machines import LEADER_HOST, NOBODY, two_machines
+
+LEADER = Address("192.0.2.1", 47010)
+
+
+class Answering(asyncio.DatagramProtocol):
+    """Answers a question for the version, as an end of `version` does, from the `first`-th on."""
+
+    def __init__(self, version: int, first: int) -> None:
+        self._version, self._left = version, first
+        self.came = 0
+
+    def connection_made(self, transport: asyncio.DatagramTransport) -> None:  # type: ignore[override]
+        self._transport = transport
+
+    def datagram_received(self, data: bytes, where: tuple[str, int]) -> None:
+        self.came += 1
+        self._left -= 1
+        answer = version_answer(data)
+        if answer is not None and self._left <= 0:
+            # What strangers send meanwhile is no answer.
+            self._transport.sendto(b"noise", where)
+            self._transport.sendto(answer[:4] + bytes(8), where)
+            self._transport.sendto(answer[:2] + bytes([self._version]) + answer[3:], where)
+
+
+@asynccontextmanager
+async def answering(version: int = VERSION, *, first: int = 1) -> AsyncIterator[Address]:
+    loop = asyncio.get_running_loop()
+    transport, _ = await loop.create_datagram_endpoint(
+        lambda: Answering(version, first), local_addr=("127.0.0.1", 0)
+    )
+    yield Address("127.0.0.1", transport.get_extra_info("sockname")[1])
+    transport.close()
+
+
+def closed_port() -> Address:
+    with socket.create_server(("127.0.0.1", 0)) as stream:
+        return Address("127.0.0.1", stream.getsockname()[1])
+
+
+@pytest.mark.parametrize("first", [1, 3])
+async def test_nothing_is_in_the_way_to_a_leader_that_answers_even_if_not_at_once(first: int) -> None:
+    async with answering(first=first) as leader:
+        assert await find_obstacle(leader, patience_s=60.0) is None
+
+
+async def test_a_leader_of_another_version_is_told_from_none() -> None:
+    async with answering(VERSION + 1) as leader:
+        found = await find_obstacle(leader, patience_s=60.0)
+    assert str(found) == version_mismatch(VERSION + 1)
+
+
+async def test_a_machine_without_a_leader_is_told_at_once() -> None:
+    found = await find_obstacle(closed_port(), patience_s=60.0)
+    assert found is not None
+    assert "127.0.0.1 is there, but no leader listens" in found.what
+    assert "start it there with: capture-app" in found.remedy
+
+
+async def test_a_name_that_no_machine_has_is_an_obstacle_too() -> None:
+    found = await find_obstacle(Address("nobody.invalid", 47010))
+    assert found is not None
+    assert "cannot resolve host 'nobody.invalid'" in found.what
+
+
+async def test_of_several_leaders_the_one_that_answers_is_found() -> None:
+    async with answering() as leader:
+        assert await first_to_answer([closed_port(), leader], patience_s=60.0) == leader
+
+
+async def test_where_no_leader_answers_none_is_found() -> None:
+    assert await first_to_answer([closed_port()], patience_s=0.05) is None
+    assert await first_to_answer([], patience_s=0.05) is None
+
+
+@pytest.mark.parametrize(
+    ("by_udp", "by_tcp", "is_there", "what"),
+    [
+        (Answer.SILENCE, Answer.SILENCE, True, "a firewall drops"),
+        (Answer.SILENCE, Answer.SILENCE, False, "no machine answers"),
+        (Answer.SILENCE, Answer.SILENCE, None, "nothing comes back"),
+        (Answer.SILENCE, Answer.CAME, True, "answers no datagram"),
+        (Answer.REFUSED, Answer.CAME, True, "answers no datagram"),
+        (Answer.REFUSED, Answer.REFUSED, True, "no leader listens"),
+        (Answer.SILENCE, Answer.REFUSED, None, "no leader listens"),
+        (Answer.FORBIDDEN, Answer.SILENCE, None, "this machine's own firewall"),
+        (Answer.UNREACHABLE, Answer.SILENCE, None, "no machine answers"),
+        (Answer.NO_WAY, Answer.NO_WAY, None, "no network that leads to"),
+    ],
+)
+def test_what_is_in_the_way_is_told_by_what_comes_back(
+    by_udp: Answer, by_tcp: Answer, is_there: bool | None, what: str
+) -> None:
+    found = obstacle(LEADER, by_udp, by_tcp, is_there=is_there)
+    assert what in found.what
+    assert found.remedy
+
+
+def test_firewalls_and_wrong_addresses_are_told_apart_on_a_real_network() -> None:
+    with two_machines() as (leader, node):
+        listening = leader.start_python("-m", "tests.net.listening", "47020", "47030")
+        try:
+            assert listening.stdout is not None
+            assert listening.stdout.readline() == "listening\n"
+            leader.add_firewall(
+                "input", "udp dport 47020 drop", "meta l4proto {tcp, udp} th dport 47030 drop"
+            )
+            node.add_firewall("output", "udp dport 47050 drop")
+            asked = [f"{LEADER_HOST}:{port}" for port in (47020, 47030, 47040, 47050)]
+            said, _ = node.start_python("-m", "tests.net.asking", *asked, NOBODY, "10.99.0.1").communicate()
+        finally:
+            listening.kill()
+            listening.communicate()
+    no_datagrams, dropped, nobody_listens, own_firewall, no_machine, no_network = said.splitlines()
+    assert "10.77.0.1:47020 takes streams, but answers no datagram: let UDP through" in no_datagrams
+    assert "10.77.0.1 is there, but a firewall drops what is sent to its port 47030" in dropped
+    assert "10.77.0.1 is there, but no leader listens on its port 47040" in nobody_listens
+    assert "this machine's own firewall lets nothing out to 10.77.0.1:47050" in own_firewall
+    assert "no machine answers at 10.77.0.99" in no_machine
+    assert "this machine has no network that leads to 10.99.0.1" in no_network

@@ -53,6 +53,10 @@ class NetworkError(SimulshotError):
     exit_code = ExitCode.NETWORK
 
 
+class UnknownMachineError(NetworkError):
+    """One machine does not know the other, or only as something else: a person has to confirm it, once."""
+
+
 class NotAvailableError(SimulshotError):
     """Something this machine or installation does not have."""
 

@@ -5,6 +5,8 @@
 8 bytes   length of the payload, big-endian
 header    one message, tagged JSON
 payload   an image and what belongs to it
+
+All of it is in TLS, but where a port is open to anybody.
 """
 
 import asyncio
@@ -18,8 +20,10 @@ import msgspec
 
 from capture_app.errors import NetworkError, SimulshotError
 from capture_app.net.address import Address
+from capture_app.net.identification import identify_peer, open_identified
 from capture_app.net.stream_limits import Patience
 from capture_app.text import UNREADABLE, printable_json
+from capture_app.trust.trust import STRANGER, Peer, Trust
 
 MAGIC = b"SSH1"
 MAX_HEADER_BYTES = 1 << 20
@@ -53,6 +57,8 @@ class Channel(Generic[M]):
         """Whether the peer has sent a message."""
         self.is_known = False
         """Whether it is a node that has joined."""
+        self.who: Peer = STRANGER
+        """Who the peer is, as far as its key shows it."""
         self._reader = reader
         self._writer = writer
         self._decoder = decoder
@@ -66,6 +72,10 @@ class Channel(Generic[M]):
     def host(self) -> str:
         """Host of the other end."""
         return self.peer.host
+
+    async def identify(self, trust: Trust) -> None:
+        """See who has come, before anything of the stream is read. Raises OSError where it does not show."""
+        self.who = await identify_peer(self._writer, trust, self._first_s or CONNECT_TIMEOUT_S)
 
     def trust(self) -> None:
         """Take messages of any allowed length from now on: the peer is known."""
@@ -227,11 +237,24 @@ class Channel(Generic[M]):
         await self.close()
 
 
-async def connect(address: Address, messages: Any, *, timeout_s: float = CONNECT_TIMEOUT_S) -> Channel[Any]:
-    """Open a stream to a leader; `messages` is the union that may arrive. Raises NetworkError."""
+async def connect(
+    address: Address,
+    messages: Any,
+    *,
+    timeout_s: float = CONNECT_TIMEOUT_S,
+    trust: Trust | None = None,
+    as_stranger: bool = False,
+) -> Channel[Any]:
+    """Open a stream to a leader; `messages` is the union that may arrive.
+
+    `trust` is what this end goes by, else its user's. With `as_stranger` any leader will do, and it is not
+    told who asks: whoever is not known yet says nothing but that.
+    Raises NetworkError, UnknownMachineError where one end does not know the other.
+    """
+    trust = trust or Trust.of_user()
     try:
         async with asyncio.timeout(timeout_s):
-            reader, writer = await asyncio.open_connection(address.host, address.port)
+            reader, writer, who = await open_identified(address, trust, as_stranger=as_stranger)
     except socket.gaierror as error:
         raise NetworkError(
             f"cannot resolve host {address.host!r}: {error.strerror}",
@@ -246,4 +269,6 @@ async def connect(address: Address, messages: Any, *, timeout_s: float = CONNECT
         raise NetworkError(
             f"no leader at {address}: {reason}", hint="start one with: capture-app leader"
         ) from error
-    return Channel(reader, writer, msgspec.json.Decoder(messages))
+    channel = Channel[Any](reader, writer, msgspec.json.Decoder(messages))
+    channel.who = who
+    return channel

@@ -8,7 +8,7 @@ from typing import Any, Generic, TypeVar
 
 import msgspec
 
-from capture_app.errors import NetworkError
+from capture_app.errors import NetworkError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.net.channel import CHUNK_BYTES, Channel
 from capture_app.net.stream_limits import (
@@ -18,6 +18,7 @@ from capture_app.net.stream_limits import (
     Patience,
     allowed_streams,
 )
+from capture_app.trust.trust import Trust
 
 M = TypeVar("M")
 PATIENCE = Patience()
@@ -37,8 +38,13 @@ class TransferServer(Generic[M]):
         most: int = MOST_STREAMS,
         most_of_one_address: int = MOST_OF_ONE_ADDRESS,
         patience: Patience = PATIENCE,
+        trust: Trust | None = None,
     ) -> None:
-        """Keep at most so many streams open, and wait so long for each."""
+        """Keep at most so many streams open, and wait so long for each.
+
+        `trust` is what this end goes by, else its user's.
+        """
+        self._trust = trust or Trust.of_user()
         self._decoder: msgspec.json.Decoder[M] = msgspec.json.Decoder(messages)
         self._serve = serve
         self._server: asyncio.Server | None = None
@@ -72,8 +78,9 @@ class TransferServer(Generic[M]):
             writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         try:
             async with channel:
+                await channel.identify(self._trust)
                 await self._serve(channel)
-        except (NetworkError, asyncio.CancelledError):
+        except (SimulshotError, OSError, asyncio.CancelledError):
             # asyncio's own callback on this task would print a cancellation as an error.
             pass
         finally:

@@ -37,6 +37,7 @@ from capture_app.sync.rig.events import BurstRefused
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.roster import ClientView
 from capture_app.sync.timekeeping.rate_jury import RateJury
+from capture_app.trust.trust import Trust
 
 SNAPSHOT_EVERY_S = 0.25
 REVIEW_EVERY_NS = 1_000_000_000
@@ -62,11 +63,13 @@ class LeaderNode:
         resume: Sequence[Path] | None = None,
         return_ns: int = RETURN_NS,
         spool: Path | None = None,
+        trust: Trust | None = None,
     ) -> None:
         """`resume` are the interrupted sessions to finish, else all; nodes have `return_ns` to come back.
 
         With `or_free_port` it takes another port where `port` is in use.
         With a `spool` folder for their images, operators may have it run nodes on this machine.
+        `trust` is whom it lets in, else its user's.
         `period_ns`, `align_row` and `max_delay_ns` are the engine's, see `LeaderConfig`. With
         `beacons` nodes that hear the same multicast packets agree with each other.
         """
@@ -75,6 +78,7 @@ class LeaderNode:
         self._or_free_port = or_free_port
         self._period_ns, self._align_row, self._max_delay_ns = period_ns, align_row, max_delay_ns
         self._beacons = beacons
+        self._trust = trust or Trust.of_user()
         self._clock: NodeClock = clock or HostClock()
         self.news = NewsLog()
         """What has happened, for whoever looks later."""
@@ -103,7 +107,12 @@ class LeaderNode:
         await self.stop()
 
     async def start(self) -> None:
-        """Bind and serve. Raises NetworkError where the port is in use or the host is not this machine's."""
+        """Bind and serve.
+
+        Raises NetworkError where the port is in use or the host is not this machine's, DiskError or
+        BadInputError where this machine's key cannot be had.
+        """
+        self._trust.server_context()
         datagrams, listening = bind_port(self.address.host, self.address.port, or_free=self._or_free_port)
         port = listening.getsockname()[1]
         self.own_address = own_machine_address(self.address.host, listening.family, port)
@@ -140,7 +149,7 @@ class LeaderNode:
             watchers,
             self._knows,
         )
-        self._server = TransferServer(ToLeader, service.serve)
+        self._server = TransferServer(ToLeader, service.serve, trust=self._trust)
         self._pump = Pump(self._engine, self._clock, self._drain)
         await self._server.start(listening)
         self._pump.start(datagrams)

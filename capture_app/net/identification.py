@@ -1,0 +1,74 @@
+"""The first moments of a stream: each end proves its key by TLS, before either says a word."""
+
+import asyncio
+import ssl
+
+from capture_app.errors import NetworkError, UnknownMachineError
+from capture_app.net.address import Address
+from capture_app.trust.known_machines import Role
+from capture_app.trust.trust import Peer, Trust
+
+GREETING = b"SSH1"
+
+
+async def identify_peer(writer: asyncio.StreamWriter, trust: Trust, timeout_s: float) -> Peer:
+    """Speak TLS on a stream that has come, see who it is, and greet it. Raises OSError where it does not.
+
+    To be called before anything of the stream is read.
+    """
+    context = trust.server_context()
+    if context is not None:
+        await writer.start_tls(context, ssl_handshake_timeout=timeout_s)
+        writer.write(GREETING)
+    return trust.peer(_certificate(writer))
+
+
+async def open_identified(
+    address: Address, trust: Trust, *, as_stranger: bool
+) -> tuple[asyncio.StreamReader, asyncio.StreamWriter, Peer]:
+    """Open a stream to a leader that is known here; any leader will do for a stranger.
+
+    Raises OSError, UnknownMachineError where one does not know the other.
+    """
+    context = trust.client_context(as_stranger=as_stranger)
+    try:
+        reader, writer = await asyncio.open_connection(*address, ssl=context)
+    except (ssl.SSLError, ConnectionResetError, ConnectionAbortedError) as error:
+        if context is None:
+            raise
+        raise UnknownMachineError(
+            f"the leader at {address} does not show who it is",
+            hint="if it runs with --open, give --open here, too",
+        ) from error
+    try:
+        who = trust.peer(_certificate(writer))
+        if not as_stranger and not who.may(Role.LEADER):
+            raise UnknownMachineError(
+                f"this machine does not know the leader at {address}",
+                hint=f"pair them once: capture-app trust pair {address}",
+            )
+        if context is not None:
+            await _be_greeted(reader, address)
+    except BaseException:
+        writer.transport.abort()
+        raise
+    return reader, writer, who
+
+
+async def _be_greeted(reader: asyncio.StreamReader, address: Address) -> None:
+    """Wait until the leader has seen who speaks: to one that it does not know it says nothing at all."""
+    try:
+        greeting = await reader.readexactly(len(GREETING))
+    except (OSError, asyncio.IncompleteReadError) as error:
+        raise UnknownMachineError(
+            f"the leader at {address} does not know this machine",
+            hint=f"pair them once: capture-app trust pair {address}",
+        ) from error
+    if greeting != GREETING:
+        raise NetworkError(f"{address} is no leader's port", hint="check host and port")
+
+
+def _certificate(writer: asyncio.StreamWriter) -> bytes | None:
+    """What the peer has shown, with the proof of its key: in DER."""
+    tls: ssl.SSLObject | None = writer.get_extra_info("ssl_object")
+    return None if tls is None else tls.getpeercert(binary_form=True)

@@ -1,0 +1,115 @@
+"""A machine's own key and certificate, made once and kept; its pin is what others know it by."""
+
+import base64
+import contextlib
+import datetime
+import hashlib
+import os
+import re
+import secrets
+import ssl
+from dataclasses import dataclass
+from pathlib import Path
+
+from capture_app.errors import BadInputError, DiskError
+
+PIN_BYTES, GROUP = 20, 4
+"""Nobody finds another certificate with the same first 160 bits of its SHA-256."""
+FILE = "identity.pem"
+_FORBIDDEN = re.compile(r"[^a-z2-7]")
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """A key, in a file that its user alone can read, and the certificate of it."""
+
+    file: Path
+    """Both, in PEM."""
+    certificate: bytes
+    """In DER."""
+    pin: str
+
+
+def pin_of(certificate: bytes) -> str:
+    """Return the pin of a certificate (DER): the first 160 bits of its SHA-256 in base32, in groups."""
+    text = base64.b32encode(hashlib.sha256(certificate).digest()[:PIN_BYTES]).decode().lower()
+    return _grouped(text)
+
+
+def parse_pin(text: str) -> str:
+    """Read a pin as it was pasted or typed, with or without groups. Raises BadInputError."""
+    letters = re.sub(r"[\s-]", "", text.lower())
+    if len(letters) != PIN_BYTES * 8 // 5 or _FORBIDDEN.search(letters):
+        raise BadInputError(
+            f"{text!r} is not a pin", hint="a pin is 32 letters and digits: capture-app trust list shows it"
+        )
+    return _grouped(letters)
+
+
+def load_identity(folder: Path) -> Identity:
+    """Return the identity that is kept in a folder, made at the first time.
+
+    Raises DiskError where it cannot be kept, BadInputError where the file holds none.
+    """
+    path = folder / FILE
+    try:
+        if not path.exists():
+            _make(path)
+        certificate = ssl.PEM_cert_to_DER_cert(_certificate_part(path.read_text("ascii")))
+    except OSError as error:
+        raise DiskError(
+            f"cannot keep this machine's key in {folder}: {error.strerror or error}",
+            hint="set XDG_DATA_HOME to a folder that can be written",
+        ) from error
+    except ValueError as error:
+        raise BadInputError(
+            f"{path} holds no key and certificate", hint="delete it, and pair this machine again"
+        ) from error
+    return Identity(path, certificate, pin_of(certificate))
+
+
+def _grouped(text: str) -> str:
+    return "-".join(text[at : at + GROUP] for at in range(0, len(text), GROUP))
+
+
+def _certificate_part(pem: str) -> str:
+    begin = pem.index("-----BEGIN CERTIFICATE-----")
+    return pem[begin:]
+
+
+def _make(path: Path) -> None:
+    """Make a key and its certificate; where another process has been quicker, its stay."""
+    path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
+    part = path.with_name(f".{FILE}.{secrets.token_hex(8)}")
+    handle = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
+    try:
+        with os.fdopen(handle, "wb") as file:
+            file.write(_new_pem())
+            file.flush()
+            os.fsync(handle)
+        with contextlib.suppress(FileExistsError):
+            os.link(part, path)
+    finally:
+        part.unlink()
+
+
+def _new_pem() -> bytes:
+    from cryptography import x509
+    from cryptography.hazmat.primitives import serialization
+    from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
+
+    key = Ed25519PrivateKey.generate()
+    # Unlike any other's: with a name of its own OpenSSL looks at no other certificate for this one.
+    number = x509.random_serial_number()
+    name = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, f"simulshot {number:x}"[:64])])
+    # A machine's calendar may be years off, and its key does not age.
+    certificate = (
+        x509.CertificateBuilder(name, name, key.public_key(), number)
+        .not_valid_before(datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC))
+        .not_valid_after(datetime.datetime(9999, 12, 31, 23, 59, 59, tzinfo=datetime.UTC))
+        .add_extension(x509.BasicConstraints(ca=False, path_length=None), critical=True)
+        .sign(key, None)
+    )
+    return key.private_bytes(
+        serialization.Encoding.PEM, serialization.PrivateFormat.PKCS8, serialization.NoEncryption()
+    ) + certificate.public_bytes(serialization.Encoding.PEM)

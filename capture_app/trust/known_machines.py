@@ -1,0 +1,168 @@
+"""The machines that this one knows, by their pins, and what each may do; kept in one file."""
+
+import os
+import ssl
+import time
+from collections.abc import Callable, Iterable
+from enum import StrEnum
+from pathlib import Path
+
+import msgspec
+from msgspec import Struct
+from msgspec.structs import replace
+
+from capture_app.errors import BadInputError, DiskError
+from capture_app.names import name_like
+from capture_app.session.files.durable import write_atomic
+from capture_app.session.files.locks import lock_file
+from capture_app.text import UNREADABLE, pretty_json
+from capture_app.trust.identity import pin_of
+
+FILE = "machines.json"
+MOST = 1000
+
+
+class Role(StrEnum):
+    """What a machine may do here."""
+
+    CAMERA = "camera"
+    """Join as a camera, and bring its own pictures."""
+    OPERATOR = "operator"
+    """See the rig and give it orders."""
+    RELAY = "relay"
+    """Speak for cameras and operators that it knows."""
+    LEADER = "leader"
+    """Lead cameras of this machine, or answer operators here."""
+
+
+class KnownMachine(Struct, frozen=True, kw_only=True):
+    """A machine that was confirmed once."""
+
+    pin: str
+    name: str
+    roles: tuple[Role, ...]
+    certificate: bytes | None = None
+    """In DER; None until a machine that was added by its pin has shown it."""
+    added_unix_s: int = 0
+
+
+class KnownMachines:
+    """The file of them; what another process has changed in it is seen at the next look."""
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / FILE
+        self._seen: tuple[int, int, int] | None = None
+        self._machines: tuple[KnownMachine, ...] = ()
+        self.version = 0
+        """Counts the changes that were seen."""
+
+    def all(self) -> tuple[KnownMachine, ...]:
+        """Return all, in the order in which they were added. Raises BadInputError for a damaged file."""
+        try:
+            state = self._path.stat()
+        except OSError:
+            seen = None
+        else:
+            seen = state.st_ino, state.st_mtime_ns, state.st_size
+        if seen != self._seen:
+            self._machines = self._read() if seen is not None else ()
+            self._seen = seen
+            self.version += 1
+        return self._machines
+
+    def find(self, pin: str) -> KnownMachine | None:
+        """Return the machine of a pin."""
+        return next((machine for machine in self.all() if machine.pin == pin), None)
+
+    def add(self, pin: str, role: Role, *, name: str = "", certificate: bytes | None = None) -> KnownMachine:
+        """Let a machine do this from now on, beside what it may do already.
+
+        Raises DiskError where that cannot be kept, BadInputError for one machine too many, or a certificate
+        that is none or not of this pin.
+        """
+        if certificate is not None:
+            _check_certificate(certificate, pin)
+
+        def change(machines: tuple[KnownMachine, ...]) -> Iterable[KnownMachine]:
+            others = tuple(machine for machine in machines if machine.pin != pin)
+            known = next((machine for machine in machines if machine.pin == pin), None)
+            if known is None:
+                if len(machines) >= MOST:
+                    raise BadInputError(f"{MOST} machines are known already", hint="capture-app trust remove")
+                known = KnownMachine(pin=pin, name="", roles=(), added_unix_s=int(time.time()))
+            names = {machine.name for machine in others}
+            return *others, replace(
+                known,
+                name=known.name if known.name and not name else _free(name_like(name, "machine"), names),
+                roles=tuple(sorted({*known.roles, role})),
+                certificate=certificate or known.certificate,
+            )
+
+        return next(machine for machine in self._change(change) if machine.pin == pin)
+
+    def note_certificate(self, certificate: bytes) -> KnownMachine | None:
+        """Keep the certificate of a machine that was added by its pin; None where it was not."""
+        pin = pin_of(certificate)
+        known = self.find(pin)
+        if known is None or known.certificate is not None:
+            return known
+        return self.add(pin, known.roles[0], certificate=certificate)
+
+    def remove(self, which: str) -> KnownMachine:
+        """Forget a machine, by its name or the beginning of its pin.
+
+        Raises BadInputError where there is none of it, or more than one; DiskError.
+        """
+        found = [
+            machine
+            for machine in self.all()
+            if machine.name == which or (len(which) >= 4 and machine.pin.startswith(which.lower()))
+        ]
+        if len(found) != 1:
+            what = "no machine" if not found else "more than one machine"
+            raise BadInputError(f"{what} here is called {which!r}", hint="see capture-app trust list")
+        self._change(lambda machines: (one for one in machines if one.pin != found[0].pin))
+        return found[0]
+
+    def _read(self) -> tuple[KnownMachine, ...]:
+        try:
+            return msgspec.json.decode(self._path.read_bytes(), type=tuple[KnownMachine, ...])
+        except FileNotFoundError:
+            return ()
+        except OSError as error:
+            raise DiskError(f"cannot read {self._path}: {error.strerror}") from error
+        except UNREADABLE as error:
+            raise BadInputError(
+                f"{self._path} is damaged: {error}", hint="delete it, and pair the machines again"
+            ) from error
+
+    def _change(
+        self, change: Callable[[tuple[KnownMachine, ...]], Iterable[KnownMachine]]
+    ) -> tuple[KnownMachine, ...]:
+        try:
+            lock = lock_file(self._path.with_suffix(".lock"), wait=True)
+            try:
+                write_atomic(self._path, pretty_json(tuple(change(self._read()))))
+            finally:
+                os.close(lock)
+        except OSError as error:
+            raise DiskError(f"cannot write {self._path}: {error.strerror}") from error
+        return self.all()
+
+
+def _check_certificate(certificate: bytes, pin: str) -> None:
+    try:
+        # One that cannot be loaded would keep all others out.
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_verify_locations(cadata=certificate)
+    except (ssl.SSLError, ValueError) as error:
+        raise BadInputError("what a machine showed is no certificate") from error
+    if pin_of(certificate) != pin:
+        raise BadInputError(f"a certificate is not of the pin {pin}")
+
+
+def _free(name: str, taken: set[str]) -> str:
+    number, free = 1, name
+    while free in taken:
+        number += 1
+        free = f"{name}-{number}"
+    return free

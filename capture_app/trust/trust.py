@@ -1,0 +1,140 @@
+"""What a process goes by when it meets others: its user's identity, known machines, TLS between them."""
+
+import functools
+import os
+import ssl
+from dataclasses import dataclass
+from pathlib import Path
+
+from platformdirs import user_data_path
+
+from capture_app.trust.identity import Identity, load_identity, pin_of
+from capture_app.trust.known_machines import KnownMachines, Role
+
+OPEN_VARIABLE = "SIMULSHOT_OPEN"
+"""1: no machine is asked who it is, as with --open; 0: each is. Processes started here inherit it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Peer:
+    """The other end of a stream, as far as it is known."""
+
+    pin: str = ""
+    name: str = ""
+    roles: frozenset[Role] = frozenset()
+
+    @property
+    def is_stranger(self) -> bool:
+        """Whether nothing is known of it."""
+        return not self.roles
+
+    def may(self, role: Role) -> bool:
+        """Whether it may do what machines of this role do."""
+        return role in self.roles
+
+
+STRANGER = Peer()
+ANYBODY = Peer(name="anybody", roles=frozenset(Role))
+"""Whoever it is, where no machine is asked."""
+
+
+class Trust:
+    """One folder's identity and known machines; `Trust.open()` asks nobody and speaks in plain."""
+
+    def __init__(self, folder: Path | None) -> None:
+        """`folder` keeps the key and the known machines; None: no machine is asked who it is."""
+        self.folder = folder
+        self._known = None if folder is None else KnownMachines(folder)
+        self._server: tuple[int, ssl.SSLContext] | None = None
+
+    @classmethod
+    def open(cls) -> "Trust":
+        """Trust of a lab: everybody may do everything."""
+        return cls(None)
+
+    @classmethod
+    def of_user(cls) -> "Trust":
+        """The trust of this process' user, in $XDG_DATA_HOME/simulshot/trust on Linux."""
+        if os.environ.get(OPEN_VARIABLE, "1") != "0":
+            return _OPEN
+        return _of_folder(user_data_path("simulshot", appauthor=False) / "trust")
+
+    @property
+    def is_open(self) -> bool:
+        """Whether no machine is asked who it is."""
+        return self.folder is None
+
+    @functools.cached_property
+    def identity(self) -> Identity:
+        """Who this machine is. Raises DiskError, BadInputError."""
+        assert self.folder is not None
+        return load_identity(self.folder)
+
+    @property
+    def known(self) -> KnownMachines:
+        """Whom this machine knows."""
+        assert self._known is not None
+        return self._known
+
+    def peer(self, certificate: bytes | None) -> Peer:
+        """Return who shows this certificate (DER), whose key TLS has proven; this machine itself may all."""
+        if self.is_open:
+            return ANYBODY
+        if certificate is None:
+            return STRANGER
+        if certificate == self.identity.certificate:
+            return Peer(self.identity.pin, "this machine", frozenset(Role))
+        pin = pin_of(certificate)
+        machine = self.known.find(pin)
+        return Peer(pin) if machine is None else Peer(pin, machine.name, frozenset(machine.roles))
+
+    def server_context(self) -> ssl.SSLContext | None:
+        """TLS for a stream that comes: known machines show themselves, others come in as strangers."""
+        if self.is_open:
+            return None
+        machines = self.known.all()
+        if self._server is None or self._server[0] != self.known.version:
+            context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
+            context.minimum_version = ssl.TLSVersion.TLSv1_3
+            context.verify_mode = ssl.CERT_OPTIONAL
+            # A stream is proven anew each time: who was removed has nothing to come back with.
+            context.num_tickets = 0
+            context.load_cert_chain(self.identity.file)
+            known = [machine.certificate for machine in machines if machine.certificate is not None]
+            context.load_verify_locations(cadata=b"".join((self.identity.certificate, *known)))
+            self._server = self.known.version, context
+        return self._server[1]
+
+    def client_context(self, *, as_stranger: bool = False) -> ssl.SSLContext | None:
+        """TLS for a stream to a leader, which the caller must look at with `peer` before it says anything.
+
+        `as_stranger`: without showing who this is, for those that are not known yet.
+        """
+        return None if self.is_open else self._stranger if as_stranger else self._client
+
+    @functools.cached_property
+    def _client(self) -> ssl.SSLContext:
+        context = _pinning_context()
+        context.load_cert_chain(self.identity.file)
+        return context
+
+    @functools.cached_property
+    def _stranger(self) -> ssl.SSLContext:
+        return _pinning_context()
+
+
+def _pinning_context() -> ssl.SSLContext:
+    """TLS in which the server proves its key; which key that may be is decided by its pin alone."""
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.minimum_version = ssl.TLSVersion.TLSv1_3
+    context.check_hostname = False
+    context.verify_mode = ssl.CERT_NONE
+    return context
+
+
+_OPEN = Trust.open()
+
+
+@functools.cache
+def _of_folder(folder: Path) -> Trust:
+    return Trust(folder)

@@ -1,0 +1,123 @@
+"""A machine's identity and the machines that it knows, on the disk."""
+
+import asyncio
+import stat
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from capture_app.errors import BadInputError, DiskError
+from capture_app.trust.identity import load_identity, parse_pin, pin_of
+from capture_app.trust.known_machines import KnownMachines, Role
+
+
+def certificate(folder: Path) -> bytes:
+    return load_identity(folder).certificate
+
+
+def test_an_identity_is_made_once_and_only_its_user_can_read_it(tmp_path: Path) -> None:
+    made = load_identity(tmp_path / "a" / "trust")
+    assert load_identity(tmp_path / "a" / "trust") == made
+    assert stat.S_IMODE(made.file.stat().st_mode) == 0o600
+    assert stat.S_IMODE(made.file.parent.stat().st_mode) == 0o700
+    assert made.pin == pin_of(made.certificate)
+    assert load_identity(tmp_path / "b").pin != made.pin
+
+
+def test_processes_that_begin_together_have_one_identity(tmp_path: Path) -> None:
+    code = (
+        "import sys; from pathlib import Path; from capture_app.trust.identity import load_identity\n"
+        f"sys.stdin.read(); print(load_identity(Path({str(tmp_path / 'trust')!r})).pin)"
+    )
+    begun = [
+        subprocess.Popen(
+            [sys.executable, "-c", code], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
+        )
+        for _ in range(4)
+    ]
+    for process in begun:
+        assert process.stdin is not None
+        process.stdin.close()
+    pins = set()
+    for process in begun:
+        assert process.stdout is not None
+        with process:
+            pins.add(process.stdout.read())
+    assert len(pins) == 1
+    assert [path.name for path in (tmp_path / "trust").iterdir()] == ["identity.pem"]
+
+
+@pytest.mark.parametrize("damage", [b"", b"-----BEGIN CERTIFICATE-----\nnothing", b"\xff\xfe"])
+def test_a_damaged_identity_is_said(tmp_path: Path, damage: bytes) -> None:
+    load_identity(tmp_path).file.write_bytes(damage)
+    with pytest.raises(BadInputError, match="holds no key and certificate"):
+        load_identity(tmp_path)
+
+
+def test_a_folder_that_cannot_be_written_is_said(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    with pytest.raises(DiskError, match="cannot keep this machine's key"):
+        load_identity(tmp_path / "file" / "trust")
+
+
+def test_a_pin_is_read_as_people_paste_it(tmp_path: Path) -> None:
+    pin = load_identity(tmp_path).pin
+    assert len(pin.replace("-", "")) == 32
+    for text in (pin, pin.upper(), pin.replace("-", ""), f" {pin.replace('-', ' ')}\n"):
+        assert parse_pin(text) == pin
+    for text in ("", pin[:-1], pin + "a", "0" + pin[1:], "é" + pin[1:]):
+        with pytest.raises(BadInputError, match="is not a pin"):
+            parse_pin(text)
+
+
+def test_machines_are_known_by_what_they_may_do_until_they_are_removed(tmp_path: Path) -> None:
+    known, elsewhere = KnownMachines(tmp_path / "here"), KnownMachines(tmp_path / "here")
+    one, two = certificate(tmp_path / "one"), certificate(tmp_path / "two")
+    assert known.all() == ()
+    known.add(pin_of(one), Role.CAMERA, name="pi", certificate=one)
+    known.add(pin_of(two), Role.CAMERA, name="pi", certificate=two)
+    machine = known.add(pin_of(one), Role.OPERATOR)
+    assert (machine.name, machine.roles, machine.certificate) == ("pi", (Role.CAMERA, Role.OPERATOR), one)
+    assert {machine.name for machine in elsewhere.all()} == {"pi", "pi-2"}, "another process sees it"
+    with pytest.raises(BadInputError, match="no machine here"):
+        known.remove("p")
+    known.remove("pi")
+    assert known.remove(pin_of(two)[:9]).name == "pi-2"
+    assert elsewhere.all() == ()
+
+
+def test_a_machine_that_was_added_by_its_pin_shows_its_certificate_later(tmp_path: Path) -> None:
+    known, shown = KnownMachines(tmp_path / "here"), certificate(tmp_path / "one")
+    assert known.note_certificate(shown) is None, "a stranger is not kept"
+    known.add(pin_of(shown), Role.CAMERA)
+    noted = known.note_certificate(shown)
+    assert noted is not None
+    assert (noted.certificate, noted.roles) == (shown, (Role.CAMERA,))
+    assert known.all() == (noted,)
+
+
+def test_what_is_no_certificate_is_not_kept(tmp_path: Path) -> None:
+    known, one, two = KnownMachines(tmp_path), certificate(tmp_path / "one"), certificate(tmp_path / "two")
+    for shown, pin in ((b"nothing", pin_of(b"nothing")), (b"", pin_of(b"")), (one, pin_of(two))):
+        with pytest.raises(BadInputError):
+            known.add(pin, Role.CAMERA, certificate=shown)
+    assert known.all() == ()
+
+
+def test_a_damaged_file_is_said(tmp_path: Path) -> None:
+    (tmp_path / "machines.json").write_text('[{"pin": 1}]')
+    with pytest.raises(BadInputError, match="is damaged"):
+        KnownMachines(tmp_path).all()
+
+
+async def test_changes_of_several_at_once_are_all_kept(tmp_path: Path) -> None:
+    shown = [certificate(tmp_path / str(number)) for number in range(8)]
+    await asyncio.gather(
+        *(
+            asyncio.to_thread(KnownMachines(tmp_path / "here").add, pin_of(one), Role.CAMERA, certificate=one)
+            for one in shown
+        )
+    )
+    assert {machine.pin for machine in KnownMachines(tmp_path / "here").all()} == set(map(pin_of, shown))

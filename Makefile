@@ -1,4 +1,6 @@
 # make demo   capture a synchronized burst with five simulated cameras and compare it with offset frames
+# make install   put capture-app and reconstruct on the PATH (EXTRAS=export,plots,pictures,rerun,slurm: those too)
+# make install-capture   the same without reconstruction, for machines that only capture      make uninstall
 # make test   the tests            make check   lint, types, architecture
 # make test-v4l2   the rig on real camera drivers in a virtual machine (slow)
 # make test-slurm   batches on a real SLURM of this one machine (root)
@@ -21,6 +23,7 @@
 # make screenshots   the pictures of the screen in docs/images, from a real run with simulated cameras
 # make animation   film a take on the real screen for README, a minute or two
 # make calibration-pictures   the pictures of docs/calibration.md, from the simulator (a minute)
+# make wheel   a wheel of this checkout, in dist
 # make help   all targets
 
 PYTHON ?= python3
@@ -33,13 +36,23 @@ SECONDS ?= 120
 LIBRARIES := libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
 	libusb-1.0.so.0:libusb-1.0-0 libudev.so.1:libudev1 libidn2.so.0:libidn2-0
 
-.PHONY: help install demo animation calibration-pictures screenshots samples test test-odd-inputs test-v4l2 test-slurm bench-sync bench-reference bench-relay bench-rig bench-clients bench-any-rig bench-multiview bench-pairs bench-panel bench-tui soak hostile test-crash check format system clean
+.PHONY: help install install-capture uninstall wheel demo animation calibration-pictures screenshots samples test test-odd-inputs test-v4l2 test-slurm bench-sync bench-reference bench-relay bench-rig bench-clients bench-any-rig bench-multiview bench-pairs bench-panel bench-tui soak hostile test-crash check format python system clean
 .DEFAULT_GOAL := help
 
 help:
 	@sed -n 's/^# make /make /p' Makefile
 
-install: $(VENV)/.installed
+install: | system
+	PYTHON=$(PYTHON) ./install.sh $(if $(EXTRAS),--with $(EXTRAS))
+
+install-capture: | python
+	PYTHON=$(PYTHON) ./install.sh --capture-only $(if $(EXTRAS),--with $(EXTRAS))
+
+uninstall:
+	./install.sh --remove
+
+wheel: $(VENV)/.installed
+	$(BIN)/python -m pip wheel --quiet --disable-pip-version-check --no-deps --wheel-dir dist .
 
 demo: $(VENV)/.installed
 	$(BIN)/capture-app demo --out $(OUT)
@@ -138,10 +151,12 @@ $(VENV)/.installed-dev: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,reconstruction]'
 	@touch $@
 
-system:
+python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' || { \
 	  echo "simulshot needs Python 3.11 or newer; $(PYTHON) is $$($(PYTHON) --version 2>&1)." \
 	       "Name another: make PYTHON=python3.12 ..." >&2; exit 1; }
+
+system: | python
 	@missing=""; \
 	$(PYTHON) -c 'import ensurepip, venv' 2>/dev/null || missing="$$missing python3-venv"; \
 	if [ "$$(uname -sm)" = "Linux x86_64" ]; then \

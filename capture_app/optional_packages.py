@@ -70,7 +70,7 @@ def how_to_install(extra: str) -> str:
     except PackageNotFoundError:
         offered, known = (), []
     if extra not in offered:
-        return f"install simulshot again, from its own folder, with its extra {extra}"
+        return f"in simulshot's own folder: ./install.sh --with {extra}"
     here = {"sys_platform": sys.platform, "platform_machine": platform.machine()}
     wanted = [
         shlex.quote(f"{need.name}{need.specifier}")
@@ -85,7 +85,10 @@ def how_to_install(extra: str) -> str:
             "copy the session to a PC with Linux on x86-64"
         )
     python = shlex.quote(sys.executable)
-    installer = f"{python} -m pip install"
-    if find_spec("pip") is None and shutil.which("uv"):
+    if find_spec("pip") is not None:
+        installer = f"{python} -m pip install"
+    elif shutil.which("uv"):
         installer = f"uv pip install --python {python}"
+    else:
+        return f"in simulshot's own folder: ./install.sh --with {extra}"
     return f"{installer} {' '.join(wanted)}"

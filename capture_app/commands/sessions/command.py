@@ -184,11 +184,14 @@ def render(
     "--calibration",
     metavar="[NAME=]PATH",
     multiple=True,
-    help="Calibration: OpenCV .npz/.yml/.xml of a camera or a pair or a folder of these, Caliscope .toml, "
-    "Qualisys .qca.txt.",
+    help="Calibration: calibration.json of a session; OpenCV .npz/.yml/.xml of a camera or a pair or a "
+    "folder of these; Caliscope or Anipose .toml; Qualisys .qca.txt; EasyMocap, COLMAP or OpenCap folder; "
+    "rig_config.json; transforms.json.",
 )
 @click.option(
-    "--unit", show_default="m", help="Unit of lengths in the calibration: m, cm, mm, in, ft or another name."
+    "--unit",
+    show_default="m; arbitrary for COLMAP and nerfstudio",
+    help="Unit of lengths in the calibration: m, cm, mm, in, ft or another name.",
 )
 @click.option(
     "--fit",

@@ -10,6 +10,7 @@ import numpy as np
 
 from capture_app.errors import BadInputError
 from capture_app.session.importers.calibrations.camera_views import Array, View, Views, from_rodrigues
+from capture_app.session.importers.calibrations.opencv_storage import open_storage
 
 _MATRIX = ("mtx", "k", "m", "camera_matrix", "cameramatrix", "intrinsic_matrix", "intrinsics")
 _DISTORTION = ("dist", "d", "distortion_coefficients", "distcoeffs", "dist_coeffs", "distortion")
@@ -94,7 +95,9 @@ def _search(folder: Path, cameras: Sequence[str]) -> tuple[dict[str, Path], list
 
 def _load(path: Path) -> Content:
     if path.suffix.lower() not in _SUFFIXES:
-        hint = "known: OpenCV .npz .yml .yaml .xml, Caliscope .toml, Qualisys .qca.txt"
+        hint = (
+            "known: OpenCV .npz .yml .yaml .xml, Caliscope .toml, Qualisys .qca.txt, COLMAP, nerfstudio, ..."
+        )
         raise BadInputError(f"{path} is not a calibration file of a known format", hint=hint)
     return _load_npz(path) if path.suffix.lower() == ".npz" else _load_storage(path)
 
@@ -113,24 +116,14 @@ def _load_npz(path: Path) -> Content:
 
 
 def _load_storage(path: Path) -> Content:
-    import cv2
-
-    before = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
-    try:
-        storage = cv2.FileStorage(str(path), cv2.FILE_STORAGE_READ)
-        content = {}
+    content = {}
+    with open_storage(path) as storage:
         for key in storage.root().keys():  # noqa: SIM118 - a FileNode is no dict
             node = storage.getNode(key)
             if node.isMap():
                 content[key.lower()] = np.asarray(node.mat(), np.float64)
             elif node.isReal() or node.isInt():
                 content[key.lower()] = np.array([node.real()])
-        storage.release()
-    except (cv2.error, SystemError, TypeError, ValueError) as error:
-        reason = str(error).strip().splitlines()[-1] if str(error).strip() else "not OpenCV's format"
-        raise BadInputError(f"cannot read the calibration {path}: {reason}") from error
-    finally:
-        cv2.utils.logging.setLogLevel(before)
     return content
 
 

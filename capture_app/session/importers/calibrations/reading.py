@@ -8,6 +8,7 @@ import numpy as np
 
 from capture_app.errors import BadInputError
 from capture_app.session.format.calibration import METRES, Calibration, CameraCalibration, Matrix3, Vector3
+from capture_app.session.format.manifest import CALIBRATION
 from capture_app.session.importers.calibrations.camera_views import Array, View, Views
 from capture_app.session.importers.rate_or_table import match_name
 
@@ -26,26 +27,57 @@ class Fit(StrEnum):
 def read_views(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views:
     """Read calibration files, each with the camera it is of (or ''), for cameras in the rig's order.
 
-    One file of Caliscope (TOML) or Qualisys (.qca.txt), or OpenCV's (.npz, .yml, .yaml, .xml): one of
-    each camera and one of the pair, or a folder of them. Raises BadInputError for anything else.
+    One file or folder that holds all cameras (our own, Caliscope, Qualisys, EasyMocap, COLMAP, nerfstudio),
+    or one of each camera: OpenCV's (.npz, .yml, .yaml, .xml) with that of the pair, or a folder of them,
+    and OpenCap's. Raises BadInputError for anything else.
     """
     for _, path in paths:
         if not path.exists():
             raise BadInputError(f"no calibration at {path}")
     first = paths[0][1]
-    if first.suffix.lower() == ".toml" or _is_qualisys(first):
-        if len(paths) > 1:
-            raise BadInputError(f"{first} holds all cameras", hint="give that one file only")
-        if first.suffix.lower() == ".toml":
-            from capture_app.session.importers.calibrations.caliscope import read_caliscope
+    from capture_app.session.importers.calibrations.opencap import is_opencap, read_opencap
 
-            return read_caliscope(first)
+    if is_opencap(first):
+        return read_opencap(paths)
+    views = _of_all(first, cameras)
+    if views is None:
+        from capture_app.session.importers.calibrations.opencv_files import read_opencv
+
+        return read_opencv(paths, cameras)
+    if len(paths) > 1:
+        raise BadInputError(f"{first} holds all cameras", hint="give that one only")
+    return views
+
+
+def _of_all(path: Path, cameras: Sequence[str]) -> Views | None:
+    """The views of a file or folder that holds all cameras; None where it is of one camera or a pair."""
+    for name in (CALIBRATION, "transforms.json") if path.is_dir() else ():
+        if (path / name).is_file():
+            path = path / name
+    if path.suffix.lower() == ".toml":
+        from capture_app.session.importers.calibrations.caliscope import read_caliscope
+
+        return read_caliscope(path)
+    if path.suffix.lower() == ".json":
+        from capture_app.session.importers.calibrations.json_files import read_json
+
+        return read_json(path, cameras)
+    if _is_qualisys(path):
         from capture_app.session.importers.calibrations.qualisys import read_qualisys
 
-        return read_qualisys(first)
-    from capture_app.session.importers.calibrations.opencv_files import read_opencv
+        return read_qualisys(path)
+    from capture_app.session.importers.calibrations.easymocap import is_easymocap, read_easymocap
 
-    return read_opencv(paths, cameras)
+    if is_easymocap(path):
+        return read_easymocap(path)
+    from capture_app.session.importers.calibrations.colmap_files import find_model
+
+    model = find_model(path)
+    if model is not None:
+        from capture_app.session.importers.calibrations.colmap import read_colmap
+
+        return read_colmap(model, cameras)
+    return None
 
 
 def fit_calibration(
@@ -59,7 +91,7 @@ def fit_calibration(
     """
     if unit is not None and views.unit is not None and unit != views.unit:
         raise BadInputError(f"{views.source} is in {views.unit}, not in {unit}", hint="leave out --unit")
-    given = views.unit or unit or "m"
+    given = views.unit or unit or views.assumed_unit
     labels = {match_name(label, list(sizes)): label for label in views.cameras}
     lacking = [name for name in sizes if name not in labels]
     if lacking:

@@ -14,7 +14,7 @@ from capture_app.sync.rig.roster import Address, ClientView, Member, Roster
 from capture_app.sync.rig.terms import GridReview, RigTerms
 from capture_app.sync.rig.uplink import Uplink
 from capture_app.sync.wire.beacon import ArrivalReport, Group
-from capture_app.sync.wire.codec import FromClient, WireError, decode, encode, reply_at, reply_before_t2
+from capture_app.sync.wire.codec import FromClient, WireError, decode, encode
 from capture_app.sync.wire.messages import (
     ControlMessage,
     Goodbye,
@@ -27,7 +27,8 @@ from capture_app.sync.wire.messages import (
     UnknownMember,
     Welcome,
 )
-from capture_app.sync.wire.version import version_answer
+from capture_app.sync.wire.outbox import Outbox
+from capture_app.sync.wire.speaker import Speaker
 
 _MS = 1_000_000
 FREE_PACE_NS, SLOWEST_PACE_NS = 25 * _MS, 60_000 * _MS
@@ -62,14 +63,14 @@ class Leader:
         self.config = config
         self.terms = RigTerms(config.instance, config.period_ns, config.align_row)
         self.malformed = 0
+        self.impostures = 0
+        """Messages in the name of another than who sealed them."""
         self._uplink = uplink
         self._roster = Roster(rng)
         self._orders = Orders()
         self._broadcaster = Broadcaster(config.instance, config.beacons)
         self._grid = GridReview(self.terms, self._roster, self._orders)
-        self._times: deque[tuple[bytes, Address]] = deque()
-        self._versions: deque[tuple[bytes, Address]] = deque()
-        self._outbox: deque[tuple[ControlMessage, Address]] = deque()
+        self.outbox = Outbox()
         self._events: deque[LeaderEvent] = deque()
 
     @property
@@ -85,44 +86,48 @@ class Leader:
 
     # In
 
-    def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
-        """Take in a datagram that arrived at `now_ns`; stamp it as near to the socket as can be."""
+    def receive_datagram(
+        self, data: bytes, address: Address, now_ns: int, speaker: Speaker | None = None
+    ) -> None:
+        """Take in a datagram that arrived at `now_ns`; stamp it as near to the socket as can be.
+
+        `speaker` is who sealed it; None in a rig without seals.
+        """
         try:
             message = decode(data)
         except WireError:
             self.malformed += 1
-            self.tell_version(data, address)
+            self.outbox.tell_version(data, address)
             return
         if isinstance(message, FromClient):
-            self.receive_message(message, address, now_ns)
+            self.receive_message(message, address, now_ns, speaker)
 
-    def tell_version(self, data: bytes, address: Address) -> None:
-        """Answer a datagram of another version with the version that is spoken here."""
-        answer = version_answer(data)
-        if answer is not None:
-            self._versions.append((answer, address))
-
-    def receive_message(self, message: FromClient, address: Address, now_ns: int) -> None:
-        """Take in a message that arrived at `now_ns`."""
+    def receive_message(
+        self, message: FromClient, address: Address, now_ns: int, speaker: Speaker | None = None
+    ) -> None:
+        """Take in a message that arrived at `now_ns`, sealed by `speaker` where the rig has seals."""
         if isinstance(message, Hello):
-            self._receive_hello(message, address, now_ns)
+            self._receive_hello(message, address, now_ns, speaker)
             return
         member = self._roster.member_by_number(message.client)
         if member is None:
             if isinstance(message, Heartbeat):
-                self._outbox.append((UnknownMember(message.client), address))
+                self.outbox.send(UnknownMember(message.client), address)
+            return
+        if member.speaker != speaker:
+            self.impostures += 1
             return
         member.address = address
         member.last_heard_ns = now_ns
         if self._roster.confirm(member) and not self.terms.is_held(member.camera):
             self._grid.is_due = True
         if isinstance(message, TimeRequest):
-            self._times.append((reply_before_t2(message, now_ns), address))
+            self.outbox.reply(message, address, now_ns)
             return
         if isinstance(message, ArrivalReport):
             arrival = self._broadcaster.answer(message, now_ns)
             if arrival is not None:
-                self._outbox.append((arrival, address))
+                self.outbox.send(arrival, address)
             return
         passed_on = self._uplink is not None and self._uplink.pass_up(member, message)
         match message:
@@ -158,9 +163,8 @@ class Leader:
         if self._grid.is_due and self._uplink is None and self._grid.review(now_ns):
             self.acknowledge_all()
         self._events.extend(self._orders.expire(now_ns))
-        self._outbox.extend(
-            (trigger, member.address) for member, trigger in self._orders.triggers_due(now_ns)
-        )
+        for member, trigger in self._orders.triggers_due(now_ns):
+            self.send(member, trigger)
         self._broadcaster.handle_timer(now_ns, self._roster.pollers)
 
     # Out
@@ -172,14 +176,7 @@ class Leader:
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
         """Return datagrams and where to; time replies carry `now_ns`, so send them at once."""
-        datagrams = [(reply_at(before, now_ns), address) for before, address in self._times]
-        self._times.clear()
-        datagrams.extend(self._versions)
-        self._versions.clear()
-        while self._outbox:
-            message, address = self._outbox.popleft()
-            datagrams.append((encode(message), address))
-        return datagrams
+        return self.outbox.datagrams_to_send(now_ns)
 
     def beacon_to_send(self) -> bytes | None:
         """Return the beacon that is due, for the group of the configuration; None where none is."""
@@ -244,11 +241,11 @@ class Leader:
 
     def send(self, member: Member, message: ControlMessage) -> None:
         """Send a message to a member."""
-        self._outbox.append((message, member.address))
+        self.outbox.send(message, member.address)
 
     def refuse(self, hello: Hello, reason: str, address: Address, *, retry_here: bool = False) -> None:
         """Tell a client why it cannot join; with `retry_here` it should not ask another leader."""
-        self._outbox.append((JoinRefusal(hello.instance, reason, retry_here), address))
+        self.outbox.send(JoinRefusal(hello.instance, reason, retry_here), address)
 
     def acknowledge(self, member: Member) -> None:
         """Send a member the present terms."""
@@ -271,8 +268,12 @@ class Leader:
         self._events.append(event)
         self._grid.is_due = True
 
-    def _receive_hello(self, hello: Hello, address: Address, now_ns: int) -> None:
-        refusal = self._roster.refusal(hello) or ("" if self._uplink is None else self._uplink.refusal(hello))
+    def _receive_hello(self, hello: Hello, address: Address, now_ns: int, speaker: Speaker | None) -> None:
+        if speaker is not None and not speaker.may_introduce(hello):
+            self.impostures += 1
+            return
+        refusal = self._roster.refusal(hello, speaker)
+        refusal = refusal or ("" if self._uplink is None else self._uplink.refusal(hello))
         if refusal:
             self.refuse(hello, refusal, address)
             return
@@ -280,13 +281,13 @@ class Leader:
         if self._uplink is None and self.terms.lay_grid(hello.camera, now_ns):
             self.acknowledge_all()
         self._events.extend(self._roster.make_room(hello))
-        member, event = self._roster.admit(hello, address, now_ns)
+        member, event = self._roster.admit(hello, address, now_ns, speaker)
         if event is not None:
             self._events.append(event)
         config, terms = self.config, self.terms.message(self.pace_ns)
         welcome = Welcome(
             hello.instance, member.number, config.transfer_port, terms, member.slot, config.beacons
         )
-        self._outbox.append((welcome, address))
+        self.outbox.send(welcome, address)
         if self._uplink is not None:
             self._uplink.pass_up(member, hello)

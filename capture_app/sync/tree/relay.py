@@ -28,6 +28,7 @@ from capture_app.sync.wire.messages import (
     UnknownMember,
     Welcome,
 )
+from capture_app.sync.wire.speaker import Speaker
 from capture_app.sync.wire.upstream_map import upstream_map
 
 HEARTBEAT_EVERY_NS = 500_000_000
@@ -49,8 +50,13 @@ class Relay:
         self.malformed = 0
         self._number: int | None = None
 
-    def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
-        """Take in a datagram that arrived at `now_ns`, of a parent or of a client."""
+    def receive_datagram(
+        self, data: bytes, address: Address, now_ns: int, speaker: Speaker | None = None
+    ) -> None:
+        """Take in a datagram that arrived at `now_ns`, of a parent or of a client.
+
+        `speaker` is the client that sealed it; None in a rig without seals, and where a parent did.
+        """
         try:
             message = decode(data)
         except WireError as error:
@@ -58,11 +64,13 @@ class Relay:
             if address in self.follower.config.parents:
                 self.follower.note_unreadable(error, address)
             else:
-                self.leader.tell_version(data, address)
+                self.leader.outbox.tell_version(data, address)
             return
         # An address may be that of a parent and of a client: the kind of message tells which is meant.
         if not isinstance(message, FromClient):
-            if address == self.follower.parent:
+            if speaker is not None:
+                self.leader.impostures += 1
+            elif address == self.follower.parent:
                 self._receive_from_parent(message, address, now_ns)
             elif address in self.follower.config.parents:
                 self.follower.receive_message(message, address, now_ns)
@@ -74,7 +82,7 @@ class Relay:
         ):
             pass  # A client probes for a leader that is better than its own: this one is not.
         elif self.leader.terms.upstream is not None:
-            self.leader.receive_message(message, address, now_ns)
+            self.leader.receive_message(message, address, now_ns, speaker)
         elif isinstance(message, Hello) and self.follower.time.is_member:
             self.leader.refuse(message, "the relay does not know the time yet", address, retry_here=True)
 
@@ -100,7 +108,11 @@ class Relay:
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
         """Return datagrams and where to; time messages carry `now_ns`, so send them at once."""
-        datagrams = self.leader.datagrams_to_send(now_ns) + self.follower.datagrams_to_send(now_ns)
+        return self.leader.datagrams_to_send(now_ns) + self.datagrams_to_parents(now_ns)
+
+    def datagrams_to_parents(self, now_ns: int) -> list[tuple[bytes, Address]]:
+        """Return those of `datagrams_to_send` that go up; the others are the leader's own."""
+        datagrams = self.follower.datagrams_to_send(now_ns)
         return datagrams + [(data, self.follower.parent) for data in self.uplink.datagrams_to_send()]
 
     def next_event(self) -> TimeClientEvent | LeaderEvent | None:

@@ -43,6 +43,12 @@ def answered_version(data: bytes, token: bytes) -> int | None:
     return int(version) if is_answer else None
 
 
+def is_version_answer(data: bytes) -> bool:
+    """Whether a datagram tells another version than this one, whoever asked."""
+    is_one = len(data) == _FORM.size and data[:2] == MAGIC and data[3] == KIND_VERSION
+    return is_one and data[2] not in (VERSION, _ASKING)
+
+
 def version_mismatch(version: int) -> str:
     """Say that a leader speaks another version, and what to do."""
     older = "here" if version > VERSION else "on the leader's machine"

@@ -1,0 +1,157 @@
+"""Keys of a leader's clients: given out one by one over streams whose peer is known, for one run each."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from msgspec import Struct
+
+from capture_app.sync.wire.speaker import Speaker
+from capture_app.trust.sealing import KEY_BYTES, Refused, Seal, SealError, Side, key_of, unknown_key_of
+
+Address = tuple[str, int]
+
+MOST_KEYS = 20_000
+"""Beyond, the key that was not used for the longest is forgotten."""
+
+
+class Grant(Struct, frozen=True, kw_only=True):
+    """A key for one run of a client, and the one of all clients, by which they know the leader's beacons."""
+
+    key_id: int
+    key: bytes
+    group_id: int
+    group_key: bytes
+
+
+@dataclass(slots=True)
+class _Client:
+    speaker: Speaker
+    seal: Seal
+    address: Address | None = None
+    """Where its newest datagram came from."""
+
+
+class ClientKeys:
+    """The keys that a leader has given out."""
+
+    def __init__(self, random_bytes: Callable[[int], bytes], most: int = MOST_KEYS) -> None:
+        """`random_bytes` returns so many bytes that nobody can guess."""
+        self._random_bytes, self._most = random_bytes, most
+        self._clients: dict[int, _Client] = {}
+        """By the key's number, the one that was used last at the end."""
+        self._at: dict[Address, _Client] = {}
+        self._group_key = random_bytes(KEY_BYTES)
+        self._group = Seal(self._new_id(), self._group_key, seals=Side.GROUP, opens=Side.GROUP)
+
+    def __len__(self) -> int:
+        return len(self._clients)
+
+    def grant(self, speaker: Speaker) -> Grant:
+        """Give out a key; those that were given to that run before are good until they are forgotten."""
+        key_id, key = self._new_id(), self._random_bytes(KEY_BYTES)
+        seal = Seal(key_id, key, seals=Side.LEADER, opens=Side.CLIENT)
+        self._clients[key_id] = _Client(speaker, seal)
+        if len(self._clients) > self._most:
+            self._forget(next(iter(self._clients)))
+        return Grant(key_id=key_id, key=key, group_id=self._group.key_id, group_key=self._group_key)
+
+    def revoke(self, pin: str) -> None:
+        """Forget all keys of a machine."""
+        for key_id in [number for number, client in self._clients.items() if client.speaker.pin == pin]:
+            self._forget(key_id)
+
+    def open(self, data: bytes, address: Address) -> tuple[bytes, Speaker]:
+        """Return the message of a datagram, and who sent it. Raises SealError where it is refused."""
+        key_id = key_of(data)
+        client = self._clients.get(key_id)
+        if client is None:
+            raise SealError(Refused.UNKNOWN_KEY)
+        message = client.seal.open(data)
+        if client.address != address:
+            self._move(client, address)
+        # The last one used is forgotten last.
+        self._clients[key_id] = self._clients.pop(key_id)
+        return message, client.speaker
+
+    def seal(self, message: bytes, address: Address) -> bytes | None:
+        """Return the datagram of a message for whoever is there; None where nobody with a key is."""
+        client = self._at.get(address)
+        return None if client is None else client.seal.seal(message)
+
+    def seal_for_all(self, message: bytes) -> bytes:
+        """Return the datagram of a message for all who have a key."""
+        return self._group.seal(message)
+
+    def _new_id(self) -> int:
+        while True:
+            number = int.from_bytes(self._random_bytes(4), "big")
+            if number not in self._clients:
+                return number
+
+    def _move(self, client: _Client, address: Address) -> None:
+        if client.address is not None and self._at.get(client.address) is client:
+            del self._at[client.address]
+        client.address, self._at[address] = address, client
+
+    def _forget(self, key_id: int) -> None:
+        client = self._clients.pop(key_id)
+        if client.address is not None and self._at.get(client.address) is client:
+            del self._at[client.address]
+
+
+class LeaderKeys:
+    """The keys that a client has been given by its leaders."""
+
+    def __init__(self) -> None:
+        self.wanted: set[Address] = set()
+        """Leaders that it has something to say to, but no key for, or one that they do not know any more."""
+        self._seals: dict[Address, Seal] = {}
+        self._groups: dict[Address, Seal] = {}
+
+    def hold(self, leader: Address, grant: Grant) -> None:
+        """Use the key of a grant with that leader from now on."""
+        self._seals[leader] = Seal(grant.key_id, grant.key, seals=Side.CLIENT, opens=Side.LEADER)
+        known = self._groups.get(leader)
+        if known is None or known.key_id != grant.group_id:
+            self._groups[leader] = Seal(grant.group_id, grant.group_key, seals=Side.GROUP, opens=Side.GROUP)
+        self.wanted.discard(leader)
+
+    def seal(self, message: bytes, leader: Address) -> bytes | None:
+        """Return the datagram of a message; None where there is no key for that leader."""
+        seal = self._seals.get(leader)
+        if seal is None:
+            self.wanted.add(leader)
+            return None
+        return seal.seal(message)
+
+    def open(self, data: bytes, leader: Address) -> bytes:
+        """Return the message of a leader's datagram. Raises SealError where it is refused."""
+        key_id, seal = key_of(data), self._seals.get(leader)
+        if seal is None or seal.key_id != key_id:
+            raise SealError(Refused.UNKNOWN_KEY)
+        return seal.open(data)
+
+    def open_group(self, data: bytes) -> bytes:
+        """Return the message of a datagram to all clients of a leader. Raises SealError."""
+        key_id = key_of(data)
+        for seal in self._groups.values():
+            if seal.key_id == key_id:
+                return seal.open(data)
+        raise SealError(Refused.UNKNOWN_KEY)
+
+    def is_key_of(self, data: bytes, leader: Address) -> bool:
+        """Whether a datagram names the key of that leader, or says that it does not know it."""
+        seal = self._seals.get(leader)
+        key_id = unknown_key_of(data)
+        try:
+            return seal is not None and seal.key_id == (key_of(data) if key_id is None else key_id)
+        except SealError:
+            return False
+
+    def take_notice(self, leader: Address, notice: bytes, key_id: int) -> bool:
+        """Ask for another key where the leader says that it does not know this one; False if it is not so."""
+        seal = self._seals.get(leader)
+        if seal is None or seal.key_id != key_id or not seal.has_sent(notice):
+            return False
+        self.wanted.add(leader)
+        return True

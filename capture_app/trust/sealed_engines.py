@@ -1,0 +1,192 @@
+"""Engines whose datagrams are sealed: between a socket and a leader, a client or a relay; sans-IO.
+
+What is not sealed, or not by whom it says it is, never reaches the engine. Each datagram is sealed just
+before it leaves, so that only its own seal stands between its stamp and the socket.
+"""
+
+from collections.abc import Iterator
+from typing import Protocol
+
+from capture_app.sync.rig.leader import Leader
+from capture_app.sync.tree.relay import Relay
+from capture_app.sync.wire.codec import WireError, decode, encode
+from capture_app.sync.wire.messages import Hello, JoinRefusal
+from capture_app.sync.wire.speaker import Speaker
+from capture_app.sync.wire.version import is_version_answer, version_answer
+from capture_app.trust.keys import Address, ClientKeys, LeaderKeys
+from capture_app.trust.refusals import Refusals
+from capture_app.trust.sealing import Refused, SealError, unknown_key, unknown_key_of
+
+Sealed = Iterator[tuple[bytes, Address]]
+NOT_PAIRED = "this rig takes paired nodes only"
+MOST_NOTICES = 64
+
+
+class ClientEngine(Protocol):
+    """An engine that talks to leaders, one after the other."""
+
+    def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
+        """Take in one datagram."""
+
+    def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
+        """Return what is due, stamped with `now_ns`."""
+
+    def next_timer(self) -> int:
+        """Return when to call `handle_timer`."""
+
+    def handle_timer(self, now_ns: int) -> None:
+        """Do what has become due."""
+
+
+class SealedClient:
+    """A client, with a key for each of its leaders; asks for those it lacks in `keys.wanted`."""
+
+    def __init__(self, engine: ClientEngine) -> None:
+        self._engine = engine
+        self.keys = LeaderKeys()
+        self.refusals = Refusals()
+        self.next_timer = engine.next_timer
+        self.handle_timer = engine.handle_timer
+
+    def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
+        """Take in one datagram, if a leader has sealed it."""
+        message = _opened_by_client(data, address, self.keys, self.refusals)
+        if message is not None:
+            self._engine.receive_datagram(message, address, now_ns)
+
+    def datagrams_to_send(self, now_ns: int) -> Sealed:
+        """Yield what is due, stamped with `now_ns`; what there is no key for is dropped."""
+        for message, leader in self._engine.datagrams_to_send(now_ns):
+            data = self.keys.seal(message, leader)
+            if data is not None:
+                yield data, leader
+
+    def open_broadcast(self, data: bytes) -> bytes | None:
+        """Return the message of a datagram to all clients; None, and count it, where it is refused."""
+        try:
+            return self.keys.open_group(data)
+        except SealError as error:
+            self.refusals.add("the group of the beacons", error.why)
+            return None
+
+
+class SealedLeader:
+    """A leader, with a key for each of its clients."""
+
+    def __init__(self, engine: Leader, keys: ClientKeys) -> None:
+        self._engine = engine
+        self.keys = keys
+        self.refusals = Refusals()
+        self._desk = _Desk(keys, self.refusals)
+        self.next_timer = engine.next_timer
+        self.handle_timer = engine.handle_timer
+
+    def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
+        """Take in one datagram, if one of the clients has sealed it and speaks for itself."""
+        opened = self._desk.open(data, address)
+        if opened is None:
+            return
+        before = self._engine.impostures
+        self._engine.receive_datagram(opened[0], address, now_ns, opened[1])
+        if self._engine.impostures != before:
+            self.refusals.add(address[0], Refused.NOT_ITS_OWN)
+
+    def datagrams_to_send(self, now_ns: int) -> Sealed:
+        """Yield what is due, stamped with `now_ns`."""
+        yield from _sealed_by_leader(self._engine.datagrams_to_send(now_ns), self.keys)
+        yield from self._desk.take_notices()
+
+
+class SealedRelay:
+    """A relay: a leader to its clients, a client to its parents."""
+
+    def __init__(self, engine: Relay, keys: ClientKeys) -> None:
+        self._engine = engine
+        self.keys = keys
+        self.parent_keys = LeaderKeys()
+        self.refusals = Refusals()
+        self._desk = _Desk(keys, self.refusals)
+        self.next_timer = engine.next_timer
+        self.handle_timer = engine.handle_timer
+
+    def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
+        """Take in one datagram, of a parent that it has a key of, or of a client."""
+        if self.parent_keys.is_key_of(data, address):
+            message = _opened_by_client(data, address, self.parent_keys, self.refusals)
+            opened: tuple[bytes, Speaker | None] | None = None if message is None else (message, None)
+        else:
+            opened = self._desk.open(data, address)
+        if opened is None:
+            return
+        before = self._engine.leader.impostures
+        self._engine.receive_datagram(opened[0], address, now_ns, opened[1])
+        if self._engine.leader.impostures != before:
+            self.refusals.add(address[0], Refused.NOT_ITS_OWN)
+
+    def datagrams_to_send(self, now_ns: int) -> Sealed:
+        """Yield what is due, stamped with `now_ns`."""
+        yield from _sealed_by_leader(self._engine.leader.datagrams_to_send(now_ns), self.keys)
+        for message, parent in self._engine.datagrams_to_parents(now_ns):
+            data = self.parent_keys.seal(message, parent)
+            if data is not None:
+                yield data, parent
+        yield from self._desk.take_notices()
+
+
+class _Desk:
+    """Where strangers are turned away, with an answer that is never longer than what they sent."""
+
+    def __init__(self, keys: ClientKeys, refusals: Refusals) -> None:
+        self._keys, self._refusals = keys, refusals
+        self._notices: list[tuple[bytes, Address]] = []
+
+    def open(self, data: bytes, address: Address) -> tuple[bytes, Speaker] | None:
+        try:
+            return self._keys.open(data, address)
+        except SealError as error:
+            self._refusals.add(address[0], error.why)
+            answer = _answer_to_stranger(data, error.why)
+            if answer is not None and len(answer) <= len(data) and len(self._notices) < MOST_NOTICES:
+                self._notices.append((answer, address))
+            return None
+
+    def take_notices(self) -> list[tuple[bytes, Address]]:
+        notices, self._notices = self._notices, []
+        return notices
+
+
+def _answer_to_stranger(data: bytes, why: Refused) -> bytes | None:
+    if why is Refused.UNKNOWN_KEY:
+        return unknown_key(data)
+    if why is Refused.UNSEALED:
+        version = version_answer(data)
+        if version is not None:
+            return version
+        try:
+            message = decode(data)
+        except WireError:
+            return None
+        if isinstance(message, Hello):
+            return encode(JoinRefusal(message.instance, NOT_PAIRED))
+    return None
+
+
+def _opened_by_client(data: bytes, leader: Address, keys: LeaderKeys, refusals: Refusals) -> bytes | None:
+    if is_version_answer(data):
+        # It is understood by every version because it has no seal; all that it does is to be shown.
+        return data
+    key_id = unknown_key_of(data)
+    if key_id is not None and keys.take_notice(leader, data, key_id):
+        return None
+    try:
+        return keys.open(data, leader)
+    except SealError as error:
+        refusals.add(leader[0], error.why)
+        return None
+
+
+def _sealed_by_leader(datagrams: list[tuple[bytes, Address]], keys: ClientKeys) -> Sealed:
+    for message, client in datagrams:
+        data = keys.seal(message, client)
+        if data is not None:
+            yield data, client

@@ -1,0 +1,143 @@
+"""Seals of datagrams: a keyed BLAKE2s (RFC 7693) over all of each, with a number that counts only once.
+
+2 bytes   b"sS", 1 byte the version, 1 byte the kind
+4 bytes   which key, as whoever gave it out calls it
+8 bytes   the number of this datagram, big-endian; one key never seals two of the same number
+message   a datagram of `capture_app.sync.wire.codec`, or a beacon
+16 bytes  the seal of all before
+
+Nothing is hidden: names and times may be read on the way, but neither changed, made up nor sent twice. The
+state after the key is kept, so that a time message costs one block of the hash between its stamp and its way.
+"""
+
+import struct
+from enum import StrEnum
+from hashlib import blake2s
+from hmac import compare_digest
+
+from capture_app.sync.wire.version import MAGIC, VERSION
+
+KEY_BYTES, SEAL_BYTES = 32, 16
+WINDOW = 2048
+"""A datagram that comes later than so many younger ones is refused: it may be one that came before."""
+KIND_SEALED, KIND_UNKNOWN_KEY = 4, 5
+_HEAD = struct.Struct(">2sBBIQ")
+HEAD_BYTES = _HEAD.size
+OVERHEAD_BYTES = HEAD_BYTES + SEAL_BYTES
+_MASK = (1 << WINDOW) - 1
+
+
+class Side(StrEnum):
+    """Who seals; each side's seals differ, so that none can be sent back to where it comes from."""
+
+    CLIENT = "client"
+    LEADER = "leader"
+    GROUP = "group"
+    """A leader, to all its clients at once."""
+
+
+class Refused(StrEnum):
+    """Why a datagram is not taken in."""
+
+    UNSEALED = "not sealed"
+    UNKNOWN_KEY = "sealed with an unknown key"
+    FORGED = "forged or altered"
+    REPLAYED = "sent before"
+    NOT_ITS_OWN = "in the name of another"
+
+
+class SealError(ValueError):
+    """A datagram that is refused, and why."""
+
+    def __init__(self, why: Refused) -> None:
+        super().__init__(str(why))
+        self.why = why
+
+
+class ReplayWindow:
+    """Which numbers have come: each counts once, and those of long ago no more (as in RFC 4303, 3.4.3)."""
+
+    def __init__(self) -> None:
+        self._newest = 0
+        self._seen = 0
+        """One bit for each of the newest numbers, the lowest for the newest."""
+
+    def is_new(self, number: int) -> bool:
+        """Whether a number has not come yet, as far as is remembered."""
+        behind = self._newest - number
+        return behind < 0 or (behind < WINDOW and not self._seen >> behind & 1)
+
+    def add(self, number: int) -> None:
+        """Note a number, which must be new."""
+        ahead = number - self._newest
+        if ahead > 0:
+            self._seen = (self._seen << ahead | 1) & _MASK if ahead < WINDOW else 1
+            self._newest = number
+        else:
+            self._seen |= 1 << -ahead
+
+
+class Seal:
+    """One end of a key: seals what leaves, and opens what comes, once."""
+
+    def __init__(self, key_id: int, key: bytes, *, seals: Side, opens: Side) -> None:
+        """`key` has KEY_BYTES; of a key for two, one end seals as what the other opens."""
+        self.key_id = key_id
+        self._sent = 0
+        self._window = ReplayWindow()
+        self._sealing, self._opening = _keyed(key, seals), _keyed(key, opens)
+
+    def seal(self, message: bytes) -> bytes:
+        """Return the datagram of a message."""
+        self._sent += 1
+        data = _HEAD.pack(MAGIC, VERSION, KIND_SEALED, self.key_id, self._sent) + message
+        state = self._sealing.copy()
+        state.update(data)
+        return data + state.digest()
+
+    def open(self, data: bytes) -> bytes:
+        """Return the message of a datagram. Raises SealError where it is forged, or has come before."""
+        if key_of(data) != self.key_id:
+            raise SealError(Refused.UNKNOWN_KEY)
+        number = int.from_bytes(data[8:16], "big")
+        state = self._opening.copy()
+        state.update(data[:-SEAL_BYTES])
+        if not compare_digest(state.digest(), data[-SEAL_BYTES:]):
+            raise SealError(Refused.FORGED)
+        if not self._window.is_new(number):
+            raise SealError(Refused.REPLAYED)
+        self._window.add(number)
+        return data[HEAD_BYTES:-SEAL_BYTES]
+
+    def has_sent(self, notice: bytes) -> bool:
+        """Whether a notice that the key is unknown answers a datagram that was sealed here, not long ago."""
+        number = int.from_bytes(notice[8:16], "big")
+        return self._sent - WINDOW < number <= self._sent
+
+
+def key_of(data: bytes) -> int:
+    """Return which key a datagram is sealed with. Raises SealError where it is not sealed."""
+    if len(data) < OVERHEAD_BYTES or data[:4] != _SEALED:
+        raise SealError(Refused.UNSEALED)
+    return int.from_bytes(data[4:8], "big")
+
+
+def unknown_key(data: bytes) -> bytes:
+    """Return the notice that the key of a sealed datagram is unknown; it is shorter, and proves nothing."""
+    return _UNKNOWN_KEY + data[4:HEAD_BYTES]
+
+
+def unknown_key_of(data: bytes) -> int | None:
+    """Return which key such a notice is about; None where it is none."""
+    is_notice = len(data) == HEAD_BYTES and data[:4] == _UNKNOWN_KEY
+    return int.from_bytes(data[4:8], "big") if is_notice else None
+
+
+def _keyed(key: bytes, side: Side) -> "blake2s":
+    if len(key) != KEY_BYTES:
+        raise ValueError(f"a key of {len(key)} bytes, not {KEY_BYTES}")
+    return blake2s(key=key, digest_size=SEAL_BYTES, person=side.encode())
+
+
+_SEALED = MAGIC + bytes([VERSION, KIND_SEALED])
+_UNKNOWN_KEY = MAGIC + bytes([VERSION, KIND_UNKNOWN_KEY])

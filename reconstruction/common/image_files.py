@@ -1,5 +1,6 @@
 """Pictures read from files and written to files, with the errors that OpenCV does not raise."""
 
+import io
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -7,7 +8,7 @@ import cv2
 import numpy as np
 
 from capture_app.errors import BadInputError
-from capture_app.session.reading.picture_size import picture_size
+from capture_app.session.reading.picture_size import picture_size, size_of
 from reconstruction.common.foreign_calls import opencv_calls, silenced_output
 from reconstruction.common.geometry import Array
 from reconstruction.common.memory_budget import gigabytes, memory_budget
@@ -24,19 +25,22 @@ DECODED_SHARE = 0.25
 REDUCTIONS = {8: cv2.IMREAD_REDUCED_COLOR_8, 4: cv2.IMREAD_REDUCED_COLOR_4, 2: cv2.IMREAD_REDUCED_COLOR_2}
 
 
-def read_image(path: Path, size: tuple[int, int] | None = None) -> Array:
+def read_image(path: Path, size: tuple[int, int] | None = None, data: bytes | None = None) -> Array:
     """A picture's colours, uint8 height x width x 3, BGR; `size` (width, height): made smaller to this.
+
+    `data` are the bytes of a JPEG that is within the file, a frame of a video.
 
     Raises:
         BadInputError: it is not an image, of a format that is not supported, or too large to decode.
     """
-    found = image_size(path)
+    found = image_size(path, data)
     reduction = 1
     if size is not None:
         least = min(max(found) / max(size), min(found) / min(size))
         reduction = max([1, *(factor for factor in REDUCTIONS if factor <= least)])
     # Only JPEG is decoded at a smaller size; other formats are decoded whole.
-    decoded = 3 * found[0] * found[1] / (reduction**2 if path.suffix.lower() in (".jpg", ".jpeg") else 1)
+    is_jpeg = data is not None or path.suffix.lower() in (".jpg", ".jpeg")
+    decoded = 3 * found[0] * found[1] / (reduction**2 if is_jpeg else 1)
     if decoded > DECODED_SHARE * memory_budget().limit_bytes:
         raise BadInputError(
             f"{path} is {found[0]}x{found[1]} pixels: decoded it takes {gigabytes(decoded)} of memory, "
@@ -45,7 +49,8 @@ def read_image(path: Path, size: tuple[int, int] | None = None) -> Array:
         )
     # Decoders complain of broken files on stderr.
     with silenced_output(), opencv_calls(f"decoding {path.name}"):
-        image = cv2.imread(str(path), REDUCTIONS.get(reduction, cv2.IMREAD_COLOR))
+        how = REDUCTIONS.get(reduction, cv2.IMREAD_COLOR)
+        image = cv2.imread(str(path), how) if data is None else _decode(data, how)
         # A picture that is turned by its EXIF orientation keeps its shape, and is refused for it.
         if image is not None and size is not None and _alike(image.shape[1::-1], size):
             image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
@@ -77,14 +82,21 @@ def _alike(a: Sequence[int], b: Sequence[int]) -> bool:
     return abs(a[0] * b[1] - a[1] * b[0]) < 0.1 * a[0] * b[1]
 
 
-def image_size(path: Path) -> tuple[int, int]:
+def _decode(data: bytes, how: int) -> Array | None:
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), how) if data else None
+    return None if image is None else np.asarray(image, np.uint8)
+
+
+def image_size(path: Path, data: bytes | None = None) -> tuple[int, int]:
     """A picture's width and height as its file's header says (before any EXIF orientation), px.
+
+    `data` as for `read_image`.
 
     Raises:
         BadInputError: it is not an image, of a format that is not supported, or of an unusable shape.
     """
     try:
-        found = picture_size(path)
+        found = picture_size(path) if data is None else size_of(io.BytesIO(data))
     except OSError as error:
         raise BadInputError(f"cannot read {path}: {error.strerror or error}") from error
     if found is None:

@@ -12,7 +12,7 @@ import numpy as np
 
 from capture_app.errors import BadInputError, IncompleteError, NotApplicableError
 from capture_app.session.format.calibration import Calibration
-from capture_app.session.format.manifest import ImageRecord
+from capture_app.session.format.manifest import FrameRecord, ImageRecord
 from capture_app.session.reading.reader import Session
 from reconstruction.common.byte_cache import ByteCache
 from reconstruction.common.geometry import Array
@@ -147,7 +147,7 @@ class Dataset:
 
     def image_bytes(self, camera: str, instant: int) -> bytes:
         """The image's file. Raises OSError where it cannot be read."""
-        return self.session.image_file(self._records[camera, instant]).read_bytes()
+        return self.session.image_bytes(self._records[camera, instant])
 
     def grey(self, camera: str, instant: int) -> Array:
         """The image's brightness, uint8 height x width."""
@@ -255,7 +255,13 @@ class Dataset:
         if not path.is_file():
             hint = "capture-app sessions verify shows all that is missing"
             raise IncompleteError(f"{path} is missing", hint=hint)
-        if path.stat().st_size != record.bytes:
+        if isinstance(record, FrameRecord):
+            if path.stat().st_size < record.offset + record.bytes:
+                raise IncompleteError(
+                    f"{path} ends before the frame of instant {record.instant}",
+                    hint="capture-app sessions verify checks every frame",
+                )
+        elif path.stat().st_size != record.bytes:
             raise IncompleteError(
                 f"{path} has {path.stat().st_size} bytes, not {record.bytes}",
                 hint="capture-app sessions verify checks every image",
@@ -268,11 +274,12 @@ class Dataset:
     def _read_image(self, camera: str, instant: int) -> Array:
         record = self._records[camera, instant]
         path = self.session.image_file(record)
-        picture_checks().check(path, record.sha256)
+        data = self.session.image_bytes(record) if isinstance(record, FrameRecord) else None
+        picture_checks().check(path, record.sha256, data)
         width, height = self.size_on_disk(camera)
-        found = image_size(path)
+        found = image_size(path, data)
         if sorted(found) == sorted((width, height)):
-            image = read_image(path, self.size(camera) if self._scale < 1.0 else None)
+            image = read_image(path, self.size(camera) if self._scale < 1.0 else None, data)
             found = image.shape[1], image.shape[0]
             width, height = self.size(camera)
         if found != (width, height):

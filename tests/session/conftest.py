@@ -38,7 +38,7 @@ def jpeg(seed: int, width: int = WIDTH, height: int = HEIGHT, suffix: str = ".jp
 
 def camera_record(name: str, **facts: Any) -> CameraRecord:
     """A camera with a clock far from the leader's."""
-    known = make_facts(width=WIDTH, height=HEIGHT, period_ns=33_000_000, **facts)
+    known = make_facts(**{"width": WIDTH, "height": HEIGHT, "period_ns": 33_000_000} | facts)
     return CameraRecord(name=name, facts=known, clock=CLOCK)
 
 

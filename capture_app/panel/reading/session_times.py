@@ -132,7 +132,7 @@ class _CameraReader:
 
     def read(self, session: Session, image: ImageRecord) -> PanelTime:
         """Read a picture; raises PanelNotFoundError where that cannot be."""
-        picture = decode_image(session.image_file(image).read_bytes(), colour=True)
+        picture = decode_image(session.image_bytes(image), colour=True)
         if picture is None:
             raise PanelNotFoundError("the picture cannot be decoded")
         exposure_ns = image.exposure_ns or self._facts.exposure_ns

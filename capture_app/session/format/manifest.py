@@ -17,6 +17,7 @@ CALIBRATION = "calibration.json"
 GROUND_TRUTH = "ground_truth"
 RECIPE = "recipe.json"
 IMAGES = "images"
+VIDEOS = "videos"
 RIG = "rig1"
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 
@@ -135,6 +136,25 @@ class ImageRecord(_Record, frozen=True, kw_only=True):
     """It was taken further from its instant, before or after, than the camera's tolerance."""
 
 
+class FrameRecord(ImageRecord, frozen=True, kw_only=True):
+    """A frame of a video as an image of its session: `path` is the video's; no manifest lists one."""
+
+    offset: Count
+    """Of its first byte in the video."""
+
+
+class VideoRecord(_Record, frozen=True, kw_only=True):
+    """One camera's recording: every frame is a JPEG file of its own, one behind the other (MJPEG).
+
+    Where each begins, and when it was taken, is in the file beside it (`video_frames.VideoFrame`).
+    """
+
+    camera: Name
+    path: str
+    frames: Count
+    bytes: Count
+
+
 class MissingImage(_Record, frozen=True, kw_only=True):
     """An image of the burst that is missing, and why."""
 
@@ -179,11 +199,18 @@ class Manifest(_Record, frozen=True, kw_only=True):
     rig: Name = RIG
     schema_version: int = SCHEMA_VERSION
     note: str = ""
+    videos: tuple[VideoRecord, ...] = ()
+    """A recording's, one for each camera; their frames are images of the session, and not in `images`."""
 
 
 def image_path(camera: str, instant: int, suffix: str = ".jpg") -> str:
     """Path of an image inside its session: the same file name is the same instant (COLMAP's rigs)."""
     return f"{IMAGES}/{RIG}/{camera}/{instant:06d}{suffix}"
+
+
+def video_path(camera: str) -> str:
+    """Path of a camera's video inside its session."""
+    return f"{VIDEOS}/{RIG}/{camera}.mjpeg"
 
 
 def session_schema() -> dict[str, Any]:

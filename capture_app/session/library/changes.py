@@ -76,8 +76,8 @@ def _changeable(folder: Path, change: Callable[[Manifest], Manifest]) -> Iterato
     locks = [lock_folder(folder)]
     try:
         _check_undamaged(folder)
-        after = change(before.manifest)
-        if after != before.manifest:
+        after = change(before.stored_manifest)
+        if after != before.stored_manifest:
             with OutputFolder(folder, lambda _: None) as output:
                 locks.append(lock_folder(output.folder))
                 _share_files(folder, output.folder)

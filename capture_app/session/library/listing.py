@@ -46,7 +46,7 @@ class SessionCard(Struct, frozen=True, kw_only=True):
     late: int = 0
     note: str = ""
     first_images: tuple[Path, ...] = ()
-    """The first image of each camera that has one, in the cameras' order."""
+    """The first image of each camera that has one, or its video, in the cameras' order."""
     problem: str = ""
     """Why it cannot be used."""
     remedy: str = ""
@@ -119,6 +119,9 @@ def read_card(folder: Path) -> SessionCard:
         for image in head.images:
             if image.camera not in first:
                 first[image.camera] = inside(folder, image.path)
+        for video in head.videos:
+            if video.frames:
+                first.setdefault(video.camera, inside(folder, video.path))
     except BadInputError as error:
         return SessionCard(
             folder=folder,
@@ -134,7 +137,7 @@ def read_card(folder: Path) -> SessionCard:
         origin=head.origin,
         cameras=names,
         instants=instants,
-        images=len(head.images),
+        images=len(head.images) + sum(video.frames for video in head.videos),
         missing=len(head.missing),
         spread_ns=max(sync.spread_ns, default=None) if sync is not None and len(names) > 1 else None,
         uncertainty_ns=None if sync is None else sync.uncertainty_ns,
@@ -180,6 +183,12 @@ class _Image(msgspec.Struct):
     path: str
 
 
+class _Video(msgspec.Struct):
+    camera: str
+    path: str
+    frames: int
+
+
 class _Burst(msgspec.Struct):
     instants_ns: list[msgspec.Raw]
 
@@ -202,3 +211,4 @@ class _Head(msgspec.Struct):
     missing: list[msgspec.Raw] = []
     sync: _Sync | None = None
     note: str = ""
+    videos: list[_Video] = []

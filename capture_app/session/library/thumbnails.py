@@ -14,6 +14,8 @@ if TYPE_CHECKING:
 
 WIDTH_PX = 160
 """Width of the small pictures."""
+MOST_BYTES = 1 << 26
+"""The most that is read of an image, or of a video for its first frame."""
 MOST_FILES = 4000
 """The most pictures that are kept, about 20 MB; beyond that the oldest half is removed."""
 
@@ -67,7 +69,9 @@ class ThumbnailCache:
 
 def _decode(path: Path, reduction: int = 1) -> "NDArray[np.uint8] | None":
     try:
-        return decode_image(path.read_bytes(), colour=True, reduction=reduction)
+        with path.open("rb") as file:
+            # Of a video the first frame, which is a whole JPEG.
+            return decode_image(file.read(MOST_BYTES), colour=True, reduction=reduction)
     except OSError:
         return None
 

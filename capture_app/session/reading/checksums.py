@@ -11,7 +11,8 @@ from capture_app.session.files.durable import write_unsynced
 from capture_app.session.files.regular import read_regular
 from capture_app.session.format.burst_plan import PLAN
 from capture_app.session.format.ground_truth import TIMES, TRUE_TIMES_JOURNAL
-from capture_app.session.format.manifest import CALIBRATION, EVENTS, JOURNAL, MANIFEST, RECIPE
+from capture_app.session.format.manifest import CALIBRATION, EVENTS, JOURNAL, MANIFEST, RECIPE, VIDEOS
+from capture_app.session.format.video_frames import FRAMES_SUFFIX, is_frames_path
 
 CHECKSUMS = "checksums.sha256"
 COVERED = (MANIFEST, JOURNAL, EVENTS, PLAN, CALIBRATION, TIMES, TRUE_TIMES_JOURNAL, RECIPE)
@@ -23,7 +24,8 @@ def write_checksums(folder: Path, manifest: bytes) -> Path:
     Returns their file, which is still to be synced, as its folder.
     """
     sums = {MANIFEST: hashlib.sha256(manifest).hexdigest()}
-    for name in COVERED[1:]:
+    videos = sorted(folder.glob(f"{VIDEOS}/*/*{FRAMES_SUFFIX}"))
+    for name in (*COVERED[1:], *(str(lines.relative_to(folder)) for lines in videos)):
         if (folder / name).is_file():
             sums[name] = hashlib.sha256((folder / name).read_bytes()).hexdigest()
     path = folder / CHECKSUMS
@@ -42,7 +44,7 @@ def changed_files(folder: Path) -> Iterator[tuple[str, str]]:
     for line in stored.split(b"\n")[:-1]:
         sha256, _, name = line.decode("ascii", errors="replace").partition("  ")
         known.add(name)
-        if name not in COVERED or len(sha256) != 64:
+        if not (name in COVERED or is_frames_path(name)) or len(sha256) != 64:
             yield CHECKSUMS, f"has an unknown line: {line!r}"
             continue
         try:

@@ -8,18 +8,23 @@ import msgspec
 
 from capture_app.errors import BadInputError, IncompleteError
 from capture_app.names import is_name
+from capture_app.session.files.regular import read_regular
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.checks import check_references, inside, read_struct
-from capture_app.session.format.ground_truth import TIMES, TrueTimes, ground_truth_path
+from capture_app.session.format.ground_truth import TIMES, TrueTime, TrueTimes, ground_truth_path
 from capture_app.session.format.manifest import (
     CALIBRATION,
     JOURNAL,
     MANIFEST,
     SCHEMA_VERSION,
     CameraRecord,
+    FrameRecord,
     ImageRecord,
     Manifest,
+    VideoRecord,
 )
+from capture_app.session.format.video_frames import VideoFrame, frame_records, frames_path
+from capture_app.text import UNREADABLE
 
 
 class SessionSummary(msgspec.Struct, frozen=True, kw_only=True):
@@ -41,8 +46,12 @@ class Session:
     """A complete session: its manifest and its files. Made by `Session.open`."""
 
     def __init__(self, folder: Path, manifest: Manifest) -> None:
+        """`manifest` is as it is on the disk."""
         self.folder = folder
+        self.stored_manifest = manifest
         self.manifest = manifest
+        """With the frames of videos among the images."""
+        self._files: dict[str, Path] = {}
         self._cameras = {camera.name: camera for camera in manifest.cameras}
 
     @classmethod
@@ -62,8 +71,12 @@ class Session:
         manifest = read_struct(folder / MANIFEST, Manifest, SCHEMA_VERSION)
         check_references(folder / MANIFEST, manifest)
         session = cls(folder, manifest)
-        for record in manifest.images:
-            session.image_file(record)
+        for image in manifest.images:
+            session.image_file(image)
+        for video in manifest.videos:
+            inside(folder, video.path)
+        if manifest.videos:
+            session.manifest = session.with_frames()
         return session
 
     @property
@@ -80,8 +93,47 @@ class Session:
             raise BadInputError(f"{self.folder} has no camera {name!r}", hint=f"it has {known}") from None
 
     def image_file(self, record: ImageRecord) -> Path:
-        """Where an image lies. Raises BadInputError where its path leads out of the session."""
-        return inside(self.folder, record.path)
+        """The file that an image is in, which is a video for a frame of one: `image_bytes` has its bytes.
+
+        Raises BadInputError where its path leads out of the session.
+        """
+        if record.path not in self._files:
+            self._files[record.path] = inside(self.folder, record.path)
+        return self._files[record.path]
+
+    def image_place(self, record: ImageRecord) -> tuple[Path, int]:
+        """The file that an image is in, and where it begins there. Raises BadInputError as `image_file`."""
+        return self.image_file(record), record.offset if isinstance(record, FrameRecord) else 0
+
+    def image_bytes(self, record: ImageRecord) -> bytes:
+        """An image's bytes, as a file of its own has them. Raises OSError, BadInputError as `image_file`."""
+        path, offset = self.image_place(record)
+        if not isinstance(record, FrameRecord):
+            return read_regular(path)
+        with path.open("rb") as video:
+            video.seek(offset)
+            return video.read(record.bytes)
+
+    def video_frames(self, video: VideoRecord) -> list[VideoFrame]:
+        """All frames of a video, in their order. Raises BadInputError where their file is broken."""
+        path = inside(self.folder, frames_path(video.path))
+        try:
+            return msgspec.json.Decoder(VideoFrame).decode_lines(read_regular(path))
+        except OSError as error:
+            raise BadInputError(f"cannot read {path}: {error.strerror}") from error
+        except UNREADABLE as error:
+            raise BadInputError(f"{path} does not hold the frames of a video: {error}") from error
+
+    def with_frames(self) -> Manifest:
+        """The stored manifest with the frames of its videos among the images. Raises BadInputError."""
+        stored = self.stored_manifest
+        frames = [
+            record
+            for video in stored.videos
+            for record in frame_records(video, self.video_frames(video), stored.burst.instants_ns)
+        ]
+        frames.sort(key=lambda record: (record.instant, record.camera))
+        return msgspec.structs.replace(stored, images=(*stored.images, *frames))
 
     def images_by_instant(self) -> list[dict[str, ImageRecord]]:
         """For each instant in order, the images by camera name; a missing image has no entry."""
@@ -105,7 +157,16 @@ class Session:
     def true_times(self) -> TrueTimes | None:
         """The true times of a simulated session, or None. Raises BadInputError where they are broken."""
         path = self.folder / TIMES
-        return read_struct(path, TrueTimes) if path.exists() else None
+        if not path.exists():
+            return None
+        times = read_struct(path, TrueTimes)
+        frames = (
+            TrueTime(camera=video.camera, instant=frame.instant, true_ns=frame.true_ns)
+            for video in self.stored_manifest.videos
+            for frame in self.video_frames(video)
+            if frame.instant is not None and frame.true_ns is not None
+        )
+        return msgspec.structs.replace(times, images=(*times.images, *frames))
 
 
 def list_sessions(root: Path) -> list[SessionSummary]:

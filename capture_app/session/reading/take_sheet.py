@@ -95,7 +95,7 @@ class TakeSheet:
         # A JPEG's decoder halves it at next to no cost.
         reduction = next((by for by in (8, 4, 2) if width and full // by >= width), 1)
         try:
-            data = self.session.image_file(image).read_bytes()
+            data = self.session.image_bytes(image)
         except OSError:
             return None
         return decode_image(data, colour=True, reduction=reduction)

@@ -5,11 +5,13 @@ from pathlib import Path
 
 import msgspec
 
+from capture_app.errors import BadInputError, IncompleteError
 from capture_app.session.files.disk import reserve
 from capture_app.session.files.durable import sync_all, write_atomic
 from capture_app.session.format.checks import check_references, encode_checked, indented
 from capture_app.session.format.manifest import MANIFEST, Manifest
 from capture_app.session.reading.checksums import write_checksums
+from capture_app.session.reading.reader import Session
 from capture_app.session.reading.synchronization import sync_record
 from capture_app.session.writing.recovery import RESERVE
 
@@ -27,8 +29,17 @@ def encode_manifest(folder: Path, manifest: Manifest) -> bytes:
     """Add the sync record and encode. Raises BadInputError where the records contradict each other."""
     encode_checked(manifest, Manifest)
     check_references(folder / MANIFEST, manifest)
-    sync = sync_record(manifest.cameras, manifest.burst, manifest.images, manifest.missing)
+    images = Session(folder, manifest).with_frames().images if manifest.videos else manifest.images
+    sync = sync_record(manifest.cameras, manifest.burst, images, manifest.missing)
     return indented(encode_checked(msgspec.structs.replace(manifest, sync=sync), Manifest))
+
+
+def earlier_note(folder: Path) -> str:
+    """The note of a manifest that is replaced: somebody may have written it since."""
+    try:
+        return Session.open(folder).manifest.note
+    except (BadInputError, IncompleteError):
+        return ""
 
 
 def write_manifest(folder: Path, data: bytes, before: Iterable[Path]) -> None:

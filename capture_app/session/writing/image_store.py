@@ -1,15 +1,19 @@
 """The images of a session being written; several threads may add images at once."""
 
+import hashlib
 import threading
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 from capture_app.errors import BadInputError
-from capture_app.session.files.durable import make_folders_unsynced, sync_all
+from capture_app.names import check_name
+from capture_app.session.files.durable import make_folders_unsynced, sync_all, write_unsynced
+from capture_app.session.format.checks import encode_checked
 from capture_app.session.format.journal import Journal, JournalEntry
-from capture_app.session.format.manifest import JOURNAL, ImageRecord
+from capture_app.session.format.manifest import IMAGE_SUFFIXES, JOURNAL, ImageRecord, image_path
 from capture_app.session.writing.recovery import recover_images
 
 Key = tuple[str, int]
@@ -32,6 +36,29 @@ class NewImage:
     def key(self) -> Key:
         """What tells it from the others."""
         return self.record.camera, self.record.instant
+
+
+def new_image(
+    data: bytes, *, camera: str, instant: int, leader_ns: int, suffix: str, **further: Any
+) -> NewImage:
+    """An image of these bytes. Raises BadInputError as `SessionWriter.add_image` does."""
+    check_name(camera, "camera")
+    if suffix not in IMAGE_SUFFIXES:
+        raise BadInputError(
+            f"{suffix!r} is not a supported image format", hint=f"use {', '.join(IMAGE_SUFFIXES)}"
+        )
+    if not data:
+        raise BadInputError(f"camera {camera} sent an empty image of instant {instant}")
+    record = ImageRecord(
+        camera=camera,
+        instant=instant,
+        path=image_path(camera, instant, suffix),
+        leader_ns=leader_ns,
+        bytes=len(data),
+        sha256=hashlib.sha256(data).hexdigest(),
+        **further,
+    )
+    return NewImage(record, encode_checked(record, ImageRecord), lambda path: write_unsynced(path, data))
 
 
 class ImageStore:

@@ -1,6 +1,5 @@
 """Writes a session so that a crash at any moment loses at most the image being written."""
 
-import hashlib
 import os
 import shutil
 import threading
@@ -14,14 +13,13 @@ import msgspec
 
 from capture_app import __version__
 from capture_app.clock import SimulatedClock
-from capture_app.errors import BadInputError, DiskFullError, IncompleteError, SimulshotError
+from capture_app.errors import BadInputError, DiskFullError, SimulshotError
 from capture_app.names import check_name
 from capture_app.session.files.disk import disk_error, make_new_folder
 from capture_app.session.files.durable import (
     AppendOnlyFile,
     sync_folder,
     write_atomic,
-    write_unsynced,
 )
 from capture_app.session.files.locks import lock_folder
 from capture_app.session.format.burst_plan import PLAN, BurstPlan, read_plan
@@ -30,21 +28,20 @@ from capture_app.session.format.checks import encode_checked, indented
 from capture_app.session.format.manifest import (
     CALIBRATION,
     EVENTS,
-    IMAGE_SUFFIXES,
     JOURNAL,
     BurstRecord,
     CameraRecord,
     ImageRecord,
     Manifest,
     MissingImage,
-    image_path,
 )
 from capture_app.session.reading.reader import Session
-from capture_app.session.writing.completion import encode_manifest, reserve_room, write_manifest
-from capture_app.session.writing.image_store import ImageStore, NewImage
+from capture_app.session.writing.completion import earlier_note, encode_manifest, reserve_room, write_manifest
+from capture_app.session.writing.image_store import ImageStore, NewImage, new_image
 from capture_app.session.writing.received_image import ReceivedImage
 from capture_app.session.writing.recovery import remove_leftovers
 from capture_app.session.writing.truth_store import TruthStore
+from capture_app.session.writing.video_store import NewFrame, VideoStore
 
 
 class SessionWriter:
@@ -59,6 +56,8 @@ class SessionWriter:
         self._mutex = threading.RLock()
         self._images = ImageStore(folder, self._mutex)
         self._truth = TruthStore(folder, self._images.make_folders)
+        self.videos = VideoStore(folder)
+        """Of a recording, whose frames are no files of their own."""
         self.plan: BurstPlan | None = None
         """The plan of the burst, where `set_plan` was called or an interrupted session had one."""
         self._open = True
@@ -121,29 +120,13 @@ class SessionWriter:
         `further` are the fields of its ImageRecord that are known. Raises BadInputError for an unsafe camera
         name, an unknown kind of file, an empty image, or an image that the session has already.
         """
-        check_name(camera, "camera")
-        if suffix not in IMAGE_SUFFIXES:
-            raise BadInputError(
-                f"{suffix!r} is not a supported image format", hint=f"use {', '.join(IMAGE_SUFFIXES)}"
-            )
-        if not data:
-            raise BadInputError(f"camera {camera} sent an empty image of instant {instant}")
-        record = ImageRecord(
-            camera=camera,
-            instant=instant,
-            path=image_path(camera, instant, suffix),
-            leader_ns=leader_ns,
-            bytes=len(data),
-            sha256=hashlib.sha256(data).hexdigest(),
-            **further,
-        )
-        image = NewImage(record, encode_checked(record, ImageRecord), lambda path: write_unsynced(path, data))
+        image = new_image(data, camera=camera, instant=instant, leader_ns=leader_ns, suffix=suffix, **further)
         with self._writing():
             self._images.begin(image)
         for error in self._images.save([image]):
             if error is not None:
                 raise disk_error(error, self.folder) from error
-        return record
+        return image.record
 
     def add_received(self, images: Sequence[ReceivedImage]) -> list[SimulshotError | None]:
         """Add images that were received into files on this disk and checked against their records.
@@ -163,6 +146,18 @@ class SessionWriter:
             outcome[place] = None if failure is None else disk_error(failure, self.folder)
         return outcome
 
+    def add_frames(self, frames: Sequence[NewFrame]) -> None:
+        """Add frames to the video of their camera, the same for all; once this returns no crash loses one.
+
+        Raises SimulshotError where the disk does not take them: none of them is there then.
+        """
+        try:
+            with self._mutex:
+                self._check_open()
+            self.videos.add(frames)
+        except OSError as error:
+            raise disk_error(error, self.folder) from error
+
     @property
     def damaged(self) -> tuple[tuple[str, int], ...]:
         """Images of a resumed session, by camera and instant, that were saved and are damaged now."""
@@ -170,7 +165,7 @@ class SessionWriter:
 
     def image(self, camera: str, instant: int) -> ImageRecord | None:
         """The record of an image that is saved already; None where it is not."""
-        return self._images.get(camera, instant)
+        return self._images.get(camera, instant) or self.videos.frame(camera, instant)
 
     def add_event(self, *events: Mapping[str, Any]) -> None:
         """Append what the engine saw or did to events.ndjson."""
@@ -189,7 +184,7 @@ class SessionWriter:
     @property
     def knows_true_times(self) -> bool:
         """Whether any image came with its true time: the session is a simulated one."""
-        return self._truth.knows_times
+        return self._truth.knows_times or self.videos.knows_true_times
 
     def set_ground_truth_clocks(self, clocks: Mapping[str, SimulatedClock]) -> None:
         """Keep each simulated camera's clock as it really is."""
@@ -215,7 +210,7 @@ class SessionWriter:
         """
         with self._writing():
             self._images.wait_for_all()
-            gone = (gap for gap in missing if self.image(gap.camera, gap.instant) is None)
+            gone = (gap for gap in missing if not self._has(gap.camera, gap.instant))
             manifest = Manifest(
                 name=self.name,
                 created=self.created,
@@ -225,20 +220,14 @@ class SessionWriter:
                 burst=burst,
                 images=self._images.records,
                 missing=tuple(sorted(gone, key=lambda m: (m.instant, m.camera))),
-                note=self._earlier_note() or note,
+                note=earlier_note(self.folder) or note,
+                videos=self.videos.records(),
             )
             data = encode_manifest(self.folder, manifest)
             remove_leftovers(self.folder)
             write_manifest(self.folder, data, (*self._truth.write(), self.folder / EVENTS))
             self._close()
         return Session.open(self.folder)
-
-    def _earlier_note(self) -> str:
-        """The note of a manifest that is replaced: somebody may have written it since."""
-        try:
-            return Session.open(self.folder).manifest.note
-        except (BadInputError, IncompleteError):
-            return ""
 
     def __enter__(self) -> Self:
         return self
@@ -265,6 +254,7 @@ class SessionWriter:
         interrupted = self.plan is not None or (self.folder / JOURNAL).exists()
         self._images.open(recover=interrupted)
         if interrupted:
+            self.videos.recover()
             self._truth.recover(self._images.records)
 
     def _begin(self, image: ReceivedImage) -> NewImage:
@@ -282,15 +272,22 @@ class SessionWriter:
     @contextmanager
     def _writing(self) -> Iterator[None]:
         with self._mutex:
-            if not self._open:
-                raise BadInputError(f"{self.folder} is closed: nothing can be added any more")
+            self._check_open()
             try:
                 yield
             except OSError as error:
                 raise disk_error(error, self.folder) from error
 
+    def _has(self, camera: str, instant: int) -> bool:
+        return self._images.get(camera, instant) is not None or self.videos.has(camera, instant)
+
+    def _check_open(self) -> None:
+        if not self._open:
+            raise BadInputError(f"{self.folder} is closed: nothing can be added any more")
+
     def _close(self) -> None:
         self._images.wait_for_all()
+        self.videos.close()
         self._open = False
         # All saved images are synced already: an error here loses none.
         self._images.close()

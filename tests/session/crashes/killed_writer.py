@@ -2,15 +2,18 @@
 
     -m tests.session.crashes.killed_writer ROOT steps FIRST COUNT EVERY
     -m tests.session.crashes.killed_writer ROOT batches FIRST COUNT EVERY
+    -m tests.session.crashes.killed_writer ROOT videos FIRST COUNT EVERY
     -m tests.session.crashes.killed_writer ROOT repairs FIRST COUNT EVERY EVERY_IN_REPAIR
     -m tests.session.crashes.killed_writer ROOT moments SEED COUNT
 
 `steps` kills before, and in the middle of, each call that changes the disk; `batches` does so where images
-are saved several at a time, as a leader does that receives them; `repairs` kills the repair of a
+are saved several at a time, as a leader does that receives them; `videos` does where they are frames that are
+added to videos; `repairs` kills the repair of a
 killed writer so; `moments` sends SIGKILL at random times. Each run is a forked child of this one process.
 """
 
 import asyncio
+import functools
 import hashlib
 import json
 import os
@@ -39,6 +42,7 @@ from capture_app.session.reading.verify import Problem, ProblemKind, verify
 from capture_app.session.writing.received_image import ReceivedImage
 from capture_app.session.writing.recovery import INCOMING
 from capture_app.session.writing.session_writer import SessionWriter
+from capture_app.session.writing.video_store import NewFrame
 from tests.facts import make_facts
 
 ROOT = Path(__file__).parents[3]
@@ -54,7 +58,7 @@ def picture(camera: int, instant: int) -> bytes:
     return hashlib.sha256(b"%d %d" % (camera, instant)).digest() * 300
 
 
-def write(root: Path, confirmed: int, threads: int = 1, *, in_batches: bool = False) -> None:
+def write(root: Path, confirmed: int, threads: int = 1, *, how: str = "images") -> None:
     """Write a session, and tell on a pipe which images are promised to be safe."""
     writer = SessionWriter.create(root, NAME)
     facts = make_facts(width=8, height=8, period_ns=PERIOD_NS)
@@ -82,10 +86,22 @@ def write(root: Path, confirmed: int, threads: int = 1, *, in_batches: bool = Fa
                 assert error is None
             REAL["write"](confirmed, b"".join(bytes(of) for of in batch))
 
+    def add_frames() -> None:
+        for instant in range(0, INSTANTS, 2):
+            for camera in range(CAMERAS):
+                batch = [(camera, instant), (camera, instant + 1)]
+                writer.add_frames([new_frame(*of) for of in batch])
+                REAL["write"](confirmed, b"".join(bytes(of) for of in batch))
+
+    ways: dict[str, Callable[[], None]] = {
+        "images": lambda: add(0),
+        "batches": add_batches,
+        "videos": add_frames,
+    }
     workers = [threading.Thread(target=add, args=(mine,)) for mine in range(1, threads)]
     for worker in workers:
         worker.start()
-    add_batches() if in_batches else add(0)
+    ways[how]()
     for worker in workers:
         worker.join()
     writer.add_event({"event": "done"})
@@ -95,15 +111,23 @@ def write(root: Path, confirmed: int, threads: int = 1, *, in_batches: bool = Fa
 
 def received(folder: Path, camera: int, instant: int) -> ReceivedImage:
     """An image whose transfer has just ended."""
-    data, name = picture(camera, instant), f"cam{camera}"
-    file = folder / INCOMING / f"{name}.{instant}"
+    record = record_of(camera, instant)
+    file = folder / INCOMING / f"{record.camera}.{instant}"
     file.parent.mkdir(exist_ok=True)
-    file.write_bytes(data)
-    record = ImageRecord(
+    file.write_bytes(picture(camera, instant))
+    return ReceivedImage(record, file, b"truth", PERIOD_NS * instant)
+
+
+def new_frame(camera: int, instant: int) -> NewFrame:
+    return NewFrame(record_of(camera, instant), picture(camera, instant), PERIOD_NS * instant)
+
+
+def record_of(camera: int, instant: int) -> ImageRecord:
+    data, name = picture(camera, instant), f"cam{camera}"
+    return ImageRecord(
         camera=name, instant=instant, path=image_path(name, instant), leader_ns=PERIOD_NS * instant,
         bytes=len(data), sha256=hashlib.sha256(data).hexdigest(),
     )  # fmt: skip
-    return ReceivedImage(record, file, b"truth", PERIOD_NS * instant)
 
 
 REAL: dict[str, Any] = {name: getattr(os, name) for name in CHANGING}
@@ -178,7 +202,7 @@ def judge(root: Path, status: int, told: bytes) -> dict[str, Any]:
     there = {(image.camera, image.instant): image for image in session.manifest.images}
     for camera, instant in sorted(promised):
         image = there.get((f"cam{camera}", instant))
-        if image is None or session.image_file(image).read_bytes() != picture(camera, instant):
+        if image is None or session.image_bytes(image) != picture(camera, instant):
             result["lost"] = [*result["lost"], (camera, instant)]
     result["lies"] = [*result["lies"], *(str(lie) for lie in verify(session) if not no_picture(lie))]
     result["state"] = "finished"
@@ -202,22 +226,18 @@ def results_of(module: str, *arguments: object) -> list[dict[str, Any]]:
     return [json.loads(line) for line in done.stdout.splitlines()]
 
 
-def killed_at(step: int, root: Path, *, in_batches: bool = False) -> Callable[[int], None]:
+def killed_at(step: int, root: Path, how: str = "images") -> Callable[[int], None]:
     def work(pipe: int) -> None:
         die_at(step)
-        write(root, pipe, in_batches=in_batches)
+        write(root, pipe, how=how)
 
     return work
 
 
-def kill_batches(root: Path, first: int, count: int, every: int) -> None:
-    kill_steps(root, first, count, every, in_batches=True)
-
-
-def kill_steps(root: Path, first: int, count: int, every: int, *, in_batches: bool = False) -> None:
+def kill_steps(root: Path, first: int, count: int, every: int, *, how: str = "images") -> None:
     for step in range(first, first + count * every, every):
         shutil.rmtree(root / NAME, ignore_errors=True)
-        status, told = run(killed_at(step, root, in_batches=in_batches))
+        status, told = run(killed_at(step, root, how))
         tell(step, judge(root, status, told))
         if status == 0:
             break
@@ -250,7 +270,11 @@ def kill_moments(root: Path, seed: int, count: int) -> None:
 
 
 if __name__ == "__main__":
-    mode = {"steps": kill_steps, "batches": kill_batches, "repairs": kill_repairs, "moments": kill_moments}[
-        sys.argv[2]
-    ]
+    mode = {
+        "steps": kill_steps,
+        "batches": functools.partial(kill_steps, how="batches"),
+        "videos": functools.partial(kill_steps, how="videos"),
+        "repairs": kill_repairs,
+        "moments": kill_moments,
+    }[sys.argv[2]]
     mode(Path(sys.argv[1]), *map(int, sys.argv[3:]))  # type: ignore[operator]

@@ -27,6 +27,10 @@ def test_a_writer_of_batches_killed_at_some_steps_loses_nothing(tmp_path: Path) 
     judge(killed(tmp_path, "batches", 3, 100, 17), 8)
 
 
+def test_a_writer_of_videos_killed_at_some_steps_loses_nothing(tmp_path: Path) -> None:
+    judge(killed(tmp_path, "videos", 2, 100, 9), 8)
+
+
 def test_a_writer_killed_at_some_moments_loses_nothing(tmp_path: Path) -> None:
     judge([*killed(tmp_path, "moments", 1, 8), *killed(tmp_path, "steps", 101, 1, 1)], 9)
 
@@ -45,6 +49,12 @@ def test_a_writer_killed_at_every_step_loses_nothing(tmp_path: Path) -> None:
 @pytest.mark.timeout(1800)
 def test_a_writer_of_batches_killed_at_every_step_loses_nothing(tmp_path: Path) -> None:
     judge(killed(tmp_path, "batches", 1, 10_000, 1), 100)
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(1800)
+def test_a_writer_of_videos_killed_at_every_step_loses_nothing(tmp_path: Path) -> None:
+    judge(killed(tmp_path, "videos", 1, 10_000, 1), 50)
 
 
 @pytest.mark.slow

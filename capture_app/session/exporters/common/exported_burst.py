@@ -87,7 +87,7 @@ class ExportedBurst:
         """
         path = self.session.image_file(image)
         try:
-            data = path.read_bytes()
+            data = self.session.image_bytes(image)
         except FileNotFoundError:
             raise IncompleteError(f"{path} is missing", hint=_VERIFY) from None
         except OSError as error:
@@ -132,12 +132,13 @@ class ExportedBurst:
 def _images_by_place(session: Session) -> dict[tuple[str, int], ImageRecord]:
     where = session.folder / MANIFEST
     images: dict[tuple[str, int], ImageRecord] = {}
-    paths: set[Path] = set()
+    paths: set[tuple[Path, int]] = set()
     for image in session.manifest.images:
-        if (image.camera, image.instant) in images or session.image_file(image) in paths:
+        place = session.image_place(image)
+        if (image.camera, image.instant) in images or place in paths:
             raise BadInputError(f"{where} lists {image.path} of {image.camera} twice", hint=_VERIFY)
         images[image.camera, image.instant] = image
-        paths.add(session.image_file(image))
+        paths.add(place)
     return images
 
 

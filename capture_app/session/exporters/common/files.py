@@ -5,9 +5,9 @@ from pathlib import Path
 
 from capture_app.errors import BadInputError
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions, Picture
-from capture_app.session.format.manifest import ImageRecord
+from capture_app.session.format.manifest import FrameRecord, ImageRecord
 
-_SAME = {".jpeg": ".jpg", ".tif": ".tiff"}
+_SAME = {".jpeg": ".jpg", ".mjpeg": ".jpg", ".tif": ".tiff"}
 
 
 def suffix_for(burst: ExportedBurst, images: list[ImageRecord]) -> str:
@@ -25,7 +25,7 @@ def place(burst: ExportedBurst, image: ImageRecord, target: Path, options: Expor
     target.parent.mkdir(parents=True, exist_ok=True)
     if _ending(burst, image) != target.suffix:
         target.write_bytes(_png(image, pixels))
-    elif options.link:
+    elif options.link and not isinstance(image, FrameRecord):
         os.link(burst.session.image_file(image).resolve(), target)
     else:
         target.write_bytes(data)

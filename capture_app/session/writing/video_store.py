@@ -1,0 +1,227 @@
+"""The videos of a session being written: a frame's bytes first, then its line; a kill loses neither."""
+
+import os
+import shutil
+import threading
+from array import array
+from bisect import bisect_left
+from collections.abc import Sequence
+from contextlib import suppress
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import msgspec
+
+from capture_app.names import check_name
+from capture_app.session.files.durable import (
+    AppendOnlyFile,
+    free_name,
+    make_folders,
+    sync_folder,
+    write_atomic,
+)
+from capture_app.session.format.manifest import VIDEOS, FrameRecord, ImageRecord, VideoRecord, video_path
+from capture_app.session.format.video_frames import (
+    FRAMES_SUFFIX,
+    VideoFrame,
+    frame_line,
+    frame_record,
+    frames_path,
+)
+from capture_app.session.writing.recovery import SET_ASIDE
+from capture_app.text import UNREADABLE
+
+
+@dataclass(frozen=True, slots=True)
+class NewFrame:
+    """A frame that is to be added to its camera's video."""
+
+    record: ImageRecord
+    data: bytes
+    true_ns: int | None = None
+    """True start of the first row's exposure, of a simulated frame."""
+
+
+@dataclass(slots=True)
+class _Video:
+    """One camera's video; of a frame no more is in memory than where its line is."""
+
+    handle: int
+    lines: AppendOnlyFile
+    record: VideoRecord
+    instants: "array[int]" = field(default_factory=lambda: array("Q"))
+    """Those that it has, in their order."""
+    starts: "array[int]" = field(default_factory=lambda: array("Q"))
+    """Where the line of each begins, in bytes."""
+    length: int = 0
+    """Of all lines, in bytes."""
+
+    def find(self, instant: int) -> int | None:
+        """The place of an instant among those that it has."""
+        place = bisect_left(self.instants, instant)
+        return place if place < len(self.instants) and self.instants[place] == instant else None
+
+    def note(self, instant: int | None, line_bytes: int, frame_end: int) -> None:
+        """Take note of a frame's line, and of where the frame ends."""
+        if instant is not None and self.find(instant) is None:
+            place = bisect_left(self.instants, instant)
+            self.instants.insert(place, instant)
+            self.starts.insert(place, self.length)
+        self.length += line_bytes
+        camera, path, frames = self.record.camera, self.record.path, self.record.frames + 1
+        self.record = VideoRecord(camera=camera, path=path, frames=frames, bytes=frame_end)
+
+
+class VideoStore:
+    """The videos of one session; all methods may raise OSError, and may be called from any thread."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._videos: dict[str, _Video] = {}
+        self._mutex = threading.Lock()
+        self.knows_true_times = False
+        """Whether any frame came with its true time."""
+
+    def recover(self) -> None:
+        """Take on the videos that an interrupted writer has left.
+
+        A torn line is dropped, and bytes behind the last frame that has a line are set aside.
+        """
+        for lines in sorted((self._folder / VIDEOS).glob(f"*/*{FRAMES_SUFFIX}")):
+            self._recover(lines.name.removesuffix(FRAMES_SUFFIX), lines)
+
+    def has(self, camera: str, instant: int) -> bool:
+        """Whether a camera's video has the frame of an instant."""
+        with self._mutex:
+            video = self._videos.get(camera)
+            return video is not None and video.find(instant) is not None
+
+    def frame(self, camera: str, instant: int) -> FrameRecord | None:
+        """The record of a frame that is there, its residual left out; None where it is not."""
+        with self._mutex:
+            video = self._videos.get(camera)
+            place = None if video is None else video.find(instant)
+            if video is None or place is None:
+                return None
+            record, start = video.record, video.starts[place]
+        with (self._folder / frames_path(record.path)).open("rb") as file:
+            file.seek(start)
+            frame = msgspec.json.decode(file.readline(), type=VideoFrame)
+        return frame_record(record, frame, instant, frame.leader_ns)
+
+    def instants(self, camera: str) -> "array[int]":
+        """The instants of which a camera's video has a frame, in their order."""
+        with self._mutex:
+            video = self._videos.get(camera)
+            return array("Q") if video is None else video.instants[:]
+
+    def add(self, frames: Sequence[NewFrame]) -> None:
+        """Add frames of one camera: all are on the disk when this returns, or none is in the video.
+
+        Those of instants that the video has already are left out. Raises BadInputError for an invalid name.
+        """
+        with self._mutex:
+            video = self._video(frames[0].record.camera)
+            self._append(video, [frame for frame in frames if video.find(frame.record.instant) is None])
+
+    def records(self) -> tuple[VideoRecord, ...]:
+        """What the manifest says of the videos."""
+        with self._mutex:
+            return tuple(self._videos[camera].record for camera in sorted(self._videos))
+
+    def close(self) -> None:
+        """Close all files: what is in them is on the disk. Calling it twice is harmless."""
+        with self._mutex:
+            for video in self._videos.values():
+                if video.handle >= 0:
+                    os.close(video.handle)
+                    video.handle = -1
+                with suppress(OSError):
+                    video.lines.close(synced=False)
+
+    def _append(self, video: _Video, frames: Sequence[NewFrame]) -> None:
+        end, lines, ends = video.record.bytes, [], []
+        for frame in frames:
+            lines.append(frame_line(frame.record, end, frame.true_ns))
+            end += len(frame.data)
+            ends.append(end)
+        try:
+            os.lseek(video.handle, video.record.bytes, os.SEEK_SET)
+            for frame in frames:
+                left = memoryview(frame.data)
+                while left:
+                    left = left[os.write(video.handle, left) :]
+            os.fdatasync(video.handle)
+            video.lines.append(*lines, durable=True)
+        except OSError:
+            with suppress(OSError):
+                os.ftruncate(video.handle, video.record.bytes)
+            raise
+        for frame, line, frame_end in zip(frames, lines, ends, strict=True):
+            video.note(frame.record.instant, len(line) + 1, frame_end)
+            self.knows_true_times |= frame.true_ns is not None
+
+    def _video(self, camera: str) -> _Video:
+        if camera not in self._videos:
+            check_name(camera, "camera")
+            path = self._folder / video_path(camera)
+            make_folders(path.parent, self._folder)
+            self._videos[camera] = self._open(camera)
+            sync_folder(path.parent)
+        return self._videos[camera]
+
+    def _open(self, camera: str) -> _Video:
+        path = video_path(camera)
+        lines = AppendOnlyFile(self._folder / frames_path(path))
+        handle = os.open(self._folder / path, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o666)
+        return _Video(handle, lines, VideoRecord(camera=camera, path=path, frames=0, bytes=0))
+
+    def _recover(self, camera: str, lines: Path) -> None:
+        path = self._folder / video_path(camera)
+        size, end, damaged = path.stat().st_size if path.exists() else 0, 0, False
+        kept: list[tuple[int | None, int, int]] = []
+        with lines.open("rb") as file:
+            for line in file:
+                frame = _whole(line)
+                if frame is None or frame.offset < end or frame.offset + frame.bytes > size:
+                    damaged = True
+                    continue
+                end = frame.offset + frame.bytes
+                kept.append((frame.instant, len(line), end))
+                self.knows_true_times |= frame.true_ns is not None
+        if damaged:
+            self._keep_whole_lines(lines, size)
+        if size > end:
+            self._set_aside_from(path, end)
+        video = self._videos[camera] = self._open(camera)
+        for instant, line_bytes, frame_end in kept:
+            video.note(instant, line_bytes, frame_end)
+
+    def _keep_whole_lines(self, lines: Path, size: int) -> None:
+        kept, end = [], 0
+        for line in lines.read_bytes().splitlines(keepends=True):
+            frame = _whole(line)
+            if frame is not None and end <= frame.offset and frame.offset + frame.bytes <= size:
+                kept.append(line)
+                end = frame.offset + frame.bytes
+        write_atomic(lines, b"".join(kept))
+
+    def _set_aside_from(self, path: Path, end: int) -> None:
+        """Move the bytes of a video from `end` on to a file of their own."""
+        aside = self._folder / SET_ASIDE / path.relative_to(self._folder)
+        make_folders(aside.parent, self._folder)
+        with path.open("rb") as video, free_name(aside).open("wb") as rest:
+            video.seek(end)
+            shutil.copyfileobj(video, rest)
+            rest.flush()
+            os.fsync(rest.fileno())
+        sync_folder(aside.parent)
+        os.truncate(path, end)
+
+
+def _whole(line: bytes) -> VideoFrame | None:
+    """The frame of a line that a crash has not torn."""
+    try:
+        return msgspec.json.decode(line, type=VideoFrame) if line.endswith(b"\n") else None
+    except UNREADABLE:
+        return None

@@ -1,0 +1,137 @@
+"""Recordings: frames in a video are images like others, and nothing about them is believed unchecked."""
+
+import hashlib
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from capture_app.errors import BadInputError
+from capture_app.session.exporters.export_session import export_session
+from capture_app.session.format.manifest import BurstRecord, ImageRecord, MissingImage, image_path
+from capture_app.session.library.changes import set_note
+from capture_app.session.library.listing import read_card
+from capture_app.session.reading.reader import Session
+from capture_app.session.reading.take_sheet import TakeSheet
+from capture_app.session.reading.verify import verify
+from capture_app.session.writing.session_writer import SessionWriter
+from capture_app.session.writing.video_store import NewFrame
+
+from .conftest import INSTANTS, camera_record, jpeg, local_from_leader
+
+VIDEO, LINES = "videos/rig1/left.mjpeg", "videos/rig1/left.frames.ndjson"
+
+
+def frame(camera: str, instant: int) -> NewFrame:
+    """A frame 4 us after its instant."""
+    data, leader_ns = jpeg(instant, 32, 24), INSTANTS[instant] + 4_000
+    record = ImageRecord(
+        camera=camera,
+        instant=instant,
+        path=image_path(camera, instant),
+        leader_ns=leader_ns,
+        local_ns=local_from_leader(leader_ns),
+        residual_ns=4_000,
+        uncertainty_ns=20_000,
+        bytes=len(data),
+        sha256=hashlib.sha256(data).hexdigest(),
+    )
+    return NewFrame(record, data, true_ns=instant + 5)
+
+
+def record(writer: SessionWriter) -> Session:
+    """Two cameras, of which the right one drops its last frame."""
+    for instant in range(3):
+        writer.add_frames([frame("left", instant)])
+    writer.add_frames([frame("right", 0), frame("right", 1)])
+    return writer.finish(
+        [camera_record("left", width=32, height=24), camera_record("right", width=32, height=24)],
+        BurstRecord(instants_ns=INSTANTS, period_ns=33_000_000),
+        [MissingImage(camera="right", instant=2, reason="the camera dropped the frame", dropped=True)],
+        origin="simulated",
+    )
+
+
+@pytest.fixture
+def recording(tmp_path: Path) -> Session:
+    return record(SessionWriter.create(tmp_path, "recording"))
+
+
+def test_a_recording_is_a_session_like_any_other(recording: Session) -> None:
+    assert verify(recording) == []
+    assert [(image.camera, image.instant) for image in recording.manifest.images] == [
+        ("left", 0), ("right", 0), ("left", 1), ("right", 1), ("left", 2),
+    ]  # fmt: skip
+    image = recording.manifest.images[2]
+    assert recording.image_bytes(image) == jpeg(1, 32, 24)
+    assert (image.residual_ns, image.local_ns) == (4_000, local_from_leader(image.leader_ns))
+    assert (recording.folder / VIDEO).read_bytes() == b"".join(jpeg(n, 32, 24) for n in range(3))
+    times = recording.true_times()
+    assert times is None or [time.true_ns for time in times.images] == [5, 6, 7, 5, 6]
+    card = read_card(recording.folder)
+    assert (card.images, card.missing, len(card.first_images)) == (5, 1, 2)
+    sheet = TakeSheet.open(recording.folder)
+    assert sheet.load("left", 2) is not None
+    assert sheet.load("right", 2) is None
+
+
+def test_a_recordings_manifest_stays_small_and_keeps_its_note(recording: Session) -> None:
+    assert json.loads((recording.folder / "session.json").read_bytes())["images"] == []
+    set_note(recording.folder, "she lands on the mat")
+    after = Session.open(recording.folder)
+    assert (after.manifest.note, after.manifest.images) == ("she lands on the mat", recording.manifest.images)
+    assert json.loads((recording.folder / "session.json").read_bytes())["images"] == []
+    assert verify(after) == []
+
+
+def test_a_recording_is_exported_frame_by_frame(recording: Session, tmp_path: Path) -> None:
+    export_session(recording, "mp4", tmp_path / "mp4")
+    assert sorted(path.suffix for path in (tmp_path / "mp4").rglob("*.mp4")) == [".mp4", ".mp4"]
+
+
+@pytest.mark.parametrize(
+    ("spoil", "says"),
+    [
+        (lambda folder: flip(folder / VIDEO), "sha256 differs"),
+        (lambda folder: cut(folder / VIDEO), "bytes long"),
+        (lambda folder: flip(folder / LINES, b'"bytes":', b'"bytes": '), "another sha256"),
+        (lambda folder: (folder / "videos/rig1/odd.mjpeg").write_bytes(b"x"), "not in the manifest"),
+        (lambda folder: lengthen(folder / VIDEO), "frames in"),
+    ],
+)
+def test_what_is_wrong_with_a_video_is_noticed(
+    recording: Session, spoil: Callable[[Path], object], says: str
+) -> None:
+    spoil(recording.folder)
+    assert any(says in str(problem) for problem in verify(Session.open(recording.folder)))
+
+
+def test_frames_that_cannot_be_read_are_refused(recording: Session) -> None:
+    (recording.folder / LINES).write_bytes(b'{"offset": -1}\n')
+    with pytest.raises(BadInputError, match="does not hold the frames of a video"):
+        Session.open(recording.folder)
+
+
+def test_a_frame_that_comes_twice_is_there_once(tmp_path: Path) -> None:
+    writer = SessionWriter.create(tmp_path, "twice")
+    writer.add_frames([frame("right", 1)])
+    session = record(writer)
+    assert verify(session) == []
+    size = (session.folder / "videos/rig1/right.mjpeg").stat().st_size
+    assert size == len(jpeg(0, 32, 24) + jpeg(1, 32, 24))
+
+
+def flip(path: Path, old: bytes = b"", new: bytes = b"") -> None:
+    data = path.read_bytes()
+    middle = len(data) // 2
+    flipped = data[:middle] + bytes([data[middle] ^ 1]) + data[middle + 1 :]
+    path.write_bytes(data.replace(old, new, 1) if old else flipped)
+
+
+def cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[:-10])
+
+
+def lengthen(path: Path) -> None:
+    path.write_bytes(path.read_bytes() + b"more")

@@ -21,6 +21,7 @@ from capture_app.commands.options import (
 from capture_app.errors import NotAvailableError
 from capture_app.net.address import Address
 from capture_app.terminal import run_command_line
+from capture_app.usage import add_verbosity, examples
 
 COMMANDS = {
     "rig": "Start, list and stop rigs that run in the background of this machine.",
@@ -53,6 +54,7 @@ def load(name: str) -> click.Command:
     table=COMMANDS,
     load=load,
     invoke_without_command=True,
+    epilog=examples("capture-app", "capture-app --leader 192.168.1.20"),
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True},
 )
 @click.version_option(__version__, prog_name="capture-app")
@@ -111,6 +113,9 @@ def app(
 
     rig = asyncio.run(attach(leader=leader, sessions=sessions, host=host, port=port, cameras=cameras))
     run_screen(rig, frames=frames)
+
+
+add_verbosity(app)
 
 
 def run(arguments: Sequence[str]) -> int:

@@ -3,14 +3,18 @@
 import io
 import math
 import os
+import stat
 import sys
+import traceback
 from collections.abc import Callable, Sequence
+from datetime import UTC, datetime
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from capture_app.errors import ExitCode, SimulshotError
 from capture_app.text import ProgressStep, pretty_json, printable, terminal_json
+from capture_app.usage import Verbosity, set_verbosity, verbosity
 
 if TYPE_CHECKING:
     from rich.progress import Progress as Bar
@@ -31,8 +35,32 @@ class FiniteRange(click.FloatRange):
 
 
 def talk(line: str) -> None:
-    """Print a line for the user on stderr."""
-    click.echo(printable(line), err=True)
+    """Print a line for the user on stderr, but not with --quiet."""
+    if verbosity() > Verbosity.QUIET:
+        time = f"{datetime.now(UTC).astimezone():%H:%M:%S.%f}"[:-3] + " " if _is_verbose() else ""
+        click.echo(time + printable(line), err=True)
+
+
+def log_line(line: str) -> None:
+    """Print what happens at a rig on stderr, with its time unless who reads the pipe adds that."""
+    if not _is_verbose() and (clock := _log_clock()):
+        line = f"{datetime.now(UTC).astimezone():{clock}} {line}"
+    talk(line)
+
+
+def _log_clock() -> str:
+    """Return how the time of a logged line is written: on a terminal, in a file, elsewhere not at all."""
+    if sys.stderr.isatty():
+        return "%H:%M:%S"
+    try:
+        is_file = stat.S_ISREG(os.fstat(sys.stderr.fileno()).st_mode)
+    except (OSError, ValueError):
+        return ""
+    return "%Y-%m-%d %H:%M:%S" if is_file else ""
+
+
+def _is_verbose() -> bool:
+    return verbosity() == Verbosity.VERBOSE
 
 
 def print_line(line: str) -> None:
@@ -102,7 +130,9 @@ class Progress:
 def show_progress(step: ProgressStep) -> None:
     """Show how far the running command is: on its bar, or as a line where stderr is no terminal."""
     context = click.get_current_context(silent=True)
-    if context is None or not sys.stderr.isatty():
+    if verbosity() == Verbosity.QUIET:
+        return
+    if context is None or _is_verbose() or not sys.stderr.isatty():
         talk(str(step))
         return
     global _bar
@@ -148,6 +178,7 @@ def _stop_bar() -> None:
 
 def run_command_line(command: click.Command, name: str, arguments: Sequence[str]) -> int:
     """Run a command line and return its exit code; a mistake is one line on stderr, never a traceback."""
+    set_verbosity(Verbosity.NORMAL)
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             # A terminal whose encoding lacks a character shows another one instead.
@@ -155,7 +186,7 @@ def run_command_line(command: click.Command, name: str, arguments: Sequence[str]
     try:
         code = command.main(args=list(arguments), prog_name=name, standalone_mode=False)
     except SimulshotError as error:
-        return _fail(name, str(error), error.exit_code)
+        return _fail(name, str(error), error.exit_code, error)
     except click.UsageError as error:
         where = error.ctx.command_path if error.ctx is not None else name
         return _fail(name, f"{error.format_message()} (see {where} --help)", ExitCode.USAGE)
@@ -168,11 +199,13 @@ def run_command_line(command: click.Command, name: str, arguments: Sequence[str]
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return ExitCode.FAILURE
     except OSError as error:
-        return _fail(name, str(error), ExitCode.FAILURE)
+        return _fail(name, str(error), ExitCode.FAILURE, error)
     # With standalone_mode off click returns the code of an early exit, such as --help, or None.
     return code if isinstance(code, int) else ExitCode.OK
 
 
-def _fail(name: str, message: str, code: int) -> int:
-    talk(f"{name}: error: {' '.join(message.split())}")
+def _fail(name: str, message: str, code: int, error: Exception | None = None) -> int:
+    if error is not None and _is_verbose():
+        click.echo(printable("".join(traceback.format_exception(error))), err=True, nl=False)
+    click.echo(f"{name}: error: {printable(' '.join(message.split()))}", err=True)
     return int(code)

@@ -11,6 +11,7 @@ import click
 from capture_app import __version__
 from capture_app.errors import SimulshotError
 from capture_app.terminal import run_command_line
+from capture_app.usage import add_verbosity, examples
 from reconstruction.commands.batch import batch
 from reconstruction.commands.board import board
 from reconstruction.commands.calibrate import calibrate
@@ -40,6 +41,7 @@ class _Application(click.Group):
 
 @click.group(
     cls=_Application,
+    epilog=examples("reconstruct compare sessions/burst-001 --out compare"),
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True},
 )
 @click.version_option(__version__, prog_name="reconstruct")
@@ -49,6 +51,7 @@ def app() -> None:
 
 for command in (batch, board, calibrate, compare, dose, multiview, stereo, stitch, time_command):
     app.add_command(command)
+add_verbosity(app)
 
 
 def run(arguments: Sequence[str]) -> int:

@@ -13,6 +13,7 @@ from capture_app.commands.options import leader_option
 from capture_app.errors import IncompleteError, NetworkError, NoCameraHereError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line, talk
+from capture_app.usage import examples
 
 if TYPE_CHECKING:
     from capture_app.node.wire.messages import BurstRequest
@@ -22,7 +23,13 @@ if TYPE_CHECKING:
 _FIGURE = re.compile(r"\d[\d.]* (ns|µs|ms|s)\b|--tolerance-us \d+")
 
 
-@click.command()
+@click.command(
+    epilog=examples(
+        "capture-app burst",
+        "capture-app burst --frames 30 --name jump --wait-s 20",
+        "capture-app burst --leader 192.168.1.20 --repeat 10 --every 60 --json",
+    )
+)
 @leader_option
 @click.option(
     "--frames",

@@ -8,9 +8,13 @@ from capture_app.commands.options import leader_option
 from capture_app.net.address import Address
 from capture_app.terminal import json_option, print_json, print_line, print_table, talk
 from capture_app.text import count, duration, megabytes
+from capture_app.usage import examples
 
 
-@click.group(invoke_without_command=True)
+@click.group(
+    invoke_without_command=True,
+    epilog=examples("capture-app cameras"),
+)
 @json_option
 @click.pass_context
 def cameras(ctx: click.Context, as_json: bool) -> None:
@@ -33,7 +37,9 @@ def cameras(ctx: click.Context, as_json: bool) -> None:
         )
 
 
-@cameras.command()
+@cameras.command(
+    epilog=examples("capture-app cameras add v4l2:/dev/video0", "capture-app cameras add --simulated 5")
+)
 @click.argument("spec", required=False)
 @click.option("--name", metavar="NAME", show_default="after the device", help="Name of the camera.")
 @click.option(
@@ -67,7 +73,7 @@ def add(
             print_line(one)
 
 
-@cameras.command()
+@cameras.command(epilog=examples("capture-app cameras remove cam0"))
 @click.argument("name")
 @leader_option
 @json_option
@@ -83,7 +89,7 @@ def remove(name: str, leader: Address, as_json: bool) -> None:
         talk(f"removed {name}")
 
 
-@cameras.command()
+@cameras.command(epilog=examples("capture-app cameras show cam0"))
 @click.argument("name")
 @leader_option
 @json_option

@@ -13,6 +13,7 @@ from capture_app.commands.options import leader_option, run_until_stopped
 from capture_app.errors import IncompleteError
 from capture_app.net.address import Address
 from capture_app.terminal import FiniteRange, json_option, print_json_line, print_line, talk
+from capture_app.usage import examples
 
 if TYPE_CHECKING:
     from rich.live import Live
@@ -22,7 +23,9 @@ if TYPE_CHECKING:
 FPS = 3.0
 
 
-@click.command()
+@click.command(
+    epilog=examples("capture-app coverage", "capture-app coverage --square-mm 34.6 --leader 192.168.1.20")
+)
 @board_options
 @click.option(
     "--width",

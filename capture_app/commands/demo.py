@@ -9,12 +9,13 @@ import click
 from capture_app.commands.options import FOLDER, run_until_stopped
 from capture_app.terminal import json_option, print_json, print_line, print_table, show_progress, talk
 from capture_app.text import ProgressStep
+from capture_app.usage import examples
 
 if TYPE_CHECKING:
     from capture_app.demo import DemoResult
 
 
-@click.command()
+@click.command(epilog=examples("capture-app demo", "capture-app demo --cameras 3 --out /tmp/demo"))
 @click.option("--cameras", type=click.IntRange(2, 7), default=5, metavar="N", help="Simulated cameras.")
 @click.option(
     "--out",

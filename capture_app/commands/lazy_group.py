@@ -5,6 +5,8 @@ from typing import Any
 
 import click
 
+from capture_app.usage import add_verbosity
+
 
 class LazyGroup(click.Group):
     """A group that knows its commands by name and help, and loads one when it runs or completes."""
@@ -24,7 +26,7 @@ class LazyGroup(click.Group):
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import a command; None where there is none of this name."""
-        return self._load(cmd_name) if cmd_name in self.commands else None
+        return add_verbosity(self._load(cmd_name)) if cmd_name in self.commands else None
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Write the table without importing anything."""

@@ -1,9 +1,7 @@
 """`capture-app leader`: synchronize nodes, take bursts on request, save sessions."""
 
 import re
-from collections.abc import Callable
 from contextlib import ExitStack
-from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -19,14 +17,19 @@ from capture_app.commands.options import (
     sessions_option,
     spool_option,
 )
-from capture_app.terminal import FiniteRange, json_option, print_json_line, talk
+from capture_app.terminal import FiniteRange, json_option, log_line, print_json_line, talk
+from capture_app.usage import examples
 
 if TYPE_CHECKING:
     from capture_app.node.leader.leader import LeaderNode
     from capture_app.node.leader.wording import News
 
 
-@click.command()
+@click.command(
+    epilog=examples(
+        "capture-app leader", "capture-app leader --camera v4l2:/dev/video0 --sessions ~/sessions"
+    )
+)
 @host_option
 @port_option
 @sessions_option
@@ -92,11 +95,9 @@ def leader(
     from capture_app.node.leader.leader import LeaderNode
     from capture_app.node.leader.wording import news_line
 
-    say = talk if log is None else _talk_with_time
-
     def on_news(news: "News") -> None:
         if line := news_line(news):
-            say(line)
+            log_line(line)
         if as_json:
             print_json_line(_event_record(news))
 
@@ -112,18 +113,16 @@ def leader(
         on_news=on_news,
         spool=spool,
     )
-    run_until_stopped(_run_leader(node, cameras, log, say, as_json))
+    run_until_stopped(_run_leader(node, cameras, log, as_json))
 
 
-async def _run_leader(
-    node: "LeaderNode", cameras: tuple[str, ...], log: Path | None, say: Callable[[str], None], as_json: bool
-) -> None:
+async def _run_leader(node: "LeaderNode", cameras: tuple[str, ...], log: Path | None, as_json: bool) -> None:
     from capture_app.rig_process import recorded_rig
 
     with ExitStack() as record:
         async with node:
-            say(f"leader at {node.address}, sessions in {node.sessions}")
-            say(f"join with: capture-app node --leader {node.address} --camera SPEC")
+            talk(f"leader at {node.address}, sessions in {node.sessions}")
+            talk(f"join with: capture-app node --leader {node.address} --camera SPEC")
             if as_json:
                 address = {"leader": str(node.address), "port": node.address.port}
                 print_json_line({"event": "listening", **address, "sessions": str(node.sessions)})
@@ -131,12 +130,7 @@ async def _run_leader(
                 await node.add_camera(spec)
             record.enter_context(recorded_rig(node.own_address, node.sessions, log))
             await node.wait_until_unwanted()
-            say("stopped by an operator")
-
-
-def _talk_with_time(line: str) -> None:
-    now = datetime.now(UTC).astimezone()
-    talk(f"{now:%Y-%m-%d %H:%M:%S} {line}")
+            log_line("stopped by an operator")
 
 
 def _event_record(news: "News") -> dict[str, object]:

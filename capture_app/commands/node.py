@@ -15,13 +15,19 @@ from capture_app.commands.options import (
     spool_option,
 )
 from capture_app.net.address import Address
-from capture_app.terminal import FiniteRange, talk
+from capture_app.terminal import FiniteRange, log_line
+from capture_app.usage import examples
 
 if TYPE_CHECKING:
     from capture_app.node.camera.camera_node import CameraNode
 
 
-@click.command()
+@click.command(
+    epilog=examples(
+        "capture-app node --camera v4l2:/dev/video0",
+        "capture-app node --camera v4l2:/dev/video2 --name left --leader 192.168.1.20",
+    )
+)
 @name_option("Name of this node and its camera.")
 @click.option(
     "--camera", "spec", required=True, metavar="SPEC", help="The camera, as listed by `capture-app cameras`."
@@ -78,7 +84,7 @@ def camera_node(
         others=tuple(leaders[1:]),
         clock=clock,
         tolerance_ns=None if tolerance_us is None else round(tolerance_us * 1000),
-        talk=lambda line: talk(f"{name}: {line}"),
+        talk=lambda line: log_line(f"{name}: {line}"),
         spool=spool,
         profiles=DeviceProfiles(),
     )

@@ -10,12 +10,15 @@ from capture_app.commands.options import leader_option
 from capture_app.errors import IncompleteError, NetworkError, SimulshotError
 from capture_app.net.address import Address
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line
+from capture_app.usage import examples
 
 if TYPE_CHECKING:
     from capture_app.node.wire.views import Preview
 
 
-@click.command()
+@click.command(
+    epilog=examples("capture-app preview cam0", "capture-app preview cam0 --width 1280 --out view.jpg")
+)
 @click.argument("camera")
 @click.option(
     "--out",

@@ -16,13 +16,14 @@ from capture_app.commands.options import (
     run_until_stopped,
 )
 from capture_app.net.address import Address
-from capture_app.terminal import json_option, print_json_line, talk
+from capture_app.terminal import json_option, log_line, print_json_line, talk
+from capture_app.usage import examples
 
 if TYPE_CHECKING:
     from capture_app.node.relay import RelayNode
 
 
-@click.command()
+@click.command(epilog=examples("capture-app relay 192.168.1.20 --name gate"))
 @click.argument("parents", nargs=-1, required=True, type=AddressType(), metavar="LEADER...")
 @name_option("Name of this relay.")
 @host_option
@@ -55,7 +56,7 @@ def relay(
         port=port,
         clock=parse_clock(clock_text, node=name),
         beacons=BeaconSender(BEACONS) if reference_broadcast else None,
-        talk=lambda line: talk(f"{name}: {line}"),
+        talk=lambda line: log_line(f"{name}: {line}"),
     )
     run_until_stopped(_run_relay(node, parents, as_json))
 

@@ -14,9 +14,10 @@ from capture_app.commands.options import (
 )
 from capture_app.net.address import Address
 from capture_app.terminal import json_option, print_json, print_line, print_table, talk
+from capture_app.usage import examples
 
 
-@click.group()
+@click.group(epilog=examples("capture-app rig list"))
 def rig() -> None:
     """Start, list and stop rigs that run in the background of this machine.
 
@@ -24,7 +25,7 @@ def rig() -> None:
     """
 
 
-@rig.command()
+@rig.command(epilog=examples("capture-app rig start", "capture-app rig start --camera v4l2:/dev/video0"))
 @host_option
 @rig_port_option
 @sessions_option
@@ -42,7 +43,10 @@ def start(host: str, port: int | None, sessions: Path, cameras: tuple[str, ...],
     talk(f"it runs until: capture-app rig stop --leader {started.leader}")
 
 
-@rig.command("list")
+@rig.command(
+    "list",
+    epilog=examples("capture-app rig list"),
+)
 @json_option
 def list_command(as_json: bool) -> None:
     """List the rigs of this machine that run, newest first."""
@@ -58,7 +62,7 @@ def list_command(as_json: bool) -> None:
         talk("no rig runs on this machine")
 
 
-@rig.command()
+@rig.command(epilog=examples("capture-app rig stop"))
 @leader_option
 @json_option
 def stop(leader: Address, as_json: bool) -> None:

@@ -9,12 +9,13 @@ import click
 from capture_app.commands.options import AddressType, attached_sessions_option, run_until_stopped
 from capture_app.net.address import Address
 from capture_app.terminal import json_option, print_json, print_line, talk
+from capture_app.usage import examples
 
 if TYPE_CHECKING:
     from capture_app.rig_process import AttachedRig
 
 
-@click.command()
+@click.command(epilog=examples("capture-app serve", "capture-app serve --port 8080 --leader 192.168.1.20"))
 @click.option("--host", default="127.0.0.1", help="Address that the page listens on; 0.0.0.0: all networks.")
 @click.option(
     "--port",

@@ -12,12 +12,13 @@ from capture_app.commands.options import leader_option, run_until_stopped
 from capture_app.net.address import Address
 from capture_app.terminal import json_option, print_json, print_json_line, print_line, print_table, talk
 from capture_app.text import count
+from capture_app.usage import examples
 
 if TYPE_CHECKING:
     from capture_app.node.wire.status import NodeStatus, RigStatus
 
 
-@click.command()
+@click.command(epilog=examples("capture-app status", "capture-app status --leader 192.168.1.20 --watch"))
 @leader_option
 @click.option("--watch", is_flag=True, help="Then show what happens, until Ctrl-C.")
 @json_option

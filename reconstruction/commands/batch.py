@@ -7,6 +7,7 @@ import click
 
 from capture_app.errors import ExitCode, SimulshotError
 from capture_app.terminal import json_option, print_json, print_line, talk
+from capture_app.usage import examples
 from reconstruction.commands.options import (
     CONDITION_HELP,
     matcher_option,
@@ -35,7 +36,12 @@ def _parse_instants(text: str) -> tuple[int, ...]:
     return tuple(dict.fromkeys(found))
 
 
-@click.command()
+@click.command(
+    epilog=examples(
+        "reconstruct batch sessions/burst-001 sessions/burst-002 --out depth",
+        "reconstruct batch sessions/burst-001 --condition synced --condition 66 --instants 0-4 --out depth",
+    )
+)
 @click.argument("sessions", type=click.Path(path_type=Path), nargs=-1, required=True)
 @click.option(
     "--condition",

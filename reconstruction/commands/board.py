@@ -8,9 +8,10 @@ from capture_app.board.charuco import CharucoBoard
 from capture_app.board.options import board_options
 from capture_app.errors import SimulshotError
 from capture_app.terminal import json_option, print_json, print_line
+from capture_app.usage import examples
 
 
-@click.command()
+@click.command(epilog=examples("reconstruct board board.pdf", "reconstruct board board.svg --page letter"))
 @click.argument("file", type=click.Path(path_type=Path, dir_okay=False))
 @click.option(
     "--page",

@@ -10,6 +10,7 @@ import click
 from capture_app.board.charuco import CharucoBoard
 from capture_app.board.options import board_options
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line, print_table
+from capture_app.usage import examples
 from reconstruction.commands.options import checksums_option, memory_option, session_argument
 
 if TYPE_CHECKING:
@@ -31,7 +32,12 @@ def _parse_mark(text: str) -> Mark:
     return name, ((x1, y1), (x2, y2))
 
 
-@click.command()
+@click.command(
+    epilog=examples(
+        "reconstruct calibrate sessions/board-001 --from charuco",
+        "reconstruct calibrate sessions/burst-001 --from sfm",
+    )
+)
 @session_argument
 @click.option(
     "--from",

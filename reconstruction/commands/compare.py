@@ -6,6 +6,7 @@ from typing import Any
 import click
 
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line
+from capture_app.usage import examples
 from reconstruction.commands import options
 from reconstruction.session.conditions import DEFAULT_OFFSET_MS, MAX_OFFSET_MS, SYNCED, Condition
 
@@ -18,7 +19,7 @@ def _refuse_synced(
     return value
 
 
-@click.command()
+@click.command(epilog=examples("reconstruct compare sessions/burst-001 --offset-ms 66 --out compare"))
 @options.session_argument
 @click.option(
     "--offset-ms",

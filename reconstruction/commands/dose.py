@@ -6,6 +6,7 @@ from typing import Any
 import click
 
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line
+from capture_app.usage import examples
 from reconstruction.commands.options import (
     checksums_option,
     max_instants_option,
@@ -17,7 +18,7 @@ from reconstruction.commands.options import (
 from reconstruction.session.conditions import DEFAULT_OFFSET_MS
 
 
-@click.command()
+@click.command(epilog=examples("reconstruct dose sessions/burst-001 --out dose"))
 @session_argument
 @click.option(
     "--max-offset-ms",

@@ -6,11 +6,17 @@ from typing import Any
 import click
 
 from capture_app.terminal import Progress, json_option, print_json, print_line, talk
+from capture_app.usage import examples
 from reconstruction.commands import options
 from reconstruction.session.conditions import SYNCED, Condition
 
 
-@click.command()
+@click.command(
+    epilog=examples(
+        "reconstruct multiview sessions/burst-001 --out cloud",
+        "reconstruct multiview sessions/burst-001 --instant 3 --no-mesh --out cloud",
+    )
+)
 @options.session_argument
 @options.instant_option
 @click.option(

@@ -6,6 +6,7 @@ from typing import Any
 import click
 
 from capture_app.terminal import json_option, print_json, print_line, talk
+from capture_app.usage import examples
 from reconstruction.commands.options import (
     checksums_option,
     instant_option,
@@ -17,7 +18,7 @@ from reconstruction.commands.options import (
 )
 
 
-@click.command()
+@click.command(epilog=examples("reconstruct stereo sessions/burst-001 --pair cam00,cam01 --out depth"))
 @session_argument
 @instant_option
 @click.option(

@@ -7,6 +7,7 @@ import click
 
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line
 from capture_app.text import count
+from capture_app.usage import examples
 from reconstruction.commands.options import (
     checksums_option,
     instant_option,
@@ -20,7 +21,12 @@ if TYPE_CHECKING:
     from reconstruction.panorama.ghosting import Misfit
 
 
-@click.command()
+@click.command(
+    epilog=examples(
+        "reconstruct stitch sessions/burst-001 --out panorama",
+        "reconstruct stitch left.jpg right.jpg --out panorama",
+    )
+)
 @click.argument(
     "sources", metavar="SESSION|IMAGE...", nargs=-1, required=True, type=click.Path(path_type=Path)
 )

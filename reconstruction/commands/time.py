@@ -5,10 +5,14 @@ from pathlib import Path
 import click
 
 from capture_app.terminal import json_option, print_json, print_line
+from capture_app.usage import examples
 from reconstruction.commands.options import checksums_option, memory_option, session_argument
 
 
-@click.command("time")
+@click.command(
+    "time",
+    epilog=examples("reconstruct time sessions/burst-001"),
+)
 @session_argument
 @click.option(
     "--reference",

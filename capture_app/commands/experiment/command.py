@@ -14,6 +14,7 @@ from capture_app.commands.options import AddressType, run_until_stopped
 from capture_app.experiments import EXPERIMENTS, load
 from capture_app.net.address import DEFAULT_PORT, Address
 from capture_app.terminal import FiniteRange, print_json, print_line, print_table, talk
+from capture_app.usage import examples
 
 if TYPE_CHECKING:
     from capture_app.experiments import Experiment
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 def plain_command(name: str, text: str, load_experiment: "Callable[[], Experiment]") -> click.Command:
     """Make the command of an experiment without options of its own; `text` is its help."""
 
-    @click.command(name=name, help=text)
+    @click.command(name=name, help=text, epilog=examples(f"capture-app experiment {name}"))
     @experiment_options
     def command(**shared: Any) -> None:
         run_experiment(load_experiment().run, **shared)
@@ -51,7 +52,13 @@ def run_experiment(
             talk(f"drew {path}")
 
 
-@click.command(name="clock-filters")
+@click.command(
+    name="clock-filters",
+    epilog=examples(
+        "capture-app experiment clock-filters --trials 10",
+        "capture-app experiment clock-filters --trace delays.csv --plot figures",
+    ),
+)
 @experiment_options
 @click.option(
     "--trace",
@@ -66,7 +73,12 @@ def clock_filters(trace: Path | None, **shared: Any) -> None:
     run_experiment(partial(run, trace=trace), **shared)
 
 
-@click.command(name="scale")
+@click.command(
+    name="scale",
+    epilog=examples(
+        "capture-app experiment scale", "capture-app experiment scale --clients 100 --minutes 10 --shape tree"
+    ),
+)
 @click.option(
     "--clients",
     "sizes",
@@ -111,7 +123,12 @@ def scale(
     run_experiment(partial(study.run, options=options), **shared)
 
 
-@click.command(name="link")
+@click.command(
+    name="link",
+    epilog=examples(
+        "capture-app experiment link --serve", "capture-app experiment link --connect 192.168.1.20 --trials 3"
+    ),
+)
 @click.option("--serve", is_flag=True, help="Run the leader's end, until Ctrl-C.")
 @click.option(
     "--host",
@@ -195,6 +212,11 @@ ALL = {"paper": "Every table and figure of the paper on one page, ours beside th
 """What there is, each with its help."""
 
 
-@click.group(cls=LazyGroup, table=ALL, load=load_command)
+@click.group(
+    cls=LazyGroup,
+    table=ALL,
+    load=load_command,
+    epilog=examples("capture-app experiment naive", "capture-app experiment phase --trials 100 --json"),
+)
 def experiment() -> None:
     """Measure synchronization: our figures beside those of baselines and of the paper."""

@@ -8,9 +8,16 @@ from capture_app.commands.experiment.options import require_plots, seed_option
 from capture_app.commands.options import FOLDER
 from capture_app.experiments.common.paper_values import FIGURES, TABLES
 from capture_app.terminal import json_option, print_json, print_line, print_table, talk
+from capture_app.usage import examples
 
 
-@click.command(name="paper")
+@click.command(
+    name="paper",
+    epilog=examples(
+        "capture-app experiment paper --quick --out paper",
+        "capture-app experiment paper --only table-2 --out paper",
+    ),
+)
 @click.option(
     "--out",
     type=FOLDER,

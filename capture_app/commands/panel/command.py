@@ -5,9 +5,10 @@ import click
 from capture_app.commands.panel.read import read
 from capture_app.commands.panel.show import show
 from capture_app.commands.panel.sketch import sketch
+from capture_app.usage import examples
 
 
-@click.group()
+@click.group(epilog=examples("capture-app panel show", "capture-app panel read sessions/burst-001"))
 def panel() -> None:
     """Show the time to all cameras at once, and read from their pictures how far apart they are.
 

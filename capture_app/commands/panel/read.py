@@ -8,6 +8,7 @@ import click
 from capture_app.commands.options import ANY_PATH, FOLDER
 from capture_app.terminal import json_option, print_json, print_line, print_table, show_count
 from capture_app.text import count, duration, pretty_json
+from capture_app.usage import examples
 
 if TYPE_CHECKING:
     from capture_app.panel.reading.pair_errors import Held, PairTable, RigErrors
@@ -18,7 +19,7 @@ RATE_LIMIT_PPM = 3_000.0
 """A panel whose clock differs by more than this from the session's is not the one that its markers tell."""
 
 
-@click.command()
+@click.command(epilog=examples("capture-app panel read sessions/burst-001"))
 @click.argument("session", type=ANY_PATH)
 @click.option("--out", type=FOLDER, metavar="DIR", help=f"Folder to write {RESULT} to, with all figures.")
 @json_option

@@ -11,9 +11,10 @@ from capture_app.commands.options import run_until_stopped
 from capture_app.errors import SimulshotError
 from capture_app.panel.screen.server import DEFAULT_PORT, PageServer
 from capture_app.terminal import json_option, print_json, print_line, talk
+from capture_app.usage import examples
 
 
-@click.command()
+@click.command(epilog=examples("capture-app panel show", "capture-app panel show --host 0.0.0.0"))
 @click.option(
     "--host",
     default="127.0.0.1",

@@ -6,9 +6,10 @@ import click
 
 from capture_app.commands.options import FOLDER
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line, talk
+from capture_app.usage import examples
 
 
-@click.command()
+@click.command(epilog=examples("capture-app panel sketch --out panel"))
 @click.option(
     "--out",
     type=FOLDER,

@@ -18,11 +18,12 @@ from capture_app.session.format.manifest import session_schema_text
 from capture_app.session.reading.reader import Session, list_sessions
 from capture_app.session.reading.verdict import judge
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line, show_count, talk
+from capture_app.usage import examples
 
 DEFAULT_ROOT = Path("sessions")
 
 
-@click.group()
+@click.group(epilog=examples("capture-app sessions list", "capture-app sessions show sessions/burst-001"))
 def sessions() -> None:
     """List, show, verify, rename, annotate, trash, repair, import and export sessions."""
 
@@ -31,7 +32,10 @@ for command in (export, repair, rename, note, trash, restore, empty, sheet, wigg
     sessions.add_command(command)
 
 
-@sessions.command("list")
+@sessions.command(
+    "list",
+    epilog=examples("capture-app sessions list", "capture-app sessions list ~/sessions --json"),
+)
 @click.argument("root", type=ANY_PATH, required=False)
 @click.option("--trash", "trashed", is_flag=True, help="List those in the trash of ROOT instead.")
 @json_option
@@ -53,7 +57,7 @@ def list_command(root: Path | None, trashed: bool, as_json: bool) -> None:
         talk(f"{path} is being written, or what a killed run left of it: capture-app sessions repair {root}")
 
 
-@sessions.command()
+@sessions.command(epilog=examples("capture-app sessions show sessions/burst-001"))
 @click.argument("session", type=ANY_PATH)
 @json_option
 def show(session: Path, as_json: bool) -> None:
@@ -66,7 +70,7 @@ def show(session: Path, as_json: bool) -> None:
         print_session(opened)
 
 
-@sessions.command()
+@sessions.command(epilog=examples("capture-app sessions verify sessions/burst-001 sessions/burst-002"))
 @click.argument("paths", metavar="SESSION...", type=ANY_PATH, nargs=-1, required=True)
 @json_option
 def verify(paths: tuple[Path, ...], as_json: bool) -> None:
@@ -101,13 +105,13 @@ def verify(paths: tuple[Path, ...], as_json: bool) -> None:
         raise failure
 
 
-@sessions.command()
+@sessions.command(epilog=examples("capture-app sessions schema"))
 def schema() -> None:
     """Print the JSON schema of session.json."""
     click.echo(session_schema_text(), nl=False)
 
 
-@sessions.command()
+@sessions.command(epilog=examples("capture-app sessions render sample_sessions/jumper --out renders"))
 @click.argument("recipes", metavar="RECIPE...", type=ANY_PATH, nargs=-1, required=True)
 @click.option("--out", type=ANY_PATH, default=DEFAULT_ROOT, metavar="DIR", help="Folder for the sessions.")
 @click.option("--name", show_default="that in the recipe", help="Name of the session.")
@@ -150,7 +154,13 @@ def render(
         print_json({"sessions": results})
 
 
-@sessions.command("import")
+@sessions.command(
+    "import",
+    epilog=examples(
+        "capture-app sessions import left=left.mp4 right=right.mp4 --name walk",
+        "capture-app sessions import recording --fps 30 --calibration calibration.toml",
+    ),
+)
 @click.argument("sources", metavar="SOURCE...", nargs=-1, required=True)
 @click.option(
     "--fps",

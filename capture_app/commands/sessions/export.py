@@ -8,12 +8,15 @@ from capture_app.commands.options import ANY_PATH
 from capture_app.session.exporters.formats import FORMATS
 from capture_app.session.reading.reader import Session
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line, show_count, talk
+from capture_app.usage import examples
 
-# A line that is only \b keeps click from wrapping the paragraph.
-_FORMATS_TEXT = "\b\n" + "\n".join(f"{name:<11} {what}" for name, what in FORMATS.items())
+_FORMATS = "\b\n" + "\n".join(f"{name:<11} {what}" for name, what in FORMATS.items())
 
 
-@click.command("export", epilog=_FORMATS_TEXT)
+@click.command(
+    "export",
+    epilog=examples("capture-app sessions export sessions/burst-001 --to mp4 --out videos", after=_FORMATS),
+)
 @click.argument("session", type=ANY_PATH)
 @click.option("--to", "name", type=click.Choice(list(FORMATS)), required=True, help="Format: see below.")
 @click.option("--out", type=ANY_PATH, metavar="DIR", required=True, help="New or empty folder to write.")

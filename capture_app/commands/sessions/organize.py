@@ -17,11 +17,12 @@ from capture_app.session.library.trash import (
 )
 from capture_app.terminal import json_option, print_json, print_line, print_table, talk
 from capture_app.text import count
+from capture_app.usage import examples
 
 _root_argument = click.argument("root", type=ANY_PATH, default=Path("sessions"), required=False)
 
 
-@click.command()
+@click.command(epilog=examples("capture-app sessions rename sessions/burst-001 jump"))
 @click.argument("session", type=ANY_PATH)
 @click.argument("name")
 @json_option
@@ -34,7 +35,7 @@ def rename(session: Path, name: str, as_json: bool) -> None:
         print_line(str(folder))
 
 
-@click.command()
+@click.command(epilog=examples("capture-app sessions note sessions/burst-001 'second try, with wind'"))
 @click.argument("session", type=ANY_PATH)
 @click.argument("text")
 @json_option
@@ -47,7 +48,7 @@ def note(session: Path, text: str, as_json: bool) -> None:
         print_line(f"{session}: {text}" if text else f"{session}: no note")
 
 
-@click.command()
+@click.command(epilog=examples("capture-app sessions trash sessions/burst-001"))
 @click.argument("paths", metavar="SESSION...", type=ANY_PATH, nargs=-1, required=True)
 @json_option
 def trash(paths: tuple[Path, ...], as_json: bool) -> None:
@@ -61,7 +62,7 @@ def trash(paths: tuple[Path, ...], as_json: bool) -> None:
         print_json({"trashed": trashed})
 
 
-@click.command()
+@click.command(epilog=examples("capture-app sessions restore sessions/burst-001"))
 @click.argument("session", type=ANY_PATH, required=False)
 @click.option("--as", "name", default="", metavar="NAME", show_default="as before", help="A new name for it.")
 @click.option(
@@ -95,7 +96,10 @@ def list_trash(root: Path, as_json: bool) -> None:
         talk(f"the trash of {root} is empty")
 
 
-@click.command("empty-trash")
+@click.command(
+    "empty-trash",
+    epilog=examples("capture-app sessions empty-trash sessions"),
+)
 @_root_argument
 @click.option("--yes", is_flag=True, help="Do not ask.")
 @json_option

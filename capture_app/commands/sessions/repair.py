@@ -12,6 +12,7 @@ from capture_app.net.address import DEFAULT_PORT, Address
 from capture_app.session.files.output_folder import clear_leftovers
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line, talk
 from capture_app.text import count
+from capture_app.usage import examples
 
 if TYPE_CHECKING:
     from capture_app.node.leader.repair import RepairResult
@@ -19,7 +20,11 @@ if TYPE_CHECKING:
 WAIT_S = 20.0
 
 
-@click.command()
+@click.command(
+    epilog=examples(
+        "capture-app sessions repair sessions/burst-001", "capture-app sessions repair sessions --wait-s 0"
+    )
+)
 @click.argument("path", metavar="SESSION|ROOT", type=ANY_PATH)
 @click.option(
     "--wait-s",

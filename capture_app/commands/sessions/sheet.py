@@ -11,11 +11,12 @@ from capture_app.session.files.durable import write_atomic
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.session.reading.verdict import judge
 from capture_app.terminal import FiniteRange, json_option, print_json, print_line, show_count
+from capture_app.usage import examples
 
 _replace_option = click.option("--replace", is_flag=True, help="Replace an earlier file.")
 
 
-@click.command()
+@click.command(epilog=examples("capture-app sessions sheet sessions/burst-001 --out sheet.jpg"))
 @click.argument("session", type=ANY_PATH)
 @click.option("--out", type=ANY_PATH, metavar="FILE", required=True, help="Picture to write: .jpg or .png.")
 @click.option(
@@ -46,7 +47,7 @@ def sheet(session: Path, out: Path, width: int, replace: bool, as_json: bool) ->
         print_line(str(out))
 
 
-@click.command()
+@click.command(epilog=examples("capture-app sessions wiggle sessions/burst-001 --out wiggle.gif"))
 @click.argument("session", type=ANY_PATH)
 @click.option(
     "--out", type=ANY_PATH, metavar="FILE", required=True, help="Animation to write: .gif or .webp."

@@ -1,0 +1,77 @@
+"""What every command has: examples at the end of its help, and how much it says (`--quiet`, `--verbose`)."""
+
+import logging
+import platform
+from enum import IntEnum
+from typing import TypeVar
+
+import click
+
+from capture_app import __version__
+
+
+class Verbosity(IntEnum):
+    """How much a command says on stderr."""
+
+    QUIET = 0
+    """Errors only."""
+    NORMAL = 1
+    VERBOSE = 2
+    """With times, what the program logs, and where an error comes from."""
+
+
+C = TypeVar("C", bound=click.Command)
+_verbosity = Verbosity.NORMAL
+_log = logging.getLogger(__name__)
+
+
+def verbosity() -> Verbosity:
+    """Return how much the running command says."""
+    return _verbosity
+
+
+def set_verbosity(value: Verbosity) -> None:
+    """Set how much the running command says."""
+    global _verbosity
+    _verbosity = value
+    if value is Verbosity.VERBOSE:
+        line = "%(asctime)s %(name)s: %(message)s"
+        logging.basicConfig(level=logging.INFO, format=line, datefmt="%H:%M:%S")
+        logging.getLogger(__name__.partition(".")[0]).setLevel(logging.DEBUG)
+        _log.debug("simulshot %s, Python %s, %s", __version__, platform.python_version(), platform.platform())
+
+
+def examples(*lines: str, after: str = "") -> str:
+    """Return the epilog of a command: command lines as one would type them, below a text of its own."""
+    # A line that is only \b keeps click from wrapping the paragraph.
+    shown = "\n".join(("\b", "Examples:", *(f"  {line}" for line in lines)))
+    return f"{after}\n\n{shown}" if after else shown
+
+
+def add_verbosity(command: C) -> C:
+    """Give a command, and those below it that it knows already, the options -q and -v."""
+    if not any(isinstance(one, _VerbosityOption) for one in command.params):
+        command.params += [
+            _VerbosityOption(
+                "-q", "--quiet", Verbosity.QUIET, "Say nothing but errors; results are printed."
+            ),
+            _VerbosityOption("-v", "--verbose", Verbosity.VERBOSE, "Say more, with times."),
+        ]
+    # A lazy group knows names only, and comes here with each command that it loads.
+    if isinstance(command, click.Group):
+        for below in command.commands.values():
+            add_verbosity(below)
+    return command
+
+
+class _VerbosityOption(click.Option):
+    """One of the two options."""
+
+    def __init__(self, short: str, long: str, value: Verbosity, text: str) -> None:
+        def set_it(ctx: click.Context, param: click.Parameter, given: bool) -> None:
+            if given and verbosity() not in (Verbosity.NORMAL, value):
+                raise click.UsageError("--quiet and --verbose exclude each other")
+            if given:
+                set_verbosity(value)
+
+        super().__init__([short, long], is_flag=True, expose_value=False, callback=set_it, help=text)

@@ -113,14 +113,17 @@ def leader(
         on_news=on_news,
         spool=spool,
     )
-    run_until_stopped(_run_leader(node, cameras, log, as_json))
+    run_until_stopped(_run_leader(node, host, cameras, log, as_json))
 
 
-async def _run_leader(node: "LeaderNode", cameras: tuple[str, ...], log: Path | None, as_json: bool) -> None:
+async def _run_leader(
+    node: "LeaderNode", host: str, cameras: tuple[str, ...], log: Path | None, as_json: bool
+) -> None:
+    from capture_app.net.discovery.announcement import announced
     from capture_app.rig_process import recorded_rig
 
     with ExitStack() as record:
-        async with node:
+        async with node, announced(host, node.address.port, "leader"):
             talk(f"leader at {node.address}, sessions in {node.sessions}")
             talk(f"join with: capture-app node --leader {node.address} --camera SPEC")
             if as_json:

@@ -1,5 +1,6 @@
 """`capture-app node`: one camera, synchronized with the others of its leader."""
 
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -14,8 +15,9 @@ from capture_app.commands.options import (
     run_until_stopped,
     spool_option,
 )
-from capture_app.net.address import Address
-from capture_app.terminal import FiniteRange, log_line
+from capture_app.errors import NetworkError
+from capture_app.net.address import DEFAULT_PORT, Address
+from capture_app.terminal import FiniteRange, log_line, talk
 from capture_app.usage import examples
 
 if TYPE_CHECKING:
@@ -54,14 +56,40 @@ def node(
 ) -> None:
     """Run one camera until Ctrl-C. The node waits for a leader that is not running, and rejoins it.
 
-    A relay can take the place of the leader.
+    Without --leader it looks for one in the local network, and asks which where there are several. A relay
+    can take the place of the leader.
     """
     from capture_app.cameras.catalog import parse_spec
 
     parse_spec(spec)
     clock = parse_clock(clock_text, node=name)
-    client = camera_node(name, spec, leaders, clock, spool, tolerance_us)
+    client = camera_node(name, spec, leaders or (find_leader(),), clock, spool, tolerance_us)
     run_until_stopped(client.run(), until_eof=until_eof)
+
+
+def find_leader() -> Address:
+    """Wait until a leader of this machine or its network answers; ask at the terminal which of several.
+
+    Raises NetworkError where there are several and nobody to ask.
+    """
+    from capture_app.net.discovery.search import search_leaders
+    from capture_app.rig_process import list_rigs
+
+    def own() -> tuple[Address, ...]:
+        return (*(rig.address for rig in list_rigs()), Address("127.0.0.1", DEFAULT_PORT))
+
+    found = run_until_stopped(search_leaders(own, log_line))
+    leader = found[0]
+    if len(found) > 1:
+        if not sys.stdin.isatty():
+            names = ", ".join(f"{one.address} ({one.name})" for one in found)
+            raise NetworkError(f"several leaders are in this network: {names}", hint="choose one by --leader")
+        for number, one in enumerate(found, 1):
+            talk(f"{number}  {one.address}  {one.name}")
+        which = click.IntRange(1, len(found))
+        leader = found[click.prompt("Several leaders are here. Which", type=which, default=1, err=True) - 1]
+    log_line(f"found a leader at {leader.address} ({leader.name})")
+    return leader.address
 
 
 def camera_node(

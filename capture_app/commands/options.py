@@ -61,8 +61,7 @@ leaders_option = click.option(
     "leaders",
     type=AddressType(),
     multiple=True,
-    default=lambda: (_usual_leader(),),
-    show_default=_USUAL_LEADER,
+    show_default="that of this machine's newest rig, else the one that is found in the network",
     metavar="HOST:PORT",
     help="Address of the leader or a relay. Repeat for failover, preferred first.",
 )

@@ -58,11 +58,13 @@ def relay(
         beacons=BeaconSender(BEACONS) if reference_broadcast else None,
         talk=lambda line: log_line(f"{name}: {line}"),
     )
-    run_until_stopped(_run_relay(node, parents, as_json))
+    run_until_stopped(_run_relay(node, host, parents, as_json))
 
 
-async def _run_relay(node: "RelayNode", parents: tuple[Address, ...], as_json: bool) -> None:
-    async with node:
+async def _run_relay(node: "RelayNode", host: str, parents: tuple[Address, ...], as_json: bool) -> None:
+    from capture_app.net.discovery.announcement import announced
+
+    async with node, announced(host, node.address.port, "relay", name=node.name):
         talk(f"relay at {node.address}, below {', or '.join(map(str, parents))}")
         talk(f"join with: capture-app node --leader {node.address} --camera SPEC")
         if node.also:

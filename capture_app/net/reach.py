@@ -97,24 +97,24 @@ async def find_obstacle(leader: Address, patience_s: float = PATIENCE_S) -> Obst
 async def first_to_answer(leaders: Sequence[Address], patience_s: float = PATIENCE_S) -> Address | None:
     """Return the leader that answers first, whatever version it speaks; None where none does in time."""
 
-    found: asyncio.Queue[Address] = asyncio.Queue()
-
-    async def note_answer(leader: Address) -> None:
+    async def if_it_answers(leader: Address) -> Address | None:
         with contextlib.suppress(NetworkError):
             family, address = await resolve(leader)
-            if (await _ask(family, address))[0] is Answer.CAME:
-                found.put_nowait(leader)
-
-    asked = [asyncio.create_task(note_answer(leader)) for leader in leaders]
-    try:
-        async with asyncio.timeout(patience_s):
-            return await found.get()
-    except TimeoutError:
+            return leader if (await _ask(family, address))[0] is Answer.CAME else None
         return None
+
+    asked = [asyncio.create_task(if_it_answers(leader)) for leader in leaders]
+    try:
+        for next_one in asyncio.as_completed(asked, timeout=patience_s):
+            if (leader := await next_one) is not None:
+                return leader
+    except TimeoutError:
+        pass
     finally:
         for task in asked:
             task.cancel()
         await asyncio.gather(*asked, return_exceptions=True)
+    return None
 
 
 def obstacle(leader: Address, by_udp: Answer, by_tcp: Answer, *, is_there: bool | None) -> Obstacle:

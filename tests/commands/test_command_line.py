@@ -2,18 +2,21 @@
 
 import os
 import pty
+import socket
 import subprocess
 import sys
+import threading
 from pathlib import Path
 
 import pytest
 
 from capture_app.cli import COMMANDS, run
-from capture_app.commands.node import node
+from capture_app.commands.node import find_leader, node
 from capture_app.errors import ExitCode
 from capture_app.net.address import Address
 from capture_app.net.server import bind_port
 from capture_app.rig_process import recorded_rig
+from capture_app.sync.wire.version import version_answer
 
 USAGE, BAD_INPUT = ExitCode.USAGE, ExitCode.BAD_INPUT
 NO_CAMERA, NETWORK = ExitCode.NO_CAMERA, ExitCode.NETWORK
@@ -146,17 +149,34 @@ def test_every_command_explains_itself(command: str, capfd: pytest.CaptureFixtur
     assert "Usage: capture-app" in capfd.readouterr().out
 
 
-def test_a_node_joins_the_rig_of_its_machine(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def answer_questions(sock: socket.socket) -> None:
+    """Tell the version to all who ask, until the socket is shut down."""
+    while data := sock.recvfrom(2048):
+        answer = version_answer(data[0])
+        if answer is None:
+            return
+        sock.sendto(answer, data[1])
+
+
+def test_a_node_without_an_address_joins_the_rig_of_its_machine(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
+        sock.bind(("127.0.0.1", 0))
+        own = Address("127.0.0.1", sock.getsockname()[1])
+        answering = threading.Thread(target=answer_questions, args=(sock,))
+        answering.start()
+        with recorded_rig(own, tmp_path):
+            assert find_leader() == own
+        sock.sendto(b"end", own)
+        answering.join()
 
-    def leaders(*given: str) -> list[str]:
-        context = node.make_context("node", ["--camera", "sim:webcam", *given])
-        return [str(leader) for leader in context.params["leaders"]]
 
-    assert leaders() == ["127.0.0.1:47010"]
-    with recorded_rig(Address("127.0.0.1", 4711), tmp_path):
-        assert leaders() == ["127.0.0.1:4711"]
-        assert leaders("--leader", "10.0.0.1", "--leader", "10.0.0.2:5") == ["10.0.0.1:47010", "10.0.0.2:5"]
+def test_a_node_takes_the_leaders_that_it_is_given() -> None:
+    given = ("--leader", "10.0.0.1", "--leader", "10.0.0.2:5")
+    context = node.make_context("node", ["--camera", "sim:webcam", *given])
+    assert [str(leader) for leader in context.params["leaders"]] == ["10.0.0.1:47010", "10.0.0.2:5"]
 
 
 HEAVY = {"textual", "rich", "numpy", "cv2", "open3d", "pycolmap"}

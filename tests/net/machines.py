@@ -1,16 +1,19 @@
 """Two machines on one cable, as network namespaces of this one; each has a firewall of its own."""
 
+import itertools
 import os
 import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from pathlib import Path
 
 import pytest
 
 SEARCH_PATH = os.environ.get("PATH", os.defpath) + ":/usr/sbin:/sbin"
 LEADER_HOST, NODE_HOST, NOBODY = "10.77.0.1", "10.77.0.2", "10.77.0.99"
+_PAIRS = itertools.count()
 
 
 class Machine:
@@ -23,10 +26,15 @@ class Machine:
         """Return the command that runs another one there."""
         return [_tool("ip"), "netns", "exec", self.name, *words]
 
+    def ip(self, *words: str) -> None:
+        """Change its network, as the command `ip` does."""
+        _ip("-n", self.name, *words)
+
     def start_python(self, *words: str, **environment: str) -> subprocess.Popen[str]:
         """Start a program of Python's there; both of its outputs are one."""
         return subprocess.Popen(
             self.command(sys.executable, *words),
+            stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
@@ -52,17 +60,26 @@ def two_machines() -> Iterator[tuple[Machine, Machine]]:
     """Make a leader's machine and a node's, joined by a cable; skip the test where that cannot be."""
     if os.geteuid() != 0 or shutil.which("ip", path=SEARCH_PATH) is None:
         pytest.skip("network namespaces need root and iproute2")
-    leader, node = (Machine(f"simulshot-test-{os.getpid()}-{role}") for role in ("leader", "node"))
+    pair = next(_PAIRS)
+    leader, node = (Machine(f"simulshot-{os.getpid()}-{role}{pair}") for role in ("leader", "node"))
+    _remove_leftovers()
     with ExitStack() as stack:
         for machine in (leader, node):
             _ip("netns", "add", machine.name)
             stack.callback(_ip, "netns", "delete", machine.name)
-            _ip("-n", machine.name, "link", "set", "lo", "up")
-        _ip("-n", leader.name, "link", "add", "cable", "type", "veth", "peer", "cable", "netns", node.name)
+            machine.ip("link", "set", "lo", "up")
+        leader.ip("link", "add", "cable", "type", "veth", "peer", "cable", "netns", node.name)
         for machine, host in ((leader, LEADER_HOST), (node, NODE_HOST)):
-            _ip("-n", machine.name, "address", "add", f"{host}/24", "dev", "cable")
-            _ip("-n", machine.name, "link", "set", "cable", "up")
+            machine.ip("address", "add", f"{host}/24", "dev", "cable")
+            machine.ip("link", "set", "cable", "up")
         yield leader, node
+
+
+def _remove_leftovers() -> None:
+    """Remove what killed runs left behind; the names carry their process."""
+    for path in Path("/run/netns").glob("simulshot-*-*"):
+        if not Path(f"/proc/{path.name.split('-')[1]}").exists():
+            _ip("netns", "delete", path.name)
 
 
 def _ip(*words: str) -> None:

@@ -1,0 +1,80 @@
+"""Looks for a leader that this machine can reach: its own first, then those that are announced."""
+
+import asyncio
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+from capture_app.net.address import Address
+from capture_app.net.discovery.browser import FoundLeader, LeaderBrowser
+from capture_app.net.reach import find_obstacle, first_to_answer
+
+OWN_S = 0.5
+"""How long this machine's own leaders may take to answer."""
+OTHERS_S = 0.6
+"""How long to listen for further leaders: all of one network have answered by then."""
+ANSWER_S = 1.0
+SAY_S = 2.0
+LOOK_EVERY_S = 0.2
+NOBODY = (
+    "no leader is found in this network yet: start one with: capture-app (on the machine that is to save the"
+    " pictures), or give its address: --leader HOST:PORT"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class ReachableLeader:
+    """A leader that answers at an address."""
+
+    name: str
+    address: Address
+    version: str = ""
+    """Of its simulshot, as it says; empty for one of this machine."""
+
+
+async def search_leaders(
+    own: Callable[[], Sequence[Address]], tell: Callable[[str], None]
+) -> list[ReachableLeader]:
+    """Wait until there is a leader that answers, and return all of them; relays only where there is none.
+
+    `own` are the addresses at which this machine may have one: the first that answers is the only one
+    returned. `tell` gets a sentence about what is in the way, when there is a new one.
+    """
+    began_s, said = time.monotonic(), ""
+    async with LeaderBrowser() as browser:
+        while True:
+            asked_s = time.monotonic()
+            await browser.refresh()
+            mine = await first_to_answer(own(), OWN_S)
+            if mine is not None:
+                return [ReachableLeader("this machine", mine)]
+            await asyncio.sleep(max(0.0, began_s + OTHERS_S - time.monotonic()))
+            found = browser.found
+            answered = await _answering(found)
+            if answered:
+                return answered
+            if time.monotonic() - began_s >= SAY_S:
+                sentence = await _what_is_in_the_way(found)
+                if sentence != said:
+                    tell(sentence)
+                    said = sentence
+            await asyncio.sleep(max(0.0, asked_s + LOOK_EVERY_S - time.monotonic()))
+
+
+async def _answering(found: Sequence[FoundLeader]) -> list[ReachableLeader]:
+    """Return those that answer, each at the address that answers first; relays where no leader does."""
+    addresses = await asyncio.gather(*(first_to_answer(leader.addresses, ANSWER_S) for leader in found))
+    answering = [
+        (leader.is_relay, ReachableLeader(leader.name, address, leader.version))
+        for leader, address in zip(found, addresses, strict=True)
+        if address is not None
+    ]
+    leaders = [reachable for is_relay, reachable in answering if not is_relay]
+    return leaders or [reachable for _, reachable in answering]
+
+
+async def _what_is_in_the_way(found: Sequence[FoundLeader]) -> str:
+    obstacles = await asyncio.gather(
+        *(find_obstacle(address) for leader in found for address in leader.addresses[:1])
+    )
+    return "; ".join(str(obstacle) for obstacle in obstacles if obstacle is not None) or NOBODY

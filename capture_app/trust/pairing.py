@@ -1,0 +1,141 @@
+"""Two machines that a short one-time code makes known to each other: SPAKE2 (RFC 9382), and both confirm.
+
+Who does not know the code learns nothing to try codes with at leisure: each try takes a word with the leader,
+and a code is good for a few of them. Both certificates go into the key, so that nobody can sit in between.
+"""
+
+import hmac
+import re
+import secrets
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from capture_app.errors import BadInputError, UnknownMachineError
+from capture_app.trust.known_machines import Role
+
+DIGITS = 8
+TRIES = 3
+GOOD_FOR_S = 600
+NO_CODE = "there is no code to join with at present"
+SHOW_CODE = "on the leader's machine, capture-app trust invite shows one"
+WRONG_CODE = "that is not the code"
+
+
+@dataclass(slots=True)
+class Invitation:
+    """A code for one machine."""
+
+    code: str
+    role: Role
+    ends_s: float
+    """By the clock that the desk was given."""
+    tries_left: int = TRIES
+
+
+@dataclass(frozen=True, slots=True)
+class Attempt:
+    """A machine that has said its word, and now must prove that it knew the code."""
+
+    invitation: Invitation
+    key: bytes
+    pin: str
+
+
+class InvitationDesk:
+    """A leader's codes: one at a time, for one machine, a few tries and some minutes."""
+
+    def __init__(self, now_s: Callable[[], float]) -> None:
+        self._now_s = now_s
+        self._invitation: Invitation | None = None
+
+    def invite(self, role: Role) -> Invitation:
+        """Make a code for one machine; the one before is good no more."""
+        code = f"{secrets.randbelow(10**DIGITS):0{DIGITS}d}"
+        self._invitation = Invitation(code, role, self._now_s() + GOOD_FOR_S)
+        return self._invitation
+
+    @property
+    def invitation(self) -> Invitation | None:
+        """The code that is good now."""
+        found = self._invitation
+        if found is None or found.tries_left <= 0 or self._now_s() >= found.ends_s:
+            return None
+        return found
+
+    def answer(self, pin: str, share: bytes, own_pin: str) -> tuple[bytes, Attempt]:
+        """Take a machine's word, and return the leader's and what the machine must prove; one try is spent.
+
+        Raises UnknownMachineError where there is no code, BadInputError for what is no such word.
+        """
+        invitation = self.invitation
+        if invitation is None:
+            raise UnknownMachineError(NO_CODE, hint=SHOW_CODE)
+        invitation.tries_left -= 1
+        from spake2 import SPAKE2_B
+
+        half = SPAKE2_B(invitation.code.encode(), idA=pin.encode(), idB=own_pin.encode())
+        own_share: bytes = half.start()
+        return own_share, Attempt(invitation, _finish(half, share), pin)
+
+    def accept(self, attempt: Attempt, proof: bytes) -> bytes:
+        """Return the leader's own proof for a machine that knew the code, which is spent by that.
+
+        Raises UnknownMachineError where it did not, or another has used the code meanwhile.
+        """
+        current = self._invitation is attempt.invitation and self._now_s() < attempt.invitation.ends_s
+        if not current or not hmac.compare_digest(proof, _proof(attempt.key, b"machine")):
+            raise UnknownMachineError(WRONG_CODE, hint=SHOW_CODE)
+        self._invitation = None
+        return _proof(attempt.key, b"leader")
+
+
+class Candidate:
+    """A machine that wants to be known to a leader."""
+
+    def __init__(self, code: str, pin: str, leader_pin: str) -> None:
+        """`leader_pin` is that of the certificate which the leader has shown."""
+        from spake2 import SPAKE2_A
+
+        self._half = SPAKE2_A(code.encode(), idA=pin.encode(), idB=leader_pin.encode())
+        self.share: bytes = self._half.start()
+        """Its word."""
+        self._key = b""
+
+    def prove(self, share: bytes) -> bytes:
+        """Take the leader's word, and return the proof that the code was known here.
+
+        Raises BadInputError for what is no such word.
+        """
+        self._key = _finish(self._half, share)
+        return _proof(self._key, b"machine")
+
+    def check(self, proof: bytes) -> None:
+        """Check that the leader knew the code. Raises UnknownMachineError."""
+        if not self._key or not hmac.compare_digest(proof, _proof(self._key, b"leader")):
+            raise UnknownMachineError("whoever answers there does not know the code itself")
+
+
+def parse_code(text: str) -> str:
+    """Read a code as it was typed or pasted. Raises BadInputError."""
+    digits = re.sub(r"[\s-]", "", text)
+    if not re.fullmatch(rf"[0-9]{{{DIGITS}}}", digits):
+        raise BadInputError(f"{text!r} is not a code", hint=f"a code has {DIGITS} digits; {SHOW_CODE}")
+    return digits
+
+
+def show_code(code: str) -> str:
+    """Write a code as it is read aloud: 1234 5678."""
+    return f"{code[: DIGITS // 2]} {code[DIGITS // 2 :]}"
+
+
+def _finish(half: Any, share: bytes) -> bytes:
+    try:
+        key: bytes = half.finish(share)
+    except Exception as error:  # noqa: BLE001 - the package raises plain Exception, AssertionError and its own
+        raise BadInputError("what came is no word of this pairing") from error
+    return key
+
+
+def _proof(key: bytes, side: bytes) -> bytes:
+    return hmac.digest(key, b"simulshot pairing, the " + side, "sha256")

@@ -1,0 +1,135 @@
+"""One-time codes: who knows them, who only guesses, and who sits in between."""
+
+import pytest
+
+from capture_app.errors import BadInputError, UnknownMachineError
+from capture_app.trust.known_machines import Role
+from capture_app.trust.pairing import GOOD_FOR_S, TRIES, Candidate, InvitationDesk, parse_code, show_code
+
+NODE, LEADER, OTHER = "node-pin", "leader-pin", "other-pin"
+
+
+class Clock:
+    now_s = 1000.0
+
+    def __call__(self) -> float:
+        return self.now_s
+
+
+@pytest.fixture
+def clock() -> Clock:
+    return Clock()
+
+
+@pytest.fixture
+def desk(clock: Clock) -> InvitationDesk:
+    return InvitationDesk(clock)
+
+
+def another(code: str) -> str:
+    return f"{(int(code) + 1) % 10**8:08d}"
+
+
+def attempt(
+    desk: InvitationDesk, code: str, *, pin: str = NODE, seen: str = LEADER, said: str = NODE
+) -> None:
+    """A machine of that pin tries a code at a leader that shows a pin, and hears that machine say one."""
+    candidate = Candidate(code, pin, seen)
+    share, begun = desk.answer(said, candidate.share, LEADER)
+    candidate.check(desk.accept(begun, candidate.prove(share)))
+
+
+def test_the_code_makes_both_known_to_each_other_once(desk: InvitationDesk) -> None:
+    invitation = desk.invite(Role.CAMERA)
+    attempt(desk, invitation.code)
+    assert desk.invitation is None
+    with pytest.raises(UnknownMachineError, match="no code"):
+        attempt(desk, invitation.code)
+
+
+def test_a_code_is_good_for_a_few_tries(desk: InvitationDesk) -> None:
+    code = desk.invite(Role.CAMERA).code
+    for _ in range(TRIES):
+        with pytest.raises(UnknownMachineError, match="not the code"):
+            attempt(desk, another(code))
+    with pytest.raises(UnknownMachineError, match="no code"):
+        attempt(desk, code)
+
+
+def test_who_leaves_before_proving_anything_has_spent_a_try(desk: InvitationDesk) -> None:
+    code = desk.invite(Role.CAMERA).code
+    for _ in range(TRIES):
+        desk.answer(NODE, Candidate(another(code), NODE, LEADER).share, LEADER)
+    assert desk.invitation is None
+
+
+def test_a_code_ends_after_some_minutes_also_while_it_is_tried(desk: InvitationDesk, clock: Clock) -> None:
+    code = desk.invite(Role.CAMERA).code
+    candidate = Candidate(code, NODE, LEADER)
+    share, begun = desk.answer(NODE, candidate.share, LEADER)
+    clock.now_s += GOOD_FOR_S
+    with pytest.raises(UnknownMachineError):
+        desk.accept(begun, candidate.prove(share))
+    with pytest.raises(UnknownMachineError, match="no code"):
+        attempt(desk, code)
+
+
+def test_a_newer_code_takes_the_place_of_an_older_one(desk: InvitationDesk) -> None:
+    old = desk.invite(Role.CAMERA)
+    candidate = Candidate(old.code, NODE, LEADER)
+    share, begun = desk.answer(NODE, candidate.share, LEADER)
+    new = desk.invite(Role.OPERATOR)
+    with pytest.raises(UnknownMachineError):
+        desk.accept(begun, candidate.prove(share))
+    attempt(desk, new.code)
+
+
+@pytest.mark.parametrize("changed", [{"seen": OTHER}, {"said": OTHER}, {"pin": OTHER}])
+def test_who_shows_another_certificate_to_one_of_them_is_found_out(
+    desk: InvitationDesk, changed: dict[str, str]
+) -> None:
+    """Somebody in between passes on all words, and shows a certificate of its own to one end or to both."""
+    code = desk.invite(Role.CAMERA).code
+    with pytest.raises(UnknownMachineError):
+        attempt(desk, code, **changed)
+
+
+def test_a_false_leader_cannot_prove_itself(desk: InvitationDesk) -> None:
+    candidate = Candidate("12345678", NODE, LEADER)
+    false = InvitationDesk(lambda: 0.0)
+    false.invite(Role.CAMERA)
+    share, _ = false.answer(NODE, candidate.share, LEADER)
+    proof = candidate.prove(share)
+    for claimed in (b"", proof, bytes(32)):
+        with pytest.raises(UnknownMachineError, match="does not know the code"):
+            candidate.check(claimed)
+
+
+@pytest.mark.parametrize("share", [b"", b"A", b"A" + bytes(32), b"A" + b"\xff" * 32, b"B" + bytes(32), b"\0" * 99])
+def test_what_is_no_share_is_refused(desk: InvitationDesk, share: bytes) -> None:
+    desk.invite(Role.CAMERA)
+    with pytest.raises(BadInputError):
+        desk.answer(NODE, share, LEADER)
+    with pytest.raises(BadInputError):
+        Candidate("12345678", NODE, LEADER).prove(share)
+
+
+def test_a_word_that_is_sent_back_is_refused(desk: InvitationDesk) -> None:
+    candidate = Candidate("12345678", NODE, LEADER)
+    with pytest.raises(BadInputError):
+        candidate.prove(candidate.share)
+    with pytest.raises(BadInputError):
+        candidate.prove(b"B" + candidate.share[1:])
+
+
+def test_codes_are_read_as_people_type_them() -> None:
+    assert parse_code(show_code("12345678")) == parse_code(" 1234-5678\n") == "12345678"
+    for text in ("", "1234567", "123456789", "1234567a", "١٢٣٤٥٦٧٨"):
+        with pytest.raises(BadInputError, match="is not a code"):
+            parse_code(text)
+
+
+def test_codes_have_eight_digits_and_differ(desk: InvitationDesk) -> None:
+    codes = {desk.invite(Role.CAMERA).code for _ in range(50)}
+    assert len(codes) > 45
+    assert all(parse_code(code) == code for code in codes)

@@ -18,10 +18,12 @@ from capture_app.net.stream_limits import (
     Patience,
     allowed_streams,
 )
-from capture_app.trust.trust import Trust
+from capture_app.trust.trust import Peer, Trust
 
 M = TypeVar("M")
 PATIENCE = Patience()
+KNOWN_EVERY_S = 1.0
+"""Between two looks at which machines are still known."""
 
 
 class TransferServer(Generic[M]):
@@ -45,6 +47,9 @@ class TransferServer(Generic[M]):
         `trust` is what this end goes by, else its user's.
         """
         self._trust = trust or Trust.of_user()
+        self._shown: dict[Channel[M], Peer] = {}
+        """Who each stream was when its key was seen."""
+        self._watching: asyncio.Task[None] | None = None
         self._decoder: msgspec.json.Decoder[M] = msgspec.json.Decoder(messages)
         self._serve = serve
         self._server: asyncio.Server | None = None
@@ -55,11 +60,15 @@ class TransferServer(Generic[M]):
     async def start(self, listening: socket.socket) -> None:
         """Accept streams from now on."""
         self._server = await asyncio.start_server(self._accept, sock=listening, limit=CHUNK_BYTES)
+        if not self._trust.is_open:
+            self._watching = asyncio.create_task(self._watch_known())
 
     async def stop(self) -> None:
         """Close the port and every stream."""
         if self._server is not None:
             self._server.close()
+        if self._watching is not None:
+            self._watching.cancel()
         streams = tuple(self._streams)
         for stream in streams:
             stream.cancel()
@@ -79,6 +88,7 @@ class TransferServer(Generic[M]):
         try:
             async with channel:
                 await channel.identify(self._trust)
+                self._shown[channel] = channel.who
                 await self._serve(channel)
         except (SimulshotError, OSError, asyncio.CancelledError):
             # asyncio's own callback on this task would print a cancellation as an error.
@@ -86,6 +96,15 @@ class TransferServer(Generic[M]):
         finally:
             self._streams.discard(task)
             self._open.remove(channel)
+            self._shown.pop(channel, None)
+
+    async def _watch_known(self) -> None:
+        """Break off streams of machines that were removed, or may do something else from now on."""
+        while True:
+            await asyncio.sleep(KNOWN_EVERY_S)
+            for channel, shown in tuple(self._shown.items()):
+                if shown.pin and self._trust.peer_of(shown.pin).roles != shown.roles:
+                    channel.abort()
 
 
 def bind_port(host: str, port: int, *, or_free: bool = False) -> tuple[socket.socket, socket.socket]:

@@ -7,7 +7,7 @@ from collections.abc import Callable
 from typing import Any, Self
 
 from capture_app.clock import HostClock, NodeClock
-from capture_app.errors import NetworkError
+from capture_app.errors import BadInputError, DiskError, NetworkError, UnknownMachineError
 from capture_app.host_rate import HostRate
 from capture_app.net.address import ANY_HOST, DEFAULT_PORT, Address, reachable_host, resolve
 from capture_app.net.channel import Channel, connect
@@ -15,11 +15,14 @@ from capture_app.net.interfaces import own_hosts
 from capture_app.net.multicast import BeaconSender
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
+from capture_app.node.burst.answers import refusal_of
 from capture_app.node.join_watch import JoinWatch
 from capture_app.node.leader.advice import rig_advice
 from capture_app.node.leader.beacons import send_due_beacon
 from capture_app.node.leader.snapshots import node_statuses
 from capture_app.node.leader.wording import follower_line, news_line
+from capture_app.node.pairing.desk import PairingDesk, check_allowed, peer_of, speaks_for
+from capture_app.node.wire import pairing
 from capture_app.node.wire.messages import FromLeader, Refusal, StatusAnswer, StatusRequest, ToLeader
 from capture_app.node.wire.status import RigStatus
 from capture_app.sync.rig.events import Joined, LeaderLost
@@ -28,6 +31,7 @@ from capture_app.sync.rig.time_client import TimeClientEvent
 from capture_app.sync.tree.follower import FollowerConfig
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
 from capture_app.text import duration
+from capture_app.trust.trust import Trust
 
 UPSTREAM_TIMEOUT_S = 2.0
 
@@ -49,8 +53,11 @@ class RelayNode:
         clock: NodeClock | None = None,
         beacons: BeaconSender | None = None,
         talk: Callable[[str], None] | None = None,
+        trust: Trust | None = None,
     ) -> None:
         """`parents` are leaders or relays of one rig, asked in turn, the best one first.
+
+        `trust` is whom it lets in and follows, else its user's.
 
         With `beacons` nodes that hear this relay's packets together agree with each other.
         """
@@ -61,7 +68,9 @@ class RelayNode:
         self._parents = parents
         self._clock: NodeClock = clock or HostClock()
         self._beacons = beacons
+        self._trust = trust or Trust.of_user()
         self._talk = talk or (lambda _: None)
+        self._desk = PairingDesk(self._trust, lambda line: self._talk(line))
         self._upstream: Address | None = None
         self._upstream_channels: set[Channel[Any]] = set()
         self._lost_ns: int | None = None
@@ -84,8 +93,9 @@ class RelayNode:
         """Bind, and ask the parents.
 
         Raises NetworkError where the port is in use, or a parent's host has no address or none that can be
-        reached from the host to listen on.
+        reached from the host to listen on; DiskError or BadInputError where this machine's key cannot be had.
         """
+        self._trust.server_context()
         found = [await resolve(parent) for parent in self._parents]
         datagrams, listening = bind_port(self.address.host, self.address.port)
         port = listening.getsockname()[1]
@@ -109,7 +119,7 @@ class RelayNode:
             self.instance, transfer_port=port, beacons=None if self._beacons is None else self._beacons.group
         )
         self._engine = Relay(config, limits, rng)
-        self._server = TransferServer(ToLeader, self._serve)
+        self._server = TransferServer(ToLeader, self._serve, trust=self._trust)
         self._pump = Pump(self._engine, self._clock, self._drain)
         await self._server.start(listening)
         self._pump.start(datagrams)
@@ -146,25 +156,47 @@ class RelayNode:
     # Streams
 
     async def _serve(self, below: Channel[ToLeader]) -> None:
+        while (message := await below.receive_header()) is not None:
+            try:
+                check_allowed(below.who, message)
+                match message:
+                    case pairing.Knock() | pairing.PairingWord() | pairing.PairingProof():
+                        await self._desk.answer(below, message)
+                    case pairing.Invite():
+                        await below.send(self._desk.invite(message.role))
+                    case pairing.SpeaksFor():
+                        below.who = peer_of(message)
+                    case _:
+                        if await self._pass_on(below, message):
+                            return
+            except (UnknownMachineError, BadInputError, DiskError) as error:
+                await below.send(refusal_of(error))
+            if below.who.is_stranger:
+                return
+
+    async def _pass_on(self, below: Channel[ToLeader], message: ToLeader) -> bool:
+        """Pass a stream on to the leader, from this message on, until it ends; False where no leader is."""
         try:
             if self._upstream is None:
                 raise NetworkError(self._holdover_message(self._clock.now_ns()))
-            async with await connect(self._upstream, FromLeader, timeout_s=UPSTREAM_TIMEOUT_S) as above:
-                self._upstream_channels.add(above)
-                try:
-                    await below.relay(above)
-                finally:
-                    self._upstream_channels.discard(above)
+            above = await connect(self._upstream, FromLeader, timeout_s=UPSTREAM_TIMEOUT_S, trust=self._trust)
         except NetworkError as error:
-            await self._answer_without_leader(below, error)
-
-    async def _answer_without_leader(self, below: Channel[ToLeader], why: NetworkError) -> None:
-        """Say what can be said without a leader: who is here; all else has to wait."""
-        while (message := await below.receive_header()) is not None:
-            if isinstance(message, StatusRequest):
-                await below.send(StatusAnswer(rig=self.status()))
-            else:
-                await below.send(Refusal.of_error(why, retry=True))
+            # Who is here can be said without a leader; all else has to wait.
+            known = isinstance(message, StatusRequest)
+            await below.send(
+                StatusAnswer(rig=self.status()) if known else Refusal.of_error(error, retry=True)
+            )
+            return False
+        self._upstream_channels.add(above)
+        try:
+            async with above:
+                if (introduction := speaks_for(below.who)) is not None:
+                    await above.send(introduction)
+                await above.send(message, b"".join([chunk async for chunk in below.payload()]))
+                await below.relay(above)
+        finally:
+            self._upstream_channels.discard(above)
+        return True
 
     # Events
 

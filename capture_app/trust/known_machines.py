@@ -11,7 +11,7 @@ import msgspec
 from msgspec import Struct
 from msgspec.structs import replace
 
-from capture_app.errors import BadInputError, DiskError
+from capture_app.errors import BadInputError, DiskError, SimulshotError
 from capture_app.names import name_like
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.locks import lock_file
@@ -57,7 +57,11 @@ class KnownMachines:
         """Counts the changes that were seen."""
 
     def all(self) -> tuple[KnownMachine, ...]:
-        """Return all, in the order in which they were added. Raises BadInputError for a damaged file."""
+        """Return all, in the order in which they were added.
+
+        Raises BadInputError for a damaged file, DiskError for one that cannot be read. One that becomes so
+        while it is in use changes nothing.
+        """
         try:
             state = self._path.stat()
         except OSError:
@@ -65,7 +69,11 @@ class KnownMachines:
         else:
             seen = state.st_ino, state.st_mtime_ns, state.st_size
         if seen != self._seen:
-            self._machines = self._read() if seen is not None else ()
+            try:
+                self._machines = self._read() if seen is not None else ()
+            except SimulshotError:
+                if self._seen is None:
+                    raise
             self._seen = seen
             self.version += 1
         return self._machines

@@ -132,7 +132,7 @@ def show_code(code: str) -> str:
 def _finish(half: Any, share: bytes) -> bytes:
     try:
         key: bytes = half.finish(share)
-    except Exception as error:  # noqa: BLE001 - the package raises plain Exception, AssertionError and its own
+    except Exception as error:
         raise BadInputError("what came is no word of this pairing") from error
     return key
 

@@ -82,9 +82,12 @@ class Trust:
             return ANYBODY
         if certificate is None:
             return STRANGER
-        if certificate == self.identity.certificate:
-            return Peer(self.identity.pin, "this machine", frozenset(Role))
-        pin = pin_of(certificate)
+        return self.peer_of(pin_of(certificate))
+
+    def peer_of(self, pin: str) -> Peer:
+        """Return what is known of a pin now."""
+        if pin == self.identity.pin:
+            return Peer(pin, "this machine", frozenset(Role))
         machine = self.known.find(pin)
         return Peer(pin) if machine is None else Peer(pin, machine.name, frozenset(machine.roles))
 

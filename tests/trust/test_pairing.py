@@ -105,7 +105,9 @@ def test_a_false_leader_cannot_prove_itself(desk: InvitationDesk) -> None:
             candidate.check(claimed)
 
 
-@pytest.mark.parametrize("share", [b"", b"A", b"A" + bytes(32), b"A" + b"\xff" * 32, b"B" + bytes(32), b"\0" * 99])
+@pytest.mark.parametrize(
+    "share", [b"", b"A", b"A" + bytes(32), b"A" + b"\xff" * 32, b"B" + bytes(32), b"\0" * 99]
+)
 def test_what_is_no_share_is_refused(desk: InvitationDesk, share: bytes) -> None:
     desk.invite(Role.CAMERA)
     with pytest.raises(BadInputError):

@@ -4,7 +4,14 @@ import asyncio
 import contextlib
 from typing import Any
 
-from capture_app.errors import BadInputError, DiskError, NetworkError, SimulshotError, TryAgainError
+from capture_app.errors import (
+    BadInputError,
+    DiskError,
+    NetworkError,
+    SimulshotError,
+    TryAgainError,
+    UnknownMachineError,
+)
 from capture_app.net.channel import Channel
 from capture_app.node.wire.messages import ImageAck, Refusal, StillSaving
 
@@ -17,7 +24,7 @@ class CancelledBurstError(BadInputError):
 
 def refusal_of(error: SimulshotError) -> Refusal:
     """Tell an error, and whether what it is about may be asked for again, or be forgotten."""
-    retry = isinstance(error, DiskError | TryAgainError)
+    retry = isinstance(error, DiskError | TryAgainError | UnknownMachineError)
     return Refusal.of_error(error, retry=retry, forget=isinstance(error, CancelledBurstError))
 
 

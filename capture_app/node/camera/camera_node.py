@@ -30,6 +30,7 @@ from capture_app.node.camera.records import (
 from capture_app.node.camera.supervisor import CameraSupervisor
 from capture_app.node.camera.viewfinder import Viewfinder
 from capture_app.node.join_watch import JoinWatch
+from capture_app.node.pairing.introduction import wait_until_known
 from capture_app.node.transfer.burst_upload import BurstUpload
 from capture_app.node.transfer.spool import Spool
 from capture_app.node.transfer.uploader import Uploader
@@ -41,6 +42,7 @@ from capture_app.sync.rig.failover import Failover
 from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.timekeeping.clock_events import ClockRateChanged, ClockRateUnusual
 from capture_app.sync.wire.messages import NodeState
+from capture_app.trust.trust import Trust
 
 RING_FRAMES = 90
 EVENTS_KEPT = 200
@@ -65,12 +67,14 @@ class CameraNode:
         talk: Callable[[str], None] | None = None,
         spool: Path | None = None,
         profiles: DeviceProfiles | None = None,
+        trust: Trust | None = None,
     ) -> None:
         """`open_camera` is called again after each failure of the device; `talk` gets what a user may see.
 
         `others` are asked in turn where the leader, or relay, is gone; they must be of the same rig.
         `spool` is the folder that bursts are kept in until the leader has them; without one, memory is.
         `profiles` tell how devices like this one were moved before, and are told.
+        `trust` is whom it follows, else its user's.
         """
         self.name = name
         self._leaders = (leader, *others)
@@ -78,6 +82,7 @@ class CameraNode:
         self._tolerance_ns = tolerance_ns
         self._ring_frames = ring_frames
         self._profiles = profiles
+        self._trust = trust or Trust.of_user()
         self._tell = talk or (lambda _: None)
         self._journal = NodeJournal(name)
         self._camera = CameraSupervisor(open_camera, self._clock, self._talk)
@@ -88,7 +93,11 @@ class CameraNode:
         # Whoever knows it speaks for this camera: too many to be guessed.
         self._instance = secrets.randbits(62)
         self._uploader = Uploader(
-            name, self._instance, self._talk, None if spool is None else Spool(spool, name)
+            name,
+            self._instance,
+            self._talk,
+            None if spool is None else Spool(spool, name),
+            trust=self._trust,
         )
         self._viewfinder = Viewfinder(
             name,
@@ -99,6 +108,7 @@ class CameraNode:
             ),
             is_busy=lambda: self._engine.has_burst_pending or self._uploader.is_busy,
             detail=self._detail,
+            trust=self._trust,
         )
         self._events: deque[dict[str, JsonValue]] = deque(maxlen=EVENTS_KEPT)
         self._host_rate = HostRate()
@@ -108,10 +118,12 @@ class CameraNode:
         """Open the camera, join, and take pictures until cancelled.
 
         Raises NetworkError where the leader's host has no address, CameraError where the camera cannot be
-        opened at the start, BadInputError for a spool that cannot be used; later failures are waited out.
+        opened at the start, BadInputError for a spool or a key of this machine's that cannot be used; later
+        failures are waited out.
         """
         with contextlib.closing(self._uploader):
             self._uploader.load_spool()
+            self._trust.client_context()
             found = [await resolve(leader) for leader in self._leaders]
             family = found[0][0]
             if any(other != family for other, _ in found):
@@ -152,6 +164,8 @@ class CameraNode:
                 tasks.create_task(self._camera.carry_out_commands())
                 tasks.create_task(self._uploader.run())
                 tasks.create_task(self._viewfinder.run())
+                for leader in () if self._trust.is_open else self._leaders:
+                    tasks.create_task(wait_until_known(leader, self._trust, self._talk))
                 tasks.create_task(JoinWatch(self._leaders, self._engine.time, self._talk).run())
         except* SimulshotError as group:
             raise group.exceptions[0] from None

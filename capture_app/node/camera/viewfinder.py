@@ -26,6 +26,7 @@ from capture_app.node.wire.operating import (
     Vitals,
 )
 from capture_app.node.wire.views import NodeDetail
+from capture_app.trust.trust import Trust
 
 RETRY_S = 2.0
 VITALS_EVERY_S = 1.0
@@ -47,9 +48,11 @@ class Viewfinder:
         leader_ns: Callable[[int], int | None],
         is_busy: Callable[[], bool],
         detail: Callable[[], NodeDetail],
+        trust: Trust | None = None,
     ) -> None:
         """Speak for a camera, by the run that its node joins with.
 
+        `trust` is what it goes by, else its user's.
         `leader_ns` gives the leader's time of a local one; `is_busy` says that pictures must wait.
         """
         self.stamps_ns: deque[int] = deque(maxlen=FRAMES_KEPT)
@@ -60,6 +63,7 @@ class Viewfinder:
         self._leader_ns = leader_ns
         self._is_busy = is_busy
         self._detail = detail
+        self._trust = trust
         self._leader: Address | None = None
         self._leader_changed = asyncio.Event()
         self._channel: Channel[Any] | None = None
@@ -99,7 +103,7 @@ class Viewfinder:
                 assert self._leader is not None
                 self._leader_changed.clear()
                 try:
-                    async with await connect(self._leader, FromLeader) as channel:
+                    async with await connect(self._leader, FromLeader, trust=self._trust) as channel:
                         if not self._leader_changed.is_set():
                             await self._serve(channel)
                 except NetworkError:

@@ -29,7 +29,8 @@ from capture_app.node.leader.service import LeaderService
 from capture_app.node.leader.snapshots import node_statuses
 from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.node.leader.watchers import Watchers
-from capture_app.node.leader.wording import News
+from capture_app.node.leader.wording import News, TrustNews
+from capture_app.node.pairing.desk import PairingDesk
 from capture_app.node.wire.messages import BurstRequest, ToLeader
 from capture_app.node.wire.operating import AddCamera
 from capture_app.node.wire.status import BurstStatus, RigStatus
@@ -148,6 +149,7 @@ class LeaderNode:
             self._viewfinders,
             watchers,
             self._knows,
+            PairingDesk(self._trust, lambda text: self._on_news(TrustNews(text))),
         )
         self._server = TransferServer(ToLeader, service.serve, trust=self._trust)
         self._pump = Pump(self._engine, self._clock, self._drain)

@@ -4,7 +4,14 @@ import asyncio
 import contextlib
 from collections.abc import AsyncGenerator, Callable
 
-from capture_app.errors import BadInputError, DiskError, NetworkError, SimulshotError, TryAgainError
+from capture_app.errors import (
+    BadInputError,
+    DiskError,
+    NetworkError,
+    SimulshotError,
+    TryAgainError,
+    UnknownMachineError,
+)
 from capture_app.net.channel import Channel
 from capture_app.node.burst.answers import ImageAnswers, refusal_of
 from capture_app.node.burst.burst_session import BurstSession
@@ -12,7 +19,8 @@ from capture_app.node.leader.active_bursts import ActiveBursts
 from capture_app.node.leader.orders import OperatorOrders
 from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.node.leader.watchers import Watchers
-from capture_app.node.wire import messages, operating
+from capture_app.node.pairing.desk import PairingDesk, check_allowed, peer_of
+from capture_app.node.wire import messages, operating, pairing
 from capture_app.node.wire.status import BurstStatus, RigStatus
 
 UNDECIDED_S = 0.1
@@ -33,11 +41,13 @@ class LeaderService:
         viewfinders: Viewfinders,
         watchers: Watchers,
         knows: Callable[[str, int], bool],
+        desk: PairingDesk,
     ) -> None:
         """`take_burst` takes a burst and yields its progress.
 
         `knows` tells whether a run of a node is the one that has joined by a name.
         """
+        self._desk = desk
         self._knows = knows
         self._bursts = bursts
         self._get_status = get_status
@@ -56,6 +66,7 @@ class LeaderService:
         try:
             while (message := await channel.receive_header()) is not None:
                 try:
+                    check_allowed(channel.who, message)
                     self._check_speaker(channel, message, speaker)
                     if isinstance(message, messages.ImageUpload):
                         answers.add(await self._take_image(channel, message))
@@ -66,13 +77,15 @@ class LeaderService:
                         self._begin_speech(speaker, channel)
                     await answers.drain()
                     await self._answer(channel, message, working_on)
-                except NetworkError:
-                    raise
                 except (SimulshotError, OSError) as error:
+                    if isinstance(error, NetworkError) and not isinstance(error, UnknownMachineError):
+                        raise
                     # What the network raises is a NetworkError: this is the disk.
                     what = error if isinstance(error, SimulshotError) else DiskError(f"on its disk: {error}")
                     await answers.drain()
                     await channel.send(refusal_of(what))
+                if channel.who.is_stranger:
+                    return  # it has had its answer, and takes no room
         finally:
             self._end_speech(speaker, channel)
             await answers.close()
@@ -130,6 +143,12 @@ class LeaderService:
         self, channel: Channel[messages.ToLeader], message: messages.ToLeader, working_on: WorkingOn
     ) -> None:
         match message:
+            case pairing.Knock() | pairing.PairingWord() | pairing.PairingProof():
+                await self._desk.answer(channel, message)
+            case pairing.Invite():
+                await channel.send(self._desk.invite(message.role))
+            case pairing.SpeaksFor():
+                channel.who = peer_of(message)
             case messages.StatusRequest():
                 await channel.send(messages.StatusAnswer(rig=self._get_status()))
             case messages.BurstRequest():

@@ -19,7 +19,15 @@ class DiskNews:
     problem: str
 
 
-News = events.LeaderEvent | HostOffRate | HostAtRate | DiskNews | BurstStatus
+@dataclass(frozen=True, slots=True)
+class TrustNews:
+    """A machine that wants to be known, has become so, or tried in vain."""
+
+    text: str
+    name: str | None = None
+
+
+News = events.LeaderEvent | HostOffRate | HostAtRate | DiskNews | TrustNews | BurstStatus
 """What a leader tells about: nodes that come and go, odd clocks, disks, and bursts that make progress."""
 
 
@@ -42,6 +50,8 @@ def news_line(news: News) -> str:
             return f"the clock of {news.name or 'the leader'} runs at its usual rate again"
         case DiskNews():
             return f"{news.name or 'leader'}: {news.problem or 'its disk can be used again'}"
+        case TrustNews():
+            return news.text
         case events.BurstRefused():
             return f"burst {news.burst}: without {news.name}: {news.reason}"
         case BurstStatus():

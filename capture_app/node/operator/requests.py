@@ -7,10 +7,11 @@ from typing import Any, TypeVar
 from capture_app.errors import NetworkError
 from capture_app.net.address import Address
 from capture_app.net.channel import Channel, connect
-from capture_app.node.wire import messages, operating
+from capture_app.node.wire import messages, operating, pairing
 from capture_app.node.wire.message import Message
 from capture_app.node.wire.status import BurstStatus, RigStatus
 from capture_app.node.wire.views import NodeDetail
+from capture_app.trust.known_machines import Role
 
 ANSWER_TIMEOUT_S = 10.0
 ORDER_TIMEOUT_S = 40.0
@@ -35,6 +36,11 @@ async def give_order(leader: Address, order: operating.Order) -> tuple[str, ...]
     Raises NetworkError, and the leader's own errors.
     """
     return (await _ask(leader, order, operating.Done, ORDER_TIMEOUT_S)).names
+
+
+async def ask_invitation(leader: Address, role: Role) -> pairing.Invited:
+    """Return a code by which one machine becomes known to the leader. Raises NetworkError."""
+    return await _ask(leader, pairing.Invite(role=role), pairing.Invited)
 
 
 async def ask_burst(leader: Address, request: messages.BurstRequest) -> AsyncIterator[BurstStatus]:

@@ -20,6 +20,7 @@ from capture_app.node.wire.messages import CameraReport, FromLeader, ImageUpload
 from capture_app.session.format.manifest import MissingImage
 from capture_app.sync.rig.frame_picks import Pick
 from capture_app.text import count
+from capture_app.trust.trust import Trust
 
 RETRY_S = (0.5, 1.0, 2.0, 4.0)
 SPACE_EVERY_S = 30.0
@@ -39,12 +40,14 @@ class Uploader:
         spool: Spool | None = None,
         *,
         retry_s: Sequence[float] = RETRY_S,
+        trust: Trust | None = None,
     ) -> None:
-        """Speak for a camera, by the run that its node joins with.
+        """Speak for a camera, by the run that its node joins with, to leaders known by `trust`.
 
         `retry_s` are the waits after the first failed stream, the second and so on; the last one stays.
         """
         self.talk = talk
+        self._trust = trust
         self._opening = NodeStream(camera=camera, instance=instance)
         self.spool = spool
         self.leader: Address | None = None
@@ -173,7 +176,7 @@ class Uploader:
                 self._news.clear()
                 await self._news.wait()
             try:
-                async with await connect(self.leader, FromLeader) as channel:
+                async with await connect(self.leader, FromLeader, trust=self._trust) as channel:
                     self._stream = channel
                     sender = BurstSender(channel, self._news, self.talk)
                     await sender.introduce(self._opening)

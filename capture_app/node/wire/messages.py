@@ -11,6 +11,7 @@ from capture_app.errors import SimulshotError
 from capture_app.names import Name
 from capture_app.node.wire.message import Message
 from capture_app.node.wire.operating import FromOperator, FromViewfinder, ToOperator, ToViewfinder
+from capture_app.node.wire.pairing import FromStranger, Invite, Invited, SpeaksFor, ToStranger
 from capture_app.node.wire.status import BurstStatus, RigStatus
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, MissingImage, Sha256
@@ -171,7 +172,19 @@ ToLeader = (
     | BurstRequest
     | FromOperator
     | FromViewfinder
+    | FromStranger
+    | Invite
+    | SpeaksFor
 )
 FromLeader = (
-    ImageAck | StillSaving | ReportAck | Refusal | StatusAnswer | BurstAnswer | ToOperator | ToViewfinder
+    ImageAck
+    | StillSaving
+    | ReportAck
+    | Refusal
+    | StatusAnswer
+    | BurstAnswer
+    | ToOperator
+    | ToViewfinder
+    | ToStranger
+    | Invited
 )

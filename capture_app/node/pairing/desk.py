@@ -1,0 +1,121 @@
+"""A leader's or a relay's part of becoming known, and what each machine may ask for."""
+
+import asyncio
+import socket
+import time
+from collections.abc import Callable
+from typing import Any
+
+from capture_app.errors import UnknownMachineError
+from capture_app.names import name_like
+from capture_app.net.channel import Channel
+from capture_app.node.wire import messages, operating, pairing
+from capture_app.node.wire.message import Message
+from capture_app.trust.identity import pin_of
+from capture_app.trust.known_machines import Role
+from capture_app.trust.pairing import GOOD_FOR_S, InvitationDesk
+from capture_app.trust.trust import ANYBODY, Peer, Trust
+
+SAID_AGAIN_S = 30.0
+"""Strangers that knock are told of so often at most: they shall not fill a screen."""
+OF_CAMERAS = (
+    messages.NodeStream
+    | messages.CameraReport
+    | messages.ImageUpload
+    | messages.SpoolSpace
+    | operating.ViewfinderOpened
+    | operating.Vitals
+    | operating.PreviewFrame
+    | operating.DetailAnswer
+)
+
+
+def check_allowed(who: Peer, message: Message) -> None:
+    """Check that a peer may send such a message. Raises UnknownMachineError with what a person can do."""
+    if isinstance(message, pairing.FromStranger):
+        return
+    role = Role.RELAY if isinstance(message, pairing.SpeaksFor) else Role.OPERATOR
+    role = Role.CAMERA if isinstance(message, OF_CAMERAS) else role
+    if not who.may(role):
+        known = "not known here" if who.is_stranger else f"known here as {' and '.join(sorted(who.roles))}"
+        raise UnknownMachineError(
+            f"this machine is {known}, not as {role}",
+            hint=f"on the leader's machine: capture-app trust invite --as {role}",
+        )
+
+
+class PairingDesk:
+    """Makes machines known that have a code, or whose pin was added here."""
+
+    def __init__(self, trust: Trust, tell: Callable[[str], None]) -> None:
+        """`tell` gets what a person should see."""
+        self._trust, self._tell = trust, tell
+        self._invitations = InvitationDesk(time.monotonic)
+        self._said_s = -SAID_AGAIN_S
+        self._name = name_like(socket.gethostname().split(".")[0], "leader")
+
+    def invite(self, role: Role) -> pairing.Invited:
+        """Make a code for one machine. Raises UnknownMachineError where machines need none."""
+        if self._trust.is_open:
+            raise UnknownMachineError(
+                "this rig is open to anybody and needs no code", hint="it runs with --open"
+            )
+        invitation = self._invitations.invite(role)
+        return pairing.Invited(code=invitation.code, good_for_s=GOOD_FOR_S)
+
+    async def answer(self, channel: Channel[Any], message: pairing.FromStranger) -> None:
+        """Answer a machine that wants to be known.
+
+        Raises UnknownMachineError, BadInputError, DiskError, and NetworkError where the stream breaks off.
+        """
+        match message:
+            case pairing.Knock():
+                await self._answer_knock(channel, message)
+            case pairing.PairingWord():
+                await self._answer_word(channel, message)
+            case pairing.PairingProof():
+                raise UnknownMachineError("a proof comes after a word")
+
+    async def _answer_knock(self, channel: Channel[Any], message: pairing.Knock) -> None:
+        machine = None if self._trust.is_open else self._trust.known.note_certificate(message.certificate)
+        if machine is None:
+            now_s = time.monotonic()
+            if now_s - self._said_s >= SAID_AGAIN_S:
+                self._said_s = now_s
+                self._tell(
+                    f"a machine at {channel.host} wants to join and is not known here;"
+                    " if it is yours, show it a code: capture-app trust invite"
+                )
+            raise UnknownMachineError("the leader does not know this machine")
+        self._tell(f"{machine.name} is known from now on")
+        await channel.send(pairing.Known(leader=self._name, roles=machine.roles))
+
+    async def _answer_word(self, channel: Channel[Any], message: pairing.PairingWord) -> None:
+        own_pin, pin = self._trust.identity.pin, pin_of(message.certificate)
+        # Its arithmetic takes a while, and other nodes ask for the time meanwhile.
+        share, attempt = await asyncio.to_thread(self._invitations.answer, pin, message.share, own_pin)
+        await channel.send(pairing.PairingAnswer(share=share))
+        said = await channel.receive_header()
+        if not isinstance(said, pairing.PairingProof):
+            raise UnknownMachineError("a word must be followed by its proof")
+        try:
+            proof = self._invitations.accept(attempt, said.proof)
+        except UnknownMachineError:
+            self._tell(f"a machine at {channel.host} tried a wrong code")
+            raise
+        role = attempt.invitation.role
+        machine = self._trust.known.add(pin, role, name=message.name, certificate=message.certificate)
+        self._tell(f"{machine.name} at {channel.host} is known as {role} from now on")
+        await channel.send(pairing.Known(leader=self._name, roles=machine.roles, proof=proof))
+
+
+def peer_of(message: pairing.SpeaksFor) -> Peer:
+    """Return for whom a relay speaks: for cameras and operators, and never for itself."""
+    return Peer(message.pin, message.name, frozenset(message.roles) & {Role.CAMERA, Role.OPERATOR})
+
+
+def speaks_for(who: Peer) -> pairing.SpeaksFor | None:
+    """Return what a relay says for one of its own; None where nobody is asked."""
+    if who is ANYBODY:
+        return None
+    return pairing.SpeaksFor(pin=who.pin, name=who.name, roles=tuple(sorted(who.roles)))

@@ -1,0 +1,183 @@
+"""Machines that become known to a leader: by a code, by a pin, and not at all."""
+
+import asyncio
+from collections.abc import AsyncIterator
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from capture_app.errors import NetworkError, SimulshotError, UnknownMachineError
+from capture_app.net.channel import Channel, connect
+from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.pairing.introduction import is_known, knock, pair, wait_until_known
+from capture_app.node.wire import messages, operating, pairing
+from capture_app.node.wire.messages import FromLeader, NodeStream, Refusal
+from capture_app.trust.known_machines import Role
+from capture_app.trust.trust import Trust
+from tests.waiting import until
+
+
+@pytest.fixture
+def machine(tmp_path: Path) -> Trust:
+    return Trust(tmp_path / "machine")
+
+
+@pytest.fixture
+async def leader(tmp_path: Path) -> AsyncIterator[LeaderNode]:
+    trust = Trust(tmp_path / "leader")
+    async with LeaderNode(sessions=tmp_path / "sessions", host="127.0.0.1", port=0, trust=trust) as node:
+        yield node
+
+
+@pytest.fixture
+def home(tmp_path: Path) -> Trust:
+    """The leader's own machine."""
+    return Trust(tmp_path / "leader")
+
+
+async def ask(leader: LeaderNode, trust: Trust, message: Any, **how: Any) -> Any:
+    async with await connect(leader.own_address, FromLeader, trust=trust, **how) as channel:
+        return await ask_on(channel, message)
+
+
+async def ask_on(channel: Channel[Any], message: Any) -> Any:
+    await channel.send(message)
+    return await channel.receive_header()
+
+
+async def invite(leader: LeaderNode, home: Trust, role: Role = Role.CAMERA) -> str:
+    invited = await ask(leader, home, pairing.Invite(role=role))
+    assert isinstance(invited, pairing.Invited)
+    return invited.code
+
+
+def news(leader: LeaderNode) -> list[str]:
+    return [line.text for line in leader.news.after(0)]
+
+
+async def test_a_code_makes_a_machine_known_for_ever(leader: LeaderNode, home: Trust, machine: Trust) -> None:
+    assert not await is_known(leader.own_address, machine)
+    code = await invite(leader, home)
+    assert await pair(leader.own_address, code, machine) == (Role.CAMERA,)
+    assert await is_known(leader.own_address, machine)
+    assert await is_known(leader.own_address, Trust(machine.folder)), "also after it was started again"
+    assert any("is known as camera" in line for line in news(leader))
+    with pytest.raises(UnknownMachineError, match="no code"):
+        await pair(leader.own_address, code, Trust(home.folder.parent / "another"))  # type: ignore[union-attr]
+
+
+async def test_a_wrong_code_changes_nothing_and_is_said(
+    leader: LeaderNode, home: Trust, machine: Trust
+) -> None:
+    code = await invite(leader, home)
+    with pytest.raises(UnknownMachineError, match="not the code"):
+        await pair(leader.own_address, f"{(int(code) + 1) % 10**8:08d}", machine)
+    assert home.known.all() == machine.known.all() == ()
+    assert any("wrong code" in line for line in news(leader))
+    await pair(leader.own_address, code, machine)
+
+
+async def test_pins_that_are_pasted_on_both_sides_do_without_a_code(
+    leader: LeaderNode, home: Trust, machine: Trust
+) -> None:
+    machine.known.add(home.identity.pin, Role.LEADER)
+    with pytest.raises(UnknownMachineError, match=f"trust add {machine.identity.pin}"):
+        await knock(leader.own_address, machine)
+    assert home.known.all() == ()
+    assert any("wants to join" in line for line in news(leader))
+    home.known.add(machine.identity.pin, Role.CAMERA, name="garage")
+    await knock(leader.own_address, machine)
+    assert await is_known(leader.own_address, machine)
+
+
+async def test_a_machine_shows_itself_to_no_leader_that_it_does_not_know(
+    leader: LeaderNode, home: Trust, machine: Trust
+) -> None:
+    home.known.add(machine.identity.pin, Role.CAMERA)
+    with pytest.raises(UnknownMachineError, match="does not know the leader"):
+        await knock(leader.own_address, machine)
+    (known,) = home.known.all()
+    assert known.certificate is None
+
+
+async def test_a_node_that_waits_says_once_what_to_do_and_goes_on_by_itself(
+    leader: LeaderNode, home: Trust, machine: Trust
+) -> None:
+    said: list[str] = []
+    waiting = asyncio.create_task(wait_until_known(leader.own_address, machine, said.append, every_s=0.02))
+    await until(lambda: said)
+    assert f"capture-app trust pair {leader.own_address} --code CODE" in said[0]
+    machine.known.add(home.identity.pin, Role.LEADER)
+    await until(lambda: len(said) == 2)
+    assert "does not know this machine" in said[1]
+    home.known.add(machine.identity.pin, Role.CAMERA)
+    async with asyncio.timeout(60):
+        await waiting
+    assert len(said) == 2
+
+
+OF_STRANGERS = [pairing.Knock(certificate=b"nothing"), pairing.PairingProof(proof=b"")]
+OTHERS = [
+    messages.StatusRequest(),
+    messages.BurstRequest(frames=1),
+    messages.SpoolSpace(camera="cam0", free_bytes=0, spool="/"),
+    NodeStream(camera="cam0", instance=1),
+    operating.WatchRequest(),
+    operating.DetailRequest(camera="cam0"),
+    operating.ViewfinderOpened(camera="cam0", instance=1),
+    operating.AddCamera(spec="sim"),
+    operating.AddSimulated(cameras=1),
+    operating.RemoveCamera(name="cam0"),
+    operating.CancelBurst(burst=1),
+    operating.StopRig(),
+    pairing.Invite(role=Role.OPERATOR),
+    pairing.SpeaksFor(pin="x", name="x", roles=(Role.OPERATOR,)),
+]
+
+
+@pytest.mark.parametrize("message", OTHERS + OF_STRANGERS, ids=lambda message: type(message).__name__)
+async def test_a_stranger_is_answered_with_a_sentence_and_nothing_else(
+    leader: LeaderNode, home: Trust, machine: Trust, message: Any
+) -> None:
+    async with await connect(leader.own_address, FromLeader, trust=machine, as_stranger=True) as channel:
+        refusal = await ask_on(channel, message)
+        assert isinstance(refusal, Refusal)
+        assert isinstance(refusal.as_error(), SimulshotError)
+        assert await channel.receive_header() is None
+    assert home.known.all() == ()
+    assert leader.status().nodes == ()
+
+
+@pytest.mark.parametrize("message", OTHERS, ids=lambda message: type(message).__name__)
+async def test_cameras_and_operators_may_each_do_their_part(
+    leader: LeaderNode, home: Trust, machine: Trust, message: Any
+) -> None:
+    of_camera = isinstance(message, messages.SpoolSpace | NodeStream | operating.ViewfinderOpened)
+    of_relay = isinstance(message, pairing.SpeaksFor)
+    others = Role.OPERATOR if of_camera or of_relay else Role.CAMERA
+    await pair(leader.own_address, await invite(leader, home, others), machine)
+    refusal = await ask(leader, machine, message)
+    assert isinstance(refusal, Refusal)
+    assert f"known here as {others}" in refusal.what
+
+
+async def test_who_is_removed_loses_its_open_streams(leader: LeaderNode, home: Trust, machine: Trust) -> None:
+    await pair(leader.own_address, await invite(leader, home, Role.OPERATOR), machine)
+    async with await connect(leader.own_address, FromLeader, trust=machine) as channel:
+        await channel.send(operating.WatchRequest())
+        assert isinstance(await channel.receive_header(), messages.StatusAnswer)
+        home.known.remove(machine.identity.pin)
+        with suppress(NetworkError):
+            while await channel.receive() is not None:
+                pass
+    assert not await is_known(leader.own_address, machine)
+
+
+async def test_strangers_cannot_fill_the_news(leader: LeaderNode, home: Trust, machine: Trust) -> None:
+    machine.known.add(home.identity.pin, Role.LEADER)
+    for _ in range(5):
+        with pytest.raises(UnknownMachineError):
+            await knock(leader.own_address, machine)
+    assert len([line for line in news(leader) if "wants to join" in line]) == 1

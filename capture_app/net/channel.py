@@ -59,6 +59,9 @@ class Channel(Generic[M]):
         """Whether it is a node that has joined."""
         self.who: Peer = STRANGER
         """Who the peer is, as far as its key shows it."""
+        where = writer.get_extra_info("peername") or ("?", 0)
+        self.peer = Address(str(where[0]), int(where[1]))
+        """Address of the other end; TLS does not tell it any more when the stream has ended."""
         self._reader = reader
         self._writer = writer
         self._decoder = decoder
@@ -85,12 +88,6 @@ class Channel(Generic[M]):
     def allow_silence(self) -> None:
         """Let the peer be silent between messages for as long as it likes: it is told things."""
         self._idle_s = None
-
-    @property
-    def peer(self) -> Address:
-        """Address of the other end."""
-        where = self._writer.get_extra_info("peername") or ("?", 0)
-        return Address(str(where[0]), int(where[1]))
 
     async def receive(self) -> tuple[M, bytes] | None:
         """Read one message and its payload; None where the peer has closed the stream between messages.

@@ -17,13 +17,21 @@ from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
 from capture_app.node.burst.answers import refusal_of
 from capture_app.node.join_watch import JoinWatch
+from capture_app.node.keys import KeyRequester, hand_out_key
 from capture_app.node.leader.advice import rig_advice
 from capture_app.node.leader.beacons import send_due_beacon
 from capture_app.node.leader.snapshots import node_statuses
 from capture_app.node.leader.wording import follower_line, news_line
 from capture_app.node.pairing.desk import PairingDesk, check_allowed, peer_of, speaks_for
 from capture_app.node.wire import pairing
-from capture_app.node.wire.messages import FromLeader, Refusal, StatusAnswer, StatusRequest, ToLeader
+from capture_app.node.wire.messages import (
+    FromLeader,
+    KeyRequest,
+    Refusal,
+    StatusAnswer,
+    StatusRequest,
+    ToLeader,
+)
 from capture_app.node.wire.status import RigStatus
 from capture_app.sync.rig.events import Joined, LeaderLost
 from capture_app.sync.rig.leader import LeaderConfig
@@ -31,6 +39,8 @@ from capture_app.sync.rig.time_client import TimeClientEvent
 from capture_app.sync.tree.follower import FollowerConfig
 from capture_app.sync.tree.relay import HEARTBEAT_EVERY_NS, OF_CAMERAS, Relay
 from capture_app.text import duration
+from capture_app.trust.keys import ClientKeys
+from capture_app.trust.sealed_engines import SealedRelay
 from capture_app.trust.trust import Trust
 
 UPSTREAM_TIMEOUT_S = 2.0
@@ -78,6 +88,10 @@ class RelayNode:
         self.instance = secrets.randbits(32)
         """This run of the relay, by which its nodes tell it from the next."""
         self._engine: Relay
+        self._trust = trust or Trust.of_user()
+        self._sealed: SealedRelay | None = None
+        self._keys: KeyRequester | None = None
+        self._tasks: list[asyncio.Task[None]] = []
         self._pump: Pump
         self._server: TransferServer[ToLeader]
         self._watching: asyncio.Task[None]
@@ -119,16 +133,25 @@ class RelayNode:
             self.instance, transfer_port=port, beacons=None if self._beacons is None else self._beacons.group
         )
         self._engine = Relay(config, limits, rng)
+        if not self._trust.is_open:
+            self._sealed = SealedRelay(self._engine, ClientKeys(secrets.token_bytes))
         self._server = TransferServer(ToLeader, self._serve, trust=self._trust)
-        self._pump = Pump(self._engine, self._clock, self._drain)
+        self._pump = Pump(self._sealed or self._engine, self._clock, self._drain)
         await self._server.start(listening)
         self._pump.start(datagrams)
         watch = JoinWatch(self._parents, self._engine.follower.time, self._talk)
-        self._watching = asyncio.create_task(watch.run())
+        self._tasks.append(asyncio.create_task(watch.run()))
+        if self._sealed is not None:
+            request = KeyRequest(name=self.name, instance=self.instance, is_relay=True)
+            time, keys = self._engine.follower.time, self._sealed.parent_keys
+            self._keys = KeyRequester(keys, request, time, self._trust, self._pump.turn)
+            self._tasks.append(asyncio.create_task(self._keys.run()))
 
     async def stop(self) -> None:
         """Say goodbye to the leader, send the nodes on to others, and close the port."""
-        self._watching.cancel()
+        for task in self._tasks:
+            task.cancel()
+        await asyncio.gather(*self._tasks, return_exceptions=True)
         self._talk = lambda _: None
         self._engine.leave()
         self._pump.turn()
@@ -166,6 +189,9 @@ class RelayNode:
                         await below.send(self._desk.invite(message.role))
                     case pairing.SpeaksFor():
                         below.who = peer_of(message)
+                    case KeyRequest():
+                        keys = None if self._sealed is None else self._sealed.keys
+                        await below.send(hand_out_key(keys, below.who, message))
                     case _:
                         if await self._pass_on(below, message):
                             return
@@ -203,7 +229,13 @@ class RelayNode:
     def _drain(self) -> None:
         rate = self._engine.follower.time.timekeeper.rate
         rate.host_slewing_ppm = self._host_rate.slewing_ppm(self._clock.now_ns())
-        send_due_beacon(self._beacons, self._engine.leader, self._clock.now_ns())
+        sealed, now_ns = self._sealed, self._clock.now_ns()
+        seal = None if sealed is None else sealed.keys.seal_for_all
+        send_due_beacon(self._beacons, self._engine.leader, now_ns, seal)
+        for refused in () if sealed is None else sealed.refusals.take_news(now_ns):
+            self._talk(str(refused))
+        if self._keys is not None:
+            self._keys.look()
         while (event := self._engine.next_event()) is not None:
             if isinstance(event, Joined | LeaderLost):
                 self._change_upstream(event)

@@ -107,6 +107,7 @@ class LeaderKeys:
         """Leaders that it has something to say to, but no key for, or one that they do not know any more."""
         self._seals: dict[Address, Seal] = {}
         self._groups: dict[Address, Seal] = {}
+        self._kept: dict[Address, bytes] = {}
 
     def hold(self, leader: Address, grant: Grant) -> None:
         """Use the key of a grant with that leader from now on."""
@@ -117,12 +118,21 @@ class LeaderKeys:
         self.wanted.discard(leader)
 
     def seal(self, message: bytes, leader: Address) -> bytes | None:
-        """Return the datagram of a message; None where there is no key for that leader."""
+        """Return the datagram of a message; None where there is no key for that leader: it waits for one.
+
+        Of several the last does.
+        """
         seal = self._seals.get(leader)
         if seal is None:
             self.wanted.add(leader)
+            self._kept[leader] = message
             return None
         return seal.seal(message)
+
+    def take_kept(self) -> list[tuple[bytes, Address]]:
+        """Return the datagrams of what was kept for leaders that there is a key for now."""
+        leaders = [leader for leader in self._kept if leader in self._seals]
+        return [(self._seals[leader].seal(self._kept.pop(leader)), leader) for leader in leaders]
 
     def open(self, data: bytes, leader: Address) -> bytes:
         """Return the message of a leader's datagram. Raises SealError where it is refused."""

@@ -55,11 +55,9 @@ class SealedClient:
             self._engine.receive_datagram(message, address, now_ns)
 
     def datagrams_to_send(self, now_ns: int) -> Sealed:
-        """Yield what is due, stamped with `now_ns`; what there is no key for is dropped."""
-        for message, leader in self._engine.datagrams_to_send(now_ns):
-            data = self.keys.seal(message, leader)
-            if data is not None:
-                yield data, leader
+        """Yield what is due, stamped with `now_ns`; the last that there is no key for waits for one."""
+        yield from _sealed(self._engine.datagrams_to_send(now_ns), self.keys)
+        yield from self.keys.take_kept()
 
     def open_broadcast(self, data: bytes) -> bytes | None:
         """Return the message of a datagram to all clients; None, and count it, where it is refused."""
@@ -93,7 +91,7 @@ class SealedLeader:
 
     def datagrams_to_send(self, now_ns: int) -> Sealed:
         """Yield what is due, stamped with `now_ns`."""
-        yield from _sealed_by_leader(self._engine.datagrams_to_send(now_ns), self.keys)
+        yield from _sealed(self._engine.datagrams_to_send(now_ns), self.keys)
         yield from self._desk.take_notices()
 
 
@@ -125,11 +123,9 @@ class SealedRelay:
 
     def datagrams_to_send(self, now_ns: int) -> Sealed:
         """Yield what is due, stamped with `now_ns`."""
-        yield from _sealed_by_leader(self._engine.leader.datagrams_to_send(now_ns), self.keys)
-        for message, parent in self._engine.datagrams_to_parents(now_ns):
-            data = self.parent_keys.seal(message, parent)
-            if data is not None:
-                yield data, parent
+        yield from _sealed(self._engine.leader.datagrams_to_send(now_ns), self.keys)
+        yield from _sealed(self._engine.datagrams_to_parents(now_ns), self.parent_keys)
+        yield from self.parent_keys.take_kept()
         yield from self._desk.take_notices()
 
 
@@ -185,8 +181,8 @@ def _opened_by_client(data: bytes, leader: Address, keys: LeaderKeys, refusals: 
         return None
 
 
-def _sealed_by_leader(datagrams: list[tuple[bytes, Address]], keys: ClientKeys) -> Sealed:
-    for message, client in datagrams:
-        data = keys.seal(message, client)
+def _sealed(datagrams: list[tuple[bytes, Address]], keys: ClientKeys | LeaderKeys) -> Sealed:
+    for message, address in datagrams:
+        data = keys.seal(message, address)
         if data is not None:
-            yield data, client
+            yield data, address

@@ -30,11 +30,12 @@ from capture_app.node.camera.records import (
 from capture_app.node.camera.supervisor import CameraSupervisor
 from capture_app.node.camera.viewfinder import Viewfinder
 from capture_app.node.join_watch import JoinWatch
+from capture_app.node.keys import KeyRequester
 from capture_app.node.pairing.introduction import wait_until_known
 from capture_app.node.transfer.burst_upload import BurstUpload
 from capture_app.node.transfer.spool import Spool
 from capture_app.node.transfer.uploader import Uploader
-from capture_app.node.wire.messages import JsonValue
+from capture_app.node.wire.messages import JsonValue, KeyRequest
 from capture_app.node.wire.views import NodeDetail
 from capture_app.sync.rig import events, node_message
 from capture_app.sync.rig.client import Client
@@ -42,6 +43,7 @@ from capture_app.sync.rig.failover import Failover
 from capture_app.sync.rig.phase_loop import ClientConfig
 from capture_app.sync.timekeeping.clock_events import ClockRateChanged, ClockRateUnusual
 from capture_app.sync.wire.messages import NodeState
+from capture_app.trust.sealed_engines import SealedClient
 from capture_app.trust.trust import Trust
 
 RING_FRAMES = 90
@@ -88,6 +90,8 @@ class CameraNode:
         self._camera = CameraSupervisor(open_camera, self._clock, self._talk)
         self._engine: Client[CapturedFrame]
         self._failover: Failover[CapturedFrame]
+        self._sealed: SealedClient | None = None
+        self._keys: KeyRequester | None = None
         self._pump: Pump
         self._beacons: BeaconReceiver
         # Whoever knows it speaks for this camera: too many to be guessed.
@@ -154,12 +158,20 @@ class CameraNode:
         rng = random.Random(secrets.randbits(64))
         self._engine = Client(config, rng, on_sample=self._journal.add_sample)
         self._failover = Failover(self._engine, peers)
-        self._pump = Pump(self._failover, self._clock, self._drain)
-        self._beacons = BeaconReceiver(self._engine.receive_broadcast, self._clock, self._pump.turn)
+        if not self._trust.is_open:
+            self._sealed = SealedClient(self._failover)
+        self._pump = Pump(self._sealed or self._failover, self._clock, self._drain)
+        self._beacons = BeaconReceiver(self._receive_broadcast, self._clock, self._pump.turn)
         self._camera.attach(self._engine, self._pump.turn, self._viewfinder.add_frame)
         self._pump.start(sock)
         try:
             async with asyncio.TaskGroup() as tasks:
+                if self._sealed is not None:
+                    request = KeyRequest(name=self.name, instance=self._instance)
+                    self._keys = KeyRequester(
+                        self._sealed.keys, request, self._engine.time, self._trust, self._pump.turn
+                    )
+                    tasks.create_task(self._keys.run())
                 tasks.create_task(self._camera.keep_open())
                 tasks.create_task(self._camera.carry_out_commands())
                 tasks.create_task(self._uploader.run())
@@ -175,6 +187,11 @@ class CameraNode:
             self._pump.turn()
             self._pump.close()
             self._beacons.close()
+
+    def _receive_broadcast(self, data: bytes, now_ns: int) -> None:
+        message = data if self._sealed is None else self._sealed.open_broadcast(data)
+        if message is not None:
+            self._engine.receive_broadcast(message, now_ns)
 
     def _talk(self, line: str) -> None:
         self._journal.add_line(line)
@@ -194,8 +211,12 @@ class CameraNode:
     def _drain(self) -> None:
         self._camera.collect_commands()
         self._engine.time.timekeeper.rate.host_slewing_ppm = self._host_rate.slewing_ppm(self._clock.now_ns())
+        if self._keys is not None:
+            self._keys.look()
         while (event := self._engine.next_event()) is not None:
             self._handle_event(event)
+        for refused in () if self._sealed is None else self._sealed.refusals.take_news(self._clock.now_ns()):
+            self._talk(str(refused))
         state = self._engine.state
         if state != self._last_state:
             self._last_state = state

@@ -38,6 +38,8 @@ from capture_app.sync.rig.events import BurstRefused
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.roster import ClientView
 from capture_app.sync.timekeeping.rate_jury import RateJury
+from capture_app.trust.keys import ClientKeys
+from capture_app.trust.sealed_engines import SealedLeader
 from capture_app.trust.trust import Trust
 
 SNAPSHOT_EVERY_S = 0.25
@@ -91,6 +93,7 @@ class LeaderNode:
         self.instance = secrets.randbits(32)
         """This run of the leader, by which nodes tell it from the next."""
         self._engine: Leader
+        self._sealed: SealedLeader | None = None
         self._bursts: ActiveBursts
         self._pump: Pump
         self._server: TransferServer[ToLeader]
@@ -127,6 +130,8 @@ class LeaderNode:
             beacons=None if self._beacons is None else self._beacons.group,
         )
         self._engine = Leader(config, random.Random(secrets.randbits(64)))
+        if not self._trust.is_open:
+            self._sealed = SealedLeader(self._engine, ClientKeys(secrets.token_bytes))
         self._bursts = ActiveBursts(
             self.sessions,
             self._engine,
@@ -150,9 +155,10 @@ class LeaderNode:
             watchers,
             self._knows,
             PairingDesk(self._trust, lambda text: self._on_news(TrustNews(text))),
+            None if self._sealed is None else self._sealed.keys,
         )
         self._server = TransferServer(ToLeader, service.serve, trust=self._trust)
-        self._pump = Pump(self._engine, self._clock, self._drain)
+        self._pump = Pump(self._sealed or self._engine, self._clock, self._drain)
         await self._server.start(listening)
         self._pump.start(datagrams)
 
@@ -269,12 +275,15 @@ class LeaderNode:
         return self._engine.clients(self._clock.now_ns())
 
     def _drain(self) -> None:
-        send_due_beacon(self._beacons, self._engine, self._clock.now_ns())
+        sealed, now_ns = self._sealed, self._clock.now_ns()
+        seal = None if sealed is None else sealed.keys.seal_for_all
+        send_due_beacon(self._beacons, self._engine, now_ns, seal)
+        for refused in () if sealed is None else sealed.refusals.take_news(now_ns):
+            self._on_news(refused)
         while (event := self._engine.next_event()) is not None:
             if isinstance(event, BurstRefused):
                 self._bursts.note_refusal(event)
             self._on_news(event)
-        now_ns = self._clock.now_ns()
         if self._review_due_ns is None or now_ns >= self._review_due_ns:
             self._review_due_ns = now_ns + REVIEW_EVERY_NS
             for news in review_rates(self._jury, self._views(), self._host_rate.slewing_ppm(now_ns)):

@@ -9,6 +9,7 @@ from capture_app.node.wire.status import BurstStatus
 from capture_app.node.wire.views import Level, NewsLine
 from capture_app.sync.rig import events
 from capture_app.sync.timekeeping.rate_jury import HostOffRate
+from capture_app.trust.refusals import DatagramsRefused
 
 KEPT = 500
 
@@ -36,7 +37,7 @@ class NewsLog:
                 whole = news.session is not None and news.received == news.expected
                 self.add(news_line(news), level="info" if whole else "warning")
         elif text := news_line(news):
-            warns = isinstance(news, events.NodeLost | events.BurstRefused | HostOffRate)
+            warns = isinstance(news, events.NodeLost | events.BurstRefused | HostOffRate | DatagramsRefused)
             warns = warns or (isinstance(news, DiskNews) and bool(news.problem))
             self.add(text, camera=news.name, level="warning" if warns else "info")
 

@@ -9,6 +9,7 @@ from capture_app.sync.rig.time_client import TimeClientEvent
 from capture_app.sync.timekeeping import clock_events
 from capture_app.sync.timekeeping.rate_jury import HostAtRate, HostOffRate
 from capture_app.text import duration
+from capture_app.trust.refusals import DatagramsRefused
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,8 +28,8 @@ class TrustNews:
     name: str | None = None
 
 
-News = events.LeaderEvent | HostOffRate | HostAtRate | DiskNews | TrustNews | BurstStatus
-"""What a leader tells about: nodes that come and go, odd clocks, disks, and bursts that make progress."""
+News = events.LeaderEvent | HostOffRate | HostAtRate | DiskNews | TrustNews | DatagramsRefused | BurstStatus
+"""What a leader tells about: nodes that come and go, odd clocks, disks, strangers, and bursts."""
 
 
 def news_line(news: News) -> str:
@@ -52,6 +53,8 @@ def news_line(news: News) -> str:
             return f"{news.name or 'leader'}: {news.problem or 'its disk can be used again'}"
         case TrustNews():
             return news.text
+        case DatagramsRefused():
+            return str(news)
         case events.BurstRefused():
             return f"burst {news.burst}: without {news.name}: {news.reason}"
         case BurstStatus():

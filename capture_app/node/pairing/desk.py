@@ -36,6 +36,8 @@ def check_allowed(who: Peer, message: Message) -> None:
         return
     role = Role.RELAY if isinstance(message, pairing.SpeaksFor) else Role.OPERATOR
     role = Role.CAMERA if isinstance(message, OF_CAMERAS) else role
+    if isinstance(message, messages.KeyRequest):
+        role = Role.RELAY if message.is_relay else Role.CAMERA
     if not who.may(role):
         known = "not known here" if who.is_stranger else f"known here as {' and '.join(sorted(who.roles))}"
         raise UnknownMachineError(

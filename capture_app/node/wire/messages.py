@@ -15,6 +15,7 @@ from capture_app.node.wire.pairing import FromStranger, Invite, Invited, SpeaksF
 from capture_app.node.wire.status import BurstStatus, RigStatus
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, MissingImage, Sha256
+from capture_app.trust.keys import Grant
 
 JsonValue = int | float | str | bool | None
 
@@ -25,6 +26,21 @@ class NodeStream(Message, frozen=True, kw_only=True, tag="node"):
     camera: Name
     instance: int
     """The node's run, as its hello told it: nobody else knows it."""
+
+
+class KeyRequest(Message, frozen=True, kw_only=True, tag="key-request"):
+    """A node wants the key for its datagrams."""
+
+    name: Name
+    instance: int
+    """The node's run, as its hello will tell it."""
+    is_relay: bool = False
+
+
+class KeyAnswer(Message, frozen=True, kw_only=True, tag="key"):
+    """The key of one run of a node."""
+
+    grant: Grant
 
 
 class CameraReport(Message, frozen=True, kw_only=True, tag="camera-report"):
@@ -168,6 +184,7 @@ ToLeader = (
     | CameraReport
     | ImageUpload
     | SpoolSpace
+    | KeyRequest
     | StatusRequest
     | BurstRequest
     | FromOperator
@@ -181,6 +198,7 @@ FromLeader = (
     | StillSaving
     | ReportAck
     | Refusal
+    | KeyAnswer
     | StatusAnswer
     | BurstAnswer
     | ToOperator

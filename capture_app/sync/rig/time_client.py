@@ -148,7 +148,7 @@ class TimeClient:
         """Count what is no message, and take from one of another version why its leader takes nobody in."""
         self.malformed += 1
         if isinstance(error, OtherVersionError) and not self.is_member:
-            self._note_refusal(version_mismatch(error.version))
+            self.note_refusal(version_mismatch(error.version))
 
     def is_addressed(self, message: Message) -> bool:
         """Whether a message is meant for this member."""
@@ -162,7 +162,7 @@ class TimeClient:
                     self.hellos = HELLOS
             case JoinRefusal() if not self.is_member and message.instance == self.instance:
                 self.hellos = 0 if message.retry_here else self.hellos
-                self._note_refusal(message.reason)
+                self.note_refusal(message.reason)
             case TimeReply() if self.is_addressed(message):
                 if self.timekeeper.take_reply(message, now_ns):
                     self._heard_ns = now_ns
@@ -206,6 +206,13 @@ class TimeClient:
         self.number = None
         self.timekeeper.stop()
         self._hello_due_ns = NEVER_NS
+
+    def note_refusal(self, reason: str) -> None:
+        """Note why the leader that is asked does not take this node in."""
+        self.unanswered = 0
+        if reason != self.why_joining:
+            self.why_joining = reason
+            self._events.append(JoinRefused(reason))
 
     def report_at_once(self) -> None:
         """Send the next heartbeat at once."""
@@ -284,12 +291,6 @@ class TimeClient:
         else:
             self.terms = terms
             self.timekeeper.update_terms(terms)
-
-    def _note_refusal(self, reason: str) -> None:
-        self.unanswered = 0
-        if reason != self.why_joining:
-            self.why_joining = reason
-            self._events.append(JoinRefused(reason))
 
     def _note_clock(self, now_ns: int) -> None:
         while (event := self.timekeeper.next_event()) is not None:

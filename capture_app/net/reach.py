@@ -15,8 +15,9 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from pathlib import Path
 
-from capture_app.errors import NetworkError
+from capture_app.errors import NetworkError, UnknownMachineError
 from capture_app.net.address import Address, resolve
+from capture_app.net.identification import open_identified
 from capture_app.net.udp import MAX_BYTES, client_socket
 from capture_app.sync.wire.version import (
     TOKEN_BYTES,
@@ -25,6 +26,7 @@ from capture_app.sync.wire.version import (
     version_mismatch,
     version_question,
 )
+from capture_app.trust.trust import Trust
 
 QUESTION_GAPS_S = (0.0, 0.25, 0.5)
 """How long to wait before each time that the question is sent: any one of the datagrams may be lost."""
@@ -72,8 +74,13 @@ _OF_ERRNO = {
 }
 
 
-async def find_obstacle(leader: Address, patience_s: float = PATIENCE_S) -> Obstacle | None:
-    """Return what is in the way to a leader, None where it answers; ends after `patience_s` at the latest."""
+async def find_obstacle(
+    leader: Address, patience_s: float = PATIENCE_S, *, trust: Trust | None = None
+) -> Obstacle | None:
+    """Return what is in the way to a leader, None where it answers and it and this machine know each other.
+
+    Each half ends after `patience_s` at the latest. `trust` is what this end goes by, else its user's.
+    """
     try:
         family, address = await resolve(leader)
     except NetworkError as error:
@@ -84,7 +91,9 @@ async def find_obstacle(leader: Address, patience_s: float = PATIENCE_S) -> Obst
         await asyncio.wait((datagrams,), timeout=patience_s - LAST_S)
         by_udp, version = datagrams.result() if datagrams.done() else (Answer.SILENCE, None)
         if by_udp is Answer.CAME:
-            return None if version == VERSION else _other_version(version or 0)
+            if version != VERSION:
+                return _other_version(version or 0)
+            return await _why_unknown(address, trust or Trust.of_user(), patience_s)
         await asyncio.wait((streams,), timeout=LAST_S)
         by_tcp = streams.result() if streams.done() else Answer.SILENCE
     finally:
@@ -165,6 +174,23 @@ def obstacle(leader: Address, by_udp: Answer, by_tcp: Answer, *, is_there: bool 
 def _other_version(version: int) -> Obstacle:
     what, _, remedy = version_mismatch(version).partition(": ")
     return Obstacle(what, remedy)
+
+
+async def _why_unknown(leader: Address, trust: Trust, patience_s: float) -> Obstacle | None:
+    """Return that the leader and this machine are not paired, None where they are or need not be."""
+    if trust.is_open:
+        return None
+    try:
+        async with asyncio.timeout(patience_s):
+            _, writer, _ = await open_identified(leader, trust, as_stranger=False)
+    except UnknownMachineError as error:
+        return Obstacle(error.what, error.hint)
+    except TimeoutError:
+        return obstacle(leader, Answer.SILENCE, Answer.SILENCE, is_there=True)
+    except OSError as error:
+        return obstacle(leader, Answer.SILENCE, _answer_of(error), is_there=True)
+    writer.close()
+    return None
 
 
 async def _ask(family: socket.AddressFamily, leader: Address) -> tuple[Answer, int | None]:

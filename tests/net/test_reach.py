@@ -4,13 +4,19 @@ import asyncio
 import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from pathlib import Path
+from typing import Any
 
 import pytest
 
 from capture_app.net.address import Address
 from capture_app.net.reach import Answer, find_obstacle, first_to_answer, obstacle
+from capture_app.net.server import TransferServer, bind_port
 from capture_app.sync.wire.version import VERSION, version_answer, version_mismatch
+from capture_app.trust.known_machines import Role
+from capture_app.trust.trust import Trust
 
+from .echoes import Ping, echo
 from .machines import LEADER_HOST, NOBODY, two_machines
 
 LEADER = Address("192.0.2.1", 47010)
@@ -47,6 +53,19 @@ async def answering(version: int = VERSION, *, first: int = 1) -> AsyncIterator[
     transport.close()
 
 
+@asynccontextmanager
+async def a_leader(trust: Trust) -> AsyncIterator[Address]:
+    """What answers datagrams, and streams of those that it knows."""
+    datagrams, listening = bind_port("127.0.0.1", 0)
+    loop = asyncio.get_running_loop()
+    transport, _ = await loop.create_datagram_endpoint(lambda: Answering(VERSION, 1), sock=datagrams)
+    server = TransferServer[Any](Ping, echo, trust=trust)
+    await server.start(listening)
+    yield Address("127.0.0.1", transport.get_extra_info("sockname")[1])
+    await server.stop()
+    transport.close()
+
+
 def closed_port() -> Address:
     with socket.create_server(("127.0.0.1", 0)) as stream:
         return Address("127.0.0.1", stream.getsockname()[1])
@@ -62,6 +81,22 @@ async def test_a_leader_of_another_version_is_told_from_none() -> None:
     async with answering(VERSION + 1) as leader:
         found = await find_obstacle(leader, patience_s=60.0)
     assert str(found) == version_mismatch(VERSION + 1)
+
+
+async def test_a_leader_and_a_machine_that_do_not_know_each_other_are_to_be_paired(tmp_path: Path) -> None:
+    leader, node = Trust(tmp_path / "leader"), Trust(tmp_path / "node")
+    async with a_leader(leader) as address:
+        neither = await find_obstacle(address, patience_s=60.0, trust=node)
+        node.known.add(leader.identity.pin, Role.LEADER, name="leader")
+        not_the_node = await find_obstacle(address, patience_s=60.0, trust=node)
+        leader.known.add(node.identity.pin, Role.CAMERA, name="node", certificate=node.identity.certificate)
+        nothing = await find_obstacle(address, patience_s=60.0, trust=node)
+    assert neither is not None
+    assert neither.what == f"this machine does not know the leader at {address}"
+    assert not_the_node is not None
+    assert not_the_node.what == f"the leader at {address} does not know this machine"
+    assert f"capture-app trust pair {address}" in not_the_node.remedy
+    assert nothing is None
 
 
 async def test_a_machine_without_a_leader_is_told_at_once() -> None:

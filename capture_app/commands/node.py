@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
+from click.core import ParameterSource
 
 from capture_app.clock import NodeClock, parse_clock
 from capture_app.commands.options import (
@@ -15,9 +16,9 @@ from capture_app.commands.options import (
     run_until_stopped,
     spool_option,
 )
-from capture_app.errors import NetworkError
+from capture_app.errors import NetworkError, NotAvailableError
 from capture_app.net.address import DEFAULT_PORT, Address
-from capture_app.terminal import FiniteRange, log_line, talk
+from capture_app.terminal import FiniteRange, log_line, print_line, talk
 from capture_app.usage import examples
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ if TYPE_CHECKING:
     epilog=examples(
         "capture-app node --camera v4l2:/dev/video0",
         "capture-app node --camera v4l2:/dev/video2 --name left --leader 192.168.1.20",
+        "capture-app node --camera v4l2:/dev/video0 --leader 192.168.1.20 --at-boot",
     )
 )
 @name_option("Name of this node and its camera.")
@@ -44,6 +46,14 @@ if TYPE_CHECKING:
     help="Largest phase error that is not corrected, and how well to know the clock, in microseconds.",
 )
 @spool_option
+@click.option(
+    "--at-boot/--not-at-boot",
+    default=None,
+    show_default=False,
+    help="Show a systemd service that runs this node whenever the machine is on, ask, and start it; "
+    "or stop and remove it.",
+)
+@click.option("--yes", is_flag=True, help="With --at-boot: do not ask.")
 @click.option("--until-eof", is_flag=True, hidden=True, help="Stop when stdin closes: the parent is gone.")
 def node(
     name: str,
@@ -52,6 +62,8 @@ def node(
     clock_text: str,
     tolerance_us: float | None,
     spool: Path,
+    at_boot: bool | None,
+    yes: bool,
     until_eof: bool,
 ) -> None:
     """Run one camera until Ctrl-C. The node waits for a leader that is not running, and rejoins it.
@@ -62,6 +74,9 @@ def node(
     from capture_app.cameras.catalog import parse_spec
 
     parse_spec(spec)
+    if at_boot is not None:
+        _arrange_boot(name, at_boot, yes)
+        return
     clock = parse_clock(clock_text, node=name)
     client = camera_node(name, spec, leaders or (find_leader(),), clock, spool, tolerance_us)
     run_until_stopped(client.run(), until_eof=until_eof)
@@ -90,6 +105,43 @@ def find_leader() -> Address:
         leader = found[click.prompt("Several leaders are here. Which", type=which, default=1, err=True) - 1]
     log_line(f"found a leader at {leader.address} ({leader.name})")
     return leader.address
+
+
+def _arrange_boot(name: str, at_boot: bool, yes: bool) -> None:
+    from capture_app.boot_service import BootService
+
+    service = BootService(name, ("node", "--name", name, *_typed_options("name", "at_boot", "yes")))
+    if not at_boot:
+        service.remove()
+        talk(f"{name} does not start with this machine any more")
+        return
+    print_line(f"# {service.path}\n{service.text()}")
+    if not yes:
+        if not sys.stdin.isatty():
+            raise NotAvailableError(
+                "nothing is written: there is no terminal to ask on", hint="--yes does not ask"
+            )
+        question = "Write this file, and start the node now and whenever the machine starts?"
+        click.confirm(question, abort=True, err=True)
+    left_to_do = service.install()
+    talk(f"{name} runs, and starts with this machine; what it says: {service.log_command}")
+    if left_to_do:
+        talk(left_to_do)
+
+
+def _typed_options(*but: str) -> list[str]:
+    """Return the options of the running command that were typed, in full, paths made absolute."""
+    context, words = click.get_current_context(), []
+    for option in context.command.params:
+        name = option.name or ""
+        if name in but or context.get_parameter_source(name) is not ParameterSource.COMMANDLINE:
+            continue
+        value = context.params[name]
+        for one in value if isinstance(value, tuple) else (value,):
+            words.append(option.secondary_opts[0] if one is False else option.opts[0])
+            if not isinstance(one, bool):
+                words.append(str(one.absolute() if isinstance(one, Path) else one))
+    return words
 
 
 def camera_node(
